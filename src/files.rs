@@ -1,0 +1,62 @@
+//! Writing files whole or not at all: written aside in the target's folder, then renamed.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Creates `dir` and its parents.
+///
+/// # Errors
+/// [`Error::Write`] where the system refuses.
+pub fn create_dir(dir: &Path) -> Result<()> {
+    fs::create_dir_all(dir).map_err(|e| Error::write(dir, e))
+}
+
+/// Writes what `fill` produces to `path`; the file appears whole or not at all.
+///
+/// # Errors
+/// [`Error::Write`] where the system refuses, or the error of `fill`.
+pub fn write_atomic(
+    path: &Path,
+    fill: impl FnOnce(&mut fs::File) -> std::io::Result<()>,
+) -> Result<()> {
+    let dir = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    let io = |e| Error::write(path, e);
+    let mut aside = tempfile::Builder::new()
+        .prefix(".spindoe-")
+        .permissions(permissions())
+        .tempfile_in(dir)
+        .map_err(io)?;
+    fill(aside.as_file_mut()).map_err(io)?;
+    aside.as_file_mut().flush().map_err(io)?;
+    aside.persist(path).map_err(|e| io(e.error))?;
+    Ok(())
+}
+
+/// The permissions of an ordinary new file (temporary files are private by default); the user's
+/// umask still applies.
+fn permissions() -> fs::Permissions {
+    use std::os::unix::fs::PermissionsExt;
+    fs::Permissions::from_mode(0o666)
+}
+
+/// Writes bytes to `path`, whole or not at all.
+///
+/// # Errors
+/// [`Error::Write`] where the system refuses.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomic(path, |f| f.write_all(bytes))
+}
+
+/// Reads a whole file.
+///
+/// # Errors
+/// [`Error::Read`] where the system refuses.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).map_err(|e| Error::read(path, e))
+}

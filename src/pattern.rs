@@ -1,0 +1,206 @@
+//! A dot pattern: between 4 and 64 distinct unit vectors, and what can be said of it at a glance.
+//!
+//! On disk a pattern is a CSV file, one dot a row, `x,y,z`; a header line is accepted. The row order is
+//! the dots' numbering. Lengths off 1 by more than [`LENGTH_TOLERANCE`] are refused, smaller deviations
+//! are normalized away.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use crate::error::{Error, Result};
+use crate::files;
+use crate::geometry::{Vec3, angle_between, spiral_directions};
+
+/// Fewest dots of a pattern.
+pub const MIN_DOTS: usize = 4;
+/// Most dots of a pattern.
+pub const MAX_DOTS: usize = 64;
+/// Largest deviation of a vector's length from 1 that is normalized instead of refused.
+pub const LENGTH_TOLERANCE: f64 = 1e-3;
+/// Dots nearer than this (radians) count as the same dot.
+pub const LEAST_SEPARATION: f64 = 1e-3;
+
+/// Directions used to sample "visible from anywhere" figures.
+const SUMMARY_DIRECTIONS: usize = 20_000;
+
+/// `n` distinct dots on the unit sphere, in the pattern's own frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pattern {
+    dots: Vec<Vec3>,
+}
+
+/// Figures that describe a pattern.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct PatternSummary {
+    /// Number of dots.
+    pub dots: usize,
+    /// Least angle between two dots, radians.
+    pub least_separation_rad: f64,
+    /// Mean over dots of the angle to the nearest other dot, radians.
+    pub mean_nearest_separation_rad: f64,
+    /// Fewest dots with z > 0 over all viewing directions (sampled).
+    pub least_visible: usize,
+    /// Mean number of dots with z > 0 over all viewing directions (exactly n / 2).
+    pub mean_visible: f64,
+}
+
+impl Pattern {
+    /// Checks and normalizes `dots`.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the dot (counted from 0) that is wrong.
+    pub fn new(dots: Vec<Vec3>) -> Result<Self> {
+        Self::checked(dots).map_err(|(dot, problem)| match dot {
+            Some(i) => Error::argument(format!("pattern dot {i}"), problem),
+            None => Error::argument("pattern", problem),
+        })
+    }
+
+    /// As [`Pattern::new`], with the index of the offending dot.
+    fn checked(mut dots: Vec<Vec3>) -> std::result::Result<Self, (Option<usize>, String)> {
+        if !(MIN_DOTS..=MAX_DOTS).contains(&dots.len()) {
+            let problem = format!(
+                "expected {MIN_DOTS} to {MAX_DOTS} dots, found {}",
+                dots.len()
+            );
+            return Err((None, problem));
+        }
+        for (i, dot) in dots.iter_mut().enumerate() {
+            let length = dot.norm();
+            if !length.is_finite() {
+                return Err((Some(i), "expected three finite numbers".into()));
+            }
+            if (length - 1.0).abs() > LENGTH_TOLERANCE {
+                let problem = format!("expected a unit vector, found length {length:.6}");
+                return Err((Some(i), problem));
+            }
+            *dot /= length;
+        }
+        for i in 0..dots.len() {
+            for j in 0..i {
+                if angle_between(&dots[i], &dots[j]) < LEAST_SEPARATION {
+                    return Err((Some(i), format!("coincides with dot {j}")));
+                }
+            }
+        }
+        Ok(Self { dots })
+    }
+
+    /// The unit vectors, in order of dot index.
+    pub fn dots(&self) -> &[Vec3] {
+        &self.dots
+    }
+
+    /// Number of dots.
+    pub fn len(&self) -> usize {
+        self.dots.len()
+    }
+
+    /// Never true; present for completeness beside [`Pattern::len`].
+    pub fn is_empty(&self) -> bool {
+        self.dots.is_empty()
+    }
+
+    /// Reads a pattern from a CSV file.
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    pub fn read_csv(path: &Path) -> Result<Self> {
+        let bytes = files::read_bytes(path)?;
+        let mut reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .trim(csv::Trim::All)
+            .comment(Some(b'#'))
+            .from_reader(bytes.as_slice());
+        let mut dots = Vec::new();
+        let mut lines = Vec::new();
+        for (row, record) in reader.records().enumerate() {
+            let record = record
+                .map_err(|e| Error::input(path, format!("row {}", row + 1), e.to_string()))?;
+            let line = record
+                .position()
+                .map_or(row as u64 + 1, csv::Position::line);
+            let numbers: Vec<_> = record.iter().map(str::parse::<f64>).collect();
+            let is_header = row == 0 && numbers.len() == 3 && numbers.iter().all(|n| n.is_err());
+            if is_header {
+                continue;
+            }
+            match numbers.as_slice() {
+                [Ok(x), Ok(y), Ok(z)] => {
+                    dots.push(Vec3::new(*x, *y, *z));
+                    lines.push(line);
+                }
+                _ => {
+                    let found = record.iter().collect::<Vec<_>>().join(",");
+                    let problem = format!("expected three numbers x,y,z, found \"{found}\"");
+                    return Err(Error::input(path, format!("line {line}"), problem));
+                }
+            }
+        }
+        Self::checked(dots).map_err(|(dot, problem)| {
+            let place = dot.map_or("file".to_owned(), |i| {
+                format!("line {} (dot {i})", lines[i])
+            });
+            Error::input(path, place, problem)
+        })
+    }
+
+    /// The pattern as CSV text: a header and one dot a row, digits enough to read back the same bits.
+    pub fn to_csv(&self) -> String {
+        let mut text = String::from("x,y,z\n");
+        for d in &self.dots {
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "{},{},{}", d.x, d.y, d.z);
+        }
+        text
+    }
+
+    /// Writes the pattern as CSV, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write_csv(&self, path: &Path) -> Result<()> {
+        files::write_bytes(path, self.to_csv().as_bytes())
+    }
+
+    /// SHA-256 (lower-case hex) of the coordinates as little-endian f64, row by row.
+    pub fn sha256(&self) -> String {
+        let mut hasher = Sha256::new();
+        for dot in &self.dots {
+            for c in dot.iter() {
+                hasher.update(c.to_le_bytes());
+            }
+        }
+        hasher.finalize().iter().fold(String::new(), |mut s, b| {
+            let _ = write!(s, "{b:02x}");
+            s
+        })
+    }
+
+    /// Nearest-neighbour separations, and how many dots are seen from anywhere.
+    pub fn summary(&self) -> PatternSummary {
+        let n = self.dots.len();
+        let nearest: Vec<f64> = (0..n)
+            .map(|i| {
+                (0..n)
+                    .filter(|&j| j != i)
+                    .map(|j| angle_between(&self.dots[i], &self.dots[j]))
+                    .fold(f64::INFINITY, f64::min)
+            })
+            .collect();
+        let least_visible = spiral_directions(SUMMARY_DIRECTIONS)
+            .map(|view| self.dots.iter().filter(|d| d.dot(&view) > 0.0).count())
+            .min()
+            .unwrap_or(0);
+        PatternSummary {
+            dots: n,
+            least_separation_rad: nearest.iter().copied().fold(f64::INFINITY, f64::min),
+            mean_nearest_separation_rad: nearest.iter().sum::<f64>() / n as f64,
+            least_visible,
+            mean_visible: n as f64 / 2.0,
+        }
+    }
+}
