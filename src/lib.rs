@@ -4,5 +4,7 @@ pub mod error;
 pub mod files;
 pub mod geometry;
 pub mod pattern;
+pub mod recognise;
+pub mod validate;
 
 pub use error::{Error, Result};

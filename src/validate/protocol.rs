@@ -1,0 +1,189 @@
+//! The four protocols by which views are made.
+
+use crate::error::{Error, Result};
+use crate::recognise::robust::RobustConfig;
+
+/// A protocol's name.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum ProtocolName {
+    /// All dots with z > 0, noise of 3 degrees (SpinDOE Sec. IV-A).
+    Paper,
+    /// Four of the dots with z > 1/3, noise of 3 degrees.
+    Sparse,
+    /// All dots with z > 0, noise of 5 degrees, 20 % missed, 2 false.
+    Clutter,
+    /// Dots with z > 0.15 of a ball of 30 px radius, noise of 1 px per axis, 10 % missed, 1 false.
+    Image,
+}
+
+impl ProtocolName {
+    /// All protocols, in the order of difficulty's telling.
+    pub const ALL: [Self; 4] = [Self::Paper, Self::Sparse, Self::Clutter, Self::Image];
+
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Sparse => "sparse",
+            Self::Clutter => "clutter",
+            Self::Image => "image",
+        }
+    }
+}
+
+impl std::fmt::Display for ProtocolName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+/// How a seen dot is moved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Noise {
+    /// Rotated about an axis uniform on the sphere by an angle from N(0, sigma). Per tangent axis this
+    /// has the standard deviation sigma / sqrt(3): a third of the axis lies along the dot on average.
+    RandomAxis {
+        /// Standard deviation of the rotation's angle, radians.
+        sigma_rad: f64,
+    },
+    /// Moved in the image by N(0, sigma) per axis, then projected back to the sphere.
+    Pixel {
+        /// Standard deviation per image axis, pixels.
+        sigma_px: f64,
+        /// The ball's radius in the image, pixels.
+        radius_px: f64,
+    },
+}
+
+/// A protocol: how views are made from a pattern.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Protocol {
+    /// Its name.
+    pub name: ProtocolName,
+    /// A dot is seen where its z exceeds this.
+    pub visibility_limit: f64,
+    /// Of the seen dots, how many are given (at random); `None` gives all.
+    pub dots_given: Option<usize>,
+    /// How a dot is moved.
+    pub noise: Noise,
+    /// Probability that a dot is missed.
+    pub miss_probability: f64,
+    /// False dots, uniform on the visible cap.
+    pub false_dots: usize,
+    /// Views with fewer dots are skipped, and counted.
+    pub min_dots: usize,
+}
+
+impl Protocol {
+    /// The protocol of that name with its standard figures.
+    pub fn standard(name: ProtocolName) -> Self {
+        let degrees = |d: f64| Noise::RandomAxis {
+            sigma_rad: d.to_radians(),
+        };
+        let base = Self {
+            name,
+            visibility_limit: 0.0,
+            dots_given: None,
+            noise: degrees(3.0),
+            miss_probability: 0.0,
+            false_dots: 0,
+            min_dots: 3,
+        };
+        match name {
+            ProtocolName::Paper => base,
+            ProtocolName::Sparse => Self {
+                visibility_limit: 1.0 / 3.0,
+                dots_given: Some(4),
+                min_dots: 4,
+                ..base
+            },
+            ProtocolName::Clutter => Self {
+                noise: degrees(5.0),
+                miss_probability: 0.2,
+                false_dots: 2,
+                ..base
+            },
+            ProtocolName::Image => Self {
+                visibility_limit: 0.15,
+                noise: Noise::Pixel {
+                    sigma_px: 1.0,
+                    radius_px: 30.0,
+                },
+                miss_probability: 0.1,
+                false_dots: 1,
+                ..base
+            },
+        }
+    }
+
+    /// The same protocol with another noise: the angle's standard deviation, or for `image` the pixel
+    /// noise that amounts to this angle at the ball's centre.
+    #[must_use]
+    pub fn with_sigma_rad(mut self, sigma_rad: f64) -> Self {
+        match &mut self.noise {
+            Noise::RandomAxis { sigma_rad: s } => *s = sigma_rad,
+            Noise::Pixel {
+                sigma_px,
+                radius_px,
+            } => *sigma_px = sigma_rad * *radius_px,
+        }
+        self
+    }
+
+    /// The noise as an angle, radians (for `image` at the ball's centre).
+    pub fn sigma_rad(&self) -> f64 {
+        match self.noise {
+            Noise::RandomAxis { sigma_rad } => sigma_rad,
+            Noise::Pixel {
+                sigma_px,
+                radius_px,
+            } => sigma_px / radius_px,
+        }
+    }
+
+    /// Checks the domains of all figures.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the figure.
+    pub fn check(&self) -> Result<()> {
+        let sigma = self.sigma_rad();
+        if !(0.0..=std::f64::consts::PI).contains(&sigma) {
+            return Err(Error::argument(
+                "sigma-deg",
+                format!("expected 0 to 180 degrees, found {}", sigma.to_degrees()),
+            ));
+        }
+        if !(0.0..1.0).contains(&self.miss_probability) {
+            return Err(Error::argument(
+                "miss probability",
+                format!("expected [0, 1), found {}", self.miss_probability),
+            ));
+        }
+        if !(-1.0..1.0).contains(&self.visibility_limit) {
+            return Err(Error::argument(
+                "visibility limit",
+                format!("expected a z in [-1, 1), found {}", self.visibility_limit),
+            ));
+        }
+        Ok(())
+    }
+
+    /// The robust recogniser's expectations that go with this protocol: what a user who knows the
+    /// camera would tell it. It is told rates, never which dots are false or missed.
+    pub fn recogniser_config(&self) -> RobustConfig {
+        let detection_probability = match self.dots_given {
+            // Four of on average 6.7 visible dots are given.
+            Some(_) => 0.6,
+            None => (1.0 - self.miss_probability).min(0.98),
+        };
+        RobustConfig {
+            visibility_limit: self.visibility_limit,
+            detection_probability,
+            expected_false_dots: (self.false_dots as f64).max(0.02),
+            ..RobustConfig::default()
+        }
+    }
+}

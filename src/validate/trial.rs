@@ -1,0 +1,151 @@
+//! Making one view of a pattern, with its truth.
+
+use nalgebra::{Matrix2, Unit};
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::protocol::{Noise, Protocol};
+use crate::geometry::{
+    Rotation, Vec3, random_direction, random_direction_above, random_rotation, tangent_frame,
+};
+use crate::pattern::Pattern;
+use crate::recognise::{DotUncertainty, ObservedDot};
+
+/// Least standard deviation told to a recogniser, radians: noise-free trials must not divide by zero.
+const LEAST_SIGMA_RAD: f64 = 1e-4;
+/// Nearest to the limb, in z, that a back-projected dot's uncertainty is linearized.
+const LIMB_Z: f64 = 0.1;
+
+/// A view and its truth.
+#[derive(Debug, Clone, Default)]
+pub struct Trial {
+    /// Maps pattern to camera.
+    pub rotation: Rotation,
+    /// The dots as given to the recogniser.
+    pub dots: Vec<ObservedDot>,
+    /// Each dot's index in the pattern, or `None` for a false dot.
+    pub truth: Vec<Option<u16>>,
+    given: Vec<(ObservedDot, Option<u16>)>,
+}
+
+/// Makes trials of a protocol.
+#[derive(Debug, Clone)]
+pub struct TrialGenerator<'p> {
+    pattern: &'p Pattern,
+    protocol: Protocol,
+    rng: ChaCha8Rng,
+}
+
+impl<'p> TrialGenerator<'p> {
+    /// A generator of the trials that belong to `seed`.
+    pub fn new(pattern: &'p Pattern, protocol: Protocol, seed: u64) -> Self {
+        Self {
+            pattern,
+            protocol,
+            rng: ChaCha8Rng::seed_from_u64(seed),
+        }
+    }
+
+    /// Makes trial number `index`, whatever was made before.
+    pub fn generate(&mut self, index: u64, trial: &mut Trial) {
+        self.rng.set_stream(index);
+        self.rng.set_word_pos(0);
+        let rng = &mut self.rng;
+        let p = &self.protocol;
+        trial.rotation = random_rotation(rng);
+        let given = &mut trial.given;
+        given.clear();
+        for (j, dot) in self.pattern.dots().iter().enumerate() {
+            let q = trial.rotation * dot;
+            if q.z > p.visibility_limit {
+                given.push((displaced(&q, &p.noise, rng), Some(j as u16)));
+            }
+        }
+        if let Some(most) = p.dots_given {
+            given.shuffle(rng);
+            // Fewer than the protocol gives is no view of it: the trial is skipped.
+            given.truncate(if given.len() < most { 0 } else { most });
+        }
+        if p.miss_probability > 0.0 {
+            given.retain(|_| rng.random::<f64>() >= p.miss_probability);
+        }
+        for _ in 0..p.false_dots {
+            let direction = random_direction_above(rng, p.visibility_limit);
+            let uncertainty = uncertainty(&direction, &p.noise);
+            given.push((
+                ObservedDot {
+                    direction,
+                    uncertainty,
+                },
+                None,
+            ));
+        }
+        given.shuffle(rng);
+        trial.dots.clear();
+        trial.truth.clear();
+        for &(dot, index) in given.iter() {
+            trial.dots.push(dot);
+            trial.truth.push(index);
+        }
+    }
+}
+
+/// The dot as measured, with the uncertainty that a careful estimator would state.
+fn displaced(q: &Vec3, noise: &Noise, rng: &mut ChaCha8Rng) -> ObservedDot {
+    let direction = match *noise {
+        Noise::RandomAxis { sigma_rad } => {
+            let axis = Unit::new_unchecked(random_direction(rng));
+            let z: f64 = StandardNormal.sample(rng);
+            Rotation::from_axis_angle(&axis, sigma_rad * z) * q
+        }
+        Noise::Pixel {
+            sigma_px,
+            radius_px,
+        } => {
+            let (a, b): (f64, f64) = (StandardNormal.sample(rng), StandardNormal.sample(rng));
+            let sigma = sigma_px / radius_px;
+            let (x, y) = (q.x + sigma * a, q.y + sigma * b);
+            let r2 = x * x + y * y;
+            // A dot measured beyond the limb is taken to lie on it.
+            Vec3::new(x, y, (1.0 - r2).max(0.0).sqrt()).normalize()
+        }
+    };
+    ObservedDot {
+        direction,
+        uncertainty: uncertainty(&direction, noise),
+    }
+}
+
+/// The uncertainty of a dot measured at `direction` under this noise.
+fn uncertainty(direction: &Vec3, noise: &Noise) -> DotUncertainty {
+    match *noise {
+        Noise::RandomAxis { sigma_rad } => DotUncertainty::Isotropic {
+            sigma_rad: (sigma_rad / 3f64.sqrt()).max(LEAST_SIGMA_RAD),
+        },
+        Noise::Pixel {
+            sigma_px,
+            radius_px,
+        } => {
+            // Orthographic: a tangent step t moves the image by its x and y; along the radius it is
+            // foreshortened by z.
+            let s = (sigma_px / radius_px).max(LEAST_SIGMA_RAD);
+            let along = s / direction.z.max(LIMB_Z);
+            let [e1, e2] = tangent_frame(direction);
+            // The tangent direction that runs outward in the image (towards -z).
+            let outward = direction * direction.z - Vec3::z();
+            let norm = outward.norm();
+            let (c, d) = if norm > 1e-9 {
+                (outward.dot(&e1) / norm, outward.dot(&e2) / norm)
+            } else {
+                (1.0, 0.0)
+            };
+            let (v, w) = (along * along, s * s);
+            let off = (v - w) * c * d;
+            DotUncertainty::Tangent {
+                covariance: Matrix2::new(v * c * c + w * d * d, off, off, v * d * d + w * c * c),
+            }
+        }
+    }
+}
