@@ -1,5 +1,7 @@
 //! Dot patterns for balls: design, proof, hash table, stencil.
 
+pub mod cli;
+pub mod design;
 pub mod error;
 pub mod files;
 pub mod geometry;
