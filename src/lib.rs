@@ -6,6 +6,7 @@ pub mod error;
 pub mod files;
 pub mod geometry;
 pub mod pattern;
+pub mod plot;
 pub mod recognise;
 pub mod validate;
 

@@ -1,0 +1,310 @@
+//! The ball seen from both sides, with its dots and their numbers.
+
+use std::path::Path;
+
+use plotters::prelude::*;
+use plotters::style::text_anchor::HPos;
+
+use super::canvas::{
+    self, Area, Drawn, INK, LABEL, SMALL, picture, px, stroke, styled_text, text, titled,
+};
+use crate::error::{Error, Result};
+use crate::geometry::Vec3;
+use crate::pattern::Pattern;
+
+/// Width and height of [`pattern_views`]'s picture, pixels.
+pub const VIEWS_SIZE: (u32, u32) = (1280, 760);
+
+/// Radius of a drawn ball, file pixels.
+const RADIUS: f64 = 265.0;
+/// Height of the ball's centre beneath the title, file pixels.
+const CENTRE_Y: f64 = 318.0;
+/// Size of the dots' numbers, file pixels.
+const NUMBER: f64 = 17.0;
+
+/// What [`pattern_views`] draws besides the pattern.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BallView {
+    /// Title of the plot.
+    pub title: String,
+    /// Diameter of the ball, millimetres.
+    pub ball_diameter_mm: f64,
+    /// Diameter of a dot (of the stencil's hole), millimetres; less than the ball's.
+    pub dot_diameter_mm: f64,
+}
+
+impl BallView {
+    /// Angle between a dot's centre and its rim, radians.
+    fn dot_radius(&self) -> Result<f64> {
+        for (name, value) in [
+            ("ball diameter", self.ball_diameter_mm),
+            ("dot diameter", self.dot_diameter_mm),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                let problem = format!("expected a positive number of millimetres, found {value}");
+                return Err(Error::argument(name, problem));
+            }
+        }
+        let ratio = self.dot_diameter_mm / self.ball_diameter_mm;
+        if ratio >= 1.0 {
+            let problem = "expected less than the ball's diameter";
+            return Err(Error::argument("dot diameter", problem));
+        }
+        Ok(ratio.asin())
+    }
+}
+
+/// A side from which the ball is seen, orthographically, with +y up.
+struct Side {
+    caption: &'static str,
+    /// Direction that points right in the picture.
+    right: Vec3,
+    /// Direction towards the viewer.
+    towards: Vec3,
+    /// Whether +z points at the viewer.
+    z_towards: bool,
+}
+
+impl Side {
+    /// Front, then back. The back is what is seen after half a turn of the ball about y.
+    fn both() -> [Self; 2] {
+        [
+            Self {
+                caption: "front (seen from +z)",
+                right: Vec3::x(),
+                towards: Vec3::z(),
+                z_towards: true,
+            },
+            Self {
+                caption: "back (seen from \u{2212}z)",
+                right: -Vec3::x(),
+                towards: -Vec3::z(),
+                z_towards: false,
+            },
+        ]
+    }
+
+    /// Coordinates of `v` in this view: right, up, towards the viewer.
+    fn view(&self, v: &Vec3) -> Vec3 {
+        Vec3::new(v.dot(&self.right), v.y, v.dot(&self.towards))
+    }
+}
+
+/// Draws the ball from the front (+z) and from the back (-z), with every dot's outline and number.
+///
+/// Dots are drawn as the caps that they are, so that they narrow to ellipses towards the limb; a dot
+/// whose centre is just behind it may still show its edge, and then it has its number on the other side.
+///
+/// # Errors
+/// [`Error::Argument`] for diameters that are not positive or a dot as large as the ball;
+/// [`Error::Write`] where the file cannot be written.
+pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallView) -> Result<()> {
+    let dot_radius = view.dot_radius()?;
+    picture(path, VIEWS_SIZE, |root| {
+        let area = titled(root, &view.title)?;
+        let halves = area.split_evenly((1, 2));
+        for (half, side) in halves.iter().zip(Side::both()) {
+            let dots: Vec<Vec3> = pattern.dots().iter().map(|d| side.view(d)).collect();
+            draw_ball(half, &dots, dot_radius)?;
+            draw_numbers(half, &dots, dot_radius)?;
+            let at = (centre(half).0, px(CENTRE_Y + RADIUS + 52.0));
+            text(half, side.caption, at, HPos::Center, LABEL + 2.0, INK)?;
+            draw_axes(half, &side)?;
+        }
+        let note = format!(
+            "{} dots of {} mm on a ball of {} mm",
+            pattern.len(),
+            view.dot_diameter_mm,
+            view.ball_diameter_mm
+        );
+        let (width, height) = area.dim_in_pixel();
+        let at = (width as i32 / 2, height as i32 - px(20.0));
+        text(&area, &note, at, HPos::Center, SMALL, INK)
+    })
+}
+
+/// The drawn ball's centre.
+fn centre(area: &Area<'_>) -> (i32, i32) {
+    (area.dim_in_pixel().0 as i32 / 2, px(CENTRE_Y))
+}
+
+/// Shades the ball and its dots pixel by pixel: what a pixel shows follows from its point on the sphere.
+fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
+    let (cx, cy) = centre(area);
+    let radius = px(RADIUS);
+    let light = Vec3::new(-0.35, 0.45, 0.82).normalize();
+    let least_cos = dot_radius.cos();
+    for dy in -radius..=radius {
+        for dx in -radius..=radius {
+            let x = f64::from(dx) / f64::from(radius);
+            let y = -f64::from(dy) / f64::from(radius);
+            let rest = 1.0 - x * x - y * y;
+            if rest < 0.0 {
+                continue;
+            }
+            let point = Vec3::new(x, y, rest.sqrt());
+            let lit = 0.72 + 0.28 * point.dot(&light).max(0.0);
+            let dark = dots.iter().any(|d| d.dot(&point) >= least_cos);
+            let base: [f64; 3] = if dark {
+                [46.0, 52.0, 64.0]
+            } else {
+                [255.0, 246.0, 232.0]
+            };
+            let [r, g, b] = base.map(|c| (c * lit) as u8);
+            area.draw_pixel((cx + dx, cy + dy), &RGBColor(r, g, b))?;
+        }
+    }
+    area.draw(&Circle::new((cx, cy), radius, stroke(canvas::GREY, 1.0)))?;
+    Ok(())
+}
+
+/// A rectangle in drawn pixels.
+#[derive(Clone, Copy)]
+struct Extent {
+    left: f64,
+    top: f64,
+    right: f64,
+    bottom: f64,
+}
+
+impl Extent {
+    fn around((x, y): (f64, f64), half_width: f64, half_height: f64) -> Self {
+        Self {
+            left: x - half_width,
+            top: y - half_height,
+            right: x + half_width,
+            bottom: y + half_height,
+        }
+    }
+
+    fn overlap(&self, other: &Self) -> f64 {
+        let w = self.right.min(other.right) - self.left.max(other.left);
+        let h = self.bottom.min(other.bottom) - self.top.max(other.top);
+        w.max(0.0) * h.max(0.0)
+    }
+}
+
+/// Numbers the dots whose centres are on this side: inside a dot that has room, else beside it.
+fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
+    let (cx, cy) = centre(area);
+    let radius = f64::from(px(RADIUS));
+    let shown: Vec<(usize, &Vec3)> = dots
+        .iter()
+        .enumerate()
+        .filter(|(_, d)| d.z >= 0.0)
+        .collect();
+    let place = |d: &Vec3| {
+        (
+            f64::from(cx) + radius * d.x * dot_radius.cos(),
+            f64::from(cy) - radius * d.y * dot_radius.cos(),
+        )
+    };
+    let long = radius * dot_radius.sin();
+    let mut taken: Vec<Extent> = shown
+        .iter()
+        .map(|(_, d)| {
+            // The extent of an ellipse of semi-axes `long` and `long * z`, the short one radial.
+            let lateral = (1.0 - d.z * d.z).max(1e-12);
+            let across =
+                |c: f64| long * (1.0 - c * c / lateral * (1.0 - d.z * d.z)).max(0.0).sqrt();
+            Extent::around(place(d), across(d.x), across(d.y))
+        })
+        .collect();
+    for (k, (number, d)) in shown.iter().enumerate() {
+        let label = number.to_string();
+        let half_width = f64::from(canvas::text_width(&label, NUMBER)) / 2.0;
+        let half_height = f64::from(px(NUMBER)) * 0.36;
+        let inside = (half_width / long).hypot(half_height / long) < 0.85 * d.z;
+        let (at, colour) = if inside {
+            (place(d), WHITE)
+        } else {
+            let own = taken[k];
+            (beside(own, half_width, half_height, &taken), INK)
+        };
+        if !inside {
+            taken.push(Extent::around(at, half_width, half_height));
+        }
+        let at = (at.0.round() as i32, at.1.round() as i32);
+        let font = canvas::font(NUMBER).style(FontStyle::Bold);
+        styled_text(area, &label, at, HPos::Center, font, colour)?;
+    }
+    Ok(())
+}
+
+/// The place around `dot` where a label of the given size covers least of what is `taken`.
+fn beside(dot: Extent, half_width: f64, half_height: f64, taken: &[Extent]) -> (f64, f64) {
+    let gap = f64::from(px(4.0));
+    let middle = ((dot.left + dot.right) / 2.0, (dot.top + dot.bottom) / 2.0);
+    let reach_x = (dot.right - dot.left) / 2.0 + half_width + gap;
+    let reach_y = (dot.bottom - dot.top) / 2.0 + half_height + gap;
+    let mut best = (f64::INFINITY, middle);
+    for (dx, dy) in [
+        (1.0, 0.0),
+        (-1.0, 0.0),
+        (0.0, -1.0),
+        (0.0, 1.0),
+        (0.85, -0.85),
+        (-0.85, -0.85),
+        (0.85, 0.85),
+        (-0.85, 0.85),
+    ] {
+        let at = (middle.0 + dx * reach_x, middle.1 + dy * reach_y);
+        let label = Extent::around(at, half_width + gap / 2.0, half_height + gap / 2.0);
+        let covered: f64 = taken.iter().map(|t| t.overlap(&label)).sum();
+        if covered < best.0 {
+            best = (covered, at);
+        }
+    }
+    best.1
+}
+
+/// The axes' directions in the view's lower left corner: x and y as arrows, z as a tip or tail.
+fn draw_axes(area: &Area<'_>, side: &Side) -> Drawn {
+    let length = px(44.0);
+    let forwards = if side.z_towards { 1 } else { -1 };
+    let x = px(if side.z_towards { 46.0 } else { 90.0 });
+    let y = px(CENTRE_Y + RADIUS + 64.0);
+    let line = stroke(INK, 1.6);
+    let head = px(5.0);
+    let tip = (x + forwards * length, y);
+    area.draw(&PathElement::new(vec![(x, y), tip], line))?;
+    let back = tip.0 - forwards * head * 2;
+    let triangle = vec![tip, (back, y - head), (back, y + head)];
+    area.draw(&Polygon::new(triangle, INK.filled()))?;
+    let tip = (x, y - length);
+    area.draw(&PathElement::new(vec![(x, y), tip], line))?;
+    let triangle = vec![
+        tip,
+        (x - head, tip.1 + head * 2),
+        (x + head, tip.1 + head * 2),
+    ];
+    area.draw(&Polygon::new(triangle, INK.filled()))?;
+    area.draw(&Circle::new((x, y), px(6.0), WHITE.filled()))?;
+    area.draw(&Circle::new((x, y), px(6.0), line))?;
+    if side.z_towards {
+        area.draw(&Circle::new((x, y), px(2.0), INK.filled()))?;
+    } else {
+        let d = px(4.0);
+        area.draw(&PathElement::new(
+            vec![(x - d, y - d), (x + d, y + d)],
+            line,
+        ))?;
+        area.draw(&PathElement::new(
+            vec![(x - d, y + d), (x + d, y - d)],
+            line,
+        ))?;
+    }
+    let at = (x + forwards * (length + px(11.0)), y);
+    text(area, "x", at, HPos::Center, SMALL, INK)?;
+    text(
+        area,
+        "y",
+        (x, y - length - px(11.0)),
+        HPos::Center,
+        SMALL,
+        INK,
+    )?;
+    let at = (x - forwards * px(15.0), y + px(10.0));
+    text(area, "z", at, HPos::Center, SMALL, INK)?;
+    Ok(())
+}

@@ -1,0 +1,341 @@
+//! What all plots share: a picture in memory, text, marks, legends, axes, and the way to a file.
+//!
+//! Pictures are drawn at [`SCALE`] times their size and averaged down, which smooths the edges of
+//! everything alike. Lengths in this module and its users are in drawn pixels: [`px`] converts.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use plotters::chart::ChartContext;
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::axis::Axis;
+use crate::error::{Error, Result};
+use crate::files;
+
+/// Drawn pixels per pixel of the file, along either axis.
+pub(super) const SCALE: u32 = 2;
+/// The name under which the built-in font is registered.
+pub(super) const FONT: &str = "spindoe-sans";
+/// Size of a title, in file pixels.
+const TITLE: f64 = 22.0;
+/// Size of axis labels and legends, in file pixels.
+pub(super) const LABEL: f64 = 17.0;
+/// Size of tick labels and notes, in file pixels.
+pub(super) const SMALL: f64 = 15.0;
+/// Colour of text and axes.
+pub(super) const INK: RGBColor = RGBColor(38, 38, 38);
+/// Colour of grid lines.
+pub(super) const GRID: RGBColor = RGBColor(226, 226, 226);
+
+/// The Okabe-Ito colours (without yellow, too pale on white): told apart by colour-blind readers too.
+const PALETTE: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
+    RGBColor(90, 90, 90),
+];
+
+/// Part of a picture, in drawn pixels.
+pub(super) type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
+/// A chart with axes, in the axes' positions.
+pub(super) type Chart<'a> = ChartContext<'a, BitMapBackend<'a>, Cartesian2d<Axis, Axis>>;
+/// The outcome of drawing. Data are checked beforehand, so that no input should make it fail.
+pub(super) type Drawn<T = ()> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// File pixels in drawn pixels.
+pub(super) fn px(length: f64) -> i32 {
+    (length * f64::from(SCALE)).round() as i32
+}
+
+/// The colour of the `i`-th series.
+pub(super) fn colour(i: usize) -> RGBColor {
+    PALETTE[i % PALETTE.len()]
+}
+
+/// Registers the built-in font, once for all threads.
+fn register_font() -> Result<()> {
+    static REGISTERED: OnceLock<bool> = OnceLock::new();
+    let registered = *REGISTERED.get_or_init(|| {
+        [
+            (FontStyle::Normal, dejavu::sans::regular()),
+            (FontStyle::Bold, dejavu::sans::bold()),
+        ]
+        .into_iter()
+        .all(|(style, bytes)| plotters::style::register_font(FONT, style, bytes).is_ok())
+    });
+    if registered {
+        Ok(())
+    } else {
+        Err(Error::Internal("the built-in font is unreadable".into()))
+    }
+}
+
+/// Draws a picture of `size` (width, height; file pixels) and writes it to `path` as PNG.
+///
+/// # Errors
+/// [`Error::Write`] where the system refuses, [`Error::Internal`] where drawing fails.
+pub(super) fn picture(
+    path: &Path,
+    size: (u32, u32),
+    draw: impl FnOnce(&Area<'_>) -> Drawn,
+) -> Result<()> {
+    register_font()?;
+    let (width, height) = (size.0 * SCALE, size.1 * SCALE);
+    let mut pixels = vec![255u8; width as usize * height as usize * 3];
+    {
+        let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
+        draw(&area).map_err(|e| Error::Internal(format!("plot: {e}")))?;
+        area.present()
+            .map_err(|e| Error::Internal(format!("plot: {e}")))?;
+    }
+    let png = encode(size, &averaged(size, &pixels))
+        .map_err(|e| Error::Internal(format!("plot: {e}")))?;
+    files::write_bytes(path, &png)
+}
+
+/// The drawn pixels averaged down to `size`.
+fn averaged(size: (u32, u32), drawn: &[u8]) -> Vec<u8> {
+    let scale = SCALE as usize;
+    let (width, height) = (size.0 as usize, size.1 as usize);
+    let stride = width * scale * 3;
+    let mut pixels = Vec::with_capacity(width * height * 3);
+    for y in 0..height {
+        for x in 0..width {
+            for channel in 0..3 {
+                let corner = y * scale * stride + x * scale * 3 + channel;
+                let sum: usize = (0..scale * scale)
+                    .map(|i| usize::from(drawn[corner + i / scale * stride + i % scale * 3]))
+                    .sum();
+                pixels.push((sum / (scale * scale)) as u8);
+            }
+        }
+    }
+    pixels
+}
+
+/// RGB pixels as a PNG file.
+fn encode(size: (u32, u32), pixels: &[u8]) -> std::result::Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, size.0, size.1);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(pixels)?;
+    writer.finish()?;
+    Ok(bytes)
+}
+
+/// The built-in font at `size` file pixels.
+pub(super) fn font(size: f64) -> FontDesc<'static> {
+    (FONT, size * f64::from(SCALE)).into_font()
+}
+
+/// Width of `text` in drawn pixels.
+pub(super) fn text_width(text: &str, size: f64) -> i32 {
+    font(size).box_size(text).map_or(0, |b| b.0 as i32)
+}
+
+/// Writes `text` vertically centred on `at`, with its left end, middle or right end there.
+pub(super) fn text(
+    area: &Area<'_>,
+    text: &str,
+    at: (i32, i32),
+    anchor: HPos,
+    size: f64,
+    colour: RGBColor,
+) -> Drawn {
+    styled_text(area, text, at, anchor, font(size), colour)
+}
+
+/// As [`text`], in any font.
+pub(super) fn styled_text(
+    area: &Area<'_>,
+    text: &str,
+    at: (i32, i32),
+    anchor: HPos,
+    font: FontDesc<'_>,
+    colour: RGBColor,
+) -> Drawn {
+    // The library sets the baseline half a font size below the anchor's top, whatever the box it
+    // reports; capitals of this font are 0.626 sizes high: their middle is 0.187 sizes below it.
+    let top = at.1 - (font.get_size() * 0.187).round() as i32;
+    let style = font.color(&colour).pos(Pos::new(anchor, VPos::Top));
+    area.draw_text(text, &style, (at.0, top))?;
+    Ok(())
+}
+
+/// Writes the title on top of `area` and returns what is left beneath.
+pub(super) fn titled<'a>(area: &Area<'a>, title: &str) -> Drawn<Area<'a>> {
+    let (width, _) = area.dim_in_pixel();
+    let mut size = TITLE;
+    while size > 10.0 && text_width(title, size) > width as i32 - px(30.0) {
+        size -= 1.0;
+    }
+    let font = font(size).style(FontStyle::Bold);
+    let at = (width as i32 / 2, px(24.0));
+    styled_text(area, title, at, HPos::Center, font, INK)?;
+    Ok(area.split_vertically(px(44.0)).1)
+}
+
+/// One entry of a legend.
+pub(super) struct Key {
+    /// What it explains.
+    pub name: String,
+    /// How it is drawn.
+    pub sign: Sign,
+}
+
+/// The sign in a legend.
+pub(super) enum Sign {
+    /// A line with the marks of series `i`.
+    Series(usize),
+    /// A plain line in the colour of series `i`.
+    Line(usize),
+    /// A filled box in the colour of series `i`.
+    Box(usize),
+    /// A dashed grey line.
+    Dashes,
+}
+
+/// Writes a legend on top of `area`, in as many lines as it needs, and returns what is left beneath.
+pub(super) fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Drawn<Area<'a>> {
+    let room = area.dim_in_pixel().0 as i32 - px(40.0);
+    let mut lines: Vec<(i32, Vec<(i32, &Key)>)> = Vec::new();
+    for key in keys.iter().filter(|k| !k.name.is_empty()) {
+        let width = px(42.0) + text_width(&key.name, LABEL) + px(26.0);
+        match lines.last_mut() {
+            Some((used, line)) if *used + width <= room => {
+                line.push((*used, key));
+                *used += width;
+            }
+            _ => lines.push((width, vec![(0, key)])),
+        }
+    }
+    for (row, (used, line)) in lines.iter().enumerate() {
+        let left = px(20.0) + (room - used).max(0) / 2;
+        let y = px(10.0 + 26.0 * row as f64);
+        for (x, key) in line {
+            draw_sign(area, &key.sign, (left + x, y))?;
+            let at = (left + x + px(42.0), y);
+            text(area, &key.name, at, HPos::Left, LABEL, INK)?;
+        }
+    }
+    Ok(area.split_vertically(px(6.0 + 26.0 * lines.len() as f64)).1)
+}
+
+/// Draws a legend's sign rightwards from `at`.
+fn draw_sign(area: &Area<'_>, sign: &Sign, (x, y): (i32, i32)) -> Drawn {
+    let ends = |from: f64, to: f64| vec![(x + px(from), y), (x + px(to), y)];
+    match sign {
+        Sign::Series(i) => {
+            area.draw(&PathElement::new(ends(0.0, 34.0), stroke(colour(*i), 2.0)))?;
+            mark(area, *i, (x + px(17.0), y))?;
+        }
+        Sign::Line(i) => {
+            area.draw(&PathElement::new(ends(0.0, 34.0), stroke(colour(*i), 2.5)))?;
+        }
+        Sign::Box(i) => {
+            let corners = [(x + px(10.0), y - px(8.0)), (x + px(32.0), y + px(8.0))];
+            area.draw(&Rectangle::new(corners, colour(*i).filled()))?;
+        }
+        Sign::Dashes => {
+            for from in [0.0, 13.0, 26.0] {
+                area.draw(&PathElement::new(ends(from, from + 8.0), stroke(GREY, 2.0)))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Colour of reference lines.
+pub(super) const GREY: RGBColor = RGBColor(120, 120, 120);
+
+/// A line style, `width` in file pixels.
+pub(super) fn stroke(colour: RGBColor, width: f64) -> ShapeStyle {
+    colour.stroke_width(px(width).max(1) as u32)
+}
+
+/// The mark of series `i` at `at`: shapes differ too, for readers without colour.
+pub(super) fn mark(area: &Area<'_>, i: usize, at: (i32, i32)) -> Drawn {
+    let style = colour(i).filled();
+    let r = px(4.5);
+    let polygon = |offsets: &[(i32, i32)]| {
+        Polygon::new(
+            offsets
+                .iter()
+                .map(|(dx, dy)| (at.0 + dx, at.1 + dy))
+                .collect::<Vec<_>>(),
+            style,
+        )
+    };
+    match i % 4 {
+        0 => area.draw(&Circle::new(at, r, style))?,
+        1 => {
+            let s = r - px(0.5);
+            area.draw(&Rectangle::new(
+                [(at.0 - s, at.1 - s), (at.0 + s, at.1 + s)],
+                style,
+            ))?;
+        }
+        2 => area.draw(&polygon(&[
+            (0, -r * 5 / 4),
+            (r * 5 / 4, r),
+            (-r * 5 / 4, r),
+        ]))?,
+        _ => {
+            let s = r * 5 / 4;
+            area.draw(&polygon(&[(0, -s), (s, 0), (0, s), (-s, 0)]))?;
+        }
+    }
+    Ok(())
+}
+
+/// Draws axes, grid, ticks and axis labels into `area`.
+pub(super) fn chart<'a>(
+    area: &Area<'a>,
+    (x, x_label): (&Axis, &str),
+    (y, y_label): (&Axis, &str),
+    with_grid: (bool, bool),
+) -> Drawn<Chart<'a>> {
+    let widest = y
+        .ticks
+        .iter()
+        .map(|t| text_width(&y.label(*t), SMALL))
+        .max()
+        .unwrap_or(0);
+    let mut chart = ChartBuilder::on(area)
+        .margin_top(px(12.0))
+        .margin_right(px(26.0))
+        .margin_bottom(px(6.0))
+        .margin_left(px(6.0))
+        .x_label_area_size(px(56.0))
+        .y_label_area_size(widest + px(44.0))
+        .build_cartesian_2d(x.clone(), y.clone())?;
+    let x_text = |v: &f64| x.label(*v);
+    let y_text = |v: &f64| y.label(*v);
+    let mut mesh = chart.configure_mesh();
+    if !with_grid.0 {
+        mesh.disable_x_mesh();
+    }
+    if !with_grid.1 {
+        mesh.disable_y_mesh();
+    }
+    mesh.x_desc(x_label)
+        .y_desc(y_label)
+        .x_label_formatter(&x_text)
+        .y_label_formatter(&y_text)
+        .axis_style(stroke(INK, 1.0))
+        .bold_line_style(stroke(GRID, 1.0))
+        .light_line_style(TRANSPARENT)
+        .label_style(font(SMALL).color(&INK))
+        .axis_desc_style(font(LABEL).color(&INK))
+        .set_all_tick_mark_size(px(5.0))
+        .draw()?;
+    Ok(chart)
+}

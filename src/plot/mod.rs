@@ -1,0 +1,71 @@
+//! Plots as PNG files: the ball, rates with their intervals, features in hash space, plain lines.
+//!
+//! Every function checks its data, draws in memory and writes the file whole or not at all. Text is set
+//! in a built-in font, so that a machine without fonts draws the same picture; for the same data the
+//! file's bytes are the same. Rates are handed over as fractions in [0, 1] and drawn in percent.
+//! Legends stand above the plotting area, never on the data.
+
+mod axis;
+mod ball;
+mod bars;
+mod canvas;
+mod curves;
+mod features;
+
+pub use ball::{BallView, VIEWS_SIZE, pattern_views};
+pub use bars::{BARS_SIZE, BarChart, BarGroup, bar_comparison};
+pub use curves::{
+    CURVES_SIZE, CurvePlot, LinePlot, LineSeries, RELIABILITY_SIZE, RateSeries, ReliabilityPlot,
+    line_plot, rate_curves, reliability_plot,
+};
+pub use features::{FEATURES_SIZE, feature_plot};
+
+use crate::error::{Error, Result};
+
+/// How rates are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum RateScale {
+    /// The rates themselves, on a linear axis.
+    #[default]
+    Success,
+    /// `1 - rate` on a logarithmic axis, where differences among rates near 1 can be seen. No failure
+    /// at all has no place on such an axis: it is drawn on its lower edge.
+    Failure,
+}
+
+/// A rate measured at `x`, with its 95 % interval; all three are fractions in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RatePoint {
+    /// Abscissa, in the unit that the plot's `x_label` states.
+    pub x: f64,
+    /// The rate.
+    pub rate: f64,
+    /// Lower end of the interval.
+    pub low: f64,
+    /// Upper end of the interval.
+    pub high: f64,
+}
+
+impl RatePoint {
+    /// Refuses what is not a rate within its interval. `place` says which point it is.
+    fn check(&self, place: &str) -> Result<()> {
+        let ordered = 0.0 <= self.low && self.low <= self.rate;
+        let ordered = ordered && self.rate <= self.high && self.high <= 1.0;
+        if ordered && self.x.is_finite() {
+            return Ok(());
+        }
+        let problem = format!(
+            "expected a finite x and 0 <= low <= rate <= high <= 1, found x {} with {} <= {} <= {}",
+            self.x, self.low, self.rate, self.high
+        );
+        Err(Error::argument(place, problem))
+    }
+
+    /// What is drawn on `scale`: the value and the ends of its interval, as fractions.
+    fn on(&self, scale: RateScale) -> [f64; 3] {
+        match scale {
+            RateScale::Success => [self.rate, self.low, self.high],
+            RateScale::Failure => [1.0 - self.rate, 1.0 - self.high, 1.0 - self.low],
+        }
+    }
+}
