@@ -3,6 +3,8 @@
 pub mod error;
 pub mod files;
 pub mod geometry;
+pub mod hash;
 pub mod pattern;
+pub mod recognise;
 
 pub use error::{Error, Result};

@@ -1,0 +1,102 @@
+//! Recognisers: which dot of the pattern is each observed dot, and how is the ball turned?
+//!
+//! Every recogniser takes observed dots with their uncertainty and gives a rotation, an assignment,
+//! a residual and a confidence, or says why it gives none. Rotations map the pattern's frame to the
+//! camera's, `p_camera = R p_pattern`.
+//!
+//! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
+//! - [`kent`]: the density that it scores with.
+
+use nalgebra::Matrix2;
+
+use crate::geometry::{Rotation, Vec3};
+
+pub mod kent;
+pub mod paper;
+
+pub use paper::{PaperConfig, PaperRecogniser};
+
+/// How far an observed direction may be off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DotUncertainty {
+    /// Alike in all tangent directions.
+    Isotropic {
+        /// Standard deviation of the angular error along one tangent axis, radians.
+        sigma_rad: f64,
+    },
+    /// Different along different tangent directions.
+    Tangent {
+        /// Covariance, rad^2, in the axes of
+        /// [`tangent_frame(direction)`](crate::geometry::tangent_frame).
+        covariance: Matrix2<f64>,
+    },
+}
+
+/// A dot as seen by the camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObservedDot {
+    /// Unit vector from the ball's centre to the dot, camera frame.
+    pub direction: Vec3,
+    /// How far off the direction may be.
+    pub uncertainty: DotUncertainty,
+}
+
+/// What a recogniser found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identification {
+    /// Rotation from the pattern's frame to the camera's.
+    pub rotation: Rotation,
+    /// For each observed dot, in order, the pattern's dot that it is; `None` for a false dot.
+    pub assignment: Vec<Option<u16>>,
+    /// Root mean square angle between the matched observed dots and the rotated pattern, radians.
+    pub residual_rad: f64,
+    /// Probability that the identification is right, in [0, 1].
+    pub confidence: f64,
+}
+
+impl Identification {
+    /// Number of observed dots that are matched with a pattern's dot.
+    pub fn matched(&self) -> usize {
+        self.assignment.iter().flatten().count()
+    }
+}
+
+/// What came of an attempt to identify.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// The dots are identified.
+    Identified(Identification),
+    /// They are not.
+    Unidentified(Refusal),
+}
+
+/// Why a recogniser gives no answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// Fewer dots than the recogniser needs.
+    TooFewDots {
+        /// Dots given.
+        found: usize,
+        /// Dots needed.
+        needed: usize,
+    },
+    /// No hypothesis explains the dots.
+    NoHypothesis,
+    /// The dots leave the rotation undetermined, or are not directions at all.
+    Degenerate,
+}
+
+/// A way to identify dots.
+pub trait Recogniser: Sync {
+    /// Buffers reused from call to call; one a thread.
+    type Workspace: Send;
+
+    /// A new workspace.
+    fn workspace(&self) -> Self::Workspace;
+
+    /// Identifies `dots`. The answer depends on them alone, not on what the workspace saw before.
+    fn identify(&self, dots: &[ObservedDot], ws: &mut Self::Workspace) -> Outcome;
+
+    /// Fewest dots that can be identified.
+    fn min_dots(&self) -> usize;
+}
