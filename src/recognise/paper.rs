@@ -8,10 +8,13 @@
 //!    rotation, and the root mean square angle that is left is the reprojection error.
 //! 4. The least reprojection error wins.
 //!
-//! The score is the density of the point `x` that one side's hash value has in the other side's basis
-//! about the dot it should be: `p = Kent(x/|x|) N(|x|; 1, alpha) |det B|`. The Kent density speaks of
-//! the direction, the normal density of the length, and `|det B|` carries a density of points to one
-//! of hash values. Which side is which is [`ScoreSide`].
+//! The score measures how well the point `x = B h_t` meets the dot d'' that it should be:
+//! `p = Kent(x/|x|; d'') N(|x|; 1, alpha) |det B|`. The Kent density speaks of the direction, the
+//! normal density of the length, and `|det B|` carries a density of points to one of hash values.
+//!
+//! Whether a basis adds up `p` or `ln p` is decisive, see [`VoteSum`]. The authors' published code
+//! adds up logarithms, and so does this recogniser unless told otherwise: a baseline must lose what
+//! the original loses.
 //!
 //! What it does not promise: the algorithm knows no false and no missed dots, so one false dot among
 //! the first two is fatal, two observed dots may be given the same index, and its confidence is not
@@ -30,18 +33,23 @@ use crate::hash::{Basis, BasisFrame, HashTable};
 /// Below this `|d x d'|` the first two observed dots span no basis.
 const LEAST_CROSS: f64 = 1e-6;
 
+/// Least `p` of a vote where logarithms are added up.
+const LEAST_DENSITY: f64 = 1e-10;
+
 /// A basis pair and one more dot.
 const MIN_DOTS: usize = 3;
 
-/// On which side of the vote the score measures the distance between hash values.
+/// What the votes for a basis add up to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ScoreSide {
-    /// `x = B_table h` about the table's dot, with the table basis' determinant: how likely the
-    /// pattern's dot, seen with noise, has the observed hash value.
-    Table,
-    /// `x = B h_table` about the observed dot, with the observed basis' determinant, which is the same
-    /// for all votes and so decides nothing.
-    Observed,
+pub enum VoteSum {
+    /// The sum of `max(ln p, ln 1e-10)`, as in the authors' published code.
+    ///
+    /// Poor votes are negative, but a dot that casts no vote at all counts nothing: the right basis,
+    /// met by many dots of which some are far off, can score below a wrong one that was met once. It
+    /// then falls out of the better half and is never verified.
+    LogDensity,
+    /// The sum of `p`: votes only ever help, and the right basis rarely falls out.
+    Density,
 }
 
 /// Parameters of the paper's recogniser.
@@ -57,12 +65,12 @@ pub struct PaperConfig {
     pub alpha: f64,
     /// Part of the bases voted for that is verified, best scores first, in (0, 1].
     pub verify_fraction: f64,
-    /// How votes are scored.
-    pub score_side: ScoreSide,
+    /// What the votes for a basis add up to.
+    pub vote_sum: VoteSum,
 }
 
 impl Default for PaperConfig {
-    /// The paper's values.
+    /// The values of the paper and of its published code.
     fn default() -> Self {
         Self {
             k: 20,
@@ -70,7 +78,7 @@ impl Default for PaperConfig {
             beta: 0.0,
             alpha: 0.03,
             verify_fraction: 0.5,
-            score_side: ScoreSide::Table,
+            vote_sum: VoteSum::LogDensity,
         }
     }
 }
@@ -87,7 +95,7 @@ pub struct PaperRecogniser<'t> {
 /// Votes and candidates of one identification.
 #[derive(Debug, Default)]
 pub struct PaperWorkspace {
-    /// Score of each basis, at `first * n + second`; negative where nothing voted for it.
+    /// Score of each basis, at `first * n + second`; NaN where nothing voted for it.
     scores: Vec<f64>,
     /// Bases voted for.
     voted: Vec<Basis>,
@@ -173,39 +181,29 @@ impl<'t> PaperRecogniser<'t> {
 
     /// Adds up the votes of all dots but the first two.
     fn vote(&self, frame: &BasisFrame, dots: &[ObservedDot], ws: &mut PaperWorkspace) {
-        let pattern = self.table.pattern().dots();
-        let n = pattern.len();
+        let n = self.table.pattern().len();
         ws.scores.clear();
-        ws.scores.resize(n * n, -1.0);
+        ws.scores.resize(n * n, f64::NAN);
         ws.voted.clear();
         for dot in &dots[2..] {
             let h = frame.feature(&dot.direction);
             for neighbour in self.table.nearest(&h, self.k) {
                 let basis = self.table.bases()[neighbour.index];
-                let (i, j) = (usize::from(basis.first), usize::from(basis.second));
-                let ln_p = match self.config.score_side {
-                    ScoreSide::Observed => {
-                        let x = frame.point(&self.table.features()[neighbour.index]);
-                        self.ln_score(&x, &dot.direction, frame.determinant())
-                    }
-                    ScoreSide::Table => {
-                        let third = usize::from(self.table.feature_dots()[neighbour.index]);
-                        let Some(b) = BasisFrame::new(&pattern[i], &pattern[j], 0.0) else {
-                            continue;
-                        };
-                        self.ln_score(&b.point(&h), &pattern[third], b.determinant())
-                    }
-                };
-                let score = &mut ws.scores[i * n + j];
-                if *score < 0.0 {
+                let x = frame.point(&self.table.features()[neighbour.index]);
+                let ln_p = self.ln_score(&x, &dot.direction, frame.determinant());
+                let score = &mut ws.scores[index(basis, n)];
+                if score.is_nan() {
                     *score = 0.0;
                     ws.voted.push(basis);
                 }
-                *score += ln_p.exp();
+                *score += match self.config.vote_sum {
+                    VoteSum::LogDensity => ln_p.max(LEAST_DENSITY.ln()),
+                    VoteSum::Density => ln_p.exp(),
+                };
             }
         }
         // Best first; ties in the order of the bases, so that the result does not depend on the tree.
-        let score = |b: &Basis| ws.scores[usize::from(b.first) * n + usize::from(b.second)];
+        let score = |b: &Basis| ws.scores[index(*b, n)];
         ws.voted
             .sort_unstable_by(|a, b| score(b).total_cmp(&score(a)).then(a.cmp(b)));
     }
@@ -244,7 +242,7 @@ impl<'t> PaperRecogniser<'t> {
         Some(Candidate {
             rotation,
             error_rad: (sum / dots.len() as f64).sqrt(),
-            score: ws.scores[i * pattern.len() + j],
+            score: ws.scores[index(basis, pattern.len())],
         })
     }
 
@@ -256,13 +254,23 @@ impl<'t> PaperRecogniser<'t> {
     ) -> Option<(Candidate, f64)> {
         let count = (ws.voted.len() as f64 * self.config.verify_fraction).ceil() as usize;
         let mut best: Option<Candidate> = None;
-        let (mut total, mut verified) = (0.0, 0_u32);
+        // The first in rank has the largest score; relative to it no sum of logarithms overflows.
+        let top = ws
+            .voted
+            .first()
+            .map(|b| ws.scores[index(*b, self.table.pattern().len())])?;
+        let weight = |score: f64| match self.config.vote_sum {
+            VoteSum::LogDensity => (score - top).exp(),
+            // Scores far from every feature underflow to nothing: then no basis stands out.
+            VoteSum::Density if top <= 0.0 => 1.0,
+            VoteSum::Density => score,
+        };
+        let mut total = 0.0;
         for rank in 0..count {
             let Some(candidate) = self.verify(ws.voted[rank], dots, ws) else {
                 continue;
             };
-            total += candidate.score;
-            verified += 1;
+            total += weight(candidate.score);
             if best
                 .as_ref()
                 .is_none_or(|b| candidate.error_rad < b.error_rad)
@@ -272,14 +280,15 @@ impl<'t> PaperRecogniser<'t> {
             }
         }
         let best = best?;
-        // Scores far from every feature underflow to nothing: then no basis stands out.
-        let share = if total > 0.0 {
-            best.score / total
-        } else {
-            1.0 / f64::from(verified)
-        };
-        Some((best, share))
+        // Far behind the first in rank every weight may underflow; then there is nothing to share.
+        let share = weight(best.score) / total.max(f64::MIN_POSITIVE);
+        Some((best, share.min(1.0)))
     }
+}
+
+/// Position of a basis among all ordered pairs of `n` dots.
+fn index(basis: Basis, n: usize) -> usize {
+    usize::from(basis.first) * n + usize::from(basis.second)
 }
 
 impl Recogniser for PaperRecogniser<'_> {
@@ -289,8 +298,12 @@ impl Recogniser for PaperRecogniser<'_> {
         PaperWorkspace::default()
     }
 
-    /// Alg. 2. Every dot is assigned. The confidence is the winner's share of the verified bases'
-    /// scores: in [0, 1] and larger where votes agree, but **not calibrated** (the paper has none).
+    /// Alg. 2. Every dot is assigned. The confidence is the winner's share of the votes among the
+    /// verified bases (of `exp(score)` where logarithms are added up): in [0, 1] and larger where votes
+    /// agree, but **not calibrated**. The paper has none.
+    ///
+    /// The workspace spares all allocations but the answer's own and those of the search tree, one
+    /// short list a dot.
     fn identify(&self, dots: &[ObservedDot], ws: &mut PaperWorkspace) -> Outcome {
         if dots.len() < MIN_DOTS {
             return Outcome::Unidentified(Refusal::TooFewDots {
