@@ -5,6 +5,7 @@ pub mod design;
 pub mod error;
 pub mod files;
 pub mod geometry;
+pub mod hash;
 pub mod pattern;
 pub mod plot;
 pub mod recognise;

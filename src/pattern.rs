@@ -19,6 +19,8 @@ pub const MIN_DOTS: usize = 4;
 pub const MAX_DOTS: usize = 64;
 /// Largest deviation of a vector's length from 1 that is normalized instead of refused.
 pub const LENGTH_TOLERANCE: f64 = 1e-3;
+/// Lengths off 1 by no more than this are rounding and left alone: normalizing twice would change bits.
+pub const LENGTH_ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Dots nearer than this (radians) count as the same dot.
 pub const LEAST_SEPARATION: f64 = 1e-3;
 
@@ -76,7 +78,9 @@ impl Pattern {
                 let problem = format!("expected a unit vector, found length {length:.6}");
                 return Err((Some(i), problem));
             }
-            *dot /= length;
+            if (length - 1.0).abs() > LENGTH_ROUNDING {
+                *dot /= length;
+            }
         }
         for i in 0..dots.len() {
             for j in 0..i {

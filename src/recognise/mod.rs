@@ -1,96 +1,103 @@
-//! Which dot is which, and therefore how the ball is turned.
+//! Recognisers: which dot of the pattern is each observed dot, and how is the ball turned?
 //!
-//! A recogniser takes the dots seen in one image (unit vectors in the camera frame, each with its
-//! uncertainty) and answers with the rotation that maps the pattern to the camera, the identity of each
-//! dot, the residual and the probability that the identification is right, or it refuses and says why.
-//! Two are provided: [`paper::PaperRecogniser`] is Algorithm 2 of the SpinDOE paper
-//! (arXiv 2303.03879) and serves as the baseline; [`robust::RobustRecogniser`] is the default.
-
-pub mod robust;
+//! Every recogniser takes observed dots with their uncertainty and gives a rotation, an assignment,
+//! a residual and a confidence, or says why it gives none. Rotations map the pattern's frame to the
+//! camera's, `p_camera = R p_pattern`.
+//!
+//! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
+//! - [`kent`]: the density that it scores with.
 
 use nalgebra::Matrix2;
 
 use crate::geometry::{Rotation, Vec3};
 
-/// How well a dot's direction is known.
+pub mod kent;
+pub mod paper;
+pub mod robust;
+
+pub use paper::{PaperConfig, PaperRecogniser};
+
+/// How far an observed direction may be off.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DotUncertainty {
-    /// The same standard deviation along both tangent axes, radians.
+    /// Alike in all tangent directions.
     Isotropic {
-        /// Standard deviation per tangent axis, radians.
+        /// Standard deviation of the angular error along one tangent axis, radians.
         sigma_rad: f64,
     },
-    /// A covariance in the tangent plane, rad^2, in the axes of
-    /// [`crate::geometry::tangent_frame`]`(direction)`.
+    /// Different along different tangent directions.
     Tangent {
-        /// Symmetric, positive definite.
+        /// Covariance, rad^2, in the axes of
+        /// [`tangent_frame(direction)`](crate::geometry::tangent_frame).
         covariance: Matrix2<f64>,
     },
 }
 
-/// One dot as seen by the camera.
+/// A dot as seen by the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObservedDot {
-    /// Unit vector, camera frame.
+    /// Unit vector from the ball's centre to the dot, camera frame.
     pub direction: Vec3,
-    /// How well it is known.
+    /// How far off the direction may be.
     pub uncertainty: DotUncertainty,
 }
 
-/// A recogniser's answer.
+/// What a recogniser found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identification {
-    /// Maps the pattern's frame to the camera's.
+    /// Rotation from the pattern's frame to the camera's.
     pub rotation: Rotation,
-    /// For each observed dot the index of its pattern dot, or `None` for a dot held to be false.
+    /// For each observed dot, in order, the pattern's dot that it is; `None` for a false dot.
     pub assignment: Vec<Option<u16>>,
-    /// Root mean square angle between the matched dots and their pattern dots, radians.
+    /// Root mean square angle between the matched observed dots and the rotated pattern, radians.
     pub residual_rad: f64,
-    /// Probability that the identification is right.
+    /// Probability that the identification is right, in [0, 1].
     pub confidence: f64,
 }
 
 impl Identification {
-    /// Number of dots given an identity.
+    /// Number of observed dots that are matched with a pattern's dot.
     pub fn matched(&self) -> usize {
         self.assignment.iter().flatten().count()
     }
 }
 
-/// Why there is no answer.
+/// What came of an attempt to identify.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// The dots are identified.
+    Identified(Identification),
+    /// They are not.
+    Unidentified(Refusal),
+}
+
+/// Why a recogniser gives no answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
-    /// Fewer dots than the method needs.
+    /// Fewer dots than the recogniser needs.
     TooFewDots {
         /// Dots given.
         found: usize,
         /// Dots needed.
         needed: usize,
     },
-    /// No rotation explains the dots.
+    /// No hypothesis explains the dots.
     NoHypothesis,
-    /// The dots leave the rotation undetermined.
+    /// The dots leave the rotation undetermined, or are not directions at all.
     Degenerate,
 }
 
-/// What became of one view.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Outcome {
-    /// The dots were identified.
-    Identified(Identification),
-    /// They were not.
-    Unidentified(Refusal),
-}
-
-/// A method that identifies dots. Implementations are shared between threads; each thread brings its
-/// own workspace, so that the loop over views allocates nothing but its answers.
+/// A way to identify dots.
 pub trait Recogniser: Sync {
-    /// Scratch memory, reused from call to call.
+    /// Buffers reused from call to call; one a thread.
     type Workspace: Send;
-    /// A fresh workspace.
+
+    /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
-    /// Identifies the dots of one view.
-    fn identify(&self, dots: &[ObservedDot], workspace: &mut Self::Workspace) -> Outcome;
-    /// Fewest dots it can work with.
+
+    /// Identifies `dots`. The answer depends on them alone, not on what the workspace saw before.
+    fn identify(&self, dots: &[ObservedDot], ws: &mut Self::Workspace) -> Outcome;
+
+    /// Fewest dots that can be identified.
     fn min_dots(&self) -> usize;
 }

@@ -1,0 +1,235 @@
+//! The hash table: a pattern, its features, a search tree over them, and how all this came about.
+//!
+//! The features lie in one contiguous array in the order of [`PairRule::features`]; the tree (kiddo)
+//! holds their positions in it. A table is immutable once built but for the notes in its metadata.
+
+use std::num::NonZeroUsize;
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use serde::{Deserialize, Serialize};
+
+use super::features::{Basis, PairRule};
+use crate::error::{Error, Result};
+use crate::pattern::Pattern;
+
+/// Version of the file format that this crate reads and writes.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// Parameters of the recogniser that a table was designed and validated for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecogniserParams {
+    /// Standard deviation of an observed dot's angular error, radians.
+    pub sigma_rad: f64,
+    /// Concentration of the Kent density.
+    pub kappa: f64,
+    /// Ovalness of the Kent density, `0 <= 2 beta < kappa`.
+    pub beta: f64,
+    /// Standard deviation of `|x|` about 1 in the paper's score, without unit.
+    pub alpha: f64,
+    /// Least z (camera frame, ball of radius 1) at which a dot is seen.
+    pub visibility_limit: f64,
+}
+
+impl Default for RecogniserParams {
+    /// The paper's values: 3 degrees, kappa 500, beta 0, alpha 0.03, half the ball visible.
+    fn default() -> Self {
+        Self {
+            sigma_rad: 3f64.to_radians(),
+            kappa: 500.0,
+            beta: 0.0,
+            alpha: 0.03,
+            visibility_limit: 0.0,
+        }
+    }
+}
+
+impl RecogniserParams {
+    /// Checks the fields' domains.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the field.
+    pub fn check(&self) -> Result<()> {
+        let fail = |name: &str, expected: &str, found: f64| {
+            let problem = format!("expected {expected}, found {found}");
+            Err(Error::argument(format!("recogniser.{name}"), problem))
+        };
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        if !positive(self.sigma_rad) {
+            return fail("sigma_rad", "a positive number", self.sigma_rad);
+        }
+        if !(self.kappa.is_finite() && self.kappa >= 0.0) {
+            return fail("kappa", "a number not below 0", self.kappa);
+        }
+        if !(self.beta == 0.0 || (self.beta > 0.0 && 2.0 * self.beta < self.kappa)) {
+            return fail("beta", "0 <= 2 beta < kappa", self.beta);
+        }
+        if !positive(self.alpha) {
+            return fail("alpha", "a positive number", self.alpha);
+        }
+        if !(-1.0..1.0).contains(&self.visibility_limit) {
+            return fail(
+                "visibility_limit",
+                "a number in [-1, 1)",
+                self.visibility_limit,
+            );
+        }
+        Ok(())
+    }
+}
+
+/// What a pattern was optimized for, and how well it does.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Objective {
+    /// The objective's name.
+    pub name: String,
+    /// Its value for this pattern.
+    pub value: f64,
+}
+
+/// What a table says about itself (the `meta` array of the file, as JSON).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TableMeta {
+    /// Version of the file format, [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// [`Pattern::sha256`] of the dots.
+    pub pattern_sha256: String,
+    /// The recogniser's parameters.
+    pub recogniser: RecogniserParams,
+    /// The rule by which pairs entered the table.
+    pub pair_rule: PairRule,
+    /// The objective's value, where the pattern was optimized.
+    #[serde(default)]
+    pub objective: Option<Objective>,
+    /// The validation result that the table shipped with.
+    #[serde(default)]
+    pub validation: Option<serde_json::Value>,
+}
+
+/// A feature found near a query.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbour {
+    /// Position in [`HashTable::features`].
+    pub index: usize,
+    /// Squared Euclidean distance in hash space.
+    pub distance_squared: f64,
+}
+
+/// A pattern's features, ready to be searched.
+#[derive(Debug)]
+pub struct HashTable {
+    pattern: Pattern,
+    features: Vec<[f64; 3]>,
+    bases: Vec<Basis>,
+    feature_dots: Vec<u16>,
+    tree: ImmutableKdTree<f64, 3>,
+    meta: TableMeta,
+}
+
+impl HashTable {
+    /// Computes the features of `pattern` under `rule` and builds the search tree (paper, Alg. 1).
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the rule or the parameters are outside their domains, or where the
+    /// rule leaves no pair.
+    pub fn build(pattern: Pattern, rule: PairRule, recogniser: RecogniserParams) -> Result<Self> {
+        rule.check()?;
+        recogniser.check()?;
+        let mut arrays = Arrays::default();
+        for f in rule.features(pattern.dots()) {
+            arrays.features.push(f.value);
+            arrays.bases.push(f.basis);
+            arrays.feature_dots.push(f.dot);
+        }
+        let meta = TableMeta {
+            format_version: FORMAT_VERSION,
+            pattern_sha256: pattern.sha256(),
+            recogniser,
+            pair_rule: rule,
+            objective: None,
+            validation: None,
+        };
+        Self::assemble(pattern, arrays, meta)
+    }
+
+    /// Puts the search tree over arrays that belong to `pattern`.
+    pub(super) fn assemble(pattern: Pattern, arrays: Arrays, meta: TableMeta) -> Result<Self> {
+        if arrays.features.is_empty() {
+            return Err(Error::argument(
+                "pair_rule",
+                "leaves out every pair of the pattern's dots",
+            ));
+        }
+        let tree = ImmutableKdTree::new_from_slice(&arrays.features)
+            .map_err(|e| Error::Internal(format!("the search tree cannot be built: {e:?}")))?;
+        Ok(Self {
+            pattern,
+            features: arrays.features,
+            bases: arrays.bases,
+            feature_dots: arrays.feature_dots,
+            tree,
+            meta,
+        })
+    }
+
+    /// The pattern.
+    pub fn pattern(&self) -> &Pattern {
+        &self.pattern
+    }
+
+    /// All hash values, in the order of [`PairRule::features`].
+    pub fn features(&self) -> &[[f64; 3]] {
+        &self.features
+    }
+
+    /// The basis of each feature.
+    pub fn bases(&self) -> &[Basis] {
+        &self.bases
+    }
+
+    /// The third dot of each feature.
+    pub fn feature_dots(&self) -> &[u16] {
+        &self.feature_dots
+    }
+
+    /// What the table says about itself.
+    pub fn meta(&self) -> &TableMeta {
+        &self.meta
+    }
+
+    /// Notes what the pattern was optimized for.
+    pub fn set_objective(&mut self, objective: Option<Objective>) {
+        self.meta.objective = objective;
+    }
+
+    /// Notes the validation result that the table ships with.
+    pub fn set_validation(&mut self, validation: Option<serde_json::Value>) {
+        self.meta.validation = validation;
+    }
+
+    /// The `k` features nearest to `value` (all, where there are fewer), nearest first.
+    ///
+    /// A `value` that is not finite has no neighbours.
+    pub fn nearest(&self, value: &[f64; 3], k: NonZeroUsize) -> impl Iterator<Item = Neighbour> {
+        let finite = value.iter().all(|x| x.is_finite());
+        let found = finite.then(|| {
+            self.tree
+                .query(value)
+                .nearest_n::<SquaredEuclidean<f64>>(k)
+                .execute()
+        });
+        found.into_iter().flatten().map(|item| Neighbour {
+            index: item.item as usize,
+            distance_squared: item.distance,
+        })
+    }
+}
+
+/// The columns of a table.
+#[derive(Debug, Default)]
+pub(super) struct Arrays {
+    pub features: Vec<[f64; 3]>,
+    pub bases: Vec<Basis>,
+    pub feature_dots: Vec<u16>,
+}
