@@ -30,6 +30,8 @@ pub(super) struct Axis {
     /// Where labels stand, as positions.
     pub ticks: Vec<f64>,
     log: bool,
+    /// Whether the lower end of a logarithmic axis stands for zero.
+    zero: bool,
     unit: Unit,
     decimals: usize,
 }
@@ -76,6 +78,7 @@ impl Axis {
             high,
             ticks: (0..=count).map(|i| (first + i as f64) * step).collect(),
             log: false,
+            zero: false,
             unit,
             decimals: (-(shown.log10() + 1e-9).floor()).clamp(0.0, 12.0) as usize,
         }
@@ -85,8 +88,9 @@ impl Axis {
     pub fn logarithmic(low: f64, high: f64, unit: Unit) -> Self {
         let (low, high) = (low.log10(), high.log10());
         let multiples: &[f64] = match high - low {
+            d if d < 0.5 => &[1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0],
             d if d < 1.2 => &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0],
-            d if d < 2.5 => &[1.0, 2.0, 5.0],
+            d if d < 3.2 => &[1.0, 2.0, 5.0],
             _ => &[1.0],
         };
         let stride = ((high - low) / 10.0).ceil().max(1.0) as i32;
@@ -100,9 +104,21 @@ impl Axis {
             high,
             ticks,
             log: true,
+            zero: false,
             unit,
             decimals: 0,
         }
+    }
+
+    /// Lets the lower end of a logarithmic axis stand for zero, and says so there.
+    fn with_zero(mut self) -> Self {
+        // Room for the label beneath the next tick's.
+        self.low -= 0.08 * (self.high - self.low);
+        let least = self.low + 0.05 * (self.high - self.low);
+        self.ticks.retain(|t| *t > least);
+        self.ticks.insert(0, self.low);
+        self.zero = true;
+        self
     }
 
     /// Where `value` stands; off a logarithmic axis' lower end there is only that end.
@@ -118,7 +134,9 @@ impl Axis {
 
     /// The label of the tick at `position`.
     pub fn label(&self, position: f64) -> String {
-        let value = if self.log {
+        let value = if self.zero && position <= self.low {
+            0.0
+        } else if self.log {
             10f64.powf(position)
         } else {
             position
@@ -162,17 +180,18 @@ pub(super) fn rate_axis(
     scale: super::RateScale,
     points: &[super::RatePoint],
 ) -> Result<Axis> {
-    let values = points.iter().flat_map(|p| p.on(scale));
-    match scale {
-        super::RateScale::Success => Axis::linear(name, values, Unit::Percent, (0.0, 1.0)),
-        super::RateScale::Failure => {
-            let (_, high) = span(name, points.iter().flat_map(|p| p.on(scale)))?;
-            let least = values.filter(|v| *v > 1e-9).fold(1.0, f64::min);
-            let low = least.min(high) * 0.7;
-            let high = (high * 1.3).min(1.0).max(low * 10.0);
-            Ok(Axis::logarithmic(low, high, Unit::Percent))
-        }
+    let values = || points.iter().flat_map(|p| p.on(scale));
+    if scale == super::RateScale::Success {
+        return Axis::linear(name, values(), Unit::Percent, (0.0, 1.0));
     }
+    let (least, most) = span(name, values())?;
+    if most == 0.0 {
+        return Ok(Axis::logarithmic(1e-4, 1e-2, Unit::Percent).with_zero());
+    }
+    let low = values().filter(|v| *v > 0.0).fold(most, f64::min) * 0.8;
+    let high = (most * 1.3).min(1.0).max(low * 2.0);
+    let axis = Axis::logarithmic(low, high, Unit::Percent);
+    Ok(if least == 0.0 { axis.with_zero() } else { axis })
 }
 
 /// Least and greatest of `values`.
@@ -207,6 +226,17 @@ pub(super) fn significant(value: f64) -> String {
     trimmed(format!("{value:.decimals$}"))
 }
 
+/// A rate as a number of percent, with enough decimals that neither 0 nor 100 is shown for anything else.
+pub(super) fn percent(rate: f64) -> String {
+    let value = 100.0 * rate;
+    let rest = value.min(100.0 - value);
+    if rest <= 0.0 {
+        return format!("{value:.0}");
+    }
+    let decimals = (1.0 - rest.log10().floor()).clamp(1.0, 6.0) as usize;
+    format!("{value:.decimals$}")
+}
+
 /// Without zeros behind the decimal point.
 fn trimmed(text: String) -> String {
     if !text.contains('.') {
@@ -224,16 +254,36 @@ mod tests {
         let axis = Axis::linear_exactly(0.93, 1.0, Unit::Percent);
         assert_eq!(axis.label(axis.ticks[0]), "93 %");
         assert!(axis.ticks.iter().all(|t| (0.929..=1.001).contains(t)));
-        let axis = Axis::logarithmic(0.0007, 0.5, Unit::Percent);
+        let axis = Axis::logarithmic(0.0007, 5.0, Unit::Percent);
         let labels: Vec<_> = axis.ticks.iter().map(|t| axis.label(*t)).collect();
-        assert_eq!(labels, ["0.1 %", "1 %", "10 %"]);
+        assert_eq!(labels, ["0.1 %", "1 %", "10 %", "100 %"]);
+    }
+
+    #[test]
+    fn failures_have_a_place_for_none() {
+        let point = |rate: f64| crate::plot::RatePoint {
+            x: 0.0,
+            rate,
+            // As a computed interval may be: a little off.
+            low: rate - 1e-4 * rate,
+            high: rate + 1e-16,
+        };
+        let axis = |points: &[_]| {
+            rate_axis("rates", crate::plot::RateScale::Failure, points).expect("there are points")
+        };
+        for points in [&[point(1.0)][..], &[point(1.0), point(0.3)]] {
+            let axis = axis(points);
+            assert_eq!(axis.label(axis.position(0.0)), "0 %");
+            assert!(axis.position(0.7) > axis.low && axis.ticks.len() > 2);
+        }
+        assert!(axis(&[point(0.5)]).ticks.iter().all(|t| t.is_finite()));
     }
 
     #[test]
     fn constants_and_extremes_have_an_axis() {
         for values in [[0.0; 2], [5.0; 2], [1e-12, 1e-12], [-1e300, 1e300]] {
             let axis = Axis::linear("x", values.into_iter(), Unit::Plain, (-1e301, 1e301))
-                .expect("an axis");
+                .expect("finite numbers have an axis");
             assert!(axis.low < axis.high && !axis.ticks.is_empty(), "{axis:?}");
         }
         assert!(
@@ -247,5 +297,7 @@ mod tests {
     fn numbers_are_short() {
         let written = [0.25, 1.0, 12.34, 1e-7, 123_456.0, 2.5e9].map(significant);
         assert_eq!(written, ["0.25", "1", "12.3", "1e-7", "123456", "2.5e9"]);
+        let written = [0.0, 0.0002, 0.41, 0.956, 0.9998, 1.0].map(percent);
+        assert_eq!(written, ["0", "0.020", "41.0", "95.6", "99.980", "100"]);
     }
 }

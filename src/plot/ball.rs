@@ -21,6 +21,8 @@ const RADIUS: f64 = 265.0;
 const CENTRE_Y: f64 = 318.0;
 /// Size of the dots' numbers, file pixels.
 const NUMBER: f64 = 17.0;
+/// Dots lower than this (z of the unit vector) have their numbers outside the ball.
+const LIMB: f64 = 0.3;
 
 /// What [`pattern_views`] draws besides the pattern.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,8 +94,8 @@ impl Side {
 
 /// Draws the ball from the front (+z) and from the back (-z), with every dot's outline and number.
 ///
-/// Dots are drawn as the caps that they are, so that they narrow to ellipses towards the limb; a dot
-/// whose centre is just behind it may still show its edge, and then it has its number on the other side.
+/// Dots are drawn as the caps that they are, so that they narrow to ellipses towards the limb. A dot that
+/// is cut by the limb is numbered on both sides. Numbers count from 0, as the dots of a pattern do.
 ///
 /// # Errors
 /// [`Error::Argument`] for diameters that are not positive or a dot as large as the ball;
@@ -184,55 +186,85 @@ impl Extent {
     }
 }
 
-/// Numbers the dots whose centres are on this side: inside a dot that has room, else beside it.
+/// Numbers the dots of which something is seen from this side: inside a dot that has room, outside the
+/// ball with a line to the dot at the limb, else beside the dot.
 fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
     let (cx, cy) = centre(area);
-    let radius = f64::from(px(RADIUS));
+    let (cx, cy, radius) = (f64::from(cx), f64::from(cy), f64::from(px(RADIUS)));
+    let long = radius * dot_radius.sin();
     let shown: Vec<(usize, &Vec3)> = dots
         .iter()
         .enumerate()
-        .filter(|(_, d)| d.z >= 0.0)
+        .filter(|(_, d)| d.z > -dot_radius.sin())
         .collect();
     let place = |d: &Vec3| {
-        (
-            f64::from(cx) + radius * d.x * dot_radius.cos(),
-            f64::from(cy) - radius * d.y * dot_radius.cos(),
-        )
+        let r = radius * dot_radius.cos();
+        (cx + r * d.x, cy - r * d.y)
     };
-    let long = radius * dot_radius.sin();
     let mut taken: Vec<Extent> = shown
         .iter()
         .map(|(_, d)| {
-            // The extent of an ellipse of semi-axes `long` and `long * z`, the short one radial.
-            let lateral = (1.0 - d.z * d.z).max(1e-12);
-            let across =
-                |c: f64| long * (1.0 - c * c / lateral * (1.0 - d.z * d.z)).max(0.0).sqrt();
+            // The rim is an ellipse of semi-axes `long` and, along the radius, `long * z`.
+            let across = |c: f64| long * (1.0 - c * c).max(0.0).sqrt();
             Extent::around(place(d), across(d.x), across(d.y))
         })
         .collect();
     for (k, (number, d)) in shown.iter().enumerate() {
         let label = number.to_string();
-        let half_width = f64::from(canvas::text_width(&label, NUMBER)) / 2.0;
-        let half_height = f64::from(px(NUMBER)) * 0.36;
-        let inside = (half_width / long).hypot(half_height / long) < 0.85 * d.z;
-        let (at, colour) = if inside {
+        let half = (
+            f64::from(canvas::text_width(&label, NUMBER)) / 2.0,
+            f64::from(px(NUMBER)) * 0.36,
+        );
+        let (at, colour) = if (half.0 / long).hypot(half.1 / long) < 0.85 * d.z {
             (place(d), WHITE)
+        } else if d.z < LIMB {
+            let (from, knee, at) = outside((cx, cy), radius, d, half, &taken);
+            let line = [from, knee].map(|p| (p.0.round() as i32, p.1.round() as i32));
+            area.draw(&PathElement::new(line.to_vec(), stroke(INK, 1.0)))?;
+            taken.push(Extent::around(at, half.0, half.1));
+            (at, INK)
         } else {
-            let own = taken[k];
-            (beside(own, half_width, half_height, &taken), INK)
+            let at = beside(taken[k], half, &taken);
+            taken.push(Extent::around(at, half.0, half.1));
+            (at, INK)
         };
-        if !inside {
-            taken.push(Extent::around(at, half_width, half_height));
-        }
         let at = (at.0.round() as i32, at.1.round() as i32);
-        let font = canvas::font(NUMBER).style(FontStyle::Bold);
-        styled_text(area, &label, at, HPos::Center, font, colour)?;
+        styled_text(area, &label, at, HPos::Center, canvas::bold(NUMBER), colour)?;
     }
     Ok(())
 }
 
+/// A place outside the ball for the number of the dot `d` at the limb: where the line to it starts and
+/// ends, and the number's middle. Numbers evade each other along the limb.
+fn outside(
+    (cx, cy): (f64, f64),
+    radius: f64,
+    d: &Vec3,
+    half: (f64, f64),
+    taken: &[Extent],
+) -> ((f64, f64), (f64, f64), (f64, f64)) {
+    let azimuth = d.y.atan2(d.x);
+    let at = |r: f64, angle: f64| (cx + r * angle.cos(), cy - r * angle.sin());
+    let from = at(radius * d.x.hypot(d.y), azimuth);
+    let mut best = (f64::INFINITY, from, from);
+    for degrees in [0.0, 2.5, -2.5, 5.0, -5.0, 7.5, -7.5f64] {
+        let angle = azimuth + degrees.to_radians();
+        let knee = at(radius + f64::from(px(9.0)), angle);
+        // As far out as the number's box reaches in this direction.
+        let reach = (half.0 * angle.cos()).hypot(half.1 * angle.sin()) + f64::from(px(13.0));
+        let place = at(radius + reach, angle);
+        let gap = f64::from(px(2.0));
+        let label = Extent::around(place, half.0 + gap, half.1 + gap);
+        let covered: f64 = taken.iter().map(|t| t.overlap(&label)).sum();
+        if covered < best.0 {
+            best = (covered, knee, place);
+        }
+    }
+    (from, best.1, best.2)
+}
+
 /// The place around `dot` where a label of the given size covers least of what is `taken`.
-fn beside(dot: Extent, half_width: f64, half_height: f64, taken: &[Extent]) -> (f64, f64) {
+fn beside(dot: Extent, (half_width, half_height): (f64, f64), taken: &[Extent]) -> (f64, f64) {
     let gap = f64::from(px(4.0));
     let middle = ((dot.left + dot.right) / 2.0, (dot.top + dot.bottom) / 2.0);
     let reach_x = (dot.right - dot.left) / 2.0 + half_width + gap;

@@ -5,10 +5,10 @@ use std::path::Path;
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
-use super::axis::{Axis, Unit, rate_axis, significant};
+use super::axis::{Axis, Unit, percent, rate_axis};
 use super::canvas::{
-    Area, Drawn, INK, Key, LABEL, SMALL, Sign, chart, colour, picture, px, stroke, text,
-    text_width, titled, with_legend,
+    Area, Drawn, INK, Key, LABEL, SMALL, Sign, chart, colour, fitted, font, picture, px, stroke,
+    text, text_width, titled, with_legend,
 };
 use super::curves::whisker;
 use super::{RatePoint, RateScale};
@@ -60,7 +60,7 @@ impl BarChart {
                 return Err(Error::argument(place, problem));
             }
             for rate in group.rates.iter().flatten() {
-                rate.check(&place)?;
+                RatePoint { x: 0.0, ..*rate }.check(&place)?;
                 points.push(*rate);
             }
         }
@@ -74,7 +74,11 @@ impl BarChart {
 /// [`Error::Argument`] for no rates at all, a group without a place for each series, or rates outside
 /// their intervals or [0, 1]; [`Error::Write`] where the file cannot be written.
 pub fn bar_comparison(path: &Path, plot: &BarChart) -> Result<()> {
-    let y = rate_axis("rates", plot.scale, &plot.points()?)?;
+    let mut y = rate_axis("rates", plot.scale, &plot.points()?)?;
+    if plot.scale == RateScale::Success {
+        // Lengths of bars are compared: they start from nothing.
+        y = Axis::linear_exactly(0.0, y.high, Unit::Percent);
+    }
     let groups = plot.groups.len();
     let mut x = Axis::linear_exactly(0.0, groups as f64, Unit::Plain);
     x.ticks.clear();
@@ -96,7 +100,14 @@ pub fn bar_comparison(path: &Path, plot: &BarChart) -> Result<()> {
             draw_group(root, plot, (g, group), &y, &at)?;
             let (x, bottom) = at(g as f64 + 0.5, y.low);
             let at = (x, bottom + px(24.0));
-            text(root, &group.name, at, HPos::Center, LABEL, INK)?;
+            let room = chart.plotting_area().dim_in_pixel().0 as usize / groups;
+            let size = if text_width(&group.name, LABEL) > room as i32 {
+                SMALL * 0.8
+            } else {
+                LABEL
+            };
+            let name = fitted(&group.name, &font(size), room as i32);
+            text(root, &name, at, HPos::Center, size, INK)?;
         }
         Ok(())
     })
@@ -124,7 +135,7 @@ fn draw_group(
         let ends = [low, high].map(|v| at(middle, y.position(v)));
         let top = ends[0].1.min(ends[1].1);
         whisker(root, ends[0], ends[1], stroke(INK, 1.4))?;
-        let label = significant(100.0 * rate);
+        let label = percent(rate);
         let room = at(left + width, y.low).0 - at(left, y.low).0;
         let size = if text_width(&label, SMALL) > room {
             SMALL * 0.75

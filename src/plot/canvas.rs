@@ -125,6 +125,8 @@ fn encode(size: (u32, u32), pixels: &[u8]) -> std::result::Result<Vec<u8>, png::
     let mut encoder = png::Encoder::new(&mut bytes, size.0, size.1);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Best);
+    encoder.set_adaptive_filter(png::AdaptiveFilterType::Adaptive);
     let mut writer = encoder.write_header()?;
     writer.write_image_data(pixels)?;
     writer.finish()?;
@@ -134,6 +136,25 @@ fn encode(size: (u32, u32), pixels: &[u8]) -> std::result::Result<Vec<u8>, png::
 /// The built-in font at `size` file pixels.
 pub(super) fn font(size: f64) -> FontDesc<'static> {
     (FONT, size * f64::from(SCALE)).into_font()
+}
+
+/// As [`font`], bold.
+pub(super) fn bold(size: f64) -> FontDesc<'static> {
+    (FONT, size * f64::from(SCALE), FontStyle::Bold).into_font()
+}
+
+/// `text` set in `font`, cut short where it is wider than `room` drawn pixels.
+pub(super) fn fitted(text: &str, font: &FontDesc<'_>, room: i32) -> String {
+    let width = |t: &str| font.box_size(t).map_or(0, |b| b.0 as i32);
+    let mut fitted = text.to_owned();
+    while width(&fitted) > room {
+        let kept = fitted.trim_end_matches('\u{2026}').chars().count();
+        if kept == 0 {
+            return String::new();
+        }
+        fitted = text.chars().take(kept - 1).chain(['\u{2026}']).collect();
+    }
+    fitted
 }
 
 /// Width of `text` in drawn pixels.
@@ -174,12 +195,14 @@ pub(super) fn styled_text(
 pub(super) fn titled<'a>(area: &Area<'a>, title: &str) -> Drawn<Area<'a>> {
     let (width, _) = area.dim_in_pixel();
     let mut size = TITLE;
-    while size > 10.0 && text_width(title, size) > width as i32 - px(30.0) {
+    let room = width as i32 - px(30.0);
+    while size > LABEL && bold(size).box_size(title)?.0 as i32 > room {
         size -= 1.0;
     }
-    let font = font(size).style(FontStyle::Bold);
+    let font = bold(size);
+    let title = fitted(title, &font, room);
     let at = (width as i32 / 2, px(24.0));
-    styled_text(area, title, at, HPos::Center, font, INK)?;
+    styled_text(area, &title, at, HPos::Center, font, INK)?;
     Ok(area.split_vertically(px(44.0)).1)
 }
 
@@ -203,27 +226,31 @@ pub(super) enum Sign {
     Dashes,
 }
 
+/// A legend's line: the width used, and its entries with their offsets (drawn pixels).
+type LegendLine<'a> = (i32, Vec<(i32, &'a Sign, String)>);
+
 /// Writes a legend on top of `area`, in as many lines as it needs, and returns what is left beneath.
 pub(super) fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Drawn<Area<'a>> {
     let room = area.dim_in_pixel().0 as i32 - px(40.0);
-    let mut lines: Vec<(i32, Vec<(i32, &Key)>)> = Vec::new();
+    let mut lines: Vec<LegendLine<'_>> = Vec::new();
     for key in keys.iter().filter(|k| !k.name.is_empty()) {
-        let width = px(42.0) + text_width(&key.name, LABEL) + px(26.0);
+        let name = fitted(&key.name, &font(LABEL), room - px(68.0));
+        let width = px(42.0) + text_width(&name, LABEL) + px(26.0);
         match lines.last_mut() {
             Some((used, line)) if *used + width <= room => {
-                line.push((*used, key));
+                line.push((*used, &key.sign, name));
                 *used += width;
             }
-            _ => lines.push((width, vec![(0, key)])),
+            _ => lines.push((width, vec![(0, &key.sign, name)])),
         }
     }
     for (row, (used, line)) in lines.iter().enumerate() {
         let left = px(20.0) + (room - used).max(0) / 2;
         let y = px(10.0 + 26.0 * row as f64);
-        for (x, key) in line {
-            draw_sign(area, &key.sign, (left + x, y))?;
+        for (x, sign, name) in line {
+            draw_sign(area, sign, (left + x, y))?;
             let at = (left + x + px(42.0), y);
-            text(area, &key.name, at, HPos::Left, LABEL, INK)?;
+            text(area, name, at, HPos::Left, LABEL, INK)?;
         }
     }
     Ok(area.split_vertically(px(6.0 + 26.0 * lines.len() as f64)).1)
@@ -313,12 +340,15 @@ pub(super) fn chart<'a>(
         .margin_top(px(12.0))
         .margin_right(px(26.0))
         .margin_bottom(px(6.0))
-        .margin_left(px(6.0))
+        .margin_left(px(14.0))
         .x_label_area_size(px(56.0))
         .y_label_area_size(widest + px(44.0))
         .build_cartesian_2d(x.clone(), y.clone())?;
     let x_text = |v: &f64| x.label(*v);
     let y_text = |v: &f64| y.label(*v);
+    let (width, height) = chart.plotting_area().dim_in_pixel();
+    let x_label = fitted(x_label, &font(LABEL), width as i32);
+    let y_label = fitted(y_label, &font(LABEL), height as i32);
     let mut mesh = chart.configure_mesh();
     if !with_grid.0 {
         mesh.disable_x_mesh();
@@ -333,6 +363,8 @@ pub(super) fn chart<'a>(
         .axis_style(stroke(INK, 1.0))
         .bold_line_style(stroke(GRID, 1.0))
         .light_line_style(TRANSPARENT)
+        // The library centres a box that the text does not fill: see `styled_text`.
+        .y_label_offset(px(2.5))
         .label_style(font(SMALL).color(&INK))
         .axis_desc_style(font(LABEL).color(&INK))
         .set_all_tick_mark_size(px(5.0))

@@ -90,13 +90,16 @@ impl<'a> Distances<'a> {
         )?;
         let sorted = sorted(values.iter().copied());
         let median = quantile(&sorted, 0.5);
-        let floor = (median * LEAST_PART).max(1e-300);
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        // Where most distances are zero the mean, and where all are any number, gives the scale.
+        let scale = [median, mean].into_iter().find(|d| *d > 0.0);
+        let floor = LEAST_PART * scale.unwrap_or(1.0);
         let log = |q: f64| quantile(&sorted, q).max(floor).log10();
         let (low, high) = (log(0.02), log(0.98));
         Ok(Self {
             values,
             floor,
-            mean: values.iter().sum::<f64>() / values.len() as f64,
+            mean,
             median,
             colours: (low, high.max(low + 0.1)),
         })
@@ -231,7 +234,7 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
         counts[((part * BINS as f64).max(0.0) as usize).min(BINS - 1)] += 1;
     }
     let most = counts.iter().copied().max().unwrap_or(1);
-    let y = Axis::linear_exactly(0.0, most as f64 * 1.06, Unit::Plain);
+    let y = Axis::linear_exactly(0.0, (most as f64 * 1.06).max(5.0), Unit::Plain);
     let keys = [
         ("mean", distances.mean, Sign::Line(1)),
         ("median", distances.median, Sign::Line(2)),
@@ -257,10 +260,10 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
     Ok(())
 }
 
-/// The viridis colour map (S. van der Walt, N. Smith, 2015; public domain), interpolated between nine
-/// of its colours; `part` is clamped to [0, 1].
+/// The viridis colour map (S. van der Walt, N. Smith, 2015; public domain), interpolated between eight
+/// of its colours and without its palest end, hard to see on white; `part` is clamped to [0, 1].
 fn viridis(part: f64) -> RGBColor {
-    const COLOURS: [[f64; 3]; 9] = [
+    const COLOURS: [[f64; 3]; 8] = [
         [68.0, 1.0, 84.0],
         [71.0, 44.0, 122.0],
         [59.0, 81.0, 139.0],
@@ -269,7 +272,6 @@ fn viridis(part: f64) -> RGBColor {
         [39.0, 173.0, 129.0],
         [92.0, 200.0, 99.0],
         [170.0, 220.0, 50.0],
-        [253.0, 231.0, 37.0],
     ];
     let at = part.clamp(0.0, 1.0) * (COLOURS.len() - 1) as f64;
     let i = (at as usize).min(COLOURS.len() - 2);

@@ -29,9 +29,12 @@ pub enum RateScale {
     #[default]
     Success,
     /// `1 - rate` on a logarithmic axis, where differences among rates near 1 can be seen. No failure
-    /// at all has no place on such an axis: it is drawn on its lower edge.
+    /// at all has no place on such an axis: it is drawn on its lower edge, which is then marked 0 %.
     Failure,
 }
+
+/// Rates may leave their intervals and [0, 1] by this much: intervals are computed, and rounded.
+const ROUNDING: f64 = 1e-9;
 
 /// A rate measured at `x`, with its 95 % interval; all three are fractions in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,8 +52,8 @@ pub struct RatePoint {
 impl RatePoint {
     /// Refuses what is not a rate within its interval. `place` says which point it is.
     fn check(&self, place: &str) -> Result<()> {
-        let ordered = 0.0 <= self.low && self.low <= self.rate;
-        let ordered = ordered && self.rate <= self.high && self.high <= 1.0;
+        let steps = [0.0, self.low, self.rate, self.high, 1.0];
+        let ordered = steps.windows(2).all(|w| w[0] <= w[1] + ROUNDING);
         if ordered && self.x.is_finite() {
             return Ok(());
         }
@@ -67,5 +70,6 @@ impl RatePoint {
             RateScale::Success => [self.rate, self.low, self.high],
             RateScale::Failure => [1.0 - self.rate, 1.0 - self.high, 1.0 - self.low],
         }
+        .map(|v| if v < ROUNDING { 0.0 } else { v.min(1.0) })
     }
 }
