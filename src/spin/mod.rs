@@ -18,6 +18,7 @@
 //! What no estimator can promise: to tell spins apart that look alike at the given times
 //! ([`alias`] says which those are).
 
+pub mod bound;
 pub mod quatera;
 pub mod robust;
 pub mod simulate;
