@@ -9,6 +9,8 @@ pub mod hash;
 pub mod pattern;
 pub mod plot;
 pub mod recognise;
+pub mod spin;
+pub mod stencil;
 pub mod validate;
 
 pub use error::{Error, Result};

@@ -1,0 +1,252 @@
+//! Spin by maximum likelihood on SO(3), robust and global.
+//!
+//! Every spin that two of the frames allow (any number of turns between them, up to the permitted
+//! magnitude) is scored on all others; the best few are refined together with the orientation under a
+//! mixture of noise and uniform outliers; among those, the likeliest wins, and of equals the slowest.
+//!
+//! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen a
+//! sequence as long; a spin is only reported where more frames agree on it than chance would explain.
+//! Not guaranteed: a constant spin is taken for granted ([`super::decay`] does without).
+
+use nalgebra::Matrix3;
+
+use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
+use super::search::{KEPT, SearchSettings, Seen, Shortlist, judge_pair};
+use super::{Fit, MIN_FRAMES, Measurement, Refusal, check};
+use crate::geometry::Vec3;
+
+/// Largest gap, in frames, between the two of a pair in the first, quick search.
+const QUICK_GAP: usize = 3;
+/// Share of the frames that must agree for the quick search to be believed.
+const QUICK_SHARE: f64 = 0.6;
+/// Frames that serve as a pair's first in one search; long sequences are sampled evenly.
+const MOST_STARTS: usize = 64;
+/// A hypothesis whose score trails the best by more than this (natural log units) is not refined:
+/// the score is a log-likelihood but for linearization, which costs a few units at most.
+const SCORE_MARGIN: f64 = 20.0;
+/// Of spins whose log posterior differs by less than this the slowest is chosen: odds of 20 to 1 are
+/// the least that counts as evidence.
+pub(super) const TIE_MARGIN: f64 = 3.0;
+
+/// What is known of the spin's magnitude beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MagnitudePrior {
+    /// Expected magnitude, revolutions per second.
+    pub rps: f64,
+    /// Its standard deviation, revolutions per second.
+    pub std_rps: f64,
+}
+
+impl MagnitudePrior {
+    /// Log-density of a magnitude, up to a constant.
+    pub fn log_density(&self, rps: f64) -> f64 {
+        -0.5 * ((rps - self.rps) / self.std_rps).powi(2)
+    }
+}
+
+/// Settings of [`RobustEstimator`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobustOptions {
+    /// Largest spin considered, revolutions per second.
+    pub max_rps: f64,
+    /// Noise of an orientation per axis, radians.
+    pub sigma_rad: f64,
+    /// What `sigma_rad` is worth in degrees of freedom when the noise is estimated from the
+    /// residuals; infinite: it is known and stays.
+    pub sigma_degrees: f64,
+    /// What is known of the magnitude, if anything.
+    pub prior: Option<MagnitudePrior>,
+    /// Expected number of chance agreements that is still accepted.
+    pub false_alarms: f64,
+}
+
+impl Default for RobustOptions {
+    /// 175 revolutions per second (the paper's limit: half a turn a frame at 350 frames per second)
+    /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes), which
+    /// counts as much as ten frames' worth of residuals.
+    fn default() -> Self {
+        Self {
+            max_rps: 175.0,
+            sigma_rad: 2f64.to_radians(),
+            sigma_degrees: 30.0,
+            prior: None,
+            false_alarms: 0.2,
+        }
+    }
+}
+
+/// The robust estimator with its working memory.
+#[derive(Debug, Clone)]
+pub struct RobustEstimator {
+    options: RobustOptions,
+    seen: Vec<Seen>,
+    shortlist: Shortlist,
+    scratch: Vec<f64>,
+    probabilities: Vec<f64>,
+    candidates: [Option<Refined>; KEPT],
+}
+
+impl RobustEstimator {
+    /// An estimator with these settings.
+    pub fn new(options: RobustOptions) -> Self {
+        Self {
+            options,
+            seen: Vec::new(),
+            shortlist: Shortlist::new(),
+            scratch: Vec::new(),
+            probabilities: Vec::new(),
+            candidates: [None; KEPT],
+        }
+    }
+
+    /// The settings.
+    pub fn options(&self) -> &RobustOptions {
+        &self.options
+    }
+
+    /// For each measurement of the last successful fit, the probability that it is right.
+    pub fn inlier_probabilities(&self) -> &[f64] {
+        &self.probabilities
+    }
+
+    /// The spin of a sequence.
+    ///
+    /// # Errors
+    /// A [`Refusal`] where the measurements are invalid, too few, or agree on nothing.
+    pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, Refusal> {
+        check(measurements, MIN_FRAMES)?;
+        let n = measurements.len();
+        self.shortlist.clear();
+        self.search(measurements, 1..=QUICK_GAP.min(n - 1));
+        let mut best = self.refine_all(measurements);
+        let enough = best.is_some_and(|b| b.support >= QUICK_SHARE * n as f64);
+        if !enough && n - 1 > QUICK_GAP {
+            self.search(measurements, QUICK_GAP + 1..=n - 1);
+            best = self.refine_all(measurements);
+        }
+        let Some(best) = best else {
+            return Err(self.no_consensus(0, n));
+        };
+        self.finish(measurements, &best)
+    }
+
+    fn prior(&self) -> NoisePrior {
+        NoisePrior {
+            sigma_rad: self.options.sigma_rad,
+            degrees: self.options.sigma_degrees,
+        }
+    }
+
+    fn no_consensus(&self, agreeing: usize, frames: usize) -> Refusal {
+        Refusal::NoConsensus {
+            agreeing,
+            frames,
+            max_rps: self.options.max_rps,
+        }
+    }
+
+    /// Offers the spins of all pairs with these gaps (in frames) to the shortlist.
+    fn search(&mut self, measurements: &[Measurement], gaps: std::ops::RangeInclusive<usize>) {
+        let settings = SearchSettings {
+            sigma_rad: self.options.sigma_rad,
+            max_spin: self.options.max_rps * std::f64::consts::TAU,
+        };
+        for gap in gaps {
+            let starts = measurements.len() - gap;
+            let stride = starts.div_ceil(MOST_STARTS);
+            for first in (0..starts).step_by(stride) {
+                judge_pair(
+                    measurements,
+                    (first, first + gap),
+                    &settings,
+                    &mut self.seen,
+                    &mut self.shortlist,
+                );
+            }
+        }
+    }
+
+    /// Refines the shortlist and returns the winner.
+    fn refine_all(&mut self, measurements: &[Measurement]) -> Option<Refined> {
+        let prior = self.prior();
+        let best_score = self.shortlist.iter().next()?.score;
+        self.candidates = [None; KEPT];
+        for (i, h) in self.shortlist.iter().enumerate() {
+            if h.score < best_score - SCORE_MARGIN {
+                break;
+            }
+            self.candidates[i] = refine(measurements, h.pair, h.spin, &prior, &mut self.scratch)
+                .filter(|r| r.motion.rps() <= self.options.max_rps);
+        }
+        self.choose()
+    }
+
+    /// The likeliest candidate; of those as likely, the slowest.
+    fn choose(&self) -> Option<Refined> {
+        let worth = |r: &Refined| {
+            let prior = self.options.prior;
+            r.log_likelihood + prior.map_or(0.0, |p| p.log_density(r.motion.rps()))
+        };
+        let found = || self.candidates.iter().flatten();
+        let top = found().map(worth).fold(f64::NEG_INFINITY, f64::max);
+        found()
+            .filter(|r| worth(r) >= top - TIE_MARGIN)
+            .min_by(|a, b| a.motion.rps().total_cmp(&b.motion.rps()))
+            .copied()
+    }
+
+    /// Reference time, covariance, and the last doubts.
+    fn finish(&mut self, measurements: &[Measurement], best: &Refined) -> Result<Fit, Refusal> {
+        let prior = NoisePrior {
+            sigma_rad: best.sigma_rad,
+            degrees: f64::INFINITY,
+        };
+        // One more pass from the optimum leaves its probabilities in place.
+        super::refine::probabilities(measurements, &best.motion, &prior, &mut self.probabilities);
+        let inliers = self.probabilities.iter().filter(|p| **p > 0.5).count();
+        if inliers < MIN_FRAMES {
+            return Err(self.no_consensus(inliers, measurements.len()));
+        }
+        let motion = rebase(&best.motion, measurements[0].time_s);
+        let covariance = self.covariance(measurements, &motion, best);
+        Ok(Fit {
+            motion,
+            spin_covariance: covariance,
+            sigma_rad: Some(best.sigma_rad),
+            log_likelihood: Some(best.log_likelihood),
+            inliers,
+        })
+    }
+
+    /// Covariance of the spin: the inverse of the curvature, widened where the noise is estimated.
+    fn covariance(
+        &self,
+        measurements: &[Measurement],
+        motion: &super::Motion,
+        best: &Refined,
+    ) -> Option<Matrix3<f64>> {
+        let inverse = |subtract| {
+            observed_information(
+                measurements,
+                motion,
+                best.sigma_rad,
+                &self.probabilities,
+                subtract,
+            )
+            .cholesky()
+            .map(|c| c.inverse())
+        };
+        let covariance = inverse(true).or_else(|| inverse(false))?;
+        // Student's law with d degrees of freedom has the variance d / (d - 2).
+        let widening = match best.degrees {
+            d if d.is_finite() => d / (d - 2.0).max(1.0),
+            _ => 1.0,
+        };
+        Some(covariance.fixed_view::<3, 3>(3, 3).into_owned() * widening)
+    }
+}
+
+/// Standard deviations of a spin's components, rad/s.
+pub fn standard_deviations(covariance: &Matrix3<f64>) -> Vec3 {
+    covariance.diagonal().map(|v| v.max(0.0).sqrt())
+}

@@ -1,0 +1,214 @@
+//! The global part of the robust fit: which spins could it be at all?
+//!
+//! Two right orientations `a` then `b`, a time `T` apart, leave a discrete set of spins: with
+//! `R_b R_a^T = exp(phi [n]x)`, `phi` in [0, pi], they are `n (phi + 2 pi k) / T` for every whole `k`.
+//! Each that is within the permitted magnitude is a hypothesis, and is judged by the frames that did
+//! not make it. At time `t` it predicts an orientation whose variance per axis, to first order, is
+//! `sigma^2 ((1-u)^2 + u^2)` with `u = (t - t_a) / T`; the judged frame adds its own `sigma^2`. The
+//! score is the log-likelihood ratio of "right" to "stray", cut off at 0:
+//!
+//! ```text
+//! sum_k max(0, ln( p N(e_k; 0, v_k I) / ((1-p) / 8 pi^2) )),   v_k = sigma^2 (1 + (1-u)^2 + u^2)
+//! ```
+//!
+//! (the volume of SO(3) in rotation vectors near the identity is 8 pi^2). Unlike a count of inliers
+//! it discounts agreement that an imprecise hypothesis gets cheaply.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Quaternion, Vector4};
+
+use super::Measurement;
+use crate::geometry::Vec3;
+
+/// Volume of SO(3) in the measure that is d^3(rotation vector) near the identity.
+pub(super) const ROTATION_VOLUME: f64 = 8.0 * PI * PI;
+
+/// Hypotheses kept for refinement. Aliases of the best one compete for places, so that there must be
+/// several; beyond this many a tie is of no use to anyone.
+pub(super) const KEPT: usize = 8;
+
+/// A confidence nearer to 0 or 1 than this is not believed: no identifier knows itself so well.
+pub(super) const CONFIDENCE_LIMIT: f64 = 0.02;
+
+/// A spin that two frames allow, and how the others like it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Hypothesis {
+    /// Index of the earlier and the later frame.
+    pub pair: (usize, usize),
+    /// Spin, camera frame, rad/s.
+    pub spin: Vec3,
+    /// Log-likelihood ratio, summed over the other frames.
+    pub score: f64,
+}
+
+/// The best few hypotheses, best first, no two of them the same spin.
+#[derive(Debug, Clone)]
+pub(super) struct Shortlist {
+    items: [Option<Hypothesis>; KEPT],
+}
+
+impl Shortlist {
+    pub(super) fn new() -> Self {
+        Self {
+            items: [None; KEPT],
+        }
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Hypothesis> {
+        self.items.iter().flatten()
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.items = [None; KEPT];
+    }
+
+    fn least_score(&self) -> f64 {
+        self.items[KEPT - 1].map_or(0.0, |h| h.score)
+    }
+
+    /// Takes `h` in, unless a better one is within `radius` (rad/s); worse ones within it go.
+    fn offer(&mut self, h: Hypothesis, radius: f64) {
+        if h.score <= self.least_score() {
+            return;
+        }
+        let near = |other: &Hypothesis| (other.spin - h.spin).norm_squared() < radius * radius;
+        let mut slot = KEPT - 1;
+        for (i, item) in self.items.iter().enumerate() {
+            match item {
+                Some(other) if near(other) && other.score >= h.score => return,
+                Some(other) if near(other) => {
+                    slot = i;
+                    break;
+                }
+                None => {
+                    slot = i;
+                    break;
+                }
+                _ => {}
+            }
+        }
+        self.items[slot] = Some(h);
+        while slot > 0 {
+            let better = match (&self.items[slot - 1], &self.items[slot]) {
+                (Some(a), Some(b)) => b.score > a.score,
+                (None, _) => true,
+                _ => false,
+            };
+            if !better {
+                break;
+            }
+            self.items.swap(slot - 1, slot);
+            slot -= 1;
+        }
+    }
+}
+
+/// What the search needs beside the measurements.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SearchSettings {
+    /// Orientation noise per axis, radians.
+    pub sigma_rad: f64,
+    /// Largest spin, rad/s.
+    pub max_spin: f64,
+}
+
+/// One frame as a hypothesis' pair sees it: `cos(x/2) a + sin(x/2) b` is the cosine of half the angle
+/// between the frame and a prediction that has turned by x since the pair's first frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    half_time: f64,
+    a: f64,
+    b: f64,
+    peak: f64,
+    inverse_variance: f64,
+}
+
+/// Judges every spin that the frames `pair` allow, and offers each to the shortlist.
+pub(super) fn judge_pair(
+    measurements: &[Measurement],
+    pair: (usize, usize),
+    settings: &SearchSettings,
+    seen: &mut Vec<Seen>,
+    shortlist: &mut Shortlist,
+) {
+    let (first, second) = (&measurements[pair.0], &measurements[pair.1]);
+    let interval = second.time_s - first.time_s;
+    let relative = second.orientation.into_inner() * first.orientation.into_inner().conjugate();
+    let (axis, phi) = axis_angle(&relative);
+    look(measurements, pair, &axis, settings, seen);
+
+    // Hypotheses from this pair err by about sqrt(2) sigma / interval per axis: nearer is the same.
+    let radius = 3.0 * std::f64::consts::SQRT_2 * settings.sigma_rad / interval;
+    // The same error may push a permitted spin over the limit; refinement decides.
+    let limit = (settings.max_spin + radius) * interval;
+    let (fewest, most) = ((limit + phi) / TAU, (limit - phi) / TAU);
+    for k in -(fewest.floor() as i64)..=(most.floor() as i64) {
+        let rate = (phi + TAU * k as f64) / interval;
+        let mut score = 0.0;
+        for s in seen.iter() {
+            let (sin, cos) = (rate * s.half_time).sin_cos();
+            let c = cos * s.a + sin * s.b;
+            // 4 sin^2 of half the angle: the angle squared, up to 9 % at one radian.
+            let gain = s.peak - 2.0 * (1.0 - c * c) * s.inverse_variance;
+            score += gain.max(0.0);
+        }
+        let spin = axis * rate;
+        shortlist.offer(Hypothesis { pair, spin, score }, radius);
+    }
+}
+
+/// Fills `seen` with the frames outside the pair.
+fn look(
+    measurements: &[Measurement],
+    pair: (usize, usize),
+    axis: &Vec3,
+    settings: &SearchSettings,
+    seen: &mut Vec<Seen>,
+) {
+    let first = &measurements[pair.0];
+    let interval = measurements[pair.1].time_s - first.time_s;
+    let q0 = first.orientation.into_inner();
+    let quarter = Quaternion::from_parts(0.0, *axis) * q0;
+    let (start, turned): (Vector4<f64>, Vector4<f64>) = (q0.coords, quarter.coords);
+    let (scale0, scale1) = (first.sigma_scale, measurements[pair.1].sigma_scale);
+    let variance = settings.sigma_rad * settings.sigma_rad;
+    seen.clear();
+    for (k, m) in measurements.iter().enumerate() {
+        if k == pair.0 || k == pair.1 {
+            continue;
+        }
+        let elapsed = m.time_s - first.time_s;
+        let u = elapsed / interval;
+        let (w0, w1) = (scale0 * (1.0 - u), scale1 * u);
+        let v = variance * (m.sigma_scale * m.sigma_scale + w0 * w0 + w1 * w1);
+        let peak = peak_gain(m.confidence, v);
+        if peak > 0.0 {
+            seen.push(Seen {
+                half_time: 0.5 * elapsed,
+                a: start.dot(&m.orientation.coords),
+                b: turned.dot(&m.orientation.coords),
+                peak,
+                inverse_variance: 1.0 / v,
+            });
+        }
+    }
+}
+
+/// `ln( p N(0; 0, v I) / ((1-p) / 8 pi^2) )`: what an exact agreement is worth.
+pub(super) fn peak_gain(confidence: f64, variance: f64) -> f64 {
+    let p = confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
+    let normal = (TAU * variance).powi(-3).sqrt();
+    (p / (1.0 - p) * ROTATION_VOLUME * normal).ln()
+}
+
+/// Axis (a unit vector; x where the angle vanishes) and angle in [0, pi] of a unit quaternion.
+fn axis_angle(q: &Quaternion<f64>) -> (Vec3, f64) {
+    let v = q.imag();
+    let norm = v.norm();
+    if norm < 1e-12 {
+        return (Vec3::x(), 0.0);
+    }
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    (v * (sign / norm), 2.0 * norm.atan2(q.w.abs()))
+}

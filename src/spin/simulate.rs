@@ -1,0 +1,186 @@
+//! Simulated sequences of orientations: truth to test estimators against.
+//!
+//! A ball turns about a fixed axis, its rate constant or decaying as `|w|(t) = |w0| exp(-c t)`, so the
+//! angle turned since t0 is `|w0| (1 - exp(-c (t - t0))) / c`. Each measured orientation is
+//! `exp([e]x) R(t)` with `e ~ N(0, sigma^2 I)` per axis, in the camera frame; an outlier is a rotation
+//! uniform on SO(3). Times may jitter, frames may be dropped.
+//!
+//! Sequence number `i` of a seed is drawn from stream `i` of a ChaCha8 generator with that seed, so it
+//! is the same whichever thread draws it, and whatever others are drawn.
+
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::{Measurement, Motion};
+use crate::error::{Error, Result};
+use crate::geometry::{Rotation, Vec3, random_direction, random_rotation};
+
+/// Which frames never arrive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Drops {
+    /// Each frame is lost with this probability, independently.
+    Probability(f64),
+    /// Exactly this many frames remain, chosen at random.
+    Keep(usize),
+}
+
+/// What a camera and an orientation estimator do to a turning ball.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scenario {
+    /// Frames taken, before any are dropped.
+    pub frames: usize,
+    /// Frame rate, 1/s.
+    pub fps: f64,
+    /// Standard deviation of a frame's time about the even grid, as a fraction of the interval;
+    /// the measured time is the true one. Limited to a third of an interval, so that order is kept.
+    pub jitter: f64,
+    /// Orientation noise per axis, radians.
+    pub sigma_rad: f64,
+    /// Probability that an orientation is an outlier.
+    pub outliers: f64,
+    /// Frames lost.
+    pub drops: Drops,
+    /// Decay rate c of the spin, 1/s.
+    pub decay_per_s: f64,
+}
+
+impl Default for Scenario {
+    /// Ten frames at 350 frames per second, 2 deg per axis, 7 % outliers (the paper's camera, its
+    /// orientation error and its rate of wrong identifications).
+    fn default() -> Self {
+        Self {
+            frames: 10,
+            fps: 350.0,
+            jitter: 0.0,
+            sigma_rad: 2f64.to_radians(),
+            outliers: 0.07,
+            drops: Drops::Probability(0.0),
+            decay_per_s: 0.0,
+        }
+    }
+}
+
+/// A simulated sequence and its truth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sequence {
+    /// The true motion at the first frame's nominal time, 0 s.
+    pub truth: Motion,
+    /// What was measured, in order of time.
+    pub measurements: Vec<Measurement>,
+    /// For each measurement, whether it is an outlier.
+    pub outlier: Vec<bool>,
+}
+
+impl Scenario {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the field.
+    pub fn check(&self) -> Result<()> {
+        let probability = |name: &str, p: f64| match (0.0..=1.0).contains(&p) {
+            true => Ok(()),
+            false => Err(Error::argument(name, format!("expected 0 to 1, found {p}"))),
+        };
+        let at_least_zero = |name: &str, x: f64| match x >= 0.0 && x.is_finite() {
+            true => Ok(()),
+            false => Err(Error::argument(
+                name,
+                format!("expected 0 or more, found {x}"),
+            )),
+        };
+        if self.frames == 0 {
+            return Err(Error::argument("frames", "expected at least 1"));
+        }
+        if !(self.fps > 0.0 && self.fps.is_finite()) {
+            let problem = format!("expected a positive frame rate, found {}", self.fps);
+            return Err(Error::argument("fps", problem));
+        }
+        at_least_zero("jitter", self.jitter)?;
+        at_least_zero("sigma", self.sigma_rad)?;
+        probability("outliers", self.outliers)?;
+        at_least_zero("decay", self.decay_per_s)?;
+        match self.drops {
+            Drops::Probability(p) => probability("drops", p),
+            Drops::Keep(n) if n > self.frames => Err(Error::argument(
+                "drops",
+                format!("cannot keep {n} of {} frames", self.frames),
+            )),
+            Drops::Keep(_) => Ok(()),
+        }
+    }
+
+    /// Simulates a ball with the given spin at time 0 (camera frame, rad/s).
+    pub fn simulate<R: Rng + ?Sized>(&self, spin: Vec3, rng: &mut R) -> Sequence {
+        let truth = Motion {
+            time_s: 0.0,
+            orientation: random_rotation(rng),
+            spin,
+        };
+        let mut sequence = Sequence {
+            truth,
+            measurements: Vec::with_capacity(self.frames),
+            outlier: Vec::with_capacity(self.frames),
+        };
+        for k in 0..self.frames {
+            let shift: f64 = normal(rng);
+            let shift = (self.jitter * shift).clamp(-1.0 / 3.0, 1.0 / 3.0);
+            let time_s = (k as f64 + shift) / self.fps;
+            let noise = Vec3::from_fn(|_, _| normal(rng)) * self.sigma_rad;
+            let stray = random_rotation(rng);
+            let is_outlier = rng.random::<f64>() < self.outliers;
+            let dropped = rng.random::<f64>();
+            let elapsed = decayed_time(time_s, self.decay_per_s);
+            let real = Rotation::from_scaled_axis(noise)
+                * Rotation::from_scaled_axis(spin * elapsed)
+                * truth.orientation;
+            if matches!(self.drops, Drops::Probability(p) if dropped < p) {
+                continue;
+            }
+            let orientation = if is_outlier { stray } else { real };
+            sequence
+                .measurements
+                .push(Measurement::new(time_s, orientation));
+            sequence.outlier.push(is_outlier);
+        }
+        if let Drops::Keep(n) = self.drops {
+            while sequence.measurements.len() > n {
+                let victim = rng.random_range(0..sequence.measurements.len());
+                sequence.measurements.remove(victim);
+                sequence.outlier.remove(victim);
+            }
+        }
+        sequence
+    }
+
+    /// Sequence number `index` of `seed`: magnitude uniform in `rps` (revolutions per second), axis
+    /// uniform on the sphere.
+    pub fn sequence(&self, rps: (f64, f64), seed: u64, index: u64) -> Sequence {
+        let mut rng = stream(seed, index);
+        let magnitude = rps.0 + (rps.1 - rps.0) * rng.random::<f64>();
+        let spin = random_direction(&mut rng) * (magnitude * std::f64::consts::TAU);
+        self.simulate(spin, &mut rng)
+    }
+}
+
+/// The generator of sequence `index` of `seed`.
+pub fn stream(seed: u64, index: u64) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(index);
+    rng
+}
+
+/// Time in which a ball without decay would turn as far as one with it does in `time_s`:
+/// `(1 - exp(-c t)) / c`.
+pub fn decayed_time(time_s: f64, decay_per_s: f64) -> f64 {
+    let x = decay_per_s * time_s;
+    if x.abs() < 1e-12 {
+        time_s
+    } else {
+        -(-x).exp_m1() / decay_per_s
+    }
+}
+
+fn normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {
+    StandardNormal.sample(rng)
+}
