@@ -4,5 +4,6 @@ pub mod error;
 pub mod files;
 pub mod geometry;
 pub mod pattern;
+pub mod stencil;
 
 pub use error::{Error, Result};
