@@ -1,0 +1,82 @@
+//! Boolean operations on solids.
+//!
+//! They are Manifold's (E. Lalish), in its pure-Rust port: results stay closed whatever coincides,
+//! because ties are broken by symbolic perturbation. This file is the only one that knows the library.
+
+use manifold_rust::manifold::Manifold;
+use manifold_rust::types::{Error as ManifoldError, MeshGL64, OpType};
+
+use crate::error::{Error, Result};
+use crate::geometry::Vec3;
+
+use super::mesh::Mesh;
+
+/// A closed solid.
+#[derive(Clone)]
+pub(super) struct Solid(Manifold);
+
+impl Solid {
+    /// The solid that `mesh` bounds.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the mesh is not closed.
+    pub fn new(mesh: &Mesh) -> Result<Self> {
+        let gl = MeshGL64 {
+            num_prop: 3,
+            vert_properties: mesh.vertices.iter().flat_map(|v| [v.x, v.y, v.z]).collect(),
+            tri_verts: mesh
+                .triangles
+                .iter()
+                .flatten()
+                .map(|&v| u64::from(v))
+                .collect(),
+            ..MeshGL64::default()
+        };
+        Self(Manifold::from_mesh_gl64(&gl)).checked("a building block")
+    }
+
+    /// Passes the solid on unless the library flagged an error.
+    fn checked(self, what: &str) -> Result<Self> {
+        match self.0.status() {
+            ManifoldError::NoError => Ok(self),
+            e => Err(Error::Internal(format!("{what}: boolean engine: {e:?}"))),
+        }
+    }
+
+    /// This solid without `others`.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the engine fails.
+    pub fn minus(&self, others: &[Self]) -> Result<Self> {
+        if others.is_empty() {
+            return Ok(self.clone());
+        }
+        let parts: Vec<_> = others.iter().map(|s| s.0.clone()).collect();
+        let tool = Manifold::batch_boolean(&parts, OpType::Add);
+        Self(self.0.difference(&tool)).checked("difference")
+    }
+
+    /// The part of the solid with `z >= 0`.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the engine fails.
+    pub fn above_seam(&self) -> Result<Self> {
+        let up = manifold_rust::linalg::Vec3::new(0.0, 0.0, 1.0);
+        Self(self.0.trim_by_plane(up, 0.0)).checked("trim")
+    }
+
+    /// The boundary as a mesh.
+    pub fn mesh(&self) -> Mesh {
+        let gl = self.0.get_mesh_gl64(-1);
+        Mesh {
+            vertices: (0..gl.num_vert())
+                .map(|i| Vec3::from(gl.get_vert_pos(i)))
+                .collect(),
+            triangles: gl
+                .tri_verts
+                .chunks_exact(3)
+                .map(|t| [t[0] as u32, t[1] as u32, t[2] as u32])
+                .collect(),
+        }
+    }
+}
