@@ -85,10 +85,14 @@ fn rate(table: &HashTable, config: PaperConfig, sigma: f64, given: usize, trials
 }
 
 #[test]
-fn without_noise_every_view_is_identified() {
+fn without_noise_sums_of_densities_identify_every_view() {
     for seed in 0..3 {
         let table = table(common::random_pattern(20, seed));
-        let recogniser = PaperRecogniser::from_table(&table).expect("valid parameters");
+        let config = PaperConfig {
+            vote_sum: VoteSum::Density,
+            ..PaperConfig::default()
+        };
+        let recogniser = PaperRecogniser::new(&table, config).expect("valid parameters");
         let mut ws = recogniser.workspace();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         for _ in 0..200 {
@@ -151,6 +155,7 @@ fn an_oval_density_works_too() {
     let table = table(common::random_pattern(20, 1));
     let config = PaperConfig {
         beta: 100.0,
+        vote_sum: VoteSum::Density,
         ..PaperConfig::default()
     };
     assert!(rate(&table, config, 0.01, usize::MAX, 100) > 0.97);

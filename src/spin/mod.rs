@@ -16,7 +16,7 @@
 //! ```
 //!
 //! What no estimator can promise: to tell spins apart that look alike at the given times
-//! ([`alias`] says which those are).
+//! (their aliases).
 
 pub mod bound;
 pub mod quatera;

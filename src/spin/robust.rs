@@ -6,7 +6,7 @@
 //!
 //! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen a
 //! sequence as long; a spin is only reported where more frames agree on it than chance would explain.
-//! Not guaranteed: a constant spin is taken for granted ([`super::decay`] does without).
+//! Not guaranteed: a constant spin is taken for granted .
 
 use nalgebra::Matrix3;
 
