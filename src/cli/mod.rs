@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
 
+mod simulate;
 mod spin;
 mod validate;
 
@@ -25,6 +26,8 @@ enum Command {
     Validate(validate::Arguments),
     /// Estimate the spin from time-stamped orientations.
     Spin(spin::Arguments),
+    /// Simulate orientations of a turning ball, with a known truth.
+    Simulate(simulate::Arguments),
 }
 
 /// Runs the command with the process' arguments.
@@ -33,6 +36,7 @@ pub fn main() -> ExitCode {
     let done: Result<()> = match cli.command {
         Command::Validate(arguments) => validate::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
