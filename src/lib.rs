@@ -9,6 +9,7 @@ pub mod hash;
 pub mod pattern;
 pub mod plot;
 pub mod recognise;
+pub mod report;
 pub mod spin;
 pub mod stencil;
 pub mod validate;
