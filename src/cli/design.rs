@@ -48,7 +48,8 @@ pub struct Arguments {
     /// What a descent climbs.
     #[arg(long, value_enum, default_value_t = ObjectiveName::MeanNn)]
     objective: ObjectiveName,
-    /// Monte Carlo trials a candidate, and again for each protocol of the winner's proof.
+    /// Monte Carlo trials a candidate, again for each protocol of the winner's proof, and a fifth of
+    /// it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
     /// The protocol whose identity rate chooses among the candidates.
@@ -66,10 +67,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N")]
     min_visible: Option<usize>,
     /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6: measure yours.
-    #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm)]
+    #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
     ball_diameter_mm: f64,
     /// Diameter of the stencil's holes at the ball, mm.
-    #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().hole_diameter_mm)]
+    #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().hole_diameter_mm, allow_negative_numbers = true)]
     hole_diameter_mm: f64,
     /// The folder to write to; by default spindoe-design, with a number where that is taken.
     #[arg(long, value_name = "DIR")]
@@ -146,10 +147,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if outcome.stopped {
         progress.say("stopped: finishing with the best so far; Ctrl-C again leaves at once");
     }
-    let proof = ProofConfig {
-        samples: config.samples,
-        ..ProofConfig::default()
-    };
+    let proof = ProofConfig::of_samples(config.samples);
     let mut proven = prove(
         &outcome,
         &config,

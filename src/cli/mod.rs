@@ -40,7 +40,10 @@ enum Command {
 
 /// Runs the command with the process' arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return refuse(&error),
+    };
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
@@ -54,6 +57,21 @@ pub fn main() -> ExitCode {
             ExitCode::from(if error.is_usage() { 2 } else { 1 })
         }
     }
+}
+
+/// Prints help where it was asked for, or says in one line what is wrong with the arguments.
+fn refuse(error: &clap::Error) -> ExitCode {
+    use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NothingAsked;
+    if !error.use_stderr() || error.kind() == NothingAsked {
+        error.exit();
+    }
+    // The first paragraph is the error itself; usage and tips follow.
+    let text = error.to_string();
+    let first = text.split("\n\n").next().unwrap_or_default();
+    let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
+    let line = line.strip_prefix("error: ").unwrap_or(&line);
+    eprintln!("spindoe: {line} (see --help)");
+    ExitCode::from(2)
 }
 
 /// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP does.

@@ -103,13 +103,23 @@ pub struct ProofConfig {
     pub sensitivity: SensitivityConfig,
 }
 
-impl Default for ProofConfig {
-    /// 10 000 trials each, and the default sweeps.
-    fn default() -> Self {
+impl ProofConfig {
+    /// `samples` trials each, and a fifth of it for each point of the default sweeps.
+    pub fn of_samples(samples: u64) -> Self {
         Self {
-            samples: 10_000,
-            sensitivity: SensitivityConfig::default(),
+            samples,
+            sensitivity: SensitivityConfig {
+                samples: samples.div_ceil(5),
+                ..SensitivityConfig::default()
+            },
         }
+    }
+}
+
+impl Default for ProofConfig {
+    /// 10 000 trials each, 2 000 for each point of a sweep.
+    fn default() -> Self {
+        Self::of_samples(10_000)
     }
 }
 

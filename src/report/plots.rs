@@ -76,7 +76,7 @@ fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
             .map(|v| point(0.0, success(name, &v.validation)))
     };
     let groups = ProtocolName::ALL.map(|name| BarGroup {
-        name: format!("{name}\n({})", success_name(name)),
+        name: format!("{name}: {}", success_name(name)),
         rates: RecogniserName::ALL.map(|r| bar(r, name)).to_vec(),
     });
     let trials = validation.first().map_or(0, |v| v.validation.samples);
