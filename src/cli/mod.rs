@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
 
+mod stencil;
 mod validate;
 
 use std::process::ExitCode;
@@ -22,6 +23,8 @@ struct Cli {
 enum Command {
     /// Measure how often a pattern's dots are identified rightly, by Monte Carlo.
     Validate(validate::Arguments),
+    /// Make the stencil that draws a pattern on a ball: two printable halves.
+    Stencil(stencil::Arguments),
 }
 
 /// Runs the command with the process' arguments.
@@ -29,6 +32,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let done: Result<()> = match cli.command {
         Command::Validate(arguments) => validate::run(&arguments),
+        Command::Stencil(arguments) => stencil::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
