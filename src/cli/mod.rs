@@ -5,6 +5,7 @@
 mod design;
 mod sensitivity;
 mod table;
+mod stencil;
 mod validate;
 
 use std::io::Write;
@@ -36,6 +37,8 @@ enum Command {
     Sensitivity(sensitivity::Arguments),
     /// Make the hash table of a pattern, a NumPy archive.
     Table(table::Arguments),
+    /// Make the stencil that draws a pattern on a ball: two printable halves.
+    Stencil(stencil::Arguments),
 }
 
 /// Runs the command with the process' arguments.
@@ -49,6 +52,7 @@ pub fn main() -> ExitCode {
         Command::Validate(arguments) => validate::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
+        Command::Stencil(arguments) => stencil::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
