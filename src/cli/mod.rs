@@ -4,8 +4,9 @@
 
 mod design;
 mod sensitivity;
-mod table;
+mod spin;
 mod stencil;
+mod table;
 mod validate;
 
 use std::io::Write;
@@ -39,6 +40,8 @@ enum Command {
     Table(table::Arguments),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(stencil::Arguments),
+    /// Estimate the spin from time-stamped orientations.
+    Spin(spin::Arguments),
 }
 
 /// Runs the command with the process' arguments.
@@ -53,6 +56,7 @@ pub fn main() -> ExitCode {
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
+        Command::Spin(arguments) => spin::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -222,7 +222,7 @@ fn reach(m: &[Measurement], motion: &Motion, covariance: &Along, prior: &NoisePr
 }
 
 /// Maximizes the likelihood of the mixture proper.
-fn settle(
+pub(super) fn settle(
     measurements: &[Measurement],
     mut motion: Motion,
     prior: &NoisePrior,

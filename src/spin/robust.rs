@@ -6,13 +6,13 @@
 //!
 //! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen a
 //! sequence as long; a spin is only reported where more frames agree on it than chance would explain.
-//! Not guaranteed: a constant spin is taken for granted .
+//! Not guaranteed: a constant spin is taken for granted.
 
 use nalgebra::Matrix3;
 
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
 use super::search::{KEPT, SearchSettings, Seen, Shortlist, judge_pair};
-use super::{Fit, MIN_FRAMES, Measurement, Refusal, check};
+use super::{Fit, MIN_FRAMES, MOST_TURNS, Measurement, Refusal, check};
 use crate::geometry::Vec3;
 
 /// Largest gap, in frames, between the two of a pair in the first, quick search.
@@ -115,6 +115,7 @@ impl RobustEstimator {
     /// A [`Refusal`] where the measurements are invalid, too few, or agree on nothing.
     pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, Refusal> {
         check(measurements, MIN_FRAMES)?;
+        self.check_spacing(measurements)?;
         let n = measurements.len();
         self.shortlist.clear();
         self.search(measurements, 1..=QUICK_GAP.min(n - 1));
@@ -128,6 +129,21 @@ impl RobustEstimator {
             return Err(self.no_consensus(0, n));
         };
         self.finish(measurements, &best)
+    }
+
+    /// Refuses a sequence whose nearest frames leave too many turns open.
+    fn check_spacing(&self, measurements: &[Measurement]) -> Result<(), Refusal> {
+        let intervals = measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
+        let interval_s = intervals.fold(f64::INFINITY, f64::min);
+        let turns = 2.0 * interval_s * self.options.max_rps;
+        if turns <= MOST_TURNS as f64 {
+            return Ok(());
+        }
+        Err(Refusal::Sparse {
+            interval_s,
+            turns,
+            max_rps: self.options.max_rps,
+        })
     }
 
     fn prior(&self) -> NoisePrior {
@@ -155,9 +171,14 @@ impl RobustEstimator {
             let starts = measurements.len() - gap;
             let stride = starts.div_ceil(MOST_STARTS);
             for first in (0..starts).step_by(stride) {
+                let pair = (first, first + gap);
+                let interval = measurements[pair.1].time_s - measurements[pair.0].time_s;
+                if 2.0 * interval * self.options.max_rps > MOST_TURNS as f64 {
+                    continue;
+                }
                 judge_pair(
                     measurements,
-                    (first, first + gap),
+                    pair,
                     &settings,
                     &mut self.seen,
                     &mut self.shortlist,
