@@ -8,6 +8,7 @@ mod simulate;
 mod spin;
 mod stencil;
 mod table;
+mod trajectories;
 mod validate;
 
 use std::io::Write;
@@ -45,6 +46,8 @@ enum Command {
     Spin(spin::Arguments),
     /// Simulate orientations of a turning ball, with a known truth.
     Simulate(simulate::Arguments),
+    /// Check and summarize flights with known spins, in the format of the published set.
+    Trajectories(trajectories::Arguments),
 }
 
 /// Runs the command with the process' arguments.
@@ -61,6 +64,7 @@ pub fn main() -> ExitCode {
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -108,7 +108,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let outliers = sequence.outlier.iter().filter(|o| **o).count();
     let orientations = sequence.measurements.len();
     if arguments.json {
-        let truth = json!({
+        return super::print_json(&json!({
             "spin_rad_s": [spin.x, spin.y, spin.z],
             "rps": arguments.rps,
             "decay_per_s": arguments.decay,
@@ -116,18 +116,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "orientations": orientations,
             "outliers": outliers,
             "seed": arguments.seed,
-        });
-        println!("{truth}");
-    } else {
-        println!(
-            "{}: {orientations} orientations, {outliers} of them outliers; spin [{:.4}, {:.4}, {:.4}] \
-             rad/s at 0 s (seed {})",
-            arguments.out.display(),
-            spin.x,
-            spin.y,
-            spin.z,
-            arguments.seed
-        );
+        }));
     }
+    println!(
+        "{}: {orientations} orientations, {outliers} of them outliers; spin [{:.4}, {:.4}, {:.4}] \
+         rad/s at 0 s (seed {})",
+        arguments.out.display(),
+        spin.x,
+        spin.y,
+        spin.z,
+        arguments.seed
+    );
     Ok(())
 }

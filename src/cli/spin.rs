@@ -185,10 +185,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         plot_over_time(path, &runs.map_err(refused)?, &found)?;
     }
     if arguments.json {
-        println!("{}", found.to_json());
-    } else {
-        found.print();
+        return super::print_json(&found.to_json());
     }
+    found.print();
     Ok(())
 }
 

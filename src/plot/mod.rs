@@ -20,7 +20,9 @@ pub use curves::{
     line_plot, rate_curves, reliability_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
-pub use values::{ValuePlot, ValuePoint, ValueSeries, value_curves};
+pub use values::{
+    PathGroup, PathPlot, ValuePlot, ValuePoint, ValueSeries, path_groups, value_curves,
+};
 
 use crate::error::{Error, Result};
 

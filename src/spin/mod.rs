@@ -22,10 +22,12 @@ pub mod air;
 pub mod alias;
 pub mod bound;
 pub mod decay;
+pub mod dots;
 pub mod orientations;
 pub mod quatera;
 pub mod robust;
 pub mod simulate;
+pub mod trajectories;
 pub mod windows;
 
 mod refine;
