@@ -109,10 +109,10 @@ pub fn alternatives(
         }
     }
     // Ties differ by rounding: compare to a thousandth.
-    let key = |a: &Alternative| -(1e3 * a.log_likelihood_ratio).round();
+    let likelihood = |a: &Alternative| (1e3 * a.log_likelihood_ratio).round() as i64;
     found.sort_by(|a, b| {
         let slower = a.spin.norm().total_cmp(&b.spin.norm());
-        key(a).total_cmp(&key(b)).then(slower)
+        likelihood(b).cmp(&likelihood(a)).then(slower)
     });
     found
 }

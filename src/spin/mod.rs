@@ -30,6 +30,7 @@ pub mod simulate;
 pub mod trajectories;
 pub mod windows;
 
+mod chance;
 mod refine;
 mod search;
 

@@ -10,6 +10,7 @@
 
 use nalgebra::Matrix3;
 
+use super::chance::expected_by_chance;
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
 use super::search::{KEPT, SCORE_MARGIN, SearchSettings, Seen, Shortlist, judge_pair, pair_radius};
 use super::{Fit, MIN_FRAMES, MOST_TURNS, Measurement, Refusal, check};
@@ -55,7 +56,7 @@ pub struct RobustOptions {
     pub sigma_degrees: f64,
     /// What is known of the magnitude, if anything.
     pub prior: Option<MagnitudePrior>,
-    /// Expected number of chance agreements that is still accepted.
+    /// Expected number of spins with as much agreement by chance that is still accepted.
     pub false_alarms: f64,
 }
 
@@ -236,7 +237,9 @@ impl RobustEstimator {
         // One more pass from the optimum leaves its probabilities in place.
         super::refine::probabilities(measurements, &best.motion, &prior, &mut self.probabilities);
         let inliers = self.probabilities.iter().filter(|p| **p > 0.5).count();
-        if inliers < MIN_FRAMES {
+        let chance =
+            expected_by_chance(measurements, inliers, best.sigma_rad, self.options.max_rps);
+        if inliers < MIN_FRAMES || chance > self.options.false_alarms {
             return Err(self.no_consensus(inliers, measurements.len()));
         }
         let motion = rebase(&best.motion, measurements[0].time_s);
