@@ -97,15 +97,26 @@ fn lines() -> Vec<Line> {
         },
         rps: (10.0, 170.0),
     });
-    for (name, frames) in [
-        ("5 of 10 frames missing, 10-80 rps", 10),
-        ("10 of 20 frames missing, 10-80 rps", 20),
+    for (name, frames, drops) in [
+        ("5 of 10 frames missing, 10-80 rps", 10, Drops::Keep(5)),
+        ("10 of 20 frames missing, 10-80 rps", 20, Drops::Keep(10)),
+        // Fewer than three frames remain of ten in 5.5 %, of twenty in 0.02 %.
+        (
+            "each of 10 frames missing with p = 1/2, 10-80 rps",
+            10,
+            Drops::Probability(0.5),
+        ),
+        (
+            "each of 20 frames missing with p = 1/2, 10-80 rps",
+            20,
+            Drops::Probability(0.5),
+        ),
     ] {
         lines.push(Line {
             name,
             scenario: Scenario {
                 frames,
-                drops: Drops::Keep(frames / 2),
+                drops,
                 ..standard
             },
             rps: (10.0, 80.0),

@@ -125,3 +125,33 @@ fn missing_frames_bring_aliases_nearer() {
         "{others:?}"
     );
 }
+
+#[test]
+fn absurd_durations_come_to_an_end() {
+    // Ten thousand years between two bursts: aliases beyond counting, none of them worth a list.
+    let sequence = Scenario::default().sequence((60.0, 60.0), 65, 0);
+    let mut measurements = sequence.measurements;
+    for m in &mut measurements[2..] {
+        m.time_s += 3e11;
+    }
+    let fit = Fit {
+        motion: sequence.truth,
+        spin_covariance: None,
+        sigma_rad: None,
+        log_likelihood: None,
+        inliers: 10,
+    };
+    assert_eq!(
+        alternatives(&measurements, &fit, &AliasOptions::default()),
+        []
+    );
+    // Minutes of a steady spin are judged by their beginning.
+    let long = Scenario {
+        frames: 20_000,
+        ..Scenario::default()
+    };
+    let sequence = long.sequence((60.0, 60.0), 66, 0);
+    let (fit, others) = estimate(&sequence.measurements);
+    assert!((fit.motion.rps() - 60.0).abs() < 1e-2, "{fit:?}");
+    assert_eq!(others.len(), 1, "{others:?}");
+}

@@ -145,6 +145,13 @@ fn strays_only_are_refused() {
     // By chance four of ten random orientations now and then agree on some spin.
     let rate = Proportion::new(accepted as u64, 1000);
     assert!(rate.high < 0.02, "{rate}");
+    // Nor does a mixture that is free to learn its noise call everything right in a long sequence.
+    let long = Scenario {
+        frames: 200,
+        ..stray
+    };
+    let answers = (0..20).map(|i| robust(&long.sequence((10.0, 100.0), 6, i).measurements));
+    assert_eq!(answers.filter(Result::is_ok).count(), 0);
 }
 
 /// What many sequences say together.

@@ -21,7 +21,7 @@
 use nalgebra::Complex;
 
 use super::refine::{NoisePrior, axis_and_rate, probabilities, rebase, settle};
-use super::{Fit, Measurement, Motion};
+use super::{Fit, MIN_FRAMES, Measurement, Motion};
 use crate::geometry::{Rotation, Vec3};
 
 /// Steps of the scan over `delta` per reciprocal of the sequence's duration: fine enough that no
@@ -29,6 +29,9 @@ use crate::geometry::{Rotation, Vec3};
 const NODES_PER_CYCLE: f64 = 8.0;
 /// Least spectral window at a node that is worth a refinement. At a true tie's nearest node it is 0.98.
 const LEAST_WINDOW: f64 = 0.7;
+
+/// Frames times nodes of the scan, about; what would be more is judged by the leading frames alone.
+const MOST_WORK: f64 = 2e7;
 
 /// Settings of [`alternatives`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,11 +68,18 @@ pub struct Alternative {
 
 /// The spins about the same axis that explain `measurements` nearly as well as `fit`, likeliest first,
 /// of equals the slower first.
+///
+/// Very long sequences are judged by their first frames only (thousands at even times): what these tell
+/// apart is apart, and what is left would need a spin more constant than any ball's. Where even three
+/// frames are so far apart that their aliases are beyond counting, none are listed.
 pub fn alternatives(
     measurements: &[Measurement],
     fit: &Fit,
     options: &AliasOptions,
 ) -> Vec<Alternative> {
+    let Some(measurements) = affordable(measurements, options.max_rps) else {
+        return Vec::new();
+    };
     let noise = NoisePrior {
         sigma_rad: fit.sigma_rad.unwrap_or(options.sigma_rad),
         degrees: f64::INFINITY,
@@ -115,6 +125,19 @@ pub fn alternatives(
         likelihood(b).cmp(&likelihood(a)).then(slower)
     });
     found
+}
+
+/// The leading frames for which a scan to `max_rps` costs no more than [`MOST_WORK`]; none for fewer
+/// than three.
+fn affordable(measurements: &[Measurement], max_rps: f64) -> Option<&[Measurement]> {
+    let work = |n: usize| {
+        let duration = measurements[n - 1].time_s - measurements[0].time_s;
+        2.0 * max_rps * NODES_PER_CYCLE * duration * n as f64
+    };
+    let n = (MIN_FRAMES..=measurements.len())
+        .take_while(|n| work(*n) <= MOST_WORK)
+        .last()?;
+    Some(&measurements[..n])
 }
 
 /// The sampling's spectral window about its weighted mean time.

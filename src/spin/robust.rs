@@ -19,6 +19,8 @@ use crate::geometry::Vec3;
 /// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then all
 /// at once.
 const QUICK_GAP: usize = 3;
+/// Widest gap between a pair's frames: beyond that there are only more turns to be wrong by.
+const WIDEST_GAP: usize = 30;
 /// Share of the frames that must agree for the search to end: what else there is explains the same
 /// frames, and has been found with the same pairs, or explains fewer.
 const ENOUGH: f64 = 0.6;
@@ -120,8 +122,8 @@ impl RobustEstimator {
         self.shortlist.clear();
         let mut best = None;
         let quick = (1..=QUICK_GAP).map(|gap| gap..=gap);
-        for gaps in quick.chain([QUICK_GAP + 1..=n - 1]) {
-            if *gaps.start() > n - 1 {
+        for gaps in quick.chain([QUICK_GAP + 1..=WIDEST_GAP.min(n - 1)]) {
+            if gaps.is_empty() || *gaps.start() > n - 1 {
                 break;
             }
             self.search(measurements, gaps);
