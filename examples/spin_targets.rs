@@ -69,6 +69,9 @@ fn main() {
     for jitter in [0.0, 0.05, 0.1, 0.2] {
         measure_aliases(jitter, seed, sequences);
     }
+    for frames in [3, 4, 5, 7, 10, 20, 50] {
+        measure_strays(frames, seed, sequences);
+    }
     time(seed);
 }
 
@@ -262,6 +265,27 @@ fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
         rate(|f| f.0),
         rate(|f| f.1)
     );
+}
+
+/// How often random orientations pass for a spin.
+fn measure_strays(frames: usize, seed: u64, sequences: u64) {
+    let scenario = Scenario {
+        frames,
+        outliers: 1.0,
+        ..Scenario::default()
+    };
+    let accepted = (0..sequences)
+        .into_par_iter()
+        .map_init(
+            || RobustEstimator::new(RobustOptions::default()),
+            |robust, i| {
+                let sequence = scenario.sequence((10.0, 100.0), seed, i);
+                u64::from(robust.fit(&sequence.measurements).is_ok())
+            },
+        )
+        .sum();
+    let rate = Proportion::new(accepted, sequences);
+    println!("{frames} random orientations pass for a spin: {rate}");
 }
 
 /// Median times of a fit on one thread, over the standard scenario's whole range.
