@@ -66,5 +66,8 @@ fn print_words(v: &Validation) {
         "  error of the successes  mean {:.3} deg, median {:.3} deg",
         v.mean_error_deg, v.median_error_deg
     );
-    println!("  {:.1} us an identification", v.us_per_identification);
+    println!(
+        "  {:.1} us an identification (median {:.1})",
+        v.us_per_identification, v.median_us_per_identification
+    );
 }
