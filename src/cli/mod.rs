@@ -4,9 +4,11 @@
 
 mod design;
 mod sensitivity;
+mod simulate;
 mod spin;
 mod stencil;
 mod table;
+mod trajectories;
 mod validate;
 
 use std::io::Write;
@@ -42,6 +44,10 @@ enum Command {
     Stencil(stencil::Arguments),
     /// Estimate the spin from time-stamped orientations.
     Spin(spin::Arguments),
+    /// Simulate orientations of a turning ball, with a known truth.
+    Simulate(simulate::Arguments),
+    /// Check and summarize flights with known spins, in the format of the published set.
+    Trajectories(trajectories::Arguments),
 }
 
 /// Runs the command with the process' arguments.
@@ -57,6 +63,8 @@ pub fn main() -> ExitCode {
         Command::Table(arguments) => table::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

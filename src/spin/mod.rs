@@ -18,12 +18,17 @@
 //! What no estimator can promise: to tell spins apart that look alike at the given times
 //! (their aliases).
 
+pub mod air;
 pub mod alias;
 pub mod bound;
+pub mod decay;
+pub mod dots;
 pub mod orientations;
 pub mod quatera;
 pub mod robust;
 pub mod simulate;
+pub mod trajectories;
+pub mod windows;
 
 mod refine;
 mod search;
@@ -149,6 +154,12 @@ pub enum Refusal {
         turns: f64,
         /// Largest spin searched, revolutions per second.
         max_rps: f64,
+    },
+    /// The right orientations leave the rate of decay open.
+    #[error("the {inliers} orientations that agree leave the decay open, expected a longer flight")]
+    DecayOpen {
+        /// Orientations that count as right.
+        inliers: usize,
     },
     /// Too few of the orientations agree on any one spin.
     #[error(
