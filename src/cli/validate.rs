@@ -76,8 +76,8 @@ fn print_words(found: &NamedValidation) {
         "  error of the orientation successes: mean {:.3} deg, median {:.3} deg",
         v.mean_error_deg, v.median_error_deg
     );
-    if let Some(time) = v.us_per_identification {
-        println!("  {time:.1} us an identification");
+    if let (Some(mean), Some(median)) = (v.us_per_identification, v.median_us_per_identification) {
+        println!("  {mean:.1} us an identification (median {median:.1})");
     }
     println!("Brackets are 95 % intervals (Wilson).");
 }
