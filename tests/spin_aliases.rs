@@ -127,6 +127,27 @@ fn missing_frames_bring_aliases_nearer() {
 }
 
 #[test]
+fn a_start_beside_the_maximum_finds_the_same_aliases() {
+    // The spin of a whole flight is not quite the maximum of its first frames; across the axis of a slow
+    // spin the difference is many degrees, and hundreds of rad/s for its alias.
+    for i in 0..50 {
+        let sequence = Scenario::default().sequence((3.0, 8.0), 67, i);
+        let truth = Fit {
+            motion: sequence.truth,
+            spin_covariance: None,
+            sigma_rad: None,
+            log_likelihood: None,
+            inliers: 10,
+        };
+        let others = alternatives(&sequence.measurements, &truth, &AliasOptions::default());
+        let [other] = others.as_slice() else {
+            panic!("sequence {i}: expected one alias, found {others:?}");
+        };
+        assert!(other.log_likelihood_ratio.abs() < 1e-3, "{other:?}");
+    }
+}
+
+#[test]
 fn absurd_durations_come_to_an_end() {
     // Ten thousand years between two bursts: aliases beyond counting, none of them worth a list.
     let sequence = Scenario::default().sequence((60.0, 60.0), 65, 0);

@@ -20,7 +20,7 @@
 
 use nalgebra::Complex;
 
-use super::refine::{NoisePrior, axis_and_rate, probabilities, rebase, settle};
+use super::refine::{NoisePrior, axis_and_rate, rebase, settle};
 use super::{Fit, MIN_FRAMES, Measurement, Motion};
 use crate::geometry::{Rotation, Vec3};
 
@@ -84,15 +84,14 @@ pub fn alternatives(
         sigma_rad: fit.sigma_rad.unwrap_or(options.sigma_rad),
         degrees: f64::INFINITY,
     };
-    let mut right = Vec::new();
-    probabilities(measurements, &fit.motion, &noise, &mut right);
-    let (axis, rate) = axis_and_rate(&fit.motion.spin);
-    let mut scratch = Vec::new();
-    let Some(own) = settle(measurements, fit.motion, &noise, &mut scratch) else {
+    let (mut right, mut scratch) = (Vec::new(), Vec::new());
+    // From the maximum itself each alias is a maximum too, but for the peak's place on the grid.
+    let Some(own) = settle(measurements, fit.motion, &noise, &mut right) else {
         return Vec::new();
     };
+    let (axis, rate) = axis_and_rate(&own.motion.spin);
     let window = Window::new(measurements, &right);
-    let middle = rebase(&fit.motion, window.centre);
+    let middle = rebase(&own.motion, window.centre);
     let limit = options.max_rps * std::f64::consts::TAU;
     // Spins nearer than half a cycle over the whole sequence are one peak.
     let apart = std::f64::consts::PI / window.duration;
@@ -109,7 +108,7 @@ pub fn alternatives(
         };
         let spin = refined.motion.spin;
         let log_likelihood_ratio = refined.log_likelihood - own.log_likelihood;
-        let known = (spin - fit.motion.spin).norm() < apart
+        let known = (spin - own.motion.spin).norm() < apart
             || found.iter().any(|a| (spin - a.spin).norm() < apart);
         if !known && spin.norm() <= limit && log_likelihood_ratio >= options.least_log_ratio {
             found.push(Alternative {
