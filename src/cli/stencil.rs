@@ -67,10 +67,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn print_words(stencil: &Stencil) {
     let count = |side| stencil.sides().iter().filter(|s| **s == side).count();
     println!(
-        "{} holes in half A, {} in half B, {} on the seam; nearest dot {:.1} deg from the seam",
+        "{} holes in half A, {} in half B, {} through both rims; nearest dot {:.1} deg from the seam",
         count(HoleSide::A),
         count(HoleSide::B),
-        count(HoleSide::Seam),
+        count(HoleSide::Both),
         stencil.seam().margin_rad.to_degrees()
     );
     for (half, name) in stencil.halves().iter().zip(["A", "B"]) {

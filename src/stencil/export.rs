@@ -34,7 +34,7 @@ impl Stencil {
 
     /// What `stencil.json` holds: parameters, frames, dots' halves, and each half's figures.
     pub fn description(&self) -> serde_json::Value {
-        let q = self.rotation.quaternion();
+        let q = self.layout.rotation.quaternion();
         let indices = |side: HoleSide| -> Vec<usize> {
             (0..self.sides.len())
                 .filter(|&i| self.sides[i] == side)
@@ -54,18 +54,19 @@ impl Stencil {
             "spindoe_version": env!("CARGO_PKG_VERSION"),
             "pattern_sha256": self.pattern_sha256,
             "parameters": self.config,
+            "joint": self.joint,
             "rotation_pattern_to_stencil": {
                 "qw": q.w, "qx": q.i, "qy": q.j, "qz": q.k,
                 "meaning": "stencil = R * pattern; origin at the ball's centre; seam in z = 0; \
                             half A is z > 0; half B is printed turned by 180 degrees about x",
             },
             "seam": {
-                "normal_pattern_frame": self.seam.normal.as_slice(),
-                "least_dot_latitude_deg": self.seam.margin_rad.to_degrees(),
+                "normal_pattern_frame": self.layout.seam.normal.as_slice(),
+                "least_dot_latitude_deg": self.layout.seam.margin_rad.to_degrees(),
             },
             "dots_in_half_a": indices(HoleSide::A),
             "dots_in_half_b": indices(HoleSide::B),
-            "dots_on_seam": indices(HoleSide::Seam),
+            "dots_through_both_rims": indices(HoleSide::Both),
             "half_a": half(0),
             "half_b": half(1),
         })
