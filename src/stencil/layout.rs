@@ -136,6 +136,21 @@ fn reach(dot: &Vec3, radius: f64, config: &StencilConfig, joint: &Joint) -> [f64
     [middle - half, middle + half]
 }
 
+/// [`reach`] on spheres between two radii: their ends, and where the hole begins to widen.
+fn reaches(
+    dot: &Vec3,
+    [from, to]: [f64; 2],
+    config: &StencilConfig,
+    joint: &Joint,
+) -> Vec<[f64; 2]> {
+    let throat = config.inner_radius_mm() + config.throat_mm;
+    let corner = throat.hypot(0.5 * config.hole_diameter_mm).clamp(from, to);
+    [from, corner, to]
+        .iter()
+        .map(|&radius| reach(dot, radius, config, joint))
+        .collect()
+}
+
 /// What the hole of `dot` (a half's own frame, dome up) does to that half; an error where it leaves a web
 /// of the given thickness, mm, too thin to print.
 fn cut(
@@ -145,17 +160,18 @@ fn cut(
     joint: &Joint,
 ) -> std::result::Result<Cut, f64> {
     let lip = if is_a {
-        [
-            joint.cone_wide_mm.hypot(joint.lip_mm),
-            config.outer_radius_mm(),
-        ]
+        let edge = joint.cone_wide_mm.hypot(joint.lip_mm);
+        [edge, config.outer_radius_mm()]
     } else {
         let inner = config.inner_radius_mm();
         [inner, inner + joint.lip_thickness_mm]
     };
-    let ends = lip.map(|radius| reach(dot, radius, config, joint));
-    let web = ends[0][0].min(ends[1][0]);
-    let highest = ends[0][1].max(ends[1][1]);
+    let circles = reaches(dot, lip, config, joint);
+    let web = circles.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
+    let highest = circles
+        .iter()
+        .map(|c| c[1])
+        .fold(f64::NEG_INFINITY, f64::max);
     if web >= config.min_web_mm {
         Ok(Cut::Through)
     } else if highest < -TANGENT_MM {
@@ -178,14 +194,13 @@ fn ledge_web(dot: &Vec3, is_a: bool, config: &StencilConfig, joint: &Joint) -> f
         let edge = joint.cone_wide_mm - joint.half_gap_mm;
         [edge.hypot(joint.lip_mm), config.outer_radius_mm()]
     };
-    let ends = radii.map(|radius| reach(dot, radius, config, joint));
-    let low = ends.map(|e| e[0] - ledge);
-    let high = ends.map(|e| e[1] - ledge);
-    let beyond = |d: &[f64; 2]| d.iter().all(|x| *x > TANGENT_MM);
-    let short = |d: &[f64; 2]| d.iter().all(|x| *x < -TANGENT_MM);
-    if beyond(&low) {
-        low[0].min(low[1])
-    } else if short(&low) && (beyond(&high) || short(&high)) {
+    let circles = reaches(dot, radii, config, joint);
+    let above = |end: usize, by: f64| circles.iter().all(|c| c[end] - ledge > by);
+    let below = |end: usize, by: f64| circles.iter().all(|c| c[end] - ledge < -by);
+    if above(0, TANGENT_MM) {
+        let lowest = circles.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
+        lowest - ledge
+    } else if below(0, TANGENT_MM) && (above(1, TANGENT_MM) || below(1, TANGENT_MM)) {
         f64::INFINITY
     } else {
         0.0
