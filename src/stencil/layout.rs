@@ -65,7 +65,7 @@ pub(super) fn arm_outline(config: &StencilConfig, joint: &Joint) -> Vec<(f64, f6
 }
 
 /// Points on the hinge's surface outside the shell, in a half's own frame.
-fn hinge_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
+pub(super) fn hinge_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
     let outline = arm_outline(config, joint);
     let half = 0.5 * config.hinge_length_mm;
     let rows = (config.hinge_length_mm / SPACING_MM).ceil() as usize;
@@ -86,7 +86,7 @@ fn hinge_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
 }
 
 /// Points on the tab's surface outside the shell, in the stencil's frame.
-fn tab_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
+pub(super) fn tab_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
     let outer = config.outer_radius_mm();
     let half = 0.5 * joint.tab_width_mm;
     let steps = |length: f64| (length / SPACING_MM).ceil() as usize;

@@ -17,6 +17,7 @@ mod config;
 mod export;
 mod joint;
 mod layout;
+mod marks;
 mod mesh;
 mod parts;
 mod seam;
@@ -58,6 +59,8 @@ pub struct Half {
     pub check: MeshCheck,
     /// Holes that lead through it: those of dots, and the bores of its knuckles.
     pub through_holes: usize,
+    /// Dots of this half beside whose hole there was no room for the number.
+    pub unnumbered: Vec<usize>,
 }
 
 /// A stencil for one pattern.
@@ -190,17 +193,38 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
     Ok(())
 }
 
+/// The numbers to engrave in one half, and its holes (both in its own frame).
+fn marks(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> marks::Marks {
+    let own = |d: &Vec3| if is_a { *d } else { turn_over(d) };
+    let mut numbered = Vec::new();
+    let mut holes = Vec::new();
+    for (i, (dot, cuts)) in layout.dots.iter().zip(&layout.cuts).enumerate() {
+        if cuts[usize::from(!is_a)] != Cut::None {
+            holes.push(own(dot));
+        }
+        if config.numbers && (dot.z > 0.0) == is_a {
+            numbered.push((i, own(dot)));
+        }
+    }
+    let mut obstacles = layout::hinge_points(config, joint);
+    if is_a {
+        obstacles.extend(layout::tab_points(config, joint));
+    }
+    marks::numbers(&numbered, &holes, &obstacles, config, joint)
+}
+
 /// Builds one half, lays it on the bed and checks it.
 fn half(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> Result<Half> {
     let name = if is_a { "half A" } else { "half B" };
     let own = |d: &Vec3| if is_a { *d } else { turn_over(d) };
     let cuts = layout.cuts.iter().map(|c| c[usize::from(!is_a)]);
+    let marks = marks(layout, is_a, config, joint);
     let part = parts::Half {
         config,
         joint,
         is_a,
         holes: layout.dots.iter().map(own).zip(cuts).collect(),
-        marks: Vec::new(),
+        marks: marks.tools,
     };
     let up = Vec3::new(0.0, 0.0, joint.lip_mm);
     let raw = part.solid()?.mesh().mapped(|v| v + up);
@@ -214,7 +238,10 @@ fn half(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> R
             break;
         }
     }
-    outcome
+    outcome.map(|half| Half {
+        unnumbered: marks.left_out,
+        ..half
+    })
 }
 
 /// The half with this mesh, if it is what it should be.
@@ -234,5 +261,6 @@ fn checked(mesh: Mesh, name: &str, through_holes: usize) -> Result<Half> {
         mesh,
         check,
         through_holes,
+        unnumbered: Vec::new(),
     })
 }
