@@ -11,6 +11,8 @@ mod bars;
 mod canvas;
 mod curves;
 mod features;
+mod solid;
+mod stencil;
 
 pub use ball::{BallView, VIEWS_SIZE, pattern_views};
 pub use bars::{BARS_SIZE, BarChart, BarGroup, bar_comparison};
@@ -19,6 +21,7 @@ pub use curves::{
     line_plot, rate_curves, reliability_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
+pub use stencil::{STENCIL_SIZE, stencil_views};
 
 use crate::error::{Error, Result};
 

@@ -118,14 +118,8 @@ pub(super) fn numbers(
         left_out: Vec::new(),
     };
     for (index, dot) in numbered {
-        let digits: Vec<usize> = index
-            .to_string()
-            .bytes()
-            .map(|b| usize::from(b - b'0'))
-            .collect();
-        let n = digits.len() as f64;
-        let half_width = 0.5 * height * (n * WIDTH + (n - 1.0) * GAP) + 0.5 * stroke;
-        let half_height = 0.5 * (height + stroke);
+        let digits = digits(*index);
+        let (half_width, half_height) = half_extents(digits.len(), height, stroke);
         let free = |place: &Place| {
             let corners = place.corners(radius);
             corners.iter().all(|c| c.z > lowest)
@@ -148,6 +142,33 @@ pub(super) fn numbers(
         }
     }
     marks
+}
+
+/// Cutting tools of a number `height` high at the direction `centre`.
+pub(super) fn digits_at(
+    centre: &Vec3,
+    height: f64,
+    number: usize,
+    config: &StencilConfig,
+) -> Vec<Mesh> {
+    let digits = digits(number);
+    let stroke = (STROKE * height).max(config.nozzle_mm);
+    let (half_width, half_height) = half_extents(digits.len(), height, stroke);
+    let place = Place::new(*centre, half_width, half_height);
+    engraving(&place, &digits, (height, stroke), config)
+}
+
+/// The decimal digits of a number.
+fn digits(number: usize) -> Vec<usize> {
+    let text = number.to_string();
+    text.bytes().map(|b| usize::from(b - b'0')).collect()
+}
+
+/// Half the width and height that `n` digits take.
+fn half_extents(n: usize, height: f64, stroke: f64) -> (f64, f64) {
+    let n = n as f64;
+    let width = height * (n * WIDTH + (n - 1.0) * GAP);
+    (0.5 * (width + stroke), 0.5 * (height + stroke))
 }
 
 /// Places around the hole of `dot`, sideways ones first.

@@ -14,6 +14,7 @@
 
 mod clean;
 mod config;
+pub mod coupon;
 mod export;
 mod joint;
 mod layout;
@@ -25,6 +26,7 @@ pub mod shapes;
 mod solid;
 
 pub use config::StencilConfig;
+pub use export::stl_bytes;
 pub use joint::Joint;
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
 pub use seam::{Seam, max_margin_seam};
