@@ -24,7 +24,7 @@ enum Command {
     /// Measure how often a pattern's dots are identified rightly, by Monte Carlo.
     Validate(validate::Arguments),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
-    Stencil(stencil::Arguments),
+    Stencil(Box<stencil::Arguments>),
 }
 
 /// Runs the command with the process' arguments.

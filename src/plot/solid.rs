@@ -19,12 +19,15 @@ const CREASE_COS: f64 = 0.80;
 /// Brightness of pixels on such lines.
 const LINE: f64 = 0.55;
 
-/// A solid with its colour, which may depend on the point of its surface (mm).
+/// Red, green, blue in [0, 255] at a point (mm).
+pub(super) type Colour<'a> = dyn Fn(&Vec3) -> [f64; 3] + 'a;
+
+/// A solid with its colour, which may depend on the point of its surface.
 pub(super) struct Body<'a> {
     /// Its surface.
     pub mesh: &'a Mesh,
-    /// Red, green, blue in [0, 255] at a point.
-    pub colour: &'a dyn Fn(&Vec3) -> [f64; 3],
+    /// Its colour.
+    pub colour: &'a Colour<'a>,
 }
 
 /// Where the viewer stands: orthonormal directions of the picture, right-handed.
@@ -178,7 +181,7 @@ fn fill(
     (width, height): (usize, usize),
     frame: &Frame,
     corners: &[Vec3; 3],
-    colour: &dyn Fn(&Vec3) -> [f64; 3],
+    colour: &Colour<'_>,
 ) {
     let q = corners.each_ref().map(|c| frame.place(c));
     let cross = |a: (f64, f64, f64), b: (f64, f64, f64), x: f64, y: f64| {

@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{self, Area, Drawn, INK, LABEL, SMALL, picture, px, styled_text, text, titled};
-use super::solid::{Body, Frame, View, render};
+use super::solid::{Body, Colour, Frame, View, render};
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
 use crate::stencil::{Stencil, shapes};
@@ -60,7 +60,7 @@ pub fn stencil_views(path: &Path, stencil: &Stencil, title: &str) -> Result<()> 
     };
     let moved_colour = |p: &Vec3| ball_colour(&(turn.inverse() * (p - hinge) + hinge));
     let (a, b) = (|_: &Vec3| HALF_A, |_: &Vec3| HALF_B);
-    let (a, b): (&dyn Fn(&Vec3) -> _, &dyn Fn(&Vec3) -> _) = (&a, &b);
+    let (a, b): (&Colour<'_>, &Colour<'_>) = (&a, &b);
     let body = |mesh, colour| Body { mesh, colour };
     let whole = || {
         vec![
