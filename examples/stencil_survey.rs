@@ -1,7 +1,7 @@
 //! Stencils of many random patterns, for `python/check_stencils.py` to examine.
 //!
-//! `stencil_survey COUNT DIR [FIRST_SEED]` writes `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json}`
-//! for each pattern that is not refused, and one line of `DIR/survey.csv` for every pattern.
+//! `stencil_survey COUNT DIR [FIRST_SEED]` writes `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json,
+//! pattern.csv}` for each pattern that is not refused, and one line of `DIR/survey.csv` for every pattern.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -80,7 +80,9 @@ fn main() -> Result<()> {
         let seconds = start.elapsed().as_secs_f64();
         let (outcome, detail) = match &built {
             Ok(stencil) => {
-                stencil.write(&dir.join(seed.to_string()))?;
+                let dir = dir.join(seed.to_string());
+                stencil.write(&dir)?;
+                pattern.write_csv(&dir.join("pattern.csv"))?;
                 ("built".to_owned(), String::new())
             }
             Err(Error::Argument { name, problem }) => (format!("refused: {name}"), problem.clone()),
