@@ -13,6 +13,7 @@ mod curves;
 mod features;
 mod solid;
 mod stencil;
+mod values;
 
 pub use ball::{BallView, VIEWS_SIZE, pattern_views};
 pub use bars::{BARS_SIZE, BarChart, BarGroup, bar_comparison};
@@ -22,6 +23,9 @@ pub use curves::{
 };
 pub use features::{FEATURES_SIZE, feature_plot};
 pub use stencil::{STENCIL_SIZE, stencil_views};
+pub use values::{
+    PathGroup, PathPlot, ValuePlot, ValuePoint, ValueSeries, path_groups, value_curves,
+};
 
 use crate::error::{Error, Result};
 

@@ -5,7 +5,8 @@
 //! camera's, `p_camera = R p_pattern`.
 //!
 //! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
-//! - [`kent`]: the density that it scores with.
+//! - [`kent`]: the density that it scores with,
+//! - [`robust`]: the posterior over all explanations of the dots, the default.
 
 use nalgebra::Matrix2;
 
@@ -16,6 +17,37 @@ pub mod paper;
 pub mod robust;
 
 pub use paper::{PaperConfig, PaperRecogniser};
+
+/// A recogniser's name, as written on the command line and in reports.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum RecogniserName {
+    /// The SpinDOE paper's algorithm, the baseline: [`paper`].
+    Paper,
+    /// The explanation that the whole set of dots supports best, the default: [`robust`].
+    Robust,
+}
+
+impl RecogniserName {
+    /// All recognisers, the baseline first.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Robust];
+
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Robust => "robust",
+        }
+    }
+}
+
+impl std::fmt::Display for RecogniserName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
 
 /// How far an observed direction may be off.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,6 +85,22 @@ pub struct Identification {
     pub residual_rad: f64,
     /// Probability that the identification is right, in [0, 1].
     pub confidence: f64,
+    /// Probability that the rotation is right, whatever single dots are, in [0, 1]. Not below the
+    /// confidence.
+    pub pose_confidence: f64,
+}
+
+impl Default for Identification {
+    /// No dots, the identity, no confidence: to be filled by [`Recogniser::identify_into`].
+    fn default() -> Self {
+        Self {
+            rotation: Rotation::identity(),
+            assignment: Vec::new(),
+            residual_rad: 0.0,
+            confidence: 0.0,
+            pose_confidence: 0.0,
+        }
+    }
 }
 
 impl Identification {
@@ -95,8 +143,26 @@ pub trait Recogniser: Sync {
     /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
 
-    /// Identifies `dots`. The answer depends on them alone, not on what the workspace saw before.
-    fn identify(&self, dots: &[ObservedDot], ws: &mut Self::Workspace) -> Outcome;
+    /// Identifies `dots` and writes the answer into `out`, whose memory is reused. The answer depends on
+    /// the dots alone, not on what the workspace saw before. A refusal leaves `out` in no useful state.
+    ///
+    /// # Errors
+    /// A [`Refusal`] that says why there is no answer.
+    fn identify_into(
+        &self,
+        dots: &[ObservedDot],
+        ws: &mut Self::Workspace,
+        out: &mut Identification,
+    ) -> Result<(), Refusal>;
+
+    /// As [`Recogniser::identify_into`], with an answer of its own.
+    fn identify(&self, dots: &[ObservedDot], ws: &mut Self::Workspace) -> Outcome {
+        let mut found = Identification::default();
+        match self.identify_into(dots, ws, &mut found) {
+            Ok(()) => Outcome::Identified(found),
+            Err(refusal) => Outcome::Unidentified(refusal),
+        }
+    }
 
     /// Fewest dots that can be identified.
     fn min_dots(&self) -> usize;

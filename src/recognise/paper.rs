@@ -25,7 +25,7 @@ use std::num::NonZeroUsize;
 use nalgebra::Matrix3;
 
 use super::kent::KentShape;
-use super::{Identification, ObservedDot, Outcome, Recogniser, Refusal};
+use super::{Identification, ObservedDot, Recogniser, Refusal};
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, angle_between, rotation_from_correlation, tangent_frame};
 use crate::hash::{Basis, BasisFrame, HashTable};
@@ -302,11 +302,15 @@ impl Recogniser for PaperRecogniser<'_> {
     /// verified bases (of `exp(score)` where logarithms are added up): in [0, 1] and larger where votes
     /// agree, but **not calibrated**. The paper has none.
     ///
-    /// The workspace spares all allocations but the answer's own and those of the search tree, one
-    /// short list a dot.
-    fn identify(&self, dots: &[ObservedDot], ws: &mut PaperWorkspace) -> Outcome {
+    /// The workspace spares all allocations but those of the search tree, one short list a dot.
+    fn identify_into(
+        &self,
+        dots: &[ObservedDot],
+        ws: &mut PaperWorkspace,
+        out: &mut Identification,
+    ) -> std::result::Result<(), Refusal> {
         if dots.len() < MIN_DOTS {
-            return Outcome::Unidentified(Refusal::TooFewDots {
+            return Err(Refusal::TooFewDots {
                 found: dots.len(),
                 needed: MIN_DOTS,
             });
@@ -316,18 +320,19 @@ impl Recogniser for PaperRecogniser<'_> {
             .all(|d| (d.direction.norm() - 1.0).abs() <= crate::pattern::LENGTH_TOLERANCE);
         let frame = BasisFrame::new(&dots[0].direction, &dots[1].direction, LEAST_CROSS);
         let (true, Some(frame)) = (are_directions, frame) else {
-            return Outcome::Unidentified(Refusal::Degenerate);
+            return Err(Refusal::Degenerate);
         };
         self.vote(&frame, dots, ws);
-        let Some((best, confidence)) = self.best_of_verified(dots, ws) else {
-            return Outcome::Unidentified(Refusal::NoHypothesis);
-        };
-        Outcome::Identified(Identification {
-            rotation: best.rotation,
-            assignment: ws.best.iter().map(|&t| Some(t)).collect(),
-            residual_rad: best.error_rad,
-            confidence,
-        })
+        let (best, confidence) = self
+            .best_of_verified(dots, ws)
+            .ok_or(Refusal::NoHypothesis)?;
+        out.rotation = best.rotation;
+        out.assignment.clear();
+        out.assignment.extend(ws.best.iter().map(|&t| Some(t)));
+        out.residual_rad = best.error_rad;
+        out.confidence = confidence;
+        out.pose_confidence = confidence;
+        Ok(())
     }
 
     fn min_dots(&self) -> usize {

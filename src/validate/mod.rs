@@ -9,7 +9,9 @@
 //! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums are
 //! taken in the order of the trials: the result is the same on any number of threads.
 
+mod by_name;
 mod protocol;
+mod sensitivity;
 mod statistics;
 mod trial;
 
@@ -17,14 +19,18 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+pub use by_name::{NamedValidation, run_named, validate_named};
 pub use protocol::{Noise, Protocol, ProtocolName};
+pub use sensitivity::{
+    SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
+};
 pub use statistics::{Proportion, median};
 pub use trial::{Trial, TrialGenerator};
 
 use crate::error::{Error, Result};
 use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
-use crate::recognise::{Outcome, Recogniser};
+use crate::recognise::{Identification, Recogniser};
 
 /// Orientation errors from here on are failures, radians (20 degrees, SpinDOE Sec. IV).
 pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
@@ -54,8 +60,22 @@ pub struct Validation {
     /// Median orientation error of the orientation successes, degrees.
     pub median_error_deg: f64,
     /// Mean time of one identification on one thread, microseconds. The only figure here that a
-    /// second run does not repeat.
-    pub us_per_identification: f64,
+    /// second run does not repeat, hence not part of what is shipped: see [`Validation::untimed`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub us_per_identification: Option<f64>,
+    /// Median time of one identification on one thread, microseconds; no more repeatable than the mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub median_us_per_identification: Option<f64>,
+}
+
+impl Validation {
+    /// The same figures without the time, so that the same seed gives the same bytes.
+    #[must_use]
+    pub fn untimed(mut self) -> Self {
+        self.us_per_identification = None;
+        self.median_us_per_identification = None;
+        self
+    }
 }
 
 /// One trial's result.
@@ -71,6 +91,8 @@ pub enum TrialResult {
         error_rad: f64,
         /// The recogniser's own probability of being right; 0 where it refused.
         confidence: f64,
+        /// The same of the rotation alone.
+        pose_confidence: f64,
         /// Time of the identification, nanoseconds.
         nanoseconds: u64,
     },
@@ -98,11 +120,12 @@ pub fn run_trials<R: Recogniser>(
             let mut generator = TrialGenerator::new(pattern, *protocol, seed);
             let mut trial = Trial::default();
             let mut workspace = recogniser.workspace();
+            let mut answer = Identification::default();
             let to = ((chunk + 1) * CHUNK).min(samples);
             (chunk * CHUNK..to)
                 .map(|index| {
                     generator.generate(index, &mut trial);
-                    judge(&trial, recogniser, protocol, &mut workspace)
+                    judge(&trial, recogniser, protocol, &mut workspace, &mut answer)
                 })
                 .collect::<Vec<_>>()
         })
@@ -110,30 +133,34 @@ pub fn run_trials<R: Recogniser>(
     Ok(results.into_iter().flatten().collect())
 }
 
-/// Asks the recogniser about one view and compares its answer with the truth.
+/// Asks the recogniser about one view and compares its answer with the truth. The answer is left in
+/// `answer`, unless the view was skipped or refused.
 pub fn judge<R: Recogniser>(
     trial: &Trial,
     recogniser: &R,
     protocol: &Protocol,
     workspace: &mut R::Workspace,
+    answer: &mut Identification,
 ) -> TrialResult {
     if trial.dots.len() < protocol.min_dots.max(recogniser.min_dots()) {
         return TrialResult::Skipped;
     }
     let start = Instant::now();
-    let outcome = recogniser.identify(&trial.dots, workspace);
+    let outcome = recogniser.identify_into(&trial.dots, workspace, answer);
     let nanoseconds = start.elapsed().as_nanos() as u64;
     match outcome {
-        Outcome::Identified(answer) => TrialResult::Judged {
+        Ok(()) => TrialResult::Judged {
             identity: answer.assignment == trial.truth,
             error_rad: rotation_angle(&answer.rotation, &trial.rotation),
             confidence: answer.confidence,
+            pose_confidence: answer.pose_confidence,
             nanoseconds,
         },
-        Outcome::Unidentified(_) => TrialResult::Judged {
+        Err(_) => TrialResult::Judged {
             identity: false,
             error_rad: f64::INFINITY,
             confidence: 0.0,
+            pose_confidence: 0.0,
             nanoseconds,
         },
     }
@@ -156,7 +183,8 @@ pub fn validate<R: Recogniser>(
 
 /// Counts successes over a set of trials.
 pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Validation {
-    let (mut identity, mut trials, mut time) = (0u64, 0u64, 0u64);
+    let (mut identity, mut trials) = (0u64, 0u64);
+    let mut times = Vec::with_capacity(results.len());
     let mut errors = Vec::with_capacity(results.len());
     for result in results {
         if let TrialResult::Judged {
@@ -167,7 +195,7 @@ pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Val
         } = *result
         {
             trials += 1;
-            time += nanoseconds;
+            times.push(nanoseconds as f64 / 1000.0);
             identity += u64::from(right);
             if error_rad < ORIENTATION_FAILURE_RAD {
                 errors.push(error_rad.to_degrees());
@@ -185,6 +213,7 @@ pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Val
         orientation: Proportion::new(orientation, trials),
         mean_error_deg: errors.iter().sum::<f64>() / orientation.max(1) as f64,
         median_error_deg: median(&mut errors),
-        us_per_identification: time as f64 / 1000.0 / trials.max(1) as f64,
+        us_per_identification: Some(times.iter().sum::<f64>() / trials.max(1) as f64),
+        median_us_per_identification: Some(median(&mut times)),
     }
 }
