@@ -300,16 +300,27 @@ def main():
     parser.add_argument("dir", type=Path)
     parser.add_argument("--slicer", type=int, default=0, help="stencils that PrusaSlicer examines too")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--json", type=Path, help="write every stencil's figures")
+    parser.add_argument("--json", type=Path, help="keep every stencil's figures here; what it holds already is not examined again")
     options = parser.parse_args()
     folders = sorted((p.parent for p in options.dir.glob("*/stencil.json")), key=lambda p: int(p.name))
-    jobs = [(folder, i < options.slicer) for i, folder in enumerate(folders)]
+    rows = []
+    if options.json and options.json.exists():
+        rows = json.loads(options.json.read_text())
+    known = {row["folder"] for row in rows}
+    jobs = [(f, i < options.slicer) for i, f in enumerate(folders) if f.name not in known]
     with multiprocessing.Pool(options.jobs) as pool:
-        results = pool.map(check, jobs, chunksize=4)
-    rows = [row for row, _ in results]
-    faulty = [(row["folder"], faults) for row, faults in results if faults]
-    for folder, faults in faulty:
-        print(f"{folder}: {'; '.join(faults)}")
+        for row, faults in pool.imap(check, jobs, chunksize=2):
+            rows.append(row | {"faults": faults})
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    return summarize(rows)
+
+
+def summarize(rows):
+    """Prints what was found; 1 where something is wrong, else 0."""
+    faulty = [row for row in rows if row["faults"]]
+    for row in faulty:
+        print(f"{row['folder']}: {'; '.join(row['faults'])}")
     both = lambda key: np.array([row[f"{half}_{key}"] for row in rows for half in ("half_a", "half_b")])
     plain = np.array([row[f"{half}_volume_off"] for row in rows if not row["numbers"]
                       for half in ("half_a", "half_b")])
@@ -328,8 +339,6 @@ def main():
     print(f"share of triangles under 1 degree: mean {100 * both('share_under_1_deg').mean():.3f} %, "
           f"most {100 * both('share_under_1_deg').max():.2f} %; "
           f"least angle: median {np.median(both('least_angle_deg')):.2f} degrees")
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1) + "\n")
     return 1 if faulty else 0
 
 

@@ -350,6 +350,30 @@ fn spindoe(dir: &Path, arguments: &[&str]) -> std::process::Output {
         .unwrap()
 }
 
+/// Much of the picture is in half A's orange, half B's blue and the ball's cream.
+fn assert_both_halves_are_drawn(path: &Path) {
+    let bytes = std::fs::read(path).unwrap();
+    let decoder = png::Decoder::new(std::io::Cursor::new(bytes));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!((info.width, info.height), spindoe::plot::STENCIL_SIZE);
+    let share = |test: &dyn Fn(i32, i32, i32) -> bool| {
+        let [r, g, b] = [0, 1, 2];
+        let seen = pixels
+            .chunks(3)
+            .filter(|p| test(p[r].into(), p[g].into(), p[b].into()));
+        3.0 * seen.count() as f64 / pixels.len() as f64
+    };
+    let orange = share(&|r, g, b| r - b > 50 && g < 130);
+    let blue = share(&|r, _, b| b - r > 50);
+    let cream = share(&|r, g, b| r > 90 && r - b > 5 && r - b < 50 && r - g < 12);
+    assert!(
+        orange > 0.1 && blue > 0.1 && cream > 0.01,
+        "{orange} {blue} {cream}"
+    );
+}
+
 #[test]
 fn the_command_writes_files_that_name_the_pattern() {
     let dir = tempfile::tempdir().unwrap();
@@ -405,6 +429,7 @@ fn the_command_writes_files_that_name_the_pattern() {
         assert!((latitude.sin() - z).abs() < 1e-9);
         assert_eq!(found["half"], if z > 0.0 { "a" } else { "b" });
     }
+    assert_both_halves_are_drawn(&out.join("stencil.png"));
     let model = std::fs::File::open(out.join("stencil.3mf")).unwrap();
     let models = threemf::read(model).unwrap();
     let objects = &models[0].resources.object;

@@ -19,15 +19,51 @@ const CREASE_COS: f64 = 0.80;
 /// Brightness of pixels on such lines.
 const LINE: f64 = 0.55;
 
-/// Red, green, blue in [0, 255] at a point (mm).
-pub(super) type Colour<'a> = dyn Fn(&Vec3) -> [f64; 3] + 'a;
+/// Red, green, blue in [0, 255].
+pub(super) type Rgb = [f64; 3];
 
-/// A solid with its colour, which may depend on the point of its surface.
+/// How a solid is coloured.
+#[derive(Debug, Clone)]
+pub(super) enum Paint {
+    /// One colour.
+    Plain(Rgb),
+    /// A ball with round dots.
+    Ball {
+        /// Colour of the ball, colour of its dots.
+        colours: [Rgb; 2],
+        /// Its centre, mm.
+        centre: Vec3,
+        /// The dots' directions from there.
+        dots: Vec<Vec3>,
+        /// Cosine of the angle between a dot's middle and its edge.
+        edge_cos: f64,
+    },
+}
+
+impl Paint {
+    /// The colour at a point of the surface, mm.
+    fn at(&self, p: &Vec3) -> Rgb {
+        match self {
+            Self::Plain(colour) => *colour,
+            Self::Ball {
+                colours,
+                centre,
+                dots,
+                edge_cos,
+            } => {
+                let d = (p - centre).normalize();
+                colours[usize::from(dots.iter().any(|dot| dot.dot(&d) >= *edge_cos))]
+            }
+        }
+    }
+}
+
+/// A solid with its colours.
 pub(super) struct Body<'a> {
     /// Its surface.
     pub mesh: &'a Mesh,
-    /// Its colour.
-    pub colour: &'a Colour<'a>,
+    /// Its colours.
+    pub paint: &'a Paint,
 }
 
 /// Where the viewer stands: orthonormal directions of the picture, right-handed.
@@ -61,7 +97,7 @@ impl View {
 struct Pixel {
     depth: f64,
     normal: Vec3,
-    colour: [f64; 3],
+    colour: Rgb,
 }
 
 /// A scene's place in a picture: `scale` drawn pixels per millimetre, the view's origin at `centre`.
@@ -120,7 +156,7 @@ pub(super) fn render(area: &Area<'_>, frame: &Frame, bodies: &[Body<'_>]) -> Dra
                 (width, height),
                 frame,
                 &body.mesh.corners(t),
-                body.colour,
+                body.paint,
             );
         }
     }
@@ -181,7 +217,7 @@ fn fill(
     (width, height): (usize, usize),
     frame: &Frame,
     corners: &[Vec3; 3],
-    colour: &Colour<'_>,
+    paint: &Paint,
 ) {
     let q = corners.each_ref().map(|c| frame.place(c));
     let cross = |a: (f64, f64, f64), b: (f64, f64, f64), x: f64, y: f64| {
@@ -225,7 +261,7 @@ fn fill(
                 *slot = Some(Pixel {
                     depth,
                     normal,
-                    colour: colour(&point),
+                    colour: paint.at(&point),
                 });
             }
         }
