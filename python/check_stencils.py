@@ -22,6 +22,8 @@ For every stencil:
 """
 
 import argparse
+import collections
+import csv
 import json
 import multiprocessing
 import re
@@ -313,7 +315,19 @@ def main():
             rows.append(row | {"faults": faults})
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    if (options.dir / "survey.csv").exists():
+        count_outcomes(options.dir / "survey.csv")
     return summarize(rows)
+
+
+def count_outcomes(path):
+    """Prints how many patterns were built, and how many refused for which reason."""
+    with path.open() as file:
+        lines = list(csv.DictReader(file))
+    outcomes = collections.Counter(line["outcome"] for line in lines)
+    print(f"{len(lines)} patterns: " + ", ".join(f"{n} {name}" for name, n in outcomes.most_common()))
+    seconds = [float(line["seconds"]) for line in lines if line["outcome"] == "built"]
+    print(f"seconds a stencil: median {np.median(seconds):.2f}, most {max(seconds):.2f}")
 
 
 def summarize(rows):
@@ -322,13 +336,12 @@ def summarize(rows):
     for row in faulty:
         print(f"{row['folder']}: {'; '.join(row['faults'])}")
     both = lambda key: np.array([row[f"{half}_{key}"] for row in rows for half in ("half_a", "half_b")])
-    plain = np.array([row[f"{half}_volume_off"] for row in rows if not row["numbers"]
-                      for half in ("half_a", "half_b")])
-    numbered = np.array([row[f"{half}_volume_off"] for row in rows if row["numbers"]
-                         for half in ("half_a", "half_b")])
     print(f"{len(rows)} stencils examined, {len(faulty)} with faults")
-    print(f"volume against quadrature: without numbers {100 * plain.min():+.3f} to {100 * plain.max():+.3f} %"
-          f", with numbers {100 * numbered.min():+.3f} to {100 * numbered.max():+.3f} %")
+    for name, numbers in [("without", False), ("with", True)]:
+        off = [100 * row[f"{half}_volume_off"] for row in rows if row["numbers"] == numbers
+               for half in ("half_a", "half_b")]
+        if off:
+            print(f"volume against quadrature, {name} numbers: {min(off):+.3f} to {max(off):+.3f} %")
     print(f"greatest overlap of the halves, closed or opened: {max(r['overlap_mm3'] for r in rows):.4f} mm^3")
     print(f"greatest overlap with the ball: {max(r['ball_mm3'] for r in rows):.4f} mm^3")
     print(f"holes blocked: {sum(r['blocked_rays'] for r in rows)} of {sum(r['dots'] for r in rows)}; "

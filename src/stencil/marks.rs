@@ -22,6 +22,8 @@ const STROKE: f64 = 0.2;
 const DEPTH: (f64, f64) = (0.2, 0.5);
 /// Least distance of a number from anything else, mm.
 const CLEAR_MM: f64 = 0.5;
+/// Distance of a number from holes that are not its own, if possible, mm: about twice that from its own.
+const APART_MM: f64 = 1.6;
 /// Directions tried around a hole.
 const DIRECTIONS: usize = 24;
 
@@ -120,19 +122,24 @@ pub(super) fn numbers(
     for (index, dot) in numbered {
         let digits = digits(*index);
         let (half_width, half_height) = half_extents(digits.len(), height, stroke);
-        let free = |place: &Place| {
+        let free = |place: &Place, from_others: f64| {
             let corners = place.corners(radius);
             corners.iter().all(|c| c.z > lowest)
-                && holes
-                    .iter()
-                    .all(|h| place.distance(&(radius * h)) > config.opening_radius_mm() + CLEAR_MM)
+                && holes.iter().all(|h| {
+                    let clear = if h == dot { CLEAR_MM } else { from_others };
+                    place.distance(&(radius * h)) > config.opening_radius_mm() + clear
+                })
                 && obstacles.iter().all(|p| place.distance(p) > CLEAR_MM)
                 && taken.iter().all(|t| {
                     let reach = t.half_width.hypot(t.half_height) + half_width.hypot(half_height);
                     radius * (t.centre - place.centre).norm() > reach + CLEAR_MM
                 })
         };
-        match places(dot, half_width, half_height, config).find(free) {
+        // Clearly nearer to its own hole than to another, if there is such a place.
+        let found = [APART_MM, CLEAR_MM].into_iter().find_map(|from_others| {
+            places(dot, half_width, half_height, config).find(|p| free(p, from_others))
+        });
+        match found {
             Some(place) => {
                 let size = (height, stroke);
                 marks.tools.extend(engraving(&place, &digits, size, config));
