@@ -41,7 +41,7 @@ enum Command {
     /// Make the hash table of a pattern, a NumPy archive.
     Table(table::Arguments),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
-    Stencil(stencil::Arguments),
+    Stencil(Box<stencil::Arguments>),
     /// Estimate the spin from time-stamped orientations.
     Spin(spin::Arguments),
     /// Simulate orientations of a turning ball, with a known truth.
