@@ -1,7 +1,7 @@
 //! The four protocols by which views are made.
 
 use crate::error::{Error, Result};
-use crate::recognise::robust::RobustConfig;
+use crate::recognise::robust::{NoiseShape, RobustConfig};
 
 /// A protocol's name.
 #[derive(
@@ -183,6 +183,11 @@ impl Protocol {
             visibility_limit: self.visibility_limit,
             detection_probability,
             expected_false_dots: (self.false_dots as f64).max(0.02),
+            usual_false_dots: (self.false_dots > 0).then_some(self.false_dots as u16),
+            noise: match self.noise {
+                Noise::RandomAxis { .. } => NoiseShape::RandomAxis,
+                Noise::Pixel { .. } => NoiseShape::Gaussian,
+            },
             ..RobustConfig::default()
         }
     }

@@ -24,6 +24,9 @@ pub struct RobustConfig {
     pub detection_probability: f64,
     /// Expected number of false dots in a view.
     pub expected_false_dots: f64,
+    /// Number of false dots that nearly every view has, where that is known (a mark on the ball, a
+    /// protocol that adds so many); `None` where their number varies (Poisson).
+    pub usual_false_dots: Option<u16>,
     /// Prior probability that a view does not show the pattern at all.
     pub foreign_prior: f64,
     /// How real dots are displaced.
@@ -40,6 +43,7 @@ impl Default for RobustConfig {
             visibility_limit: 0.0,
             detection_probability: 0.9,
             expected_false_dots: 0.5,
+            usual_false_dots: None,
             foreign_prior: 0.1,
             noise: NoiseShape::Gaussian,
             passes: 64,

@@ -3,7 +3,8 @@
 //! Under the rotation `R` pattern dot `j` appears at `q_j = R p_j` and is detected with probability
 //! `d(z) = P_d / (1 + exp(-1.7 (z - z_min) / w))`. A detected dot is displaced by noise whose density at
 //! the Mahalanobis distance `u` is `exp(core(u)) / (2 pi sqrt(det C))`. False dots are a Poisson process of
-//! density `lambda / (2 pi (1 - z_min))` per steradian of the visible cap.
+//! density `lambda / (2 pi (1 - z_min))` per steradian of the visible cap; where their usual number is
+//! known, all but a fiftieth of the views have that.
 
 use std::f64::consts::{PI, TAU};
 
@@ -27,6 +28,8 @@ const POLE: f64 = 0.3;
 const CORE_STEPS: f64 = 32.0;
 /// Steps of the visibility table over z in [-1, 1].
 const Z_STEPS: usize = 2048;
+/// Share of views whose number of false dots is not the usual one.
+const UNUSUAL: f64 = 0.02;
 /// Where, in standard deviations, the screening's straight lines touch the core.
 const TANGENTS: [f64; 3] = [0.8, 2.4, 5.0];
 
@@ -40,6 +43,8 @@ pub(super) struct Model {
     pub lines: [[f64; 2]; 3],
     /// False dots per steradian.
     ln_false_density: f64,
+    /// ln of the prior of so many false dots over Poisson's.
+    false_count: Vec<f64>,
     /// What is gained at most by a dot beyond its peak density: `ln P_d + core(0)`.
     most: f64,
 }
@@ -91,6 +96,7 @@ impl Model {
             ln_missed: detected.map(|d| (1.0 - d).ln()).collect(),
             lines: TANGENTS.map(|u| tangent(config.noise, u)),
             ln_false_density: (config.expected_false_dots / cap).ln(),
+            false_count: false_count(config),
             most: config.detection_probability.ln() + self::core(config.noise, 0.0),
         }
     }
@@ -109,6 +115,11 @@ impl Model {
         let k = ((z + 1.0) * (0.5 * Z_STEPS as f64) + 0.5) as usize;
         let k = k.min(Z_STEPS);
         (self.ln_detected[k], self.ln_missed[k])
+    }
+
+    /// ln of the prior of `count` false dots over the Poisson distribution's.
+    pub fn false_count(&self, count: usize) -> f64 {
+        self.false_count[count.min(self.false_count.len() - 1)]
     }
 
     /// Prepares a dot; `None` where it is no direction or its uncertainty no covariance.
@@ -153,6 +164,25 @@ impl Model {
             most: (ln_peak + self.most).max(0.0),
         })
     }
+}
+
+/// ln of the prior over Poisson's for 0, 1, ... false dots; the last stands for all that follow.
+fn false_count(config: &RobustConfig) -> Vec<f64> {
+    let Some(usual) = config.usual_false_dots else {
+        return vec![0.0];
+    };
+    let mean = config.expected_false_dots;
+    let mut ln_poisson = -mean;
+    let mut ratios = Vec::with_capacity(usize::from(usual) + 2);
+    for count in 0..=usual {
+        if count > 0 {
+            ln_poisson += (mean / f64::from(count)).ln();
+        }
+        ratios.push(UNUSUAL.ln());
+    }
+    ratios[usize::from(usual)] = (UNUSUAL + (1.0 - UNUSUAL) * (-ln_poisson).exp()).ln();
+    ratios.push(UNUSUAL.ln());
+    ratios
 }
 
 /// ln of the density at `u` standard deviations over the Gaussian's density at 0.

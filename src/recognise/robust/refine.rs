@@ -12,7 +12,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 
 use super::model::{Dot, GATE, Model};
 use crate::geometry::Vec3;
@@ -28,6 +28,8 @@ const LEAST_MATCHED: usize = 2;
 /// Links that cost more than this many nats do not count even as alternatives.
 const LEAST_GAIN: f64 = -7.0;
 
+/// Least determinant of what a fit without a dot leaves; below it the dot holds the rotation alone.
+const LEAST_LEFT: f64 = 1e-3;
 /// Nats that the turns after the second one hardly ever add.
 const UNSETTLED: f64 = 5.0;
 
@@ -71,6 +73,10 @@ pub(super) struct Refiner {
     /// For each pattern dot its observed dot, and what that match gains.
     holder: Vec<u16>,
     gain: Vec<f64>,
+    /// ln of the weight of leaving each dot out.
+    ln_leave: Vec<f64>,
+    /// Weight of all assignments by the number of dots left out.
+    by_count: Vec<f64>,
 }
 
 impl Refiner {
@@ -83,6 +89,8 @@ impl Refiner {
             previous: Vec::with_capacity(dots),
             holder: Vec::with_capacity(pattern),
             gain: Vec::with_capacity(dots),
+            ln_leave: Vec::with_capacity(dots),
+            by_count: Vec::with_capacity(dots + 1),
         }
     }
 
@@ -116,7 +124,7 @@ impl Refiner {
                     rotation: moved,
                     ln_evidence: score + ln_volume,
                     ln_volume,
-                    ln_alternatives: self.ln_alternatives(),
+                    ln_alternatives: self.ln_alternatives(view, &information)?,
                 });
             }
             if turn > 0 && score + ln_volume(&information) < least - UNSETTLED {
@@ -173,45 +181,145 @@ impl Refiner {
         self.assignment.resize(dots.len(), UNASSIGNED);
         self.gain.clear();
         self.gain.resize(dots.len(), 0.0);
+        self.ln_leave.resize(dots.len(), 0.0);
         self.holder.clear();
         self.holder.resize(self.rotated.len(), UNASSIGNED);
         let mut score = 0.0;
-        for link in self.links.iter().take_while(|l| l.gain > 0.0) {
+        for k in 0..self.links.len() {
+            let link = self.links[k];
             let (i, j) = (usize::from(link.dot), usize::from(link.pattern_dot));
-            if self.assignment[i] == UNASSIGNED && self.holder[j] == UNASSIGNED {
-                self.assignment[i] = link.pattern_dot;
-                self.holder[j] = link.dot;
-                self.gain[i] = link.gain;
+            if link.gain > 0.0
+                && self.assignment[i] == UNASSIGNED
+                && self.holder[j] == UNASSIGNED
+            {
+                self.take(link);
                 score += link.gain;
             }
         }
-        score
+        score + model.false_count(self.left_out()) + self.balance(model)
     }
 
-    /// ln of 1 + the share of assignments that differ in one dot, or in two that change places; dots are
-    /// taken as independent.
-    fn ln_alternatives(&self) -> f64 {
+    /// Brings the number of dots left out nearer to the usual one where that gains; what it gains.
+    fn balance(&mut self, model: &Model) -> f64 {
         let mut total = 0.0;
-        for (i, &own) in self.gain.iter().enumerate() {
-            let mut others = if self.assignment[i] == UNASSIGNED {
-                0.0
-            } else {
-                (-own).exp()
-            };
-            for link in self.links.iter().filter(|l| usize::from(l.dot) == i) {
-                if link.pattern_dot == self.assignment[i] {
-                    continue;
+        loop {
+            let left_out = self.left_out();
+            let now = model.false_count(left_out);
+            let least = (0..self.gain.len())
+                .filter(|&i| self.assignment[i] != UNASSIGNED)
+                .min_by(|&a, &b| self.gain[a].total_cmp(&self.gain[b]));
+            let leave = least.map_or(f64::NEG_INFINITY, |i| {
+                model.false_count(left_out + 1) - now - self.gain[i]
+            });
+            // The links are in order: the first that is free is the best.
+            let free = self.links.iter().position(|l| {
+                self.assignment[usize::from(l.dot)] == UNASSIGNED
+                    && self.holder[usize::from(l.pattern_dot)] == UNASSIGNED
+            });
+            let take = free.map_or(f64::NEG_INFINITY, |k| {
+                model.false_count(left_out.saturating_sub(1)) - now + self.links[k].gain
+            });
+            let gained = match (least, free) {
+                (Some(i), _) if leave > 0.0 && leave >= take => {
+                    let held = std::mem::replace(&mut self.assignment[i], UNASSIGNED);
+                    self.holder[usize::from(held)] = UNASSIGNED;
+                    self.gain[i] = 0.0;
+                    leave
                 }
-                let holder = self.holder[usize::from(link.pattern_dot)];
-                let lost = match holder {
-                    UNASSIGNED => 0.0,
-                    other => self.gain[usize::from(other)] - self.swapped(other, i),
-                };
-                others += (link.gain - own - lost).exp();
-            }
-            total += others.ln_1p();
+                (_, Some(k)) if take > 0.0 => {
+                    self.take(self.links[k]);
+                    take
+                }
+                _ => return total,
+            };
+            total += gained;
         }
-        total
+    }
+
+    fn take(&mut self, link: Link) {
+        self.assignment[usize::from(link.dot)] = link.pattern_dot;
+        self.holder[usize::from(link.pattern_dot)] = link.dot;
+        self.gain[usize::from(link.dot)] = link.gain;
+    }
+
+    /// Number of observed dots without a pattern dot.
+    fn left_out(&self) -> usize {
+        self.assignment
+            .iter()
+            .filter(|&&j| j == UNASSIGNED)
+            .count()
+    }
+
+    /// ln of the evidence of all assignments near this rotation over the chosen one's.
+    ///
+    /// Each dot's other matches are weighed as if it were alone (a match that is taken costs its holder's
+    /// gain); the dots meet in the prior of how many are left out: the product of the dots' polynomials
+    /// `left_out x + matched` has in `x^k` the weight of all assignments that leave out `k`.
+    fn ln_alternatives(&mut self, view: &View<'_>, information: &Matrix3<f64>) -> Option<f64> {
+        let model = view.model;
+        let covariance = information.cholesky()?.inverse();
+        for (i, dot) in view.dots.iter().enumerate() {
+            let j = self.assignment[i];
+            self.ln_leave[i] = match j {
+                UNASSIGNED => 0.0,
+                j => {
+                    let q = &self.rotated[usize::from(j)];
+                    -self.gain[i] + Leverage::new(dot, q, &covariance).without()
+                }
+            };
+        }
+        self.by_count.clear();
+        self.by_count.push(1.0);
+        for (i, dot) in view.dots.iter().enumerate() {
+            let [out, matched] = self.alternatives(view, i, dot, &covariance);
+            self.by_count.push(0.0);
+            for k in (0..self.by_count.len()).rev() {
+                let below = if k > 0 { self.by_count[k - 1] } else { 0.0 };
+                self.by_count[k] = self.by_count[k] * matched + below * out;
+            }
+        }
+        let weights = self.by_count.iter().enumerate();
+        let total: f64 = weights.map(|(k, w)| w * model.false_count(k).exp()).sum();
+        Some(total.ln() - model.false_count(self.left_out()))
+    }
+
+    /// Weights of leaving dot `i` out and of matching it with anything, where what was chosen has 1.
+    fn alternatives(
+        &self,
+        view: &View<'_>,
+        i: usize,
+        dot: &Dot,
+        covariance: &Matrix3<f64>,
+    ) -> [f64; 2] {
+        let own = self.gain[i];
+        let mine = self.assignment[i] != UNASSIGNED;
+        let mut out = self.ln_leave[i].exp();
+        let mut matched = if mine { 1.0 } else { 0.0 };
+        for link in self.links.iter().filter(|l| usize::from(l.dot) == i) {
+            let j = usize::from(link.pattern_dot);
+            let holder = self.holder[j];
+            if link.pattern_dot == self.assignment[i] {
+                continue;
+            }
+            if holder == UNASSIGNED {
+                let refit = if mine {
+                    0.0
+                } else {
+                    Leverage::new(dot, &self.rotated[j], covariance).with(view.model)
+                };
+                matched += (link.gain - own + refit).exp();
+                continue;
+            }
+            let instead = self.swapped(holder, i);
+            // Taking another's dot leaves the other out, unless they change places.
+            if mine && instead > 0.0 {
+                let lost = self.gain[usize::from(holder)];
+                matched += (link.gain - own + instead - lost).exp();
+            } else {
+                out += (link.gain - own + self.ln_leave[usize::from(holder)]).exp();
+            }
+        }
+        [out, matched]
     }
 
     /// What `other` gains from the pattern dot that `i` leaves, where that is more than nothing.
@@ -241,6 +349,46 @@ impl Refiner {
         }
         let w = information.cholesky()?.solve(&gradient);
         Some((information, Rotation3::new(w).matrix() * rotation))
+    }
+}
+
+/// How much one dot has to say about the rotation, and how far off it is.
+#[derive(Debug, Clone, Copy)]
+struct Leverage {
+    /// Whitened displacement.
+    residual: Vector2<f64>,
+    /// Covariance of the whitened prediction.
+    hat: Matrix2<f64>,
+}
+
+impl Leverage {
+    fn new(dot: &Dot, q: &Vec3, covariance: &Matrix3<f64>) -> Self {
+        let [a, b] = dot.axes.map(|u| q.cross(&u));
+        let (ca, cb) = (covariance * a, covariance * b);
+        Self {
+            residual: Vector2::new(dot.axes[0].dot(q), dot.axes[1].dot(q)),
+            hat: Matrix2::new(a.dot(&ca), a.dot(&cb), a.dot(&cb), b.dot(&cb)),
+        }
+    }
+
+    /// What the evidence gains, beyond the dot's own gain, when the rotation is fitted without it.
+    fn without(&self) -> f64 {
+        let left = Matrix2::identity() - self.hat;
+        let det = left.determinant().max(LEAST_LEFT);
+        let Some(inverse) = left.try_inverse().filter(|_| det > LEAST_LEFT) else {
+            return 0.0;
+        };
+        let r = &self.residual;
+        0.5 * (r.dot(&(inverse * r)) - r.norm_squared()) - 0.5 * det.ln()
+    }
+
+    /// The same when a dot is matched that was left out, and the rotation gives way to it.
+    fn with(&self, model: &Model) -> f64 {
+        let total = Matrix2::identity() + self.hat;
+        let r = &self.residual;
+        let after = total.try_inverse().map_or(r.norm_squared(), |i| r.dot(&(i * r)));
+        let core = |d2: f64| model.core(d2).unwrap_or(0.0);
+        core(after) - core(r.norm_squared()) - 0.5 * total.determinant().ln()
     }
 }
 
