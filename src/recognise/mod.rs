@@ -99,6 +99,8 @@ pub enum Refusal {
     },
     /// No hypothesis explains the dots.
     NoHypothesis,
+    /// The dots are those of the pattern's mirror image: an axis of the image is flipped.
+    Mirrored,
     /// The dots leave the rotation undetermined, or are not directions at all.
     Degenerate,
 }

@@ -36,7 +36,7 @@ pub struct RobustConfig {
 }
 
 impl Default for RobustConfig {
-    /// z > 0 visible, 90 % detected, half a false dot a view, one view in ten of something else, noise of
+    /// z > 0 visible, 90 % detected, half a false dot a view, one view in five of something else, noise of
     /// a detector, at most 64 pairs.
     fn default() -> Self {
         Self {
@@ -44,7 +44,7 @@ impl Default for RobustConfig {
             detection_probability: 0.9,
             expected_false_dots: 0.5,
             usual_false_dots: None,
-            foreign_prior: 0.1,
+            foreign_prior: 0.2,
             noise: NoiseShape::Gaussian,
             passes: 64,
         }

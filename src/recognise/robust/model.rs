@@ -76,6 +76,14 @@ impl Dot {
         let depth = 1.0 - self.direction.dot(q);
         a * a + b * b + depth * depth * self.radial
     }
+
+    /// Reverses x.
+    pub fn mirror(&mut self) {
+        self.direction.x = -self.direction.x;
+        for axis in &mut self.axes {
+            axis.x = -axis.x;
+        }
+    }
 }
 
 impl Model {

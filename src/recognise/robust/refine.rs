@@ -14,13 +14,14 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 
+use super::hint::Prior;
 use super::model::{Dot, GATE, Model};
 use crate::geometry::Vec3;
 
 /// Marks an observed dot without a pattern dot.
 pub(super) const UNASSIGNED: u16 = u16::MAX;
-/// Variance ratio of the first assignment: a rotation from two noisy dots carries their error on.
-const FIRST_WIDENING: f64 = 2.5;
+/// Variance ratio of the first assignment from a pair's rotation.
+const PAIR_WIDENING: f64 = 2.5;
 /// Turns of assignment and Gauss-Newton; they settle in two or three.
 const MOST_TURNS: usize = 8;
 /// Fewest dots that support an explanation.
@@ -39,6 +40,25 @@ pub(super) struct View<'a> {
     pub model: &'a Model,
     pub pattern: &'a [Vec3],
     pub dots: &'a [Dot],
+    pub prior: Option<&'a Prior>,
+}
+
+/// A rough rotation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Start {
+    pub rotation: Matrix3<f64>,
+    /// Ratio by which its error widens the dots' variances.
+    pub widening: f64,
+}
+
+impl Start {
+    /// A rotation that lays two dots on two others carries their error to the rest.
+    pub fn of_pair(rotation: Matrix3<f64>) -> Self {
+        Self {
+            rotation,
+            widening: PAIR_WIDENING,
+        }
+    }
 }
 
 /// A possible match.
@@ -57,8 +77,17 @@ pub(super) struct Refined {
     pub ln_evidence: f64,
     /// The part of it that Laplace's factor makes up; not above 0.
     pub ln_volume: f64,
+    /// The part that a hint makes up.
+    pub ln_prior: f64,
     /// ln of the evidence of all assignments near this rotation over this one's; not below 0.
     pub ln_alternatives: f64,
+}
+
+impl Refined {
+    /// Log-evidence without the hint's part.
+    pub fn ln_of_dots(&self) -> f64 {
+        self.ln_evidence - self.ln_prior
+    }
 }
 
 /// Scratch memory of the refinement.
@@ -101,14 +130,15 @@ impl Refiner {
 
     /// Refines a rotation on its inliers; `None` if too few dots support it, or if it has not settled
     /// and its log-evidence is far below `least`.
-    pub fn refine(&mut self, view: &View<'_>, start: &Matrix3<f64>, least: f64) -> Option<Refined> {
+    pub fn refine(&mut self, view: &View<'_>, start: &Start, least: f64) -> Option<Refined> {
         let &View {
             model,
             pattern,
             dots,
+            prior,
         } = view;
-        let mut rotation = *start;
-        let mut ratio = FIRST_WIDENING;
+        let mut rotation = start.rotation;
+        let mut ratio = start.widening;
         for turn in 0..MOST_TURNS {
             let penalty = self.project(model, pattern, &rotation);
             let score = penalty + self.assign(model, dots, ratio);
@@ -120,10 +150,12 @@ impl Refiner {
             let settled = turn > 1 && self.assignment == self.previous;
             if settled || turn + 1 == MOST_TURNS {
                 let ln_volume = ln_volume(&information);
+                let ln_prior = prior.map_or(0.0, |p| p.ln_ratio(&moved, Some(&information)));
                 return Some(Refined {
                     rotation: moved,
-                    ln_evidence: score + ln_volume,
+                    ln_evidence: score + ln_volume + ln_prior,
                     ln_volume,
+                    ln_prior,
                     ln_alternatives: self.ln_alternatives(view, &information)?,
                 });
             }
@@ -188,10 +220,7 @@ impl Refiner {
         for k in 0..self.links.len() {
             let link = self.links[k];
             let (i, j) = (usize::from(link.dot), usize::from(link.pattern_dot));
-            if link.gain > 0.0
-                && self.assignment[i] == UNASSIGNED
-                && self.holder[j] == UNASSIGNED
-            {
+            if link.gain > 0.0 && self.assignment[i] == UNASSIGNED && self.holder[j] == UNASSIGNED {
                 self.take(link);
                 score += link.gain;
             }
@@ -244,10 +273,7 @@ impl Refiner {
 
     /// Number of observed dots without a pattern dot.
     fn left_out(&self) -> usize {
-        self.assignment
-            .iter()
-            .filter(|&&j| j == UNASSIGNED)
-            .count()
+        self.assignment.iter().filter(|&&j| j == UNASSIGNED).count()
     }
 
     /// ln of the evidence of all assignments near this rotation over the chosen one's.
@@ -386,7 +412,9 @@ impl Leverage {
     fn with(&self, model: &Model) -> f64 {
         let total = Matrix2::identity() + self.hat;
         let r = &self.residual;
-        let after = total.try_inverse().map_or(r.norm_squared(), |i| r.dot(&(i * r)));
+        let after = total
+            .try_inverse()
+            .map_or(r.norm_squared(), |i| r.dot(&(i * r)));
         let core = |d2: f64| model.core(d2).unwrap_or(0.0);
         core(after) - core(r.norm_squared()) - 0.5 * total.determinant().ln()
     }
