@@ -1,7 +1,5 @@
 //! The search over pairs of observed dots, and the memory it works in.
 
-use nalgebra::Rotation3;
-
 use super::RobustRecogniser;
 use super::hint::Prior;
 use super::model::Dot;
