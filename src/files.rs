@@ -14,6 +14,19 @@ pub fn create_dir(dir: &Path) -> Result<()> {
     fs::create_dir_all(dir).map_err(|e| Error::write(dir, e))
 }
 
+/// Creates `dir` and makes sure that files can be written there, before long work is begun for it.
+///
+/// # Errors
+/// [`Error::Write`] where the system refuses.
+pub fn create_writable_dir(dir: &Path) -> Result<()> {
+    create_dir(dir)?;
+    tempfile::Builder::new()
+        .prefix(".spindoe-")
+        .tempfile_in(dir)
+        .map_err(|e| Error::write(dir, e))?;
+    Ok(())
+}
+
 /// Writes what `fill` produces to `path`; the file appears whole or not at all.
 ///
 /// # Errors

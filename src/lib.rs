@@ -1,4 +1,44 @@
-//! Dot patterns for balls: design, proof, hash table, stencil.
+//! Dot patterns for balls: designed, proven, shipped, and recognised.
+//!
+//! A ball carries identical dots. Their arrangement identifies them (geometric hashing), which gives
+//! the ball's orientation in one camera image; a sequence of orientations gives its spin. This crate
+//! designs such patterns, proves them by Monte Carlo, writes the hash table that an estimator loads and
+//! the stencil that a 3-D printer makes, and holds the estimator's stages. It follows T. Gossard, J.
+//! Tebbe, A. Ziegler, A. Zell, "SpinDOE: a ball spin estimation method for table tennis robot", IROS
+//! 2023 (arXiv 2303.03879), and keeps the paper's algorithms as named baselines.
+//!
+//! # Stages
+//! Imports run from left to right only:
+//! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognise`] <- [`validate`] <- [`design`];
+//! [`stencil`] and [`spin`] stand beside them, [`plot`], [`report`] and [`cli`] on top.
+//!
+//! # Conventions
+//! The library takes radians and SI units. Camera frame: x right, y up, z from the ball towards the
+//! camera; a dot is visible where z > 0. A [`geometry::Rotation`] maps the pattern's frame to the
+//! camera's. All that is random is seeded, and the same seed gives the same bytes on any number of
+//! threads.
+//!
+//! # Example
+//! How often is a pattern identified rightly?
+//!
+//! ```
+//! use spindoe::hash::{HashTable, PairRule, RecogniserParams};
+//! use spindoe::pattern::Pattern;
+//! use spindoe::recognise::RecogniserName;
+//! use spindoe::validate::{Protocol, ProtocolName, validate_named};
+//!
+//! # fn main() -> spindoe::Result<()> {
+//! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
+//! # let pattern = spindoe::design::descent::random_pattern(20, 0.3, &mut rng)?;
+//! // or: let pattern = Pattern::read_csv("pattern.csv".as_ref())?;
+//! let table = HashTable::build(pattern, PairRule::default(), RecogniserParams::default())?;
+//! let protocol = Protocol::standard(ProtocolName::Paper);
+//! let found = validate_named(&table, RecogniserName::Robust, &protocol, 7, 200)?;
+//! println!("{} of {} trials", found.validation.identity, found.validation.samples);
+//! assert!(found.validation.identity.rate > 0.9);
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod cli;
 pub mod design;
@@ -9,6 +49,7 @@ pub mod hash;
 pub mod pattern;
 pub mod plot;
 pub mod recognise;
+pub mod report;
 pub mod spin;
 pub mod stencil;
 pub mod validate;

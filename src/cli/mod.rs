@@ -2,13 +2,25 @@
 //!
 //! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
 
+mod design;
+mod sensitivity;
+mod simulate;
+mod spin;
+mod stencil;
+mod table;
+mod trajectories;
 mod validate;
 
+use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::hash::{HashTable, PairRule, RecogniserParams};
+use crate::pattern::Pattern;
 
 /// Designs dot patterns for balls, proves them, and ships what is needed to use them.
 #[derive(Debug, Parser)]
@@ -20,15 +32,39 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Design a pattern: search, prove, and leave pattern, table, stencil, plots and report in a folder.
+    Design(design::Arguments),
     /// Measure how often a pattern's dots are identified rightly, by Monte Carlo.
     Validate(validate::Arguments),
+    /// Measure how the rates depend on the dots' noise and on the paper's alpha; data and plots.
+    Sensitivity(sensitivity::Arguments),
+    /// Make the hash table of a pattern, a NumPy archive.
+    Table(table::Arguments),
+    /// Make the stencil that draws a pattern on a ball: two printable halves.
+    Stencil(stencil::Arguments),
+    /// Estimate the spin from time-stamped orientations.
+    Spin(spin::Arguments),
+    /// Simulate orientations of a turning ball, with a known truth.
+    Simulate(simulate::Arguments),
+    /// Check and summarize flights with known spins, in the format of the published set.
+    Trajectories(trajectories::Arguments),
 }
 
 /// Runs the command with the process' arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return refuse(&error),
+    };
     let done: Result<()> = match cli.command {
+        Command::Design(arguments) => design::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
+        Command::Sensitivity(arguments) => sensitivity::run(&arguments),
+        Command::Table(arguments) => table::run(&arguments),
+        Command::Stencil(arguments) => stencil::run(&arguments),
+        Command::Spin(arguments) => spin::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -37,4 +73,41 @@ pub fn main() -> ExitCode {
             ExitCode::from(if error.is_usage() { 2 } else { 1 })
         }
     }
+}
+
+/// Prints help where it was asked for, or says in one line what is wrong with the arguments.
+fn refuse(error: &clap::Error) -> ExitCode {
+    use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NothingAsked;
+    if !error.use_stderr() || error.kind() == NothingAsked {
+        error.exit();
+    }
+    // The first paragraph is the error itself; usage and tips follow.
+    let text = error.to_string();
+    let first = text.split("\n\n").next().unwrap_or_default();
+    let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
+    let line = line.strip_prefix("error: ").unwrap_or(&line);
+    eprintln!("spindoe: {line} (see --help)");
+    ExitCode::from(2)
+}
+
+/// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP does.
+fn read_table(path: &Path) -> Result<HashTable> {
+    let bytes = files::read_bytes(path)?;
+    let is_archive = bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz");
+    if is_archive {
+        HashTable::from_npz(path, &bytes)
+    } else {
+        let pattern = Pattern::read_csv(path)?;
+        HashTable::build(pattern, PairRule::default(), RecogniserParams::default())
+    }
+}
+
+/// Prints one JSON object on standard output.
+fn print_json(value: &impl serde::Serialize) -> Result<()> {
+    let mut text = serde_json::to_vec(value)
+        .map_err(|e| Error::Internal(format!("cannot be written as JSON: {e}")))?;
+    text.push(b'\n');
+    std::io::stdout()
+        .write_all(&text)
+        .map_err(|e| Error::write("standard output", e))
 }

@@ -46,6 +46,38 @@ impl Default for Constraints {
 }
 
 impl Constraints {
+    /// Refuses what no pattern of `dots` dots can satisfy.
+    ///
+    /// Caps of half the separation must not overlap, and they cover the sphere at most to the density
+    /// of the hexagonal packing; more exactly, by L. Fejes Toth, n points cannot all be farther apart
+    /// than `acos((cot^2 w - 1) / 2)`, `w = pi n / (6 (n - 2))`. From a direction and its opposite at
+    /// most n dots are seen together, so that no more than half of them can be promised.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] with the nearest figure that might work.
+    pub fn check_demand(&self, dots: usize) -> Result<()> {
+        let n = dots as f64;
+        let w = std::f64::consts::PI * n / (6.0 * (n - 2.0));
+        let limit = (0.5 * (w.tan().powi(-2) - 1.0)).clamp(-1.0, 1.0).acos();
+        if !(self.least_separation_rad >= 0.0 && self.least_separation_rad < limit) {
+            let problem = format!(
+                "expected 0 to {:.1} degrees (no {dots} points on a sphere are farther apart), found {:.1}",
+                limit.to_degrees(),
+                self.least_separation_rad.to_degrees()
+            );
+            return Err(Error::argument("least separation", problem));
+        }
+        if self.least_visible > dots / 2 {
+            let problem = format!(
+                "expected at most {} of {dots} dots (opposite views share them), found {}",
+                dots / 2,
+                self.least_visible
+            );
+            return Err(Error::argument("least visible", problem));
+        }
+        Ok(())
+    }
+
     /// Whether the pattern satisfies the constraints.
     pub fn check(&self, pattern: &Pattern) -> bool {
         let summary = pattern.summary();

@@ -224,6 +224,20 @@ impl HashTable {
             distance_squared: item.distance,
         })
     }
+
+    /// Distance from each feature to the nearest other one in hash space, in the features' order.
+    pub fn nearest_distances(&self) -> Vec<f64> {
+        const TWO: NonZeroUsize = NonZeroUsize::new(2).unwrap();
+        self.features
+            .iter()
+            .map(|f| {
+                // The nearest is the feature itself, or one at the same place.
+                self.nearest(f, TWO)
+                    .map(|n| n.distance_squared.sqrt())
+                    .fold(0.0, f64::max)
+            })
+            .collect()
+    }
 }
 
 /// The columns of a table.

@@ -218,7 +218,12 @@ fn keys<'a>(names: impl Iterator<Item = &'a String>, sign: fn(usize) -> Sign) ->
 }
 
 /// Draws one series: (low, rate, high) in pixels. `joined` adds the band and the line.
-fn draw_rates(root: &Area<'_>, i: usize, points: &[[(i32, i32); 3]], joined: bool) -> Drawn {
+pub(super) fn draw_rates(
+    root: &Area<'_>,
+    i: usize,
+    points: &[[(i32, i32); 3]],
+    joined: bool,
+) -> Drawn {
     if joined && points.len() > 1 {
         let there = points.iter().map(|p| p[0]);
         let back = points.iter().rev().map(|p| p[2]);

@@ -11,6 +11,7 @@ mod bars;
 mod canvas;
 mod curves;
 mod features;
+mod values;
 
 pub use ball::{BallView, VIEWS_SIZE, pattern_views};
 pub use bars::{BARS_SIZE, BarChart, BarGroup, bar_comparison};
@@ -19,6 +20,9 @@ pub use curves::{
     line_plot, rate_curves, reliability_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
+pub use values::{
+    PathGroup, PathPlot, ValuePlot, ValuePoint, ValueSeries, path_groups, value_curves,
+};
 
 use crate::error::{Error, Result};
 

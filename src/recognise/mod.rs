@@ -5,7 +5,8 @@
 //! camera's, `p_camera = R p_pattern`.
 //!
 //! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
-//! - [`kent`]: the density that it scores with.
+//! - [`kent`]: the density that it scores with,
+//! - [`robust`]: the posterior over all explanations of the dots, the default.
 
 use nalgebra::Matrix2;
 
@@ -16,6 +17,37 @@ pub mod paper;
 pub mod robust;
 
 pub use paper::{PaperConfig, PaperRecogniser};
+
+/// A recogniser's name, as written on the command line and in reports.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum RecogniserName {
+    /// The SpinDOE paper's algorithm, the baseline: [`paper`].
+    Paper,
+    /// The explanation that the whole set of dots supports best, the default: [`robust`].
+    Robust,
+}
+
+impl RecogniserName {
+    /// All recognisers, the baseline first.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Robust];
+
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Robust => "robust",
+        }
+    }
+}
+
+impl std::fmt::Display for RecogniserName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
 
 /// How far an observed direction may be off.
 #[derive(Debug, Clone, Copy, PartialEq)]

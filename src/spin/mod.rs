@@ -18,10 +18,17 @@
 //! What no estimator can promise: to tell spins apart that look alike at the given times
 //! (their aliases).
 
+pub mod air;
+pub mod alias;
 pub mod bound;
+pub mod decay;
+pub mod dots;
+pub mod orientations;
 pub mod quatera;
 pub mod robust;
 pub mod simulate;
+pub mod trajectories;
+pub mod windows;
 
 mod refine;
 mod search;
@@ -33,6 +40,10 @@ use crate::geometry::{Rotation, Vec3};
 
 /// Fewest orientations that can show a spin and check it: two fix it, the third bears witness.
 pub const MIN_FRAMES: usize = 3;
+
+/// Most turns between successive orientations that the search goes through one by one: far more than
+/// any sampling can decide, and few enough to be done in a moment.
+pub const MOST_TURNS: usize = 200;
 
 /// The probability that an orientation is right, where nothing is known of it.
 ///
@@ -131,6 +142,25 @@ pub enum Refusal {
         /// What was expected.
         problem: &'static str,
     },
+    /// The times are so far apart that the turns between them cannot be counted.
+    #[error(
+        "orientations {interval_s} s apart leave {turns:.0} turns open between them at up to {max_rps:.0} rps, \
+         expected at most {MOST_TURNS} (are the times in seconds?)"
+    )]
+    Sparse {
+        /// The least interval between successive orientations, seconds.
+        interval_s: f64,
+        /// Turns possible within it.
+        turns: f64,
+        /// Largest spin searched, revolutions per second.
+        max_rps: f64,
+    },
+    /// The right orientations leave the rate of decay open.
+    #[error("the {inliers} orientations that agree leave the decay open, expected a longer flight")]
+    DecayOpen {
+        /// Orientations that count as right.
+        inliers: usize,
+    },
     /// Too few of the orientations agree on any one spin.
     #[error(
         "no spin up to {max_rps:.0} rps is agreed on by enough of the {frames} orientations (best: {agreeing})"
@@ -143,6 +173,13 @@ pub enum Refusal {
         /// Largest spin searched, revolutions per second.
         max_rps: f64,
     },
+}
+
+impl Refusal {
+    /// The error to report where the measurements came from the file `path`.
+    pub fn in_file(self, path: &std::path::Path) -> Error {
+        Error::input(path, "orientations", self.to_string())
+    }
 }
 
 impl From<Refusal> for Error {

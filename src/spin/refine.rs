@@ -30,7 +30,7 @@ use super::{Measurement, Motion};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 
 /// A prediction less certain than this (radians, per axis) is not linear any more: the frame waits.
-const PREDICTION_LIMIT: f64 = 0.35;
+pub(super) const PREDICTION_LIMIT: f64 = 0.35;
 /// Steps while the fit grows. The reach multiplies by about `PREDICTION_LIMIT / sigma` in each.
 const GROWTH_STEPS: usize = 12;
 /// Steps under the final mixture; it converges in two or three.
@@ -106,20 +106,34 @@ pub(super) struct Residual {
     pub turn: Complex<f64>,
     /// Angle turned.
     theta: f64,
+    /// Sine of half of it.
+    half_sine: f64,
 }
 
 impl Residual {
     pub(super) fn new(motion: &Motion, axis: &Vec3, rate: f64, m: &Measurement) -> Self {
         let t = m.time_s - motion.time_s;
+        Self::after(t, &motion.orientation, axis, rate, &m.orientation)
+    }
+
+    /// The residual of `measured` for a ball that has turned at `rate` for `t` since `start`.
+    pub(super) fn after(
+        t: f64,
+        start: &Rotation,
+        axis: &Vec3,
+        rate: f64,
+        measured: &Rotation,
+    ) -> Self {
         let theta = rate * t;
         let (s, c) = (0.5 * theta).sin_cos();
-        let predicted = Quaternion::from_parts(c, axis * s) * motion.orientation.into_inner();
-        let delta = m.orientation.into_inner() * predicted.conjugate();
+        let predicted = Quaternion::from_parts(c, axis * s) * start.into_inner();
+        let delta = measured.into_inner() * predicted.conjugate();
         Self {
             error: rotation_vector(&delta),
             t,
             turn: Complex::new(c * c - s * s, 2.0 * s * c),
             theta,
+            half_sine: s,
         }
     }
 
@@ -130,8 +144,7 @@ impl Residual {
             return Complex::new(1.0 - x * x / 6.0, 0.5 * x) * self.t;
         }
         // 1 - cos theta = 2 sin^2(theta / 2) without cancellation.
-        let half = (0.5 * self.theta).sin();
-        Complex::new(self.turn.im, 2.0 * half * half) * (self.t / self.theta)
+        Complex::new(self.turn.im, 2.0 * self.half_sine * self.half_sine) * (self.t / self.theta)
     }
 }
 
@@ -222,7 +235,7 @@ fn reach(m: &[Measurement], motion: &Motion, covariance: &Along, prior: &NoisePr
 }
 
 /// Maximizes the likelihood of the mixture proper.
-fn settle(
+pub(super) fn settle(
     measurements: &[Measurement],
     mut motion: Motion,
     prior: &NoisePrior,
@@ -300,7 +313,7 @@ fn accumulate(
 }
 
 /// Probability that a frame with squared error `e2` is right, and the log of the mixture's density.
-fn posterior(confidence: f64, e2: f64, variance: f64) -> (f64, f64) {
+pub(super) fn posterior(confidence: f64, e2: f64, variance: f64) -> (f64, f64) {
     let p = confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
     let x = TAU * variance;
     let good = p / (x * x.sqrt()) * (-0.5 * e2 / variance).exp();

@@ -6,24 +6,23 @@
 //!
 //! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen a
 //! sequence as long; a spin is only reported where more frames agree on it than chance would explain.
-//! Not guaranteed: a constant spin is taken for granted .
+//! Not guaranteed: a constant spin is taken for granted.
 
 use nalgebra::Matrix3;
 
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
-use super::search::{KEPT, SearchSettings, Seen, Shortlist, judge_pair};
-use super::{Fit, MIN_FRAMES, Measurement, Refusal, check};
+use super::search::{KEPT, SCORE_MARGIN, SearchSettings, Seen, Shortlist, judge_pair, pair_radius};
+use super::{Fit, MIN_FRAMES, MOST_TURNS, Measurement, Refusal, check};
 use crate::geometry::Vec3;
 
-/// Largest gap, in frames, between the two of a pair in the first, quick search.
+/// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then all
+/// at once.
 const QUICK_GAP: usize = 3;
-/// Share of the frames that must agree for the quick search to be believed.
-const QUICK_SHARE: f64 = 0.6;
+/// Share of the frames that must agree for the search to end: what else there is explains the same
+/// frames, and has been found with the same pairs, or explains fewer.
+const ENOUGH: f64 = 0.6;
 /// Frames that serve as a pair's first in one search; long sequences are sampled evenly.
 const MOST_STARTS: usize = 64;
-/// A hypothesis whose score trails the best by more than this (natural log units) is not refined:
-/// the score is a log-likelihood but for linearization, which costs a few units at most.
-const SCORE_MARGIN: f64 = 20.0;
 /// Of spins whose log posterior differs by less than this the slowest is chosen: odds of 20 to 1 are
 /// the least that counts as evidence.
 pub(super) const TIE_MARGIN: f64 = 3.0;
@@ -63,12 +62,12 @@ pub struct RobustOptions {
 impl Default for RobustOptions {
     /// 175 revolutions per second (the paper's limit: half a turn a frame at 350 frames per second)
     /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes), which
-    /// counts as much as ten frames' worth of residuals.
+    /// counts for little: at half or twice that noise the residuals of ten frames prevail.
     fn default() -> Self {
         Self {
             max_rps: 175.0,
             sigma_rad: 2f64.to_radians(),
-            sigma_degrees: 30.0,
+            sigma_degrees: 4.0,
             prior: None,
             false_alarms: 0.2,
         }
@@ -115,19 +114,40 @@ impl RobustEstimator {
     /// A [`Refusal`] where the measurements are invalid, too few, or agree on nothing.
     pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, Refusal> {
         check(measurements, MIN_FRAMES)?;
+        self.check_spacing(measurements)?;
         let n = measurements.len();
         self.shortlist.clear();
-        self.search(measurements, 1..=QUICK_GAP.min(n - 1));
-        let mut best = self.refine_all(measurements);
-        let enough = best.is_some_and(|b| b.support >= QUICK_SHARE * n as f64);
-        if !enough && n - 1 > QUICK_GAP {
-            self.search(measurements, QUICK_GAP + 1..=n - 1);
+        let mut best = None;
+        let quick = (1..=QUICK_GAP).map(|gap| gap..=gap);
+        for gaps in quick.chain([QUICK_GAP + 1..=n - 1]) {
+            if *gaps.start() > n - 1 {
+                break;
+            }
+            self.search(measurements, gaps);
             best = self.refine_all(measurements);
+            if best.is_some_and(|b| b.support >= ENOUGH * n as f64) {
+                break;
+            }
         }
         let Some(best) = best else {
             return Err(self.no_consensus(0, n));
         };
         self.finish(measurements, &best)
+    }
+
+    /// Refuses a sequence whose nearest frames leave too many turns open.
+    fn check_spacing(&self, measurements: &[Measurement]) -> Result<(), Refusal> {
+        let intervals = measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
+        let interval_s = intervals.fold(f64::INFINITY, f64::min);
+        let turns = 2.0 * interval_s * self.options.max_rps;
+        if turns <= MOST_TURNS as f64 {
+            return Ok(());
+        }
+        Err(Refusal::Sparse {
+            interval_s,
+            turns,
+            max_rps: self.options.max_rps,
+        })
     }
 
     fn prior(&self) -> NoisePrior {
@@ -155,9 +175,14 @@ impl RobustEstimator {
             let starts = measurements.len() - gap;
             let stride = starts.div_ceil(MOST_STARTS);
             for first in (0..starts).step_by(stride) {
+                let pair = (first, first + gap);
+                let interval = measurements[pair.1].time_s - measurements[pair.0].time_s;
+                if 2.0 * interval * self.options.max_rps > MOST_TURNS as f64 {
+                    continue;
+                }
                 judge_pair(
                     measurements,
-                    (first, first + gap),
+                    pair,
                     &settings,
                     &mut self.seen,
                     &mut self.shortlist,
@@ -174,6 +199,13 @@ impl RobustEstimator {
         for (i, h) in self.shortlist.iter().enumerate() {
             if h.score < best_score - SCORE_MARGIN {
                 break;
+            }
+            // Within what the pair's noise explains, it is a worse start for the same maximum.
+            let interval = measurements[h.pair.1].time_s - measurements[h.pair.0].time_s;
+            let radius = pair_radius(prior.sigma_rad, interval);
+            let same = |r: &Refined| (r.motion.spin - h.spin).norm_squared() < radius * radius;
+            if self.candidates.iter().flatten().any(same) {
+                continue;
             }
             self.candidates[i] = refine(measurements, h.pair, h.spin, &prior, &mut self.scratch)
                 .filter(|r| r.motion.rps() <= self.options.max_rps);

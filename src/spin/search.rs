@@ -28,6 +28,10 @@ pub(super) const ROTATION_VOLUME: f64 = 8.0 * PI * PI;
 /// several; beyond this many a tie is of no use to anyone.
 pub(super) const KEPT: usize = 8;
 
+/// A hypothesis whose score trails the best by more than this (natural log units) is not refined:
+/// the score is a log-likelihood but for linearization, which costs a few units at most.
+pub(super) const SCORE_MARGIN: f64 = 20.0;
+
 /// A confidence nearer to 0 or 1 than this is not believed: no identifier knows itself so well.
 pub(super) const CONFIDENCE_LIMIT: f64 = 0.02;
 
@@ -65,6 +69,12 @@ impl Shortlist {
 
     fn least_score(&self) -> f64 {
         self.items[KEPT - 1].map_or(0.0, |h| h.score)
+    }
+
+    /// A score that is not worth having.
+    fn hopeless_score(&self) -> f64 {
+        let best = self.items[0].map_or(0.0, |h| h.score);
+        self.least_score().max(best - SCORE_MARGIN)
     }
 
     /// Takes `h` in, unless a better one is within `radius` (rad/s); worse ones within it go.
@@ -138,15 +148,20 @@ pub(super) fn judge_pair(
     let (axis, phi) = axis_angle(&relative);
     look(measurements, pair, &axis, settings, seen);
 
-    // Hypotheses from this pair err by about sqrt(2) sigma / interval per axis: nearer is the same.
-    let radius = 3.0 * std::f64::consts::SQRT_2 * settings.sigma_rad / interval;
+    let radius = pair_radius(settings.sigma_rad, interval);
+    let most_gain: f64 = seen.iter().map(|s| s.peak).sum();
     // The same error may push a permitted spin over the limit; refinement decides.
     let limit = (settings.max_spin + radius) * interval;
     let (fewest, most) = ((limit + phi) / TAU, (limit - phi) / TAU);
     for k in -(fewest.floor() as i64)..=(most.floor() as i64) {
         let rate = (phi + TAU * k as f64) / interval;
-        let mut score = 0.0;
+        let hopeless = shortlist.hopeless_score();
+        let (mut score, mut left) = (0.0, most_gain);
         for s in seen.iter() {
+            if score + left < hopeless {
+                break;
+            }
+            left -= s.peak;
             let (sin, cos) = (rate * s.half_time).sin_cos();
             let c = cos * s.a + sin * s.b;
             // 4 sin^2 of half the angle: the angle squared, up to 9 % at one radian.
@@ -156,6 +171,12 @@ pub(super) fn judge_pair(
         let spin = axis * rate;
         shortlist.offer(Hypothesis { pair, spin, score }, radius);
     }
+}
+
+/// Spins that a pair of frames this far apart (s) allows are the same within this radius (rad/s): they
+/// err by about `sqrt(2) sigma / interval` per axis.
+pub(super) fn pair_radius(sigma_rad: f64, interval: f64) -> f64 {
+    3.0 * std::f64::consts::SQRT_2 * sigma_rad / interval
 }
 
 /// Fills `seen` with the frames outside the pair.

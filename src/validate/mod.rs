@@ -9,7 +9,9 @@
 //! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums are
 //! taken in the order of the trials: the result is the same on any number of threads.
 
+mod by_name;
 mod protocol;
+mod sensitivity;
 mod statistics;
 mod trial;
 
@@ -17,7 +19,11 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+pub use by_name::{NamedValidation, run_named, validate_named};
 pub use protocol::{Noise, Protocol, ProtocolName};
+pub use sensitivity::{
+    SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
+};
 pub use statistics::{Proportion, median};
 pub use trial::{Trial, TrialGenerator};
 
@@ -53,10 +59,23 @@ pub struct Validation {
     pub mean_error_deg: f64,
     /// Median orientation error of the orientation successes, degrees.
     pub median_error_deg: f64,
-    /// Mean time of one identification on one thread, microseconds. A second run does not repeat it.
-    pub us_per_identification: f64,
+    /// Mean time of one identification on one thread, microseconds. The only figure here that a
+    /// second run does not repeat, hence not part of what is shipped: see [`Validation::untimed`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub us_per_identification: Option<f64>,
     /// Median time of one identification on one thread, microseconds; no more repeatable than the mean.
-    pub median_us_per_identification: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub median_us_per_identification: Option<f64>,
+}
+
+impl Validation {
+    /// The same figures without the time, so that the same seed gives the same bytes.
+    #[must_use]
+    pub fn untimed(mut self) -> Self {
+        self.us_per_identification = None;
+        self.median_us_per_identification = None;
+        self
+    }
 }
 
 /// One trial's result.
@@ -194,7 +213,7 @@ pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Val
         orientation: Proportion::new(orientation, trials),
         mean_error_deg: errors.iter().sum::<f64>() / orientation.max(1) as f64,
         median_error_deg: median(&mut errors),
-        us_per_identification: times.iter().sum::<f64>() / trials.max(1) as f64,
-        median_us_per_identification: median(&mut times),
+        us_per_identification: Some(times.iter().sum::<f64>() / trials.max(1) as f64),
+        median_us_per_identification: Some(median(&mut times)),
     }
 }

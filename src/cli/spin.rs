@@ -1,0 +1,410 @@
+//! `spindoe spin`.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use crate::error::{Error, Result};
+use crate::geometry::Vec3;
+use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
+use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
+use crate::spin::alias::{AliasOptions, Alternative, alternatives};
+use crate::spin::decay::{DecayFit, DecayOptions, fit_decay};
+use crate::spin::orientations::Orientations;
+use crate::spin::quatera::{QuateraEstimator, QuateraOptions};
+use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustOptions, standard_deviations};
+use crate::spin::windows::{WindowFit, spin_over_time};
+use crate::spin::{Fit, MIN_FRAMES, Measurement, Refusal};
+
+/// Alternatives are listed up to this many times the largest spin that is searched.
+const LISTED_BEYOND: f64 = 2.0;
+/// Standard deviation of a prior magnitude for which none is given, as a fraction of it.
+const PRIOR_SPREAD: f64 = 0.2;
+/// Residuals this many times larger than expected are worth a word.
+const SUSPICIOUS_NOISE: f64 = 3.0;
+/// Half-width of a 95 % interval in standard deviations.
+const Z95: f64 = 1.96;
+/// Sections of a plotted curve.
+const CURVE_POINTS: usize = 100;
+/// Alternatives printed in words; `--json` has them all.
+const MOST_PRINTED: usize = 6;
+
+/// How the spin is estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Method {
+    /// The paper's: regression in the plane of the quaternions after RANSAC.
+    Quatera,
+    /// Maximum likelihood on SO(3) under a mixture of noise and outliers.
+    Robust,
+}
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Orientations: CSV with a header, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence
+    /// (seconds; quaternion scalar first, pattern to camera, empty where there is none).
+    orientations: PathBuf,
+    /// How the spin is estimated.
+    #[arg(long, value_enum, default_value = "robust")]
+    method: Method,
+    /// Largest spin considered, revolutions per second. At even times T apart, spins beyond 1/(2 T)
+    /// look like slower ones.
+    #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
+    max_spin_rps: f64,
+    /// Expected magnitude of the spin, revolutions per second, where something is known of it.
+    #[arg(long, allow_negative_numbers = true)]
+    prior_rps: Option<f64>,
+    /// Standard deviation of the expected magnitude [default: a fifth of it].
+    #[arg(long, allow_negative_numbers = true, requires = "prior_rps")]
+    prior_std_rps: Option<f64>,
+    /// Noise of the orientations in degrees per axis, a first guess: the residuals correct it.
+    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
+    sigma_deg: f64,
+    /// Take the spin to decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
+    /// orientation.
+    #[arg(long)]
+    decay: bool,
+    /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Orientations in a run, within which the spin is taken as constant; for --decay and --plot.
+    #[arg(long, default_value_t = 10)]
+    window: usize,
+    /// Diameter of the ball in millimetres, for the decay that theory expects.
+    #[arg(long, default_value_t = 40.0, allow_negative_numbers = true)]
+    ball_diameter_mm: f64,
+    /// Mass of the ball in grams, a thin shell, likewise.
+    #[arg(long, default_value_t = 2.7, allow_negative_numbers = true)]
+    ball_mass_g: f64,
+    /// Print one JSON object instead of words.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    fn check(&self) -> Result<()> {
+        let flags = [
+            ("--max-spin-rps", Some(self.max_spin_rps)),
+            ("--prior-rps", self.prior_rps),
+            ("--prior-std-rps", self.prior_std_rps),
+            ("--sigma-deg", Some(self.sigma_deg)),
+            ("--ball-diameter-mm", Some(self.ball_diameter_mm)),
+            ("--ball-mass-g", Some(self.ball_mass_g)),
+        ];
+        for (name, value) in flags {
+            if let Some(x) = value.filter(|x| !(*x > 0.0 && x.is_finite())) {
+                let problem = format!("expected a positive number, found {x}");
+                return Err(Error::argument(name, problem));
+            }
+        }
+        if self.window < MIN_FRAMES {
+            let problem = format!("expected at least {MIN_FRAMES}, found {}", self.window);
+            return Err(Error::argument("--window", problem));
+        }
+        if self.method == Method::Quatera && (self.decay || self.plot.is_some()) {
+            let problem = "the paper's method has neither --decay nor --plot, expected robust";
+            return Err(Error::argument("--method", problem));
+        }
+        Ok(())
+    }
+
+    fn robust_options(&self) -> RobustOptions {
+        RobustOptions {
+            max_rps: self.max_spin_rps,
+            sigma_rad: self.sigma_deg.to_radians(),
+            prior: self.prior_rps.map(|rps| MagnitudePrior {
+                rps,
+                std_rps: self.prior_std_rps.unwrap_or(PRIOR_SPREAD * rps),
+            }),
+            ..RobustOptions::default()
+        }
+    }
+
+    fn fit(&self, measurements: &[Measurement]) -> std::result::Result<Fit, Refusal> {
+        match self.method {
+            Method::Robust => RobustEstimator::new(self.robust_options()).fit(measurements),
+            Method::Quatera => {
+                let max_rps = self.max_spin_rps;
+                let options = QuateraOptions {
+                    max_rps,
+                    ..QuateraOptions::default()
+                };
+                QuateraEstimator::new(options).fit(measurements)
+            }
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    arguments.check()?;
+    let file = Orientations::read_csv(&arguments.orientations)?;
+    let measurements = file.measurements();
+    let refused = |r: Refusal| r.in_file(&arguments.orientations);
+    let options = DecayOptions {
+        robust: arguments.robust_options(),
+        window: arguments.window,
+    };
+    let (fit, decay) = if arguments.decay {
+        let decay = fit_decay(&measurements, &options).map_err(refused)?;
+        (decay.start, Some(decay))
+    } else {
+        (arguments.fit(&measurements).map_err(refused)?, None)
+    };
+    // A decaying spin has its aliases only for as long as it may be taken as constant.
+    let constant = match decay {
+        Some(_) => &measurements[..arguments.window],
+        None => &measurements,
+    };
+    let listed = AliasOptions {
+        max_rps: LISTED_BEYOND * arguments.max_spin_rps,
+        sigma_rad: arguments.sigma_deg.to_radians(),
+        ..AliasOptions::default()
+    };
+    let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
+    if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
+        eprintln!(
+            "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {} deg: is it one?",
+            if arguments.decay {
+                "decaying"
+            } else {
+                "constant"
+            },
+            arguments.sigma_deg
+        );
+    }
+    let found = Found {
+        method: arguments.method,
+        frames: file.rows.len(),
+        orientations: measurements.len(),
+        alternatives: alternatives(constant, &fit, &listed),
+        fit,
+        decay: decay.map(|d| Decay::new(d, arguments)),
+    };
+    if let Some(path) = &arguments.plot {
+        let runs = spin_over_time(&measurements, options.window, &options.robust);
+        plot_over_time(path, &runs.map_err(refused)?, &found)?;
+    }
+    if arguments.json {
+        return super::print_json(&found.to_json());
+    }
+    found.print();
+    Ok(())
+}
+
+/// The spins of the runs with their intervals, and the fit to all of them.
+fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> Result<()> {
+    use std::f64::consts::TAU;
+    let points: Vec<ValuePoint> = runs
+        .iter()
+        .map(|r| {
+            let y = r.fit.motion.rps();
+            let half = Z95 * std_along(&r.fit).unwrap_or(0.0) / TAU;
+            ValuePoint {
+                x: r.time_s,
+                y,
+                low: y - half,
+                high: y + half,
+            }
+        })
+        .collect();
+    let ends = (points.first().map(|p| p.x), points.last().map(|p| p.x));
+    let (Some(first), Some(last)) = ends else {
+        return Err(Error::argument(
+            "--plot",
+            "no run of orientations shows a spin",
+        ));
+    };
+    let curve = |i: usize| {
+        let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
+        let rate = found.decay.as_ref().map(|d| d.fit.rate_at(t));
+        (t, rate.map_or(found.fit.motion.rps(), |r| r / TAU))
+    };
+    let name = match &found.decay {
+        Some(d) => format!(
+            "fit to all, c = {:.4} +- {:.4} /s",
+            d.fit.decay_per_s, d.fit.std_per_s
+        ),
+        None => "constant spin fitted to all".into(),
+    };
+    let plot = ValuePlot {
+        title: "Spin over time".into(),
+        x_label: "time (s)".into(),
+        y_label: "spin (revolutions per second)".into(),
+        values: vec![ValueSeries {
+            name: "runs of orientations, 95 % intervals".into(),
+            points,
+        }],
+        lines: vec![LineSeries {
+            name,
+            points: (0..=CURVE_POINTS).map(curve).collect(),
+        }],
+    };
+    value_curves(path, &plot)
+}
+
+/// A fitted decay and what theory expects, 1/s.
+struct Decay {
+    fit: DecayFit,
+    creeping: f64,
+    boundary_layer: f64,
+}
+
+impl Decay {
+    fn new(fit: DecayFit, arguments: &Arguments) -> Self {
+        let ball = Ball {
+            radius_m: 0.5e-3 * arguments.ball_diameter_mm,
+            mass_kg: 1e-3 * arguments.ball_mass_g,
+        };
+        let air = Air::default();
+        Self {
+            creeping: creeping_decay(&ball, &air),
+            boundary_layer: boundary_layer_decay(&ball, &air, fit.start.motion.spin.norm()),
+            fit,
+        }
+    }
+
+    fn to_json(&self) -> serde_json::Value {
+        let (low, high) = self.fit.interval_per_s;
+        json!({
+            "c_per_s": self.fit.decay_per_s,
+            "std_per_s": self.fit.std_per_s,
+            "low_per_s": low,
+            "high_per_s": high,
+            "creeping_flow_per_s": self.creeping,
+            "boundary_layer_per_s": self.boundary_layer,
+        })
+    }
+
+    fn print(&self) {
+        let (low, high) = self.fit.interval_per_s;
+        println!(
+            "  decay     c = {:.4} /s, 95 % interval [{low:.4}, {high:.4}]",
+            self.fit.decay_per_s
+        );
+        println!(
+            "  theory    12 pi mu r / m = {:.5} /s (creeping flow); {:.4} /s with a boundary layer",
+            self.creeping, self.boundary_layer
+        );
+    }
+}
+
+/// Standard deviation of a fit's magnitude, rad/s.
+fn std_along(fit: &Fit) -> Option<f64> {
+    let axis = unit(&fit.motion.spin);
+    let covariance = fit.spin_covariance?;
+    Some(axis.dot(&(covariance * axis)).max(0.0).sqrt())
+}
+
+/// Everything that is reported.
+struct Found {
+    method: Method,
+    frames: usize,
+    orientations: usize,
+    fit: Fit,
+    alternatives: Vec<Alternative>,
+    decay: Option<Decay>,
+}
+
+impl Found {
+    fn std_rad_s(&self) -> Option<Vec3> {
+        self.fit.spin_covariance.as_ref().map(standard_deviations)
+    }
+
+    fn to_json(&self) -> serde_json::Value {
+        let spin = &self.fit.motion.spin;
+        let q = self.fit.motion.orientation.into_inner();
+        let q = if q.w < 0.0 { -q } else { q };
+        let alternatives: Vec<_> = self
+            .alternatives
+            .iter()
+            .map(|a| {
+                let mut entry = vector_json(&a.spin);
+                entry["log_likelihood_ratio"] = a.log_likelihood_ratio.into();
+                entry
+            })
+            .collect();
+        let mut json = vector_json(spin);
+        json["method"] = match self.method {
+            Method::Quatera => "quatera",
+            Method::Robust => "robust",
+        }
+        .into();
+        json["std_rad_s"] = json!(self.std_rad_s().map(|s| [s.x, s.y, s.z]));
+        json["std_rps"] = json!(std_along(&self.fit).map(|s| s / std::f64::consts::TAU));
+        json["covariance_rad2_s2"] = json!(
+            self.fit
+                .spin_covariance
+                .map(|c| [0, 1, 2].map(|i| [0, 1, 2].map(|j| c[(i, j)])))
+        );
+        json["sigma_deg"] = json!(self.fit.sigma_rad.map(f64::to_degrees));
+        json["inliers"] = self.fit.inliers.into();
+        json["frames"] = self.frames.into();
+        json["orientations"] = self.orientations.into();
+        json["time_s"] = self.fit.motion.time_s.into();
+        json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
+        json["alternatives"] = alternatives.into();
+        if let Some(decay) = &self.decay {
+            json["decay"] = decay.to_json();
+        }
+        json
+    }
+
+    fn print(&self) {
+        let spin = &self.fit.motion.spin;
+        let along = std_along(&self.fit).map_or(String::new(), |s| {
+            format!(" +- {:.3}", s / std::f64::consts::TAU)
+        });
+        let [x, y, z] = [spin.x, spin.y, spin.z];
+        println!(
+            "{:.3}{along} rps about {}",
+            self.fit.motion.rps(),
+            axis_words(spin)
+        );
+        println!("  spin      [{x:.3}, {y:.3}, {z:.3}] rad/s, camera frame");
+        if let Some(s) = self.std_rad_s() {
+            println!("  std       [{:.3}, {:.3}, {:.3}] rad/s", s.x, s.y, s.z);
+        }
+        println!(
+            "  {} frames, {} with an orientation, {} of them agree",
+            self.frames, self.orientations, self.fit.inliers
+        );
+        if let Some(sigma) = self.fit.sigma_rad {
+            println!("  noise     {:.2} deg per axis", sigma.to_degrees());
+        }
+        if let Some(decay) = &self.decay {
+            decay.print();
+        }
+        for a in self.alternatives.iter().take(MOST_PRINTED) {
+            println!(
+                "  also possible: {:.3} rps about {} (log-likelihood ratio {:+.2})",
+                a.spin.norm() / std::f64::consts::TAU,
+                axis_words(&a.spin),
+                a.log_likelihood_ratio
+            );
+        }
+        let more = self.alternatives.len().saturating_sub(MOST_PRINTED);
+        if more > 0 {
+            println!("  and {more} more");
+        }
+    }
+}
+
+/// A spin's fields; no axis where it does not turn.
+fn vector_json(spin: &Vec3) -> serde_json::Value {
+    let axis = unit(spin);
+    json!({
+        "spin_rad_s": [spin.x, spin.y, spin.z],
+        "rps": spin.norm() / std::f64::consts::TAU,
+        "axis": [axis.x, axis.y, axis.z],
+    })
+}
+
+fn axis_words(spin: &Vec3) -> String {
+    let axis = unit(spin);
+    format!("[{:.4}, {:.4}, {:.4}]", axis.x, axis.y, axis.z)
+}
+
+/// The direction of a spin; zero where it has none.
+fn unit(spin: &Vec3) -> Vec3 {
+    spin.try_normalize(0.0).unwrap_or_default()
+}

@@ -1,0 +1,49 @@
+//! `spindoe table`: the hash table that an estimator loads.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::error::Result;
+use crate::hash::{HashTable, PairRule, RecogniserParams};
+use crate::pattern::Pattern;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The archive opens with numpy.load: dots (n,3), features (m,3), bases (m,2), feature_dots (m,), meta
+(UTF-8 JSON). Pairs of dots that cannot serve as a basis are left out by --min-cross and
+--max-angle-deg; the archive's meta says so.
+
+Example:
+  spindoe table pattern.csv -o table.npz")]
+pub struct Arguments {
+    /// The pattern, a CSV of unit vectors x,y,z.
+    #[arg(value_name = "PATTERN.csv")]
+    pattern: PathBuf,
+    /// The file to write.
+    #[arg(short, long, value_name = "TABLE.npz")]
+    output: PathBuf,
+    /// Leave out pairs of dots whose cross product is shorter than this.
+    #[arg(long, value_name = "X", default_value_t = PairRule::default().min_cross)]
+    min_cross: f64,
+    /// Leave out pairs of dots farther apart than this, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 170.0)]
+    max_angle_deg: f64,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let pattern = Pattern::read_csv(&arguments.pattern)?;
+    let rule = PairRule {
+        min_cross: arguments.min_cross,
+        max_angle_rad: arguments.max_angle_deg.to_radians(),
+    };
+    let table = HashTable::build(pattern, rule, RecogniserParams::default())?;
+    table.write_npz(&arguments.output)?;
+    eprintln!(
+        "{}: {} features of {} dots",
+        arguments.output.display(),
+        table.features().len(),
+        table.pattern().len()
+    );
+    Ok(())
+}

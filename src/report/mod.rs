@@ -1,0 +1,259 @@
+//! What a design leaves behind: the proof of the winner on fresh trials, and the folder with everything
+//! that a user or an estimator needs.
+//!
+//! The folder holds `pattern.csv`, `table.npz`, `report.json`, `sensitivity.csv`, the plots and
+//! `stencil/`. For the same arguments every file repeats itself byte for byte, on any number of threads,
+//! but for the key `timing` of `report.json`.
+
+pub mod plots;
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::design::{Candidate, DesignConfig, DesignOutcome, ObjectiveName};
+use crate::error::{Error, Result};
+use crate::files;
+use crate::hash::{HashTable, Objective, PairRule, RecogniserParams};
+use crate::pattern::PatternSummary;
+use crate::recognise::RecogniserName;
+use crate::stencil::{Stencil, StencilConfig};
+use crate::validate::{
+    NamedValidation, Protocol, ProtocolName, SensitivityConfig, SensitivityPoint, sensitivity,
+    sensitivity_csv, validate_named,
+};
+
+/// Version of `report.json`.
+pub const REPORT_VERSION: u32 = 1;
+
+/// The seeds of a design: none is used for two purposes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Seeds {
+    /// Of the random starts.
+    pub search: u64,
+    /// Of the trials that chose among the candidates.
+    pub selection: u64,
+    /// Of the trials whose rates are reported.
+    pub report: u64,
+}
+
+/// The pattern in a report.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PatternReport {
+    /// SHA-256 of the dots.
+    pub sha256: String,
+    /// Separations and visibility.
+    pub summary: PatternSummary,
+    /// The unit vectors, in the pattern's frame.
+    pub dots: Vec<[f64; 3]>,
+}
+
+/// How long the stages took, seconds of wall-clock time.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Timing {
+    /// Descents and selection.
+    pub search_s: f64,
+    /// Validation of the winner.
+    pub validation_s: f64,
+    /// The sensitivity sweeps.
+    pub sensitivity_s: f64,
+    /// Mean time of one identification on one thread, microseconds, in the order of `validation`.
+    pub us_per_identification: Vec<Option<f64>>,
+    /// Threads used.
+    pub threads: usize,
+}
+
+/// Everything that was measured about a design.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DesignReport {
+    /// [`REPORT_VERSION`].
+    pub format_version: u32,
+    /// The version of this crate.
+    pub spindoe_version: &'static str,
+    /// The command that repeats this design.
+    pub command: String,
+    /// How it was searched.
+    pub config: DesignConfig,
+    /// The seeds.
+    pub seeds: Seeds,
+    /// Whether the search was stopped before its end; then the command does not repeat it.
+    pub stopped: bool,
+    /// All candidates, judged on the selection's trials.
+    pub candidates: Vec<Candidate>,
+    /// The start that won.
+    pub chosen_start: usize,
+    /// What was optimized, and its value.
+    pub objective: Objective,
+    /// The winner.
+    pub pattern: PatternReport,
+    /// Rates of the winner on the report's trials: every recogniser, every protocol.
+    pub validation: Vec<NamedValidation>,
+    /// How the rates depend on noise and alpha.
+    pub sensitivity: Vec<SensitivityPoint>,
+    /// Clock times; they differ from run to run.
+    pub timing: Timing,
+}
+
+/// What is measured about the winner.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProofConfig {
+    /// Trials for each recogniser and protocol.
+    pub samples: u64,
+    /// The sweeps; its seed is replaced by the report's.
+    pub sensitivity: SensitivityConfig,
+}
+
+impl ProofConfig {
+    /// `samples` trials each, and a fifth of it for each point of the default sweeps.
+    pub fn of_samples(samples: u64) -> Self {
+        Self {
+            samples,
+            sensitivity: SensitivityConfig {
+                samples: samples.div_ceil(5),
+                ..SensitivityConfig::default()
+            },
+        }
+    }
+}
+
+impl Default for ProofConfig {
+    /// 10 000 trials each, 2 000 for each point of a sweep.
+    fn default() -> Self {
+        Self::of_samples(10_000)
+    }
+}
+
+/// A design with its proof, ready to be written.
+#[derive(Debug)]
+pub struct ProvenDesign {
+    /// The table, with the validation that it ships with.
+    pub table: HashTable,
+    /// The report.
+    pub report: DesignReport,
+}
+
+/// Proves the winner of a search on the report's own trials; `says` is told what is being measured.
+///
+/// # Errors
+/// As [`validate_named`].
+pub fn prove(
+    outcome: &DesignOutcome,
+    config: &DesignConfig,
+    proof: &ProofConfig,
+    command: String,
+    says: &mut dyn FnMut(&str),
+) -> Result<ProvenDesign> {
+    let best = &outcome.best;
+    let pattern = &best.pattern;
+    let seed = config.report_seed();
+    let mut table = HashTable::build(
+        pattern.clone(),
+        PairRule::default(),
+        RecogniserParams::default(),
+    )?;
+    let clock = std::time::Instant::now();
+    let mut validation = Vec::new();
+    for recogniser in RecogniserName::ALL {
+        for name in ProtocolName::ALL {
+            says(&format!("validating: {name}, recogniser {recogniser}"));
+            let protocol = Protocol::standard(name);
+            validation.push(validate_named(
+                &table,
+                recogniser,
+                &protocol,
+                seed,
+                proof.samples,
+            )?);
+        }
+    }
+    let mut timing = Timing {
+        validation_s: clock.elapsed().as_secs_f64(),
+        us_per_identification: validation
+            .iter()
+            .map(|v| v.validation.us_per_identification)
+            .collect(),
+        threads: rayon::current_num_threads(),
+        ..Timing::default()
+    };
+    for v in &mut validation {
+        v.validation = v.validation.clone().untimed();
+    }
+    let clock = std::time::Instant::now();
+    let sweep = SensitivityConfig {
+        seed,
+        ..proof.sensitivity.clone()
+    };
+    let paper = Protocol::standard(ProtocolName::Paper);
+    let mut points = sensitivity(&table, &paper, &sweep, &mut |p| {
+        says(&format!(
+            "sensitivity: {} = {}, recogniser {}",
+            p.parameter.as_str(),
+            p.value,
+            p.result.recognizer
+        ));
+    })?;
+    for p in &mut points {
+        p.result.validation = p.result.validation.clone().untimed();
+    }
+    timing.sensitivity_s = clock.elapsed().as_secs_f64();
+    let objective = Objective {
+        name: ObjectiveName::MeanNn.to_string(),
+        value: best.objective,
+    };
+    let shipped = serde_json::to_value(&validation)
+        .map_err(|e| Error::Internal(format!("validation as JSON: {e}")))?;
+    table.set_objective(Some(objective.clone()));
+    table.set_validation(Some(shipped));
+    let report = DesignReport {
+        format_version: REPORT_VERSION,
+        spindoe_version: env!("CARGO_PKG_VERSION"),
+        command,
+        config: config.clone(),
+        seeds: Seeds {
+            search: config.seed,
+            selection: config.selection_seed(),
+            report: seed,
+        },
+        stopped: outcome.stopped,
+        candidates: outcome.candidates.clone(),
+        chosen_start: best.start,
+        objective,
+        pattern: PatternReport {
+            sha256: pattern.sha256(),
+            summary: pattern.summary(),
+            dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
+        },
+        validation,
+        sensitivity: points,
+        timing,
+    };
+    Ok(ProvenDesign { table, report })
+}
+
+impl ProvenDesign {
+    /// Writes everything but the stencil to `dir`, each file whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the system refuses.
+    pub fn write(&self, dir: &Path, stencil: &StencilConfig) -> Result<()> {
+        files::create_dir(dir)?;
+        let table = &self.table;
+        table.pattern().write_csv(&dir.join("pattern.csv"))?;
+        table.write_npz(&dir.join("table.npz"))?;
+        let csv = sensitivity_csv(&self.report.sensitivity);
+        files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
+        plots::write_all(dir, self, stencil)?;
+        let mut json = serde_json::to_string_pretty(&self.report)
+            .map_err(|e| Error::Internal(format!("report as JSON: {e}")))?;
+        json.push('\n');
+        files::write_bytes(&dir.join("report.json"), json.as_bytes())
+    }
+
+    /// Makes the stencil and writes it to `dir/stencil`.
+    ///
+    /// # Errors
+    /// As [`Stencil::build`] and [`Stencil::write`].
+    pub fn write_stencil(&self, dir: &Path, config: &StencilConfig) -> Result<()> {
+        Stencil::build(self.table.pattern(), config)?.write(&dir.join("stencil"))
+    }
+}

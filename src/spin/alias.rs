@@ -1,0 +1,172 @@
+//! Aliases: other spins that the sampling cannot tell from the estimated one.
+//!
+//! Turning about the same axis faster by `delta` (rad/s) changes the orientation at time `t_k` by the
+//! angle `delta (t_k - t)`. Nobody sees a difference where these are whole turns at all frames, that is
+//! where the spectral window of the sampling,
+//!
+//! ```text
+//! W(delta) = | sum_k p_k exp(i delta t_k) | / sum_k p_k
+//! ```
+//!
+//! comes to 1 (J. D. Scargle, "Studies in astronomical time series analysis II", Astrophys. J. 263, 1982,
+//! appendix D; `p_k` is the probability that frame k is right). For even times `T` apart the peaks lie at
+//! `2 pi k / T`: with them go the faster spins of the same sense and, beyond half a turn, those about
+//! the reversed axis. Uneven times lower the peaks. Each peak is refined and its likelihood compared with
+//! that of the estimate.
+//!
+//! Not covered: where the ball turns by less than the noise between all frames (or by whole turns), its
+//! axis is not known, and whole turns about any axis would explain the same orientations. The
+//! alternatives listed are then examples.
+
+use nalgebra::Complex;
+
+use super::refine::{NoisePrior, axis_and_rate, probabilities, rebase, settle};
+use super::{Fit, Measurement, Motion};
+use crate::geometry::{Rotation, Vec3};
+
+/// Steps of the scan over `delta` per reciprocal of the sequence's duration: fine enough that no
+/// orientation is off by more than 0.2 rad at the node next to a peak.
+const NODES_PER_CYCLE: f64 = 8.0;
+/// Least spectral window at a node that is worth a refinement. At a true tie's nearest node it is 0.98.
+const LEAST_WINDOW: f64 = 0.7;
+
+/// Settings of [`alternatives`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AliasOptions {
+    /// Largest spin listed, revolutions per second.
+    pub max_rps: f64,
+    /// Least log-likelihood ratio to the estimate that is listed (natural log).
+    pub least_log_ratio: f64,
+    /// Noise of an orientation per axis, radians, where the estimate has none of its own.
+    pub sigma_rad: f64,
+}
+
+impl Default for AliasOptions {
+    /// Up to 350 revolutions per second (twice the default of the estimators: one turn a frame at 350
+    /// frames per second), odds down to one in a thousand, 2 deg.
+    fn default() -> Self {
+        Self {
+            max_rps: 350.0,
+            least_log_ratio: -1000f64.ln(),
+            sigma_rad: 2f64.to_radians(),
+        }
+    }
+}
+
+/// Another spin that explains the orientations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Alternative {
+    /// Spin, camera frame, rad/s.
+    pub spin: Vec3,
+    /// Natural logarithm of its likelihood over that of the estimate: 0 is a tie, positive means
+    /// that the data alone prefer it.
+    pub log_likelihood_ratio: f64,
+}
+
+/// The spins about the same axis that explain `measurements` nearly as well as `fit`, likeliest first,
+/// of equals the slower first.
+pub fn alternatives(
+    measurements: &[Measurement],
+    fit: &Fit,
+    options: &AliasOptions,
+) -> Vec<Alternative> {
+    let noise = NoisePrior {
+        sigma_rad: fit.sigma_rad.unwrap_or(options.sigma_rad),
+        degrees: f64::INFINITY,
+    };
+    let mut right = Vec::new();
+    probabilities(measurements, &fit.motion, &noise, &mut right);
+    let (axis, rate) = axis_and_rate(&fit.motion.spin);
+    let mut scratch = Vec::new();
+    let Some(own) = settle(measurements, fit.motion, &noise, &mut scratch) else {
+        return Vec::new();
+    };
+    let window = Window::new(measurements, &right);
+    let middle = rebase(&fit.motion, window.centre);
+    let limit = options.max_rps * std::f64::consts::TAU;
+    // Spins nearer than half a cycle over the whole sequence are one peak.
+    let apart = std::f64::consts::PI / window.duration;
+    let mut found: Vec<Alternative> = Vec::new();
+    for delta in window.peaks(-limit - rate, limit - rate) {
+        let phase = window.at(delta).arg();
+        let start = Motion {
+            orientation: Rotation::from_scaled_axis(axis * -phase) * middle.orientation,
+            spin: axis * (rate + delta),
+            ..middle
+        };
+        let Some(refined) = settle(measurements, start, &noise, &mut scratch) else {
+            continue;
+        };
+        let spin = refined.motion.spin;
+        let log_likelihood_ratio = refined.log_likelihood - own.log_likelihood;
+        let known = (spin - fit.motion.spin).norm() < apart
+            || found.iter().any(|a| (spin - a.spin).norm() < apart);
+        if !known && spin.norm() <= limit && log_likelihood_ratio >= options.least_log_ratio {
+            found.push(Alternative {
+                spin,
+                log_likelihood_ratio,
+            });
+        }
+    }
+    // Ties differ by rounding: compare to a thousandth.
+    let key = |a: &Alternative| -(1e3 * a.log_likelihood_ratio).round();
+    found.sort_by(|a, b| {
+        let slower = a.spin.norm().total_cmp(&b.spin.norm());
+        key(a).total_cmp(&key(b)).then(slower)
+    });
+    found
+}
+
+/// The sampling's spectral window about its weighted mean time.
+struct Window {
+    /// Times from the centre (s) and weights that sum to 1.
+    nodes: Vec<(f64, f64)>,
+    centre: f64,
+    duration: f64,
+}
+
+impl Window {
+    fn new(measurements: &[Measurement], right: &[f64]) -> Self {
+        let total: f64 = right.iter().sum();
+        let weighted = || measurements.iter().zip(right);
+        let centre = weighted().map(|(m, p)| m.time_s * p).sum::<f64>() / total;
+        let used = || weighted().filter(|(_, p)| **p > 0.5).map(|(m, _)| m.time_s);
+        let first = used().fold(f64::INFINITY, f64::min);
+        let last = used().fold(f64::NEG_INFINITY, f64::max);
+        Self {
+            nodes: weighted()
+                .map(|(m, p)| (m.time_s - centre, p / total))
+                .collect(),
+            centre,
+            duration: last - first,
+        }
+    }
+
+    fn at(&self, delta: f64) -> Complex<f64> {
+        self.nodes
+            .iter()
+            .map(|(t, p)| Complex::from_polar(*p, delta * t))
+            .sum()
+    }
+
+    /// Nodes of a scan from `low` to `high` (rad/s) where the window is high and higher than beside.
+    fn peaks(&self, low: f64, high: f64) -> Vec<f64> {
+        let step = std::f64::consts::TAU / (NODES_PER_CYCLE * self.duration);
+        // No duration (fewer than two right frames): nothing can be compared.
+        if !(step.is_finite() && step > 0.0) {
+            return Vec::new();
+        }
+        let (first, last) = ((low / step).floor() as i64, (high / step).ceil() as i64);
+        let height = |i: i64| self.at(i as f64 * step).norm();
+        let (mut before, mut here) = (height(first - 1), height(first));
+        let mut peaks = Vec::new();
+        for i in first..=last {
+            let after = height(i + 1);
+            if here >= LEAST_WINDOW && here >= before && here > after {
+                peaks.push(i as f64 * step);
+            }
+            (before, here) = (here, after);
+        }
+        peaks
+    }
+}

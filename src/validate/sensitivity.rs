@@ -1,0 +1,144 @@
+//! Sensitivity: how the rates depend on the dots' noise, and for the paper's recogniser on `alpha`, the
+//! standard deviation of a vote's length (SpinDOE, Sec. IV-A).
+//!
+//! All points of a sweep share their seed: they see the same rotations, so that a curve shows the
+//! parameter's effect and not the luck of the draw. Points of one curve are therefore correlated; each
+//! interval is right for its own point.
+
+use std::fmt::Write as _;
+
+use super::{NamedValidation, Protocol, run_trials, summarize, validate_named};
+use crate::error::Result;
+use crate::hash::HashTable;
+use crate::recognise::{PaperConfig, PaperRecogniser, RecogniserName};
+
+/// What a sweep varies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SweptParameter {
+    /// The noise of a dot, degrees.
+    SigmaDeg,
+    /// The paper's alpha, without unit.
+    Alpha,
+}
+
+impl SweptParameter {
+    /// As written in files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::SigmaDeg => "sigma_deg",
+            Self::Alpha => "alpha",
+        }
+    }
+}
+
+/// Which values are swept, and on how many trials.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SensitivityConfig {
+    /// Noise of a dot, degrees, for both recognisers.
+    pub sigmas_deg: Vec<f64>,
+    /// Values of alpha, for the paper's recogniser at the protocol's own noise.
+    pub alphas: Vec<f64>,
+    /// Trials a point.
+    pub samples: u64,
+    /// Seed of the trials.
+    pub seed: u64,
+}
+
+impl Default for SensitivityConfig {
+    /// 1 to 10 degrees in steps of one; alpha from 0.003 to 1 in half decades; 2 000 trials, seed 0.
+    fn default() -> Self {
+        Self {
+            sigmas_deg: (1..=10).map(f64::from).collect(),
+            alphas: vec![0.003, 0.01, 0.03, 0.1, 0.3, 1.0],
+            samples: 2_000,
+            seed: 0,
+        }
+    }
+}
+
+/// A point of a sweep.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SensitivityPoint {
+    /// What was varied.
+    pub parameter: SweptParameter,
+    /// Its value.
+    pub value: f64,
+    /// What was found there.
+    #[serde(flatten)]
+    pub result: NamedValidation,
+}
+
+/// Sweeps noise and alpha; `each` sees every point as it is found.
+///
+/// # Errors
+/// As [`super::run_named`].
+pub fn sensitivity(
+    table: &HashTable,
+    protocol: &Protocol,
+    config: &SensitivityConfig,
+    each: &mut dyn FnMut(&SensitivityPoint),
+) -> Result<Vec<SensitivityPoint>> {
+    let SensitivityConfig { samples, seed, .. } = *config;
+    let mut points = Vec::new();
+    let mut keep = |parameter, value, result| {
+        let point = SensitivityPoint {
+            parameter,
+            value,
+            result,
+        };
+        each(&point);
+        points.push(point);
+    };
+    for recogniser in RecogniserName::ALL {
+        for &sigma in &config.sigmas_deg {
+            let noisy = protocol.with_sigma_rad(sigma.to_radians());
+            let found = validate_named(table, recogniser, &noisy, seed, samples)?;
+            keep(SweptParameter::SigmaDeg, sigma, found);
+        }
+    }
+    for &alpha in &config.alphas {
+        let of_table = *PaperRecogniser::from_table(table)?.config();
+        let paper = PaperRecogniser::new(table, PaperConfig { alpha, ..of_table })?;
+        let results = run_trials(table.pattern(), &paper, protocol, seed, samples)?;
+        let found = NamedValidation {
+            recognizer: RecogniserName::Paper,
+            validation: summarize(&results, protocol, seed),
+        };
+        keep(SweptParameter::Alpha, alpha, found);
+    }
+    Ok(points)
+}
+
+/// A sweep as CSV: a header, then one point a row.
+pub fn sensitivity_csv(points: &[SensitivityPoint]) -> String {
+    let mut text = String::from(
+        "parameter,value,recognizer,protocol,seed,trials,skipped,\
+         identity,identity_low,identity_high,orientation,orientation_low,orientation_high,\
+         mean_error_deg,median_error_deg\n",
+    );
+    for p in points {
+        let v = &p.result.validation;
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            p.parameter.as_str(),
+            p.value,
+            p.result.recognizer,
+            v.protocol,
+            v.seed,
+            v.identity.trials,
+            v.skipped,
+            v.identity.rate,
+            v.identity.low,
+            v.identity.high,
+            v.orientation.rate,
+            v.orientation.low,
+            v.orientation.high,
+            v.mean_error_deg,
+            v.median_error_deg,
+        );
+    }
+    text
+}

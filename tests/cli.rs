@@ -1,0 +1,350 @@
+//! The command, as a user runs it: good input gives whole files, bad input one clear line and exit 2.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use std::fs;
+use std::io::{Cursor, Read, Write};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use serde_json::Value;
+use zip::write::SimpleFileOptions;
+use zip::{ZipArchive, ZipWriter};
+
+fn spindoe(dir: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args(arguments)
+        .current_dir(dir)
+        .output()
+        .unwrap()
+}
+
+fn done(dir: &Path, arguments: &[&str]) -> String {
+    let output = spindoe(dir, arguments);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {words}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// A folder with `pattern.csv` and `table.npz`.
+fn workshop() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = common::random_pattern(12, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    done(dir.path(), &["table", "pattern.csv", "-o", "table.npz"]);
+    dir
+}
+
+fn files(dir: &Path) -> Vec<String> {
+    let mut names: Vec<_> = fs::read_dir(dir)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+/// The archive with the last byte but one of an array's data changed.
+fn tampered(npz: &[u8], array: &str) -> Vec<u8> {
+    let mut archive = ZipArchive::new(Cursor::new(npz)).unwrap();
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for i in 0..archive.len() {
+        let mut entry = archive.by_index(i).unwrap();
+        let name = entry.name().unwrap().into_owned();
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes).unwrap();
+        if name == format!("{array}.npy") {
+            let last = bytes.len() - 2;
+            bytes[last] ^= 0x10;
+        }
+        zip.start_file(name, SimpleFileOptions::default()).unwrap();
+        zip.write_all(&bytes).unwrap();
+    }
+    zip.finish().unwrap().into_inner()
+}
+
+/// Runs the command on bad input: exit 2, one line that contains `needle`, nothing on standard output
+/// and no file more or less than before.
+fn refused(dir: &Path, arguments: &[&str], needle: &str) {
+    let before = files(dir);
+    let output = spindoe(dir, arguments);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {words}");
+    assert_eq!(words.lines().count(), 1, "{arguments:?}: {words}");
+    assert!(words.contains(needle), "{arguments:?}: {words}");
+    assert!(output.stdout.is_empty(), "{arguments:?}");
+    assert_eq!(files(dir), before, "{arguments:?}");
+}
+
+#[test]
+fn bad_patterns_are_refused_with_file_and_line() {
+    let shop = workshop();
+    let dir = shop.path();
+    let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
+    let with_line = |line: usize, text: &str| {
+        let mut lines: Vec<_> = good.lines().collect();
+        lines[line - 1] = text;
+        lines.join("\n")
+    };
+    let second_dot = good.lines().nth(2).unwrap().to_owned();
+    let cases = [
+        (
+            String::new(),
+            "bad.csv: file: expected 4 to 64 dots, found 0",
+        ),
+        (
+            "1,0,0\n0,1,0\n0,0,1\n".into(),
+            "expected 4 to 64 dots, found 3",
+        ),
+        (
+            with_line(4, "0,NaN,1"),
+            "bad.csv: line 4 (dot 2): expected three finite numbers",
+        ),
+        (
+            with_line(4, "0,1"),
+            "bad.csv: line 4: expected three numbers x,y,z, found \"0,1\"",
+        ),
+        (
+            with_line(5, "0,0.5,0"),
+            "bad.csv: line 5 (dot 3): expected a unit vector, found length 0.5",
+        ),
+        (
+            with_line(6, &second_dot),
+            "bad.csv: line 6 (dot 4): coincides with dot 1",
+        ),
+        (
+            with_line(3, "a,b,c"),
+            "bad.csv: line 3: expected three numbers",
+        ),
+    ];
+    for (text, needle) in cases {
+        fs::write(dir.join("bad.csv"), text).unwrap();
+        refused(dir, &["validate", "bad.csv"], needle);
+        refused(dir, &["table", "bad.csv", "-o", "never.npz"], needle);
+    }
+    refused(
+        dir,
+        &["validate", "absent.csv"],
+        "absent.csv: cannot be read",
+    );
+}
+
+#[test]
+fn bad_tables_are_refused_with_file_and_array() {
+    let shop = workshop();
+    let dir = shop.path();
+    let good = fs::read(dir.join("table.npz")).unwrap();
+    fs::write(dir.join("short.npz"), &good[..good.len() / 2]).unwrap();
+    refused(dir, &["validate", "short.npz"], "short.npz: ");
+    for array in ["features", "dots"] {
+        fs::write(dir.join("changed.npz"), tampered(&good, array)).unwrap();
+        let needle = format!("changed.npz: {array}");
+        refused(dir, &["validate", "changed.npz"], &needle);
+    }
+    fs::write(dir.join("text.npz"), "x,y,z\n").unwrap();
+    refused(dir, &["validate", "text.npz"], "text.npz: ");
+}
+
+#[test]
+fn bad_arguments_are_refused_by_name() {
+    let shop = workshop();
+    let dir = shop.path();
+    let validate = |rest: &[&'static str], needle: &str| {
+        let arguments = [&["validate", "pattern.csv"], rest].concat();
+        refused(dir, &arguments, needle);
+    };
+    validate(&["--samples", "0"], "samples: expected at least 1 trial");
+    validate(
+        &["--sigma-deg", "-1"],
+        "sigma-deg: expected 0 to 180 degrees, found -1",
+    );
+    validate(
+        &["--sigma-deg", "NaN"],
+        "sigma-deg: expected 0 to 180 degrees",
+    );
+    validate(
+        &["--samples", "many"],
+        "invalid value 'many' for '--samples <N>'",
+    );
+    validate(
+        &["--protocol", "easy"],
+        "[possible values: paper, sparse, clutter, image]",
+    );
+    validate(&["--sample", "3"], "unexpected argument '--sample'");
+    refused(dir, &["validate"], "<PATTERN_OR_TABLE>");
+    for (rest, needle) in [
+        (["--dots", "3"], "dots: expected 4 to 64, found 3"),
+        (["--starts", "0"], "starts: expected at least 1"),
+        (["--samples", "0"], "samples: expected at least 1"),
+        (
+            ["--min-separation-deg", "70"],
+            "least separation: expected 0 to 49.0",
+        ),
+        (
+            ["--min-separation-deg", "NaN"],
+            "least separation: expected 0 to 49.0",
+        ),
+        (
+            ["--min-visible", "11"],
+            "least visible: expected at most 10 of 20 dots",
+        ),
+        (["--hole-diameter-mm", "-1"], "hole diameter"),
+        (["--out", "pattern.csv"], "pattern.csv: cannot be written"),
+        (
+            ["--out", "/proc/spindoe"],
+            "/proc/spindoe: cannot be written",
+        ),
+    ] {
+        refused(dir, &["design", rest[0], rest[1]], needle);
+    }
+    refused(
+        dir,
+        &["table", "pattern.csv", "-o", "no/such/folder/t.npz"],
+        "no/such/folder/t.npz: cannot be written",
+    );
+    refused(
+        dir,
+        &["table", "pattern.csv", "-o", "t.npz", "--min-cross", "2"],
+        "pair_rule.min_cross: expected a number in (0, 1), found 2",
+    );
+}
+
+#[test]
+fn validate_prints_the_agreed_json_and_repeats_itself() {
+    let shop = workshop();
+    let dir = shop.path();
+    for recognizer in ["paper", "robust"] {
+        let run = |input: &str| -> Value {
+            let arguments = [
+                "validate",
+                input,
+                "--json",
+                "--samples",
+                "200",
+                "--seed",
+                "3",
+                "--protocol",
+                "clutter",
+                "--recognizer",
+                recognizer,
+            ];
+            serde_json::from_str(&done(dir, &arguments)).unwrap()
+        };
+        let mut found = run("pattern.csv");
+        assert_eq!(found["protocol"], "clutter");
+        assert_eq!(found["recognizer"], recognizer);
+        assert_eq!(found["samples"], 200);
+        assert_eq!(found["seed"], 3);
+        assert!((found["sigma_deg"].as_f64().unwrap() - 5.0).abs() < 1e-9);
+        for success in ["identity", "orientation"] {
+            let rate = found[success]["rate"].as_f64().unwrap();
+            let trials = found[success]["trials"].as_u64().unwrap();
+            let successes = found[success]["successes"].as_u64().unwrap();
+            assert_eq!(trials + found["skipped"].as_u64().unwrap(), 200);
+            assert!((rate - successes as f64 / trials as f64).abs() < 1e-12);
+            assert!(found[success]["low"].as_f64().unwrap() <= rate);
+            assert!(found[success]["high"].as_f64().unwrap() >= rate);
+        }
+        assert!(found["us_per_identification"].as_f64().unwrap() > 0.0);
+        assert!(found["median_error_deg"].as_f64().unwrap() > 0.0);
+        // The table leads to the same trials and answers as the pattern that it was made from.
+        let mut again = run("table.npz");
+        for v in [&mut found, &mut again] {
+            v.as_object_mut()
+                .unwrap()
+                .remove("median_us_per_identification");
+            v.as_object_mut().unwrap().remove("us_per_identification");
+        }
+        assert_eq!(found, again);
+    }
+}
+
+#[test]
+fn a_design_leaves_a_whole_folder_and_repeats_itself() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |out: &str, threads: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+            .args(["design", "--dots", "10", "--starts", "3", "--steps", "5"])
+            .args(["--samples", "100", "--seed", "1", "--out", out])
+            .env("RAYON_NUM_THREADS", threads)
+            .current_dir(dir.path())
+            .output()
+            .unwrap();
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{words}");
+        assert!(String::from_utf8_lossy(&output.stdout).ends_with(&format!("{out}\n")));
+    };
+    run("one", "1");
+    run("two", "3");
+    let (one, two) = (dir.path().join("one"), dir.path().join("two"));
+    assert_eq!(files(&one), files(&two));
+    for needed in [
+        "pattern.csv",
+        "table.npz",
+        "report.json",
+        "pattern.png",
+        "stencil",
+    ] {
+        assert!(files(&one).iter().any(|f| f == needed), "{needed}");
+    }
+    let same = |name: &str| {
+        let [a, b] = [&one, &two].map(|d| fs::read(d.join(name)).unwrap());
+        assert!(a == b, "{name} differs");
+    };
+    for name in files(&one) {
+        if name != "report.json" && name != "stencil" {
+            same(&name);
+        }
+    }
+    for name in ["half_a.stl", "half_b.stl", "stencil.3mf"] {
+        same(&format!("stencil/{name}"));
+    }
+    let [mut a, mut b] = [&one, &two].map(|d| -> Value {
+        serde_json::from_slice(&fs::read(d.join("report.json")).unwrap()).unwrap()
+    });
+    for report in [&mut a, &mut b] {
+        report.as_object_mut().unwrap().remove("timing");
+    }
+    assert_eq!(a, b);
+    assert_eq!(a["validation"].as_array().unwrap().len(), 8);
+    assert_eq!(a["stopped"], false);
+    // No seed serves two ends.
+    let seeds = ["search", "selection", "report"].map(|k| a["seeds"][k].as_u64().unwrap());
+    assert!(seeds[0] != seeds[1] && seeds[1] != seeds[2] && seeds[0] != seeds[2]);
+}
+
+#[test]
+fn an_interrupt_finishes_with_the_best_so_far() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args([
+            "design", "--dots", "8", "--starts", "100000", "--steps", "5",
+        ])
+        .args(["--samples", "20", "--out", "d"])
+        .current_dir(dir.path())
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut words = std::io::BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    // Not before there is something to keep.
+    while !line.contains("best ") || line.contains("none yet") {
+        line.clear();
+        let read = std::io::BufRead::read_line(&mut words, &mut line).unwrap();
+        assert!(read > 0, "the search ended by itself");
+    }
+    let killed = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(killed.success());
+    words.read_to_string(&mut line).unwrap();
+    assert!(child.wait().unwrap().success(), "{line}");
+    let report = fs::read(dir.path().join("d/report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(report["stopped"], true);
+    assert!(report["candidates"].as_array().unwrap().len() < 100_000);
+}
