@@ -122,6 +122,24 @@ impl RobustRecogniser {
         found.is_some()
     }
 
+    /// The explanation to which `rotation` leads, written into `out`: how well a pose explains the dots that
+    /// one believes in for other reasons. Returns its log-evidence against "these are not the pattern's
+    /// dots"; `None` if hardly any dot supports it. Its confidence is that among what it leads to alone.
+    pub fn evidence_near(
+        &self,
+        dots: &[ObservedDot],
+        rotation: &Rotation,
+        ws: &mut RobustWorkspace,
+        out: &mut Identification,
+    ) -> Option<f64> {
+        ws.clear(dots.len());
+        self.prepare(dots, ws).ok()?;
+        self.refine_from(rotation, ws);
+        let best = ws.found.best()?;
+        self.report(best, ws, out);
+        Some(best.refined.ln_evidence - self.foreign.ln_evidence(dots.len()))
+    }
+
     fn identify_with(
         &self,
         dots: &[ObservedDot],

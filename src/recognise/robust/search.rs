@@ -7,6 +7,7 @@ use super::pairs::{PatternPairs, frame};
 use super::posterior::Found;
 use super::refine::{Refined, Refiner, Start, UNASSIGNED, View};
 use super::screen::Screen;
+use crate::geometry::Rotation;
 use crate::recognise::{ObservedDot, Refusal};
 
 /// Pairs nearer to parallel or opposite than this sine leave the rotation too uncertain to start from.
@@ -202,6 +203,12 @@ impl RobustRecogniser {
             let fruitful = self.refine(&start, prior, least, ws);
             fruitless = if fruitful { 0 } else { fruitless + 1 };
         }
+    }
+
+    /// Refines a rotation that may be a few degrees off.
+    pub(super) fn refine_from(&self, rotation: &Rotation, ws: &mut RobustWorkspace) {
+        let start = Start::of_pair(*rotation.to_rotation_matrix().matrix());
+        self.refine(&start, None, f64::NEG_INFINITY, ws);
     }
 
     /// Refines a rotation and remembers what comes of it; whether that is better than `least`.
