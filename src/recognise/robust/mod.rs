@@ -55,9 +55,9 @@ use screen::ScreenModel;
 const MIN_DOTS: usize = 3;
 const MIN_DOTS_HINTED: usize = 2;
 /// Below this probability of the pose a view is looked at as in a mirror.
-const MIRROR_DOUBT: f64 = 0.5;
+const MIRROR_DOUBT: f64 = 0.9;
 /// Probability from which on a view is taken for a mirrored one.
-const MIRROR_SURE: f64 = 0.99;
+const MIRROR_SURE: f64 = 0.9;
 
 /// The default recogniser. See the module's documentation.
 #[derive(Debug, Clone)]

@@ -13,7 +13,7 @@ use super::refine::Refined;
 /// Rotations nearer than this (radians) are one explanation.
 const ONE_ROTATION: f64 = 0.12;
 /// ln of the prior odds that a view is mirrored: a flipped axis is noticed, and then mended for good.
-pub(super) const MIRROR_LN_ODDS: f64 = -4.6;
+pub(super) const MIRROR_LN_ODDS: f64 = -3.0;
 /// A start nearer to an explanation than this (radians) would lead there again.
 const KNOWN_ROTATION: f64 = 0.08;
 /// Most explanations remembered; the least goes first.

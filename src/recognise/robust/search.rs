@@ -20,6 +20,8 @@ const PATIENCE: usize = 4;
 const HOPELESS: f64 = 16.0;
 /// Nats by which the best explanation must exceed what the unseen ones can reach at most.
 const UNSEEN: f64 = 4.0;
+/// Fewer dots than this leave the choice among hypotheses to the hint.
+const FEW: usize = 4;
 /// Most passes over the mirrored view: a flipped axis shows in every frame, and need not in the hardest.
 const MIRROR_PASSES: usize = 6;
 /// Observed dots that a new workspace has room for; more of them make it grow.
@@ -134,9 +136,10 @@ impl RobustRecogniser {
                 widening: prior.widening(&ws.dots),
             };
             self.refine(&start, Some(prior), f64::NEG_INFINITY, ws);
-            let beyond_doubt = ws.found.best().is_some_and(|b| {
-                b.refined.ln_of_dots() - self.foreign.ln_evidence(ws.dots.len()) > DOUBT
-            });
+            // Whatever the dots are, chance explains them so well near one given rotation hardly ever.
+            let foreign = self.foreign.ln_evidence(ws.dots.len());
+            let best = ws.found.best();
+            let beyond_doubt = best.is_some_and(|b| b.refined.ln_evidence - foreign > DOUBT);
             if beyond_doubt {
                 return Ok(());
             }
@@ -180,7 +183,10 @@ impl RobustRecogniser {
             let [p, q] = [pair.first, pair.second].map(|d| &self.dots[usize::from(d)]);
             observed * frame(p, q).transpose()
         };
-        let bias = prior.map(|p| move |index: usize| p.ln_ratio(&rotation(index), None));
+        // Where the dots have more to say than the hint, asking it each time only takes time.
+        let bias = prior
+            .filter(|_| ws.dots.len() < FEW)
+            .map(|p| move |index: usize| p.ln_ratio(&rotation(index), None));
         let screened = ws
             .screen
             .run(&self.screen, &self.pairs, &ws.dots, (a, b), bias);
