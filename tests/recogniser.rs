@@ -9,15 +9,12 @@ use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use spindoe::geometry::{
-    Rotation, Vec3, kabsch, random_direction, random_rotation, rotation_angle, tangent_frame,
-};
+use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation, rotation_angle};
 use spindoe::pattern::Pattern;
 use spindoe::recognise::robust::{Hint, RobustConfig, RobustRecogniser};
 use spindoe::recognise::{
     DotUncertainty, Identification, ObservedDot, Outcome, Recogniser, Refusal,
 };
-use spindoe::validate::bound::{expected_error, mean_length, orientation_information};
 use spindoe::validate::*;
 
 /// A seed that nothing was tuned on.
@@ -88,77 +85,6 @@ fn a_rate_and_no_more_is_enough_in_clutter() {
 }
 
 #[test]
-fn the_bound_is_met_by_least_squares_under_gaussian_noise() {
-    let pattern = common::random_pattern(20, 3);
-    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-    let sigma = 0.03;
-    // RandomAxis' angle sigma is sqrt 3 of the tangent axes'.
-    let noise = Noise::RandomAxis {
-        sigma_rad: sigma * 3f64.sqrt(),
-    };
-    for given in [4, 8] {
-        let (mut error, mut bound) = (0.0, 0.0);
-        for _ in 0..4000 {
-            let truth = random_rotation(&mut rng);
-            let seen: Vec<Vec3> = pattern.dots()[..given].to_vec();
-            let exact: Vec<Vec3> = seen.iter().map(|d| truth * d).collect();
-            let measured: Vec<Vec3> = exact
-                .iter()
-                .map(|q| {
-                    let [a, b] = tangent_frame(q);
-                    let [x, y]: [f64; 2] = [(); 2].map(|()| StandardNormal.sample(&mut rng));
-                    (q + (a * x + b * y) * sigma).normalize()
-                })
-                .collect();
-            let found = kabsch(&seen, &measured, None).unwrap();
-            error += rotation_angle(&found, &truth);
-            let information = orientation_information(&exact, &noise);
-            bound += mean_length(&information.try_inverse().unwrap()).unwrap();
-        }
-        let ratio = error / bound;
-        assert!((ratio - 1.0).abs() < 0.025, "{given} dots: {ratio}");
-    }
-}
-
-#[test]
-fn the_mean_length_of_normal_vectors() {
-    // Maxwell's distribution: 2 sqrt(2 / pi).
-    let round = mean_length(&Matrix3::from_diagonal_element(0.25)).unwrap();
-    assert!((round - (2.0 / std::f64::consts::PI).sqrt()).abs() < 1e-6);
-    // One axis alone: sqrt(2 / pi).
-    let line = mean_length(&Matrix3::from_diagonal(&Vec3::new(1.0, 1e-14, 1e-14))).unwrap();
-    assert!(
-        (line - (2.0 / std::f64::consts::PI).sqrt()).abs() < 1e-4,
-        "{line}"
-    );
-    assert_eq!(mean_length(&Matrix3::zeros()), None);
-}
-
-#[test]
-fn errors_are_near_the_bound() {
-    let pattern = common::random_pattern(20, 3);
-    for name in [ProtocolName::Paper, ProtocolName::Image] {
-        let (robust, protocol) = robust(&pattern, name);
-        let found = run_trials(&pattern, &robust, &protocol, SEED, 1500).unwrap();
-        let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
-        let mut trial = Trial::default();
-        let (mut error, mut bound) = (0.0, 0.0);
-        for (index, result) in found.iter().enumerate() {
-            generator.generate(index as u64, &mut trial);
-            let TrialResult::Judged { error_rad, .. } = *result else {
-                continue;
-            };
-            if error_rad < ORIENTATION_FAILURE_RAD {
-                error += error_rad;
-                bound += expected_error(&pattern, &trial, &protocol.noise).unwrap();
-            }
-        }
-        let ratio = error / bound;
-        assert!((0.9..1.07).contains(&ratio), "{name}: {ratio}");
-    }
-}
-
-#[test]
 fn sure_answers_are_right_and_random_dots_are_doubted() {
     let pattern = common::random_pattern(20, 5);
     let (mut sure, mut wrong, mut sure_of_nothing) = (0, 0, 0);
@@ -217,6 +143,57 @@ fn any_number_of_dots() {
         // Three dots of a small pattern may well be mistaken, even without noise.
         let least = if n <= 5 { 15 } else { 29 };
         assert!(right >= least, "{n} dots: {right}");
+    }
+}
+
+/// Right-handed frame of two directions, as columns.
+fn frame(a: &Vec3, b: &Vec3) -> Matrix3<f64> {
+    let x = (a + b).normalize();
+    let z = a.cross(b).normalize();
+    Matrix3::from_columns(&[x, z.cross(&x), z])
+}
+
+#[test]
+fn the_search_finds_what_brute_force_finds() {
+    let pattern = common::random_pattern(20, 10);
+    let dots = pattern.dots();
+    for (name, views) in [(ProtocolName::Sparse, 30), (ProtocolName::Clutter, 10)] {
+        let (robust, protocol) = robust(&pattern, name);
+        let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+        let (mut trial, mut ws) = (Trial::default(), robust.workspace());
+        let mut out = Identification::default();
+        for index in 0..views {
+            generator.generate(index, &mut trial);
+            if robust
+                .identify_into(&trial.dots, &mut ws, &mut out)
+                .is_err()
+            {
+                continue;
+            }
+            let answer = out.rotation;
+            let mut evidence = |r: &Rotation| {
+                let found = robust.evidence_near(&trial.dots, r, &mut ws, &mut out);
+                found.unwrap_or(f64::NEG_INFINITY)
+            };
+            let found = evidence(&answer);
+            // Every pair of seen dots on every ordered pair of pattern dots, whatever its angle.
+            let seen: Vec<_> = trial.dots.iter().map(|d| d.direction).collect();
+            let mut best = f64::NEG_INFINITY;
+            for (a, b) in (0..seen.len()).flat_map(|a| (0..a).map(move |b| (a, b))) {
+                let to = frame(&seen[a], &seen[b]);
+                for (p, q) in (0..20).flat_map(|p| (0..20).map(move |q| (p, q))) {
+                    if p != q {
+                        let turn = to * frame(&dots[p], &dots[q]).transpose();
+                        let turn = nalgebra::Rotation3::from_matrix_unchecked(turn);
+                        best = best.max(evidence(&Rotation::from_rotation_matrix(&turn)));
+                    }
+                }
+            }
+            // What is hardly better than "these are not the pattern's dots" may be missed by a little.
+            // Refinements that start apart settle on points a fraction of a nat apart.
+            let slack = if best > 2.0 { 0.3 } else { 1.0 };
+            assert!(found > best - slack, "{name} {index}: {found} {best}");
+        }
     }
 }
 

@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let answers = match arguments.recognizer {
         RecogniserName::Paper => identify(&PaperRecogniser::from_table(&table)?, frames),
         RecogniserName::Robust => {
-            let config = arguments.config(&table);
+            let config = arguments.config(&table)?;
             identify(&RobustRecogniser::new(table.pattern(), config)?, frames)
         }
     };
@@ -102,7 +102,7 @@ impl Arguments {
         }
     }
 
-    fn config(&self, table: &HashTable) -> RobustConfig {
+    fn config(&self, table: &HashTable) -> Result<RobustConfig> {
         let mut config = match self.expect {
             Some(name) => Protocol::standard(name).recogniser_config(),
             None => RobustConfig {
@@ -111,13 +111,21 @@ impl Arguments {
             },
         };
         if let Some(mean) = self.false_dots {
+            if !(mean > 0.0 && mean.is_finite()) {
+                let problem = format!("expected a positive number, found {mean}");
+                return Err(Error::argument("--false-dots", problem));
+            }
             config.expected_false_dots = mean;
             config.usual_false_dots = None;
         }
         if let Some(p) = self.miss_probability {
+            if !(p > 0.0 && p < 1.0) {
+                let problem = format!("expected a probability in (0, 1), found {p}");
+                return Err(Error::argument("--miss-probability", problem));
+            }
             config.detection_probability = 1.0 - p;
         }
-        config
+        Ok(config)
     }
 }
 
