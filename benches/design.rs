@@ -1,4 +1,4 @@
-//! Times of the design's parts, 20 dots: the table, one value and gradient of the objective, a descent.
+//! Times of the design's parts, 20 dots: the table, each objective's value with gradient, a descent.
 //!
 //! `cargo bench --bench design`
 
@@ -7,17 +7,27 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use spindoe::design::descent::{Constraints, coordinates, descend, random_pattern};
-use spindoe::design::objective::MeanNearestNeighbour;
+use spindoe::Result;
+use spindoe::design::objective::Evaluation;
+use spindoe::design::scp::{Cost, descend};
+use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound, random_pattern};
+use spindoe::geometry::Vec3;
 use spindoe::hash::{HashTable, PairRule, RecogniserParams};
+use spindoe::validate::{Protocol, ProtocolName};
+
+struct Only(Objective);
+
+impl Cost for Only {
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        self.0.cost(dots)
+    }
+}
 
 fn design(c: &mut Criterion) {
     let constraints = Constraints::default();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let pattern = random_pattern(20, constraints.least_separation_rad, &mut rng)
         .expect("twenty dots fit at random");
-    let objective = MeanNearestNeighbour::default();
-    let at = coordinates(&pattern);
     c.bench_function("hash table of 20 dots", |b| {
         b.iter(|| {
             HashTable::build(
@@ -27,13 +37,25 @@ fn design(c: &mut Criterion) {
             )
         });
     });
-    c.bench_function("mean-nn: value and gradient", |b| {
-        b.iter(|| objective.evaluate(black_box(&at)));
+    let protocol = Protocol::standard(ProtocolName::Sparse);
+    for name in ObjectiveName::ALL {
+        let objective = Objective::for_protocol(name, &protocol);
+        c.bench_function(&format!("{name}: value and gradient"), |b| {
+            b.iter(|| objective.figure(black_box(pattern.dots())));
+        });
+    }
+    c.bench_function("orientation bound: value and gradient", |b| {
+        b.iter(|| OrientationBound::default().cost(black_box(pattern.dots())));
     });
     let mut slow = c.benchmark_group("descent");
     slow.sample_size(10);
-    slow.bench_function("10 steps of L-BFGS on mean-nn", |b| {
-        b.iter(|| descend(black_box(&pattern), &objective, &constraints, 10));
+    let paper = Only(Objective::for_protocol(ObjectiveName::MeanNn, &protocol));
+    slow.bench_function("one step on mean-nn, all constraints", |b| {
+        b.iter(|| descend(black_box(&pattern), &paper, &constraints, 1));
+    });
+    let default = Only(Objective::default());
+    slow.bench_function("one step on confusion, all constraints", |b| {
+        b.iter(|| descend(black_box(&pattern), &default, &constraints, 1));
     });
 }
 

@@ -10,7 +10,7 @@ use std::time::Instant;
 use criterion::Criterion;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use spindoe::design::descent::random_pattern;
+use spindoe::design::random_pattern;
 use spindoe::hash::{HashTable, PairRule, RecogniserParams};
 use spindoe::pattern::Pattern;
 use spindoe::recognise::robust::RobustRecogniser;

@@ -6,19 +6,19 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use spindoe::Result;
-use spindoe::design::{Candidate, DesignConfig, DesignObserver, design};
+use spindoe::design::checkpoint::State;
+use spindoe::design::{DesignConfig, DesignObserver, Stage, design};
 use spindoe::report::{ProofConfig, prove};
 use spindoe::stencil::StencilConfig;
 
-/// Prints each candidate as it is judged.
+/// Prints the best rate after each piece of work.
 struct Talk;
 
 impl DesignObserver for Talk {
-    fn candidate(&mut self, candidate: &Candidate, _best: Option<&Candidate>) -> Result<()> {
-        println!(
-            "start {}: objective {:.4}, identity {}",
-            candidate.start, candidate.objective, candidate.validation.identity
-        );
+    fn progress(&mut self, state: &State, stage: Stage) -> Result<()> {
+        if let Some(best) = state.pool.first().and_then(|c| c.identity) {
+            println!("{stage:?}: best identity rate so far {best}");
+        }
         Ok(())
     }
 }
@@ -32,7 +32,7 @@ fn main() -> Result<()> {
         ..DesignConfig::default()
     };
     let never = AtomicBool::new(false);
-    let outcome = design(&config, &never, &mut Talk)?;
+    let outcome = design(&config, &mut State::default(), &never, &mut Talk)?;
     let proof = ProofConfig::of_samples(2_000);
     let command = "the example design_pattern".to_owned();
     let proven = prove(&outcome, &config, &proof, command, &mut |_| ())?;

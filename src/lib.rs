@@ -29,7 +29,7 @@
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
-//! # let pattern = spindoe::design::descent::random_pattern(20, 0.3, &mut rng)?;
+//! # let pattern = spindoe::design::random_pattern(20, 0.3, &mut rng)?;
 //! // or: let pattern = Pattern::read_csv("pattern.csv".as_ref())?;
 //! let table = HashTable::build(pattern, PairRule::default(), RecogniserParams::default())?;
 //! let protocol = Protocol::standard(ProtocolName::Paper);

@@ -184,6 +184,14 @@ impl Pattern {
         })
     }
 
+    /// Fewest dots with `z > limit` over 20 000 viewing directions on a spiral.
+    pub fn least_visible(&self, limit: f64) -> usize {
+        spiral_directions(SUMMARY_DIRECTIONS)
+            .map(|view| self.dots.iter().filter(|d| d.dot(&view) > limit).count())
+            .min()
+            .unwrap_or(0)
+    }
+
     /// Nearest-neighbour separations, and how many dots are seen from anywhere.
     pub fn summary(&self) -> PatternSummary {
         let n = self.dots.len();
@@ -195,10 +203,7 @@ impl Pattern {
                     .fold(f64::INFINITY, f64::min)
             })
             .collect();
-        let least_visible = spiral_directions(SUMMARY_DIRECTIONS)
-            .map(|view| self.dots.iter().filter(|d| d.dot(&view) > 0.0).count())
-            .min()
-            .unwrap_or(0);
+        let least_visible = self.least_visible(0.0);
         PatternSummary {
             dots: n,
             least_separation_rad: nearest.iter().copied().fold(f64::INFINITY, f64::min),

@@ -191,6 +191,24 @@ fn bad_arguments_are_refused_by_name() {
             "least visible: expected at most 10 of 20 dots",
         ),
         (["--hole-diameter-mm", "-1"], "hole diameter"),
+        (
+            ["--hole-diameter-mm", "18"],
+            "least separation: expected 0 to 49.0",
+        ),
+        (
+            ["--seam-margin-deg", "-1"],
+            "seam margin: expected 0 to 60 degrees, found -1",
+        ),
+        (
+            ["--keep-out", "0,0,0,10"],
+            "expected an axis that is not zero",
+        ),
+        (
+            ["--keep-out", "0,0,1,95"],
+            "keep-out: expected a half angle of 0 to 90",
+        ),
+        (["--budget", "soon"], "'soon' for '--budget"),
+        (["--from", "absent.csv"], "absent.csv: cannot be read"),
         (["--out", "pattern.csv"], "pattern.csv: cannot be written"),
         (
             ["--out", "/proc/spindoe"],
@@ -266,7 +284,7 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
     let dir = tempfile::tempdir().unwrap();
     let run = |out: &str, threads: &str| {
         let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
-            .args(["design", "--dots", "10", "--starts", "3", "--steps", "5"])
+            .args(["design", "--dots", "10", "--starts", "3"])
             .args(["--samples", "100", "--seed", "1", "--out", out])
             .env("RAYON_NUM_THREADS", threads)
             .current_dir(dir.path())
@@ -294,7 +312,8 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
         assert!(a == b, "{name} differs");
     };
     for name in files(&one) {
-        if name != "report.json" && name != "stencil" {
+        // These two hold clock times.
+        if !["report.json", "search.json", "stencil"].contains(&name.as_str()) {
             same(&name);
         }
     }
@@ -320,7 +339,7 @@ fn an_interrupt_finishes_with_the_best_so_far() {
     let dir = tempfile::tempdir().unwrap();
     let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
         .args([
-            "design", "--dots", "8", "--starts", "100000", "--steps", "5",
+            "design", "--dots", "8", "--starts", "2", "--rounds", "100000",
         ])
         .args(["--samples", "20", "--out", "d"])
         .current_dir(dir.path())
@@ -331,7 +350,7 @@ fn an_interrupt_finishes_with_the_best_so_far() {
     let mut words = std::io::BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
     // Not before there is something to keep.
-    while !line.contains("best ") || line.contains("none yet") {
+    while !line.contains("best ") {
         line.clear();
         let read = std::io::BufRead::read_line(&mut words, &mut line).unwrap();
         assert!(read > 0, "the search ended by itself");
@@ -346,5 +365,6 @@ fn an_interrupt_finishes_with_the_best_so_far() {
     let report = fs::read(dir.path().join("d/report.json")).unwrap();
     let report: Value = serde_json::from_slice(&report).unwrap();
     assert_eq!(report["stopped"], true);
-    assert!(report["candidates"].as_array().unwrap().len() < 100_000);
+    assert!(report["starts"].as_u64().unwrap() < 200_000);
+    assert!(dir.path().join("d/stencil/half_a.stl").exists());
 }

@@ -1,15 +1,20 @@
-//! The search: descents climb and keep their constraints, and the same seed finds the same pattern.
+//! The search: descents go down under their constraints, and the same seed finds the same pattern.
 
 #![allow(clippy::unwrap_used)]
 
 mod common;
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use spindoe::design::descent::{Constraints, coordinates, descend};
-use spindoe::design::objective::MeanNearestNeighbour;
-use spindoe::design::{Candidate, DesignConfig, DesignObserver, design};
-use spindoe::geometry::{Rotation, random_rotation};
+use spindoe::Result;
+use spindoe::design::checkpoint::State;
+use spindoe::design::constraints::most_separation;
+use spindoe::design::objective::{Evaluation, MeanNearestNeighbour};
+use spindoe::design::scp::{Cost, descend};
+use spindoe::design::{
+    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, Stage, design,
+};
+use spindoe::geometry::{Vec3, angle_between, random_direction};
 use spindoe::hash::{HashTable, PairRule, RecogniserParams};
 use spindoe::pattern::Pattern;
 
@@ -18,11 +23,13 @@ use rand_chacha::ChaCha8Rng;
 
 fn small(seed: u64) -> DesignConfig {
     DesignConfig {
-        dots: 12,
+        dots: 10,
         seed,
-        starts: 4,
-        steps: 15,
-        samples: 200,
+        starts: 6,
+        rounds: 2,
+        scout_steps: 4,
+        climb_steps: 12,
+        samples: 100,
         constraints: Constraints {
             least_visible: 2,
             ..Constraints::default()
@@ -31,107 +38,272 @@ fn small(seed: u64) -> DesignConfig {
     }
 }
 
-fn value(pattern: &Pattern) -> f64 {
-    MeanNearestNeighbour::default()
-        .evaluate(&coordinates(pattern))
-        .unwrap()
-        .value
-}
+struct Only(Objective);
 
-#[test]
-fn a_descent_climbs_and_keeps_its_distance() {
-    let constraints = Constraints::default();
-    for seed in 0..4 {
-        let start = common::random_pattern(20, seed);
-        let found = descend(&start, &MeanNearestNeighbour::default(), &constraints, 30).unwrap();
-        let (before, after) = (value(&start), value(&found));
-        assert!(after > 1.03 * before, "seed {seed}: {before} -> {after}");
-        // The penalty gives way a little; `Constraints::check` decides what is still acceptable.
-        let least = found.summary().least_separation_rad;
-        assert!(
-            least > 0.9 * constraints.least_separation_rad,
-            "seed {seed}: {least}"
-        );
+impl Cost for Only {
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        self.0.cost(dots)
     }
 }
 
 #[test]
-fn the_objective_does_not_change_when_the_ball_turns() {
-    let pattern = common::random_pattern(14, 3);
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let r: Rotation = random_rotation(&mut rng);
-    let turned = Pattern::new(pattern.dots().iter().map(|d| r * d).collect()).unwrap();
-    assert!((value(&pattern) - value(&turned)).abs() < 1e-9);
+fn a_descent_goes_down_and_keeps_every_demand() {
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    for (seed, objective) in [
+        Objective::default(),
+        Objective::MeanNn(MeanNearestNeighbour::default()),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let constraints = Constraints {
+            keep_out: vec![KeepOut {
+                axis: random_direction(&mut rng),
+                half_angle_rad: 0.4,
+            }],
+            ..Constraints::default()
+        };
+        let start = common::random_pattern(20, seed as u64);
+        assert!(
+            constraints.missed(&start).is_some(),
+            "the start says nothing"
+        );
+        let found = descend(&start, &Only(objective), &constraints, 40).unwrap();
+        assert_eq!(constraints.missed(&found), None);
+        let cost = |p: &Pattern| objective.cost(p.dots()).unwrap().value;
+        assert!(cost(&found) < cost(&start) - 0.03, "{}", objective.name());
+    }
+}
+
+/// Minus the sum of all distances: its minimum under a separation that is all but forced is known.
+struct Spread;
+
+impl Cost for Spread {
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        let mut value = 0.0;
+        let mut gradient = vec![Vec3::zeros(); dots.len()];
+        for i in 0..dots.len() {
+            for j in 0..i {
+                let delta = dots[i] - dots[j];
+                value -= delta.norm();
+                gradient[i] -= delta.normalize();
+                gradient[j] += delta.normalize();
+            }
+        }
+        Ok(Evaluation { value, gradient })
+    }
 }
 
 #[test]
-fn without_pairs_near_singular_the_objective_is_the_mean_over_the_table() {
+fn the_descent_finds_the_platonic_solids() {
+    // The largest sum of distances of 4, 6 and 12 points: tetrahedron, octahedron, icosahedron.
+    let free = Constraints {
+        least_separation_rad: 0.0,
+        least_visible: 0,
+        seam_margin_rad: 0.0,
+        ..Constraints::default()
+    };
+    for (n, separation) in [(4, 109.471_22), (6, 90.0), (12, 63.434_95)] {
+        let found = descend(&common::random_pattern(n, 1), &Spread, &free, 300).unwrap();
+        let least = found.summary().least_separation_rad.to_degrees();
+        assert!((least - separation).abs() < 0.01, "{n}: {least}");
+        assert!((most_separation(n).to_degrees() - separation).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn a_binding_separation_binds() {
+    // Dots drawn together by minus Spread end exactly at the demanded distance.
+    struct Gather;
+    impl Cost for Gather {
+        fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+            let mut at = Spread.cost(dots)?;
+            at.value = -at.value;
+            at.gradient.iter_mut().for_each(|g| *g *= -1.0);
+            Ok(at)
+        }
+    }
+    let constraints = Constraints {
+        least_separation_rad: 0.5,
+        least_visible: 0,
+        seam_margin_rad: 0.0,
+        ..Constraints::default()
+    };
+    let found = descend(&common::random_pattern(4, 3), &Gather, &constraints, 200).unwrap();
+    let d = found.dots();
+    let mut close = 0;
+    for i in 0..4 {
+        for j in 0..i {
+            let angle = angle_between(&d[i], &d[j]);
+            assert!(angle > 0.5 - 1e-4, "{angle}");
+            close += usize::from(angle < 0.5 + 1e-3);
+        }
+    }
+    // Two equilateral triangles with a common side: five of six distances bind.
+    assert!(close >= 5, "{close}");
+}
+
+#[test]
+fn without_pairs_near_singular_the_paper_s_objective_is_the_mean_over_the_table() {
     // Where every pair is well inside the rule's bounds all weights are one, and the objective is the
     // plain mean over all features: a tetrahedron's pairs are 109.5 degrees apart.
     let s = 1.0 / 3f64.sqrt();
     let dots = [[s, s, s], [s, -s, -s], [-s, s, -s], [-s, -s, s]];
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     // Shaken, since equal features of a regular solid have distance 0.
-    let shaken = dots.map(|d| {
-        let dot = spindoe::geometry::Vec3::from(d);
-        (dot + 0.1 * spindoe::geometry::random_direction(&mut rng)).normalize()
-    });
+    let shaken = dots.map(|d| (Vec3::from(d) + 0.1 * random_direction(&mut rng)).normalize());
     let pattern = Pattern::new(shaken.to_vec()).unwrap();
     let table =
         HashTable::build(pattern.clone(), PairRule::ALL, RecogniserParams::default()).unwrap();
     let distances = table.nearest_distances();
     let mean = distances.iter().sum::<f64>() / distances.len() as f64;
-    assert!((value(&pattern) - mean).abs() < 1e-12 * mean);
+    let value = MeanNearestNeighbour::default()
+        .evaluate(pattern.dots())
+        .unwrap()
+        .value;
+    assert!((value - mean).abs() < 1e-12 * mean);
+}
+
+fn run(config: &DesignConfig, threads: usize) -> DesignOutcome {
+    let go = AtomicBool::new(false);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap();
+    let mut found = pool
+        .install(|| design(config, &mut State::default(), &go, &mut ()))
+        .unwrap();
+    found.milestones.clear();
+    found
 }
 
 #[test]
 fn the_same_seed_finds_the_same_pattern() {
-    let go = AtomicBool::new(false);
-    let run = |seed, threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        pool.install(|| design(&small(seed), &go, &mut ()).unwrap())
-    };
-    let found = run(1, 1);
-    assert_eq!(found, run(1, 3));
-    assert_ne!(found.best.pattern, run(2, 2).best.pattern);
-    // The winner is the best of the feasible ones on the selection's trials.
-    let best = found
-        .candidates
-        .iter()
-        .filter(|c| c.feasible)
-        .map(|c| c.validation.identity.rate)
-        .fold(0.0, f64::max);
-    assert_eq!(found.best.validation.identity.rate, best);
-    assert_eq!(found.best.validation.seed, small(1).selection_seed());
+    let found = run(&small(1), 1);
+    assert_eq!(found, run(&small(1), 3));
+    assert_ne!(found.best.dots, run(&small(2), 2).best.dots);
+    assert_eq!(found.starts, 12);
+    assert_eq!(found.best.missed, None);
+    assert_eq!(found.best, found.finalists[0]);
+    // No stage of any round shares its seed with another, or with the report.
+    let config = small(1);
+    let mut seeds: Vec<u64> = (0..50)
+        .flat_map(|round| (0..5).map(move |halving| (round, halving)))
+        .map(|(round, halving)| config.selection_seed(round, halving))
+        .chain([config.report_seed(), config.seed])
+        .collect();
+    let count = seeds.len();
+    seeds.sort_unstable();
+    seeds.dedup();
+    assert_eq!(seeds.len(), count);
 }
 
-/// Stops the search once it has seen a candidate that satisfies the constraints.
-struct Stopper<'a>(&'a AtomicBool);
+/// Stops the search after some pieces of work.
+struct Stopper<'a> {
+    left: usize,
+    stop: &'a AtomicBool,
+}
 
 impl DesignObserver for Stopper<'_> {
-    fn candidate(&mut self, _: &Candidate, best: Option<&Candidate>) -> spindoe::Result<()> {
-        self.0
-            .store(best.is_some(), std::sync::atomic::Ordering::Relaxed);
+    fn progress(&mut self, _: &State, _: Stage) -> Result<()> {
+        if self.left == 0 {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+        self.left = self.left.saturating_sub(1);
         Ok(())
     }
+}
+
+/// Stands for a kill: the search ends with an error wherever it is, and only the file is left.
+struct Killer<'a> {
+    left: usize,
+    config: &'a DesignConfig,
+    path: &'a std::path::Path,
+}
+
+impl DesignObserver for Killer<'_> {
+    fn progress(&mut self, state: &State, _: Stage) -> Result<()> {
+        if self.left == 0 {
+            return Err(spindoe::Error::Internal("killed".into()));
+        }
+        self.left -= 1;
+        state.save(self.path, self.config)
+    }
+}
+
+#[test]
+fn a_killed_search_resumes_to_the_same_result() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("search.json");
+    let config = small(3);
+    let go = AtomicBool::new(false);
+    let expected = run(&config, 2);
+    let mut state = State::default();
+    let mut killed = 0;
+    let found = loop {
+        let mut killer = Killer {
+            left: 2,
+            config: &config,
+            path: &path,
+        };
+        match design(&config, &mut state, &go, &mut killer) {
+            Ok(found) => break found,
+            Err(_) => killed += 1,
+        }
+        // Halving begins anew each time: let the last run through.
+        if killed > 12 {
+            break design(&config, &mut state, &go, &mut ()).unwrap();
+        }
+        state = State::load(&path, &config).unwrap();
+    };
+    assert!(killed > 3, "{killed}");
+    assert_eq!(found.best, expected.best);
+    // Another search's checkpoint is refused.
+    let error = State::load(&path, &small(4)).unwrap_err();
+    assert!(error.is_usage() && error.to_string().contains("other arguments"));
+    std::fs::write(&path, "{}").unwrap();
+    assert!(State::load(&path, &config).unwrap_err().is_usage());
 }
 
 #[test]
 fn a_stopped_search_keeps_its_best() {
     let stop = AtomicBool::new(false);
     let config = DesignConfig {
-        starts: 1000,
+        rounds: 1000,
         ..small(1)
     };
-    let found = design(&config, &stop, &mut Stopper(&stop)).unwrap();
-    assert!(found.stopped);
-    assert!(found.candidates.len() < 1000);
+    // Wherever the stop comes: while scouting, climbing, trying.
+    for left in 8..20 {
+        stop.store(false, Ordering::Relaxed);
+        let mut stopper = Stopper { left, stop: &stop };
+        let found = design(&config, &mut State::default(), &stop, &mut stopper).unwrap();
+        assert!(found.stopped, "{left}");
+        assert!(found.starts < 100, "{left}: {}", found.starts);
+    }
     // Stopped before anything was found: there is nothing to keep, and that is said.
     let stop = AtomicBool::new(true);
-    assert!(design(&config, &stop, &mut ()).is_err());
+    assert!(design(&config, &mut State::default(), &stop, &mut ()).is_err());
+}
+
+#[test]
+fn a_given_pattern_is_improved() {
+    let from = common::random_pattern(10, 8);
+    let config = DesignConfig {
+        from: Some(from.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
+        ..small(5)
+    };
+    let found = run(&config, 2);
+    let figure = |p: &Pattern| config.objective.figure(p.dots()).unwrap().value;
+    assert!(found.best.figure < figure(&from));
+    // Improved, not replaced: the dots are where they were, but for some degrees.
+    let moved = found
+        .best
+        .dots
+        .iter()
+        .zip(from.dots())
+        .map(|(a, b)| angle_between(&Vec3::from(*a), b).to_degrees())
+        .fold(0.0, f64::max);
+    assert!(moved < 60.0, "{moved}");
 }
 
 #[test]
@@ -140,8 +312,10 @@ fn demands_that_cannot_be_met_are_refused_with_the_limit() {
     let demand = |deg: f64| Constraints {
         least_separation_rad: deg.to_radians(),
         least_visible: 0,
+        ..Constraints::default()
     };
     assert!(demand(63.4).check_demand(12).is_ok());
     let error = demand(63.5).check_demand(12).unwrap_err().to_string();
     assert!(error.contains("63.4 degrees"), "{error}");
+    assert!(error.contains("at most 11 dots"), "{error}");
 }

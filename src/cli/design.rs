@@ -3,35 +3,46 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print_json;
-use crate::design::descent::Constraints;
+use crate::design::checkpoint::State;
 use crate::design::{
-    Candidate, DesignConfig, DesignObserver, DesignOutcome, ObjectiveName, design,
+    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, ObjectiveName,
+    Stage, design,
 };
 use crate::error::{Error, Result};
 use crate::files;
+use crate::geometry::Vec3;
+use crate::pattern::Pattern;
 use crate::report::{ProofConfig, ProvenDesign, prove};
 use crate::stencil::StencilConfig;
-use crate::validate::ProtocolName;
+use crate::validate::{Noise, Protocol, ProtocolName};
 
 /// The default folder's name; a number is added where it is taken.
 const FOLDER: &str = "spindoe-design";
+/// The search's checkpoint within the folder.
+const CHECKPOINT: &str = "search.json";
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Each random start is improved by L-BFGS on the objective and then judged by Monte Carlo trials; the best
-is proven on trials of other seeds. The folder then holds pattern.csv, table.npz, report.json,
-sensitivity.csv, plots and stencil/. Ctrl-C ends the search and finishes with the best pattern so far.
+Random starts descend on the objective under the constraints; the best are tried by Monte Carlo, and the
+winner is proven on trials of seeds that nothing else has used. The folder then holds pattern.csv,
+table.npz, report.json, sensitivity.csv, plots and stencil/.
+
+Ctrl-C ends the search and finishes with the best so far; --resume continues a search that was ended or
+killed, also with more --rounds or another --budget.
 
 Examples:
   spindoe design
-  spindoe design --seed 7 --starts 48 --out my-ball
-  spindoe design --dots 12 --hole-diameter-mm 6 --out twelve")]
+  spindoe design --seed 7 --budget 30m --out my-ball
+  spindoe design --seed 7 --budget 30m --out my-ball --resume
+  spindoe design --dots 12 --hole-diameter-mm 6 --out twelve
+  spindoe design --from old.csv --keep-out 0,0,1,25 --out with-logo
+  spindoe design --protocol image --ball-pixels 40 --pixel-noise 0.7 --out small-in-the-image")]
 pub struct Arguments {
     /// Number of dots, 4 to 64.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().dots)]
@@ -39,39 +50,77 @@ pub struct Arguments {
     /// Seed of the random starts; the seeds of all trials are derived from it.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Number of random starts.
+    /// Number of random starts a round.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().starts)]
     starts: usize,
-    /// Steps of L-BFGS a start.
-    #[arg(long, value_name = "N", default_value_t = DesignConfig::default().steps)]
-    steps: u64,
-    /// What a descent climbs.
-    #[arg(long, value_enum, default_value_t = ObjectiveName::MeanNn)]
+    /// Number of rounds.
+    #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "budget")]
+    rounds: usize,
+    /// Begin rounds until this time is spent, for instance 90s, 30m or 2h.
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    budget: Option<Duration>,
+    /// Continue the search that was left in --out.
+    #[arg(long, requires = "out")]
+    resume: bool,
+    /// What a descent works on.
+    #[arg(long, value_enum, default_value_t = ObjectiveName::default())]
     objective: ObjectiveName,
+    /// Weight of the orientation bound's worst direction beside the objective.
+    #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
+    bound_weight: f64,
     /// Monte Carlo trials a candidate, again for each protocol of the winner's proof, and a fifth of
     /// it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
-    /// The protocol whose identity rate chooses among the candidates.
-    #[arg(long, value_enum, default_value_t = DesignConfig::default().protocol)]
+    /// The views to optimize for.
+    #[arg(long, value_enum, default_value_t = ProtocolName::Sparse)]
     protocol: ProtocolName,
-    /// Least angle between two dots, degrees (18 degrees leave walls between 4 mm holes on a 40 mm ball).
-    #[arg(
-        long,
-        value_name = "DEG",
-        default_value_t = 18.0,
-        allow_negative_numbers = true
-    )]
-    min_separation_deg: f64,
-    /// Fewest dots in view from any direction; by default a quarter of them.
+    /// Improve this pattern instead of starting at random.
+    #[arg(long, value_name = "PATTERN.csv", conflicts_with = "dots")]
+    from: Option<PathBuf>,
+    /// Least angle between two dots, degrees; by default what the stencil's holes need, at least 18.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    min_separation_deg: Option<f64>,
+    /// Fewest dots in view from any direction; by default 3 in 10 of them.
     #[arg(long, value_name = "N")]
     min_visible: Option<usize>,
+    /// Least angle between a dot and the stencil's seam, degrees; 0 leaves the seam to itself. By
+    /// default 10, less for more than 24 dots.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    seam_margin_deg: Option<f64>,
+    /// A cone without dots, such as a logo: its axis and half angle in degrees. May be repeated.
+    #[arg(long, value_name = "X,Y,Z,DEG", value_parser = keep_out, allow_hyphen_values = true)]
+    keep_out: Vec<KeepOut>,
     /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6: measure yours.
     #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
     ball_diameter_mm: f64,
     /// Diameter of the stencil's holes at the ball, mm.
     #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().hole_diameter_mm, allow_negative_numbers = true)]
     hole_diameter_mm: f64,
+    /// Diameter of the ball in the camera's image, pixels; sets the noise of --protocol image.
+    #[arg(
+        long,
+        value_name = "PX",
+        default_value_t = 60.0,
+        allow_negative_numbers = true
+    )]
+    ball_pixels: f64,
+    /// Error of a detected dot per image axis, pixels; sets the noise of --protocol image.
+    #[arg(
+        long,
+        value_name = "PX",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
+    pixel_noise: f64,
+    /// Length of the motion blur at the ball, pixels; an eighth of it counts as further error per axis.
+    #[arg(
+        long,
+        value_name = "PX",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    blur: f64,
     /// The folder to write to; by default spindoe-design, with a number where that is taken.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -80,25 +129,78 @@ pub struct Arguments {
     json: bool,
 }
 
+/// Part of a blur's length that counts as error of a dot's centre, per axis.
+const BLUR_SHARE: f64 = 0.125;
+/// Least separation whatever the holes, degrees: nearer dots merge in a small image.
+const LEAST_SEPARATION_DEG: f64 = 18.0;
+
 impl Arguments {
-    fn config(&self) -> DesignConfig {
-        DesignConfig {
-            dots: self.dots,
+    fn config(&self) -> Result<DesignConfig> {
+        let from = match &self.from {
+            Some(path) => Some(Pattern::read_csv(path)?),
+            None => None,
+        };
+        let dots = from.as_ref().map_or(self.dots, Pattern::len);
+        let protocol = self.protocol()?;
+        Ok(DesignConfig {
+            dots,
             seed: self.seed,
             starts: self.starts,
-            steps: self.steps,
+            rounds: self.budget.map_or(self.rounds, |_| usize::MAX),
             samples: self.samples,
-            protocol: self.protocol,
+            protocol,
             constraints: Constraints {
-                least_separation_rad: self.min_separation_deg.to_radians(),
-                least_visible: self.min_visible(),
+                least_separation_rad: self.min_separation_deg().to_radians(),
+                least_visible: self.min_visible.unwrap_or(3 * dots / 10),
+                seam_margin_rad: self.seam_margin_deg(dots).to_radians(),
+                keep_out: self.keep_out.clone(),
+                ..Constraints::default()
             },
+            objective: Objective::for_protocol(self.objective, &protocol),
+            bound_weight: self.bound_weight,
+            from: from.map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
             ..DesignConfig::default()
-        }
+        })
     }
 
-    fn min_visible(&self) -> usize {
-        self.min_visible.unwrap_or(self.dots / 4)
+    fn min_separation_deg(&self) -> f64 {
+        self.min_separation_deg.unwrap_or_else(|| {
+            let holes = self.stencil().least_separation_rad().to_degrees();
+            // Rounded up to a tenth, so that the reported command repeats it.
+            LEAST_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
+        })
+    }
+
+    fn seam_margin_deg(&self, dots: usize) -> f64 {
+        let by_default = if dots <= 24 {
+            10.0
+        } else {
+            240.0 / dots as f64
+        };
+        self.seam_margin_deg.unwrap_or(by_default)
+    }
+
+    fn protocol(&self) -> Result<Protocol> {
+        let mut protocol = Protocol::standard(self.protocol);
+        if let Noise::Pixel {
+            sigma_px,
+            radius_px,
+        } = &mut protocol.noise
+        {
+            for (name, value, least) in [
+                ("ball-pixels", self.ball_pixels, 4.0),
+                ("pixel-noise", self.pixel_noise, 0.0),
+                ("blur", self.blur, 0.0),
+            ] {
+                if !(value.is_finite() && value >= least) {
+                    let problem = format!("expected at least {least} pixels, found {value}");
+                    return Err(Error::argument(name, problem));
+                }
+            }
+            *radius_px = 0.5 * self.ball_pixels;
+            *sigma_px = self.pixel_noise.hypot(BLUR_SHARE * self.blur);
+        }
+        Ok(protocol)
     }
 
     fn stencil(&self) -> StencilConfig {
@@ -110,27 +212,60 @@ impl Arguments {
     }
 
     /// The command that repeats this design, whatever the defaults of other versions.
-    fn command(&self) -> String {
-        format!(
-            "spindoe design --dots {} --seed {} --starts {} --steps {} --objective {} --samples {} \
-             --protocol {} --min-separation-deg {} --min-visible {} --ball-diameter-mm {} --hole-diameter-mm {}",
-            self.dots,
-            self.seed,
-            self.starts,
-            self.steps,
-            self.objective,
-            self.samples,
-            self.protocol,
-            self.min_separation_deg,
-            self.min_visible(),
-            self.ball_diameter_mm,
-            self.hole_diameter_mm,
-        )
+    fn command(&self, config: &DesignConfig) -> String {
+        let mut words = vec!["spindoe design".to_owned()];
+        let mut add = |flag: &str, value: String| words.push(format!("--{flag} {value}"));
+        match &self.from {
+            Some(path) => add("from", path.display().to_string()),
+            None => add("dots", config.dots.to_string()),
+        }
+        add("seed", config.seed.to_string());
+        add("starts", config.starts.to_string());
+        add("rounds", config.rounds.to_string());
+        add("objective", self.objective.to_string());
+        add("bound-weight", config.bound_weight.to_string());
+        add("samples", config.samples.to_string());
+        add("protocol", self.protocol.to_string());
+        add("min-separation-deg", self.min_separation_deg().to_string());
+        add("min-visible", config.constraints.least_visible.to_string());
+        add(
+            "seam-margin-deg",
+            self.seam_margin_deg(config.dots).to_string(),
+        );
+        for cone in &self.keep_out {
+            let (a, deg) = (cone.axis, cone.half_angle_rad.to_degrees());
+            add("keep-out", format!("{},{},{},{deg}", a.x, a.y, a.z));
+        }
+        add("ball-diameter-mm", self.ball_diameter_mm.to_string());
+        add("hole-diameter-mm", self.hole_diameter_mm.to_string());
+        if self.protocol == ProtocolName::Image {
+            add("ball-pixels", self.ball_pixels.to_string());
+            add("pixel-noise", self.pixel_noise.to_string());
+            add("blur", self.blur.to_string());
+        }
+        words.join(" ")
+    }
+}
+
+/// Parses `X,Y,Z,DEG`.
+fn keep_out(text: &str) -> std::result::Result<KeepOut, String> {
+    let numbers: std::result::Result<Vec<f64>, _> =
+        text.split(',').map(|n| n.trim().parse::<f64>()).collect();
+    match numbers.as_deref() {
+        Ok([x, y, z, deg]) => Vec3::new(*x, *y, *z)
+            .try_normalize(1e-9)
+            .filter(|axis| axis.iter().all(|c| c.is_finite()))
+            .map(|axis| KeepOut {
+                axis,
+                half_angle_rad: deg.to_radians(),
+            })
+            .ok_or_else(|| "expected an axis that is not zero".to_owned()),
+        _ => Err("expected four numbers X,Y,Z,DEG".to_owned()),
     }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let config = arguments.config();
+    let config = arguments.config()?;
     config.check()?;
     let stencil = arguments.stencil();
     stencil.validate()?;
@@ -138,25 +273,29 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(dir) => dir.clone(),
         None => free_folder(),
     };
+    let mut state = if arguments.resume {
+        State::load(&dir.join(CHECKPOINT), &config)?
+    } else {
+        State::default()
+    };
     files::create_writable_dir(&dir)?;
     let stop = stop_on_interrupt()?;
     let clock = Instant::now();
-    let mut progress = Progress::new(&config, &dir);
-    let outcome = design(&config, &stop, &mut progress)?;
+    let mut progress = Progress::new(&config, &dir, arguments.budget, &state);
+    let outcome = design(&config, &mut state, &stop, &mut progress)?;
     let search_s = clock.elapsed().as_secs_f64();
     if outcome.stopped {
         progress.say("stopped: finishing with the best so far; Ctrl-C again leaves at once");
     }
+    let searched = DesignConfig {
+        rounds: state.round.max(1),
+        ..config.clone()
+    };
     let proof = ProofConfig::of_samples(config.samples);
-    let mut proven = prove(
-        &outcome,
-        &config,
-        &proof,
-        arguments.command(),
-        &mut |what| {
-            progress.say(what);
-        },
-    )?;
+    let command = arguments.command(&searched);
+    let mut proven = prove(&outcome, &searched, &proof, command, &mut |what| {
+        progress.say(what);
+    })?;
     proven.report.timing.search_s = search_s;
     progress.say("drawing the plots");
     proven.write(&dir, &stencil)?;
@@ -193,28 +332,46 @@ fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-/// Shows a search: a bar on a terminal, plain lines elsewhere; and keeps the best pattern on disk.
+/// Shows a search: a bar on a terminal, plain lines elsewhere; and keeps it on disk.
 struct Progress<'a> {
     config: &'a DesignConfig,
     dir: &'a Path,
+    budget: Option<Duration>,
     bar: ProgressBar,
+    /// The start of the pattern on disk.
     saved: Option<usize>,
+    said: Instant,
+    /// When the round at hand began, in seconds of the search.
+    round_began_s: f64,
 }
 
+/// Plain lines come no more often than this, seconds.
+const SILENCE_S: f64 = 2.0;
+/// Part of a budget that is kept for the last trial and the proof.
+const RESERVE: f64 = 0.15;
+
 impl<'a> Progress<'a> {
-    fn new(config: &'a DesignConfig, dir: &'a Path) -> Self {
-        let bar = ProgressBar::new(config.starts as u64);
+    fn new(
+        config: &'a DesignConfig,
+        dir: &'a Path,
+        budget: Option<Duration>,
+        state: &State,
+    ) -> Self {
+        let bar = ProgressBar::new(1000);
         // The template is a constant; were it wrong, the default style would do.
-        if let Ok(style) = ProgressStyle::with_template(
-            "{bar:30} {pos}/{len} starts, {elapsed} gone, {eta} left  {msg}",
-        ) {
+        if let Ok(style) =
+            ProgressStyle::with_template("{bar:25} {elapsed} gone, {eta} left  {msg}")
+        {
             bar.set_style(style);
         }
         Self {
             config,
             dir,
+            budget,
             bar,
             saved: None,
+            said: Instant::now(),
+            round_began_s: state.elapsed_s,
         }
     }
 
@@ -229,38 +386,63 @@ impl<'a> Progress<'a> {
     fn finish(&self) {
         self.bar.finish_and_clear();
     }
+
+    /// Share of the search that is done, in [0, 1].
+    fn share(&self, state: &State, stage: Stage) -> f64 {
+        if let Some(budget) = self.budget {
+            return (state.elapsed_s / budget.as_secs_f64()).min(1.0);
+        }
+        let starts = self.config.starts as f64;
+        // Scouting and climbing take about as long as each other.
+        let in_round = match stage {
+            Stage::Scout => 0.45 * state.scouted.len() as f64 / starts,
+            Stage::Climb => 0.45 + 0.45 * 4.0 * state.climbed.len() as f64 / starts,
+            Stage::Try => 0.9,
+            Stage::Halve => 1.0,
+        };
+        ((state.round as f64 + in_round) / self.config.rounds as f64).min(1.0)
+    }
 }
 
 impl DesignObserver for Progress<'_> {
-    fn candidate(&mut self, candidate: &Candidate, best: Option<&Candidate>) -> Result<()> {
-        self.bar.inc(1);
-        if let Some(best) = best
+    fn progress(&mut self, state: &State, stage: Stage) -> Result<()> {
+        state.save(&self.dir.join(CHECKPOINT), self.config)?;
+        if let Some(best) = state.pool.first()
             && self.saved != Some(best.start)
         {
-            best.pattern.write_csv(&self.dir.join("pattern.csv"))?;
+            best.pattern()?.write_csv(&self.dir.join("pattern.csv"))?;
             self.saved = Some(best.start);
         }
-        let best = best.map_or("none yet".to_owned(), |b| b.validation.identity.to_string());
-        if self.bar.is_hidden() {
-            eprintln!(
-                "start {} of {}: objective {:.4} -> {:.4}, {} identity {}{}; best {best}",
-                candidate.start + 1,
-                self.config.starts,
-                candidate.objective_before,
-                candidate.objective,
-                self.config.protocol,
-                candidate.validation.identity,
-                if candidate.feasible {
-                    ""
-                } else {
-                    ", constraints not met"
-                },
-            );
-        } else {
-            self.bar
-                .set_message(format!("{} identity: best {best}", self.config.protocol));
+        let best = match state.pool.first().and_then(|c| c.identity) {
+            Some(rate) => format!("best {rate}"),
+            None => "none tried yet".to_owned(),
+        };
+        let what = format!(
+            "round {}: {} of {} starts scouted, {} climbed; {} identity: {best}",
+            state.round + 1,
+            state.scouted.len(),
+            self.config.starts,
+            state.climbed.len(),
+            self.config.protocol.name,
+        );
+        self.bar
+            .set_position((1000.0 * self.share(state, stage)) as u64);
+        if !self.bar.is_hidden() {
+            self.bar.set_message(what);
+        } else if self.said.elapsed().as_secs_f64() > SILENCE_S {
+            eprintln!("{what}");
+            self.said = Instant::now();
         }
         Ok(())
+    }
+
+    fn another_round(&mut self, state: &State) -> bool {
+        let Some(budget) = self.budget else {
+            return true;
+        };
+        let round_s = state.elapsed_s - self.round_began_s;
+        self.round_began_s = state.elapsed_s;
+        state.elapsed_s + round_s < (1.0 - RESERVE) * budget.as_secs_f64()
     }
 }
 
@@ -268,12 +450,11 @@ fn print_words(proven: &ProvenDesign, outcome: &DesignOutcome, seconds: f64) {
     let report = &proven.report;
     let summary = &report.pattern.summary;
     println!(
-        "{} dots, least separation {:.1} deg, {} to be seen from anywhere; start {} of {}; {seconds:.1} s",
+        "{} dots, least separation {:.1} deg, {} to be seen from anywhere; best of {} starts; {seconds:.1} s",
         summary.dots,
         summary.least_separation_rad.to_degrees(),
         summary.least_visible,
-        report.chosen_start + 1,
-        outcome.candidates.len(),
+        outcome.starts,
     );
     println!(
         "{:<9} {:<8} {:>29} {:>29} {:>11}",

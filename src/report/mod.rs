@@ -11,7 +11,8 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::design::{Candidate, DesignConfig, DesignOutcome, ObjectiveName};
+use crate::design::objective::bound::BoundSummary;
+use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, Objective, PairRule, RecogniserParams};
@@ -31,7 +32,7 @@ pub const REPORT_VERSION: u32 = 1;
 pub struct Seeds {
     /// Of the random starts.
     pub search: u64,
-    /// Of the trials that chose among the candidates.
+    /// Of the first trials that chose among the candidates; further stages set higher bits.
     pub selection: u64,
     /// Of the trials whose rates are reported.
     pub report: u64,
@@ -61,6 +62,8 @@ pub struct Timing {
     pub us_per_identification: Vec<Option<f64>>,
     /// Threads used.
     pub threads: usize,
+    /// The best rate over the time of the search.
+    pub milestones: Vec<Milestone>,
 }
 
 /// Everything that was measured about a design.
@@ -78,14 +81,16 @@ pub struct DesignReport {
     pub seeds: Seeds,
     /// Whether the search was stopped before its end; then the command does not repeat it.
     pub stopped: bool,
-    /// All candidates, judged on the selection's trials.
-    pub candidates: Vec<Candidate>,
-    /// The start that won.
-    pub chosen_start: usize,
+    /// Random starts tried.
+    pub starts: usize,
+    /// Those that met in the last trial, best first, with their rates on the selection's trials.
+    pub finalists: Vec<Candidate>,
     /// What was optimized, and its value.
     pub objective: Objective,
     /// The winner.
     pub pattern: PatternReport,
+    /// How well its dots fix the orientation, in units of the dots' noise.
+    pub orientation_bound: BoundSummary,
     /// Rates of the winner on the report's trials: every recogniser, every protocol.
     pub validation: Vec<NamedValidation>,
     /// How the rates depend on noise and alpha.
@@ -144,7 +149,7 @@ pub fn prove(
     says: &mut dyn FnMut(&str),
 ) -> Result<ProvenDesign> {
     let best = &outcome.best;
-    let pattern = &best.pattern;
+    let pattern = &best.pattern()?;
     let seed = config.report_seed();
     let mut table = HashTable::build(
         pattern.clone(),
@@ -156,7 +161,11 @@ pub fn prove(
     for recogniser in RecogniserName::ALL {
         for name in ProtocolName::ALL {
             says(&format!("validating: {name}, recogniser {recogniser}"));
-            let protocol = Protocol::standard(name);
+            let protocol = if name == config.protocol.name {
+                config.protocol
+            } else {
+                Protocol::standard(name)
+            };
             validation.push(validate_named(
                 &table,
                 recogniser,
@@ -173,6 +182,7 @@ pub fn prove(
             .map(|v| v.validation.us_per_identification)
             .collect(),
         threads: rayon::current_num_threads(),
+        milestones: outcome.milestones.clone(),
         ..Timing::default()
     };
     for v in &mut validation {
@@ -197,8 +207,8 @@ pub fn prove(
     }
     timing.sensitivity_s = clock.elapsed().as_secs_f64();
     let objective = Objective {
-        name: ObjectiveName::MeanNn.to_string(),
-        value: best.objective,
+        name: config.objective.name().to_string(),
+        value: best.figure,
     };
     let shipped = serde_json::to_value(&validation)
         .map_err(|e| Error::Internal(format!("validation as JSON: {e}")))?;
@@ -211,13 +221,14 @@ pub fn prove(
         config: config.clone(),
         seeds: Seeds {
             search: config.seed,
-            selection: config.selection_seed(),
+            selection: config.selection_seed(1, 0),
             report: seed,
         },
         stopped: outcome.stopped,
-        candidates: outcome.candidates.clone(),
-        chosen_start: best.start,
+        starts: outcome.starts,
+        finalists: outcome.finalists.clone(),
         objective,
+        orientation_bound: OrientationBound::default().summary(pattern.dots()),
         pattern: PatternReport {
             sha256: pattern.sha256(),
             summary: pattern.summary(),

@@ -55,6 +55,16 @@ impl StencilConfig {
         0.5 * self.hole_diameter_mm + rise * self.taper_deg.to_radians().tan()
     }
 
+    /// Least angle between two dots whose holes leave [`Self::min_web_mm`] between them, radians.
+    pub fn least_separation_rad(&self) -> f64 {
+        let angle = |radius: f64, hole: f64| {
+            2.0 * ((hole + 0.5 * self.min_web_mm) / radius).min(1.0).asin()
+        };
+        let inner = angle(self.inner_radius_mm(), 0.5 * self.hole_diameter_mm);
+        let outer = angle(self.outer_radius_mm(), self.opening_radius_mm());
+        inner.max(outer)
+    }
+
     /// Checks every parameter's domain.
     ///
     /// # Errors

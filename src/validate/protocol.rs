@@ -41,7 +41,8 @@ impl std::fmt::Display for ProtocolName {
 }
 
 /// How a seen dot is moved.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Noise {
     /// Rotated about an axis uniform on the sphere by an angle from N(0, sigma). Per tangent axis this
     /// has the standard deviation sigma / sqrt(3): a third of the axis lies along the dot on average.
@@ -59,7 +60,7 @@ pub enum Noise {
 }
 
 /// A protocol: how views are made from a pattern.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Protocol {
     /// Its name.
     pub name: ProtocolName,
@@ -141,6 +142,15 @@ impl Protocol {
                 sigma_px,
                 radius_px,
             } => sigma_px / radius_px,
+        }
+    }
+
+    /// The noise per tangent axis, radians: a turn about a random axis moves a dot by a third of its
+    /// variance along each (for `image` at the ball's centre).
+    pub fn tangent_sigma_rad(&self) -> f64 {
+        match self.noise {
+            Noise::RandomAxis { sigma_rad } => sigma_rad / 3f64.sqrt(),
+            Noise::Pixel { .. } => self.sigma_rad(),
         }
     }
 

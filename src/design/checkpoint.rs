@@ -1,0 +1,78 @@
+//! A search on disk: everything that is needed to continue it, written whole after every batch of work.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::search::{Candidate, DesignConfig, Milestone};
+use crate::error::{Error, Result};
+use crate::files;
+
+/// Version of the checkpoint's format.
+pub const CHECKPOINT_VERSION: u32 = 1;
+
+/// Where a search stands.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct State {
+    /// Rounds completed.
+    pub round: usize,
+    /// Candidates of the round at hand after their first steps, in the order of their starts.
+    pub scouted: Vec<Candidate>,
+    /// The best quarter of them, climbed; best scouted first.
+    pub climbed: Vec<Candidate>,
+    /// The best of all rounds, best first.
+    pub pool: Vec<Candidate>,
+    /// Seconds spent.
+    pub elapsed_s: f64,
+    /// The best rate over time.
+    pub milestones: Vec<Milestone>,
+    /// A demand that a candidate missed lately.
+    pub missed: Option<String>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct File {
+    checkpoint_version: u32,
+    config: DesignConfig,
+    state: State,
+}
+
+impl State {
+    /// Writes the search, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn save(&self, path: &Path, config: &DesignConfig) -> Result<()> {
+        let file = File {
+            checkpoint_version: CHECKPOINT_VERSION,
+            config: config.clone(),
+            state: self.clone(),
+        };
+        let text = serde_json::to_vec(&file)
+            .map_err(|e| Error::Internal(format!("checkpoint as JSON: {e}")))?;
+        files::write_bytes(path, &text)
+    }
+
+    /// Reads a search that was saved under the same configuration; more rounds may be asked for.
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::Input`] for another version, another configuration or a damaged file.
+    pub fn load(path: &Path, config: &DesignConfig) -> Result<Self> {
+        let bytes = files::read_bytes(path)?;
+        let file: File = serde_json::from_slice(&bytes)
+            .map_err(|e| Error::input(path, "checkpoint", format!("cannot be read: {e}")))?;
+        if file.checkpoint_version != CHECKPOINT_VERSION {
+            let found = file.checkpoint_version;
+            let problem = format!("expected version {CHECKPOINT_VERSION}, found {found}");
+            return Err(Error::input(path, "checkpoint_version", problem));
+        }
+        let mut same = file.config;
+        same.rounds = config.rounds;
+        if same != *config {
+            let problem =
+                "belongs to a search with other arguments; repeat those, or leave --resume out";
+            return Err(Error::input(path, "config", problem));
+        }
+        Ok(file.state)
+    }
+}

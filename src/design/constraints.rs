@@ -1,0 +1,209 @@
+//! What a pattern must satisfy to be printed, drawn and read, as figures and as linear inequalities.
+//!
+//! A design works on the dots and, where a stencil's seam is to stay clear, on the seam's normal as one
+//! more unit vector. Every demand is written as `g(x) <= 0` in cosines or heights on the unit sphere:
+//!
+//! - separation, each pair: `p_i . p_j - cos(separation)`,
+//! - visibility, for each viewing direction v and each of the `least_visible` highest dots:
+//!   `limit - p_i . v`,
+//! - seam, each dot: `sin(margin) - sign_i (p_i . normal)`, the dot stays on its side,
+//! - keep-out, each dot and cone: `p_i . axis - cos(half angle)`.
+
+use crate::error::{Error, Result};
+use crate::geometry::{Vec3, angle_between, spiral_directions};
+use crate::pattern::Pattern;
+use crate::stencil::max_margin_seam;
+
+/// Viewing directions at which visibility is demanded while searching.
+const VIEWS: usize = 600;
+/// Height above the limit that is demanded, since directions between the sampled ones count too.
+const VISIBILITY_RESERVE: f64 = 0.02;
+/// An angle may miss its bound by this much, radians (0.06 degrees: 0.02 mm on a ball of 40 mm).
+const ANGLE_TOLERANCE: f64 = 1e-3;
+
+/// A cone that must stay free of dots: a printed logo.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct KeepOut {
+    /// Unit vector to the cone's centre, pattern frame.
+    pub axis: Vec3,
+    /// Angle between the axis and the nearest dot's centre, radians.
+    pub half_angle_rad: f64,
+}
+
+/// What a pattern must satisfy.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Constraints {
+    /// Least angle between two dots, radians.
+    pub least_separation_rad: f64,
+    /// Fewest dots in view from any direction.
+    pub least_visible: usize,
+    /// Least z of a dot that counts as in view.
+    pub visibility_limit: f64,
+    /// Least angle between a dot and the seam's great circle, radians; 0 demands nothing.
+    pub seam_margin_rad: f64,
+    /// Cones without dots.
+    pub keep_out: Vec<KeepOut>,
+}
+
+impl Default for Constraints {
+    /// 18 degrees apart (6.3 mm on a 40 mm ball: holes of 4 mm with a wall between them), 6 dots with
+    /// z > 0 from anywhere, 10 degrees off the seam, no cone.
+    fn default() -> Self {
+        Self {
+            least_separation_rad: 18f64.to_radians(),
+            least_visible: 6,
+            visibility_limit: 0.0,
+            seam_margin_rad: 10f64.to_radians(),
+            keep_out: Vec::new(),
+        }
+    }
+}
+
+/// A linear inequality on a small move: `violation + sum_k gradient_k . move(dot_k) <= 0`. Index `n`
+/// (the number of dots) stands for the seam's normal.
+#[derive(Debug, Clone)]
+pub(super) struct Row {
+    pub terms: [(usize, Vec3); 2],
+    pub violation: f64,
+}
+
+impl Constraints {
+    /// Refuses what no pattern of `dots` dots can satisfy.
+    ///
+    /// By L. Fejes Toth, n points cannot all be farther apart than `acos((cot^2 w - 1) / 2)`,
+    /// `w = pi n / (6 (n - 2))`. A view and its opposite share the dots, so that no more than half of
+    /// them can be promised.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] with the nearest figure that might work.
+    pub fn check_demand(&self, dots: usize) -> Result<()> {
+        let limit = most_separation(dots);
+        if !(self.least_separation_rad >= 0.0 && self.least_separation_rad < limit) {
+            let most = (4..=dots)
+                .take_while(|&n| most_separation(n) > self.least_separation_rad)
+                .last();
+            let fewer = most.map_or(String::new(), |n| format!("; at most {n} dots fit"));
+            let problem = format!(
+                "expected 0 to {:.1} degrees (no {dots} points on a sphere are farther apart), found {:.1}{fewer}",
+                limit.to_degrees(),
+                self.least_separation_rad.to_degrees()
+            );
+            return Err(Error::argument("least separation", problem));
+        }
+        if self.least_visible > dots / 2 {
+            let problem = format!(
+                "expected at most {} of {dots} dots (opposite views share them), found {}",
+                dots / 2,
+                self.least_visible
+            );
+            return Err(Error::argument("least visible", problem));
+        }
+        let margin = self.seam_margin_rad.to_degrees();
+        if !(0.0..60.0).contains(&margin) {
+            let problem = format!("expected 0 to 60 degrees, found {margin}");
+            return Err(Error::argument("seam margin", problem));
+        }
+        for cone in &self.keep_out {
+            let angle = cone.half_angle_rad.to_degrees();
+            if !(angle > 0.0 && angle < 90.0) {
+                let problem = format!("expected a half angle of 0 to 90 degrees, found {angle}");
+                return Err(Error::argument("keep-out", problem));
+            }
+        }
+        Ok(())
+    }
+
+    /// Says which demand a pattern misses, or `None`.
+    pub fn missed(&self, pattern: &Pattern) -> Option<String> {
+        let summary = pattern.summary();
+        let deg = f64::to_degrees;
+        if summary.least_separation_rad < self.least_separation_rad - ANGLE_TOLERANCE {
+            let found = deg(summary.least_separation_rad);
+            return Some(format!("least separation {found:.2} deg"));
+        }
+        let seen = pattern.least_visible(self.visibility_limit);
+        if seen < self.least_visible {
+            return Some(format!("{seen} dots in view at worst"));
+        }
+        if self.seam_margin_rad > 0.0 {
+            let margin = max_margin_seam(pattern.dots()).margin_rad;
+            if margin < self.seam_margin_rad - ANGLE_TOLERANCE {
+                return Some(format!("seam margin {:.2} deg", deg(margin)));
+            }
+        }
+        for cone in &self.keep_out {
+            for dot in pattern.dots() {
+                let angle = angle_between(dot, &cone.axis);
+                if angle < cone.half_angle_rad - ANGLE_TOLERANCE {
+                    return Some(format!("a dot {:.2} deg from a keep-out axis", deg(angle)));
+                }
+            }
+        }
+        None
+    }
+
+    /// The largest violation at `x`: the dots, and the seam's normal after them.
+    pub(super) fn violation(&self, x: &[Vec3]) -> f64 {
+        let mut worst = 0.0f64;
+        self.rows(x, 0.0, &mut |row| worst = worst.max(row.violation));
+        worst
+    }
+
+    /// All inequalities that a move of each vector by at most `reach` radians may violate.
+    pub(super) fn rows(&self, x: &[Vec3], reach: f64, each: &mut dyn FnMut(Row)) {
+        let Some((normal, dots)) = x.split_last() else {
+            return;
+        };
+        let none = (0, Vec3::zeros());
+        let n = dots.len();
+        // A move of two vectors changes a scalar product by at most twice the reach.
+        let mut add = |terms, violation: f64| {
+            if violation > -2.0 * reach - 1e-9 {
+                each(Row { terms, violation });
+            }
+        };
+        let bound = self.least_separation_rad.cos();
+        for i in 0..n {
+            for j in 0..i {
+                let violation = dots[i].dot(&dots[j]) - bound;
+                add([(i, dots[j]), (j, dots[i])], violation);
+            }
+        }
+        if self.seam_margin_rad > 0.0 {
+            let bound = self.seam_margin_rad.sin();
+            for (i, d) in dots.iter().enumerate() {
+                let height = d.dot(normal);
+                let side = height.signum();
+                add([(i, -side * normal), (n, -side * d)], bound - side * height);
+            }
+        }
+        for cone in &self.keep_out {
+            let bound = cone.half_angle_rad.cos();
+            for (i, d) in dots.iter().enumerate() {
+                add([(i, cone.axis), none], d.dot(&cone.axis) - bound);
+            }
+        }
+        if self.least_visible > 0 {
+            let limit = self.visibility_limit + VISIBILITY_RESERVE;
+            let mut heights: Vec<(f64, usize)> = Vec::with_capacity(n);
+            for v in spiral_directions(VIEWS) {
+                heights.clear();
+                heights.extend(dots.iter().enumerate().map(|(i, d)| (d.dot(&v), i)));
+                let kth = self.least_visible.min(n) - 1;
+                heights.select_nth_unstable_by(kth, |a, b| b.0.total_cmp(&a.0));
+                for &(height, i) in &heights[..=kth] {
+                    add([(i, -v), none], limit - height);
+                }
+            }
+        }
+    }
+}
+
+/// The separation that `n` points on a sphere cannot exceed, radians (L. Fejes Toth, "Uber die
+/// Abschatzung des kurzesten Abstandes zweier Punkte eines auf einer Kugelflache liegenden
+/// Punktsystems", Jber. DMV 53, 1943). Exact for 3, 4, 6 and 12.
+pub fn most_separation(n: usize) -> f64 {
+    let n = n as f64;
+    let w = std::f64::consts::PI * n / (6.0 * (n - 2.0));
+    (0.5 * (w.tan().powi(-2) - 1.0)).clamp(-1.0, 1.0).acos()
+}

@@ -1,0 +1,166 @@
+//! Objectives: what makes a pattern easy to identify, as a number with its gradient.
+//!
+//! - [`mean_nn`]: the paper's, the mean distance from each hash feature to its nearest neighbour. Here
+//!   because it is the paper's.
+//! - [`whitened`]: the same mean in units of what the dots' noise does to a feature, so that bases near
+//!   singular do not count as distinct.
+//! - [`confusion`]: the expected rate at which four seen dots are taken for four others. It is a failure
+//!   rate worked out instead of drawn, and the default: see `docs/objectives.md` for how well each
+//!   objective foretells what is measured.
+//!
+//! All are handed to the optimizer as a cost to be minimized, the logarithm of the figure (with its sign
+//! turned where larger is better): scales then do not matter, and a step is a relative change.
+
+pub mod align;
+pub mod bound;
+pub mod confusion;
+mod erfc;
+pub mod mean_nn;
+pub mod whitened;
+
+use crate::error::Result;
+use crate::geometry::{Spherical, Vec3};
+use crate::validate::Protocol;
+
+pub use bound::OrientationBound;
+pub use confusion::Confusion;
+pub use mean_nn::MeanNearestNeighbour;
+pub use whitened::WhitenedNearestNeighbour;
+
+/// A figure of a pattern, with its derivative.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation {
+    /// The figure.
+    pub value: f64,
+    /// Derivative with respect to each dot's coordinates (x, y, z). Only its part in the dot's tangent
+    /// plane has a meaning; the rest depends on how the figure is written off the sphere.
+    pub gradient: Vec<Vec3>,
+}
+
+impl Evaluation {
+    /// Derivatives with respect to the spherical coordinates, `theta_0, phi_0, theta_1, ...`.
+    pub fn spherical_gradient(&self, dots: &[Vec3]) -> Vec<f64> {
+        dots.iter()
+            .zip(&self.gradient)
+            .flat_map(|(d, g)| {
+                let j = Spherical::from_direction(d).jacobian();
+                [j.d_theta.dot(g), j.d_phi.dot(g)]
+            })
+            .collect()
+    }
+}
+
+/// What a descent works on.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Hash,
+    Default,
+    serde::Serialize,
+    serde::Deserialize,
+    clap::ValueEnum,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum ObjectiveName {
+    /// The mean distance from each hash feature to its nearest neighbour, as in the SpinDOE paper.
+    MeanNn,
+    /// The mean distance from each triple of dots to the most similar other one, in units of the noise.
+    WhitenedNn,
+    /// The expected rate at which four seen dots are taken for four others.
+    #[default]
+    Confusion,
+}
+
+impl ObjectiveName {
+    /// All objectives, the paper's first.
+    pub const ALL: [Self; 3] = [Self::MeanNn, Self::WhitenedNn, Self::Confusion];
+}
+
+impl std::fmt::Display for ObjectiveName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::MeanNn => "mean-nn",
+            Self::WhitenedNn => "whitened-nn",
+            Self::Confusion => "confusion",
+        })
+    }
+}
+
+/// An objective with its parameters.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "name", rename_all = "kebab-case")]
+pub enum Objective {
+    /// See [`mean_nn`].
+    MeanNn(MeanNearestNeighbour),
+    /// See [`whitened`].
+    WhitenedNn(WhitenedNearestNeighbour),
+    /// See [`confusion`].
+    Confusion(Confusion),
+}
+
+impl Default for Objective {
+    fn default() -> Self {
+        Self::Confusion(Confusion::default())
+    }
+}
+
+impl Objective {
+    /// The objective of that name for the noise and the visibility of a protocol.
+    pub fn for_protocol(name: ObjectiveName, protocol: &Protocol) -> Self {
+        // Without noise nothing is confused; a hundredth of a degree keeps the figures finite.
+        let sigma_rad = protocol.tangent_sigma_rad().max(2e-4);
+        match name {
+            ObjectiveName::MeanNn => Self::MeanNn(MeanNearestNeighbour::default()),
+            ObjectiveName::WhitenedNn => Self::WhitenedNn(WhitenedNearestNeighbour { sigma_rad }),
+            ObjectiveName::Confusion => Self::Confusion(Confusion {
+                sigma_rad,
+                visibility_limit: protocol.visibility_limit,
+                ..Confusion::default()
+            }),
+        }
+    }
+
+    /// Its name.
+    pub fn name(&self) -> ObjectiveName {
+        match self {
+            Self::MeanNn(_) => ObjectiveName::MeanNn,
+            Self::WhitenedNn(_) => ObjectiveName::WhitenedNn,
+            Self::Confusion(_) => ObjectiveName::Confusion,
+        }
+    }
+
+    /// Whether larger figures are better.
+    pub fn larger_is_better(&self) -> bool {
+        !matches!(self, Self::Confusion(_))
+    }
+
+    /// The figure itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of sigma) or
+    /// a failure rate (`confusion`).
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for coordinates that are not finite.
+    pub fn figure(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        match self {
+            Self::MeanNn(o) => o.evaluate(dots),
+            Self::WhitenedNn(o) => o.evaluate(dots),
+            Self::Confusion(o) => Ok(o.evaluate(dots)),
+        }
+    }
+
+    /// The cost to be minimized: the figure's logarithm, sign turned where larger is better.
+    ///
+    /// # Errors
+    /// As [`Objective::figure`].
+    pub fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        let mut at = self.figure(dots)?;
+        // A figure of exactly 0 (no match at all within reach) has no logarithm.
+        let floored = at.value.max(1e-12);
+        let sign = if self.larger_is_better() { -1.0 } else { 1.0 };
+        at.gradient.iter_mut().for_each(|g| *g *= sign / floored);
+        at.value = sign * floored.ln();
+        Ok(at)
+    }
+}

@@ -1,0 +1,115 @@
+//! The noise-whitened nearest-neighbour distance: distances between features in units of what the dots'
+//! noise does to them.
+//!
+//! A feature says of three dots (d, d', d'') what does not change when the ball turns. Two features
+//! differ by as much as the dots would have to move to turn the one into the other, which is
+//!
+//! ```text
+//! d(T, T') = min_R sqrt( sum_i |t_i - R t'_i|^2 ) .
+//! ```
+//!
+//! To first order this is the Mahalanobis distance of the two hash values under the covariance that
+//! noise of unit variance in all dots gives them; unlike the plain distance it cannot be raised by nearly
+//! singular bases, and all six orders of three dots tell the same. The figure is the mean over all
+//! triples of the distance to the nearest other triple, in units of sigma.
+//!
+//! Nearest neighbours are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`), and
+//! then aligned exactly; where the nearest switches, one of the two gradients is used.
+
+use std::num::NonZero;
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+
+use super::Evaluation;
+use super::align::{add_gradient, align, pair_rotation};
+use crate::error::{Error, Result};
+use crate::geometry::{Vec3, angle_between};
+
+/// Candidates that are aligned for each triple: itself, and those of nearest angles. Of mirror images,
+/// which have the same angles, half of them are expected to be unlike.
+const CANDIDATES: NonZero<usize> = NonZero::new(12).unwrap();
+/// Below this no direction of a distance is usable.
+const TINY: f64 = 1e-9;
+
+/// The objective's parameters.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct WhitenedNearestNeighbour {
+    /// Noise of a dot, radians per tangent axis: the unit of the figure.
+    pub sigma_rad: f64,
+}
+
+impl Default for WhitenedNearestNeighbour {
+    /// A turn of N(0, 3 deg) about a random axis.
+    fn default() -> Self {
+        Self {
+            sigma_rad: 3f64.to_radians() / 3f64.sqrt(),
+        }
+    }
+}
+
+impl WhitenedNearestNeighbour {
+    /// The mean distance from each triple to the most similar other one, in units of sigma, and its
+    /// gradient.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for coordinates that are not finite.
+    pub fn evaluate(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        let n = dots.len();
+        // All ordered triples, those in ascending order among them.
+        let mut triples = Vec::with_capacity(n * (n - 1) * (n - 2));
+        let mut angles = Vec::with_capacity(triples.capacity());
+        for i in 0..n {
+            for j in (0..n).filter(|&j| j != i) {
+                for k in (0..n).filter(|&k| k != i && k != j) {
+                    triples.push([i, j, k]);
+                    angles.push(
+                        [[i, j], [i, k], [j, k]].map(|[a, b]| angle_between(&dots[a], &dots[b])),
+                    );
+                }
+            }
+        }
+        let tree: ImmutableKdTree<f64, 3> =
+            ImmutableKdTree::new_from_slice(&angles).map_err(|e| {
+                Error::argument("pattern", format!("no search tree over its triples: {e}"))
+            })?;
+        let mut gradient = vec![Vec3::zeros(); n];
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (triple, at) in triples.iter().zip(&angles) {
+            if !triple.is_sorted() {
+                continue;
+            }
+            let near = tree
+                .query(at)
+                .nearest_n::<SquaredEuclidean<f64>>(CANDIDATES)
+                .execute();
+            let nearest = near
+                .iter()
+                .map(|item| &triples[item.item as usize])
+                .filter(|other| *other != triple)
+                .filter_map(|other| {
+                    let [i, j, _] = *triple;
+                    let [k, l, _] = *other;
+                    let start = pair_rotation([&dots[k], &dots[l]], [&dots[i], &dots[j]])?;
+                    Some((other, align(dots, triple, other, &start)))
+                })
+                .min_by(|(_, a), (_, b)| a.distance_squared.total_cmp(&b.distance_squared));
+            count += 1.0;
+            let Some((other, alignment)) = nearest else {
+                continue;
+            };
+            let distance = alignment.distance_squared.sqrt();
+            sum += distance;
+            if distance > TINY {
+                let slope = 0.5 / distance;
+                let rotation = &alignment.rotation;
+                add_gradient(dots, triple, other, rotation, slope, &mut gradient);
+            }
+        }
+        let scale = 1.0 / (self.sigma_rad * f64::max(count, 1.0));
+        gradient.iter_mut().for_each(|g| *g *= scale);
+        Ok(Evaluation {
+            value: sum * scale,
+            gradient,
+        })
+    }
+}

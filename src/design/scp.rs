@@ -1,0 +1,365 @@
+//! The descent: sequential convex programming on the sphere.
+//!
+//! At the dots x with the cost's gradient g (in the tangent planes) and a quasi-Newton matrix B, the move
+//! s solves the convex program
+//!
+//! ```text
+//! min  g.s + s.B s / 2 + rho t    s.t.  violation_k + a_k.s <= t,  |s_i| <= Delta,  t >= 0,
+//! ```
+//!
+//! by clarabel's interior point method; the vectors then return to the sphere. The shared slack t keeps
+//! the program feasible where the demands cannot be met at once (an exact penalty on the largest
+//! violation). The move is taken where the merit `cost + rho * violation` falls by a fair part of what
+//! was promised; the trust region grows and shrinks accordingly (J. Nocedal, S. Wright, "Numerical
+//! Optimization", 2006, ch. 18.5). B is updated by Powell's damped BFGS in ambient coordinates, so that no
+//! transport between tangent planes is needed; gradients are projected.
+//!
+//! Argmin drives the iteration. Costs with kinks (nearest neighbours that switch) are handled knowingly:
+//! the gradient is one of those that meet there, and the trust region shrinks until it is worth
+//! something.
+
+use argmin::core::{
+    Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus,
+};
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{
+    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT,
+};
+use nalgebra::{DMatrix, DVector};
+
+use super::constraints::{Constraints, Row};
+use super::objective::Evaluation;
+use crate::error::{Error, Result};
+use crate::geometry::{Vec3, tangent_frame};
+use crate::pattern::Pattern;
+use crate::stencil::max_margin_seam;
+
+/// Price of a violation (in cosines) against the cost (a logarithm).
+const RHO: f64 = 200.0;
+/// Trust radius at first and at most, radians a tangent coordinate.
+const FIRST_RADIUS: f64 = 0.05;
+const MOST_RADIUS: f64 = 0.2;
+/// A trust radius below this ends the descent.
+const LEAST_RADIUS: f64 = 1e-5;
+/// Part of the promised fall that a move must keep to be taken, and to widen the trust region.
+const TAKEN: f64 = 0.05;
+const WIDENED: f64 = 0.6;
+
+/// A cost on unit vectors, to be minimized.
+pub trait Cost: Sync {
+    /// The cost with its gradient.
+    ///
+    /// # Errors
+    /// Where the dots are not finite.
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation>;
+}
+
+/// The dots and the seam's normal, with the cost there.
+#[derive(Debug, Clone)]
+struct Point {
+    vectors: Vec<Vec3>,
+    cost: f64,
+    violation: f64,
+    /// Projected on the tangent planes; zero for the normal.
+    gradient: Vec<Vec3>,
+}
+
+impl Point {
+    fn merit(&self) -> f64 {
+        self.cost + RHO * self.violation
+    }
+}
+
+struct Demand<'a, C: Cost> {
+    cost: &'a C,
+    constraints: &'a Constraints,
+}
+
+impl<C: Cost> Demand<'_, C> {
+    fn at(&self, vectors: Vec<Vec3>) -> Result<Point> {
+        let n = vectors.len() - 1;
+        let found = self.cost.cost(&vectors[..n])?;
+        let mut gradient: Vec<Vec3> = vectors
+            .iter()
+            .zip(&found.gradient)
+            .map(|(d, g)| g - d * d.dot(g))
+            .collect();
+        gradient.push(Vec3::zeros());
+        Ok(Point {
+            violation: self.constraints.violation(&vectors),
+            cost: found.value,
+            gradient,
+            vectors,
+        })
+    }
+}
+
+/// Argmin's solver; its parameter is the flattened vectors.
+struct Scp {
+    at: Option<Point>,
+    hessian: DMatrix<f64>,
+    radius: f64,
+}
+
+type Flat = IterState<Vec<f64>, (), (), (), (), f64>;
+
+fn flat(vectors: &[Vec3]) -> Vec<f64> {
+    vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect()
+}
+
+fn vectors(flat: &[f64]) -> Vec<Vec3> {
+    flat.chunks_exact(3).map(Vec3::from_column_slice).collect()
+}
+
+impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp {
+    fn name(&self) -> &'static str {
+        "sequential convex programming"
+    }
+
+    fn init(
+        &mut self,
+        problem: &mut Problem<Demand<'_, C>>,
+        mut state: Flat,
+    ) -> std::result::Result<(Flat, Option<KV>), argmin::core::Error> {
+        let x = vectors(&state.take_param().unwrap_or_default());
+        let point = problem.problem("cost", |p| Ok(p.at(x)?))?;
+        let norm = point
+            .gradient
+            .iter()
+            .map(Vec3::norm_squared)
+            .sum::<f64>()
+            .sqrt();
+        let size = 3 * point.vectors.len();
+        // The first move then is about the trust radius.
+        let scale = (norm / (FIRST_RADIUS * (size as f64).sqrt())).max(1e-3);
+        self.hessian = DMatrix::identity(size, size) * scale;
+        self.radius = FIRST_RADIUS;
+        let state = state.param(flat(&point.vectors)).cost(point.merit());
+        self.at = Some(point);
+        Ok((state, None))
+    }
+
+    fn next_iter(
+        &mut self,
+        problem: &mut Problem<Demand<'_, C>>,
+        state: Flat,
+    ) -> std::result::Result<(Flat, Option<KV>), argmin::core::Error> {
+        let Some(at) = self.at.take() else {
+            return Err(argmin::core::Error::msg("not initialized"));
+        };
+        let constraints = problem.problem("constraints", |p| Ok(p.constraints))?;
+        let Some(step) = Move::solve(&at, &self.hessian, self.radius, constraints) else {
+            self.radius *= 0.3;
+            let state = state.param(flat(&at.vectors)).cost(at.merit());
+            self.at = Some(at);
+            return Ok((state, None));
+        };
+        let tried = at
+            .vectors
+            .iter()
+            .zip(&step.moves)
+            .map(|(v, m)| (v + m).normalize())
+            .collect();
+        let there = problem.problem("cost", |p| Ok(p.at(tried)?))?;
+        let kept = (at.merit() - there.merit()) / step.promised.max(1e-15);
+        self.update(&at, &there);
+        self.radius = if kept > WIDENED {
+            (1.6 * self.radius).min(MOST_RADIUS)
+        } else if kept > TAKEN {
+            0.8 * self.radius
+        } else {
+            0.4 * self.radius
+        };
+        let next = if kept > TAKEN { there } else { at };
+        let state = state.param(flat(&next.vectors)).cost(next.merit());
+        self.at = Some(next);
+        Ok((state, None))
+    }
+
+    fn terminate(&mut self, _state: &Flat) -> TerminationStatus {
+        if self.radius < LEAST_RADIUS {
+            TerminationStatus::Terminated(TerminationReason::SolverConverged)
+        } else {
+            TerminationStatus::NotTerminated
+        }
+    }
+}
+
+impl Scp {
+    /// Powell's damped BFGS update from one point to another, taken or not.
+    fn update(&mut self, from: &Point, to: &Point) {
+        let s = DVector::from_vec(flat(&to.vectors)) - DVector::from_vec(flat(&from.vectors));
+        let y = DVector::from_vec(flat(&to.gradient)) - DVector::from_vec(flat(&from.gradient));
+        let b_s = &self.hessian * &s;
+        let s_b_s = s.dot(&b_s);
+        if s_b_s < 1e-16 {
+            return;
+        }
+        let s_y = s.dot(&y);
+        let damping = if s_y >= 0.2 * s_b_s {
+            1.0
+        } else {
+            0.8 * s_b_s / (s_b_s - s_y)
+        };
+        let r = y * damping + &b_s * (1.0 - damping);
+        self.hessian.ger(-1.0 / s_b_s, &b_s, &b_s, 1.0);
+        self.hessian.ger(1.0 / s.dot(&r), &r, &r, 1.0);
+    }
+}
+
+/// A solution of the convex program.
+struct Move {
+    /// Tangent moves of the vectors.
+    moves: Vec<Vec3>,
+    /// By how much the merit ought to fall.
+    promised: f64,
+}
+
+impl Move {
+    fn solve(
+        at: &Point,
+        hessian: &DMatrix<f64>,
+        radius: f64,
+        constraints: &Constraints,
+    ) -> Option<Self> {
+        let count = at.vectors.len();
+        let frames: Vec<[Vec3; 2]> = at.vectors.iter().map(tangent_frame).collect();
+        let mut basis = DMatrix::zeros(3 * count, 2 * count);
+        for (i, frame) in frames.iter().enumerate() {
+            for (k, axis) in frame.iter().enumerate() {
+                basis
+                    .fixed_view_mut::<3, 1>(3 * i, 2 * i + k)
+                    .copy_from(axis);
+            }
+        }
+        let quadratic = basis.tr_mul(&(hessian * &basis));
+        let linear = basis.tr_mul(&DVector::from_vec(flat(&at.gradient)));
+        let mut rows = Vec::new();
+        constraints.rows(&at.vectors, 2.0 * radius, &mut |row| rows.push(row));
+        let program = Program::new(&quadratic, &linear, &rows, &frames, radius);
+        let solution = program.solve()?;
+        let (s, slack) = solution.split_at(2 * count);
+        let s = DVector::from_column_slice(s);
+        let model = linear.dot(&s) + 0.5 * s.dot(&(&quadratic * &s));
+        let promised = RHO * at.violation - model - RHO * slack[0].max(0.0);
+        let ambient = basis * s;
+        Some(Self {
+            moves: vectors(ambient.as_slice()),
+            promised,
+        })
+    }
+}
+
+/// The convex program in clarabel's form: `min x.P x / 2 + q.x` with `b - A x >= 0`.
+struct Program {
+    quadratic: CscMatrix<f64>,
+    linear: Vec<f64>,
+    matrix: CscMatrix<f64>,
+    bounds: Vec<f64>,
+}
+
+impl Program {
+    fn new(
+        quadratic: &DMatrix<f64>,
+        linear: &DVector<f64>,
+        rows: &[Row],
+        frames: &[[Vec3; 2]],
+        radius: f64,
+    ) -> Self {
+        let n = linear.len();
+        let (mut i, mut j, mut v) = (Vec::new(), Vec::new(), Vec::new());
+        for column in 0..n {
+            for row in 0..=column {
+                i.push(row);
+                j.push(column);
+                v.push(quadratic[(row, column)]);
+            }
+        }
+        let quadratic = CscMatrix::new_from_triplets(n + 1, n + 1, i, j, v);
+        let mut q: Vec<f64> = linear.iter().copied().collect();
+        q.push(RHO);
+        let (mut i, mut j, mut v, mut b) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut put = |row: usize, column: usize, value: f64| {
+            i.push(row);
+            j.push(column);
+            v.push(value);
+        };
+        for (r, row) in rows.iter().enumerate() {
+            for (dot, gradient) in row.terms {
+                for (k, axis) in frames[dot].iter().enumerate() {
+                    let value = gradient.dot(axis);
+                    if value != 0.0 {
+                        put(r, 2 * dot + k, value);
+                    }
+                }
+            }
+            put(r, n, -1.0);
+            b.push(-row.violation);
+        }
+        for column in 0..n {
+            for sign in [1.0, -1.0] {
+                put(b.len(), column, sign);
+                b.push(radius);
+            }
+        }
+        put(b.len(), n, -1.0);
+        b.push(0.0);
+        Self {
+            quadratic,
+            linear: q,
+            matrix: CscMatrix::new_from_triplets(b.len(), n + 1, i, j, v),
+            bounds: b,
+        }
+    }
+
+    fn solve(&self) -> Option<Vec<f64>> {
+        let settings = DefaultSettingsBuilder::default()
+            .verbose(false)
+            .max_threads(1)
+            .build()
+            .ok()?;
+        let cones: [SupportedConeT<f64>; 1] = [NonnegativeConeT(self.bounds.len())];
+        let mut solver = DefaultSolver::new(
+            &self.quadratic,
+            &self.linear,
+            &self.matrix,
+            &self.bounds,
+            &cones,
+            settings,
+        )
+        .ok()?;
+        solver.solve();
+        matches!(
+            solver.solution.status,
+            SolverStatus::Solved | SolverStatus::AlmostSolved
+        )
+        .then(|| solver.solution.x)
+    }
+}
+
+/// Lowers the cost of a pattern under the constraints, by at most `steps` convex programs.
+///
+/// # Errors
+/// Those of the cost; [`Error::Internal`] where the iteration itself fails.
+pub fn descend<C: Cost>(
+    start: &Pattern,
+    cost: &C,
+    constraints: &Constraints,
+    steps: u64,
+) -> Result<Pattern> {
+    let mut x = start.dots().to_vec();
+    x.push(max_margin_seam(start.dots()).normal);
+    let demand = Demand { cost, constraints };
+    let solver = Scp {
+        at: None,
+        hessian: DMatrix::zeros(0, 0),
+        radius: FIRST_RADIUS,
+    };
+    let run = Executor::new(demand, solver)
+        .configure(|state: Flat| state.param(flat(&x)).max_iters(steps))
+        .ctrlc(false)
+        .run()
+        .map_err(|e| Error::Internal(format!("descent: {e}")))?;
+    let found = run.state().get_best_param().map_or(x, |best| vectors(best));
+    Pattern::new(found[..start.len()].to_vec())
+}

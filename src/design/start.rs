@@ -1,0 +1,43 @@
+//! Random patterns to start from.
+
+use rand::Rng;
+
+use crate::error::{Error, Result};
+use crate::geometry::{Vec3, random_direction};
+use crate::pattern::Pattern;
+
+/// Tries to place one dot at random apart from the others before all start afresh.
+const PLACEMENT_TRIES: usize = 2_000;
+/// Fresh starts before a demand counts as infeasible at random.
+const FRESH_STARTS: usize = 50;
+
+/// Random dots no nearer to each other than demanded.
+///
+/// # Errors
+/// [`Error::Argument`] where no such set was found: the demand is too dense.
+pub fn random_pattern<R: Rng>(
+    dots: usize,
+    least_separation_rad: f64,
+    rng: &mut R,
+) -> Result<Pattern> {
+    let bound = least_separation_rad.cos();
+    for _ in 0..FRESH_STARTS {
+        let mut placed: Vec<Vec3> = Vec::with_capacity(dots);
+        for _ in 0..PLACEMENT_TRIES {
+            let d = random_direction(rng);
+            if placed.iter().all(|p| p.dot(&d) < bound) {
+                placed.push(d);
+                if placed.len() == dots {
+                    return Pattern::new(placed);
+                }
+            }
+        }
+    }
+    Err(Error::argument(
+        "dots",
+        format!(
+            "{dots} dots at least {:.1} degrees apart do not fit on a ball at random; ask for fewer or nearer dots",
+            least_separation_rad.to_degrees()
+        ),
+    ))
+}
