@@ -11,7 +11,7 @@ use crate::{Bench, SEED, degrees};
 /// Failing views drawn for each protocol.
 const DRAWN: usize = 3;
 /// More trials than this are not searched for failures.
-const MOST_TRIALS: u64 = 200_000;
+const MOST_TRIALS: u64 = 1_000_000;
 /// Nats by which the truth must be better for the search to count as at fault.
 const CLEAR: f64 = 0.01;
 
@@ -36,7 +36,8 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
     println!("## What fails still\n");
     let [paper, sparse, clutter, image] = ProtocolName::ALL.map(Protocol::standard);
     let all = [
-        ("paper", degrees(paper, 8.0)),
+        ("paper", paper),
+        ("paper_8_deg", degrees(paper, 8.0)),
         ("sparse", sparse),
         ("clutter", clutter),
         ("image", image),
