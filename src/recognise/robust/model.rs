@@ -24,6 +24,8 @@ const TAIL_WIDENING: f64 = 2.0;
 pub(super) const GATE: f64 = 10.0;
 /// Nearer than this many standard deviations nothing is gained: the random-axis density has a pole.
 const POLE: f64 = 0.3;
+/// A dot's largest weight: near the pole it would hold the rotation alone.
+const MOST_WEIGHT: f64 = 1.0;
 /// Steps of the core's table for one standard deviation.
 const CORE_STEPS: f64 = 32.0;
 /// Steps of the visibility table over z in [-1, 1].
@@ -37,6 +39,7 @@ const TANGENTS: [f64; 3] = [0.8, 2.4, 5.0];
 #[derive(Debug, Clone)]
 pub(super) struct Model {
     core: Vec<f64>,
+    weight: Vec<f64>,
     ln_detected: Vec<f64>,
     ln_missed: Vec<f64>,
     /// `core` as the greatest of three lines `a + b h` over `h = -u^2 / 2`: (a, b).
@@ -92,6 +95,9 @@ impl Model {
         let core = (0..steps)
             .map(|k| core(config.noise, k as f64 / CORE_STEPS))
             .collect();
+        let weight = (0..steps)
+            .map(|k| tangent(config.noise, (k as f64 / CORE_STEPS).max(POLE))[1].min(MOST_WEIGHT))
+            .collect();
         let detected = (0..=Z_STEPS).map(|k| {
             let z = 2.0 * k as f64 / Z_STEPS as f64 - 1.0;
             let t = LOGISTIC * (z - config.visibility_limit) / VISIBILITY_SOFTNESS;
@@ -100,6 +106,7 @@ impl Model {
         let cap = TAU * (1.0 - config.visibility_limit.max(-0.999));
         Self {
             core,
+            weight,
             ln_detected: detected.clone().map(f64::ln).collect(),
             ln_missed: detected.map(|d| (1.0 - d).ln()).collect(),
             lines: TANGENTS.map(|u| tangent(config.noise, u)),
@@ -116,6 +123,13 @@ impl Model {
         let k = at as usize;
         let next = *self.core.get(k + 1)?;
         Some(self.core[k] + (next - self.core[k]) * (at - k as f64))
+    }
+
+    /// Weight of a displacement in a least-squares step towards the core's maximum, `-core'(u) / u`: 1 for a
+    /// Gaussian, less for the heavier tails of others.
+    pub fn weight(&self, d2: f64) -> f64 {
+        let k = (d2.sqrt() * CORE_STEPS) as usize;
+        self.weight[k.min(self.weight.len() - 1)]
     }
 
     /// ln of the probabilities that a dot at this z is detected and missed.

@@ -146,7 +146,7 @@ impl Refiner {
             if matched < LEAST_MATCHED {
                 return None;
             }
-            let (information, moved) = self.step(dots, &rotation)?;
+            let (information, moved) = self.step(view, &rotation, ratio)?;
             let settled = turn > 1 && self.assignment == self.previous;
             if settled || turn + 1 == MOST_TURNS {
                 let ln_volume = ln_volume(&information);
@@ -290,7 +290,7 @@ impl Refiner {
                 UNASSIGNED => 0.0,
                 j => {
                     let q = &self.rotated[usize::from(j)];
-                    -self.gain[i] + Leverage::new(dot, q, &covariance).without()
+                    -self.gain[i] + Leverage::new(dot, q, &covariance).without(model)
                 }
             };
         }
@@ -357,23 +357,35 @@ impl Refiner {
             .map_or(0.0, |l| l.gain.max(0.0))
     }
 
-    /// One Gauss-Newton step on the assigned dots: the information matrix and the moved rotation.
-    fn step(&self, dots: &[Dot], rotation: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+    /// One Gauss-Newton step on the assigned dots, reweighted for the core's tails: the information matrix
+    /// and the moved rotation.
+    fn step(
+        &self,
+        view: &View<'_>,
+        rotation: &Matrix3<f64>,
+        ratio: f64,
+    ) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
         let mut information = Matrix3::zeros();
+        let mut weighted = Matrix3::zeros();
         let mut gradient = Vec3::zeros();
-        for (dot, &j) in dots.iter().zip(&self.assignment) {
+        for (dot, &j) in view.dots.iter().zip(&self.assignment) {
             if j == UNASSIGNED {
                 continue;
             }
             let q = self.rotated[usize::from(j)];
-            for u in &dot.axes {
+            let residual = dot.axes.map(|u| u.dot(&q));
+            let d2 = residual[0] * residual[0] + residual[1] * residual[1];
+            let weight = view.model.weight(d2 / ratio);
+            for (u, r) in dot.axes.iter().zip(residual) {
                 // A small rotation w moves q by w x q, and the whitened displacement u.q by w.(q x u).
                 let row = q.cross(u);
-                information += row * row.transpose();
-                gradient -= row * u.dot(&q);
+                let square = row * row.transpose();
+                information += square;
+                weighted += square * weight;
+                gradient -= row * (r * weight);
             }
         }
-        let w = information.cholesky()?.solve(&gradient);
+        let w = weighted.cholesky()?.solve(&gradient);
         Some((information, Rotation3::new(w).matrix() * rotation))
     }
 }
@@ -397,15 +409,17 @@ impl Leverage {
         }
     }
 
-    /// What the evidence gains, beyond the dot's own gain, when the rotation is fitted without it.
-    fn without(&self) -> f64 {
-        let left = Matrix2::identity() - self.hat;
-        let det = left.determinant().max(LEAST_LEFT);
+    /// What the evidence gains, beyond the dot's own gain, when the rotation is fitted without it: the
+    /// dot's pull, weighted as in the fit, is gone.
+    fn without(&self, model: &Model) -> f64 {
+        let weight = model.weight(self.residual.norm_squared());
+        let left = Matrix2::identity() - self.hat * weight;
+        let det = left.determinant();
         let Some(inverse) = left.try_inverse().filter(|_| det > LEAST_LEFT) else {
             return 0.0;
         };
-        let r = &self.residual;
-        0.5 * (r.dot(&(inverse * r)) - r.norm_squared()) - 0.5 * det.ln()
+        let pull = self.residual * weight;
+        0.5 * pull.dot(&(self.hat * inverse * pull)) - 0.5 * det.ln()
     }
 
     /// The same when a dot is matched that was left out, and the rotation gives way to it.
