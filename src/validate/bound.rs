@@ -12,7 +12,7 @@
 //! For a rotation about a random axis ([`Noise::RandomAxis`]) the displacement's density has a pole at 0:
 //! its Fisher information is infinite and a Cramér-Rao bound in the strict sense does not exist. The
 //! bound here is then that of Gaussian noise of the same covariance, `sigma^2 / 3` per tangent axis: what
-//! least squares attains, and what an estimator that knows the density can beat a little.
+//! least squares attains, and what an estimator that knows the density can beat.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 

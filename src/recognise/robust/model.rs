@@ -24,8 +24,10 @@ const TAIL_WIDENING: f64 = 2.0;
 pub(super) const GATE: f64 = 10.0;
 /// Nearer than this many standard deviations nothing is gained: the random-axis density has a pole.
 const POLE: f64 = 0.3;
-/// A dot's largest weight: near the pole it would hold the rotation alone.
-const MOST_WEIGHT: f64 = 1.0;
+/// A dot's largest weight while the explanation is sought: near the pole it would hold the rotation alone.
+pub(super) const SEARCH_WEIGHT: f64 = 1.0;
+/// A dot's largest weight in the rotation that is reported.
+pub(super) const FINAL_WEIGHT: f64 = 4.0;
 /// Steps of the core's table for one standard deviation.
 const CORE_STEPS: f64 = 32.0;
 /// Steps of the visibility table over z in [-1, 1].
@@ -96,7 +98,7 @@ impl Model {
             .map(|k| core(config.noise, k as f64 / CORE_STEPS))
             .collect();
         let weight = (0..steps)
-            .map(|k| tangent(config.noise, (k as f64 / CORE_STEPS).max(POLE))[1].min(MOST_WEIGHT))
+            .map(|k| tangent(config.noise, (k as f64 / CORE_STEPS).max(POLE))[1])
             .collect();
         let detected = (0..=Z_STEPS).map(|k| {
             let z = 2.0 * k as f64 / Z_STEPS as f64 - 1.0;
@@ -126,10 +128,10 @@ impl Model {
     }
 
     /// Weight of a displacement in a least-squares step towards the core's maximum, `-core'(u) / u`: 1 for a
-    /// Gaussian, less for the heavier tails of others.
-    pub fn weight(&self, d2: f64) -> f64 {
+    /// Gaussian, less for the heavier tails of others, and more towards a pole, up to `most`.
+    pub fn weight(&self, d2: f64, most: f64) -> f64 {
         let k = (d2.sqrt() * CORE_STEPS) as usize;
-        self.weight[k.min(self.weight.len() - 1)]
+        self.weight[k.min(self.weight.len() - 1)].min(most)
     }
 
     /// ln of the probabilities that a dot at this z is detected and missed.

@@ -147,6 +147,14 @@ impl Found {
             .max_by(|a, b| a.refined.ln_evidence.total_cmp(&b.refined.ln_evidence))
     }
 
+    /// Replaces an explanation's rotation.
+    pub fn turn(&mut self, of: &Explanation, rotation: Matrix3<f64>) {
+        let same = self.explanations.iter_mut().find(|e| e.slot == of.slot);
+        if let Some(explanation) = same {
+            explanation.refined.rotation = rotation;
+        }
+    }
+
     pub fn assignment(&self, explanation: &Explanation) -> &[u16] {
         &self.assignments[explanation.slot..][..self.dots]
     }

@@ -15,7 +15,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 
 use super::hint::Prior;
-use super::model::{Dot, GATE, Model};
+use super::model::{Dot, FINAL_WEIGHT, GATE, Model, SEARCH_WEIGHT};
 use crate::geometry::Vec3;
 
 /// Marks an observed dot without a pattern dot.
@@ -24,6 +24,8 @@ pub(super) const UNASSIGNED: u16 = u16::MAX;
 const PAIR_WIDENING: f64 = 2.5;
 /// Turns of assignment and Gauss-Newton; they settle in two or three.
 const MOST_TURNS: usize = 8;
+/// Steps towards the rotation that is reported.
+const POLISH_STEPS: usize = 5;
 /// Fewest dots that support an explanation.
 const LEAST_MATCHED: usize = 2;
 /// Links that cost more than this many nats do not count even as alternatives.
@@ -146,7 +148,7 @@ impl Refiner {
             if matched < LEAST_MATCHED {
                 return None;
             }
-            let (information, moved) = self.step(view, &rotation, ratio)?;
+            let (information, moved) = self.step(view, &rotation, [ratio, SEARCH_WEIGHT])?;
             let settled = turn > 1 && self.assignment == self.previous;
             if settled || turn + 1 == MOST_TURNS {
                 let ln_volume = ln_volume(&information);
@@ -167,6 +169,27 @@ impl Refiner {
             ratio = 1.0;
         }
         None
+    }
+
+    /// The most likely rotation near `rotation` for a given assignment: the dots are weighted by how peaked
+    /// their noise is.
+    pub fn polish(
+        &mut self,
+        view: &View<'_>,
+        rotation: &Matrix3<f64>,
+        assignment: &[u16],
+    ) -> Matrix3<f64> {
+        self.assignment.clear();
+        self.assignment.extend_from_slice(assignment);
+        let mut polished = *rotation;
+        for _ in 0..POLISH_STEPS {
+            self.project(view.model, view.pattern, &polished);
+            let Some((_, moved)) = self.step(view, &polished, [1.0, FINAL_WEIGHT]) else {
+                break;
+            };
+            polished = moved;
+        }
+        polished
     }
 
     /// Rotates the pattern; the penalty of missing every dot.
@@ -363,7 +386,7 @@ impl Refiner {
         &self,
         view: &View<'_>,
         rotation: &Matrix3<f64>,
-        ratio: f64,
+        [ratio, most_weight]: [f64; 2],
     ) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
         let mut information = Matrix3::zeros();
         let mut weighted = Matrix3::zeros();
@@ -375,7 +398,7 @@ impl Refiner {
             let q = self.rotated[usize::from(j)];
             let residual = dot.axes.map(|u| u.dot(&q));
             let d2 = residual[0] * residual[0] + residual[1] * residual[1];
-            let weight = view.model.weight(d2 / ratio);
+            let weight = view.model.weight(d2 / ratio, most_weight);
             for (u, r) in dot.axes.iter().zip(residual) {
                 // A small rotation w moves q by w x q, and the whitened displacement u.q by w.(q x u).
                 let row = q.cross(u);
@@ -412,7 +435,7 @@ impl Leverage {
     /// What the evidence gains, beyond the dot's own gain, when the rotation is fitted without it: the
     /// dot's pull, weighted as in the fit, is gone.
     fn without(&self, model: &Model) -> f64 {
-        let weight = model.weight(self.residual.norm_squared());
+        let weight = model.weight(self.residual.norm_squared(), SEARCH_WEIGHT);
         let left = Matrix2::identity() - self.hat * weight;
         let det = left.determinant();
         let Some(inverse) = left.try_inverse().filter(|_| det > LEAST_LEFT) else {

@@ -211,6 +211,21 @@ impl RobustRecogniser {
         }
     }
 
+    /// Gives the best explanation the most likely rotation for its assignment.
+    pub(super) fn polish_best(&self, ws: &mut RobustWorkspace) -> Option<()> {
+        let best = *ws.found.best()?;
+        let view = View {
+            model: &self.model,
+            pattern: &self.dots,
+            dots: &ws.dots,
+            prior: None,
+        };
+        let assignment = ws.found.assignment(&best);
+        let rotation = ws.refiner.polish(&view, &best.refined.rotation, assignment);
+        ws.found.turn(&best, rotation);
+        Some(())
+    }
+
     /// Refines a rotation that may be a few degrees off.
     pub(super) fn refine_from(&self, rotation: &Rotation, ws: &mut RobustWorkspace) {
         let start = Start::of_pair(*rotation.to_rotation_matrix().matrix());
