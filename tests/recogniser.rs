@@ -173,26 +173,33 @@ fn the_search_finds_what_brute_force_finds() {
             let answer = out.rotation;
             let mut evidence = |r: &Rotation| {
                 let found = robust.evidence_near(&trial.dots, r, &mut ws, &mut out);
-                found.unwrap_or(f64::NEG_INFINITY)
+                (found.unwrap_or(f64::NEG_INFINITY), out.rotation)
             };
-            let found = evidence(&answer);
+            let (found, _) = evidence(&answer);
             // Every pair of seen dots on every ordered pair of pattern dots, whatever its angle.
             let seen: Vec<_> = trial.dots.iter().map(|d| d.direction).collect();
-            let mut best = f64::NEG_INFINITY;
+            let mut best = (f64::NEG_INFINITY, answer);
             for (a, b) in (0..seen.len()).flat_map(|a| (0..a).map(move |b| (a, b))) {
                 let to = frame(&seen[a], &seen[b]);
                 for (p, q) in (0..20).flat_map(|p| (0..20).map(move |q| (p, q))) {
                     if p != q {
                         let turn = to * frame(&dots[p], &dots[q]).transpose();
                         let turn = nalgebra::Rotation3::from_matrix_unchecked(turn);
-                        best = best.max(evidence(&Rotation::from_rotation_matrix(&turn)));
+                        let reached = evidence(&Rotation::from_rotation_matrix(&turn));
+                        if reached.0 > best.0 {
+                            best = reached;
+                        }
                     }
                 }
             }
-            // What is hardly better than "these are not the pattern's dots" may be missed by a little.
-            // Refinements that start apart settle on points a fraction of a nat apart.
-            let slack = if best > 2.0 { 0.3 } else { 1.0 };
-            assert!(found > best - slack, "{name} {index}: {found} {best}");
+            // The same pose, settled a little elsewhere, is no other answer; and among poses that are
+            // hardly better than "these are not the pattern's dots" the search is not held to the best.
+            let same = rotation_angle(&best.1, &answer) < 0.2;
+            let slack = if best.0 > 4.0 { 0.5 } else { 1.0 };
+            assert!(
+                same || found > best.0 - slack,
+                "{name} {index}: {found} {best:?}"
+            );
         }
     }
 }
