@@ -3,6 +3,7 @@
 //! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
 
 mod design;
+mod identify;
 mod sensitivity;
 mod simulate;
 mod spin;
@@ -40,6 +41,8 @@ enum Command {
     Sensitivity(sensitivity::Arguments),
     /// Make the hash table of a pattern, a NumPy archive.
     Table(table::Arguments),
+    /// Tell which dot is which from observed directions, and how the ball is turned.
+    Identify(identify::Arguments),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
     /// Estimate the spin from time-stamped orientations.
@@ -61,6 +64,7 @@ pub fn main() -> ExitCode {
         Command::Validate(arguments) => validate::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
+        Command::Identify(arguments) => identify::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
