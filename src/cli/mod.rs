@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
 
+mod compare;
 mod design;
 mod identify;
 mod sensitivity;
@@ -37,6 +38,8 @@ enum Command {
     Design(design::Arguments),
     /// Measure how often a pattern's dots are identified rightly, by Monte Carlo.
     Validate(validate::Arguments),
+    /// Compare patterns on the same trials, side by side.
+    Compare(compare::Arguments),
     /// Measure how the rates depend on the dots' noise and on the paper's alpha; data and plots.
     Sensitivity(sensitivity::Arguments),
     /// Make the hash table of a pattern, a NumPy archive.
@@ -62,6 +65,7 @@ pub fn main() -> ExitCode {
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
