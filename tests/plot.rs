@@ -327,3 +327,63 @@ fn reliability_is_drawn() {
         reliability_plot(path, &plot)
     });
 }
+
+#[test]
+fn values_and_paths_are_drawn() {
+    let point = |i: usize| {
+        let (x, y) = (i as f64 * 0.02, 80.0 - i as f64 * 0.2);
+        ValuePoint {
+            x,
+            y,
+            low: y - 0.4,
+            high: y + 0.5,
+        }
+    };
+    let plot = ValuePlot {
+        title: "Spin over time".into(),
+        x_label: "time (s)".into(),
+        y_label: "spin (rps)".into(),
+        values: vec![ValueSeries {
+            name: "runs".into(),
+            points: (0..30).map(point).collect(),
+        }],
+        lines: vec![LineSeries {
+            name: "fit".into(),
+            points: vec![(0.0, 80.0), (0.6, 74.0)],
+        }],
+    };
+    check("values.png", CURVES_SIZE, 0.01, |p| value_curves(p, &plot));
+    let refused = |change: fn(&mut ValuePlot)| {
+        let mut plot = plot.clone();
+        change(&mut plot);
+        let (dir, _aside) = folder();
+        let path = dir.join("refused.png");
+        assert!(value_curves(&path, &plot).unwrap_err().is_usage());
+        assert!(!path.exists());
+    };
+    refused(|p| p.values[0].points[3].low = 90.0);
+    refused(|p| p.values[0].points[3].y = f64::NAN);
+    refused(|p| p.lines[0].points[0].1 = f64::INFINITY);
+    refused(|p| (p.values, p.lines) = (Vec::new(), Vec::new()));
+
+    let flight = |i: usize| {
+        let at = |k: usize| {
+            (
+                k as f64 * 0.1,
+                0.3 + i as f64 * 0.02 - 0.001 * (k * k) as f64,
+            )
+        };
+        (0..20).map(at).collect()
+    };
+    let group = |name: &str, n: usize| PathGroup {
+        name: name.into(),
+        paths: (0..n).map(flight).collect(),
+    };
+    let plot = PathPlot {
+        title: "Flights".into(),
+        x_label: "distance (m)".into(),
+        y_label: "height (m)".into(),
+        groups: vec![group("slow", 5), group("none", 0), group("fast", 3)],
+    };
+    check("paths.png", CURVES_SIZE, 0.01, |p| path_groups(p, &plot));
+}

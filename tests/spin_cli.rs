@@ -200,3 +200,102 @@ fn json_has_the_contract_s_fields() {
     let ratio = alternatives[0]["log_likelihood_ratio"].as_f64().unwrap();
     assert!(ratio.abs() < 1e-6, "{ratio}");
 }
+
+#[test]
+fn a_simulated_flight_comes_back_with_its_decay_and_a_plot() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let (csv, png) = (at("flight.csv"), at("spin.png"));
+    let flags = "--rps 80 --axis 1,-2,0.5 --frames 210 --decay 0.091 --drops 0.1 --seed 4 --json";
+    let mut arguments = vec!["simulate", "-o", &csv];
+    arguments.extend(flags.split(' '));
+    let output = run(&arguments);
+    assert!(output.status.success());
+    let truth: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(truth["outliers"].as_u64().unwrap() > 0);
+    let output = run(&["spin", &csv, "--decay", "--plot", &png, "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found["orientations"], truth["orientations"]);
+    let number = |v: &serde_json::Value| v.as_f64().unwrap();
+    for i in 0..3 {
+        let error = number(&found["spin_rad_s"][i]) - number(&truth["spin_rad_s"][i]);
+        assert!(
+            error.abs() < 4.5 * number(&found["std_rad_s"][i]),
+            "{found}"
+        );
+    }
+    let decay = &found["decay"];
+    let (low, high) = (number(&decay["low_per_s"]), number(&decay["high_per_s"]));
+    // The interval has the truth in one of twenty cases not: twice its width is asked for here.
+    let (middle, half) = (0.5 * (low + high), high - low);
+    assert!((middle - 0.091).abs() < half && half < 0.006, "{decay}");
+    assert!((number(&decay["creeping_flow_per_s"]) - 0.005_05).abs() < 1e-5);
+    assert!(std::fs::read(&png).unwrap().starts_with(b"\x89PNG"));
+
+    // The same seed, the same bytes; words instead of JSON.
+    let first = std::fs::read(&csv).unwrap();
+    arguments.pop();
+    assert!(run(&arguments).status.success());
+    assert_eq!(std::fs::read(&csv).unwrap(), first);
+    let output = run(&["spin", &csv, "--decay"]);
+    let words = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        words.contains("decay     c = ") && words.contains("12 pi mu r / m"),
+        "{words}"
+    );
+
+    // Taken as constant it is no good fit, which is said.
+    let output = run(&["spin", &csv]);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("off a constant spin"), "{message}");
+    let output = run(&["spin", &csv, "--method", "quatera", "--decay"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn files_keep_every_bit() {
+    let sequence = Scenario::default().sequence((40.0, 60.0), 9, 0);
+    let mut file = Orientations::from_measurements(&sequence.measurements);
+    file.rows[3].orientation = None;
+    file.rows[4].frame = "left, \"upper\"".into();
+    file.rows[5].dots = Some(9);
+    file.rows[5].matched = Some(8);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("o.csv");
+    file.write_csv(&path).unwrap();
+    let read = Orientations::read_csv(&path).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text.starts_with(HEADER));
+    for (a, b) in file.rows.iter().zip(&read.rows) {
+        let up_to_sign = match (a.orientation, b.orientation) {
+            (Some(a), Some(b)) => a.coords == b.coords || a.coords == -b.coords,
+            (a, b) => a == b,
+        };
+        assert!(up_to_sign, "{a:?} became {b:?}");
+        assert!(b.orientation.is_none_or(|q| q.w >= 0.0), "{b:?}");
+        let rest = |r: &spindoe::spin::orientations::OrientationRow| {
+            (r.frame.clone(), r.time_s, r.dots, r.matched, r.confidence)
+        };
+        assert_eq!(rest(a), rest(b));
+    }
+    assert_eq!(read.measurements().len(), 9);
+}
+
+#[test]
+fn residuals_and_dot_counts_weigh_the_frames() {
+    let text = "time_s,qw,qx,qy,qz,matched,residual_deg\n\
+                0.0,1,0,0,0,8,2\n0.1,1,0,0,0,8,2\n0.2,1,0,0,0,8,6\n0.3,1,0,0,0,2,2\n0.4,1,0,0,0,,\n";
+    let dir = tempfile::tempdir().unwrap();
+    let path = write(dir.path(), "o.csv", text);
+    let scales: Vec<f64> = Orientations::read_csv(&path)
+        .unwrap()
+        .measurements()
+        .iter()
+        .map(|m| m.sigma_scale)
+        .collect();
+    assert_eq!(scales[0], scales[1]);
+    assert!(scales[2] > scales[0], "a larger residual: {scales:?}");
+    assert!(scales[3] > scales[0], "fewer dots: {scales:?}");
+    assert_eq!(scales[4], 1.0, "nothing known");
+}

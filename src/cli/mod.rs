@@ -44,7 +44,7 @@ enum Command {
     /// Tell which dot is which from observed directions, and how the ball is turned.
     Identify(identify::Arguments),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
-    Stencil(stencil::Arguments),
+    Stencil(Box<stencil::Arguments>),
     /// Estimate the spin from time-stamped orientations.
     Spin(spin::Arguments),
     /// Simulate orientations of a turning ball, with a known truth.

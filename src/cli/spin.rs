@@ -375,11 +375,14 @@ impl Found {
             decay.print();
         }
         for a in self.alternatives.iter().take(MOST_PRINTED) {
+            let likelihood = match a.log_likelihood_ratio {
+                r if r.abs() < 5e-3 => "as likely".to_owned(),
+                r => format!("log-likelihood ratio {r:+.2}"),
+            };
             println!(
-                "  also possible: {:.3} rps about {} (log-likelihood ratio {:+.2})",
+                "  also possible: {:.3} rps about {} ({likelihood})",
                 a.spin.norm() / std::f64::consts::TAU,
                 axis_words(&a.spin),
-                a.log_likelihood_ratio
             );
         }
         let more = self.alternatives.len().saturating_sub(MOST_PRINTED);

@@ -5,8 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::error::Result;
+use crate::files;
 use crate::pattern::Pattern;
-use crate::stencil::{HoleSide, Stencil, StencilConfig};
+use crate::plot;
+use crate::stencil::coupon::coupon;
+use crate::stencil::{HoleSide, Stencil, StencilConfig, stl_bytes};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -15,62 +18,118 @@ pub struct Arguments {
     /// Folder for the files; made if it does not exist.
     #[arg(short, long = "out", value_name = "DIR")]
     output: PathBuf,
+    /// Also write coupon.stl: rings with clearances of 0.0 to 0.5 mm, to print first.
+    #[arg(long)]
+    coupon: bool,
+    /// Leave the dots' numbers out.
+    #[arg(long)]
+    no_numbers: bool,
+    /// Number of interleaved knuckles of the hinge, odd [default: 3].
+    #[arg(long, value_name = "N")]
+    knuckles: Option<usize>,
     #[command(flatten)]
     sizes: Sizes,
 }
 
-/// Every size has the library's default.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Sizes")]
-struct Sizes {
-    /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper
-    /// [default: 40.0].
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    ball_diameter_mm: Option<f64>,
-    /// Gap between ball and shell, per side [default: 0.2].
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    clearance_mm: Option<f64>,
-    /// Thickness of the shell [default: 2.4].
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    wall_mm: Option<f64>,
-    /// Diameter of a dot on the ball [default: 4.0].
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    hole_diameter_mm: Option<f64>,
-    /// Greatest distance of a facet from the surface that it stands for [default: 0.02].
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    chord_error_mm: Option<f64>,
+/// Declares the sizes that can be set, each with the library's default.
+macro_rules! sizes {
+    ($($(#[doc = $doc:literal])+ $field:ident: $unit:literal,)+) => {
+        /// Every size has the library's default.
+        #[derive(Debug, Args)]
+        #[command(next_help_heading = "Sizes")]
+        struct Sizes {
+            $(
+                $(#[doc = $doc])+
+                #[arg(long, value_name = $unit, allow_negative_numbers = true)]
+                $field: Option<f64>,
+            )+
+        }
+
+        impl Sizes {
+            /// Sets what was given.
+            fn apply(&self, config: &mut StencilConfig) {
+                $(if let Some(value) = self.$field {
+                    config.$field = value;
+                })+
+            }
+        }
+    };
 }
 
-impl Sizes {
+sizes! {
+    /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper
+    /// [default: 40.0].
+    ball_diameter_mm: "MM",
+    /// Gap between ball and shell, per side; print the coupon to find yours [default: 0.2].
+    clearance_mm: "MM",
+    /// Thickness of the shell [default: 2.8].
+    wall_mm: "MM",
+    /// Diameter of a dot on the ball [default: 4.0].
+    hole_diameter_mm: "MM",
+    /// Length of a hole's throat at the ball, before it widens for the pen [default: 0.8].
+    throat_mm: "MM",
+    /// Half-angle of the cone by which a hole widens outwards [default: 30].
+    taper_deg: "DEG",
+    /// Least material between holes, and between a hole and rim, hinge or tab [default: 0.8].
+    min_web_mm: "MM",
+    /// Distance from the seam wanted for the dots' centres [default: 10].
+    seam_margin_deg: "DEG",
+    /// Gap between the two rims [default: 0.2].
+    seam_gap_mm: "MM",
+    /// Nominal diameter of the hinge's screw [default: 3.0, M3].
+    screw_diameter_mm: "MM",
+    /// By how much the hinge's bore is wider than its screw [default: 0.2].
+    bore_allowance_mm: "MM",
+    /// Length of the hinge along its screw [default: 15].
+    hinge_length_mm: "MM",
+    /// Gap between knuckles [default: 0.4].
+    knuckle_clearance_mm: "MM",
+    /// Material around the screw's bore [default: 1.2].
+    knuckle_wall_mm: "MM",
+    /// Reach of the thumb tab [default: 6].
+    tab_mm: "MM",
+    /// Width of the printer's nozzle [default: 0.4].
+    nozzle_mm: "MM",
+    /// Greatest distance of a facet from the surface that it stands for [default: 0.02].
+    chord_error_mm: "MM",
+}
+
+impl Arguments {
     fn config(&self) -> StencilConfig {
-        let d = StencilConfig::default();
-        StencilConfig {
-            ball_diameter_mm: self.ball_diameter_mm.unwrap_or(d.ball_diameter_mm),
-            clearance_mm: self.clearance_mm.unwrap_or(d.clearance_mm),
-            wall_mm: self.wall_mm.unwrap_or(d.wall_mm),
-            hole_diameter_mm: self.hole_diameter_mm.unwrap_or(d.hole_diameter_mm),
-            chord_error_mm: self.chord_error_mm.unwrap_or(d.chord_error_mm),
-            ..d
-        }
+        let mut config = StencilConfig {
+            numbers: !self.no_numbers,
+            ..StencilConfig::default()
+        };
+        config.knuckles = self.knuckles.unwrap_or(config.knuckles);
+        self.sizes.apply(&mut config);
+        config
     }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let pattern = Pattern::read_csv(&arguments.pattern)?;
-    let stencil = Stencil::build(&pattern, &arguments.sizes.config())?;
-    stencil.write(&arguments.output)?;
+    let config = arguments.config();
+    let stencil = Stencil::build(&pattern, &config)?;
+    let rings = arguments.coupon.then(|| coupon(&config)).transpose()?;
+    let dir = &arguments.output;
+    stencil.write(dir)?;
+    if let Some(rings) = rings {
+        files::write_bytes(&dir.join("coupon.stl"), &stl_bytes(&rings)?)?;
+    }
+    let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
+    plot::stencil_views(&dir.join("stencil.png"), &stencil, &title)?;
     print_words(&stencil);
-    println!("written to {}", arguments.output.display());
+    println!("written to {}", dir.display());
     Ok(())
 }
 
 fn print_words(stencil: &Stencil) {
     let count = |side| stencil.sides().iter().filter(|s| **s == side).count();
     println!(
-        "{} holes in half A, {} in half B, {} on the seam; nearest dot {:.1} deg from the seam",
+        "{} holes in half A, {} in half B, {} through both rims; nearest dot {:.1} deg from the seam",
         count(HoleSide::A),
         count(HoleSide::B),
-        count(HoleSide::Seam),
+        count(HoleSide::Both),
         stencil.seam().margin_rad.to_degrees()
     );
     for (half, name) in stencil.halves().iter().zip(["A", "B"]) {
@@ -78,5 +137,8 @@ fn print_words(stencil: &Stencil) {
             "half {name}: {} triangles, {:.0} mm^3",
             half.check.triangles, half.check.volume_mm3
         );
+        if !half.unnumbered.is_empty() {
+            println!("  no room for the numbers of dots {:?}", half.unnumbered);
+        }
     }
 }

@@ -12,6 +12,8 @@ mod canvas;
 mod curves;
 mod features;
 mod recognition;
+mod solid;
+mod stencil;
 mod values;
 
 pub use ball::{BallView, VIEWS_SIZE, pattern_views};
@@ -22,6 +24,7 @@ pub use curves::{
 };
 pub use features::{FEATURES_SIZE, feature_plot};
 pub use recognition::{RECOGNITION_VIEW_SIZE, RecognitionView, recognition_views};
+pub use stencil::{STENCIL_SIZE, stencil_views};
 pub use values::{
     PathGroup, PathPlot, ValuePlot, ValuePoint, ValueSeries, path_groups, value_curves,
 };

@@ -20,8 +20,8 @@
 
 use nalgebra::Complex;
 
-use super::refine::{NoisePrior, axis_and_rate, probabilities, rebase, settle};
-use super::{Fit, Measurement, Motion};
+use super::refine::{NoisePrior, axis_and_rate, rebase, settle};
+use super::{Fit, MIN_FRAMES, Measurement, Motion};
 use crate::geometry::{Rotation, Vec3};
 
 /// Steps of the scan over `delta` per reciprocal of the sequence's duration: fine enough that no
@@ -29,6 +29,9 @@ use crate::geometry::{Rotation, Vec3};
 const NODES_PER_CYCLE: f64 = 8.0;
 /// Least spectral window at a node that is worth a refinement. At a true tie's nearest node it is 0.98.
 const LEAST_WINDOW: f64 = 0.7;
+
+/// Frames times nodes of the scan, about; what would be more is judged by the leading frames alone.
+const MOST_WORK: f64 = 2e7;
 
 /// Settings of [`alternatives`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,24 +68,30 @@ pub struct Alternative {
 
 /// The spins about the same axis that explain `measurements` nearly as well as `fit`, likeliest first,
 /// of equals the slower first.
+///
+/// Very long sequences are judged by their first frames only (thousands at even times): what these tell
+/// apart is apart, and what is left would need a spin more constant than any ball's. Where even three
+/// frames are so far apart that their aliases are beyond counting, none are listed.
 pub fn alternatives(
     measurements: &[Measurement],
     fit: &Fit,
     options: &AliasOptions,
 ) -> Vec<Alternative> {
+    let Some(measurements) = affordable(measurements, options.max_rps) else {
+        return Vec::new();
+    };
     let noise = NoisePrior {
         sigma_rad: fit.sigma_rad.unwrap_or(options.sigma_rad),
         degrees: f64::INFINITY,
     };
-    let mut right = Vec::new();
-    probabilities(measurements, &fit.motion, &noise, &mut right);
-    let (axis, rate) = axis_and_rate(&fit.motion.spin);
-    let mut scratch = Vec::new();
-    let Some(own) = settle(measurements, fit.motion, &noise, &mut scratch) else {
+    let (mut right, mut scratch) = (Vec::new(), Vec::new());
+    // From the maximum itself each alias is a maximum too, but for the peak's place on the grid.
+    let Some(own) = settle(measurements, fit.motion, &noise, &mut right) else {
         return Vec::new();
     };
+    let (axis, rate) = axis_and_rate(&own.motion.spin);
     let window = Window::new(measurements, &right);
-    let middle = rebase(&fit.motion, window.centre);
+    let middle = rebase(&own.motion, window.centre);
     let limit = options.max_rps * std::f64::consts::TAU;
     // Spins nearer than half a cycle over the whole sequence are one peak.
     let apart = std::f64::consts::PI / window.duration;
@@ -99,7 +108,7 @@ pub fn alternatives(
         };
         let spin = refined.motion.spin;
         let log_likelihood_ratio = refined.log_likelihood - own.log_likelihood;
-        let known = (spin - fit.motion.spin).norm() < apart
+        let known = (spin - own.motion.spin).norm() < apart
             || found.iter().any(|a| (spin - a.spin).norm() < apart);
         if !known && spin.norm() <= limit && log_likelihood_ratio >= options.least_log_ratio {
             found.push(Alternative {
@@ -109,12 +118,25 @@ pub fn alternatives(
         }
     }
     // Ties differ by rounding: compare to a thousandth.
-    let key = |a: &Alternative| -(1e3 * a.log_likelihood_ratio).round();
+    let likelihood = |a: &Alternative| (1e3 * a.log_likelihood_ratio).round() as i64;
     found.sort_by(|a, b| {
         let slower = a.spin.norm().total_cmp(&b.spin.norm());
-        key(a).total_cmp(&key(b)).then(slower)
+        likelihood(b).cmp(&likelihood(a)).then(slower)
     });
     found
+}
+
+/// The leading frames for which a scan to `max_rps` costs no more than [`MOST_WORK`]; none for fewer
+/// than three.
+fn affordable(measurements: &[Measurement], max_rps: f64) -> Option<&[Measurement]> {
+    let work = |n: usize| {
+        let duration = measurements[n - 1].time_s - measurements[0].time_s;
+        2.0 * max_rps * NODES_PER_CYCLE * duration * n as f64
+    };
+    let n = (MIN_FRAMES..=measurements.len())
+        .take_while(|n| work(*n) <= MOST_WORK)
+        .last()?;
+    Some(&measurements[..n])
 }
 
 /// The sampling's spectral window about its weighted mean time.

@@ -20,7 +20,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::refine::{
-    PREDICTION_LIMIT, Residual, axis_and_rate, jacobian as constant_jacobian, posterior,
+    MOST_NOISE, PREDICTION_LIMIT, Residual, axis_and_rate, jacobian as constant_jacobian, posterior,
 };
 use super::robust::RobustOptions;
 use super::simulate::decayed_time;
@@ -284,7 +284,9 @@ fn settle(
         if robust.sigma_degrees.is_finite() {
             degrees = robust.sigma_degrees + (3.0 * sums.support - 7.0).max(0.0);
             let squares = robust.sigma_degrees * robust.sigma_rad.powi(2) + sums.squares;
-            let next = (squares / degrees).sqrt();
+            let next = (squares / degrees)
+                .sqrt()
+                .min(MOST_NOISE * robust.sigma_rad);
             drift = (next / sigma - 1.0).abs();
             sigma = next;
         }

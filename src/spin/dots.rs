@@ -17,7 +17,7 @@
 
 use nalgebra::{Matrix3, Matrix6, SVector};
 
-use super::refine::{Residual, axis_and_rate, jacobian};
+use super::refine::{MOST_NOISE, Residual, axis_and_rate, jacobian};
 use super::{Fit, MIN_FRAMES, Motion, Refusal};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
@@ -102,7 +102,9 @@ pub fn refine_on_dots(
         if options.sigma_degrees.is_finite() {
             degrees = options.sigma_degrees + (2.0 * sums.support - 6.0).max(0.0);
             let squares = options.sigma_degrees * options.sigma_rad.powi(2) + sums.squares;
-            let next = (squares / degrees).sqrt();
+            let next = (squares / degrees)
+                .sqrt()
+                .min(MOST_NOISE * options.sigma_rad);
             drift = (next / sigma - 1.0).abs();
             sigma = next;
         }

@@ -15,6 +15,11 @@
 //! R(t) = exp([w]x (t - t0)) R(t0)
 //! ```
 //!
+//! Around them: [`orientations`] is the file that they read, [`alias`] lists the spins that look alike at
+//! the given times, [`bound`] says what any estimator could reach; [`windows`] and [`decay`] (with the
+//! theory in [`air`]) follow a spin through a long flight; [`dots`] refines it on the dots themselves;
+//! [`simulate`] makes sequences with a known truth, and [`trajectories`] reads published flights.
+//!
 //! What no estimator can promise: to tell spins apart that look alike at the given times
 //! (their aliases).
 
@@ -30,6 +35,7 @@ pub mod simulate;
 pub mod trajectories;
 pub mod windows;
 
+mod chance;
 mod refine;
 mod search;
 

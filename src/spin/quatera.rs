@@ -100,8 +100,9 @@ impl Plane {
         1.0 - q.dot(&self.u1).hypot(q.dot(&self.u2))
     }
 
+    /// The angle turned since u1, in (-pi, pi]: a quaternion and its negative have the same.
     fn angle(&self, q: &Vector4<f64>) -> f64 {
-        2.0 * q.dot(&self.u2).atan2(q.dot(&self.u1))
+        fold(2.0 * q.dot(&self.u2).atan2(q.dot(&self.u1)))
     }
 
     /// Axis of the rotation that takes u1 to u2; nalgebra's coordinate order is x, y, z, w.
@@ -109,6 +110,12 @@ impl Plane {
         let (a, b) = (quaternion(&self.u1), quaternion(&self.u2));
         (b * a.conjugate()).imag().normalize()
     }
+}
+
+/// The angle less whole turns, in [-pi, pi].
+fn fold(angle: f64) -> f64 {
+    use std::f64::consts::TAU;
+    angle - TAU * (angle / TAU).round()
 }
 
 fn quaternion(v: &Vector4<f64>) -> nalgebra::Quaternion<f64> {
@@ -233,7 +240,8 @@ impl QuateraEstimator {
     fn regress(&mut self) -> Option<Line> {
         let limit = self.options.max_rps * std::f64::consts::TAU;
         self.sorted.clear();
-        self.sorted.extend(self.raw.windows(2).map(|w| w[1] - w[0]));
+        self.sorted
+            .extend(self.raw.windows(2).map(|w| fold(w[1] - w[0])));
         let direction = if median(&mut self.sorted) > 0.0 {
             1.0
         } else {

@@ -10,6 +10,7 @@
 
 use nalgebra::Matrix3;
 
+use super::chance::expected_by_chance;
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
 use super::search::{KEPT, SCORE_MARGIN, SearchSettings, Seen, Shortlist, judge_pair, pair_radius};
 use super::{Fit, MIN_FRAMES, MOST_TURNS, Measurement, Refusal, check};
@@ -18,6 +19,8 @@ use crate::geometry::Vec3;
 /// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then all
 /// at once.
 const QUICK_GAP: usize = 3;
+/// Widest gap between a pair's frames: beyond that there are only more turns to be wrong by.
+const WIDEST_GAP: usize = 30;
 /// Share of the frames that must agree for the search to end: what else there is explains the same
 /// frames, and has been found with the same pairs, or explains fewer.
 const ENOUGH: f64 = 0.6;
@@ -55,7 +58,7 @@ pub struct RobustOptions {
     pub sigma_degrees: f64,
     /// What is known of the magnitude, if anything.
     pub prior: Option<MagnitudePrior>,
-    /// Expected number of chance agreements that is still accepted.
+    /// Expected number of spins with as much agreement by chance that is still accepted.
     pub false_alarms: f64,
 }
 
@@ -119,8 +122,8 @@ impl RobustEstimator {
         self.shortlist.clear();
         let mut best = None;
         let quick = (1..=QUICK_GAP).map(|gap| gap..=gap);
-        for gaps in quick.chain([QUICK_GAP + 1..=n - 1]) {
-            if *gaps.start() > n - 1 {
+        for gaps in quick.chain([QUICK_GAP + 1..=WIDEST_GAP.min(n - 1)]) {
+            if gaps.is_empty() || *gaps.start() > n - 1 {
                 break;
             }
             self.search(measurements, gaps);
@@ -236,7 +239,9 @@ impl RobustEstimator {
         // One more pass from the optimum leaves its probabilities in place.
         super::refine::probabilities(measurements, &best.motion, &prior, &mut self.probabilities);
         let inliers = self.probabilities.iter().filter(|p| **p > 0.5).count();
-        if inliers < MIN_FRAMES {
+        let chance =
+            expected_by_chance(measurements, inliers, best.sigma_rad, self.options.max_rps);
+        if inliers < MIN_FRAMES || chance > self.options.false_alarms {
             return Err(self.no_consensus(inliers, measurements.len()));
         }
         let motion = rebase(&best.motion, measurements[0].time_s);

@@ -3,22 +3,49 @@
 use crate::error::{Error, Result};
 
 /// Parameters of a stencil. Lengths in millimetres, angles in degrees.
+///
+/// Clearances are modelled gaps: what a printer makes of them is measured with the coupon
+/// ([`super::coupon`]).
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct StencilConfig {
     /// Diameter of the ball, mm. Default 40.0. Table-tennis balls are 40.0 to 40.6 mm: measure yours.
     pub ball_diameter_mm: f64,
     /// Gap between ball and shell, per side, mm. Default 0.2.
     pub clearance_mm: f64,
-    /// Thickness of the shell, mm. Default 2.4.
+    /// Thickness of the shell, mm. Default 2.8.
     pub wall_mm: f64,
     /// Diameter of a dot on the ball, mm. Default 4.0.
     pub hole_diameter_mm: f64,
     /// Length of the cylindrical throat at the ball before a hole widens, mm. Default 0.8.
     pub throat_mm: f64,
-    /// Half-angle of the cone by which a hole widens outwards, degrees. Default 15.
+    /// Half-angle of the cone by which a hole widens outwards, degrees. Default 30.
     pub taper_deg: f64,
-    /// Least material between two holes, or between a hole and the seam, mm. Default 0.8.
+    /// Least material between two holes, and between a hole and a rim, the hinge or the tab, mm.
+    /// Default 0.8.
     pub min_web_mm: f64,
+    /// Dots' centres wanted at least this far from the seam, degrees. Default 10. Where no plane keeps
+    /// it, the plane that comes nearest is taken and holes pass through both rims.
+    pub seam_margin_deg: f64,
+    /// Gap between the two rims, square to their cone, mm. Default 0.2.
+    pub seam_gap_mm: f64,
+    /// Nominal diameter of the hinge's screw, mm. Default 3.0 (M3).
+    pub screw_diameter_mm: f64,
+    /// By how much the bore is wider than the screw, mm. Default 0.2.
+    pub bore_allowance_mm: f64,
+    /// Length of the hinge along its screw, mm. Default 15.
+    pub hinge_length_mm: f64,
+    /// Number of interleaved knuckles, odd; half A has the outer ones. Default 3.
+    pub knuckles: usize,
+    /// Gap between knuckles, and between knuckles and the other half's shell, mm. Default 0.4.
+    pub knuckle_clearance_mm: f64,
+    /// Material around the screw's bore, mm. Default 1.2.
+    pub knuckle_wall_mm: f64,
+    /// How far the thumb tab reaches beyond the shell, mm. Default 6.
+    pub tab_mm: f64,
+    /// Whether the dots' numbers are engraved beside their holes. Default true.
+    pub numbers: bool,
+    /// Width of the printer's nozzle, mm: no wall may be thinner. Default 0.4.
+    pub nozzle_mm: f64,
     /// Greatest distance of a facet from the surface that it stands for, mm. Default 0.02.
     pub chord_error_mm: f64,
 }
@@ -28,11 +55,22 @@ impl Default for StencilConfig {
         Self {
             ball_diameter_mm: 40.0,
             clearance_mm: 0.2,
-            wall_mm: 2.4,
+            wall_mm: 2.8,
             hole_diameter_mm: 4.0,
             throat_mm: 0.8,
-            taper_deg: 15.0,
+            taper_deg: 30.0,
             min_web_mm: 0.8,
+            seam_margin_deg: 10.0,
+            seam_gap_mm: 0.2,
+            screw_diameter_mm: 3.0,
+            bore_allowance_mm: 0.2,
+            hinge_length_mm: 15.0,
+            knuckles: 3,
+            knuckle_clearance_mm: 0.4,
+            knuckle_wall_mm: 1.2,
+            tab_mm: 6.0,
+            numbers: true,
+            nozzle_mm: 0.4,
             chord_error_mm: 0.02,
         }
     }
@@ -49,10 +87,15 @@ impl StencilConfig {
         self.inner_radius_mm() + self.wall_mm
     }
 
+    /// Radius of a hole `height_mm` from the ball's centre along its axis, mm.
+    pub fn hole_radius_mm(&self, height_mm: f64) -> f64 {
+        let rise = height_mm - self.inner_radius_mm() - self.throat_mm;
+        0.5 * self.hole_diameter_mm + rise.max(0.0) * self.taper_deg.to_radians().tan()
+    }
+
     /// Radius of a hole at the outer end of its taper, mm.
     pub fn opening_radius_mm(&self) -> f64 {
-        let rise = (self.wall_mm - self.throat_mm).max(0.0);
-        0.5 * self.hole_diameter_mm + rise * self.taper_deg.to_radians().tan()
+        self.hole_radius_mm(self.outer_radius_mm())
     }
 
     /// Least angle between two dots whose holes leave [`Self::min_web_mm`] between them, radians.
@@ -72,13 +115,28 @@ impl StencilConfig {
     pub fn validate(&self) -> Result<()> {
         let r = 0.5 * self.ball_diameter_mm;
         let domains = [
-            ("ball diameter", self.ball_diameter_mm, 10.0, 400.0, "mm"),
+            ("ball diameter", self.ball_diameter_mm, 20.0, 400.0, "mm"),
             ("clearance", self.clearance_mm, 0.0, 0.1 * r, "mm"),
-            ("wall", self.wall_mm, 0.8, 0.5 * r, "mm"),
+            ("wall", self.wall_mm, 2.0 * self.nozzle_mm, 0.5 * r, "mm"),
             ("hole diameter", self.hole_diameter_mm, 0.5, r, "mm"),
             ("throat", self.throat_mm, 0.2, self.wall_mm, "mm"),
-            ("taper", self.taper_deg, 0.0, 45.0, "degrees"),
+            ("taper", self.taper_deg, 0.0, 60.0, "degrees"),
             ("least web", self.min_web_mm, 0.2, 5.0, "mm"),
+            ("seam margin", self.seam_margin_deg, 0.0, 45.0, "degrees"),
+            ("seam gap", self.seam_gap_mm, 0.05, 1.0, "mm"),
+            ("screw diameter", self.screw_diameter_mm, 1.0, 8.0, "mm"),
+            ("bore allowance", self.bore_allowance_mm, 0.0, 1.0, "mm"),
+            ("hinge length", self.hinge_length_mm, 4.0, 1.2 * r, "mm"),
+            (
+                "knuckle clearance",
+                self.knuckle_clearance_mm,
+                0.1,
+                2.0,
+                "mm",
+            ),
+            ("knuckle wall", self.knuckle_wall_mm, 0.8, 5.0, "mm"),
+            ("tab", self.tab_mm, 2.0, 20.0, "mm"),
+            ("nozzle", self.nozzle_mm, 0.1, 1.2, "mm"),
             ("chord error", self.chord_error_mm, 0.002, 0.005 * r, "mm"),
         ];
         for (name, value, low, high, unit) in domains {
@@ -88,6 +146,10 @@ impl StencilConfig {
                     format!("expected {low} to {high} {unit}, found {value}"),
                 ));
             }
+        }
+        if !(3..=9).contains(&self.knuckles) || self.knuckles.is_multiple_of(2) {
+            let problem = format!("expected 3, 5, 7 or 9, found {}", self.knuckles);
+            return Err(Error::argument("knuckles", problem));
         }
         Ok(())
     }

@@ -14,6 +14,18 @@ use super::{HoleSide, Mesh, Stencil};
 /// Gap between the two halves in the 3MF file, mm.
 const LAYOUT_GAP_MM: f64 = 5.0;
 
+/// Names of the halves' files.
+const HALF_FILES: [&str; 2] = ["half_a.stl", "half_b.stl"];
+/// Version of `stencil.json`.
+const FORMAT_VERSION: u32 = 1;
+/// First bytes of an STL file's header.
+const STL_HEADER: &str = "spindoe pattern";
+/// How the frames hang together, in words.
+const FRAMES: &str = "stencil = R * pattern, R the unit quaternion given; millimetres, origin in the \
+    ball's centre, seam in z = 0, half A in z > 0, hinge axis along y through (axis_mm, 0, 0), thumb tab \
+    towards -x. A point (x, y, z) of half_a.stl lies at (x, y, z - lip_mm), a point of half_b.stl at \
+    (x, -y, lip_mm - z).";
+
 impl Stencil {
     /// Writes `half_a.stl`, `half_b.stl`, `stencil.3mf` and `stencil.json` to `dir`, which is made if
     /// it does not exist. Each file appears whole or not at all.
@@ -22,8 +34,8 @@ impl Stencil {
     /// [`Error::Write`] where the system refuses.
     pub fn write(&self, dir: &Path) -> Result<()> {
         files::create_dir(dir)?;
-        for (half, name) in self.halves.iter().zip(["half_a.stl", "half_b.stl"]) {
-            files::write_bytes(&dir.join(name), &stl_bytes(&half.mesh)?)?;
+        for (half, name) in self.halves.iter().zip(HALF_FILES) {
+            files::write_bytes(&dir.join(name), &self.stl_bytes(&half.mesh)?)?;
         }
         files::write_bytes(&dir.join("stencil.3mf"), &self.threemf_bytes()?)?;
         let mut text = serde_json::to_string_pretty(&self.description())
@@ -32,9 +44,10 @@ impl Stencil {
         files::write_bytes(&dir.join("stencil.json"), text.as_bytes())
     }
 
-    /// What `stencil.json` holds: parameters, frames, dots' halves, and each half's figures.
+    /// What `stencil.json` holds: parameters, frames, where each dot lies, and each half's figures.
     pub fn description(&self) -> serde_json::Value {
-        let q = self.rotation.quaternion();
+        let q = self.layout.rotation.quaternion();
+        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
         let indices = |side: HoleSide| -> Vec<usize> {
             (0..self.sides.len())
                 .filter(|&i| self.sides[i] == side)
@@ -42,33 +55,58 @@ impl Stencil {
         };
         let half = |i: usize| {
             let h = &self.halves[i];
-            let file = ["half_a.stl", "half_b.stl"][i];
             json!({
-                "file": file,
+                "file": HALF_FILES[i],
                 "check": h.check,
+                "through_holes": h.through_holes,
+                "unnumbered_dots": h.unnumbered,
                 "bounding_box": h.mesh.bounding_box(),
             })
         };
+        let dots = self.layout.dots.iter().zip(&self.sides).enumerate();
+        let dots = dots.map(|(i, (d, side))| {
+            json!({
+                "dot": i,
+                "half": if d.z > 0.0 { "a" } else { "b" },
+                "through_both_rims": *side == HoleSide::Both,
+                "latitude_deg": d.z.clamp(-1.0, 1.0).asin().to_degrees(),
+                "azimuth_deg": d.y.atan2(d.x).to_degrees(),
+            })
+        });
         json!({
-            "format_version": 1,
+            "format_version": FORMAT_VERSION,
             "spindoe_version": env!("CARGO_PKG_VERSION"),
             "pattern_sha256": self.pattern_sha256,
-            "parameters": self.config,
+            "frames": FRAMES,
             "rotation_pattern_to_stencil": {
-                "qw": q.w, "qx": q.i, "qy": q.j, "qz": q.k,
-                "meaning": "stencil = R * pattern; origin at the ball's centre; seam in z = 0; \
-                            half A is z > 0; half B is printed turned by 180 degrees about x",
+                "qw": sign * q.w, "qx": sign * q.i, "qy": sign * q.j, "qz": sign * q.k,
             },
             "seam": {
-                "normal_pattern_frame": self.seam.normal.as_slice(),
-                "least_dot_latitude_deg": self.seam.margin_rad.to_degrees(),
+                "normal_pattern_frame": self.layout.seam.normal.as_slice(),
+                "least_dot_latitude_deg": self.layout.seam.margin_rad.to_degrees(),
+                "wanted_deg": self.config.seam_margin_deg,
             },
+            "hinge_to_nearest_hole_mm": self.layout.room_mm,
             "dots_in_half_a": indices(HoleSide::A),
             "dots_in_half_b": indices(HoleSide::B),
-            "dots_on_seam": indices(HoleSide::Seam),
+            "dots_through_both_rims": indices(HoleSide::Both),
+            "dots": dots.collect::<Vec<_>>(),
             "half_a": half(0),
             "half_b": half(1),
+            "parameters": self.config,
+            "joint": self.joint,
         })
+    }
+
+    /// A mesh as binary STL whose header names the pattern.
+    fn stl_bytes(&self, mesh: &Mesh) -> Result<Vec<u8>> {
+        let mut bytes = stl_bytes(mesh)?;
+        // 80 bytes: the hash takes 64 of them. A binary file must not begin with "solid".
+        let header = format!("{STL_HEADER:<16}{:.64}", self.pattern_sha256);
+        for (byte, &c) in bytes[..80].iter_mut().zip(header.as_bytes()) {
+            *byte = c;
+        }
+        Ok(bytes)
     }
 
     /// One 3MF model with both halves as named objects, side by side.
@@ -133,8 +171,11 @@ fn threemf_mesh(mesh: &Mesh, shift_mm: f64) -> threemf::Mesh {
     }
 }
 
-/// A mesh as binary STL.
-pub(super) fn stl_bytes(mesh: &Mesh) -> Result<Vec<u8>> {
+/// A mesh as binary STL, millimetres.
+///
+/// # Errors
+/// [`Error::Internal`] where the library fails.
+pub fn stl_bytes(mesh: &Mesh) -> Result<Vec<u8>> {
     let vector =
         |v: &nalgebra::Vector3<f64>| stl_io::Vector::new([v.x as f32, v.y as f32, v.z as f32]);
     let triangles: Vec<_> = (0..mesh.triangles.len())

@@ -1,29 +1,44 @@
 //! The stencil: two printable half shells that close around a ball, with a hole for each dot.
 //!
 //! Method: the pattern is turned so that the great circle farthest from all dots ([`max_margin_seam`])
-//! lies in the plane z = 0 of the *stencil frame*. The shell between two spheres is cut there into
-//! half A (z > 0) and half B (z < 0), and a tapered tool is subtracted for each dot by mesh booleans. A
-//! dot whose hole meets the seam leaves matching half-holes in both rims. Each half is checked as a
-//! closed, oriented 2-manifold after rounding to the 32-bit floats of STL, and handed over rim down.
+//! along which hinge and thumb tab find room lies in the plane z = 0 of the *stencil frame*. The shell
+//! between two spheres is parted there into half A (z > 0) and half B (z < 0), whose rims overlap by a
+//! narrow band and meet in a cone ([`Joint`]); a tapered tool is subtracted for each dot by mesh
+//! booleans. A dot near the seam leaves matching holes in both rims. Slivers are removed, and each half
+//! is checked as one closed, oriented 2-manifold that does not cut itself and has exactly the expected
+//! holes, after rounding to the 32-bit floats of STL; it is handed over rim down.
 //!
-//! Frames: `stencil = rotation * pattern`, origin at the ball's centre. Half A is laid as it is; half B
-//! is turned by half a turn about x (y and z change sign).
+//! Frames: `stencil = rotation * pattern`, origin at the ball's centre, hinge towards +x with its axis
+//! along y, thumb tab towards -x. Half A is laid as it is; half B is turned by half a turn about x (y and
+//! z change sign). Both are then raised by the lip's height, so that the bed is z = 0.
 
+mod clean;
 mod config;
+pub mod coupon;
 mod export;
+mod joint;
+mod layout;
+mod marks;
 mod mesh;
+mod parts;
 mod seam;
 pub mod shapes;
 mod solid;
 
 pub use config::StencilConfig;
+pub use export::stl_bytes;
+pub use joint::Joint;
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
 pub use seam::{Seam, max_margin_seam};
 
 use crate::error::{Error, Result};
-use crate::geometry::{Rotation, Vec3, angle_between, tangent_frame};
+use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
+use layout::{Cut, Layout, turn_over};
 use solid::Solid;
+
+/// How far cleaning may move the surface, as fractions of the chord error: tried in this order.
+const CLEANING: [f64; 3] = [0.2, 0.05, 0.005];
 
 /// In which half a dot's hole lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -33,26 +48,30 @@ pub enum HoleSide {
     A,
     /// Wholly in half B.
     B,
-    /// On the seam: a half-hole in each rim.
-    Seam,
+    /// Through the band where the rims overlap: it cuts both halves.
+    Both,
 }
 
-/// One printable half, rim down on the plane z = 0.
+/// One printable half, rim down on the bed, the plane z = 0.
 #[derive(Debug, Clone)]
 pub struct Half {
     /// The mesh, mm, already rounded to 32-bit floats.
     pub mesh: Mesh,
     /// What was found when it was checked.
     pub check: MeshCheck,
+    /// Holes that lead through it: those of dots, and the bores of its knuckles.
+    pub through_holes: usize,
+    /// Dots of this half beside whose hole there was no room for the number.
+    pub unnumbered: Vec<usize>,
 }
 
 /// A stencil for one pattern.
 #[derive(Debug, Clone)]
 pub struct Stencil {
     config: StencilConfig,
+    joint: Joint,
     pattern_sha256: String,
-    rotation: Rotation,
-    seam: Seam,
+    layout: Layout,
     sides: Vec<HoleSide>,
     halves: [Half; 2],
 }
@@ -65,24 +84,26 @@ impl Stencil {
     /// the figure that fails); [`Error::Internal`] where a mesh fails its own checks.
     pub fn build(pattern: &Pattern, config: &StencilConfig) -> Result<Self> {
         config.validate()?;
+        let joint = Joint::new(config)?;
         refuse_overlaps(pattern.dots(), config)?;
-        let seam = max_margin_seam(pattern.dots());
-        let [x, y] = tangent_frame(&seam.normal);
-        let axes =
-            nalgebra::Matrix3::from_rows(&[x.transpose(), y.transpose(), seam.normal.transpose()]);
-        let rotation =
-            Rotation::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(axes));
-        let dots: Vec<Vec3> = pattern.dots().iter().map(|d| rotation * d).collect();
-        let sides: Vec<_> = dots.iter().map(|d| side_of(d, config)).collect();
-        let a = half(&dots, &sides, HoleSide::A, config)?;
-        // Half B in its printing position is half A of the turned dots.
-        let turned: Vec<_> = dots.iter().map(turn_over).collect();
-        let b = half(&turned, &sides, HoleSide::B, config)?;
+        let layout = Layout::choose(pattern.dots(), config, &joint)?;
+        let sides = layout.dots.iter().zip(&layout.cuts).map(|(d, cuts)| {
+            if !cuts.contains(&Cut::None) {
+                HoleSide::Both
+            } else if d.z > 0.0 {
+                HoleSide::A
+            } else {
+                HoleSide::B
+            }
+        });
+        let sides = sides.collect();
+        let a = half(&layout, true, config, &joint)?;
+        let b = half(&layout, false, config, &joint)?;
         Ok(Self {
             config: config.clone(),
+            joint,
             pattern_sha256: pattern.sha256(),
-            rotation,
-            seam,
+            layout,
             sides,
             halves: [a, b],
         })
@@ -93,14 +114,29 @@ impl Stencil {
         &self.config
     }
 
+    /// Lengths of rims and hinge.
+    pub fn joint(&self) -> &Joint {
+        &self.joint
+    }
+
     /// The rotation from the pattern's frame to the stencil's.
     pub fn rotation(&self) -> Rotation {
-        self.rotation
+        self.layout.rotation
+    }
+
+    /// The dots in the stencil's frame, in the pattern's order.
+    pub fn dots(&self) -> &[Vec3] {
+        &self.layout.dots
     }
 
     /// The seam's great circle, in the pattern's frame.
     pub fn seam(&self) -> Seam {
-        self.seam
+        self.layout.seam
+    }
+
+    /// Least distance between a dot's hole and hinge or tab, mm.
+    pub fn hinge_room_mm(&self) -> f64 {
+        self.layout.room_mm
     }
 
     /// For each dot, the half that holds its hole.
@@ -113,25 +149,24 @@ impl Stencil {
         &self.halves
     }
 
-    /// Half `i` (0 is A, 1 is B) where it stands in the closed stencil, in the stencil frame.
-    pub fn closed_half(&self, i: usize) -> Mesh {
+    /// Half `i` (0 is A, 1 is B) where it stands in the stencil frame when half B is opened by
+    /// `opening_rad` about the hinge (0 is closed).
+    pub fn placed_half(&self, i: usize, opening_rad: f64) -> Mesh {
+        let up = Vec3::new(0.0, 0.0, self.joint.lip_mm);
         let mesh = &self.halves[i.min(1)].mesh;
         if i == 0 {
-            mesh.clone()
-        } else {
-            mesh.mapped(turn_over)
+            return mesh.mapped(|v| v - up);
         }
+        // Half B's far side swings downwards.
+        let turn = Rotation::from_axis_angle(&Vec3::y_axis(), -opening_rad);
+        let hinge = Vec3::new(self.joint.axis_mm, 0.0, 0.0);
+        mesh.mapped(|v| turn * (turn_over(&(v - up)) - hinge) + hinge)
     }
 
     /// SHA-256 of the pattern it draws.
     pub fn pattern_sha256(&self) -> &str {
         &self.pattern_sha256
     }
-}
-
-/// Half a turn about x: half B between its printing position and its place in the closed stencil.
-fn turn_over(v: &Vec3) -> Vec3 {
-    Vec3::new(v.x, -v.y, -v.z)
 }
 
 /// Refuses holes that leave too little material between them.
@@ -160,73 +195,74 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
     Ok(())
 }
 
-/// Which half holds the hole of a dot, in the stencil frame.
-fn side_of(dot: &Vec3, config: &StencilConfig) -> HoleSide {
-    let latitude = dot.z.clamp(-1.0, 1.0).asin().abs();
-    let gap = |radius: f64, hole: f64| radius * latitude.sin() - hole * latitude.cos();
-    let inner = gap(config.inner_radius_mm(), 0.5 * config.hole_diameter_mm);
-    let outer = gap(config.outer_radius_mm(), config.opening_radius_mm());
-    if inner.min(outer) < config.min_web_mm {
-        HoleSide::Seam
-    } else if dot.z > 0.0 {
-        HoleSide::A
-    } else {
-        HoleSide::B
+/// The numbers to engrave in one half, and its holes (both in its own frame).
+fn marks(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> marks::Marks {
+    let own = |d: &Vec3| if is_a { *d } else { turn_over(d) };
+    let mut numbered = Vec::new();
+    let mut holes = Vec::new();
+    for (i, (dot, cuts)) in layout.dots.iter().zip(&layout.cuts).enumerate() {
+        if cuts[usize::from(!is_a)] != Cut::None {
+            holes.push(own(dot));
+        }
+        if config.numbers && (dot.z > 0.0) == is_a {
+            numbered.push((i, own(dot)));
+        }
     }
+    let mut obstacles = layout::hinge_points(config, joint);
+    if is_a {
+        obstacles.extend(layout::tab_points(config, joint));
+    }
+    marks::numbers(&numbered, &holes, &obstacles, config, joint)
 }
 
-/// Builds and checks the half above z = 0 that carries the holes of `side` and of the seam.
-fn half(dots: &[Vec3], sides: &[HoleSide], side: HoleSide, config: &StencilConfig) -> Result<Half> {
-    let chord = config.chord_error_mm;
-    let outer = Solid::new(&shapes::sphere(config.outer_radius_mm(), chord))?;
-    let inner = Solid::new(&shapes::sphere(config.inner_radius_mm(), chord))?;
-    let mut tools = Vec::new();
-    let mut through = 0;
-    for (dot, &s) in dots.iter().zip(sides) {
-        if s == side {
-            through += 1;
-        }
-        if s == side || s == HoleSide::Seam {
-            tools.push(Solid::new(&drill(dot, config))?);
-            if s == HoleSide::Seam {
-                // The bridge towards the seam would be too thin to print: open it.
-                let below = Vec3::new(dot.x, dot.y, -dot.z.abs()).normalize();
-                tools.push(Solid::new(&drill(&below, config))?);
-            }
+/// Builds one half, lays it on the bed and checks it.
+fn half(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> Result<Half> {
+    let name = if is_a { "half A" } else { "half B" };
+    let own = |d: &Vec3| if is_a { *d } else { turn_over(d) };
+    let cuts = layout.cuts.iter().map(|c| c[usize::from(!is_a)]);
+    let marks = marks(layout, is_a, config, joint);
+    let part = parts::Half {
+        config,
+        joint,
+        is_a,
+        holes: layout.dots.iter().map(own).zip(cuts).collect(),
+        marks: marks.tools,
+    };
+    let up = Vec3::new(0.0, 0.0, joint.lip_mm);
+    let raw = part.solid()?.mesh().mapped(|v| v + up);
+    let through_holes = part.through_holes();
+    // Where cleaning makes the surface cut itself, clean less.
+    let mut outcome = Err(Error::Internal(format!("{name}: no cleaning was tried")));
+    for share in CLEANING {
+        let mesh = clean::cleaned(&raw, share * config.chord_error_mm).rounded();
+        outcome = checked(mesh, name, through_holes);
+        if outcome.is_ok() {
+            break;
         }
     }
-    tools.push(inner);
-    let mesh = outer.minus(&tools)?.above_seam()?.mesh().rounded();
+    outcome.map(|half| Half {
+        unnumbered: marks.left_out,
+        ..half
+    })
+}
+
+/// The half with this mesh, if it is what it should be.
+fn checked(mesh: Mesh, name: &str, through_holes: usize) -> Result<Half> {
     let check = mesh.check();
-    let name = if side == HoleSide::A {
-        "half A"
-    } else {
-        "half B"
-    };
     check.require_solid(name)?;
-    if check.genus() != through {
+    if check.genus() != through_holes as i64 {
         return Err(Error::Internal(format!(
-            "{name}: expected {through} through-holes, found {}",
+            "{name}: expected {through_holes} through-holes, found {}",
             check.genus()
         )));
     }
-    Ok(Half { mesh, check })
-}
-
-/// The tool that cuts a dot's hole: a throat of the dot's diameter, then a cone.
-fn drill(dot: &Vec3, config: &StencilConfig) -> Mesh {
-    let r = 0.5 * config.hole_diameter_mm;
-    let throat_end = config.inner_radius_mm() + config.throat_mm;
-    let end = config.outer_radius_mm() + 1.0;
-    let end_radius = r + (end - throat_end).max(0.0) * config.taper_deg.to_radians().tan();
-    let start = 0.6 * config.inner_radius_mm();
-    let outline = [
-        (start, 0.0),
-        (start, r),
-        (throat_end, r),
-        (end, end_radius),
-        (end, 0.0),
-    ];
-    let segments = shapes::circle_segments(end_radius, config.chord_error_mm).max(32);
-    shapes::lathe(dot, &outline, segments)
+    if Solid::new(&mesh)?.self_intersects() {
+        return Err(Error::Internal(format!("{name}: the surface cuts itself")));
+    }
+    Ok(Half {
+        mesh,
+        check,
+        through_holes,
+        unnumbered: Vec::new(),
+    })
 }

@@ -1,11 +1,19 @@
-//! Where to part the ball: the great circle that stays farthest from all dots.
+//! Where to part the ball: great circles that stay far from all dots.
 //!
 //! Maximizing `min_i |n . d_i|` over unit normals `n` is a max-min problem whose maximum is held down
 //! by one, two or three dots: there, with suitable signs, `s_i n . d_i` are equal and `n` is a
-//! non-negative combination of the `s_i d_i`. All such candidates are enumerated, so the result is the
-//! global maximum and needs no start value.
+//! non-negative combination of the `s_i d_i`. All such candidates are enumerated, so the best of them is
+//! the global maximum and needs no start value.
 
-use crate::geometry::Vec3;
+use crate::geometry::{Vec3, spiral_directions};
+
+/// Candidates nearer to each other than this count as one, radians.
+const SAME_RAD: f64 = 0.035;
+/// Most candidates that are handed on.
+const MOST: usize = 300;
+/// Evenly spread planes added to the candidates, for patterns whose best planes leave no room for a
+/// hinge.
+const SPREAD: usize = 1000;
 
 /// A great circle and its distance from the dots.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,22 +24,35 @@ pub struct Seam {
     pub margin_rad: f64,
 }
 
-/// The great circle that maximizes the least angle to the directions `dots`.
-pub fn max_margin_seam(dots: &[Vec3]) -> Seam {
-    let mut best = (Vec3::z(), -1.0);
-    let mut consider = |n: Vec3| {
-        let Some(n) = n.try_normalize(1e-9) else {
-            return;
-        };
-        let mut least = 1.0;
-        for d in dots {
-            least = f64::min(least, n.dot(d).abs());
-            if least <= best.1 {
-                return;
-            }
+impl Seam {
+    /// The seam with normal `n`, a unit vector.
+    fn new(n: Vec3, dots: &[Vec3]) -> Self {
+        let least = dots.iter().map(|d| n.dot(d).abs()).fold(1.0, f64::min);
+        Self {
+            normal: n,
+            margin_rad: least.clamp(0.0, 1.0).asin(),
         }
-        best = (n, least);
-    };
+    }
+
+    /// The same plane with the normal turned so that half A holds the majority; of equals, the half
+    /// that holds dot 0.
+    fn with_majority(self, dots: &[Vec3]) -> Self {
+        let above = dots.iter().filter(|d| d.dot(&self.normal) > 0.0).count();
+        let fewer = 2 * above < dots.len();
+        let first_below = dots.first().is_some_and(|d| d.dot(&self.normal) < 0.0);
+        if fewer || (2 * above == dots.len() && first_below) {
+            Self {
+                normal: -self.normal,
+                ..self
+            }
+        } else {
+            self
+        }
+    }
+}
+
+/// Calls `consider` with every normal (not normalized) at which the margin can have its maximum.
+fn enumerate(dots: &[Vec3], consider: &mut dyn FnMut(Vec3)) {
     let signs = [1.0, -1.0];
     for i in 0..dots.len() {
         consider(dots[i]);
@@ -47,16 +68,46 @@ pub fn max_margin_seam(dots: &[Vec3]) -> Seam {
             }
         }
     }
-    let (mut normal, sine) = best;
-    // Half A holds the majority; of equals, the half that holds dot 0.
-    let above = dots.iter().filter(|d| d.dot(&normal) > 0.0).count();
-    let fewer = 2 * above < dots.len();
-    let tie = 2 * above == dots.len() && dots.first().is_some_and(|d| d.dot(&normal) < 0.0);
-    if fewer || tie {
-        normal = -normal;
+}
+
+/// The great circle that maximizes the least angle to the directions `dots`.
+pub fn max_margin_seam(dots: &[Vec3]) -> Seam {
+    let mut best = Seam {
+        normal: Vec3::z(),
+        margin_rad: -1.0,
+    };
+    enumerate(dots, &mut |n| {
+        if let Some(n) = n.try_normalize(1e-9) {
+            let seam = Seam::new(n, dots);
+            if seam.margin_rad > best.margin_rad {
+                best = seam;
+            }
+        }
+    });
+    best.with_majority(dots)
+}
+
+/// Different great circles, farthest from the dots first; the first is [`max_margin_seam`]'s.
+pub(super) fn seam_candidates(dots: &[Vec3]) -> Vec<Seam> {
+    let mut all = Vec::new();
+    enumerate(dots, &mut |n| {
+        if let Some(n) = n.try_normalize(1e-9) {
+            all.push(Seam::new(n, dots));
+        }
+    });
+    all.extend(spiral_directions(SPREAD).map(|n| Seam::new(n, dots)));
+    all.sort_by(|a, b| b.margin_rad.total_cmp(&a.margin_rad));
+    let mut kept: Vec<Seam> = Vec::new();
+    for seam in all {
+        let known = kept
+            .iter()
+            .any(|k| k.normal.dot(&seam.normal).abs() > SAME_RAD.cos());
+        if !known {
+            kept.push(seam.with_majority(dots));
+            if kept.len() == MOST {
+                break;
+            }
+        }
     }
-    Seam {
-        normal,
-        margin_rad: sine.clamp(0.0, 1.0).asin(),
-    }
+    kept
 }

@@ -1,4 +1,4 @@
-//! Building blocks: spheres and solids of revolution, as closed meshes.
+//! Building blocks: spheres, solids of revolution, rings and prisms, as closed meshes.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -87,4 +87,122 @@ pub fn lathe(axis: &Vec3, outline: &[(f64, f64)], segments: usize) -> Mesh {
         mesh.triangles.push([end, at(top, s), at(top, s + 1)]);
     }
     mesh
+}
+
+/// The ring that the closed outline `(distance along axis, radius)` sweeps around `axis` (unit vector).
+/// All radii are positive; the outline runs outside upwards and inside downwards.
+pub fn ring(axis: &Vec3, outline: &[(f64, f64)], segments: usize) -> Mesh {
+    let [u, v] = tangent_frame(axis);
+    let mut mesh = Mesh::default();
+    for &(h, r) in outline {
+        for s in 0..segments {
+            let (sin, cos) = (TAU * s as f64 / segments as f64).sin_cos();
+            mesh.vertices.push(axis * h + r * (cos * u + sin * v));
+        }
+    }
+    let n = outline.len();
+    let at = |i: usize, s: usize| (i % n * segments + s % segments) as u32;
+    for i in 0..n {
+        for s in 0..segments {
+            let [a, b] = [at(i, s), at(i, s + 1)];
+            let [c, d] = [at(i + 1, s), at(i + 1, s + 1)];
+            mesh.triangles.push([a, b, d]);
+            mesh.triangles.push([a, d, c]);
+        }
+    }
+    mesh
+}
+
+/// The prism over a polygon (counter-clockwise in `e1`, `e2`) from `from` to `to` along `e1 x e2`, with
+/// its origin at `origin`. All of the polygon must be seen from its point `kernel`.
+pub fn prism(
+    origin: &Vec3,
+    [e1, e2]: [&Vec3; 2],
+    polygon: &[(f64, f64)],
+    kernel: (f64, f64),
+    [from, to]: [f64; 2],
+) -> Mesh {
+    let e3 = e1.cross(e2);
+    let n = polygon.len() as u32;
+    let mut mesh = Mesh::default();
+    for h in [from, to] {
+        let point = |(a, b): (f64, f64)| origin + a * e1 + b * e2 + h * e3;
+        mesh.vertices.extend(polygon.iter().copied().map(point));
+        mesh.vertices.push(point(kernel));
+    }
+    let top = n + 1;
+    for i in 0..n {
+        let j = (i + 1) % n;
+        mesh.triangles.push([n, j, i]);
+        mesh.triangles.push([top + n, top + i, top + j]);
+        mesh.triangles.push([i, j, top + j]);
+        mesh.triangles.push([i, top + j, top + i]);
+    }
+    mesh
+}
+
+/// The solid through convex polygons of equally many points, one behind the other: each turns
+/// counter-clockwise seen from the next.
+pub fn loft(sections: &[Vec<Vec3>]) -> Mesh {
+    let n = sections.first().map_or(0, Vec::len) as u32;
+    let last = n * (sections.len().max(1) as u32 - 1);
+    let mut mesh = Mesh {
+        vertices: sections.concat(),
+        triangles: Vec::new(),
+    };
+    for i in 1..n.saturating_sub(1) {
+        mesh.triangles.push([0, i + 1, i]);
+        mesh.triangles.push([last, last + i, last + i + 1]);
+    }
+    for base in (0..last).step_by(n.max(1) as usize) {
+        for i in 0..n {
+            let j = (i + 1) % n;
+            mesh.triangles.push([base + i, base + j, base + n + j]);
+            mesh.triangles.push([base + i, base + n + j, base + n + i]);
+        }
+    }
+    mesh
+}
+
+/// The convex hull of points in the plane, counter-clockwise (A. M. Andrew's monotone chain, 1979).
+pub fn convex_hull(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let turns_right = |hull: &[(f64, f64)], c: &(f64, f64)| match hull {
+        [.., a, b] => (b.0 - a.0) * (c.1 - a.1) - (b.1 - a.1) * (c.0 - a.0) <= 0.0,
+        _ => false,
+    };
+    let chain = |points: &mut dyn Iterator<Item = &(f64, f64)>| {
+        let mut hull: Vec<(f64, f64)> = Vec::new();
+        for p in points {
+            while turns_right(&hull, p) {
+                hull.pop();
+            }
+            hull.push(*p);
+        }
+        hull.pop();
+        hull
+    };
+    let mut hull = chain(&mut sorted.iter());
+    hull.extend(chain(&mut sorted.iter().rev()));
+    hull
+}
+
+/// Mean of points in the plane: inside their convex hull.
+pub fn middle(points: &[(f64, f64)]) -> (f64, f64) {
+    let n = points.len().max(1) as f64;
+    let sum = points
+        .iter()
+        .fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
+    (sum.0 / n, sum.1 / n)
+}
+
+/// Points on a circle of `radius` about `centre`, in the plane.
+pub fn circle(centre: (f64, f64), radius: f64, segments: usize) -> Vec<(f64, f64)> {
+    (0..segments)
+        .map(|s| {
+            let (sin, cos) = (TAU * s as f64 / segments as f64).sin_cos();
+            (centre.0 + radius * cos, centre.1 + radius * sin)
+        })
+        .collect()
 }

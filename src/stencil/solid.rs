@@ -56,13 +56,19 @@ impl Solid {
         Self(self.0.difference(&tool)).checked("difference")
     }
 
-    /// The part of the solid with `z >= 0`.
+    /// This solid together with `others`.
     ///
     /// # Errors
     /// [`Error::Internal`] where the engine fails.
-    pub fn above_seam(&self) -> Result<Self> {
-        let up = manifold_rust::linalg::Vec3::new(0.0, 0.0, 1.0);
-        Self(self.0.trim_by_plane(up, 0.0)).checked("trim")
+    pub fn plus(&self, others: &[Self]) -> Result<Self> {
+        let mut parts = vec![self.0.clone()];
+        parts.extend(others.iter().map(|s| s.0.clone()));
+        Self(Manifold::batch_boolean(&parts, OpType::Add)).checked("union")
+    }
+
+    /// Whether some of its triangles cut through each other (an exact test).
+    pub fn self_intersects(&self) -> bool {
+        self.0.has_self_intersections()
     }
 
     /// The boundary as a mesh.

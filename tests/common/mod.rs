@@ -25,6 +25,22 @@ pub fn published_pattern() -> Option<Pattern> {
     found.map(|path| Pattern::read_csv(&path).expect("the published pattern reads"))
 }
 
+/// The folder of the published flights, or `None` (said loudly) as above.
+#[allow(dead_code)]
+pub fn published_trajectories() -> Option<PathBuf> {
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let place = "shared/data/spindoe2023/trajectories";
+    let found = root
+        .ancestors()
+        .skip(1)
+        .map(|d| d.join(place))
+        .find(|p| p.exists());
+    if found.is_none() {
+        eprintln!("SKIPPED: the published flights ({place}) lie in no folder above the repository");
+    }
+    found
+}
+
 /// `n` dots at random, no two nearer than 0.3 rad where `n <= 20`.
 #[allow(dead_code)]
 pub fn random_pattern(n: usize, seed: u64) -> Pattern {

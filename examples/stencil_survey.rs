@@ -1,0 +1,101 @@
+//! Stencils of many random patterns, for `python/check_stencils.py` to examine.
+//!
+//! `stencil_survey COUNT DIR [FIRST_SEED]` writes `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json,
+//! pattern.csv}` for each pattern that is not refused, and one line of `DIR/survey.csv` for every pattern.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use rand::{Rng, RngExt, SeedableRng};
+use spindoe::geometry::{Vec3, angle_between, random_direction};
+use spindoe::pattern::Pattern;
+use spindoe::stencil::{Stencil, StencilConfig};
+use spindoe::{Error, Result};
+
+/// `n` dots, each the one of `tries` random directions that is farthest from those before it: one try
+/// gives a uniform pattern, many an even one.
+fn random_pattern(n: usize, tries: usize, rng: &mut impl Rng) -> Result<Pattern> {
+    let mut dots: Vec<Vec3> = Vec::new();
+    while dots.len() < n {
+        let mut best = (-1.0, Vec3::z());
+        for _ in 0..tries {
+            let d = random_direction(rng);
+            let least = dots
+                .iter()
+                .map(|e| angle_between(e, &d))
+                .fold(f64::INFINITY, f64::min);
+            if least > best.0 {
+                best = (least, d);
+            }
+        }
+        dots.push(best.1);
+    }
+    Pattern::new(dots)
+}
+
+/// Sizes as users might choose them, good and bad.
+fn random_config(rng: &mut impl Rng) -> StencilConfig {
+    let balls = [40.0, 40.3, 40.6, 67.0, 220.0, rng.random_range(25.0..100.0)];
+    let ball_diameter_mm = balls[rng.random_range(0..balls.len())];
+    StencilConfig {
+        ball_diameter_mm,
+        clearance_mm: rng.random_range(0.05..0.4),
+        wall_mm: rng.random_range(1.8..4.0),
+        hole_diameter_mm: ball_diameter_mm * rng.random_range(0.04..0.14),
+        taper_deg: rng.random_range(0.0..40.0),
+        screw_diameter_mm: [2.0, 2.5, 3.0, 4.0][rng.random_range(0..4)],
+        hinge_length_mm: rng.random_range(9.0..20.0),
+        knuckles: [3, 5][rng.random_range(0..2)],
+        knuckle_clearance_mm: rng.random_range(0.2..0.5),
+        numbers: rng.random_bool(0.5),
+        ..StencilConfig::default()
+    }
+}
+
+fn main() -> Result<()> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let usage = || Error::argument("arguments", "expected COUNT DIR [FIRST_SEED]");
+    let (Some(count), Some(dir)) = (
+        args.first().and_then(|a| a.parse::<u64>().ok()),
+        args.get(1),
+    ) else {
+        return Err(usage());
+    };
+    let first: u64 = match args.get(2) {
+        Some(text) => text.parse().map_err(|_| usage())?,
+        None => 0,
+    };
+    let dir = Path::new(dir);
+    spindoe::files::create_dir(dir)?;
+    let mut table =
+        String::from("seed,dots,tries,ball_mm,hole_mm,screw_mm,seconds,outcome,detail\n");
+    for seed in first..first + count {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let dots = rng.random_range(4..=40);
+        let tries = [1, 10, 100][rng.random_range(0..3)];
+        let pattern = random_pattern(dots, tries, &mut rng)?;
+        let config = random_config(&mut rng);
+        let start = std::time::Instant::now();
+        let built = Stencil::build(&pattern, &config);
+        let seconds = start.elapsed().as_secs_f64();
+        let (outcome, detail) = match &built {
+            Ok(stencil) => {
+                let dir = dir.join(seed.to_string());
+                stencil.write(&dir)?;
+                pattern.write_csv(&dir.join("pattern.csv"))?;
+                ("built".to_owned(), String::new())
+            }
+            Err(Error::Argument { name, problem }) => (format!("refused: {name}"), problem.clone()),
+            Err(e) => ("failed".to_owned(), e.to_string()),
+        };
+        let (ball, hole) = (config.ball_diameter_mm, config.hole_diameter_mm);
+        let screw = config.screw_diameter_mm;
+        let detail = detail.replace(',', ";");
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            table,
+            "{seed},{dots},{tries},{ball:.2},{hole:.2},{screw},{seconds:.2},{outcome},{detail}"
+        );
+    }
+    spindoe::files::write_bytes(&dir.join("survey.csv"), table.as_bytes())
+}

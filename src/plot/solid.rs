@@ -1,0 +1,269 @@
+//! Shaded pictures of solids: an orthographic z-buffer renderer for a few ten thousand triangles.
+//!
+//! Each pixel keeps the nearest surface's depth, normal and colour; lines are then drawn where depth or
+//! normal jump, so that rims and engravings stay readable in print.
+
+use plotters::prelude::*;
+
+use crate::geometry::Vec3;
+use crate::stencil::Mesh;
+
+use super::canvas::{Area, Drawn};
+
+/// Direction towards the light, in the view's frame (right, up, towards the viewer).
+const LIGHT: [f64; 3] = [-0.45, 0.55, 0.71];
+/// Brightness of a surface that faces away from the light.
+const AMBIENT: f64 = 0.42;
+/// Neighbours whose normals differ by more than this cosine are parted by a line.
+const CREASE_COS: f64 = 0.80;
+/// Brightness of pixels on such lines.
+const LINE: f64 = 0.55;
+
+/// Red, green, blue in [0, 255].
+pub(super) type Rgb = [f64; 3];
+
+/// How a solid is coloured.
+#[derive(Debug, Clone)]
+pub(super) enum Paint {
+    /// One colour.
+    Plain(Rgb),
+    /// A ball with round dots.
+    Ball {
+        /// Colour of the ball, colour of its dots.
+        colours: [Rgb; 2],
+        /// Its centre, mm.
+        centre: Vec3,
+        /// The dots' directions from there.
+        dots: Vec<Vec3>,
+        /// Cosine of the angle between a dot's middle and its edge.
+        edge_cos: f64,
+    },
+}
+
+impl Paint {
+    /// The colour at a point of the surface, mm.
+    fn at(&self, p: &Vec3) -> Rgb {
+        match self {
+            Self::Plain(colour) => *colour,
+            Self::Ball {
+                colours,
+                centre,
+                dots,
+                edge_cos,
+            } => {
+                let d = (p - centre).normalize();
+                colours[usize::from(dots.iter().any(|dot| dot.dot(&d) >= *edge_cos))]
+            }
+        }
+    }
+}
+
+/// A solid with its colours.
+pub(super) struct Body<'a> {
+    /// Its surface.
+    pub mesh: &'a Mesh,
+    /// Its colours.
+    pub paint: &'a Paint,
+}
+
+/// Where the viewer stands: orthonormal directions of the picture, right-handed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View {
+    right: Vec3,
+    up: Vec3,
+    towards: Vec3,
+}
+
+impl View {
+    /// Seen from `azimuth_deg` (from +x towards +y) and `height_deg` above the plane z = 0, z upwards.
+    pub fn from(azimuth_deg: f64, height_deg: f64) -> Self {
+        let (sa, ca) = azimuth_deg.to_radians().sin_cos();
+        let (sh, ch) = height_deg.to_radians().sin_cos();
+        Self {
+            right: Vec3::new(-sa, ca, 0.0),
+            up: Vec3::new(-sh * ca, -sh * sa, ch),
+            towards: Vec3::new(ch * ca, ch * sa, sh),
+        }
+    }
+
+    /// A point in the view's frame.
+    pub fn apply(&self, p: &Vec3) -> Vec3 {
+        Vec3::new(self.right.dot(p), self.up.dot(p), self.towards.dot(p))
+    }
+}
+
+/// What is seen in one pixel.
+#[derive(Clone, Copy)]
+struct Pixel {
+    depth: f64,
+    normal: Vec3,
+    colour: Rgb,
+}
+
+/// A scene's place in a picture: `scale` drawn pixels per millimetre, the view's origin at `centre`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame {
+    /// Viewer.
+    pub view: View,
+    /// Drawn pixels per millimetre.
+    pub scale: f64,
+    /// The point of the scene that is drawn in the middle, in the view's frame, mm.
+    pub middle: (f64, f64),
+    /// Drawn pixel of the middle.
+    pub centre: (i32, i32),
+}
+
+impl Frame {
+    /// A frame that shows all of `bodies` within `room` (width, height; drawn pixels) about `centre`.
+    pub fn fitted(view: View, bodies: &[Body<'_>], room: (f64, f64), centre: (i32, i32)) -> Self {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for v in bodies.iter().flat_map(|b| &b.mesh.vertices) {
+            let p = view.apply(v);
+            for i in 0..2 {
+                low[i] = low[i].min(p[i]);
+                high[i] = high[i].max(p[i]);
+            }
+        }
+        let size = |i: usize| (high[i] - low[i]).max(1e-6);
+        Self {
+            view,
+            scale: (room.0 / size(0)).min(room.1 / size(1)),
+            middle: (0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])),
+            centre,
+        }
+    }
+
+    /// The drawn pixel of a point, and its depth towards the viewer, mm.
+    pub fn place(&self, p: &Vec3) -> (f64, f64, f64) {
+        let q = self.view.apply(p);
+        (
+            f64::from(self.centre.0) + (q.x - self.middle.0) * self.scale,
+            f64::from(self.centre.1) - (q.y - self.middle.1) * self.scale,
+            q.z,
+        )
+    }
+}
+
+/// Renders `bodies` into `area`.
+pub(super) fn render(area: &Area<'_>, frame: &Frame, bodies: &[Body<'_>]) -> Drawn {
+    let (width, height) = area.dim_in_pixel();
+    let (width, height) = (width as usize, height as usize);
+    let mut pixels: Vec<Option<Pixel>> = vec![None; width * height];
+    for body in bodies {
+        for t in 0..body.mesh.triangles.len() {
+            fill(
+                &mut pixels,
+                (width, height),
+                frame,
+                &body.mesh.corners(t),
+                body.paint,
+            );
+        }
+    }
+    let light = Vec3::from(LIGHT).normalize();
+    for y in 0..height {
+        for x in 0..width {
+            let Some(pixel) = pixels[y * width + x] else {
+                continue;
+            };
+            let lit = AMBIENT + (1.0 - AMBIENT) * pixel.normal.dot(&light).max(0.0);
+            let lit = lit
+                * if on_line(&pixels, (width, height), (x, y), frame) {
+                    LINE
+                } else {
+                    1.0
+                };
+            let [r, g, b] = pixel.colour.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
+            area.draw_pixel((x as i32, y as i32), &RGBColor(r, g, b))?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether the surface jumps or folds between a pixel and one of its neighbours.
+fn on_line(
+    pixels: &[Option<Pixel>],
+    (width, height): (usize, usize),
+    (x, y): (usize, usize),
+    frame: &Frame,
+) -> bool {
+    let Some(here) = pixels[y * width + x] else {
+        return false;
+    };
+    [(1, 0), (0, 1), (-1, 0), (0, -1)]
+        .iter()
+        .any(|&(dx, dy): &(isize, isize)| {
+            let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else {
+                return false;
+            };
+            if nx >= width || ny >= height {
+                return false;
+            }
+            match pixels[ny * width + nx] {
+                None => true,
+                Some(there) => {
+                    // A jump towards the viewer is drawn on the farther side only.
+                    let steep = 1.0 / here.normal.z.max(0.1);
+                    there.depth - here.depth > (2.0 + 2.0 * steep) / frame.scale + 0.3
+                        || here.normal.dot(&there.normal) < CREASE_COS
+                }
+            }
+        })
+}
+
+/// Draws one triangle into the buffer where nothing nearer is.
+fn fill(
+    pixels: &mut [Option<Pixel>],
+    (width, height): (usize, usize),
+    frame: &Frame,
+    corners: &[Vec3; 3],
+    paint: &Paint,
+) {
+    let q = corners.each_ref().map(|c| frame.place(c));
+    let cross = |a: (f64, f64, f64), b: (f64, f64, f64), x: f64, y: f64| {
+        (b.0 - a.0) * (y - a.1) - (b.1 - a.1) * (x - a.0)
+    };
+    // In pixels y points down: front faces turn clockwise.
+    let area = -cross(q[0], q[1], q[2].0, q[2].1);
+    let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+    let Some(normal) = normal.try_normalize(1e-30) else {
+        return;
+    };
+    if area <= 0.0 {
+        return;
+    }
+    let normal = frame.view.apply(&normal);
+    let bound =
+        |f: fn(f64, f64) -> f64, i: fn(&(f64, f64, f64)) -> f64| f(f(i(&q[0]), i(&q[1])), i(&q[2]));
+    let columns = bound(f64::min, |p| p.0).ceil().max(0.0) as usize
+        ..=bound(f64::max, |p| p.0)
+            .floor()
+            .clamp(0.0, width as f64 - 1.0) as usize;
+    for y in bound(f64::min, |p| p.1).ceil().max(0.0) as usize
+        ..=bound(f64::max, |p| p.1)
+            .floor()
+            .clamp(0.0, height as f64 - 1.0) as usize
+    {
+        for x in columns.clone() {
+            let (px, py) = (x as f64, y as f64);
+            let w = [
+                -cross(q[1], q[2], px, py) / area,
+                -cross(q[2], q[0], px, py) / area,
+                -cross(q[0], q[1], px, py) / area,
+            ];
+            if w.iter().any(|&w| w < 0.0) {
+                continue;
+            }
+            let depth = w[0] * q[0].2 + w[1] * q[1].2 + w[2] * q[2].2;
+            let slot = &mut pixels[y * width + x];
+            if slot.is_none_or(|p| depth > p.depth) {
+                let point = w[0] * corners[0] + w[1] * corners[1] + w[2] * corners[2];
+                *slot = Some(Pixel {
+                    depth,
+                    normal,
+                    colour: paint.at(&point),
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,367 @@
+//! How the stencil lies on the pattern: seam, hinge, and what each hole meets.
+//!
+//! The seam is the plane farthest from all dots along which hinge and tab find room; the hinge then goes
+//! where the holes leave it most. Distances between a hole and hinge or tab are measured from points on
+//! their surfaces to the hole's cone, which is taken to go on outside the shell as a cylinder: there the
+//! pen stands.
+
+use crate::error::{Error, Result};
+use crate::geometry::{Rotation, Vec3, tangent_frame};
+
+use super::joint::Joint;
+use super::seam::{Seam, seam_candidates};
+use super::{StencilConfig, shapes};
+
+/// Hinge positions tried along a seam.
+const AZIMUTHS: usize = 120;
+/// Distance of the points that stand for a surface, mm.
+const SPACING_MM: f64 = 1.0;
+/// A hole that misses a rim's edge by less than this counts as cutting it, mm: tangent circles have no
+/// certain topology.
+const TANGENT_MM: f64 = 0.05;
+
+/// What a hole does to a half.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Cut {
+    /// Nothing.
+    None,
+    /// It goes through the wall.
+    Through,
+    /// It cuts the rim: a half-hole.
+    Notch,
+}
+
+/// Where everything lies.
+#[derive(Debug, Clone)]
+pub(super) struct Layout {
+    /// The parting plane, in the pattern's frame.
+    pub seam: Seam,
+    /// Pattern's frame to stencil's frame.
+    pub rotation: Rotation,
+    /// The dots in the stencil's frame.
+    pub dots: Vec<Vec3>,
+    /// For each dot what its hole does to half A and to half B.
+    pub cuts: Vec<[Cut; 2]>,
+    /// Least distance of a hole from hinge or tab, mm.
+    pub room_mm: f64,
+}
+
+/// Half a turn about x: half B between its own frame (dome up) and the stencil's.
+pub(super) fn turn_over(v: &Vec3) -> Vec3 {
+    Vec3::new(v.x, -v.y, -v.z)
+}
+
+/// Outline of a hinge arm with its knuckle in the plane y = 0 of a half's own frame (dome up): x, z.
+pub(super) fn arm_outline(config: &StencilConfig, joint: &Joint) -> Vec<(f64, f64)> {
+    let chord = config.chord_error_mm;
+    let segments = shapes::circle_segments(joint.knuckle_radius_mm, chord);
+    let mut points = shapes::circle((joint.axis_mm, 0.0), joint.knuckle_radius_mm, segments);
+    // Deep enough to end inside the shell's cavity, from where it is cut away.
+    let half = 0.5 * config.hinge_length_mm;
+    let inner = config.inner_radius_mm();
+    let x = (inner * inner - half * half - joint.arm_mm * joint.arm_mm).max(0.25 * inner * inner);
+    points.extend([(x.sqrt(), joint.arm_mm), (x.sqrt(), -joint.lip_mm)]);
+    shapes::convex_hull(&points)
+}
+
+/// Points on the hinge's surface outside the shell, in a half's own frame.
+pub(super) fn hinge_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
+    let outline = arm_outline(config, joint);
+    let half = 0.5 * config.hinge_length_mm;
+    let rows = (config.hinge_length_mm / SPACING_MM).ceil() as usize;
+    let mut points = Vec::new();
+    for (i, a) in outline.iter().enumerate() {
+        let b = outline[(i + 1) % outline.len()];
+        let steps = ((b.0 - a.0).hypot(b.1 - a.1) / SPACING_MM).ceil() as usize;
+        for s in 0..steps {
+            let t = s as f64 / steps as f64;
+            for row in 0..=rows {
+                let y = half * (2.0 * row as f64 / rows as f64 - 1.0);
+                points.push(Vec3::new(a.0 + t * (b.0 - a.0), y, a.1 + t * (b.1 - a.1)));
+            }
+        }
+    }
+    points.retain(|p| p.norm() > config.outer_radius_mm() - 0.5 * SPACING_MM);
+    points
+}
+
+/// Points on the tab's surface outside the shell, in the stencil's frame.
+pub(super) fn tab_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
+    let outer = config.outer_radius_mm();
+    let half = 0.5 * joint.tab_width_mm;
+    let steps = |length: f64| (length / SPACING_MM).ceil() as usize;
+    let along = |from: f64, length: f64| {
+        (0..=steps(length)).map(move |i| from + length * i as f64 / steps(length) as f64)
+    };
+    let mut points = Vec::new();
+    for z in along(-joint.lip_mm, joint.tab_thickness_mm) {
+        for y in along(-half, joint.tab_width_mm) {
+            for x in along(outer - config.wall_mm, config.wall_mm + config.tab_mm) {
+                points.push(Vec3::new(-x, y, z));
+            }
+        }
+    }
+    points.retain(|p| p.norm() > outer - 0.5 * SPACING_MM);
+    points
+}
+
+/// Least distance of `points` from the hole of `dot`, mm; negative inside it.
+fn distance_to_hole(dot: &Vec3, points: &[Vec3], config: &StencilConfig) -> f64 {
+    let outer = config.outer_radius_mm();
+    points
+        .iter()
+        .map(|p| {
+            let height = p.dot(dot);
+            let beside = (p - height * dot).norm();
+            if height < 0.0 {
+                f64::INFINITY
+            } else {
+                beside - config.hole_radius_mm(height.min(outer))
+            }
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// Lowest and highest point above the bed of the circle that the hole of `dot` (a half's own frame, dome
+/// up) makes on the sphere of `radius`, mm.
+fn reach(dot: &Vec3, radius: f64, config: &StencilConfig, joint: &Joint) -> [f64; 2] {
+    // A point of the circle is at `height` along the hole's axis and at the hole's radius there from it.
+    let mut height = radius;
+    for _ in 0..4 {
+        let r = config.hole_radius_mm(height);
+        height = (radius * radius - r * r).max(0.0).sqrt();
+    }
+    let middle = height * dot.z + joint.lip_mm;
+    let half = config.hole_radius_mm(height) * (1.0 - dot.z * dot.z).max(0.0).sqrt();
+    [middle - half, middle + half]
+}
+
+/// [`reach`] on spheres between two radii: their ends, and where the hole begins to widen.
+fn reaches(
+    dot: &Vec3,
+    [from, to]: [f64; 2],
+    config: &StencilConfig,
+    joint: &Joint,
+) -> Vec<[f64; 2]> {
+    let throat = config.inner_radius_mm() + config.throat_mm;
+    let corner = throat.hypot(0.5 * config.hole_diameter_mm).clamp(from, to);
+    [from, corner, to]
+        .iter()
+        .map(|&radius| reach(dot, radius, config, joint))
+        .collect()
+}
+
+/// What the hole of `dot` (a half's own frame, dome up) does to that half; an error where it leaves a web
+/// of the given thickness, mm, too thin to print.
+fn cut(
+    dot: &Vec3,
+    is_a: bool,
+    config: &StencilConfig,
+    joint: &Joint,
+) -> std::result::Result<Cut, f64> {
+    let lip = if is_a {
+        let edge = joint.cone_wide_mm.hypot(joint.lip_mm);
+        [edge, config.outer_radius_mm()]
+    } else {
+        let inner = config.inner_radius_mm();
+        [inner, inner + joint.lip_thickness_mm]
+    };
+    let circles = reaches(dot, lip, config, joint);
+    let web = circles.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
+    let highest = circles
+        .iter()
+        .map(|c| c[1])
+        .fold(f64::NEG_INFINITY, f64::max);
+    if web >= config.min_web_mm {
+        Ok(Cut::Through)
+    } else if highest < -TANGENT_MM {
+        Ok(Cut::None)
+    } else if web < -TANGENT_MM && highest > TANGENT_MM {
+        Ok(Cut::Notch)
+    } else {
+        Err(web.max(0.0))
+    }
+}
+
+/// Thickness of what the hole of `dot` (a half's own frame) leaves of that half's ledge, mm: infinite where
+/// it clearly misses or cuts the ledge, zero where it grazes it.
+fn ledge_web(dot: &Vec3, is_a: bool, config: &StencilConfig, joint: &Joint) -> f64 {
+    let ledge = 2.0 * joint.lip_mm + joint.ledge_gap_mm;
+    let radii = if is_a {
+        let edge = joint.cone_narrow_mm + joint.half_gap_mm;
+        [config.inner_radius_mm(), edge.hypot(joint.lip_mm)]
+    } else {
+        let edge = joint.cone_wide_mm - joint.half_gap_mm;
+        [edge.hypot(joint.lip_mm), config.outer_radius_mm()]
+    };
+    let circles = reaches(dot, radii, config, joint);
+    let above = |end: usize, by: f64| circles.iter().all(|c| c[end] - ledge > by);
+    let below = |end: usize, by: f64| circles.iter().all(|c| c[end] - ledge < -by);
+    if above(0, TANGENT_MM) {
+        let lowest = circles.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
+        lowest - ledge
+    } else if below(0, TANGENT_MM) && (above(1, TANGENT_MM) || below(1, TANGENT_MM)) {
+        f64::INFINITY
+    } else {
+        0.0
+    }
+}
+
+/// What one seam with one hinge position comes to.
+struct Trial {
+    layout: Layout,
+    /// The thinnest web that a hole leaves at a rim and its dot, where one is too thin.
+    thin: Option<(f64, usize)>,
+    /// The thinnest part of a ledge that a hole leaves, mm.
+    ledge_mm: f64,
+}
+
+/// Surfaces that holes must stay clear of.
+struct Obstacles {
+    hinge: Vec<Vec3>,
+    tab: Vec<Vec3>,
+}
+
+impl Obstacles {
+    /// Least distance of a hole from hinge or tab for dots in the stencil's frame, mm. Stops early below
+    /// `enough`.
+    fn room(&self, dots: &[Vec3], config: &StencilConfig, enough: f64) -> f64 {
+        let mut least = f64::INFINITY;
+        for d in dots.iter().filter(|d| d.z.abs() < 0.85) {
+            let distance = if d.x > 0.0 {
+                let up = Vec3::new(d.x, d.y, d.z.abs());
+                distance_to_hole(&up, &self.hinge, config)
+            } else {
+                distance_to_hole(d, &self.tab, config)
+            };
+            least = least.min(distance);
+            if least < enough {
+                break;
+            }
+        }
+        least
+    }
+}
+
+/// The best hinge position along `seam`.
+fn try_seam(
+    seam: Seam,
+    pattern: &[Vec3],
+    config: &StencilConfig,
+    joint: &Joint,
+    obstacles: &Obstacles,
+) -> Trial {
+    let [u, v] = tangent_frame(&seam.normal);
+    let mut best = (f64::NEG_INFINITY, Rotation::identity(), Vec::new());
+    for i in 0..AZIMUTHS {
+        let (sin, cos) = (std::f64::consts::TAU * i as f64 / AZIMUTHS as f64).sin_cos();
+        let x = cos * u + sin * v;
+        let y = seam.normal.cross(&x);
+        let rows = [x.transpose(), y.transpose(), seam.normal.transpose()];
+        let turn = nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_rows(&rows));
+        let dots: Vec<Vec3> = pattern.iter().map(|d| turn * d).collect();
+        let room = obstacles.room(&dots, config, best.0);
+        if room > best.0 {
+            best = (room, Rotation::from_rotation_matrix(&turn), dots);
+        }
+    }
+    let (room_mm, rotation, dots) = best;
+    let mut thin: Option<(f64, usize)> = None;
+    let mut cuts = Vec::with_capacity(dots.len());
+    let mut ledge_mm = f64::INFINITY;
+    for (i, d) in dots.iter().enumerate() {
+        let ledges = [
+            ledge_web(d, true, config, joint),
+            ledge_web(&turn_over(d), false, config, joint),
+        ];
+        ledge_mm = ledge_mm.min(ledges[0]).min(ledges[1]);
+        let both = [
+            cut(d, true, config, joint),
+            cut(&turn_over(d), false, config, joint),
+        ];
+        cuts.push(both.map(|c| {
+            c.unwrap_or_else(|web| {
+                if thin.is_none_or(|(least, _)| web < least) {
+                    thin = Some((web, i));
+                }
+                Cut::Through
+            })
+        }));
+    }
+    Trial {
+        layout: Layout {
+            seam,
+            rotation,
+            dots,
+            cuts,
+            room_mm,
+        },
+        thin,
+        ledge_mm,
+    }
+}
+
+impl Layout {
+    /// Lays seam and hinge out: of the planes that leave room for the hinge and no web too thin to print,
+    /// the one farthest from the dots. A plane where no hole leaves a sliver of a ledge goes first, unless
+    /// it comes nearer to the dots than the margin asked for and another does not.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] with the figure of the best attempt where no plane will do.
+    pub fn choose(pattern: &[Vec3], config: &StencilConfig, joint: &Joint) -> Result<Self> {
+        let obstacles = Obstacles {
+            hinge: hinge_points(config, joint),
+            tab: tab_points(config, joint),
+        };
+        let mut roomiest = f64::NEG_INFINITY;
+        let mut thickest: Option<(f64, usize)> = None;
+        let mut second: Option<Self> = None;
+        let far = |margin_rad: f64| margin_rad.to_degrees() >= config.seam_margin_deg;
+        for seam in seam_candidates(pattern) {
+            if let Some(second) =
+                second.take_if(|s| far(s.seam.margin_rad) && !far(seam.margin_rad))
+            {
+                return Ok(second);
+            }
+            for sign in [1.0, -1.0] {
+                let normal = sign * seam.normal;
+                let seam = Seam { normal, ..seam };
+                let trial = try_seam(seam, pattern, config, joint, &obstacles);
+                roomiest = roomiest.max(trial.layout.room_mm);
+                if trial.layout.room_mm < config.min_web_mm {
+                    continue;
+                }
+                if let Some(thin) = trial.thin {
+                    if thickest.is_none_or(|t| thin.0 > t.0) {
+                        thickest = Some(thin);
+                    }
+                } else if trial.ledge_mm >= config.nozzle_mm {
+                    return Ok(trial.layout);
+                } else if trial.ledge_mm > 0.0 && second.is_none() {
+                    second = Some(trial.layout);
+                }
+            }
+        }
+        if let Some(second) = second {
+            return Ok(second);
+        }
+        Err(match thickest {
+            Some((web, dot)) => Error::argument(
+                "seam",
+                format!(
+                    "whichever plane parts the halves, a hole lies too near a rim: at best that of dot \
+                     {dot} leaves {web:.2} mm, expected at least {} mm",
+                    config.min_web_mm
+                ),
+            ),
+            None => Error::argument(
+                "hinge",
+                format!(
+                    "wherever it lies, a hole goes through hinge or thumb tab: the best place leaves \
+                     {roomiest:.2} mm between them, expected at least {} mm",
+                    config.min_web_mm
+                ),
+            ),
+        })
+    }
+}
