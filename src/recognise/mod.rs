@@ -26,9 +26,9 @@ pub use paper::{PaperConfig, PaperRecogniser};
 )]
 #[serde(rename_all = "lowercase")]
 pub enum RecogniserName {
-    /// The SpinDOE paper's algorithm, the baseline: [`paper`].
+    /// The SpinDOE paper's algorithm, the baseline.
     Paper,
-    /// The explanation that the whole set of dots supports best, the default: [`robust`].
+    /// The explanation that the whole set of dots supports best, the default.
     Robust,
 }
 
