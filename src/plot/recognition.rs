@@ -22,7 +22,8 @@ const RADIUS: f64 = 175.0;
 const CENTRE_Y: f64 = 205.0;
 /// Height of a line of the caption, file pixels.
 const LINE: f64 = 21.0;
-/// Series whose colours stand for truth and answer.
+/// Series whose colours stand for what was seen, for the truth and for the answer.
+const OBSERVED: usize = 6;
 const TRUTH: usize = 2;
 const ANSWER: usize = 1;
 
@@ -63,11 +64,11 @@ pub fn recognition_views(
             sign,
         };
         let keys = [
-            key("observed (filled black)", Sign::Dashes),
-            key("true places (rings)", Sign::Line(TRUTH)),
-            key("answered places (crosses)", Sign::Line(ANSWER)),
+            key("observed (discs)", Sign::Box(OBSERVED)),
+            key("true (rings)", Sign::Box(TRUTH)),
+            key("answered (crosses)", Sign::Box(ANSWER)),
         ];
-        let area = with_legend(&area, &keys[usize::from(views.len() < 2)..])?;
+        let area = with_legend(&area, &keys)?;
         for (panel, view) in area.split_evenly((1, views.len())).iter().zip(views) {
             draw_view(panel, pattern, view)?;
         }
@@ -88,7 +89,7 @@ fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Draw
         area.draw(&Circle::new(centre, px(RADIUS * limit), rim))?;
     }
     for d in &view.observed {
-        area.draw(&Circle::new(place(d), px(5.0), INK.filled()))?;
+        area.draw(&Circle::new(place(d), px(5.0), colour(OBSERVED).filled()))?;
     }
     for (j, dot) in pattern.dots().iter().enumerate() {
         let number = j.to_string();
