@@ -157,6 +157,18 @@ pub fn reliability_plot(path: &Path, plot: &ReliabilityPlot) -> Result<()> {
 /// [`Error::Argument`] for no points at all, numbers that are not finite, or on a logarithmic axis not
 /// positive; [`Error::Write`] where the file cannot be written.
 pub fn line_plot(path: &Path, plot: &LinePlot) -> Result<()> {
+    draw_points(path, plot, true)
+}
+
+/// As [`line_plot`], with a mark for each point and no lines between them.
+///
+/// # Errors
+/// As [`line_plot`].
+pub fn scatter_plot(path: &Path, plot: &LinePlot) -> Result<()> {
+    draw_points(path, plot, false)
+}
+
+fn draw_points(path: &Path, plot: &LinePlot, joined: bool) -> Result<()> {
     let points = || plot.series.iter().flat_map(|s| &s.points);
     let x = Axis::linear("x", points().map(|p| p.0), Unit::Plain, UNBOUNDED)?;
     let linear = Axis::linear("y", points().map(|p| p.1), Unit::Plain, UNBOUNDED)?;
@@ -173,7 +185,8 @@ pub fn line_plot(path: &Path, plot: &LinePlot) -> Result<()> {
     };
     picture(path, CURVES_SIZE, |root| {
         let area = titled(root, &plot.title)?;
-        let keys = keys(plot.series.iter().map(|s| &s.name), Sign::Line);
+        let sign = if joined { Sign::Line } else { Sign::Series };
+        let keys = keys(plot.series.iter().map(|s| &s.name), sign);
         let area = with_legend(&area, &keys)?;
         let chart = chart(
             &area,
@@ -187,10 +200,14 @@ pub fn line_plot(path: &Path, plot: &LinePlot) -> Result<()> {
                 .iter()
                 .map(|p| chart.backend_coord(&(p.0, y.position(p.1))))
                 .collect();
-            if let [only] = drawn.as_slice() {
-                mark(root, i, *only)?;
+            if !joined || drawn.len() == 1 {
+                for at in &drawn {
+                    mark(root, i, *at)?;
+                }
             }
-            root.draw(&PathElement::new(drawn, stroke(colour(i), 2.0)))?;
+            if joined {
+                root.draw(&PathElement::new(drawn, stroke(colour(i), 2.0)))?;
+            }
         }
         Ok(())
     })

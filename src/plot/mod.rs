@@ -20,7 +20,7 @@ pub use ball::{BallView, VIEWS_SIZE, pattern_views};
 pub use bars::{BARS_SIZE, BarChart, BarGroup, bar_comparison};
 pub use curves::{
     CURVES_SIZE, CurvePlot, LinePlot, LineSeries, RELIABILITY_SIZE, RateSeries, ReliabilityPlot,
-    line_plot, rate_curves, reliability_plot,
+    line_plot, rate_curves, reliability_plot, scatter_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
 pub use recognition::{RECOGNITION_VIEW_SIZE, RecognitionView, recognition_views};
