@@ -2,7 +2,9 @@
 //!
 //! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
 
+mod compare;
 mod design;
+mod identify;
 mod sensitivity;
 mod simulate;
 mod spin;
@@ -36,10 +38,14 @@ enum Command {
     Design(design::Arguments),
     /// Measure how often a pattern's dots are identified rightly, by Monte Carlo.
     Validate(validate::Arguments),
+    /// Compare patterns on the same trials, side by side.
+    Compare(compare::Arguments),
     /// Measure how the rates depend on the dots' noise and on the paper's alpha; data and plots.
     Sensitivity(sensitivity::Arguments),
     /// Make the hash table of a pattern, a NumPy archive.
     Table(table::Arguments),
+    /// Tell which dot is which from observed directions, and how the ball is turned.
+    Identify(identify::Arguments),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
     /// Estimate the spin from time-stamped orientations.
@@ -59,8 +65,10 @@ pub fn main() -> ExitCode {
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
+        Command::Identify(arguments) => identify::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),

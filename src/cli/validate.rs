@@ -6,8 +6,9 @@ use clap::Args;
 
 use super::{print_json, read_table};
 use crate::error::Result;
-use crate::recognise::RecogniserName;
-use crate::validate::{NamedValidation, Protocol, ProtocolName, validate_named};
+use crate::files;
+use crate::recognise::{RecogniserName, observed};
+use crate::validate::{NamedValidation, Protocol, ProtocolName, observed_frames, validate_named};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -41,6 +42,10 @@ pub struct Arguments {
     /// The recogniser that is asked.
     #[arg(long, value_enum, default_value_t = RecogniserName::Robust)]
     recognizer: RecogniserName,
+    /// Also write the views' dots to this file, as `spindoe identify` reads them; frames are named
+    /// trial-0, trial-1, ..., skipped views are left out.
+    #[arg(long, value_name = "DOTS.csv")]
+    dump: Option<PathBuf>,
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
@@ -54,6 +59,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let (seed, samples) = (arguments.seed, arguments.samples);
     let found = validate_named(&table, arguments.recognizer, &protocol, seed, samples)?;
+    if let Some(path) = &arguments.dump {
+        let frames = observed_frames(table.pattern(), &protocol, seed, samples);
+        files::write_bytes(path, observed::to_csv(&frames).as_bytes())?;
+    }
     if arguments.json {
         return print_json(&found);
     }

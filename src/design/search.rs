@@ -1,7 +1,8 @@
 //! The search: rounds of many starts, each screened, climbed, tried by Monte Carlo and halved.
 //!
-//! A round takes a number of random starts down a few steps (cheap), takes the best quarter down to the
-//! end, and tries the best of those by Monte Carlo. The best few of all rounds so far meet again in a last
+//! A round takes a number of starts down a few steps (cheap), takes the best quarter down to the end, and
+//! tries the best of those by Monte Carlo. The first round starts at random; later ones put a few dots of
+//! the best so far elsewhere, and one start in four stays random. The best few of all rounds so far meet again in a last
 //! trial, where each halving doubles the trials of those that remain. All trials of one stage of one round
 //! share their seed, so that candidates are compared on the same views, and no other stage ever uses it:
 //! a candidate cannot have been lucky twice.
@@ -12,7 +13,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -21,9 +22,9 @@ use super::checkpoint::State;
 use super::constraints::Constraints;
 use super::objective::{Evaluation, Objective, OrientationBound};
 use super::scp::{Cost, descend};
-use super::start::random_pattern;
+use super::start::{move_dots, random_pattern};
 use crate::error::{Error, Result};
-use crate::geometry::Vec3;
+use crate::geometry::{Vec3, random_direction};
 use crate::hash::{HashTable, PairRule, RecogniserParams};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::recognise::RecogniserName;
@@ -35,6 +36,10 @@ const SENT_ON: usize = 3;
 const POOL: usize = 12;
 /// How far the dots of an existing pattern are shaken to make a start of it, radians.
 const SHAKE_RAD: f64 = 0.05;
+/// From the second round on, all starts but each of this number are made from the best so far.
+const FRESH_EVERY: usize = 4;
+/// Most dots of a good pattern that are put elsewhere to make a start of it.
+const MOST_MOVED: usize = 4;
 
 /// How a design is searched.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -66,7 +71,7 @@ pub struct DesignConfig {
 }
 
 impl Default for DesignConfig {
-    /// 20 dots, one round of 16 starts, 10 000 trials of `sparse` each, `confusion` with a little of the
+    /// 20 dots, one round of 16 starts, 10 000 trials of `sparse` each, `confusion` beside the
     /// orientation bound.
     fn default() -> Self {
         Self {
@@ -80,7 +85,7 @@ impl Default for DesignConfig {
             protocol: Protocol::standard(ProtocolName::Sparse),
             constraints: Constraints::default(),
             objective: Objective::default(),
-            bound_weight: 0.5,
+            bound_weight: 1.0,
             from: None,
         }
     }
@@ -321,9 +326,10 @@ impl Search<'_> {
             }
             let from = first + state.scouted.len();
             let to = (from + rayon::current_num_threads()).min(first + config.starts);
+            let pool = &state.pool;
             let found: Result<Vec<_>> = (from..to)
                 .into_par_iter()
-                .map(|s| scout(config, s))
+                .map(|s| scout(config, pool, s))
                 .collect();
             state.scouted.extend(found?);
             self.note(state, Stage::Scout)?;
@@ -422,24 +428,25 @@ fn sort_by_rate(candidates: &mut [Candidate]) {
     });
 }
 
-/// A start: random, or the given pattern shaken (start 0: as it is).
-fn first_pattern(config: &DesignConfig, start: usize) -> Result<Pattern> {
+/// A start: random; the given pattern shaken (start 0: as it is); or, once there are good ones, one of
+/// them with some dots put elsewhere.
+fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Result<Pattern> {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(start as u64);
+    let separation = config.constraints.least_separation_rad;
+    let improve = config.from.is_none() && !pool.is_empty();
+    if improve && !start.is_multiple_of(FRESH_EVERY) {
+        let good = pool[rng.random_range(0..pool.len())].pattern()?;
+        let moved = rng.random_range(1..=MOST_MOVED.min(good.len()));
+        return move_dots(&good, moved, separation, &mut rng);
+    }
     let Some(from) = &config.from else {
-        return random_pattern(
-            config.dots,
-            config.constraints.least_separation_rad,
-            &mut rng,
-        );
+        return random_pattern(config.dots, separation, &mut rng);
     };
     let shake = if start == 0 { 0.0 } else { SHAKE_RAD };
     Pattern::new(
         from.iter()
-            .map(|d| {
-                let push = crate::geometry::random_direction(&mut rng);
-                (Vec3::from(*d) + shake * push).normalize()
-            })
+            .map(|d| (Vec3::from(*d) + shake * random_direction(&mut rng)).normalize())
             .collect(),
     )
 }
@@ -461,8 +468,8 @@ fn candidate(
     })
 }
 
-fn scout(config: &DesignConfig, start: usize) -> Result<Candidate> {
-    let first = first_pattern(config, start)?;
+fn scout(config: &DesignConfig, pool: &[Candidate], start: usize) -> Result<Candidate> {
+    let first = first_pattern(config, pool, start)?;
     let before = config.objective.figure(first.dots())?.value;
     let found = descend(
         &first,

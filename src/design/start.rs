@@ -1,6 +1,7 @@
-//! Random patterns to start from.
+//! Patterns to start from: random ones, and good ones with some dots put elsewhere.
 
 use rand::Rng;
+use rand::seq::index::sample;
 
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
@@ -40,4 +41,30 @@ pub fn random_pattern<R: Rng>(
             least_separation_rad.to_degrees()
         ),
     ))
+}
+
+/// `pattern` with `moved` of its dots put elsewhere at random, no nearer to others than demanded where
+/// that can be had (a descent mends the rest).
+///
+/// # Errors
+/// [`Error::Argument`] where dots coincide.
+pub fn move_dots<R: Rng>(
+    pattern: &Pattern,
+    moved: usize,
+    least_separation_rad: f64,
+    rng: &mut R,
+) -> Result<Pattern> {
+    let bound = least_separation_rad.cos();
+    let mut dots = pattern.dots().to_vec();
+    for i in sample(rng, dots.len(), moved.min(dots.len())) {
+        for _ in 0..PLACEMENT_TRIES {
+            let d = random_direction(rng);
+            let apart = |(j, p): (usize, &Vec3)| j == i || p.dot(&d) < bound;
+            if dots.iter().enumerate().all(apart) {
+                dots[i] = d;
+                break;
+            }
+        }
+    }
+    Pattern::new(dots)
 }

@@ -11,6 +11,7 @@ mod bars;
 mod canvas;
 mod curves;
 mod features;
+mod recognition;
 mod solid;
 mod stencil;
 mod values;
@@ -22,6 +23,7 @@ pub use curves::{
     line_plot, rate_curves, reliability_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
+pub use recognition::{RECOGNITION_VIEW_SIZE, RecognitionView, recognition_views};
 pub use stencil::{STENCIL_SIZE, stencil_views};
 pub use values::{
     PathGroup, PathPlot, ValuePlot, ValuePoint, ValueSeries, path_groups, value_curves,

@@ -6,6 +6,7 @@
 //!
 //! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
 //! - [`kent`]: the density that it scores with,
+//! - [`observed`]: the file of observed dots,
 //! - [`robust`]: the posterior over all explanations of the dots, the default.
 
 use nalgebra::Matrix2;
@@ -13,6 +14,7 @@ use nalgebra::Matrix2;
 use crate::geometry::{Rotation, Vec3};
 
 pub mod kent;
+pub mod observed;
 pub mod paper;
 pub mod robust;
 
@@ -24,9 +26,9 @@ pub use paper::{PaperConfig, PaperRecogniser};
 )]
 #[serde(rename_all = "lowercase")]
 pub enum RecogniserName {
-    /// The SpinDOE paper's algorithm, the baseline: [`paper`].
+    /// The SpinDOE paper's algorithm, the baseline.
     Paper,
-    /// The explanation that the whole set of dots supports best, the default: [`robust`].
+    /// The explanation that the whole set of dots supports best, the default.
     Robust,
 }
 
@@ -131,8 +133,23 @@ pub enum Refusal {
     },
     /// No hypothesis explains the dots.
     NoHypothesis,
+    /// The dots are those of the pattern's mirror image: an axis of the image is flipped.
+    Mirrored,
     /// The dots leave the rotation undetermined, or are not directions at all.
     Degenerate,
+}
+
+impl std::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::TooFewDots { found, needed } => {
+                write!(f, "too few dots: {found}, needed {needed}")
+            }
+            Self::NoHypothesis => f.write_str("no hypothesis explains the dots"),
+            Self::Mirrored => f.write_str("the dots are those of the pattern's mirror image"),
+            Self::Degenerate => f.write_str("the dots leave the rotation undetermined"),
+        }
+    }
 }
 
 /// A way to identify dots.

@@ -5,6 +5,7 @@
 //! `stencil/`. For the same arguments every file repeats itself byte for byte, on any number of threads,
 //! but for the key `timing` of `report.json`.
 
+pub mod compare;
 pub mod plots;
 
 use std::path::Path;

@@ -56,7 +56,7 @@ const INDISPENSABLE: std::ops::Range<usize> = 1..6;
 pub struct OrientationRow {
     /// The frame's name; empty where the file has none.
     pub frame: String,
-    /// Time, seconds.
+    /// Time, seconds; NaN, an empty field in the file, where a frame has none. What is read has one.
     pub time_s: f64,
     /// Pattern to camera; `None` where the identification gave up.
     pub orientation: Option<Rotation>,
@@ -145,7 +145,7 @@ impl Orientations {
             let _ = writeln!(
                 text,
                 "{frame},{},{quaternion},{},{},{},{}",
-                row.time_s,
+                optional(row.time_s.is_finite().then_some(row.time_s)),
                 optional(row.dots),
                 optional(row.matched),
                 optional(row.residual_rad.map(f64::to_degrees)),

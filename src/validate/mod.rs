@@ -9,6 +9,7 @@
 //! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums are
 //! taken in the order of the trials: the result is the same on any number of threads.
 
+pub mod bound;
 mod by_name;
 mod protocol;
 mod sensitivity;
@@ -25,7 +26,7 @@ pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
 };
 pub use statistics::{Proportion, median};
-pub use trial::{Trial, TrialGenerator};
+pub use trial::{Trial, TrialGenerator, observed_frames};
 
 use crate::error::{Error, Result};
 use crate::geometry::rotation_angle;

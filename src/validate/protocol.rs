@@ -1,7 +1,7 @@
 //! The four protocols by which views are made.
 
 use crate::error::{Error, Result};
-use crate::recognise::robust::RobustConfig;
+use crate::recognise::robust::{NoiseShape, RobustConfig};
 
 /// A protocol's name.
 #[derive(
@@ -182,7 +182,8 @@ impl Protocol {
     }
 
     /// The robust recogniser's expectations that go with this protocol: what a user who knows the
-    /// camera would tell it. It is told rates, never which dots are false or missed.
+    /// camera would tell it: rates, the number of false dots that every view has, and the shape of the
+    /// noise; never which dots are false or missed.
     pub fn recogniser_config(&self) -> RobustConfig {
         let detection_probability = match self.dots_given {
             // Four of on average 6.7 visible dots are given.
@@ -193,6 +194,11 @@ impl Protocol {
             visibility_limit: self.visibility_limit,
             detection_probability,
             expected_false_dots: (self.false_dots as f64).max(0.02),
+            usual_false_dots: Some(self.false_dots as u16),
+            noise: match self.noise {
+                Noise::RandomAxis { .. } => NoiseShape::RandomAxis,
+                Noise::Pixel { .. } => NoiseShape::Gaussian,
+            },
             ..RobustConfig::default()
         }
     }

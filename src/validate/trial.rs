@@ -11,6 +11,7 @@ use crate::geometry::{
     Rotation, Vec3, random_direction, random_direction_above, random_rotation, tangent_frame,
 };
 use crate::pattern::Pattern;
+use crate::recognise::observed::ObservedFrame;
 use crate::recognise::{DotUncertainty, ObservedDot};
 
 /// Least standard deviation told to a recogniser, radians: noise-free trials must not divide by zero.
@@ -90,6 +91,27 @@ impl<'p> TrialGenerator<'p> {
             trial.truth.push(index);
         }
     }
+}
+
+/// The views of a validation as a detector would hand them over, named `trial-0`, `trial-1`, ...; views
+/// with too few dots for the protocol are left out.
+pub fn observed_frames(
+    pattern: &Pattern,
+    protocol: &Protocol,
+    seed: u64,
+    samples: u64,
+) -> Vec<ObservedFrame> {
+    let mut generator = TrialGenerator::new(pattern, *protocol, seed);
+    let mut trial = Trial::default();
+    let mut frame = |index: u64| {
+        generator.generate(index, &mut trial);
+        (trial.dots.len() >= protocol.min_dots).then(|| ObservedFrame {
+            name: format!("trial-{index}"),
+            time_s: None,
+            dots: trial.dots.clone(),
+        })
+    };
+    (0..samples).filter_map(&mut frame).collect()
 }
 
 /// The dot as measured, with the uncertainty that a careful estimator would state.

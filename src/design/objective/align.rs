@@ -10,6 +10,9 @@ const STEPS: usize = 10;
 /// is right to its square, and the distance to the fourth power.
 const SETTLED: f64 = 1e-4;
 
+/// A first step that promises more than this times the limit is not followed.
+const SLACK: f64 = 1.5;
+
 /// The best rotation of some dots onto others.
 #[derive(Debug, Clone, Copy)]
 pub struct Alignment {
@@ -31,23 +34,37 @@ pub fn pair_rotation(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Matrix3<f64>> {
 }
 
 /// Least squares by Gauss-Newton from `start`: `argmin_R sum |seen_i - R other_i|^2`, with dots given by
-/// index. Close to the start's valley only; the caller starts from a pair's rotation.
-pub fn align(dots: &[Vec3], seen: &[usize], other: &[usize], start: &Matrix3<f64>) -> Alignment {
+/// index. Close to the start's valley only; the caller starts from a pair's rotation. `None` where the
+/// squared distance turns out to be well above `most`, or the dots leave the rotation open.
+///
+/// The information matrix is `R (sum I - p p^T) R^T`: its inverse is taken once, in the others' frame.
+pub fn align(
+    dots: &[Vec3],
+    seen: &[usize],
+    other: &[usize],
+    start: &Matrix3<f64>,
+    most: f64,
+) -> Option<Alignment> {
+    let count = seen.len() as f64;
+    let moment: Matrix3<f64> = other.iter().map(|&c| dots[c] * dots[c].transpose()).sum();
+    let inverse = (Matrix3::identity() * count - moment).try_inverse()?;
     let mut rotation = *start;
-    for _ in 0..STEPS {
-        let mut information = Matrix3::zeros();
+    for step in 0..STEPS {
         let mut gradient = Vec3::zeros();
+        let mut product = 0.0;
         for (&a, &c) in seen.iter().zip(other) {
             let q = rotation * dots[c];
-            information += Matrix3::identity() - q * q.transpose();
             gradient += q.cross(&dots[a]);
+            product += q.dot(&dots[a]);
         }
-        let Some(inverse) = information.try_inverse() else {
-            break;
-        };
-        let step = inverse * gradient;
-        rotation = cayley(&step) * rotation;
-        if step.norm_squared() < SETTLED * SETTLED {
+        let turn = rotation * (inverse * rotation.tr_mul(&gradient));
+        // What this step promises; to first order, hence with some slack.
+        let promised = 2.0 * (count - product) - gradient.dot(&turn);
+        if step == 0 && promised > SLACK * most {
+            return None;
+        }
+        rotation = cayley(&turn) * rotation;
+        if turn.norm_squared() < SETTLED * SETTLED {
             break;
         }
     }
@@ -56,10 +73,10 @@ pub fn align(dots: &[Vec3], seen: &[usize], other: &[usize], start: &Matrix3<f64
         .zip(other)
         .map(|(&a, &c)| (dots[a] - rotation * dots[c]).norm_squared())
         .sum();
-    Alignment {
+    Some(Alignment {
         rotation,
         distance_squared,
-    }
+    })
 }
 
 /// The rotation about `w` by `2 atan(|w| / 2)`, which is `|w|` to third order: Gauss-Newton converges as

@@ -30,8 +30,11 @@ use crate::geometry::{Vec3, spiral_directions};
 
 /// Quadruples farther apart than this many sigma are left out; one in 740 of them is confused.
 const REACH: f64 = 6.0;
-/// Reach for a third dot under the rotation that a pair alone gives, in units of the final reach.
-const ROUGH: f64 = 1.5;
+/// Added to the diagonal of a triangle's Gram matrix: in flat triangles moves across the arcs, of second
+/// order, change what those along them cannot.
+const FLAT: f64 = 0.1;
+/// Slack on squared distances that are right to first order only.
+const FIRST_ORDER: f64 = 1.4;
 /// Pairs nearer to parallel or opposite than this sine do not fix a rotation.
 const MIN_SINE: f64 = 0.25;
 /// Width in z over which a dot fades at the visibility limit.
@@ -203,22 +206,56 @@ impl Count {
     }
 }
 
-/// A third dot that looks like another, given a pair, and the rotation of the three.
+/// A third dot that looks like another, given a pair, and a bound on the distance of the three.
 struct Link {
     seen: usize,
     other: usize,
-    rotation: Matrix3<f64>,
+    distance_squared: f64,
+}
+
+/// The three dots that are seen, prepared for comparison with others.
+///
+/// To first order the dots' displacements `r` change the three angles by `g = A r`, a step of either end
+/// along the arc between them; the least `|r|^2` that explains differences `g` is `g^T (A A^T)^-1 g`, where
+/// `A A^T` has 2 on its diagonal and the cosines of the triangle's corners beside it.
+struct Triangle {
+    /// Of the angles ij, ia, ja.
+    inverse: Matrix3<f64>,
+    /// `det [i j a]`, which tells a triangle from its mirror image.
+    determinant: f64,
+}
+
+impl Triangle {
+    fn new(dots: &[Vec3], [i, j, a]: [usize; 3]) -> Self {
+        let corner = |at: usize, b: usize, c: usize| -> f64 {
+            let arm = |to: usize| dots[to] - dots[at] * dots[at].dot(&dots[to]);
+            let (b, c) = (arm(b), arm(c));
+            b.dot(&c) / (b.norm() * c.norm()).max(1e-12)
+        };
+        let (at_i, at_j, at_a) = (corner(i, j, a), corner(j, i, a), corner(a, i, j));
+        #[rustfmt::skip]
+        let gram = Matrix3::new(
+            2.0 + FLAT, at_i, at_j,
+            at_i, 2.0 + FLAT, at_a,
+            at_j, at_a, 2.0 + FLAT,
+        );
+        Self {
+            inverse: gram.try_inverse().unwrap_or_else(Matrix3::zeros),
+            determinant: dots[i].cross(&dots[j]).dot(&dots[a]),
+        }
+    }
 }
 
 /// Finds all quadruples that look alike, each once: from the pair of the four seen dots whose angle is
-/// nearest to a right one. That pair, laid on a pair of similar angle, fixes the rotation; a third dot
-/// must then look like a third, and a fourth like a fourth.
+/// nearest to a right one. That pair is laid on each pair of similar angle; a third dot must then look
+/// like a third, and a fourth like a fourth.
 struct Search<'a> {
     dots: &'a [Vec3],
     n: usize,
     reach_squared: f64,
     sines: Vec<f64>,
     angles: Vec<f64>,
+    determinants: Vec<f64>,
 }
 
 impl<'a> Search<'a> {
@@ -227,12 +264,19 @@ impl<'a> Search<'a> {
         let table = |f: &dyn Fn(&Vec3, &Vec3) -> f64| -> Vec<f64> {
             (0..n * n).map(|k| f(&dots[k / n], &dots[k % n])).collect()
         };
+        let determinants = (0..n * n * n)
+            .map(|k| {
+                let normal = dots[k / (n * n)].cross(&dots[k / n % n]);
+                normal.dot(&dots[k % n])
+            })
+            .collect();
         Self {
             dots,
             n,
             reach_squared: reach * reach,
             sines: table(&|a, b| a.cross(b).norm()),
             angles: table(&|a, b| a.dot(b).clamp(-1.0, 1.0).acos()),
+            determinants,
         }
     }
 
@@ -240,22 +284,31 @@ impl<'a> Search<'a> {
         self.sines[i * self.n + j]
     }
 
-    /// Squared difference of the angles of two pairs. Two dots that differ by it in angle lie apart by
-    /// at least half of it, in squares, however they are laid on each other.
+    /// By how much the angles of two pairs differ.
     fn gap(&self, i: usize, j: usize, k: usize, l: usize) -> f64 {
-        let gap = self.angles[i * self.n + j] - self.angles[k * self.n + l];
-        gap * gap
+        self.angles[i * self.n + j] - self.angles[k * self.n + l]
     }
 
     fn matches(&self) -> Vec<Match> {
         let mut found = Vec::new();
         let mut links = Vec::new();
+        let mut thirds = Vec::new();
         for i in 0..self.n {
             for j in (0..i).filter(|&j| self.sine(i, j) >= MIN_SINE) {
+                let least = self.sine(i, j);
+                thirds.clear();
+                thirds.extend(
+                    (0..self.n)
+                        .filter(|&a| a != i && a != j)
+                        .filter(|&a| self.sine(i, a) <= least && self.sine(j, a) <= least)
+                        .map(|a| (a, Triangle::new(self.dots, [i, j, a]))),
+                );
                 for k in 0..self.n {
                     for l in (0..self.n).filter(|&l| l != k && (k, l) != (i, j)) {
-                        if 0.5 * self.gap(i, j, k, l) < self.reach_squared {
-                            self.extend([i, j], [k, l], &mut links, &mut found);
+                        // Two dots that differ by the gap lie apart by at least half its square.
+                        if 0.5 * self.gap(i, j, k, l).powi(2) < self.reach_squared {
+                            self.link([i, j], [k, l], &thirds, &mut links);
+                            self.extend([i, j], [k, l], &links, &mut found);
                         }
                     }
                 }
@@ -264,59 +317,70 @@ impl<'a> Search<'a> {
         found
     }
 
-    /// All quadruples that extend a pair laid on a pair.
-    fn extend(
+    /// All dots that look like others beside a pair laid on a pair.
+    fn link(
         &self,
         [i, j]: [usize; 2],
         [k, l]: [usize; 2],
+        thirds: &[(usize, Triangle)],
         links: &mut Vec<Link>,
-        found: &mut Vec<Match>,
     ) {
-        let least = self.sine(i, j);
-        let pair_gap = self.gap(i, j, k, l);
         links.clear();
-        let mut start = None;
-        for a in (0..self.n).filter(|&a| a != i && a != j) {
-            if self.sine(i, a) > least || self.sine(j, a) > least {
-                continue;
-            }
+        let most = FIRST_ORDER * self.reach_squared;
+        // A displacement r of three unit vectors changes their determinant by at most sqrt(3) |r|.
+        let most_turned = (3.0 * most).sqrt();
+        let pair_gap = self.gap(i, j, k, l);
+        for (a, triangle) in thirds {
             for c in (0..self.n).filter(|&c| c != k && c != l) {
-                // Each dot is in two of the three pairs: a quarter of the sum bounds the distance.
-                let gaps = pair_gap + self.gap(i, a, k, c) + self.gap(j, a, l, c);
-                if 0.25 * gaps > self.reach_squared {
+                let determinant = self.determinants[(k * self.n + l) * self.n + c];
+                if (determinant - triangle.determinant).abs() > most_turned {
                     continue;
                 }
-                let d = self.dots;
-                let from_pair = match start {
-                    Some(r) => r,
-                    None => match pair_rotation([&d[k], &d[l]], [&d[i], &d[j]]) {
-                        Some(r) => *start.insert(r),
-                        None => return,
-                    },
-                };
-                let rough = (d[a] - from_pair * d[c]).norm_squared();
-                if rough > ROUGH * ROUGH * self.reach_squared {
-                    continue;
-                }
-                let triple = align(d, &[i, j, a], &[k, l, c], &from_pair);
-                if triple.distance_squared < self.reach_squared {
+                let gaps = Vec3::new(pair_gap, self.gap(i, *a, k, c), self.gap(j, *a, l, c));
+                let distance_squared = gaps.dot(&(triangle.inverse * gaps));
+                if distance_squared < most {
                     links.push(Link {
-                        seen: a,
+                        seen: *a,
                         other: c,
-                        rotation: triple.rotation,
+                        distance_squared,
                     });
                 }
             }
         }
+    }
+
+    /// All quadruples that two links make of a pair laid on a pair.
+    fn extend(
+        &self,
+        [i, j]: [usize; 2],
+        [k, l]: [usize; 2],
+        links: &[Link],
+        found: &mut Vec<Match>,
+    ) {
+        if links.len() < 2 {
+            return;
+        }
+        let (d, least) = (self.dots, self.sine(i, j));
+        let most = FIRST_ORDER * self.reach_squared;
+        let Some(start) = pair_rotation([&d[k], &d[l]], [&d[i], &d[j]]) else {
+            return;
+        };
         for (x, link) in links.iter().enumerate() {
-            let (a, c) = (link.seen, link.other);
             for before in &links[..x] {
+                let (a, c) = (link.seen, link.other);
                 let (b, e) = (before.seen, before.other);
                 if a == b || c == e || self.sine(a, b) > least {
                     continue;
                 }
+                // The pair counts in both triangles, the others once; and the last pair has a gap too.
+                let apart = 0.5 * (link.distance_squared + before.distance_squared);
+                if apart > most || 0.5 * self.gap(a, b, c, e).powi(2) > most {
+                    continue;
+                }
                 let (seen, other) = ([i, j, a, b], [k, l, c, e]);
-                let alignment = align(self.dots, &seen, &other, &link.rotation);
+                let Some(alignment) = align(d, &seen, &other, &start, self.reach_squared) else {
+                    continue;
+                };
                 if alignment.distance_squared < self.reach_squared {
                     let mut order = [0, 1, 2, 3];
                     order.sort_unstable_by_key(|&x| seen[x]);

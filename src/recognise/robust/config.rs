@@ -24,6 +24,9 @@ pub struct RobustConfig {
     pub detection_probability: f64,
     /// Expected number of false dots in a view.
     pub expected_false_dots: f64,
+    /// Number of false dots that nearly every view has, where that is known (a mark on the ball, a
+    /// protocol that adds so many); `None` where their number varies (Poisson).
+    pub usual_false_dots: Option<u16>,
     /// Prior probability that a view does not show the pattern at all.
     pub foreign_prior: f64,
     /// How real dots are displaced.
@@ -33,14 +36,15 @@ pub struct RobustConfig {
 }
 
 impl Default for RobustConfig {
-    /// z > 0 visible, 90 % detected, half a false dot a view, one view in ten of something else, noise of
+    /// z > 0 visible, 90 % detected, half a false dot a view, one view in five of something else, noise of
     /// a detector, at most 64 pairs.
     fn default() -> Self {
         Self {
             visibility_limit: 0.0,
             detection_probability: 0.9,
             expected_false_dots: 0.5,
-            foreign_prior: 0.1,
+            usual_false_dots: None,
+            foreign_prior: 0.2,
             noise: NoiseShape::Gaussian,
             passes: 64,
         }

@@ -10,20 +10,38 @@
 //! beyond doubt, or when what has not been seen cannot be better.
 //!
 //! # Confidence
-//! The best explanation's share of the evidence of all that were found, of their near alternatives, and
-//! of "these are not the pattern's dots".
+//! The best explanation's share of the evidence of all that were found, of their near alternatives, of
+//! the mirrored pattern, and of "these are not the pattern's dots". A pattern with symmetries has several
+//! poses of one evidence: the confidence is then low, and [`RobustRecogniser::explanation`] gives them all.
+//!
+//! # Rotation
+//! What is reported is the most likely rotation for the assignment, with the dots weighted by the law of
+//! their noise ([`NoiseShape`]): least squares for a Gaussian; for the peaked noise of the paper's
+//! protocols a quarter better than least squares, whose bound is then none.
+//!
+//! # Mirrored images
+//! A view that the search leaves in doubt is searched again as in a mirror. Where the mirrored pattern is
+//! beyond doubt, [`Refusal::Mirrored`] says so: an axis of the image is flipped.
+//!
+//! # Hint
+//! A prior orientation ([`Hint`]) is tried before the search. It makes two dots enough; a wrong one
+//! costs one refinement, and the search follows.
 //!
 //! What it does not do: prove that no better explanation exists. See the validation for how often the
 //! best one found is the right one.
 
 mod config;
+mod hint;
 mod model;
 mod pairs;
 mod posterior;
 mod refine;
 mod screen;
+mod search;
 
 pub use config::{NoiseShape, RobustConfig};
+pub use hint::Hint;
+pub use search::RobustWorkspace;
 
 use nalgebra::Rotation3;
 
@@ -31,45 +49,20 @@ use super::{Identification, ObservedDot, Recogniser, Refusal};
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
-use model::{Dot, Model};
-use pairs::{PatternPairs, frame};
-use posterior::{Explanation, Foreign, Found};
-use refine::{Refined, Refiner, UNASSIGNED};
-use screen::{Screen, ScreenModel};
+use hint::Prior;
+use model::Model;
+use pairs::PatternPairs;
+use posterior::{Explanation, Foreign};
+use refine::UNASSIGNED;
+use screen::ScreenModel;
 
-/// Fewest dots that can be identified without a hint.
+/// Fewest dots that can be identified without a hint, and with one.
 const MIN_DOTS: usize = 3;
-/// Pairs nearer to parallel or opposite than this sine leave the rotation too uncertain to start from.
-const LEAST_SINE: f64 = 0.15;
-/// Nats by which the best explanation must lead every rival and "foreign" to end the search early.
-const DOUBT: f64 = 9.0;
-/// Hypotheses refined in a row without coming near the best before a pass ends.
-const PATIENCE: usize = 4;
-/// Nats that a refinement hardly ever adds to the screening's score, less [`DOUBT`].
-const HOPELESS: f64 = 16.0;
-/// Nats by which the best explanation must exceed what the unseen ones can reach at most.
-const UNSEEN: f64 = 4.0;
-/// Observed dots that a new workspace has room for; more of them make it grow.
-const ROOM: usize = 64;
-
-/// Scratch memory of [`RobustRecogniser`].
-#[derive(Debug, Default)]
-pub struct RobustWorkspace {
-    dots: Vec<Dot>,
-    pairs: Vec<ObservedPair>,
-    used: Vec<bool>,
-    screen: Screen,
-    refiner: Refiner,
-    found: Found,
-}
-
-/// A pair of observed dots.
-#[derive(Debug, Clone, Copy)]
-struct ObservedPair {
-    /// How well it conditions the rotation.
-    quality: f64,
-    dots: [u16; 2],
-}
+const MIN_DOTS_HINTED: usize = 2;
+/// Below this probability of the pose a view is looked at as in a mirror.
+const MIRROR_DOUBT: f64 = 0.9;
+/// Probability from which on a view is taken for a mirrored one.
+const MIRROR_SURE: f64 = 0.9;
 
 /// The default recogniser. See the module's documentation.
 #[derive(Debug, Clone)]
@@ -107,118 +100,107 @@ impl RobustRecogniser {
         &self.config
     }
 
-    /// Prepares the dots and their pairs.
-    fn prepare(
+    /// As [`Recogniser::identify_into`], knowing roughly how the ball is turned. The rotation in the
+    /// answer is what the dots say; the hint only helps to tell which dot is which.
+    ///
+    /// # Errors
+    /// A [`Refusal`]; [`Refusal::Degenerate`] also for a hint whose covariance is none.
+    pub fn identify_hinted(
         &self,
         dots: &[ObservedDot],
+        hint: &Hint,
         ws: &mut RobustWorkspace,
+        out: &mut Identification,
     ) -> std::result::Result<(), Refusal> {
-        ws.found.clear(dots.len());
-        ws.dots.clear();
-        for dot in dots {
-            ws.dots
-                .push(self.model.prepare(dot).ok_or(Refusal::Degenerate)?);
+        let prior = Prior::new(hint).ok_or(Refusal::Degenerate)?;
+        self.identify_with(dots, Some(prior), ws, out)
+    }
+
+    /// Writes the explanation of this rank (0 the best) of the view that `ws` saw last into `out`, with its
+    /// own probability; `false` if the search found fewer. Explanations differ in their rotation; the
+    /// search remembers what came near the best, not everything.
+    pub fn explanation(&self, rank: usize, ws: &RobustWorkspace, out: &mut Identification) -> bool {
+        let found = ws.found.ranked(rank);
+        if let Some(explanation) = found {
+            self.report(explanation, ws, out);
         }
-        ws.pairs.clear();
-        for (i, a) in ws.dots.iter().enumerate() {
-            for (j, b) in ws.dots[..i].iter().enumerate() {
-                let sine2 = 1.0 - a.direction.dot(&b.direction).powi(2);
-                if sine2 > LEAST_SINE * LEAST_SINE {
-                    ws.pairs.push(ObservedPair {
-                        quality: sine2 / (a.sigma_max + b.sigma_max).powi(2),
-                        dots: [i as u16, j as u16],
-                    });
-                }
-            }
+        found.is_some()
+    }
+
+    /// The explanation to which `rotation` leads, written into `out`: how well a pose explains the dots that
+    /// one believes in for other reasons. Returns its log-evidence against "these are not the pattern's
+    /// dots"; `None` if hardly any dot supports it. Its confidence is that among what it leads to alone.
+    pub fn evidence_near(
+        &self,
+        dots: &[ObservedDot],
+        rotation: &Rotation,
+        ws: &mut RobustWorkspace,
+        out: &mut Identification,
+    ) -> Option<f64> {
+        ws.clear(dots.len());
+        self.prepare(dots, ws).ok()?;
+        self.refine_from(rotation, ws);
+        let best = ws.found.best()?;
+        self.report(best, ws, out);
+        Some(best.refined.ln_evidence - self.foreign.ln_evidence(dots.len()))
+    }
+
+    fn identify_with(
+        &self,
+        dots: &[ObservedDot],
+        prior: Option<Prior>,
+        ws: &mut RobustWorkspace,
+        out: &mut Identification,
+    ) -> std::result::Result<(), Refusal> {
+        let needed = if prior.is_some() {
+            MIN_DOTS_HINTED
+        } else {
+            MIN_DOTS
+        };
+        ws.clear(dots.len());
+        if dots.len() < needed {
+            return Err(Refusal::TooFewDots {
+                found: dots.len(),
+                needed,
+            });
         }
-        ws.used.clear();
-        ws.used.resize(dots.len(), false);
-        if ws.pairs.is_empty() {
-            return Err(Refusal::Degenerate);
+        self.prepare(dots, ws)?;
+        self.search(prior.as_ref(), ws)?;
+        let sure = ws.found.best().is_some_and(|best| {
+            ws.found
+                .confidence(best, &self.foreign, f64::NEG_INFINITY)
+                .pose
+                > MIRROR_DOUBT
+        });
+        if !sure && self.is_mirrored(ws) {
+            return Err(Refusal::Mirrored);
         }
+        self.polish_best(ws).ok_or(Refusal::NoHypothesis)?;
+        let best = ws.found.best().ok_or(Refusal::NoHypothesis)?;
+        self.report(best, ws, out);
         Ok(())
     }
 
-    /// Lays one observed pair on every similar pattern pair and refines what comes near the best.
-    fn pass(&self, [a, b]: [usize; 2], ws: &mut RobustWorkspace) {
-        let done = ws.screen.run(&self.screen, &self.pairs, &ws.dots, (a, b));
-        if done.is_none() {
-            return;
-        }
-        let observed = frame(&ws.dots[a].direction, &ws.dots[b].direction);
-        let mut fruitless = 0;
-        for k in 0..ws.screen.kept().len() {
-            let best = ws.found.best().map(|e| e.refined);
-            let hypothesis = ws.screen.kept()[k];
-            let behind = |r: &Refined| r.ln_evidence - r.ln_volume - f64::from(hypothesis.score);
-            if fruitless == PATIENCE || best.is_some_and(|b| behind(&b) > HOPELESS) {
-                break;
-            }
-            let pair = self.pairs.pair(hypothesis.pair as usize);
-            let [p, q] = [pair.first, pair.second].map(|d| &self.dots[usize::from(d)]);
-            let start = observed * frame(p, q).transpose();
-            let least = best.map_or(f64::NEG_INFINITY, |b| b.ln_evidence - DOUBT);
-            let view = refine::View {
-                model: &self.model,
-                pattern: &self.dots,
-                dots: &ws.dots,
-            };
-            let refined = ws.refiner.refine(&view, &start, least);
-            fruitless += 1;
-            if let Some(refined) = refined {
-                if refined.ln_evidence > least {
-                    fruitless = 0;
-                }
-                ws.found.add(refined, ws.refiner.assignment());
-            }
-        }
-    }
-
-    /// Whether the search may end after a pass over the pair. `unseen` bounds the log-likelihood ratio
-    /// of what no pass has seen, but for the share of rotations.
-    fn settled(&self, [a, b]: [usize; 2], unseen: f64, ws: &RobustWorkspace) -> bool {
-        let Some(best) = ws.found.best() else {
+    /// Searches the view as in a mirror; whether that explains it beyond doubt.
+    fn is_mirrored(&self, ws: &mut RobustWorkspace) -> bool {
+        self.search_mirrored(ws);
+        let rivals = ws.found.ln_evidence();
+        let Some(best) = ws.mirrored.best() else {
             return false;
         };
-        let evidence = best.refined.ln_evidence;
-        if evidence > unseen + UNSEEN {
-            return true;
-        }
-        let assignment = ws.found.assignment(best);
-        let explains_pair = assignment[a] != UNASSIGNED && assignment[b] != UNASSIGNED;
-        let rival = ws
-            .found
-            .best_rival(best)
-            .max(self.foreign.ln_evidence(ws.dots.len()));
-        explains_pair && evidence - rival > DOUBT
-    }
-
-    /// Runs passes until the best explanation is settled.
-    fn search(&self, ws: &mut RobustWorkspace) {
-        // The best conceivable explanation matches every dot perfectly.
-        let mut unseen: f64 = ws.dots.iter().map(|d| d.most).sum();
-        for _ in 0..self.config.passes {
-            let Some((pair, disjoint)) = next_pair(ws) else {
-                return;
-            };
-            self.pass(pair, ws);
-            if disjoint {
-                unseen -= ws.dots[pair[0]].most.min(ws.dots[pair[1]].most);
-            }
-            if self.settled(pair, unseen + self.least_volume(ws), ws) {
-                return;
-            }
-        }
-    }
-
-    /// A bound on the share of rotations that an explanation leaves, ln: that of the best one found.
-    fn least_volume(&self, ws: &RobustWorkspace) -> f64 {
-        ws.found.best().map_or(0.0, |e| e.refined.ln_volume)
+        // From the mirrored side the pattern as it is counts as the rival, at its own prior.
+        let confidence = ws.mirrored.confidence(
+            best,
+            &self.foreign.of_mirrored(),
+            rivals - posterior::MIRROR_LN_ODDS,
+        );
+        confidence.pose > MIRROR_SURE
     }
 
     /// Writes an explanation into `out`.
     fn report(&self, explanation: &Explanation, ws: &RobustWorkspace, out: &mut Identification) {
-        let confidence = ws.found.confidence(explanation, &self.foreign);
+        let mirrored = ws.mirrored.ln_evidence() + posterior::MIRROR_LN_ODDS;
+        let confidence = ws.found.confidence(explanation, &self.foreign, mirrored);
         let rotation = explanation.refined.rotation;
         let (mut squared, mut matched) = (0.0, 0usize);
         out.assignment.clear();
@@ -241,14 +223,7 @@ impl Recogniser for RobustRecogniser {
     type Workspace = RobustWorkspace;
 
     fn workspace(&self) -> RobustWorkspace {
-        RobustWorkspace {
-            dots: Vec::with_capacity(ROOM),
-            pairs: Vec::with_capacity(ROOM * ROOM / 2),
-            used: Vec::with_capacity(ROOM),
-            screen: Screen::with_room(ROOM, self.pairs.row()),
-            refiner: Refiner::with_room(ROOM, self.dots.len()),
-            found: Found::with_room(ROOM),
-        }
+        RobustWorkspace::with_room(&self.pairs, self.dots.len())
     }
 
     fn min_dots(&self) -> usize {
@@ -261,37 +236,6 @@ impl Recogniser for RobustRecogniser {
         ws: &mut RobustWorkspace,
         out: &mut Identification,
     ) -> std::result::Result<(), Refusal> {
-        if dots.len() < MIN_DOTS {
-            return Err(Refusal::TooFewDots {
-                found: dots.len(),
-                needed: MIN_DOTS,
-            });
-        }
-        self.prepare(dots, ws)?;
-        self.search(ws);
-        let best = ws.found.best().ok_or(Refusal::NoHypothesis)?;
-        self.report(best, ws, out);
-        Ok(())
+        self.identify_with(dots, None, ws, out)
     }
-}
-
-/// Takes the best pair left, disjoint from those before it while there is one; whether it is.
-fn next_pair(ws: &mut RobustWorkspace) -> Option<([usize; 2], bool)> {
-    let best = |disjoint: bool| {
-        ws.pairs
-            .iter()
-            .enumerate()
-            .filter(|(_, p)| !disjoint || p.dots.iter().all(|&d| !ws.used[usize::from(d)]))
-            .max_by(|a, b| a.1.quality.total_cmp(&b.1.quality))
-            .map(|(k, _)| k)
-    };
-    let (k, disjoint) = match best(true) {
-        Some(k) => (k, true),
-        None => (best(false)?, false),
-    };
-    let pair = ws.pairs.swap_remove(k).dots.map(usize::from);
-    if disjoint {
-        pair.into_iter().for_each(|d| ws.used[d] = true);
-    }
-    Some((pair, disjoint))
 }

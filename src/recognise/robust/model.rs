@@ -3,7 +3,8 @@
 //! Under the rotation `R` pattern dot `j` appears at `q_j = R p_j` and is detected with probability
 //! `d(z) = P_d / (1 + exp(-1.7 (z - z_min) / w))`. A detected dot is displaced by noise whose density at
 //! the Mahalanobis distance `u` is `exp(core(u)) / (2 pi sqrt(det C))`. False dots are a Poisson process of
-//! density `lambda / (2 pi (1 - z_min))` per steradian of the visible cap.
+//! density `lambda / (2 pi (1 - z_min))` per steradian of the visible cap; where their usual number is
+//! known, all but a fiftieth of the views have that.
 
 use std::f64::consts::{PI, TAU};
 
@@ -23,10 +24,16 @@ const TAIL_WIDENING: f64 = 2.0;
 pub(super) const GATE: f64 = 10.0;
 /// Nearer than this many standard deviations nothing is gained: the random-axis density has a pole.
 const POLE: f64 = 0.3;
+/// A dot's largest weight while the explanation is sought: near the pole it would hold the rotation alone.
+pub(super) const SEARCH_WEIGHT: f64 = 1.0;
+/// A dot's largest weight in the rotation that is reported.
+pub(super) const FINAL_WEIGHT: f64 = 4.0;
 /// Steps of the core's table for one standard deviation.
 const CORE_STEPS: f64 = 32.0;
 /// Steps of the visibility table over z in [-1, 1].
 const Z_STEPS: usize = 2048;
+/// Share of views whose number of false dots is not the usual one.
+const UNUSUAL: f64 = 0.02;
 /// Where, in standard deviations, the screening's straight lines touch the core.
 const TANGENTS: [f64; 3] = [0.8, 2.4, 5.0];
 
@@ -34,12 +41,15 @@ const TANGENTS: [f64; 3] = [0.8, 2.4, 5.0];
 #[derive(Debug, Clone)]
 pub(super) struct Model {
     core: Vec<f64>,
+    weight: Vec<f64>,
     ln_detected: Vec<f64>,
     ln_missed: Vec<f64>,
     /// `core` as the greatest of three lines `a + b h` over `h = -u^2 / 2`: (a, b).
     pub lines: [[f64; 2]; 3],
     /// False dots per steradian.
     ln_false_density: f64,
+    /// ln of the prior of so many false dots over Poisson's.
+    false_count: Vec<f64>,
     /// What is gained at most by a dot beyond its peak density: `ln P_d + core(0)`.
     most: f64,
 }
@@ -71,6 +81,14 @@ impl Dot {
         let depth = 1.0 - self.direction.dot(q);
         a * a + b * b + depth * depth * self.radial
     }
+
+    /// Reverses x.
+    pub fn mirror(&mut self) {
+        self.direction.x = -self.direction.x;
+        for axis in &mut self.axes {
+            axis.x = -axis.x;
+        }
+    }
 }
 
 impl Model {
@@ -78,6 +96,9 @@ impl Model {
         let steps = (GATE * CORE_STEPS) as usize + 2;
         let core = (0..steps)
             .map(|k| core(config.noise, k as f64 / CORE_STEPS))
+            .collect();
+        let weight = (0..steps)
+            .map(|k| tangent(config.noise, (k as f64 / CORE_STEPS).max(POLE))[1])
             .collect();
         let detected = (0..=Z_STEPS).map(|k| {
             let z = 2.0 * k as f64 / Z_STEPS as f64 - 1.0;
@@ -87,10 +108,12 @@ impl Model {
         let cap = TAU * (1.0 - config.visibility_limit.max(-0.999));
         Self {
             core,
+            weight,
             ln_detected: detected.clone().map(f64::ln).collect(),
             ln_missed: detected.map(|d| (1.0 - d).ln()).collect(),
             lines: TANGENTS.map(|u| tangent(config.noise, u)),
             ln_false_density: (config.expected_false_dots / cap).ln(),
+            false_count: false_count(config),
             most: config.detection_probability.ln() + self::core(config.noise, 0.0),
         }
     }
@@ -104,11 +127,23 @@ impl Model {
         Some(self.core[k] + (next - self.core[k]) * (at - k as f64))
     }
 
+    /// Weight of a displacement in a least-squares step towards the core's maximum, `-core'(u) / u`: 1 for a
+    /// Gaussian, less for the heavier tails of others, and more towards a pole, up to `most`.
+    pub fn weight(&self, d2: f64, most: f64) -> f64 {
+        let k = (d2.sqrt() * CORE_STEPS) as usize;
+        self.weight[k.min(self.weight.len() - 1)].min(most)
+    }
+
     /// ln of the probabilities that a dot at this z is detected and missed.
     pub fn visibility(&self, z: f64) -> (f64, f64) {
         let k = ((z + 1.0) * (0.5 * Z_STEPS as f64) + 0.5) as usize;
         let k = k.min(Z_STEPS);
         (self.ln_detected[k], self.ln_missed[k])
+    }
+
+    /// ln of the prior of `count` false dots over the Poisson distribution's.
+    pub fn false_count(&self, count: usize) -> f64 {
+        self.false_count[count.min(self.false_count.len() - 1)]
     }
 
     /// Prepares a dot; `None` where it is no direction or its uncertainty no covariance.
@@ -153,6 +188,25 @@ impl Model {
             most: (ln_peak + self.most).max(0.0),
         })
     }
+}
+
+/// ln of the prior over Poisson's for 0, 1, ... false dots; the last stands for all that follow.
+fn false_count(config: &RobustConfig) -> Vec<f64> {
+    let Some(usual) = config.usual_false_dots else {
+        return vec![0.0];
+    };
+    let mean = config.expected_false_dots;
+    let mut ln_poisson = -mean;
+    let mut ratios = Vec::with_capacity(usize::from(usual) + 2);
+    for count in 0..=usual {
+        if count > 0 {
+            ln_poisson += (mean / f64::from(count)).ln();
+        }
+        ratios.push(UNUSUAL.ln());
+    }
+    ratios[usize::from(usual)] = (UNUSUAL + (1.0 - UNUSUAL) * (-ln_poisson).exp()).ln();
+    ratios.push(UNUSUAL.ln());
+    ratios
 }
 
 /// ln of the density at `u` standard deviations over the Gaussian's density at 0.

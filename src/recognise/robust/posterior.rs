@@ -12,6 +12,10 @@ use super::refine::Refined;
 
 /// Rotations nearer than this (radians) are one explanation.
 const ONE_ROTATION: f64 = 0.12;
+/// ln of the prior odds that a view is mirrored: a flipped axis is noticed, and then mended for good.
+pub(super) const MIRROR_LN_ODDS: f64 = -3.0;
+/// A start nearer to an explanation than this (radians) would lead there again.
+const KNOWN_ROTATION: f64 = 0.08;
 /// Most explanations remembered; the least goes first.
 const MOST_FOUND: usize = 128;
 
@@ -65,6 +69,14 @@ impl Foreign {
         dots as f64 * self.ln_ratio - self.excess
     }
 
+    /// The same against a mirrored view, which is itself unlikely.
+    pub fn of_mirrored(&self) -> Self {
+        Self {
+            ln_odds: self.ln_odds - MIRROR_LN_ODDS,
+            ..*self
+        }
+    }
+
     /// The same with the prior odds.
     fn ln_weight(&self, dots: usize) -> f64 {
         self.ln_evidence(dots) + self.ln_odds
@@ -115,10 +127,32 @@ impl Found {
         (0..self.explanations.len()).min_by(|a, b| evidence(a).total_cmp(&evidence(b)))
     }
 
+    /// The explanation of this rank, 0 the best.
+    pub fn ranked(&self, rank: usize) -> Option<&Explanation> {
+        let evidence = |e: &Explanation| e.refined.ln_evidence;
+        let ahead = |e: &Explanation| {
+            self.explanations
+                .iter()
+                .filter(|o| {
+                    evidence(o) > evidence(e) || (evidence(o) == evidence(e) && o.slot < e.slot)
+                })
+                .count()
+        };
+        self.explanations.iter().find(|e| ahead(e) == rank)
+    }
+
     pub fn best(&self) -> Option<&Explanation> {
         self.explanations
             .iter()
             .max_by(|a, b| a.refined.ln_evidence.total_cmp(&b.refined.ln_evidence))
+    }
+
+    /// Replaces an explanation's rotation.
+    pub fn turn(&mut self, of: &Explanation, rotation: Matrix3<f64>) {
+        let same = self.explanations.iter_mut().find(|e| e.slot == of.slot);
+        if let Some(explanation) = same {
+            explanation.refined.rotation = rotation;
+        }
     }
 
     pub fn assignment(&self, explanation: &Explanation) -> &[u16] {
@@ -134,13 +168,35 @@ impl Found {
             .fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The posterior probabilities of an explanation among all that were found.
-    pub fn confidence(&self, of: &Explanation, foreign: &Foreign) -> Confidence {
+    /// ln of the evidence of all explanations together; minus infinity for none.
+    pub fn ln_evidence(&self) -> f64 {
+        let Some(best) = self.best() else {
+            return f64::NEG_INFINITY;
+        };
+        let origin = best.refined.ln_evidence;
+        let all = self
+            .explanations
+            .iter()
+            .map(|e| (e.refined.ln_evidence + e.refined.ln_alternatives - origin).exp());
+        origin + all.sum::<f64>().ln()
+    }
+
+    /// Whether some explanation has nearly this rotation.
+    pub fn knows(&self, rotation: &Matrix3<f64>) -> bool {
+        let near = 1.0 + 2.0 * KNOWN_ROTATION.cos();
+        self.explanations
+            .iter()
+            .any(|e| overlap(&e.refined.rotation, rotation) > near)
+    }
+
+    /// The posterior probabilities of an explanation among all that were found, a view of something else,
+    /// and `ln_others`.
+    pub fn confidence(&self, of: &Explanation, foreign: &Foreign, ln_others: f64) -> Confidence {
         let origin = of.refined.ln_evidence;
         let weight =
             |e: &Explanation| (e.refined.ln_evidence + e.refined.ln_alternatives - origin).exp();
         let all: f64 = self.explanations.iter().map(weight).sum();
-        let all = all + (foreign.ln_weight(self.dots) - origin).exp();
+        let all = all + (foreign.ln_weight(self.dots) - origin).exp() + (ln_others - origin).exp();
         Confidence {
             identity: 1.0 / all,
             pose: weight(of) / all,

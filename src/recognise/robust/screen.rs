@@ -111,13 +111,15 @@ impl Screen {
         &self.kept
     }
 
-    /// Scores every way to lay the observed dots `a` and `b` on pattern dots of similar angle.
+    /// Scores every way to lay the observed dots `a` and `b` on pattern dots of similar angle. `bias` is the
+    /// logarithm of the prior for each.
     pub fn run(
         &mut self,
         model: &ScreenModel,
         pairs: &PatternPairs,
         dots: &[Dot],
         (a, b): (usize, usize),
+        bias: Option<impl Fn(usize) -> f64>,
     ) -> Option<()> {
         self.kept.clear();
         let (oa, ob) = (&dots[a], &dots[b]);
@@ -135,7 +137,10 @@ impl Screen {
         let mut threshold = FAR;
         for index in pairs.between(low, high) {
             let misfit = (pairs.pair(index).cosine.clamp(-1.0, 1.0).acos() - observed) / spread;
-            let own = own as f32 + self.pair_core(model, misfit as f32) + 2.0 * model.most_worth;
+            let prior = bias.as_ref().map_or(0.0, |b| b(index));
+            let own = (own + prior) as f32
+                + self.pair_core(model, misfit as f32)
+                + 2.0 * model.most_worth;
             let Some(score) = self.score(model, pairs.in_frame(index), view, own, threshold) else {
                 continue;
             };

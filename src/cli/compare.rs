@@ -1,0 +1,158 @@
+//! `spindoe compare`: patterns side by side.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{print_json, read_table};
+use crate::error::Result;
+use crate::files;
+use crate::recognise::RecogniserName;
+use crate::report::compare::{Comparison, Contestant, PairedDifference, compare};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+All patterns are tried on the same rotations with the same random numbers; differences are against the
+first pattern, with 95 % intervals for pairs.
+
+Example:
+  spindoe compare published.csv designs/dots20/pattern.csv -o comparison")]
+pub struct Arguments {
+    /// Patterns (CSV of unit vectors x,y,z) or hash tables (.npz); at least two.
+    #[arg(value_name = "PATTERN_OR_TABLE", required = true)]
+    inputs: Vec<PathBuf>,
+    /// Write comparison.json and the plots to this folder.
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Trials a protocol.
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    samples: u64,
+    /// Seed of the trials.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Only this recogniser; by default both.
+    #[arg(long, value_enum)]
+    recognizer: Option<RecogniserName>,
+    /// Print one JSON object instead of words.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let contestants = arguments
+        .inputs
+        .iter()
+        .map(|path| {
+            Ok(Contestant {
+                name: name(path),
+                table: read_table(path)?,
+            })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    if let Some(dir) = &arguments.output {
+        files::create_writable_dir(dir)?;
+    }
+    let recognisers = match arguments.recognizer {
+        Some(one) => vec![one],
+        None => RecogniserName::ALL.to_vec(),
+    };
+    let found = compare(
+        &contestants,
+        &recognisers,
+        arguments.seed,
+        arguments.samples,
+        &mut |what| eprintln!("{what}"),
+    )?;
+    if let Some(dir) = &arguments.output {
+        let mut json = serde_json::to_vec_pretty(&found)
+            .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;
+        json.push(b'\n');
+        files::write_bytes(&dir.join("comparison.json"), &json)?;
+        found.write_plots(dir, &contestants)?;
+    }
+    if arguments.json {
+        return print_json(&found);
+    }
+    print_words(&found);
+    Ok(())
+}
+
+/// A pattern's name: its file's stem, or its folder's name for a file called pattern or table.
+fn name(path: &std::path::Path) -> String {
+    let stem = |p: &std::path::Path| {
+        p.file_stem()
+            .map(|s| s.to_string_lossy().into_owned())
+            .unwrap_or_default()
+    };
+    let own = stem(path);
+    match path.parent() {
+        Some(dir) if (own == "pattern" || own == "table") && dir.file_name().is_some() => dir
+            .file_name()
+            .map(|s| s.to_string_lossy().into_owned())
+            .unwrap_or(own),
+        _ => own,
+    }
+}
+
+fn print_words(found: &Comparison) {
+    println!("{} trials a protocol, seed {}.", found.samples, found.seed);
+    for p in &found.patterns {
+        let deg = f64::to_degrees;
+        println!(
+            "\n{} ({} dots, {})",
+            p.name,
+            p.summary.dots,
+            &p.sha256[..12]
+        );
+        println!(
+            "  separation {:.1} deg at least, {:.1} deg mean; {} dots in view from anywhere",
+            deg(p.summary.least_separation_rad),
+            deg(p.summary.mean_nearest_separation_rad),
+            p.summary.least_visible
+        );
+        println!(
+            "  three nearest neighbours: mean {:.1} deg, std {:.3} and least {:.3} of it (US 2023/0218952)",
+            deg(p.neighbours.mean_rad),
+            p.neighbours.relative_std,
+            p.neighbours.relative_min
+        );
+        println!(
+            "  orientation bound: mean {:.3}, worst {:.3} of a dot's noise",
+            p.orientation_bound.mean, p.orientation_bound.worst
+        );
+        for o in &p.objectives {
+            println!("  {}: {:.4}", o.name, o.value);
+        }
+    }
+    let width = found
+        .patterns
+        .iter()
+        .map(|p| p.name.len())
+        .max()
+        .unwrap_or(0);
+    println!();
+    for c in &found.contests {
+        let v = &c.validation;
+        println!(
+            "{:<7} {:<6} {:<width$} identity {} ({}), orientation {} ({}), error {:.3} deg",
+            v.protocol.as_str(),
+            c.recognizer.as_str(),
+            c.name,
+            v.identity,
+            signed(&c.identity_difference),
+            v.orientation,
+            signed(&c.orientation_difference),
+            v.mean_error_deg,
+        );
+    }
+}
+
+/// A difference in points of percent.
+fn signed(d: &PairedDifference) -> String {
+    format!(
+        "{:+.2} [{:+.2}, {:+.2}]",
+        100.0 * d.difference,
+        100.0 * d.low,
+        100.0 * d.high
+    )
+}

@@ -1,0 +1,139 @@
+//! Views of the ball side by side: what was seen, where the dots truly were, and what was answered.
+
+use std::path::Path;
+
+use plotters::prelude::*;
+use plotters::style::text_anchor::HPos;
+
+use super::canvas::{
+    Area, Drawn, GREY, INK, Key, SMALL, Sign, colour, font, picture, px, stroke, text, text_width,
+    titled, with_legend,
+};
+use crate::error::{Error, Result};
+use crate::geometry::{Rotation, Vec3};
+use crate::pattern::Pattern;
+
+/// Width and height of one view in [`recognition_views`]'s picture, pixels.
+pub const RECOGNITION_VIEW_SIZE: (u32, u32) = (430, 640);
+
+/// Radius of a drawn ball, file pixels.
+const RADIUS: f64 = 175.0;
+/// Height of the ball's centre beneath title and legend, file pixels.
+const CENTRE_Y: f64 = 205.0;
+/// Height of a line of the caption, file pixels.
+const LINE: f64 = 21.0;
+/// Series whose colours stand for what was seen, for the truth and for the answer.
+const OBSERVED: usize = 6;
+const TRUTH: usize = 2;
+const ANSWER: usize = 1;
+
+/// One view of a ball.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecognitionView {
+    /// What there is to say of it; set in several lines.
+    pub caption: String,
+    /// Least z at which a dot was seen.
+    pub visibility_limit: f64,
+    /// Observed directions, camera frame.
+    pub observed: Vec<Vec3>,
+    /// The true orientation, pattern to camera.
+    pub truth: Rotation,
+    /// The orientation that was answered, if any.
+    pub answer: Option<Rotation>,
+}
+
+/// Draws views of the ball as the camera has them (x right, y up), each with the observed dots and with
+/// the pattern's visible dots under the true and under the answered orientation.
+///
+/// # Errors
+/// [`Error::Argument`] for no views; [`Error::Write`] where the file cannot be written.
+pub fn recognition_views(
+    path: &Path,
+    title: &str,
+    pattern: &Pattern,
+    views: &[RecognitionView],
+) -> Result<()> {
+    if views.is_empty() {
+        return Err(Error::argument("views", "expected at least one"));
+    }
+    let (width, height) = RECOGNITION_VIEW_SIZE;
+    picture(path, (width * views.len() as u32, height), |root| {
+        let area = titled(root, title)?;
+        let key = |name: &str, sign| Key {
+            name: name.into(),
+            sign,
+        };
+        let keys = [
+            key("observed (discs)", Sign::Box(OBSERVED)),
+            key("true (rings)", Sign::Box(TRUTH)),
+            key("answered (crosses)", Sign::Box(ANSWER)),
+        ];
+        let area = with_legend(&area, &keys)?;
+        for (panel, view) in area.split_evenly((1, views.len())).iter().zip(views) {
+            draw_view(panel, pattern, view)?;
+        }
+        Ok(())
+    })
+}
+
+fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Drawn {
+    let centre = (area.dim_in_pixel().0 as i32 / 2, px(CENTRE_Y));
+    let place = |d: &Vec3| {
+        let at = |c: f64| (c * f64::from(px(RADIUS))).round() as i32;
+        (centre.0 + at(d.x), centre.1 - at(d.y))
+    };
+    area.draw(&Circle::new(centre, px(RADIUS), stroke(GREY, 1.5)))?;
+    let limit = (1.0 - view.visibility_limit.powi(2)).max(0.0).sqrt();
+    if view.visibility_limit > 0.0 {
+        let rim = stroke(GREY, 0.6);
+        area.draw(&Circle::new(centre, px(RADIUS * limit), rim))?;
+    }
+    for d in &view.observed {
+        area.draw(&Circle::new(place(d), px(5.0), colour(OBSERVED).filled()))?;
+    }
+    for (j, dot) in pattern.dots().iter().enumerate() {
+        let number = j.to_string();
+        let q = view.truth * dot;
+        if q.z > view.visibility_limit {
+            let (x, y) = place(&q);
+            let line = stroke(colour(TRUTH), 2.0);
+            area.draw(&Circle::new((x, y), px(9.0), line))?;
+            let at = (x + px(11.0), y - px(9.0));
+            text(area, &number, at, HPos::Left, SMALL, colour(TRUTH))?;
+        }
+        let Some(q) = view.answer.map(|r| r * dot) else {
+            continue;
+        };
+        if q.z > view.visibility_limit {
+            let (x, y) = place(&q);
+            let (line, d) = (stroke(colour(ANSWER), 2.0), px(7.0));
+            for s in [-1, 1] {
+                let ends = vec![(x - d, y - s * d), (x + d, y + s * d)];
+                area.draw(&PathElement::new(ends, line))?;
+            }
+            let at = (x - px(11.0), y + px(9.0));
+            text(area, &number, at, HPos::Right, SMALL, colour(ANSWER))?;
+        }
+    }
+    draw_caption(area, &view.caption)
+}
+
+/// Sets the caption beneath the ball, broken between words.
+fn draw_caption(area: &Area<'_>, caption: &str) -> Drawn {
+    let room = area.dim_in_pixel().0 as i32 - px(36.0);
+    let mut lines: Vec<String> = Vec::new();
+    for word in caption.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if text_width(&format!("{line} {word}"), SMALL) <= room => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    for (k, line) in lines.iter().enumerate() {
+        let at = (px(18.0), px(CENTRE_Y + RADIUS + 34.0 + LINE * k as f64));
+        super::canvas::styled_text(area, line, at, HPos::Left, font(SMALL), INK)?;
+    }
+    Ok(())
+}

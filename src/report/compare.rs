@@ -1,0 +1,361 @@
+//! Patterns side by side: the same trials, orientation bounds, separations, feature distances.
+//!
+//! All patterns see the same rotations and the same random numbers, trial by trial, so that a difference
+//! of rates is judged on pairs: with `b` trials that only the one pattern passes and `c` that only the
+//! other passes, of `n` judged in both, the difference is `(b - c) / n` with the standard error
+//! `sqrt(b + c - (b - c)^2 / n) / n` (A. Agresti, "Categorical Data Analysis", 2013, sec. 11.1).
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::design::objective::bound::BoundSummary;
+use crate::design::{Objective, ObjectiveName, OrientationBound};
+use crate::error::{Error, Result};
+use crate::geometry::angle_between;
+use crate::hash::HashTable;
+use crate::pattern::{Pattern, PatternSummary};
+use crate::plot::{
+    BarChart, BarGroup, LinePlot, LineSeries, RatePoint, RateScale, bar_comparison, line_plot,
+};
+use crate::recognise::RecogniserName;
+use crate::validate::{
+    Proportion, Protocol, ProtocolName, TrialResult, Validation, run_named, summarize,
+};
+
+/// The two-sided 95 % quantile of the standard normal distribution.
+const Z95: f64 = 1.959_963_984_540_054;
+/// Viewing directions in the plot of the orientation bound.
+const VIEWS: usize = 4_000;
+
+/// A pattern that takes part.
+#[derive(Debug)]
+pub struct Contestant {
+    /// Its name in tables and plots.
+    pub name: String,
+    /// Its table.
+    pub table: HashTable,
+}
+
+/// What is measured without trials.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Figures {
+    /// The pattern's name.
+    pub name: String,
+    /// SHA-256 of the dots.
+    pub sha256: String,
+    /// Separations and visibility.
+    pub summary: PatternSummary,
+    /// Spread of the neighbours' distances.
+    pub neighbours: NeighbourSpread,
+    /// Each objective's figure, on the `sparse` protocol's views.
+    pub objectives: Vec<ObjectiveFigure>,
+    /// Mean distance from each feature of the table to the nearest other one, without unit.
+    pub mean_feature_distance: f64,
+    /// How well the dots in view fix the orientation, in units of the dots' noise.
+    pub orientation_bound: BoundSummary,
+}
+
+/// An objective's value.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ObjectiveFigure {
+    /// Its name.
+    pub name: ObjectiveName,
+    /// Its figure.
+    pub value: f64,
+}
+
+/// The distribution criterion for marks on a ball of US 2023/0218952: how unlike the distances of each
+/// mark to its three nearest neighbours are, over all marks and relative to their mean.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct NeighbourSpread {
+    /// Mean of the distances (angles), radians.
+    pub mean_rad: f64,
+    /// Their standard deviation over their mean.
+    pub relative_std: f64,
+    /// The least of them over their mean.
+    pub relative_min: f64,
+}
+
+impl NeighbourSpread {
+    /// The criterion's figures for a pattern.
+    pub fn of(pattern: &Pattern) -> Self {
+        let dots = pattern.dots();
+        let mut all = Vec::with_capacity(3 * dots.len());
+        for (i, d) in dots.iter().enumerate() {
+            let mut angles: Vec<f64> = dots
+                .iter()
+                .enumerate()
+                .filter(|(j, _)| *j != i)
+                .map(|(_, other)| angle_between(d, other))
+                .collect();
+            angles.sort_unstable_by(f64::total_cmp);
+            all.extend(angles.iter().take(3));
+        }
+        let n = all.len() as f64;
+        let mean = all.iter().sum::<f64>() / n;
+        let variance = all.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / n;
+        Self {
+            mean_rad: mean,
+            relative_std: variance.sqrt() / mean,
+            relative_min: all.iter().copied().fold(f64::INFINITY, f64::min) / mean,
+        }
+    }
+}
+
+/// A difference of two rates over the same trials, with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PairedDifference {
+    /// Trials judged for both.
+    pub trials: u64,
+    /// The rate less that of the first pattern.
+    pub difference: f64,
+    /// Lower end of the interval.
+    pub low: f64,
+    /// Upper end of the interval.
+    pub high: f64,
+}
+
+impl PairedDifference {
+    /// From trials that only the one (`gained`) or only the other (`lost`) passes.
+    pub fn new(gained: u64, lost: u64, trials: u64) -> Self {
+        let n = trials.max(1) as f64;
+        let (b, c) = (gained as f64, lost as f64);
+        let difference = (b - c) / n;
+        let error = Z95 * (b + c - (b - c).powi(2) / n).max(0.0).sqrt() / n;
+        Self {
+            trials,
+            difference,
+            low: difference - error,
+            high: difference + error,
+        }
+    }
+}
+
+/// The rates of one pattern in one protocol.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Contest {
+    /// The pattern's name.
+    pub name: String,
+    /// The recogniser.
+    pub recognizer: RecogniserName,
+    /// The rates.
+    #[serde(flatten)]
+    pub validation: Validation,
+    /// Identity rate less that of the first pattern; for the first itself it is 0.
+    pub identity_difference: PairedDifference,
+    /// Likewise the orientation rate.
+    pub orientation_difference: PairedDifference,
+}
+
+/// Everything that was compared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Trials a protocol.
+    pub samples: u64,
+    /// Their seed.
+    pub seed: u64,
+    /// Figures of each pattern.
+    pub patterns: Vec<Figures>,
+    /// Rates, by recogniser, protocol and pattern.
+    pub contests: Vec<Contest>,
+}
+
+fn figures(contestant: &Contestant) -> Result<Figures> {
+    let pattern = contestant.table.pattern();
+    let sparse = Protocol::standard(ProtocolName::Sparse);
+    let objectives: Result<Vec<_>> = ObjectiveName::ALL
+        .into_iter()
+        .map(|name| {
+            let value = Objective::for_protocol(name, &sparse)
+                .figure(pattern.dots())?
+                .value;
+            Ok(ObjectiveFigure { name, value })
+        })
+        .collect();
+    let distances = contestant.table.nearest_distances();
+    Ok(Figures {
+        name: contestant.name.clone(),
+        sha256: pattern.sha256(),
+        summary: pattern.summary(),
+        neighbours: NeighbourSpread::of(pattern),
+        objectives: objectives?,
+        mean_feature_distance: distances.iter().sum::<f64>() / distances.len() as f64,
+        orientation_bound: OrientationBound::default().summary(pattern.dots()),
+    })
+}
+
+/// Identity and orientation of a trial; `None` where it was skipped.
+fn passed(result: &TrialResult) -> Option<[bool; 2]> {
+    match result {
+        TrialResult::Skipped => None,
+        TrialResult::Judged {
+            identity,
+            error_rad,
+            ..
+        } => Some([
+            *identity,
+            *error_rad < crate::validate::ORIENTATION_FAILURE_RAD,
+        ]),
+    }
+}
+
+/// Counts pairs: success `which` of `results` against that of `first`.
+fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> PairedDifference {
+    let (mut gained, mut lost, mut trials) = (0, 0, 0);
+    for (a, b) in first.iter().zip(results) {
+        if let (Some(a), Some(b)) = (passed(a), passed(b)) {
+            trials += 1;
+            gained += u64::from(b[which] && !a[which]);
+            lost += u64::from(a[which] && !b[which]);
+        }
+    }
+    PairedDifference::new(gained, lost, trials)
+}
+
+/// Compares patterns on `samples` trials of every protocol, with both recognisers; `says` is told what
+/// is being measured.
+///
+/// # Errors
+/// [`Error::Argument`] for fewer than two patterns; as [`run_named`].
+pub fn compare(
+    contestants: &[Contestant],
+    recognisers: &[RecogniserName],
+    seed: u64,
+    samples: u64,
+    says: &mut dyn FnMut(&str),
+) -> Result<Comparison> {
+    if contestants.len() < 2 {
+        let found = contestants.len();
+        let problem = format!("expected at least two, found {found}");
+        return Err(Error::argument("patterns", problem));
+    }
+    let patterns: Result<Vec<_>> = contestants.iter().map(figures).collect();
+    let mut contests = Vec::new();
+    for &recognizer in recognisers {
+        for name in ProtocolName::ALL {
+            let protocol = Protocol::standard(name);
+            let mut first: Option<Vec<TrialResult>> = None;
+            for contestant in contestants {
+                says(&format!(
+                    "{}: {name}, recogniser {recognizer}",
+                    contestant.name
+                ));
+                let results = run_named(&contestant.table, recognizer, &protocol, seed, samples)?;
+                let reference = first.as_ref().unwrap_or(&results);
+                contests.push(Contest {
+                    name: contestant.name.clone(),
+                    recognizer,
+                    validation: summarize(&results, &protocol, seed),
+                    identity_difference: difference(reference, &results, 0),
+                    orientation_difference: difference(reference, &results, 1),
+                });
+                first.get_or_insert(results);
+            }
+        }
+    }
+    Ok(Comparison {
+        samples,
+        seed,
+        patterns: patterns?,
+        contests,
+    })
+}
+
+impl Comparison {
+    /// Draws the failures of each recogniser (`compare_robust.png`, `compare_paper.png`) and the
+    /// orientation bound by viewing direction (`compare_bound.png`) into `dir`.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the system refuses.
+    pub fn write_plots(&self, dir: &Path, contestants: &[Contestant]) -> Result<()> {
+        for recogniser in RecogniserName::ALL {
+            let of: Vec<&Contest> = self
+                .contests
+                .iter()
+                .filter(|c| c.recognizer == recogniser)
+                .collect();
+            if !of.is_empty() {
+                self.draw_rates(
+                    &dir.join(format!("compare_{recogniser}.png")),
+                    recogniser,
+                    &of,
+                )?;
+            }
+        }
+        let series = contestants
+            .iter()
+            .map(|c| {
+                let mut all =
+                    OrientationBound::default().by_direction(c.table.pattern().dots(), VIEWS);
+                all.retain(|b| b.is_finite());
+                all.sort_unstable_by(f64::total_cmp);
+                let points = all
+                    .iter()
+                    .enumerate()
+                    .map(|(i, b)| (100.0 * (i as f64 + 0.5) / all.len() as f64, *b))
+                    .collect();
+                LineSeries {
+                    name: c.name.clone(),
+                    points,
+                }
+            })
+            .collect();
+        line_plot(
+            &dir.join("compare_bound.png"),
+            &LinePlot {
+                title: "Orientation error that the dots in view allow (Cramér-Rao)".into(),
+                x_label: "viewing directions, best first [%]".into(),
+                y_label: "bound [multiples of a dot's noise]".into(),
+                log_y: false,
+                series,
+            },
+        )
+    }
+
+    fn draw_rates(&self, path: &Path, recogniser: RecogniserName, of: &[&Contest]) -> Result<()> {
+        let groups = ProtocolName::ALL
+            .map(|name| {
+                let (what, rates) = of
+                    .iter()
+                    .filter(|c| c.validation.protocol == name)
+                    .map(|c| match name {
+                        ProtocolName::Paper | ProtocolName::Sparse => {
+                            ("identity", &c.validation.identity)
+                        }
+                        _ => ("orientation", &c.validation.orientation),
+                    })
+                    .fold(("", Vec::new()), |(_, mut rates), (what, p)| {
+                        rates.push(Some(rate_point(p)));
+                        (what, rates)
+                    });
+                BarGroup {
+                    name: format!("{name}: {what}"),
+                    rates,
+                }
+            })
+            .to_vec();
+        bar_comparison(
+            path,
+            &BarChart {
+                title: format!(
+                    "Views not identified, of {} a protocol; recogniser {recogniser}",
+                    self.samples
+                ),
+                y_label: "failures".into(),
+                scale: RateScale::Failure,
+                series: self.patterns.iter().map(|p| p.name.clone()).collect(),
+                groups,
+            },
+        )
+    }
+}
+
+fn rate_point(p: &Proportion) -> RatePoint {
+    RatePoint {
+        x: 0.0,
+        rate: p.rate,
+        low: p.low,
+        high: p.high,
+    }
+}
