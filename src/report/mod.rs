@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, Objective, PairRule, RecogniserParams};
 use crate::pattern::PatternSummary;
+use crate::plot::stencil_views;
 use crate::recognise::RecogniserName;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
@@ -261,11 +262,15 @@ impl ProvenDesign {
         files::write_bytes(&dir.join("report.json"), json.as_bytes())
     }
 
-    /// Makes the stencil and writes it to `dir/stencil`.
+    /// Makes the stencil and writes it, with its picture, to `dir/stencil`.
     ///
     /// # Errors
     /// As [`Stencil::build`] and [`Stencil::write`].
     pub fn write_stencil(&self, dir: &Path, config: &StencilConfig) -> Result<()> {
-        Stencil::build(self.table.pattern(), config)?.write(&dir.join("stencil"))
+        let stencil = Stencil::build(self.table.pattern(), config)?;
+        let dir = dir.join("stencil");
+        stencil.write(&dir)?;
+        let title = format!("Stencil of pattern {}", &stencil.pattern_sha256()[..8]);
+        stencil_views(&dir.join("stencil.png"), &stencil, &title)
     }
 }
