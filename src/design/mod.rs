@@ -16,6 +16,7 @@ pub mod objective;
 pub mod scp;
 pub mod search;
 pub mod start;
+mod work;
 
 pub use constraints::{Constraints, KeepOut};
 pub use objective::{Objective, ObjectiveName, OrientationBound};

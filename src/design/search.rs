@@ -13,33 +13,22 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::checkpoint::State;
 use super::constraints::Constraints;
-use super::objective::{Evaluation, Objective, OrientationBound};
-use super::scp::{Cost, descend};
-use super::start::{move_dots, random_pattern};
+use super::objective::Objective;
+use super::work::{attempt, climb, scout};
 use crate::error::{Error, Result};
-use crate::geometry::{Vec3, random_direction};
-use crate::hash::{HashTable, PairRule, RecogniserParams};
+use crate::geometry::Vec3;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
-use crate::recognise::RecogniserName;
-use crate::validate::{Proportion, Protocol, ProtocolName, validate_named};
+use crate::validate::{Proportion, Protocol, ProtocolName};
 
 /// Candidates that a round sends on to the last trial.
 const SENT_ON: usize = 3;
 /// Candidates kept for the last trial.
 const POOL: usize = 12;
-/// How far the dots of an existing pattern are shaken to make a start of it, radians.
-const SHAKE_RAD: f64 = 0.05;
-/// From the second round on, all starts but each of this number are made from the best so far.
-const FRESH_EVERY: usize = 4;
-/// Most dots of a good pattern that are put elsewhere to make a start of it.
-const MOST_MOVED: usize = 4;
 
 /// How a design is searched.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -128,24 +117,6 @@ impl DesignConfig {
     /// Seed of the trials that are reported; never used before the winner is known.
     pub fn report_seed(&self) -> u64 {
         self.seed ^ 0x4e90_4700
-    }
-}
-
-/// The weighted sum that a descent lowers.
-struct DesignCost<'a>(&'a DesignConfig);
-
-impl Cost for DesignCost<'_> {
-    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        let mut at = self.0.objective.cost(dots)?;
-        let weight = self.0.bound_weight;
-        if weight > 0.0 {
-            let bound = OrientationBound::default().cost(dots);
-            at.value += weight * bound.value;
-            for (g, b) in at.gradient.iter_mut().zip(&bound.gradient) {
-                *g += weight * b;
-            }
-        }
-        Ok(at)
     }
 }
 
@@ -426,92 +397,4 @@ fn sort_by_rate(candidates: &mut [Candidate]) {
             .then(a.cost.total_cmp(&b.cost))
             .then(a.start.cmp(&b.start))
     });
-}
-
-/// A start: random; the given pattern shaken (start 0: as it is); or, once there are good ones, one of
-/// them with some dots put elsewhere.
-fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Result<Pattern> {
-    let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-    rng.set_stream(start as u64);
-    let separation = config.constraints.least_separation_rad;
-    let improve = config.from.is_none() && !pool.is_empty();
-    if improve && !start.is_multiple_of(FRESH_EVERY) {
-        let good = pool[rng.random_range(0..pool.len())].pattern()?;
-        let moved = rng.random_range(1..=MOST_MOVED.min(good.len()));
-        return move_dots(&good, moved, separation, &mut rng);
-    }
-    let Some(from) = &config.from else {
-        return random_pattern(config.dots, separation, &mut rng);
-    };
-    let shake = if start == 0 { 0.0 } else { SHAKE_RAD };
-    Pattern::new(
-        from.iter()
-            .map(|d| (Vec3::from(*d) + shake * random_direction(&mut rng)).normalize())
-            .collect(),
-    )
-}
-
-fn candidate(
-    config: &DesignConfig,
-    start: usize,
-    before: f64,
-    pattern: &Pattern,
-) -> Result<Candidate> {
-    Ok(Candidate {
-        start,
-        figure_before: before,
-        figure: config.objective.figure(pattern.dots())?.value,
-        cost: DesignCost(config).cost(pattern.dots())?.value,
-        missed: config.constraints.missed(pattern),
-        identity: None,
-        dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
-    })
-}
-
-fn scout(config: &DesignConfig, pool: &[Candidate], start: usize) -> Result<Candidate> {
-    let first = first_pattern(config, pool, start)?;
-    let before = config.objective.figure(first.dots())?.value;
-    let found = descend(
-        &first,
-        &DesignCost(config),
-        &config.constraints,
-        config.scout_steps,
-    )?;
-    candidate(config, start, before, &found)
-}
-
-fn climb(config: &DesignConfig, scouted: &Candidate) -> Result<Candidate> {
-    let pattern = scouted.pattern()?;
-    let found = descend(
-        &pattern,
-        &DesignCost(config),
-        &config.constraints,
-        config.climb_steps,
-    )?;
-    candidate(config, scouted.start, scouted.figure_before, &found)
-}
-
-/// Adds trials to a candidate's.
-fn attempt(
-    config: &DesignConfig,
-    candidate: &mut Candidate,
-    seed: u64,
-    samples: u64,
-) -> Result<()> {
-    let table = HashTable::build(
-        candidate.pattern()?,
-        PairRule::default(),
-        RecogniserParams::default(),
-    )?;
-    let robust = RecogniserName::Robust;
-    let found = validate_named(&table, robust, &config.protocol, seed, samples)?;
-    let new = found.validation.identity;
-    let (successes, trials) = candidate
-        .identity
-        .map_or((0, 0), |p| (p.successes, p.trials));
-    candidate.identity = Some(Proportion::new(
-        successes + new.successes,
-        trials + new.trials,
-    ));
-    Ok(())
 }
