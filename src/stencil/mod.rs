@@ -39,6 +39,8 @@ use solid::Solid;
 
 /// How far cleaning may move the surface, as fractions of the chord error: tried in this order.
 const CLEANING: [f64; 3] = [0.2, 0.05, 0.005];
+/// Chord errors that are tried, as shares of the one asked for.
+const FINENESS: [f64; 4] = [1.0, 0.9, 0.8, 0.7];
 
 /// In which half a dot's hole lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -219,25 +221,37 @@ fn marks(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> 
 fn half(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> Result<Half> {
     let name = if is_a { "half A" } else { "half B" };
     let own = |d: &Vec3| if is_a { *d } else { turn_over(d) };
-    let cuts = layout.cuts.iter().map(|c| c[usize::from(!is_a)]);
     let marks = marks(layout, is_a, config, joint);
-    let part = parts::Half {
-        config,
-        joint,
-        is_a,
-        holes: layout.dots.iter().map(own).zip(cuts).collect(),
-        marks: marks.tools,
-    };
     let up = Vec3::new(0.0, 0.0, joint.lip_mm);
-    let raw = part.solid()?.mesh().mapped(|v| v + up);
-    let through_holes = part.through_holes();
-    // Where cleaning makes the surface cut itself, clean less.
-    let mut outcome = Err(Error::Internal(format!("{name}: no cleaning was tried")));
-    for share in CLEANING {
-        let mesh = clean::cleaned(&raw, share * config.chord_error_mm).rounded();
-        outcome = checked(mesh, name, through_holes);
-        if outcome.is_ok() {
-            break;
+    let mut outcome = Err(Error::Internal(format!(
+        "{name}: no tessellation was tried"
+    )));
+    // Where surfaces that all but coincide make the mesh cut itself, other facets may not; and where
+    // cleaning does, less of it may not.
+    'tried: for fineness in FINENESS {
+        let tessellated = StencilConfig {
+            chord_error_mm: fineness * config.chord_error_mm,
+            ..config.clone()
+        };
+        let part = parts::Half {
+            config: &tessellated,
+            joint,
+            is_a,
+            holes: layout
+                .dots
+                .iter()
+                .map(own)
+                .zip(layout.cuts.iter().map(|c| c[usize::from(!is_a)]))
+                .collect(),
+            marks: marks.tools.clone(),
+        };
+        let raw = part.solid()?.mesh().mapped(|v| v + up);
+        for share in CLEANING {
+            let mesh = clean::cleaned(&raw, share * config.chord_error_mm).rounded();
+            outcome = checked(mesh, name, part.through_holes());
+            if outcome.is_ok() {
+                break 'tried;
+            }
         }
     }
     outcome.map(|half| Half {
