@@ -40,11 +40,7 @@ pub fn write_atomic(
         _ => Path::new("."),
     };
     let io = |e| Error::write(path, e);
-    let mut aside = tempfile::Builder::new()
-        .prefix(".spindoe-")
-        .permissions(permissions())
-        .tempfile_in(dir)
-        .map_err(io)?;
+    let mut aside = builder().prefix(".spindoe-").tempfile_in(dir).map_err(io)?;
     fill(aside.as_file_mut()).map_err(io)?;
     aside.as_file_mut().flush().map_err(io)?;
     aside.persist(path).map_err(|e| io(e.error))?;
@@ -53,9 +49,30 @@ pub fn write_atomic(
 
 /// The permissions of an ordinary new file (temporary files are private by default); the user's
 /// umask still applies.
-fn permissions() -> fs::Permissions {
+#[cfg(unix)]
+fn builder() -> tempfile::Builder<'static, 'static> {
     use std::os::unix::fs::PermissionsExt;
-    fs::Permissions::from_mode(0o666)
+    let mut builder = tempfile::Builder::new();
+    builder.permissions(fs::Permissions::from_mode(0o666));
+    builder
+}
+
+#[cfg(not(unix))]
+fn builder() -> tempfile::Builder<'static, 'static> {
+    tempfile::Builder::new()
+}
+
+/// The line, counted from 1, on which a CSV record begins; `fallback` where its position is unknown. The
+/// reader's own count is one short after a line that ends in `\r\n`.
+pub(crate) fn line_of(bytes: &[u8], position: Option<&csv::Position>, fallback: u64) -> u64 {
+    let Some(position) = position else {
+        return fallback;
+    };
+    let mut at = (position.byte() as usize).min(bytes.len());
+    while matches!(bytes.get(at), Some(b'\r' | b'\n')) {
+        at += 1;
+    }
+    1 + bytes[..at].iter().filter(|&&b| b == b'\n').count() as u64
 }
 
 /// Writes bytes to `path`, whole or not at all.

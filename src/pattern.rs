@@ -1,6 +1,6 @@
 //! A dot pattern: between 4 and 64 distinct unit vectors, and what can be said of it at a glance.
 //!
-//! On disk a pattern is a CSV file, one dot a row, `x,y,z`; a header line is accepted. The row order is
+//! On disk a pattern is a CSV file, one dot a row, `x,y,z`; a header line `x,y,z` is accepted. The row order is
 //! the dots' numbering. Lengths off 1 by more than [`LENGTH_TOLERANCE`] are refused, smaller deviations
 //! are normalized away.
 
@@ -124,12 +124,17 @@ impl Pattern {
         for (row, record) in reader.records().enumerate() {
             let record = record
                 .map_err(|e| Error::input(path, format!("row {}", row + 1), e.to_string()))?;
-            let line = record
-                .position()
-                .map_or(row as u64 + 1, csv::Position::line);
+            let line = files::line_of(&bytes, record.position(), row as u64 + 1);
             let numbers: Vec<_> = record.iter().map(str::parse::<f64>).collect();
-            let is_header = row == 0 && numbers.len() == 3 && numbers.iter().all(|n| n.is_err());
-            if is_header {
+            let is_header = |names: [&str; 3]| {
+                record.len() == 3
+                    && record.iter().zip(names).all(|(field, name)| {
+                        field
+                            .trim_start_matches('\u{feff}')
+                            .eq_ignore_ascii_case(name)
+                    })
+            };
+            if row == 0 && is_header(["x", "y", "z"]) {
                 continue;
             }
             match numbers.as_slice() {

@@ -188,7 +188,7 @@ fn numpy_reads_what_is_written() {
         .args(["-c", "import numpy"])
         .output();
     if !probe.is_ok_and(|p| p.status.success()) {
-        eprintln!("SKIPPED: python3 with numpy is not installed");
+        common::skipped("python3 with numpy is not installed");
         return;
     }
     let table = table();

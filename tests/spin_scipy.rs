@@ -1,6 +1,8 @@
 //! The spin of a simulated file against SciPy's rotations and least squares.
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
 use std::path::Path;
 use std::process::Command;
 
@@ -10,7 +12,7 @@ fn scipy_finds_the_same_spin_in_the_same_file() {
         .args(["-c", "import scipy.optimize, scipy.spatial.transform"])
         .output();
     if !probe.is_ok_and(|p| p.status.success()) {
-        eprintln!("SKIPPED: python3 with SciPy is not installed");
+        common::skipped("python3 with SciPy is not installed");
         return;
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/check_spin.py");

@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         &recognisers,
         arguments.seed,
         arguments.samples,
-        &mut |what| eprintln!("{what}"),
+        &mut |what| errln!("{what}"),
     )?;
     if let Some(dir) = &arguments.output {
         let mut json = serde_json::to_vec_pretty(&found)
@@ -95,33 +95,34 @@ fn name(path: &std::path::Path) -> String {
 }
 
 fn print_words(found: &Comparison) {
-    println!("{} trials a protocol, seed {}.", found.samples, found.seed);
+    outln!("{} trials a protocol, seed {}.", found.samples, found.seed);
     for p in &found.patterns {
         let deg = f64::to_degrees;
-        println!(
+        outln!(
             "\n{} ({} dots, {})",
             p.name,
             p.summary.dots,
             &p.sha256[..12]
         );
-        println!(
+        outln!(
             "  separation {:.1} deg at least, {:.1} deg mean; {} dots in view from anywhere",
             deg(p.summary.least_separation_rad),
             deg(p.summary.mean_nearest_separation_rad),
             p.summary.least_visible
         );
-        println!(
+        outln!(
             "  three nearest neighbours: mean {:.1} deg, std {:.3} and least {:.3} of it (US 2023/0218952)",
             deg(p.neighbours.mean_rad),
             p.neighbours.relative_std,
             p.neighbours.relative_min
         );
-        println!(
+        outln!(
             "  orientation bound: mean {:.3}, worst {:.3} of a dot's noise",
-            p.orientation_bound.mean, p.orientation_bound.worst
+            p.orientation_bound.mean,
+            p.orientation_bound.worst
         );
         for o in &p.objectives {
-            println!("  {}: {:.4}", o.name, o.value);
+            outln!("  {}: {:.4}", o.name, o.value);
         }
     }
     let width = found
@@ -130,10 +131,10 @@ fn print_words(found: &Comparison) {
         .map(|p| p.name.len())
         .max()
         .unwrap_or(0);
-    println!();
+    outln!();
     for c in &found.contests {
         let v = &c.validation;
-        println!(
+        outln!(
             "{:<7} {:<6} {:<width$} identity {} ({}), orientation {} ({}), error {:.3} deg",
             v.protocol.as_str(),
             c.recognizer.as_str(),

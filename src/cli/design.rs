@@ -62,9 +62,9 @@ pub struct Arguments {
     /// Continue the search that was left in --out.
     #[arg(long, requires = "out")]
     resume: bool,
-    /// What a descent works on.
-    #[arg(long, value_enum, default_value_t = ObjectiveName::default())]
-    objective: ObjectiveName,
+    /// What a descent works on; by default confusion, for more than 24 dots whitened-nn.
+    #[arg(long, value_enum)]
+    objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
     bound_weight: f64,
@@ -156,7 +156,10 @@ impl Arguments {
                 keep_out: self.keep_out.clone(),
                 ..Constraints::default()
             },
-            objective: Objective::for_protocol(self.objective, &protocol),
+            objective: Objective::for_protocol(
+                self.objective.unwrap_or(ObjectiveName::for_dots(dots)),
+                &protocol,
+            ),
             bound_weight: self.bound_weight,
             from: from.map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
             ..DesignConfig::default()
@@ -222,7 +225,7 @@ impl Arguments {
         add("seed", config.seed.to_string());
         add("starts", config.starts.to_string());
         add("rounds", config.rounds.to_string());
-        add("objective", self.objective.to_string());
+        add("objective", config.objective.name().to_string());
         add("bound-weight", config.bound_weight.to_string());
         add("samples", config.samples.to_string());
         add("protocol", self.protocol.to_string());
@@ -276,6 +279,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut state = if arguments.resume {
         State::load(&dir.join(CHECKPOINT), &config)?
     } else {
+        refuse_taken(&dir)?;
         State::default()
     };
     files::create_writable_dir(&dir)?;
@@ -306,7 +310,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return print_json(&proven.report);
     }
     print_words(&proven, &outcome, clock.elapsed().as_secs_f64());
-    println!("{}", dir.display());
+    outln!("{}", dir.display());
     Ok(())
 }
 
@@ -317,6 +321,20 @@ fn free_folder() -> PathBuf {
         .chain(numbered)
         .find(|p| !p.exists())
         .unwrap_or_else(|| PathBuf::from(FOLDER))
+}
+
+/// Refuses a folder that holds a design already: two designs must not mix in one.
+fn refuse_taken(dir: &Path) -> Result<()> {
+    for name in ["pattern.csv", "report.json", CHECKPOINT] {
+        if dir.join(name).exists() {
+            let problem = format!(
+                "{} holds a design already ({name}); choose another folder, or --resume it",
+                dir.display()
+            );
+            return Err(Error::argument("out", problem));
+        }
+    }
+    Ok(())
 }
 
 /// A flag that the first Ctrl-C sets; the second leaves at once.
@@ -377,7 +395,7 @@ impl<'a> Progress<'a> {
 
     fn say(&self, what: &str) {
         if self.bar.is_hidden() {
-            eprintln!("{what}");
+            errln!("{what}");
         } else {
             self.bar.set_message(what.to_owned());
         }
@@ -430,7 +448,7 @@ impl DesignObserver for Progress<'_> {
         if !self.bar.is_hidden() {
             self.bar.set_message(what);
         } else if self.said.elapsed().as_secs_f64() > SILENCE_S {
-            eprintln!("{what}");
+            errln!("{what}");
             self.said = Instant::now();
         }
         Ok(())
@@ -449,20 +467,24 @@ impl DesignObserver for Progress<'_> {
 fn print_words(proven: &ProvenDesign, outcome: &DesignOutcome, seconds: f64) {
     let report = &proven.report;
     let summary = &report.pattern.summary;
-    println!(
+    outln!(
         "{} dots, least separation {:.1} deg, {} to be seen from anywhere; best of {} starts; {seconds:.1} s",
         summary.dots,
         summary.least_separation_rad.to_degrees(),
         summary.least_visible,
         outcome.starts,
     );
-    println!(
+    outln!(
         "{:<9} {:<8} {:>29} {:>29} {:>11}",
-        "protocol", "recog.", "identity [95 %]", "orientation [95 %]", "mean error"
+        "protocol",
+        "recog.",
+        "identity [95 %]",
+        "orientation [95 %]",
+        "mean error"
     );
     for v in &report.validation {
         let found = &v.validation;
-        println!(
+        outln!(
             "{:<9} {:<8} {:>29} {:>29} {:>7.3} deg",
             found.protocol,
             v.recognizer,
@@ -472,9 +494,10 @@ fn print_words(proven: &ProvenDesign, outcome: &DesignOutcome, seconds: f64) {
         );
     }
     if let Some(first) = report.validation.first() {
-        println!(
+        outln!(
             "{} trials each, on seed {}, which the search never saw.",
-            first.validation.samples, report.seeds.report
+            first.validation.samples,
+            report.seeds.report
         );
     }
 }

@@ -202,7 +202,7 @@ fn to_json(arguments: &Arguments, answers: &[Answer]) -> serde_json::Value {
 fn say(path: &Path, answers: &[Answer]) {
     let identified = answers.iter().filter(|a| a.identification().is_some());
     let path = path.display();
-    eprintln!(
+    errln!(
         "{path}: {} of {} frames identified",
         identified.count(),
         answers.len()
@@ -210,7 +210,7 @@ fn say(path: &Path, answers: &[Answer]) {
     let mirrored = Outcome::Unidentified(Refusal::Mirrored);
     let mirrored = answers.iter().filter(|a| a.outcome == mirrored).count();
     if mirrored > 0 {
-        eprintln!(
+        errln!(
             "{path}: {mirrored} frames show the pattern's mirror image: is an axis of the image flipped (y points up, x right)?"
         );
     }

@@ -2,6 +2,25 @@
 //!
 //! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
 
+/// Prints a line on standard output. Whoever reads may stop early (`| head`): then the command ends
+/// quietly; any other failure ends it with one line and exit code 1.
+macro_rules! outln {
+    () => {
+        $crate::cli::print_line(format_args!(""))
+    };
+    ($($words:tt)+) => {
+        $crate::cli::print_line(format_args!($($words)+))
+    };
+}
+
+/// Prints a line on standard error, and does without where nobody listens.
+macro_rules! errln {
+    ($($words:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr(), $($words)*);
+    }};
+}
+
 mod compare;
 mod design;
 mod identify;
@@ -77,7 +96,7 @@ pub fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("spindoe: {error}");
+            errln!("spindoe: {error}");
             ExitCode::from(if error.is_usage() { 2 } else { 1 })
         }
     }
@@ -94,7 +113,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
     let first = text.split("\n\n").next().unwrap_or_default();
     let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
     let line = line.strip_prefix("error: ").unwrap_or(&line);
-    eprintln!("spindoe: {line} (see --help)");
+    errln!("spindoe: {line} (see --help)");
     ExitCode::from(2)
 }
 
@@ -107,6 +126,18 @@ fn read_table(path: &Path) -> Result<HashTable> {
     } else {
         let pattern = Pattern::read_csv(path)?;
         HashTable::build(pattern, PairRule::default(), RecogniserParams::default())
+    }
+}
+
+/// See `outln`.
+fn print_line(words: std::fmt::Arguments<'_>) {
+    let mut out = std::io::stdout().lock();
+    if let Err(error) = writeln!(out, "{words}") {
+        if error.kind() == std::io::ErrorKind::BrokenPipe {
+            std::process::exit(0);
+        }
+        errln!("spindoe: standard output: cannot be written: {error}");
+        std::process::exit(1);
     }
 }
 

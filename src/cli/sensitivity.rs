@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let protocol = Protocol::standard(arguments.protocol);
     let points = sensitivity(&table, &protocol, &config, &mut |p| {
         let v = &p.result.validation;
-        eprintln!(
+        errln!(
             "{} {:>6}  {:<6}  identity {}  orientation {}",
             p.parameter.as_str(),
             p.value,
@@ -73,6 +73,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return print_json(&points);
     }
-    println!("{}", dir.display());
+    outln!("{}", dir.display());
     Ok(())
 }

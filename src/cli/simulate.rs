@@ -118,7 +118,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "seed": arguments.seed,
         }));
     }
-    println!(
+    outln!(
         "{}: {orientations} orientations, {outliers} of them outliers; spin [{:.4}, {:.4}, {:.4}] \
          rad/s at 0 s (seed {})",
         arguments.out.display(),

@@ -162,7 +162,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
     if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
-        eprintln!(
+        errln!(
             "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {} deg: is it one?",
             if arguments.decay {
                 "decaying"
@@ -277,13 +277,14 @@ impl Decay {
 
     fn print(&self) {
         let (low, high) = self.fit.interval_per_s;
-        println!(
+        outln!(
             "  decay     c = {:.4} /s, 95 % interval [{low:.4}, {high:.4}]",
             self.fit.decay_per_s
         );
-        println!(
+        outln!(
             "  theory    12 pi mu r / m = {:.5} /s (creeping flow); {:.4} /s with a boundary layer",
-            self.creeping, self.boundary_layer
+            self.creeping,
+            self.boundary_layer
         );
     }
 }
@@ -355,21 +356,23 @@ impl Found {
             format!(" +- {:.3}", s / std::f64::consts::TAU)
         });
         let [x, y, z] = [spin.x, spin.y, spin.z];
-        println!(
+        outln!(
             "{:.3}{along} rps about {}",
             self.fit.motion.rps(),
             axis_words(spin)
         );
-        println!("  spin      [{x:.3}, {y:.3}, {z:.3}] rad/s, camera frame");
+        outln!("  spin      [{x:.3}, {y:.3}, {z:.3}] rad/s, camera frame");
         if let Some(s) = self.std_rad_s() {
-            println!("  std       [{:.3}, {:.3}, {:.3}] rad/s", s.x, s.y, s.z);
+            outln!("  std       [{:.3}, {:.3}, {:.3}] rad/s", s.x, s.y, s.z);
         }
-        println!(
+        outln!(
             "  {} frames, {} with an orientation, {} of them agree",
-            self.frames, self.orientations, self.fit.inliers
+            self.frames,
+            self.orientations,
+            self.fit.inliers
         );
         if let Some(sigma) = self.fit.sigma_rad {
-            println!("  noise     {:.2} deg per axis", sigma.to_degrees());
+            outln!("  noise     {:.2} deg per axis", sigma.to_degrees());
         }
         if let Some(decay) = &self.decay {
             decay.print();
@@ -379,7 +382,7 @@ impl Found {
                 r if r.abs() < 5e-3 => "as likely".to_owned(),
                 r => format!("log-likelihood ratio {r:+.2}"),
             };
-            println!(
+            outln!(
                 "  also possible: {:.3} rps about {} ({likelihood})",
                 a.spin.norm() / std::f64::consts::TAU,
                 axis_words(&a.spin),
@@ -387,7 +390,7 @@ impl Found {
         }
         let more = self.alternatives.len().saturating_sub(MOST_PRINTED);
         if more > 0 {
-            println!("  and {more} more");
+            outln!("  and {more} more");
         }
     }
 }

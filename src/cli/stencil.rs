@@ -119,13 +119,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
     plot::stencil_views(&dir.join("stencil.png"), &stencil, &title)?;
     print_words(&stencil);
-    println!("written to {}", dir.display());
+    outln!("written to {}", dir.display());
     Ok(())
 }
 
 fn print_words(stencil: &Stencil) {
     let count = |side| stencil.sides().iter().filter(|s| **s == side).count();
-    println!(
+    outln!(
         "{} holes in half A, {} in half B, {} through both rims; nearest dot {:.1} deg from the seam",
         count(HoleSide::A),
         count(HoleSide::B),
@@ -133,12 +133,13 @@ fn print_words(stencil: &Stencil) {
         stencil.seam().margin_rad.to_degrees()
     );
     for (half, name) in stencil.halves().iter().zip(["A", "B"]) {
-        println!(
+        outln!(
             "half {name}: {} triangles, {:.0} mm^3",
-            half.check.triangles, half.check.volume_mm3
+            half.check.triangles,
+            half.check.volume_mm3
         );
         if !half.unnumbered.is_empty() {
-            println!("  no room for the numbers of dots {:?}", half.unnumbered);
+            outln!("  no room for the numbers of dots {:?}", half.unnumbered);
         }
     }
 }

@@ -39,7 +39,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let table = HashTable::build(pattern, rule, RecogniserParams::default())?;
     table.write_npz(&arguments.output)?;
-    eprintln!(
+    errln!(
         "{}: {} features of {} dots",
         arguments.output.display(),
         table.features().len(),

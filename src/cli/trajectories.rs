@@ -59,21 +59,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return super::print_json(&json!({ "summary": summary, "oddities": oddities }));
     }
     let [fewest, middle, most] = summary.points_each;
-    println!(
+    outln!(
         "{} flights, {} points ({fewest} to {most} each, median {middle})",
-        summary.trajectories, summary.points
+        summary.trajectories,
+        summary.points
     );
     let [shortest, middle, longest] = summary.duration_s;
-    println!(
+    outln!(
         "  duration  {shortest:.3} to {longest:.3} s, median {middle:.3}; a point every {:.4} s",
         summary.interval_s
     );
     let [least, middle, largest] = summary.rps;
-    println!("  spin      {least:.1} to {largest:.1} rps, median {middle:.1}");
-    println!("  speed     median {:.1} m/s", summary.speed_m_s);
-    println!("{} oddities", oddities.len());
+    outln!("  spin      {least:.1} to {largest:.1} rps, median {middle:.1}");
+    outln!("  speed     median {:.1} m/s", summary.speed_m_s);
+    outln!("{} oddities", oddities.len());
     for oddity in oddities {
-        println!("  {oddity}");
+        outln!("  {oddity}");
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{print_json, read_table};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::files;
 use crate::recognise::{RecogniserName, observed};
 use crate::validate::{NamedValidation, Protocol, ProtocolName, observed_frames, validate_named};
@@ -63,6 +63,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let frames = observed_frames(table.pattern(), &protocol, seed, samples);
         files::write_bytes(path, observed::to_csv(&frames).as_bytes())?;
     }
+    if found.validation.identity.trials == 0 {
+        let problem = format!(
+            "expected views that show enough dots, but all {samples} have fewer than the protocol needs"
+        );
+        return Err(Error::argument("pattern", problem));
+    }
     if arguments.json {
         return print_json(&found);
     }
@@ -72,21 +78,28 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 fn print_words(found: &NamedValidation) {
     let v = &found.validation;
-    println!(
+    outln!(
         "protocol {}, recogniser {}, noise {:.3} deg, {} trials of seed {}; {} skipped for too few dots",
-        v.protocol, found.recognizer, v.sigma_deg, v.samples, v.seed, v.skipped
+        v.protocol,
+        found.recognizer,
+        v.sigma_deg,
+        v.samples,
+        v.seed,
+        v.skipped
     );
-    println!("  identity     {} of {}", v.identity, v.identity.trials);
-    println!(
+    outln!("  identity     {} of {}", v.identity, v.identity.trials);
+    outln!(
         "  orientation  {} of {}",
-        v.orientation, v.orientation.trials
+        v.orientation,
+        v.orientation.trials
     );
-    println!(
+    outln!(
         "  error of the orientation successes: mean {:.3} deg, median {:.3} deg",
-        v.mean_error_deg, v.median_error_deg
+        v.mean_error_deg,
+        v.median_error_deg
     );
     if let (Some(mean), Some(median)) = (v.us_per_identification, v.median_us_per_identification) {
-        println!("  {mean:.1} us an identification (median {median:.1})");
+        outln!("  {mean:.1} us an identification (median {median:.1})");
     }
-    println!("Brackets are 95 % intervals (Wilson).");
+    outln!("Brackets are 95 % intervals (Wilson).");
 }

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::checkpoint::State;
 use super::constraints::Constraints;
-use super::objective::Objective;
+use super::objective::{Objective, confusion};
 use super::work::{attempt, climb, scout};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
@@ -103,6 +103,14 @@ impl DesignConfig {
         if !(self.bound_weight >= 0.0 && self.bound_weight.is_finite()) {
             let problem = format!("expected a number not below 0, found {}", self.bound_weight);
             return Err(Error::argument("bound weight", problem));
+        }
+        if !self.objective.name().suits(self.dots) {
+            let problem = format!(
+                "confusion is worked out for at most {} dots, found {}; choose another",
+                confusion::MOST_DOTS,
+                self.dots
+            );
+            return Err(Error::argument("objective", problem));
         }
         self.protocol.check()?;
         self.constraints.check_demand(self.dots)

@@ -92,10 +92,10 @@ pub fn read_csv(path: &Path, sigma_rad: f64) -> Result<Vec<ObservedFrame>> {
     for (i, record) in reader.records().enumerate() {
         let at = |line: u64, problem| Error::input(path, format!("line {line}"), problem);
         let record = record.map_err(|e| {
-            let line = e.position().map_or(i as u64 + 2, csv::Position::line);
+            let line = files::line_of(&bytes, e.position(), i as u64 + 2);
             at(line, uneven(&e))
         })?;
-        let line = record.position().map_or(i as u64 + 2, csv::Position::line);
+        let line = files::line_of(&bytes, record.position(), i as u64 + 2);
         let row = Row { record, columns };
         let name = row.text(0).unwrap_or_default();
         let time_s = row.number(4).map_err(|p| at(line, p))?;

@@ -48,7 +48,7 @@ pub struct Figures {
     pub summary: PatternSummary,
     /// Spread of the neighbours' distances.
     pub neighbours: NeighbourSpread,
-    /// Each objective's figure, on the `sparse` protocol's views.
+    /// Each objective's figure, on the `sparse` protocol's views, where it can be worked out.
     pub objectives: Vec<ObjectiveFigure>,
     /// Mean distance from each feature of the table to the nearest other one, without unit.
     pub mean_feature_distance: f64,
@@ -166,6 +166,7 @@ fn figures(contestant: &Contestant) -> Result<Figures> {
     let sparse = Protocol::standard(ProtocolName::Sparse);
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
         .into_iter()
+        .filter(|name| name.suits(pattern.len()))
         .map(|name| {
             let value = Objective::for_protocol(name, &sparse)
                 .figure(pattern.dots())?

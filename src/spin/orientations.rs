@@ -112,10 +112,10 @@ impl Orientations {
         for (i, record) in reader.records().enumerate() {
             let at = |line: u64, problem| Error::input(path, format!("line {line}"), problem);
             let record = record.map_err(|e| {
-                let line = e.position().map_or(i as u64 + 2, csv::Position::line);
+                let line = files::line_of(&bytes, e.position(), i as u64 + 2);
                 at(line, uneven(&e))
             })?;
-            let line = record.position().map_or(i as u64 + 2, csv::Position::line);
+            let line = files::line_of(&bytes, record.position(), i as u64 + 2);
             let row = parse(&record, &columns).map_err(|problem| at(line, problem))?;
             if let Some(before) = rows.last().filter(|r| r.time_s >= row.time_s) {
                 let problem = format!(

@@ -7,6 +7,13 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::pattern::Pattern;
 
+/// Says that a test is skipped, past the harness, which keeps what passing tests print to itself.
+#[allow(dead_code)]
+pub fn skipped(why: &str) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "SKIPPED: {why}");
+}
+
 /// The published pattern, or `None` (said loudly) where this checkout has no shared data beside it.
 #[allow(dead_code)]
 pub fn published_pattern() -> Option<Pattern> {
@@ -18,9 +25,7 @@ pub fn published_pattern() -> Option<Pattern> {
         .map(|d| d.join(place))
         .find(|p| p.exists());
     if found.is_none() {
-        eprintln!(
-            "SKIPPED: the published pattern ({place}) lies in no folder above the repository"
-        );
+        skipped("the published pattern lies in no folder above the repository");
     }
     found.map(|path| Pattern::read_csv(&path).expect("the published pattern reads"))
 }
@@ -36,7 +41,7 @@ pub fn published_trajectories() -> Option<PathBuf> {
         .map(|d| d.join(place))
         .find(|p| p.exists());
     if found.is_none() {
-        eprintln!("SKIPPED: the published flights ({place}) lie in no folder above the repository");
+        skipped("the published flights lie in no folder above the repository");
     }
     found
 }

@@ -44,6 +44,9 @@ const VIEWS: usize = 400;
 /// Quadruples less likely in view than this are skipped.
 const LEAST_PRODUCT: f64 = 1e-6;
 
+/// Most dots for which the quadruples are looked at: their number grows with the eighth power.
+pub const MOST_DOTS: usize = 24;
+
 /// What the objective assumes of a view.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Confusion {

@@ -77,6 +77,21 @@ pub enum ObjectiveName {
 impl ObjectiveName {
     /// All objectives, the paper's first.
     pub const ALL: [Self; 3] = [Self::MeanNn, Self::WhitenedNn, Self::Confusion];
+
+    /// The objective by default for so many dots: `confusion` as far as it can be worked out,
+    /// `whitened-nn` beyond.
+    pub fn for_dots(dots: usize) -> Self {
+        if dots <= confusion::MOST_DOTS {
+            Self::Confusion
+        } else {
+            Self::WhitenedNn
+        }
+    }
+
+    /// Whether it can be worked out for so many dots.
+    pub fn suits(self, dots: usize) -> bool {
+        self != Self::Confusion || dots <= confusion::MOST_DOTS
+    }
 }
 
 impl std::fmt::Display for ObjectiveName {

@@ -254,7 +254,7 @@ fn read_rows(path: &Path, delimiter: u8) -> Result<Vec<(u64, Vec<String>)>> {
     for (i, record) in reader.records().enumerate() {
         let record =
             record.map_err(|e| Error::input(path, format!("row {}", i + 1), e.to_string()))?;
-        let line = record.position().map_or(i as u64 + 1, csv::Position::line);
+        let line = files::line_of(&bytes, record.position(), i as u64 + 1);
         rows.push((line, record.iter().map(str::to_owned).collect()));
     }
     Ok(rows)
