@@ -132,6 +132,115 @@ fn bad_patterns_are_refused_with_file_and_line() {
 }
 
 #[test]
+fn headers_must_say_x_y_z_and_windows_line_ends_keep_the_count() {
+    let shop = workshop();
+    let dir = shop.path();
+    let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
+    fs::write(dir.join("swapped.csv"), good.replacen("x,y,z", "y,x,z", 1)).unwrap();
+    refused(
+        dir,
+        &["validate", "swapped.csv"],
+        "swapped.csv: line 1: expected three numbers",
+    );
+    let windows = good.replace('\n', "\r\n");
+    fs::write(dir.join("windows.csv"), &windows).unwrap();
+    done(dir, &["table", "windows.csv", "-o", "w.npz"]);
+    let mut lines: Vec<_> = windows.split("\r\n").collect();
+    lines[4] = "0,0,oops";
+    fs::write(dir.join("windows.csv"), lines.join("\r\n")).unwrap();
+    refused(
+        dir,
+        &["validate", "windows.csv"],
+        "windows.csv: line 5: expected three numbers",
+    );
+}
+
+#[test]
+fn a_folder_that_holds_a_design_is_not_written_over() {
+    let shop = workshop();
+    refused(
+        shop.path(),
+        &["design", "--out", "."],
+        "holds a design already (pattern.csv)",
+    );
+}
+
+#[test]
+fn many_dots_get_an_objective_that_suits_them() {
+    let shop = workshop();
+    let dir = shop.path();
+    let confusion = ["design", "--dots", "25", "--objective", "confusion"];
+    refused(
+        dir,
+        &confusion,
+        "confusion is worked out for at most 24 dots, found 25",
+    );
+    let pattern = common::random_pattern(64, 5);
+    pattern.write_csv(&dir.join("many.csv")).unwrap();
+    let words = done(
+        dir,
+        &["compare", "pattern.csv", "many.csv", "--samples", "20"],
+    );
+    assert!(words.contains("many (64 dots"), "{words}");
+}
+
+#[test]
+fn a_reader_that_stops_early_ends_the_command_quietly() {
+    let shop = workshop();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args(["compare", "pattern.csv", "table.npz", "--samples", "2000"])
+        .current_dir(shop.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{words}");
+    assert!(!words.contains("panicked"), "{words}");
+}
+
+#[test]
+fn a_symmetric_pattern_has_tied_poses() {
+    let dir = tempfile::tempdir().unwrap();
+    let s = 1.0 / 3f64.sqrt();
+    let cube: String = (0..8)
+        .map(|k| {
+            let c = |bit: usize| if k >> bit & 1 == 0 { s } else { -s };
+            format!("{},{},{}\n", c(0), c(1), c(2))
+        })
+        .collect();
+    fs::write(dir.path().join("cube.csv"), cube).unwrap();
+    // A face of the cube, seen square on.
+    let dots = [[s, s], [s, -s], [-s, s], [-s, -s]].map(|[x, y]| format!("a,{x},{y},{s}\n"));
+    fs::write(
+        dir.path().join("dots.csv"),
+        format!("frame,x,y,z\n{}", dots.concat()),
+    )
+    .unwrap();
+    let json = done(
+        dir.path(),
+        &["identify", "--table", "cube.csv", "dots.csv", "--json"],
+    );
+    let found: Value = serde_json::from_str(&json).unwrap();
+    let frame = &found["frames"][0];
+    // The cube turns into itself in 24 ways.
+    assert!(frame["pose_confidence"].as_f64().unwrap() < 0.06, "{frame}");
+    assert!(frame["rivals"].as_array().unwrap().len() >= 23, "{frame}");
+    let arguments = [
+        "identify",
+        "--table",
+        "cube.csv",
+        "dots.csv",
+        "--min-confidence",
+        "0.5",
+    ];
+    let csv = done(dir.path(), &arguments);
+    assert!(csv.lines().nth(1).unwrap().starts_with("a,,,,,"), "{csv}");
+}
+
+#[test]
 fn bad_tables_are_refused_with_file_and_array() {
     let shop = workshop();
     let dir = shop.path();

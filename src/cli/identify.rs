@@ -8,6 +8,7 @@ use serde_json::json;
 
 use super::print_json;
 use crate::error::{Error, Result};
+use crate::geometry::Rotation;
 use crate::hash::HashTable;
 use crate::recognise::observed::{self, ObservedFrame};
 use crate::recognise::robust::{RobustConfig, RobustRecogniser};
@@ -25,6 +26,11 @@ deviation along one tangent axis; or its covariance var_radial_deg2,cov_deg2,var
 outward in the image, second across it, counter-clockwise.
 
 Without time_s, a frame named by a whole number is that many nanoseconds; any other has no time.
+
+The robust recogniser's confidence is the probability that every dot has its right name, given that misses,
+false dots and noise are about as expected (--expect, --false-dots, --miss-probability, --sigma-deg). That of
+the paper's recogniser is a share of votes and no probability. --json lists the rival poses of each frame:
+a pattern that looks like itself when turned has several of about the same confidence.
 
 Example:
   spindoe identify --table table.npz dots.csv -o orientations.csv")]
@@ -54,7 +60,15 @@ pub struct Arguments {
     /// Probability that a dot in plain view is missed.
     #[arg(long, value_name = "P", allow_negative_numbers = true)]
     miss_probability: Option<f64>,
-    /// Print one JSON object instead, with every dot's identity.
+    /// Leave out answers with a lower confidence than this, 0 to 1.
+    #[arg(
+        long,
+        value_name = "P",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    min_confidence: f64,
+    /// Print one JSON object instead, with every dot's identity and the rival poses.
     #[arg(long)]
     json: bool,
 }
@@ -63,18 +77,37 @@ pub struct Arguments {
 struct Answer {
     frame: ObservedFrame,
     outcome: Outcome,
+    /// Other poses that explain the dots, likeliest first.
+    rivals: Vec<Identification>,
 }
+
+/// Rivals whose pose is less likely than this are not told.
+const LEAST_RIVAL: f64 = 0.001;
+/// Most rivals that are told.
+const MOST_RIVALS: usize = 60;
+/// A rival with this part of the best one's probability makes a tie.
+const TIE: f64 = 0.5;
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let table = super::read_table(&arguments.table)?;
     let frames = observed::read_csv(&arguments.dots, arguments.sigma_rad(&table)?)?;
-    let answers = match arguments.recognizer {
-        RecogniserName::Paper => identify(&PaperRecogniser::from_table(&table)?, frames),
+    if !(0.0..=1.0).contains(&arguments.min_confidence) {
+        let problem = format!("expected 0 to 1, found {}", arguments.min_confidence);
+        return Err(Error::argument("--min-confidence", problem));
+    }
+    let mut answers = match arguments.recognizer {
+        RecogniserName::Paper => identify_paper(&PaperRecogniser::from_table(&table)?, frames),
         RecogniserName::Robust => {
             let config = arguments.config(&table)?;
-            identify(&RobustRecogniser::new(table.pattern(), config)?, frames)
+            identify_robust(&RobustRecogniser::new(table.pattern(), config)?, frames)
         }
     };
+    for answer in &mut answers {
+        let confidence = answer.identification().map(|found| found.confidence);
+        if confidence.is_some_and(|c| c < arguments.min_confidence) {
+            answer.outcome = Outcome::Unidentified(Refusal::NoHypothesis);
+        }
+    }
     let text = orientations_csv(&answers);
     if let Some(path) = &arguments.output {
         crate::files::write_bytes(path, text.as_bytes())?;
@@ -129,15 +162,50 @@ impl Arguments {
     }
 }
 
-fn identify<R: Recogniser>(recogniser: &R, frames: Vec<ObservedFrame>) -> Vec<Answer> {
+fn identify_paper(recogniser: &PaperRecogniser<'_>, frames: Vec<ObservedFrame>) -> Vec<Answer> {
     let mut workspace = recogniser.workspace();
     frames
         .into_iter()
         .map(|frame| Answer {
             outcome: recogniser.identify(&frame.dots, &mut workspace),
+            rivals: Vec::new(),
             frame,
         })
         .collect()
+}
+
+fn identify_robust(recogniser: &RobustRecogniser, frames: Vec<ObservedFrame>) -> Vec<Answer> {
+    let mut workspace = recogniser.workspace();
+    frames
+        .into_iter()
+        .map(|frame| {
+            let outcome = recogniser.identify(&frame.dots, &mut workspace);
+            let mut rivals = Vec::new();
+            if matches!(outcome, Outcome::Identified(_)) {
+                let mut rival = Identification::default();
+                for rank in 1..=MOST_RIVALS {
+                    if !recogniser.explanation(rank, &workspace, &mut rival)
+                        || rival.pose_confidence < LEAST_RIVAL
+                    {
+                        break;
+                    }
+                    rivals.push(rival.clone());
+                }
+            }
+            Answer {
+                outcome,
+                rivals,
+                frame,
+            }
+        })
+        .collect()
+}
+
+/// A rotation's quaternion, scalar first and not negative.
+fn wxyz(rotation: &Rotation) -> [f64; 4] {
+    let q = rotation.into_inner();
+    let q = if q.w < 0.0 { -q } else { q };
+    [q.w, q.i, q.j, q.k]
 }
 
 impl Answer {
@@ -146,6 +214,13 @@ impl Answer {
             Outcome::Identified(found) => Some(found),
             Outcome::Unidentified(_) => None,
         }
+    }
+
+    /// Whether another pose is about as likely as the answer's.
+    fn is_tied(&self) -> bool {
+        let best = self.identification().map(|found| found.pose_confidence);
+        let rival = self.rivals.first().map(|r| r.pose_confidence);
+        matches!((best, rival), (Some(b), Some(r)) if r >= TIE * b)
     }
 
     fn row(&self) -> OrientationRow {
@@ -169,14 +244,19 @@ impl Answer {
         });
         match &self.outcome {
             Outcome::Identified(found) => {
-                let q = found.rotation.into_inner();
-                let q = if q.w < 0.0 { -q } else { q };
-                json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
+                json["orientation_wxyz"] = json!(wxyz(&found.rotation));
                 json["assignment"] = json!(found.assignment);
                 json["matched"] = found.matched().into();
                 json["residual_deg"] = found.residual_rad.to_degrees().into();
                 json["confidence"] = found.confidence.into();
                 json["pose_confidence"] = found.pose_confidence.into();
+                let rival = |r: &Identification| {
+                    json!({
+                        "orientation_wxyz": wxyz(&r.rotation),
+                        "pose_confidence": r.pose_confidence,
+                    })
+                };
+                json["rivals"] = self.rivals.iter().map(rival).collect();
             }
             Outcome::Unidentified(refusal) => json["refusal"] = refusal.to_string().into(),
         }
@@ -207,6 +287,12 @@ fn say(path: &Path, answers: &[Answer]) {
         identified.count(),
         answers.len()
     );
+    let tied = answers.iter().filter(|a| a.is_tied()).count();
+    if tied > 0 {
+        errln!(
+            "{path}: {tied} frames have another pose that explains them about as well (--json lists it): does the pattern look like itself when turned?"
+        );
+    }
     let mirrored = Outcome::Unidentified(Refusal::Mirrored);
     let mirrored = answers.iter().filter(|a| a.outcome == mirrored).count();
     if mirrored > 0 {
