@@ -21,6 +21,9 @@ pub type Vec3 = Vector3<f64>;
 /// A proper rotation. nalgebra stores its coordinates as x, y, z, w; files order them w, x, y, z.
 pub type Rotation = UnitQuaternion<f64>;
 
+/// Sums and products of two unit vectors shorter than this have no direction.
+const LEAST_NORMAL: f64 = 1e-9;
+
 /// Below this ratio of singular-value sums the rotation counts as undetermined.
 const DEGENERATE_RATIO: f64 = 1e-9;
 
@@ -168,6 +171,17 @@ pub fn rotation_from_correlation(h: &Matrix3<f64>) -> Result<Rotation> {
     Ok(Rotation::from_rotation_matrix(
         &nalgebra::Rotation3::from_matrix_unchecked(r),
     ))
+}
+
+/// The rotation matrix that lays one pair of unit vectors on another, midpoint on midpoint, so that a
+/// difference of their angles is shared evenly; `None` for pairs that are parallel or opposite.
+pub fn pair_rotation(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Matrix3<f64>> {
+    let frame = |[a, b]: [&Vec3; 2]| -> Option<Matrix3<f64>> {
+        let mid = (a + b).try_normalize(LEAST_NORMAL)?;
+        let normal = a.cross(b).try_normalize(LEAST_NORMAL)?;
+        Some(Matrix3::from_columns(&[mid, normal, mid.cross(&normal)]))
+    };
+    Some(frame(to)? * frame(from)?.transpose())
 }
 
 /// Two unit vectors that complete `axis` (a unit vector) to an orthonormal frame.

@@ -24,6 +24,7 @@ macro_rules! errln {
 mod compare;
 mod design;
 mod identify;
+mod progress;
 mod sensitivity;
 mod simulate;
 mod spin;

@@ -27,7 +27,9 @@ use nalgebra::Matrix3;
 use super::kent::KentShape;
 use super::{Identification, ObservedDot, Recogniser, Refusal};
 use crate::error::{Error, Result};
-use crate::geometry::{Rotation, Vec3, angle_between, rotation_from_correlation, tangent_frame};
+use crate::geometry::{
+    Rotation, Vec3, angle_between, pair_rotation, rotation_from_correlation, tangent_frame,
+};
 use crate::hash::{Basis, BasisFrame, HashTable};
 
 /// Below this `|d x d'|` the first two observed dots span no basis.
@@ -355,19 +357,8 @@ fn nearest(directions: &[Vec3], dot: &Vec3) -> usize {
 /// Kabsch for two pairs of unit vectors, in closed form: the best rotation takes the bisector to the
 /// bisector and the normal to the normal. `None` where a pair lies on one line.
 fn rotation_from_pairs(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Rotation> {
-    let frame = |[a, b]: [&Vec3; 2]| {
-        let normal = a.cross(b).try_normalize(LEAST_CROSS)?;
-        let bisector = (a + b).try_normalize(LEAST_CROSS)?;
-        Some(Matrix3::from_columns(&[
-            bisector,
-            normal,
-            bisector.cross(&normal),
-        ]))
-    };
-    let matrix = frame(to)? * frame(from)?.transpose();
-    Some(Rotation::from_rotation_matrix(
-        &nalgebra::Rotation3::from_matrix_unchecked(matrix),
-    ))
+    let matrix = nalgebra::Rotation3::from_matrix_unchecked(pair_rotation(from, to)?);
+    Some(Rotation::from_rotation_matrix(&matrix))
 }
 
 #[cfg(test)]

@@ -22,17 +22,6 @@ pub struct Alignment {
     pub distance_squared: f64,
 }
 
-/// The rotation that lays one pair of unit vectors on another, midpoint on midpoint; `None` for pairs
-/// that are parallel or opposite.
-pub fn pair_rotation(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Matrix3<f64>> {
-    let frame = |[a, b]: [&Vec3; 2]| -> Option<Matrix3<f64>> {
-        let mid = (a + b).try_normalize(1e-9)?;
-        let normal = a.cross(b).try_normalize(1e-9)?;
-        Some(Matrix3::from_columns(&[mid, normal, mid.cross(&normal)]))
-    };
-    Some(frame(to)? * frame(from)?.transpose())
-}
-
 /// Least squares by Gauss-Newton from `start`: `argmin_R sum |seen_i - R other_i|^2`, with dots given by
 /// index. Close to the start's valley only; the caller starts from a pair's rotation. `None` where the
 /// squared distance turns out to be well above `most`, or the dots leave the rotation open.

@@ -24,9 +24,9 @@
 use nalgebra::Matrix3;
 
 use super::Evaluation;
-use super::align::{Alignment, add_gradient, align, pair_rotation};
+use super::align::{Alignment, add_gradient, align};
 use super::erfc::normal_tail;
-use crate::geometry::{Vec3, spiral_directions};
+use crate::geometry::{Vec3, pair_rotation, spiral_directions};
 
 /// Quadruples farther apart than this many sigma are left out; one in 740 of them is confused.
 const REACH: f64 = 6.0;

@@ -21,9 +21,9 @@ use std::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use super::Evaluation;
-use super::align::{add_gradient, align, pair_rotation};
+use super::align::{add_gradient, align};
 use crate::error::{Error, Result};
-use crate::geometry::{Vec3, angle_between};
+use crate::geometry::{Vec3, angle_between, pair_rotation};
 
 /// Candidates that are aligned for each triple: itself, and those of nearest angles. Of mirror images,
 /// which have the same angles, half of them are expected to be unlike.
