@@ -112,19 +112,26 @@ impl Pattern {
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
     pub fn read_csv(path: &Path) -> Result<Self> {
-        let bytes = files::read_bytes(path)?;
+        Self::from_csv(path, &files::read_bytes(path)?)
+    }
+
+    /// As [`Pattern::read_csv`], from the file's bytes; `path` only names the file in errors.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the line and what was expected there.
+    pub fn from_csv(path: &Path, bytes: &[u8]) -> Result<Self> {
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
-            .from_reader(bytes.as_slice());
+            .from_reader(bytes);
         let mut dots = Vec::new();
         let mut lines = Vec::new();
         for (row, record) in reader.records().enumerate() {
             let record = record
                 .map_err(|e| Error::input(path, format!("row {}", row + 1), e.to_string()))?;
-            let line = files::line_of(&bytes, record.position(), row as u64 + 1);
+            let line = files::line_of(bytes, record.position(), row as u64 + 1);
             let numbers: Vec<_> = record.iter().map(str::parse::<f64>).collect();
             let is_header = |names: [&str; 3]| {
                 record.len() == 3

@@ -5,29 +5,13 @@
 mod common;
 
 use std::fs;
-use std::path::Path;
-use std::process::{Command, Output};
 
+use common::{done, spindoe};
 use serde_json::Value;
 use spindoe::recognise::robust::RobustRecogniser;
 use spindoe::recognise::{DotUncertainty, Outcome, Recogniser, observed};
 use spindoe::spin::orientations::Orientations;
 use spindoe::validate::{Protocol, ProtocolName, Trial, TrialGenerator};
-
-fn spindoe(dir: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_spindoe"))
-        .args(arguments)
-        .current_dir(dir)
-        .output()
-        .unwrap()
-}
-
-fn done(dir: &Path, arguments: &[&str]) -> String {
-    let output = spindoe(dir, arguments);
-    let words = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{arguments:?}: {words}");
-    String::from_utf8(output.stdout).unwrap()
-}
 
 fn workshop() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();

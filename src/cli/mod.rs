@@ -125,7 +125,7 @@ fn read_table(path: &Path) -> Result<HashTable> {
     if is_archive {
         HashTable::from_npz(path, &bytes)
     } else {
-        let pattern = Pattern::read_csv(path)?;
+        let pattern = Pattern::from_csv(path, &bytes)?;
         HashTable::build(pattern, PairRule::default(), RecogniserParams::default())
     }
 }

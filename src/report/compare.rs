@@ -9,22 +9,17 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use super::plots::{point, success, success_name};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{Objective, ObjectiveName, OrientationBound};
 use crate::error::{Error, Result};
 use crate::geometry::angle_between;
 use crate::hash::HashTable;
 use crate::pattern::{Pattern, PatternSummary};
-use crate::plot::{
-    BarChart, BarGroup, LinePlot, LineSeries, RatePoint, RateScale, bar_comparison, line_plot,
-};
+use crate::plot::{BarChart, BarGroup, LinePlot, LineSeries, RateScale, bar_comparison, line_plot};
 use crate::recognise::RecogniserName;
-use crate::validate::{
-    Proportion, Protocol, ProtocolName, TrialResult, Validation, run_named, summarize,
-};
+use crate::validate::{Protocol, ProtocolName, TrialResult, Validation, Z95, run_named, summarize};
 
-/// The two-sided 95 % quantile of the standard normal distribution.
-const Z95: f64 = 1.959_963_984_540_054;
 /// Viewing directions in the plot of the orientation bound.
 const VIEWS: usize = 4_000;
 
@@ -317,21 +312,13 @@ impl Comparison {
     fn draw_rates(&self, path: &Path, recogniser: RecogniserName, of: &[&Contest]) -> Result<()> {
         let groups = ProtocolName::ALL
             .map(|name| {
-                let (what, rates) = of
+                let rates = of
                     .iter()
                     .filter(|c| c.validation.protocol == name)
-                    .map(|c| match name {
-                        ProtocolName::Paper | ProtocolName::Sparse => {
-                            ("identity", &c.validation.identity)
-                        }
-                        _ => ("orientation", &c.validation.orientation),
-                    })
-                    .fold(("", Vec::new()), |(_, mut rates), (what, p)| {
-                        rates.push(Some(rate_point(p)));
-                        (what, rates)
-                    });
+                    .map(|c| Some(point(0.0, success(name, &c.validation))))
+                    .collect();
                 BarGroup {
-                    name: format!("{name}: {what}"),
+                    name: format!("{name}: {}", success_name(name)),
                     rates,
                 }
             })
@@ -349,14 +336,5 @@ impl Comparison {
                 groups,
             },
         )
-    }
-}
-
-fn rate_point(p: &Proportion) -> RatePoint {
-    RatePoint {
-        x: 0.0,
-        rate: p.rate,
-        low: p.low,
-        high: p.high,
     }
 }

@@ -15,7 +15,7 @@ use crate::validate::{
     NamedValidation, Proportion, ProtocolName, SensitivityPoint, SweptParameter,
 };
 
-fn point(x: f64, p: &Proportion) -> RatePoint {
+pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
     RatePoint {
         x,
         rate: p.rate,
@@ -95,14 +95,14 @@ fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
 }
 
 /// The success that speaks for a protocol: with false and missed dots the orientation is what counts.
-fn success(name: ProtocolName, v: &crate::validate::Validation) -> &Proportion {
+pub(super) fn success(name: ProtocolName, v: &crate::validate::Validation) -> &Proportion {
     match name {
         ProtocolName::Paper | ProtocolName::Sparse => &v.identity,
         ProtocolName::Clutter | ProtocolName::Image => &v.orientation,
     }
 }
 
-fn success_name(name: ProtocolName) -> &'static str {
+pub(super) fn success_name(name: ProtocolName) -> &'static str {
     match name {
         ProtocolName::Paper | ProtocolName::Sparse => "identity",
         ProtocolName::Clutter | ProtocolName::Image => "orientation",

@@ -25,6 +25,7 @@ pub use protocol::{Noise, Protocol, ProtocolName};
 pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
 };
+pub(crate) use statistics::Z95;
 pub use statistics::{Proportion, median};
 pub use trial::{Trial, TrialGenerator, observed_frames};
 

@@ -1,6 +1,7 @@
 //! What several test files share.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -14,36 +15,52 @@ pub fn skipped(why: &str) {
     let _ = writeln!(std::io::stderr(), "SKIPPED: {why}");
 }
 
-/// The published pattern, or `None` (said loudly) where this checkout has no shared data beside it.
+/// Runs the command in `dir`.
 #[allow(dead_code)]
-pub fn published_pattern() -> Option<Pattern> {
-    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    let place = "shared/data/spindoe2023/ref_pattern.csv";
-    let found = root
-        .ancestors()
-        .skip(1)
-        .map(|d| d.join(place))
-        .find(|p| p.exists());
-    if found.is_none() {
-        skipped("the published pattern lies in no folder above the repository");
-    }
-    found.map(|path| Pattern::read_csv(&path).expect("the published pattern reads"))
+pub fn spindoe(dir: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args(arguments)
+        .current_dir(dir)
+        .output()
+        .expect("the command starts")
 }
 
-/// The folder of the published flights, or `None` (said loudly) as above.
+/// Runs the command, which must succeed, and returns what it printed.
 #[allow(dead_code)]
-pub fn published_trajectories() -> Option<PathBuf> {
+pub fn done(dir: &Path, arguments: &[&str]) -> String {
+    let output = spindoe(dir, arguments);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {words}");
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+/// A place in the published data, or `None` (said loudly) where no folder above this checkout has it.
+#[allow(dead_code)]
+fn published(place: &str) -> Option<PathBuf> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    let place = "shared/data/spindoe2023/trajectories";
     let found = root
         .ancestors()
         .skip(1)
-        .map(|d| d.join(place))
+        .map(|d| d.join("shared/data/spindoe2023").join(place))
         .find(|p| p.exists());
     if found.is_none() {
-        skipped("the published flights lie in no folder above the repository");
+        skipped(&format!(
+            "the published {place} lies in no folder above the repository"
+        ));
     }
     found
+}
+
+/// The published pattern, or `None` as above.
+#[allow(dead_code)]
+pub fn published_pattern() -> Option<Pattern> {
+    published("ref_pattern.csv").map(|path| Pattern::read_csv(&path).expect("it reads"))
+}
+
+/// The folder of the published flights, or `None` as above.
+#[allow(dead_code)]
+pub fn published_trajectories() -> Option<PathBuf> {
+    published("trajectories")
 }
 
 /// `n` dots at random, no two nearer than 0.3 rad where `n <= 20`.
