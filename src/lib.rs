@@ -53,5 +53,6 @@ pub mod report;
 pub mod spin;
 pub mod stencil;
 pub mod validate;
+pub mod vision;
 
 pub use error::{Error, Result};

@@ -1,0 +1,268 @@
+//! From pixels on the ball's image to directions from its centre, and back.
+//!
+//! Without intrinsics the projection is orthographic: with the circle's centre `c` and radius `r` in pixels,
+//! the dot at pixel `p` lies in the direction `x = (u - c_u) / r`, `y = -(v - c_v) / r`,
+//! `z = sqrt(1 - x^2 - y^2)`. With intrinsics it is that of a pinhole camera. The ball's centre then lies at the
+//! distance `d = R / sin(alpha)`, for the half angle `alpha` under which the ball is seen, and a ray `q` meets the sphere at
+//! its nearer intersection.
+//!
+//! Directions are in the *view frame*, whose z points from the ball's centre to the camera; it is the camera's
+//! frame turned by the smallest rotation that does so. [`BallView::to_camera`] leads back. Under an orthographic
+//! projection both are the same.
+//!
+//! A pixel's covariance `S` becomes the tangent covariance `J S J^T`, `J` the derivative of the tangent coordinates by the
+//! pixel. Towards the limb it grows as `1 / z` along the radius; there the linearization fails, and the
+//! error is held below what a dot of that depth can be off by.
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2};
+
+use crate::error::{Error, Result};
+use crate::geometry::{Rotation, Vec3, tangent_frame};
+use crate::recognise::{DotUncertainty, ObservedDot};
+
+/// Depth below which a dot's covariance grows no further: nearer to the limb the derivative has a pole.
+const LEAST_DEPTH: f64 = 0.12;
+/// Dots up to this far outside the circle, in radii, are laid on the limb.
+const BEYOND_LIMB: f64 = 0.06;
+
+/// A position in an image, pixels: u right, v down, the centre of the top-left pixel at (0, 0).
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Pixel {
+    /// To the right.
+    pub u: f64,
+    /// Downwards.
+    pub v: f64,
+}
+
+/// The ball's outline in an image.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct BallCircle {
+    /// Its centre.
+    pub center: Pixel,
+    /// Its radius, pixels.
+    pub radius: f64,
+}
+
+/// A pinhole camera without distortion.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Intrinsics {
+    /// Focal length in pixels along u.
+    pub fx: f64,
+    /// Focal length in pixels along v.
+    pub fy: f64,
+    /// Principal point, u.
+    pub cx: f64,
+    /// Principal point, v.
+    pub cy: f64,
+}
+
+/// How the camera projects.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub enum Camera {
+    /// Along parallel rays: right for a ball that is small against its distance.
+    #[default]
+    Orthographic,
+    /// Through a pinhole.
+    Perspective(Intrinsics),
+}
+
+/// A camera that looks at a ball whose outline is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BallView {
+    circle: BallCircle,
+    projection: Projection,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Projection {
+    Orthographic,
+    Perspective {
+        intrinsics: Intrinsics,
+        /// View frame to camera frame.
+        to_camera: Rotation,
+        /// Distance of the ball's centre in ball radii.
+        distance: f64,
+    },
+}
+
+impl BallView {
+    /// The view of a ball with the outline `circle`.
+    ///
+    /// The outline of a sphere off the optical axis is an ellipse; `circle` is taken as the circle through its
+    /// extent across the direction to the principal point, which perspective leaves alone to first order.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the radius or a focal length is not positive, or a number not finite.
+    pub fn new(camera: &Camera, circle: BallCircle) -> Result<Self> {
+        let finite = circle.center.u.is_finite() && circle.center.v.is_finite();
+        if !(finite && circle.radius > 0.0 && circle.radius.is_finite()) {
+            let problem =
+                format!("expected a finite centre and a positive radius, found {circle:?}");
+            return Err(Error::argument("circle", problem));
+        }
+        let projection = match *camera {
+            Camera::Orthographic => Projection::Orthographic,
+            Camera::Perspective(k) => Self::perspective(k, &circle)?,
+        };
+        Ok(Self { circle, projection })
+    }
+
+    fn perspective(k: Intrinsics, circle: &BallCircle) -> Result<Projection> {
+        let positive = |f: f64| f > 0.0 && f.is_finite();
+        if !(positive(k.fx) && positive(k.fy) && k.cx.is_finite() && k.cy.is_finite()) {
+            let problem =
+                format!("expected positive focal lengths and a finite centre, found {k:?}");
+            return Err(Error::argument("intrinsics", problem));
+        }
+        let ray = ray(&k, circle.center);
+        // Angle between the rays to the centre and to the outline, across the direction to the principal
+        // point, where the distance from the pinhole to the image point is that of the centre.
+        let focal = (k.fx * k.fy).sqrt() * ray.norm();
+        let half_angle = (circle.radius / focal).atan();
+        let towards = -ray.normalize();
+        let to_camera = Rotation::rotation_between(&Vec3::z(), &towards)
+            .ok_or_else(|| Error::argument("circle", "expected a ball before the camera"))?;
+        Ok(Projection::Perspective {
+            intrinsics: k,
+            to_camera,
+            distance: 1.0 / half_angle.sin(),
+        })
+    }
+
+    /// The ball's outline.
+    pub fn circle(&self) -> &BallCircle {
+        &self.circle
+    }
+
+    /// The rotation from the view frame to the camera's frame.
+    pub fn to_camera(&self) -> Rotation {
+        match self.projection {
+            Projection::Orthographic => Rotation::identity(),
+            Projection::Perspective { to_camera, .. } => to_camera,
+        }
+    }
+
+    /// Least z, in the view frame, that is in sight: 0, or under perspective the ball's radius over its distance.
+    pub fn horizon(&self) -> f64 {
+        match self.projection {
+            Projection::Orthographic => 0.0,
+            Projection::Perspective { distance, .. } => 1.0 / distance,
+        }
+    }
+
+    /// Where a direction (unit vector, view frame) lies in the image, seen or not.
+    pub fn project(&self, direction: &Vec3) -> Pixel {
+        let BallCircle { center, radius } = self.circle;
+        match self.projection {
+            Projection::Orthographic => Pixel {
+                u: center.u + radius * direction.x,
+                v: center.v - radius * direction.y,
+            },
+            Projection::Perspective {
+                intrinsics: k,
+                to_camera,
+                distance,
+            } => {
+                let p = to_camera * (direction - Vec3::z() * distance);
+                Pixel {
+                    u: k.cx + k.fx * p.x / -p.z,
+                    v: k.cy + k.fy * p.y / p.z,
+                }
+            }
+        }
+    }
+
+    /// The direction (unit vector, view frame) of the ball's point that is seen at a pixel. Points just outside the
+    /// outline are laid on it; `None` for those farther out.
+    pub fn direction(&self, pixel: Pixel) -> Option<Vec3> {
+        match self.projection {
+            Projection::Orthographic => {
+                let BallCircle { center, radius } = self.circle;
+                let x = (pixel.u - center.u) / radius;
+                let y = (center.v - pixel.v) / radius;
+                on_sphere(x, y)
+            }
+            Projection::Perspective {
+                intrinsics,
+                to_camera,
+                distance,
+            } => {
+                // Ray from the camera at (0, 0, d) in the view frame along q: |d e_z + s q|^2 = 1.
+                let q = (to_camera.inverse() * ray(&intrinsics, pixel)).normalize();
+                let along = -distance * q.z;
+                let off = (distance * distance - along * along).max(0.0);
+                if off.sqrt() > 1.0 + BEYOND_LIMB {
+                    return None;
+                }
+                let s = along - (1.0 - off).max(0.0).sqrt();
+                Some((Vec3::z() * distance + q * s).normalize())
+            }
+        }
+    }
+
+    /// The dot seen at a pixel with the covariance `covariance_px2` (u, v), in the view frame. `None` outside the
+    /// ball.
+    pub fn back_project(&self, pixel: Pixel, covariance_px2: &Matrix2<f64>) -> Option<ObservedDot> {
+        let direction = self.direction(pixel)?;
+        let forward = self.jacobian(&direction);
+        let [e1, e2] = tangent_frame(&direction);
+        let tangent = Matrix3x2::from_columns(&[e1, e2]);
+        // d(pixel)/d(tangent), inverted with its small singular value held up.
+        let svd = (forward * tangent).svd(true, true);
+        let (u, v_t) = (svd.u?, svd.v_t?);
+        let least = LEAST_DEPTH * svd.singular_values.max();
+        let inverse = svd.singular_values.map(|s| 1.0 / s.max(least));
+        let back = v_t.transpose() * Matrix2::from_diagonal(&inverse) * u.transpose();
+        let covariance = back * covariance_px2 * back.transpose();
+        Some(ObservedDot {
+            direction,
+            uncertainty: DotUncertainty::Tangent {
+                covariance: 0.5 * (covariance + covariance.transpose()),
+            },
+        })
+    }
+
+    /// d(pixel)/d(direction), 2 x 3.
+    pub fn jacobian(&self, direction: &Vec3) -> Matrix2x3<f64> {
+        match self.projection {
+            Projection::Orthographic => {
+                let r = self.circle.radius;
+                Matrix2x3::new(r, 0.0, 0.0, 0.0, -r, 0.0)
+            }
+            Projection::Perspective {
+                intrinsics: k,
+                to_camera,
+                distance,
+            } => {
+                let turn = to_camera.to_rotation_matrix();
+                let p = turn * (direction - Vec3::z() * distance);
+                let (x, y) = (p.x / p.z, p.y / p.z);
+                let by_point = Matrix2x3::new(
+                    -k.fx / p.z,
+                    0.0,
+                    k.fx * x / p.z,
+                    0.0,
+                    k.fy / p.z,
+                    -k.fy * y / p.z,
+                );
+                by_point * turn.matrix()
+            }
+        }
+    }
+}
+
+/// The ray through a pixel, camera frame (x right, y up, z towards the camera), with z = -1.
+fn ray(k: &Intrinsics, pixel: Pixel) -> Vec3 {
+    Vec3::new((pixel.u - k.cx) / k.fx, (k.cy - pixel.v) / k.fy, -1.0)
+}
+
+fn on_sphere(x: f64, y: f64) -> Option<Vec3> {
+    let at = Vector2::new(x, y);
+    let out = at.norm();
+    if !out.is_finite() || out > 1.0 + BEYOND_LIMB {
+        return None;
+    }
+    let held = at / out.max(1.0);
+    let z = (1.0 - held.norm_squared()).max(0.0).sqrt();
+    Some(Vec3::new(held.x, held.y, z))
+}

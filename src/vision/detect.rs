@@ -1,0 +1,29 @@
+//! What a dot detector is and gives.
+
+use nalgebra::Matrix2;
+
+use super::camera::Pixel;
+use super::patch::Patch;
+
+/// A dot found in an image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DotDetection {
+    /// Its centre in the image.
+    pub pixel: Pixel,
+    /// Covariance of the centre (u, v), px^2.
+    pub covariance: Matrix2<f64>,
+    /// Probability that it is a dot, in [0, 1].
+    pub confidence: f64,
+}
+
+/// A way to find dots on a ball.
+pub trait DotDetector: Sync {
+    /// Buffers reused from call to call; one a thread.
+    type Workspace: Send;
+
+    /// A new workspace.
+    fn workspace(&self) -> Self::Workspace;
+
+    /// Finds the dots of a ball and writes them into `out`, the most confident first. None is an answer too.
+    fn detect_into(&self, patch: &Patch, ws: &mut Self::Workspace, out: &mut Vec<DotDetection>);
+}

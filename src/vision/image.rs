@@ -1,0 +1,210 @@
+//! Images in memory, and their way from files.
+//!
+//! Gray is the luma of ITU-R BT.709, `0.2126 R + 0.7152 G + 0.0722 B`, of the values as stored (without undoing the gamma
+//! curve: the detector is trained on what cameras store). Transparent pixels are laid on black.
+
+use std::path::Path;
+
+use image::{DynamicImage, ImageReader};
+
+use crate::error::{Error, Result};
+use crate::files;
+
+/// Most pixels of an image that is read; beyond, the file is refused rather than the memory filled.
+pub const MOST_PIXELS: u64 = 200_000_000;
+
+/// Weights of red, green and blue in gray.
+const LUMA: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+/// A gray image with values in [0, 1], row after row from the top.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GrayImage {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+}
+
+impl GrayImage {
+    /// An image of the given values, row after row.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where there are not `width * height` values, or none.
+    pub fn new(width: usize, height: usize, values: Vec<f32>) -> Result<Self> {
+        if width == 0 || height == 0 || values.len() != width * height {
+            let problem = format!(
+                "expected {width} x {height} values, at least one, found {}",
+                values.len()
+            );
+            return Err(Error::argument("image", problem));
+        }
+        Ok(Self {
+            width,
+            height,
+            values,
+        })
+    }
+
+    /// The image whose pixel in column `u` and row `v` is `value(u, v)`.
+    pub fn from_fn(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Self {
+        let values = (0..width * height)
+            .map(|i| value(i % width, i / width))
+            .collect();
+        Self {
+            width,
+            height,
+            values,
+        }
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All values, row after row.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The value in column `u` and row `v`, of the nearest pixel where that lies outside.
+    pub fn at(&self, u: isize, v: isize) -> f32 {
+        let u = u.clamp(0, self.width as isize - 1) as usize;
+        let v = v.clamp(0, self.height as isize - 1) as usize;
+        self.values[v * self.width + u]
+    }
+
+    /// The value between pixels (bilinear); outside, that of the nearest border.
+    pub fn sample(&self, u: f64, v: f64) -> f32 {
+        let u = u.clamp(0.0, (self.width - 1) as f64);
+        let v = v.clamp(0.0, (self.height - 1) as f64);
+        let (u0, v0) = (u as usize, v as usize);
+        let (u1, v1) = ((u0 + 1).min(self.width - 1), (v0 + 1).min(self.height - 1));
+        let (fu, fv) = ((u - u0 as f64) as f32, (v - v0 as f64) as f32);
+        let row = |v: usize| {
+            let row = &self.values[v * self.width..(v + 1) * self.width];
+            row[u0] + fu * (row[u1] - row[u0])
+        };
+        let top = row(v0);
+        top + fv * (row(v1) - top)
+    }
+}
+
+/// A colour image with values in [0, 1], row after row from the top, as a screen would show them (sRGB).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RgbImage {
+    width: usize,
+    height: usize,
+    values: Vec<[f32; 3]>,
+}
+
+impl RgbImage {
+    /// An image of the given colours, row after row.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where there are not `width * height` colours, or none.
+    pub fn new(width: usize, height: usize, values: Vec<[f32; 3]>) -> Result<Self> {
+        if width == 0 || height == 0 || values.len() != width * height {
+            let problem = format!(
+                "expected {width} x {height} colours, at least one, found {}",
+                values.len()
+            );
+            return Err(Error::argument("image", problem));
+        }
+        Ok(Self {
+            width,
+            height,
+            values,
+        })
+    }
+
+    /// Reads a PNG, JPEG, BMP, TIFF or PNM file of any depth, by its content and not its name.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no image that can be decoded.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = files::read_bytes(path)?;
+        Self::decode(path, &bytes)
+    }
+
+    /// Decodes the bytes of an image file; `path` is for messages only.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the bytes are no image that can be decoded.
+    pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
+        let refuse = |problem: String| Error::input(path, "image", problem);
+        let reader = ImageReader::new(std::io::Cursor::new(bytes))
+            .with_guessed_format()
+            .map_err(|e| refuse(e.to_string()))?;
+        if reader.format().is_none() {
+            return Err(refuse(
+                "expected a PNG, JPEG, BMP, TIFF or PNM file, found neither".into(),
+            ));
+        }
+        let (width, height) = reader
+            .into_dimensions()
+            .map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
+        if u64::from(width) * u64::from(height) > MOST_PIXELS {
+            let problem =
+                format!("expected at most {MOST_PIXELS} pixels, found {width} x {height}");
+            return Err(refuse(problem));
+        }
+        let decoded = image::load_from_memory(bytes)
+            .map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
+        Self::from_decoded(&decoded).map_err(|e| refuse(e.to_string()))
+    }
+
+    fn from_decoded(decoded: &DynamicImage) -> Result<Self> {
+        let pixels = decoded.to_rgba32f();
+        let (width, height) = (pixels.width() as usize, pixels.height() as usize);
+        let values = pixels
+            .pixels()
+            .map(|p| {
+                let [r, g, b, alpha] = p.0;
+                [r, g, b].map(|c| (c * alpha).clamp(0.0, 1.0))
+            })
+            .collect();
+        Self::new(width, height, values)
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All colours, row after row.
+    pub fn values(&self) -> &[[f32; 3]] {
+        &self.values
+    }
+
+    /// The luma of every pixel.
+    pub fn to_gray(&self) -> GrayImage {
+        let values = self
+            .values
+            .iter()
+            .map(|c| LUMA[0] * c[0] + LUMA[1] * c[1] + LUMA[2] * c[2])
+            .collect();
+        GrayImage {
+            width: self.width,
+            height: self.height,
+            values,
+        }
+    }
+
+    /// Eight bits a channel, red, green, blue, row after row: what PNG encoders take.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        self.values
+            .iter()
+            .flat_map(|c| c.map(|x| (255.0 * x.clamp(0.0, 1.0) + 0.5) as u8))
+            .collect()
+    }
+}

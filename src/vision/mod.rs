@@ -1,0 +1,19 @@
+//! The estimator on images: from pixels to dots, and from dots to the ball's orientation.
+//!
+//! The way of a frame: [`image`] decodes it to gray; the ball's circle is fitted; [`patch`] cuts the ball out at
+//! one scale and brightness whatever the camera; a detector finds the dots ([`detect`]); [`camera`] lays
+//! them on the sphere with their uncertainty; the recogniser tells which is which, and the orientation is
+//! refined on the dots that it accepts.
+//!
+//! Pixels: u right, v down, the centre of the top-left pixel at (0, 0). Camera frame: x right, y up, z from the
+//! ball towards the camera.
+
+pub mod camera;
+pub mod detect;
+pub mod image;
+pub mod patch;
+
+pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
+pub use detect::{DotDetection, DotDetector};
+pub use image::{GrayImage, RgbImage};
+pub use patch::Patch;

@@ -1,0 +1,131 @@
+//! The ball cut out at one scale and one brightness, whatever the camera: what detectors see.
+//!
+//! The circle's centre comes to lie in the middle of [`SIZE`] x [`SIZE`] values, its radius is [`RADIUS`] values. Where
+//! the image is finer, each value is the mean over its square; where it is coarser, values are interpolated.
+//! Values are then shifted and scaled to mean 0 and standard deviation 1 over the ball, and set to 0 from
+//! [`RIM`] radii outwards: the background says nothing about dots.
+
+use super::camera::{BallCircle, Pixel};
+use super::image::GrayImage;
+
+/// Side of a patch.
+pub const SIZE: usize = 64;
+/// The ball's radius in a patch.
+pub const RADIUS: f64 = 28.0;
+/// Values farther out, in radii, are 0.
+pub const RIM: f64 = 1.1;
+/// Least standard deviation over the ball: a plain ball's noise is not blown up beyond that.
+const LEAST_SPREAD: f32 = 0.01;
+
+/// A ball, cut out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Patch {
+    values: Vec<f32>,
+    circle: BallCircle,
+}
+
+impl Default for Patch {
+    /// An empty patch, to be filled by [`Patch::cut_into`].
+    fn default() -> Self {
+        Self {
+            values: vec![0.0; SIZE * SIZE],
+            circle: BallCircle {
+                center: Pixel::default(),
+                radius: RADIUS,
+            },
+        }
+    }
+}
+
+impl Patch {
+    /// Cuts the ball out of an image.
+    pub fn cut(image: &GrayImage, circle: &BallCircle) -> Self {
+        let mut patch = Self::default();
+        patch.cut_into(image, circle);
+        patch
+    }
+
+    /// As [`Patch::cut`], into the memory at hand.
+    pub fn cut_into(&mut self, image: &GrayImage, circle: &BallCircle) {
+        self.circle = *circle;
+        let step = circle.radius / RADIUS;
+        // Samples a side of a value's square, so that none of the image's pixels is passed over.
+        let fine = (step.ceil() as usize).clamp(1, 64);
+        let weight = 1.0 / (fine * fine) as f32;
+        let (mut sum, mut squares, mut count) = (0f64, 0f64, 0f64);
+        for row in 0..SIZE {
+            for column in 0..SIZE {
+                let out = out_of_middle(column, row);
+                let value = &mut self.values[row * SIZE + column];
+                if out > RIM * RADIUS {
+                    *value = f32::NAN;
+                    continue;
+                }
+                let mut total = 0.0;
+                for j in 0..fine {
+                    for i in 0..fine {
+                        let at = |k: usize, sub: usize| {
+                            k as f64 - MIDDLE + (sub as f64 + 0.5) / fine as f64 - 0.5
+                        };
+                        let u = circle.center.u + step * at(column, i);
+                        let v = circle.center.v + step * at(row, j);
+                        total += image.sample(u, v);
+                    }
+                }
+                *value = total * weight;
+                if out < 0.97 * RADIUS {
+                    sum += f64::from(*value);
+                    squares += f64::from(*value) * f64::from(*value);
+                    count += 1.0;
+                }
+            }
+        }
+        let mean = sum / count;
+        let spread = ((squares / count - mean * mean).max(0.0).sqrt() as f32).max(LEAST_SPREAD);
+        for value in &mut self.values {
+            *value = if value.is_nan() {
+                0.0
+            } else {
+                (*value - mean as f32) / spread
+            };
+        }
+    }
+
+    /// The values, row after row from the top.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The circle that was cut out.
+    pub fn circle(&self) -> &BallCircle {
+        &self.circle
+    }
+
+    /// Pixels of the image per value of the patch.
+    pub fn step(&self) -> f64 {
+        self.circle.radius / RADIUS
+    }
+
+    /// Where a position in the patch (column, row) lies in the image.
+    pub fn to_image(&self, column: f64, row: f64) -> Pixel {
+        Pixel {
+            u: self.circle.center.u + self.step() * (column - MIDDLE),
+            v: self.circle.center.v + self.step() * (row - MIDDLE),
+        }
+    }
+
+    /// Where a position in the image lies in the patch: (column as u, row as v).
+    pub fn from_image(&self, pixel: Pixel) -> Pixel {
+        Pixel {
+            u: MIDDLE + (pixel.u - self.circle.center.u) / self.step(),
+            v: MIDDLE + (pixel.v - self.circle.center.v) / self.step(),
+        }
+    }
+}
+
+/// The patch's middle, in columns and rows.
+pub const MIDDLE: f64 = 0.5 * (SIZE as f64 - 1.0);
+
+fn out_of_middle(column: usize, row: usize) -> f64 {
+    (column as f64 - MIDDLE).hypot(row as f64 - MIDDLE)
+}
