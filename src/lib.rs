@@ -46,6 +46,7 @@ pub mod error;
 pub mod files;
 pub mod geometry;
 pub mod hash;
+mod npz;
 pub mod pattern;
 pub mod plot;
 pub mod recognise;

@@ -335,7 +335,7 @@ fn refuse_taken(dir: &Path) -> Result<()> {
 }
 
 /// A flag that the first Ctrl-C sets; the second leaves at once.
-fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
+pub(super) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || {

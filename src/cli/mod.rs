@@ -30,6 +30,7 @@ mod simulate;
 mod spin;
 mod stencil;
 mod table;
+mod train;
 mod trajectories;
 mod validate;
 
@@ -72,6 +73,10 @@ enum Command {
     Spin(spin::Arguments),
     /// Simulate orientations of a turning ball, with a known truth.
     Simulate(simulate::Arguments),
+    /// Train the dot detector on synthetic frames.
+    Train(train::Arguments),
+    /// Write the dot detector's net as an ONNX file, for estimators in other languages.
+    Export(train::ExportArguments),
     /// Check and summarize flights with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
 }
@@ -92,6 +97,8 @@ pub fn main() -> ExitCode {
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Train(arguments) => train::run(&arguments),
+        Command::Export(arguments) => train::export(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {

@@ -12,28 +12,19 @@
 //! one error that names the array; hostile files neither panic nor allocate without bound.
 
 use std::fmt::Display;
-use std::io::{Cursor, Read, Write};
+use std::io::Cursor;
 use std::path::Path;
 
-use npyz::{AutoSerialize, Deserialize, NpyFile, Order, WriterBuilder};
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
+use zip::ZipWriter;
 
 use super::features::Basis;
 use super::table::{Arrays, FORMAT_VERSION, HashTable, TableMeta};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::Vec3;
+use crate::npz::{Archive, Checked, Problem, add_array, one_line, open, read_array};
 use crate::pattern::{LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
 
-/// Largest unpacked array read: five times the features of the largest pattern.
-const MAX_ARRAY_BYTES: u64 = 32 << 20;
-/// Longest header text read; NumPy writes 118 bytes.
-const MAX_HEADER_BYTES: usize = 1024;
-/// Most digits in a header text: then the product of all its numbers fits 64 bits.
-const MAX_HEADER_DIGITS: usize = 18;
-/// Most opening brackets in a header text, which bounds the parser's recursion.
-const MAX_HEADER_BRACKETS: usize = 8;
 /// Largest relative difference between a stored feature and the one computed from the dots: it
 /// leaves room for other writers' rounding, which a basis near the pair rule's limit amplifies.
 const FEATURE_TOLERANCE: f64 = 1e-9;
@@ -93,7 +84,7 @@ impl HashTable {
     }
 
     fn parse(bytes: &[u8]) -> Checked<Self> {
-        let mut archive = open(bytes)?;
+        let mut archive = open(bytes, &ARRAYS)?;
         let meta = read_meta(&mut archive)?;
         let pattern = read_dots(&mut archive)?;
         let found = pattern.sha256();
@@ -110,181 +101,8 @@ impl HashTable {
     }
 }
 
-/// Where in the archive something is wrong, and what.
-struct Problem {
-    place: &'static str,
-    problem: String,
-}
-
-impl Problem {
-    fn at(place: &'static str, problem: impl Into<String>) -> Self {
-        let problem = problem.into();
-        Self { place, problem }
-    }
-}
-
-type Checked<T> = std::result::Result<T, Problem>;
-type Archive<'a> = ZipArchive<Cursor<&'a [u8]>>;
-
-/// Appends one array. Stored, not packed, and with a fixed date, as NumPy's `savez` does: any reader
-/// can read it, and the same table gives the same bytes.
-fn add_array<T: AutoSerialize>(
-    zip: &mut ZipWriter<Cursor<Vec<u8>>>,
-    name: &str,
-    shape: &[u64],
-    items: impl Iterator<Item = T>,
-) -> std::io::Result<()> {
-    let options = SimpleFileOptions::default()
-        .compression_method(CompressionMethod::Stored)
-        .last_modified_time(DateTime::default());
-    zip.start_file(npyz::npz::file_name_from_array_name(name), options)?;
-    let mut npy = Vec::new();
-    let mut writer = npyz::WriteOptions::new()
-        .default_dtype()
-        .shape(shape)
-        .writer(&mut npy)
-        .begin_nd()?;
-    writer.extend(items)?;
-    writer.finish()?;
-    zip.write_all(&npy)
-}
-
-/// Opens the archive and checks that it holds our arrays and nothing else.
-fn open(bytes: &[u8]) -> Checked<Archive<'_>> {
-    let archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
-        Problem::at(
-            "archive",
-            format!("not a whole .npz file: {}", one_line(&e)),
-        )
-    })?;
-    for name in archive.file_names_raw() {
-        let name = String::from_utf8_lossy(name);
-        let array = npyz::npz::array_name_from_file_name(&name);
-        if !array.is_some_and(|a| ARRAYS.contains(&a)) {
-            let problem = format!("unexpected entry {name:?}; expected {}", ARRAYS.join(", "));
-            return Err(Problem::at("archive", problem));
-        }
-    }
-    Ok(archive)
-}
-
-/// The message of a foreign error on one line.
-fn one_line(error: &dyn Display) -> String {
-    let text = error.to_string();
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
-/// An array's items in C order, and its number of rows; `columns` is `None` for one dimension.
-fn read_array<T: Deserialize + Clone>(
-    archive: &mut Archive<'_>,
-    name: &'static str,
-    type_name: &str,
-    columns: Option<u64>,
-) -> Checked<Vec<T>> {
-    let bytes = read_entry(archive, name)?;
-    check_header_text(name, &bytes)?;
-    let mut rest = bytes.as_slice();
-    let damaged = |e: std::io::Error| Problem::at(name, format!("not an array: {}", one_line(&e)));
-    let npy = NpyFile::new(&mut rest).map_err(damaged)?;
-    let (shape, order) = (npy.shape().to_vec(), npy.order());
-    let expected = columns.map_or("(rows,)".to_owned(), |c| format!("(rows, {c})"));
-    let rows = match (shape.as_slice(), columns) {
-        ([rows], None) => *rows,
-        ([rows, found], Some(c)) if *found == c => *rows,
-        _ => {
-            let problem = format!("expected shape {expected}, found {shape:?}");
-            return Err(Problem::at(name, problem));
-        }
-    };
-    let dtype = npy.dtype().descr();
-    let items = npy
-        .data::<T>()
-        .map_err(|_| Problem::at(name, format!("expected type {type_name}, found {dtype}")))?;
-    let items = items
-        .collect::<std::io::Result<Vec<T>>>()
-        .map_err(|_| Problem::at(name, format!("ends before its shape {shape:?} is filled")))?;
-    if !rest.is_empty() {
-        let problem = format!("{} bytes follow the array's end", rest.len());
-        return Err(Problem::at(name, problem));
-    }
-    match (order, columns) {
-        (Order::Fortran, Some(c)) => Ok(transpose(&items, rows as usize, c as usize)),
-        _ => Ok(items),
-    }
-}
-
-/// Column-major items in row-major order.
-fn transpose<T: Clone>(items: &[T], rows: usize, columns: usize) -> Vec<T> {
-    (0..rows)
-        .flat_map(|r| (0..columns).map(move |c| items[c * rows + r].clone()))
-        .collect()
-}
-
-/// An entry's unpacked bytes, at most [`MAX_ARRAY_BYTES`] of them.
-fn read_entry(archive: &mut Archive<'_>, name: &'static str) -> Checked<Vec<u8>> {
-    let file = npyz::npz::file_name_from_array_name(name);
-    let entry = archive
-        .by_name(&file)
-        .map_err(|e| Problem::at(name, format!("cannot be read: {}", one_line(&e))))?;
-    let mut bytes = Vec::new();
-    // One byte more than allowed tells "too long" from "just fits".
-    entry
-        .take(MAX_ARRAY_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|e| Problem::at(name, format!("cannot be unpacked: {}", one_line(&e))))?;
-    if bytes.len() as u64 > MAX_ARRAY_BYTES {
-        let problem = format!("larger than {} MiB", MAX_ARRAY_BYTES >> 20);
-        return Err(Problem::at(name, problem));
-    }
-    Ok(bytes)
-}
-
-/// Refuses header texts on which the array parser could overflow a number or the stack.
-fn check_header_text(name: &'static str, npy: &[u8]) -> Checked<()> {
-    let refuse = |problem: &str| Err(Problem::at(name, format!("not an array: {problem}")));
-    // Magic (6 bytes), version (2), then the text's length in 2 bytes, or 4 from version 2 on.
-    let length = match npy {
-        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => {
-            usize::from(u16::from_le_bytes([*a, *b]))
-        }
-        [
-            b'\x93',
-            b'N',
-            b'U',
-            b'M',
-            b'P',
-            b'Y',
-            2 | 3,
-            _,
-            a,
-            b,
-            c,
-            d,
-            ..,
-        ] => u32::from_le_bytes([*a, *b, *c, *d]) as usize,
-        _ => return refuse("no NumPy header"),
-    };
-    if length > MAX_HEADER_BYTES {
-        return refuse("header too long");
-    }
-    let start = if npy[6] == 1 { 10 } else { 12 };
-    let Some(text) = npy.get(start..start + length) else {
-        return refuse("ends within its header");
-    };
-    let digits = text.iter().filter(|c| c.is_ascii_digit()).count();
-    let brackets = text.iter().filter(|c| b"([{".contains(c)).count();
-    // A digit before a letter starts a hexadecimal or other number that the digit count misses.
-    let odd_number = text
-        .windows(2)
-        .any(|w| w[0].is_ascii_digit() && w[1].is_ascii_alphabetic());
-    if digits > MAX_HEADER_DIGITS || brackets > MAX_HEADER_BRACKETS || odd_number {
-        return refuse("header is not that of a plain array");
-    }
-    Ok(())
-}
-
 fn read_meta(archive: &mut Archive<'_>) -> Checked<TableMeta> {
-    let bytes: Vec<u8> = read_array(archive, "meta", "u8", None)?;
+    let bytes: Vec<u8> = read_array(archive, "meta", "u8", &[None])?;
     let refuse = |problem: String| Problem::at("meta", problem);
     let json: serde_json::Value = serde_json::from_slice(&bytes)
         .map_err(|e| refuse(format!("not JSON: {}", one_line(&e))))?;
@@ -304,7 +122,7 @@ fn read_meta(archive: &mut Archive<'_>) -> Checked<TableMeta> {
 
 fn read_dots(archive: &mut Archive<'_>) -> Checked<Pattern> {
     let refuse = |problem: String| Problem::at("dots", problem);
-    let flat: Vec<f64> = read_array(archive, "dots", "f64", Some(3))?;
+    let flat: Vec<f64> = read_array(archive, "dots", "f64", &[None, Some(3)])?;
     let dots: Vec<Vec3> = flat.chunks_exact(3).map(Vec3::from_column_slice).collect();
     if !(MIN_DOTS..=MAX_DOTS).contains(&dots.len()) {
         let problem = format!(
@@ -327,9 +145,9 @@ fn read_dots(archive: &mut Archive<'_>) -> Checked<Pattern> {
 }
 
 fn read_columns(archive: &mut Archive<'_>) -> Checked<Arrays> {
-    let features: Vec<f64> = read_array(archive, "features", "f64", Some(3))?;
-    let bases: Vec<u16> = read_array(archive, "bases", "u16", Some(2))?;
-    let feature_dots: Vec<u16> = read_array(archive, "feature_dots", "u16", None)?;
+    let features: Vec<f64> = read_array(archive, "features", "f64", &[None, Some(3)])?;
+    let bases: Vec<u16> = read_array(archive, "bases", "u16", &[None, Some(2)])?;
+    let feature_dots: Vec<u16> = read_array(archive, "feature_dots", "u16", &[None])?;
     let features: Vec<[f64; 3]> = features
         .chunks_exact(3)
         .map(|c| [c[0], c[1], c[2]])
@@ -361,7 +179,7 @@ fn read_columns(archive: &mut Archive<'_>) -> Checked<Arrays> {
 fn check_features(pattern: &Pattern, arrays: &Arrays, meta: &TableMeta) -> Checked<()> {
     let n = pattern.len();
     let outside = |dot: u16| usize::from(dot) >= n;
-    let range = |array, row, dot| {
+    let range = |array: &str, row, dot| {
         let problem = format!("row {row}: dot {dot} does not exist, there are {n}");
         Err(Problem::at(array, problem))
     };

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use image::{DynamicImage, ImageReader};
+use image::{DynamicImage, ImageFormat, ImageReader, imageops};
 
 use crate::error::{Error, Result};
 use crate::files;
@@ -169,6 +169,34 @@ impl RgbImage {
             })
             .collect();
         Self::new(width, height, values)
+    }
+
+    /// Writes a PNG file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the system refuses; [`Error::Internal`] where the image cannot be encoded.
+    pub fn write_png(&self, path: &Path) -> Result<()> {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        self.to_buffer()?
+            .write_to(&mut bytes, ImageFormat::Png)
+            .map_err(|e| Error::Internal(format!("an image cannot be encoded: {e}")))?;
+        files::write_bytes(path, bytes.get_ref())
+    }
+
+    /// The image at another size (Catmull and Rom's spline).
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the size is zero.
+    pub fn resized(&self, width: usize, height: usize) -> Result<Self> {
+        let (w, h) = (width as u32, height as u32);
+        let resized = imageops::resize(&self.to_buffer()?, w, h, imageops::FilterType::CatmullRom);
+        let values = resized.pixels().map(|p| p.0.map(|c| f32::from(c) / 255.0));
+        Self::new(width, height, values.collect())
+    }
+
+    fn to_buffer(&self) -> Result<image::RgbImage> {
+        image::RgbImage::from_raw(self.width as u32, self.height as u32, self.to_bytes())
+            .ok_or_else(|| Error::Internal("an image lacks pixels".into()))
     }
 
     /// Columns.

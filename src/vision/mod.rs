@@ -11,9 +11,13 @@
 pub mod camera;
 pub mod detect;
 pub mod image;
+pub mod net;
 pub mod patch;
+pub mod synth;
+pub mod train;
 
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 pub use detect::{DotDetection, DotDetector};
 pub use image::{GrayImage, RgbImage};
+pub use net::CnnDetector;
 pub use patch::Patch;

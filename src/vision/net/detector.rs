@@ -1,0 +1,191 @@
+//! From the net's cells to dots.
+//!
+//! A cell whose heat is not below that of its eight neighbours is a peak. It says where the dot lies, to a fraction of a
+//! pixel, and with which covariance; a second peak for the same dot is dropped.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use nalgebra::Matrix2;
+
+use super::graph::{CELLS, CHANNELS, Channel};
+use super::model::{Net, floats};
+use super::weights::{Calibration, Weights};
+use crate::error::{Error, Result};
+use crate::vision::detect::{DotDetection, DotDetector};
+use crate::vision::patch::{Patch, SIZE};
+
+/// Peaks nearer to a stronger one than this, in the patch's values, are the same dot's.
+const SAME_DOT: f64 = 2.0;
+/// Bounds of ln a and ln c: standard deviations between 1/50 and 12 of the patch's values.
+const LN_RANGE: [f32; 2] = [-2.5, 4.0];
+
+/// How the net is read.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct CnnConfig {
+    /// Least probability of a dot that is given out.
+    pub least_confidence: f64,
+}
+
+impl Default for CnnConfig {
+    /// 0.3: the recogniser copes with a false dot better than with a missing one.
+    fn default() -> Self {
+        Self {
+            least_confidence: 0.3,
+        }
+    }
+}
+
+/// The dot detector.
+#[derive(Debug)]
+pub struct CnnDetector {
+    net: Net,
+    device: Device,
+    calibration: Calibration,
+    config: CnnConfig,
+}
+
+impl CnnDetector {
+    /// The detector that comes with this crate.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where this crate was built with damaged weights.
+    pub fn built_in() -> Result<Self> {
+        Self::new(&Weights::built_in()?, CnnConfig::default())
+    }
+
+    /// A detector with the given weights.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the weights do not fit the net or the configuration is out of its domain.
+    pub fn new(weights: &Weights, config: CnnConfig) -> Result<Self> {
+        if !(0.0..=1.0).contains(&config.least_confidence) {
+            let problem = format!("expected 0 to 1, found {}", config.least_confidence);
+            return Err(Error::argument("least_confidence", problem));
+        }
+        let device = Device::flex();
+        Ok(Self {
+            net: Net::new(&weights.layers, &device)?,
+            device,
+            calibration: weights.meta.calibration,
+            config,
+        })
+    }
+
+    /// The net's raw cells for a patch: [`CHANNELS`] x [`CELLS`] x [`CELLS`].
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where burn fails.
+    pub fn cells(&self, patch: &Patch) -> Result<Vec<f32>> {
+        let data = TensorData::new(patch.values().to_vec(), [1, 1, SIZE, SIZE]);
+        floats(self.net.forward(Tensor::from_data(data, &self.device)))
+    }
+}
+
+impl DotDetector for CnnDetector {
+    type Workspace = Vec<Peak>;
+
+    fn workspace(&self) -> Self::Workspace {
+        Vec::new()
+    }
+
+    fn detect_into(&self, patch: &Patch, peaks: &mut Vec<Peak>, out: &mut Vec<DotDetection>) {
+        out.clear();
+        let Ok(cells) = self.cells(patch) else {
+            return;
+        };
+        find_peaks(
+            &cells,
+            &self.calibration,
+            self.config.least_confidence,
+            peaks,
+        );
+        let area = patch.step() * patch.step();
+        out.extend(peaks.iter().map(|peak| DotDetection {
+            pixel: patch.to_image(peak.column, peak.row),
+            covariance: peak.covariance * area,
+            confidence: peak.confidence,
+        }));
+    }
+}
+
+/// A peak of the heat map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Peak {
+    /// The dot's column in the patch.
+    pub column: f64,
+    /// The dot's row in the patch.
+    pub row: f64,
+    /// Covariance of (column, row).
+    pub covariance: Matrix2<f64>,
+    /// The heat, before calibration.
+    pub heat: f64,
+    /// Probability of a dot.
+    pub confidence: f64,
+}
+
+/// The middle of a cell in the patch, along one axis.
+pub fn cell_middle(cell: usize) -> f64 {
+    2.0 * cell as f64 + 0.5
+}
+
+/// All peaks of the cells with at least the given probability, the hottest first.
+pub fn find_peaks(
+    cells: &[f32],
+    calibration: &Calibration,
+    least_confidence: f64,
+    peaks: &mut Vec<Peak>,
+) {
+    peaks.clear();
+    debug_assert_eq!(cells.len(), CHANNELS * CELLS * CELLS);
+    for row in 0..CELLS {
+        for column in 0..CELLS {
+            if !is_peak(cells, row, column) {
+                continue;
+            }
+            let peak = read_peak(cells, row, column, calibration);
+            if peak.confidence >= least_confidence {
+                peaks.push(peak);
+            }
+        }
+    }
+    peaks.sort_by(|a, b| b.heat.total_cmp(&a.heat));
+    let mut kept = 0;
+    for i in 0..peaks.len() {
+        let peak = peaks[i];
+        let again = peaks[..kept]
+            .iter()
+            .any(|k| (k.column - peak.column).hypot(k.row - peak.row) < SAME_DOT);
+        if !again {
+            peaks[kept] = peak;
+            kept += 1;
+        }
+    }
+    peaks.truncate(kept);
+}
+
+/// Of equal neighbours the first counts.
+fn is_peak(cells: &[f32], row: usize, column: usize) -> bool {
+    let here = cells[row * CELLS + column];
+    let rows = row.saturating_sub(1)..(row + 2).min(CELLS);
+    rows.flat_map(|r| (column.saturating_sub(1)..(column + 2).min(CELLS)).map(move |c| (r, c)))
+        .all(|(r, c)| {
+            let there = cells[r * CELLS + c];
+            there < here || (there == here && (r, c) >= (row, column))
+        })
+}
+
+fn read_peak(cells: &[f32], row: usize, column: usize, calibration: &Calibration) -> Peak {
+    let value = |channel: Channel| cells[(channel as usize * CELLS + row) * CELLS + column];
+    let ln = |channel| f64::from(value(channel).clamp(LN_RANGE[0], LN_RANGE[1]));
+    let (a, c) = (ln(Channel::LnA).exp(), ln(Channel::LnC).exp());
+    let b = f64::from(value(Channel::B));
+    // The inverse of L = [[a, 0], [b, c]].
+    let inverse = Matrix2::new(1.0 / a, 0.0, -b / (a * c), 1.0 / c);
+    let heat = f64::from(value(Channel::Heat));
+    Peak {
+        column: cell_middle(column) + f64::from(value(Channel::Column)),
+        row: cell_middle(row) + f64::from(value(Channel::Row)),
+        covariance: inverse * inverse.transpose() * calibration.covariance_factor,
+        heat,
+        confidence: 1.0 / (1.0 + (-calibration.slope * heat - calibration.offset).exp()),
+    }
+}

@@ -1,0 +1,137 @@
+//! The net as burn runs it.
+//!
+//! burn's flex backend works in this process on the CPU. [`Net`] serves training and inference alike: on a plain device it
+//! keeps no gradients.
+
+use burn::module::{Module, Param};
+use burn::nn::PaddingConfig2d;
+use burn::nn::conv::{Conv2d, Conv2dConfig};
+use burn::tensor::activation::relu;
+use burn::tensor::module::interpolate;
+use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
+use burn::tensor::{Device, Tensor, TensorData};
+use rand::Rng;
+use rand_distr::{Distribution, Normal};
+
+use super::graph::{CONVOLUTIONS, Channel, STEPS, Step};
+use super::weights::Layer;
+use crate::error::{Error, Result};
+
+/// Log odds with which an untrained net expects a dot in a cell.
+const FIRST_HEAT: f32 = -4.0;
+
+/// The net.
+#[derive(Module, Debug)]
+pub struct Net {
+    convolutions: Vec<Conv2d>,
+}
+
+impl Net {
+    /// A net of the given numbers.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where they do not fit the graph.
+    pub fn new(layers: &[Layer], device: &Device) -> Result<Self> {
+        let fits = layers.len() == CONVOLUTIONS.len()
+            && std::iter::zip(layers, &CONVOLUTIONS).all(|(layer, c)| {
+                layer.weight.len() == c.outputs * c.inputs * c.kernel * c.kernel
+                    && layer.bias.len() == c.outputs
+            });
+        if !fits {
+            return Err(Error::argument("weights", "expected those of this net"));
+        }
+        let convolutions = std::iter::zip(layers, &CONVOLUTIONS)
+            .map(|(layer, c)| {
+                let pad = c.kernel / 2;
+                let mut built = Conv2dConfig::new([c.inputs, c.outputs], [c.kernel, c.kernel])
+                    .with_stride([c.stride, c.stride])
+                    .with_padding(PaddingConfig2d::Explicit(pad, pad, pad, pad))
+                    .init(device);
+                let shape = [c.outputs, c.inputs, c.kernel, c.kernel];
+                let weight = TensorData::new(layer.weight.clone(), shape);
+                let bias = TensorData::new(layer.bias.clone(), [c.outputs]);
+                built.weight = Param::from_data(weight, device);
+                built.bias = Some(Param::from_data(bias, device));
+                built
+            })
+            .collect();
+        Ok(Self { convolutions })
+    }
+
+    /// Random numbers for a net to begin with (K. He et al., "Delving deep into rectifiers", ICCV 2015).
+    ///
+    /// # Errors
+    /// None in fact: the deviations are positive.
+    pub fn random_layers<R: Rng + ?Sized>(rng: &mut R) -> Result<Vec<Layer>> {
+        let last = CONVOLUTIONS.len() - 1;
+        let mut layers = Vec::new();
+        for (i, c) in CONVOLUTIONS.iter().enumerate() {
+            let fan = (c.inputs * c.kernel * c.kernel) as f32;
+            let gain = if i == last { 0.1 } else { 1.0 };
+            let normal = Normal::new(0.0, gain * (2.0 / fan).sqrt())
+                .map_err(|e| Error::Internal(e.to_string()))?;
+            let count = c.outputs * c.inputs * c.kernel * c.kernel;
+            let weight = (0..count).map(|_| normal.sample(rng)).collect();
+            let mut bias = vec![0.0; c.outputs];
+            if i == last {
+                bias[Channel::Heat as usize] = FIRST_HEAT;
+            }
+            layers.push(Layer { weight, bias });
+        }
+        Ok(layers)
+    }
+
+    /// The numbers as they are now.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where burn holds others than 32-bit floats.
+    pub fn layers(&self) -> Result<Vec<Layer>> {
+        self.convolutions
+            .iter()
+            .map(|c| {
+                let bias = match &c.bias {
+                    Some(bias) => floats(bias.val())?,
+                    None => Vec::new(),
+                };
+                let weight = floats(c.weight.val())?;
+                Ok(Layer { weight, bias })
+            })
+            .collect()
+    }
+
+    /// Patches (n, 1, side, side) to cells (n, [`CHANNELS`](super::graph::CHANNELS), side / 2, side / 2).
+    pub fn forward(&self, patches: Tensor<4>) -> Tensor<4> {
+        let mut values = vec![patches];
+        for step in STEPS {
+            let next = match step {
+                Step::Convolve {
+                    convolution,
+                    of,
+                    rectify,
+                } => {
+                    let out = self.convolutions[convolution].forward(values[of].clone());
+                    if rectify { relu(out) } else { out }
+                }
+                Step::Enlarge { of } => {
+                    let double = InterpolateOptions::new(InterpolateMode::Nearest)
+                        .with_scale_factor([2.0, 2.0]);
+                    interpolate(values[of].clone(), double)
+                }
+                Step::Add { a, b } => values[a].clone() + values[b].clone(),
+            };
+            values.push(next);
+        }
+        values.swap_remove(STEPS.len())
+    }
+}
+
+/// A tensor's values, in order.
+///
+/// # Errors
+/// [`Error::Internal`] where they are no 32-bit floats.
+pub fn floats<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>> {
+    tensor
+        .into_data()
+        .try_into_vec::<f32>()
+        .map_err(|e| Error::Internal(format!("a tensor's values: {e:?}")))
+}

@@ -1,0 +1,179 @@
+//! The net's numbers and what is known of them, as a NumPy archive.
+//!
+//! Arrays: `convolution_00_weight` f32 (outputs, inputs, kernel, kernel), `convolution_00_bias` f32 (outputs,), and so on in the
+//! order of [`CONVOLUTIONS`]; `meta` u8 (k,), UTF-8 JSON of [`WeightsMeta`].
+
+use std::io::Cursor;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use zip::ZipWriter;
+
+use super::graph::CONVOLUTIONS;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::npz::{Checked, Problem, add_array, one_line, open, read_array};
+
+/// Version of the format.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// The weights that come with this crate: models/README.md says how they were made.
+static BUILT_IN: &[u8] = include_bytes!("../../../models/dots.npz");
+
+/// One convolution's numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layer {
+    /// Kernels: outputs x inputs x rows x columns.
+    pub weight: Vec<f32>,
+    /// One number an output.
+    pub bias: Vec<f32>,
+}
+
+/// How raw outputs become probabilities and covariances, fitted on frames not trained on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// Probability of a dot = logistic(`slope` heat + `offset`).
+    pub slope: f64,
+    /// See `slope`.
+    pub offset: f64,
+    /// Factor on the net's covariances.
+    pub covariance_factor: f64,
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self {
+            slope: 1.0,
+            offset: 0.0,
+            covariance_factor: 1.0,
+        }
+    }
+}
+
+/// What is known of a set of weights.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct WeightsMeta {
+    /// Of this format.
+    pub format_version: u32,
+    /// How to read the outputs.
+    pub calibration: Calibration,
+    /// The command that made the weights.
+    pub command: String,
+    /// Frames seen in training.
+    pub frames: u64,
+}
+
+/// A trained net.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Weights {
+    /// In the order of [`CONVOLUTIONS`].
+    pub layers: Vec<Layer>,
+    /// What is known of them.
+    pub meta: WeightsMeta,
+}
+
+impl Weights {
+    /// The weights that come with this crate.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where this crate was built with damaged weights.
+    pub fn built_in() -> Result<Self> {
+        Self::from_npz(Path::new("models/dots.npz"), BUILT_IN)
+            .map_err(|e| Error::Internal(format!("the built-in weights: {e}")))
+    }
+
+    /// Reads weights from a file.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the array and what is wrong with it.
+    pub fn read(path: &Path) -> Result<Self> {
+        Self::from_npz(path, &files::read_bytes(path)?)
+    }
+
+    /// As [`Weights::read`], from the file's bytes; `path` only names the file in errors.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the array and what is wrong with it.
+    pub fn from_npz(path: &Path, bytes: &[u8]) -> Result<Self> {
+        Self::parse(bytes).map_err(|Problem { place, problem }| Error::input(path, place, problem))
+    }
+
+    fn parse(bytes: &[u8]) -> Checked<Self> {
+        let names: Vec<String> = (0..CONVOLUTIONS.len())
+            .flat_map(|i| [weight_name(i), bias_name(i)])
+            .chain(["meta".to_owned()])
+            .collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let mut archive = open(bytes, &names)?;
+        let meta: Vec<u8> = read_array(&mut archive, "meta", "u8", &[None])?;
+        let meta: WeightsMeta = serde_json::from_slice(&meta)
+            .map_err(|e| Problem::at("meta", format!("not as expected: {}", one_line(&e))))?;
+        if meta.format_version != FORMAT_VERSION {
+            let found = meta.format_version;
+            let problem = format!("expected format_version {FORMAT_VERSION}, found {found}");
+            return Err(Problem::at("meta", problem));
+        }
+        let mut layers = Vec::new();
+        for (i, c) in CONVOLUTIONS.iter().enumerate() {
+            let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| Some(n as u64));
+            let mut read = |name: String, shape: &[Option<u64>]| -> Checked<Vec<f32>> {
+                let values: Vec<f32> = read_array(&mut archive, &name, "f32", shape)?;
+                if values.iter().all(|x| x.is_finite()) {
+                    Ok(values)
+                } else {
+                    Err(Problem::at(name, "expected finite numbers"))
+                }
+            };
+            layers.push(Layer {
+                weight: read(weight_name(i), &shape)?,
+                bias: read(bias_name(i), &shape[..1])?,
+            });
+        }
+        Ok(Self { layers, meta })
+    }
+
+    /// The bytes of the `.npz` file.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the arrays cannot be packed.
+    pub fn to_npz(&self) -> Result<Vec<u8>> {
+        let internal = |e: &dyn std::fmt::Display| {
+            Error::Internal(format!("the weights cannot be packed: {e}"))
+        };
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        for (i, (c, layer)) in std::iter::zip(&CONVOLUTIONS, &self.layers).enumerate() {
+            let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| n as u64);
+            add_array(
+                &mut zip,
+                &weight_name(i),
+                &shape,
+                layer.weight.iter().copied(),
+            )
+            .and_then(|()| {
+                let bias = layer.bias.iter().copied();
+                add_array(&mut zip, &bias_name(i), &shape[..1], bias)
+            })
+            .map_err(|e| internal(&e))?;
+        }
+        let meta = serde_json::to_vec(&self.meta).map_err(|e| internal(&e))?;
+        add_array(&mut zip, "meta", &[meta.len() as u64], meta.iter().copied())
+            .map_err(|e| internal(&e))?;
+        Ok(zip.finish().map_err(|e| internal(&e))?.into_inner())
+    }
+
+    /// Writes the weights, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the system refuses.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        files::write_bytes(path, &self.to_npz()?)
+    }
+}
+
+fn weight_name(i: usize) -> String {
+    format!("convolution_{i:02}_weight")
+}
+
+fn bias_name(i: usize) -> String {
+    format!("convolution_{i:02}_bias")
+}

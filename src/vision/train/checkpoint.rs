@@ -1,0 +1,171 @@
+//! A training's state in a file: a zip of the net and the optimizer's moments (burn's burnpack), the best weights
+//! (`.npz`) and the rest as JSON.
+
+use std::io::{Cursor, Read, Write};
+use std::path::Path;
+
+use burn::module::Module;
+use burn::optim::ModuleOptimizer;
+use burn::store::ModuleRecord;
+use burn::tensor::Bytes;
+use serde::{Deserialize, Serialize};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
+
+use super::TrainConfig;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::vision::net::model::Net;
+use crate::vision::net::weights::Weights;
+
+/// Largest entry read.
+const MOST_BYTES: u64 = 64 << 20;
+
+/// Where a training stands.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct State {
+    /// Steps done.
+    pub step: u64,
+    /// The best net's F1.
+    pub best_f1: f64,
+    /// Judgements since.
+    pub since_best: usize,
+}
+
+/// All that is needed to continue a training.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint {
+    /// Where it stands.
+    pub state: State,
+    /// The best weights so far.
+    pub best: Option<Weights>,
+    config: TrainConfig,
+    net: Vec<u8>,
+    optimizer: Vec<u8>,
+}
+
+/// A net and its optimizer as they were.
+pub(super) struct Restored {
+    pub net: Net,
+    pub optimizer: ModuleOptimizer,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Head {
+    config: TrainConfig,
+    state: State,
+}
+
+impl Checkpoint {
+    pub(super) fn of(
+        config: &TrainConfig,
+        net: &Net,
+        optimizer: &ModuleOptimizer,
+        state: State,
+        best: Option<Weights>,
+    ) -> Result<Self> {
+        let packed = |e: &dyn std::fmt::Display| {
+            Error::Internal(format!("the checkpoint cannot be packed: {e}"))
+        };
+        let record = net.clone().into_record().into_bytes();
+        Ok(Self {
+            state,
+            best,
+            config: config.clone(),
+            net: record.map_err(|e| packed(&e))?.to_vec(),
+            optimizer: optimizer.into_bytes().map_err(|e| packed(&e))?.to_vec(),
+        })
+    }
+
+    pub(super) fn restore(&self, net: Net, optimizer: ModuleOptimizer) -> Result<Restored> {
+        let refuse = |e: &dyn std::fmt::Display| {
+            Error::argument("checkpoint", format!("not that of this net: {e}"))
+        };
+        let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(self.net.clone()))
+            .map_err(|e| refuse(&e))?;
+        let optimizer = optimizer
+            .from_bytes(Bytes::from_bytes_vec(self.optimizer.clone()))
+            .map_err(|e| refuse(&e))?;
+        Ok(Restored {
+            net: net.try_load_record(record).map_err(|e| refuse(&e))?,
+            optimizer,
+        })
+    }
+
+    /// Writes the checkpoint, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the system refuses.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let packed = |e: &dyn std::fmt::Display| {
+            Error::Internal(format!("the checkpoint cannot be packed: {e}"))
+        };
+        let head = Head {
+            config: self.config.clone(),
+            state: self.state,
+        };
+        let mut entries = vec![
+            (
+                "state.json",
+                serde_json::to_vec(&head).map_err(|e| packed(&e))?,
+            ),
+            ("net.bpk", self.net.clone()),
+            ("optimizer.bpk", self.optimizer.clone()),
+        ];
+        if let Some(best) = &self.best {
+            entries.push(("best.npz", best.to_npz()?));
+        }
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Stored)
+            .last_modified_time(DateTime::default());
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        for (name, bytes) in entries {
+            zip.start_file(name, options).map_err(|e| packed(&e))?;
+            zip.write_all(&bytes).map_err(|e| packed(&e))?;
+        }
+        let bytes = zip.finish().map_err(|e| packed(&e))?.into_inner();
+        files::write_bytes(path, &bytes)
+    }
+
+    /// Reads a checkpoint of a training with this configuration; the number of steps may differ.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where the system refuses; [`Error::Input`] where it is no checkpoint, or that of another training.
+    pub fn read(path: &Path, config: &TrainConfig) -> Result<Self> {
+        let bytes = files::read_bytes(path)?;
+        let refuse = |place: &str, e: &dyn std::fmt::Display| {
+            Error::input(path, place, format!("not a training's checkpoint: {e}"))
+        };
+        let mut zip =
+            ZipArchive::new(Cursor::new(bytes.as_slice())).map_err(|e| refuse("archive", &e))?;
+        let mut entry = |name: &str| -> Result<Vec<u8>> {
+            let file = zip.by_name(name).map_err(|e| refuse(name, &e))?;
+            let mut bytes = Vec::new();
+            file.take(MOST_BYTES)
+                .read_to_end(&mut bytes)
+                .map_err(|e| refuse(name, &e))?;
+            Ok(bytes)
+        };
+        let head: Head =
+            serde_json::from_slice(&entry("state.json")?).map_err(|e| refuse("state.json", &e))?;
+        let same = TrainConfig {
+            steps: config.steps,
+            ..head.config.clone()
+        };
+        if same != *config {
+            let problem = "expected the checkpoint of a training with the same options";
+            return Err(Error::input(path, "state.json", problem));
+        }
+        let best = match entry("best.npz") {
+            Ok(bytes) => Some(Weights::from_npz(path, &bytes)?),
+            Err(_) => None,
+        };
+        Ok(Self {
+            state: head.state,
+            best,
+            config: config.clone(),
+            net: entry("net.bpk")?,
+            optimizer: entry("optimizer.bpk")?,
+        })
+    }
+}
