@@ -7,14 +7,14 @@
 
 use std::error::Error;
 
+use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 use spindoe::pattern::Pattern;
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::Timings;
-use spindoe::vision::synth::dataset::{Frame, frames};
 use spindoe::vision::synth::SynthConfig;
+use spindoe::vision::synth::dataset::{Frame, frames};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
-use nalgebra::{Quaternion, UnitQuaternion};
 
 /// A detection is a dot's where it is nearer than this to it, ball radii.
 const NEAR: f64 = 0.12;
@@ -42,7 +42,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let count: usize = arguments.next().map_or(Ok(5000), |a| a.parse())?;
     let seed: u64 = arguments.next().map_or(Ok(20_261_121), |a| a.parse())?;
-    let path = arguments.next().unwrap_or("designs/dots20/pattern.csv".into());
+    let path = arguments
+        .next()
+        .unwrap_or("designs/dots20/pattern.csv".into());
     let pattern = Pattern::read_csv(path.as_ref())?;
     println!("{count} frames, seed {seed}, {path}\n");
     for (name, config) in [
@@ -115,8 +117,12 @@ fn judge(frame: &Frame, out: &FrameEstimate) -> Judged {
         blur: truth.blur_px / truth.radius_px,
         has_logo: truth.logo.is_some(),
         visible: visible().count(),
-        found: visible().filter(|t| likely().any(|d| off(d, t) < NEAR)).count(),
-        false_dots: likely().filter(|d| truth.dots.iter().all(|t| off(d, t) >= NEAR)).count(),
+        found: visible()
+            .filter(|t| likely().any(|d| off(d, t) < NEAR))
+            .count(),
+        false_dots: likely()
+            .filter(|d| truth.dots.iter().all(|t| off(d, t) >= NEAR))
+            .count(),
         error_deg: pose.map(|p| p.rotation.angle_to(&rotation).to_degrees()),
         confidence: pose.map_or(0.0, |p| p.pose_confidence),
         circle_off: out.circle.map_or(f64::NAN, |c| {
@@ -127,14 +133,22 @@ fn judge(frame: &Frame, out: &FrameEstimate) -> Judged {
 }
 
 fn tables(judged: &[Judged]) {
-    println!("| frames | dots found | false a frame | told right | told wrong | not told | mean error | median |");
+    println!(
+        "| frames | dots found | false a frame | told right | told wrong | not told | mean error | median |"
+    );
     println!("|---|---|---|---|---|---|---|---|");
     line("all", judged, |_| true);
     for [low, high] in [[40, 60], [60, 80], [80, 120], [120, 201]] {
-        line(&format!("{low} to {} px", high - 1), judged, |j| (low..high).contains(&j.side));
+        line(&format!("{low} to {} px", high - 1), judged, |j| {
+            (low..high).contains(&j.side)
+        });
     }
     for [low, high] in [[0.0, 0.03], [0.03, 0.06], [0.06, 0.12], [0.12, 1.0]] {
-        let name = format!("blur {:.0} to {:.0} % of the radius", 100.0 * low, 100.0 * high);
+        let name = format!(
+            "blur {:.0} to {:.0} % of the radius",
+            100.0 * low,
+            100.0 * high
+        );
         line(&name, judged, |j| j.blur >= low && j.blur < high);
     }
     line("with a logo", judged, |j| j.has_logo);

@@ -50,9 +50,8 @@ fn finds_the_dots_of_easy_frames_within_a_pixel() {
     for frame in frames(&easy(), 60) {
         let patch = Patch::cut(&frame.image.to_gray(), &frame.circle);
         detector.detect_into(&patch, &mut ws, &mut found);
-        let away = |d: &DotDetection, p: spindoe::vision::Pixel| {
-            (d.pixel.u - p.u).hypot(d.pixel.v - p.v)
-        };
+        let away =
+            |d: &DotDetection, p: spindoe::vision::Pixel| (d.pixel.u - p.u).hypot(d.pixel.v - p.v);
         for dot in frame.dots.iter().filter(|d| d.is_visible()) {
             dots += 1;
             let near = found.iter().find(|d| away(d, dot.pixel) < 1.0);
@@ -140,7 +139,10 @@ fn weights_read_back_and_damage_is_named() {
     infinite.layers[5].weight[7] = f32::NAN;
     let told = Weights::from_npz(path, &infinite.to_npz().unwrap());
     let words = told.unwrap_err().to_string();
-    assert!(words.contains("convolution_05_weight") && words.contains("finite"), "{words}");
+    assert!(
+        words.contains("convolution_05_weight") && words.contains("finite"),
+        "{words}"
+    );
     let told = Weights::from_npz(path, &bytes[..bytes.len() / 2]);
     assert!(told.unwrap_err().to_string().contains("w.npz: archive"));
     assert_eq!(weights.layers.len(), CONVOLUTIONS.len());
@@ -204,13 +206,22 @@ fn the_command_trains_exports_and_refuses() {
     for name in ["dots.npz", "dots.onnx", "training.json", "checkpoint.zip"] {
         assert!(dir.path().join("net").join(name).exists(), "{name}");
     }
-    common::done(dir.path(), &["export", "-o", "mine.onnx", "--weights", "net/dots.npz"]);
+    common::done(
+        dir.path(),
+        &["export", "-o", "mine.onnx", "--weights", "net/dots.npz"],
+    );
     let made = std::fs::read(dir.path().join("mine.onnx")).unwrap();
-    assert_eq!(made, std::fs::read(dir.path().join("net/dots.onnx")).unwrap());
+    assert_eq!(
+        made,
+        std::fs::read(dir.path().join("net/dots.onnx")).unwrap()
+    );
     let again = common::spindoe(dir.path(), &flags);
     assert_eq!(again.status.code(), Some(2));
     let words = String::from_utf8_lossy(&again.stderr).into_owned();
-    assert!(words.contains("holds a detector already") && words.lines().count() == 1, "{words}");
+    assert!(
+        words.contains("holds a detector already") && words.lines().count() == 1,
+        "{words}"
+    );
     for wrong in [
         "train --out other --steps 0",
         "train --out other --learning-rate -1",
@@ -220,7 +231,11 @@ fn the_command_trains_exports_and_refuses() {
         let words: Vec<&str> = wrong.split(' ').collect();
         let told = common::spindoe(dir.path(), &words);
         assert_eq!(told.status.code(), Some(2), "{wrong}");
-        assert_eq!(told.stderr.iter().filter(|b| **b == b'\n').count(), 1, "{wrong}");
+        assert_eq!(
+            told.stderr.iter().filter(|b| **b == b'\n').count(),
+            1,
+            "{wrong}"
+        );
     }
     assert!(!dir.path().join("a.onnx").exists() && !dir.path().join("other").exists());
 }
