@@ -5,6 +5,7 @@
 //!
 //! The frames' seed is none that training has used; the pattern is one that training has never seen.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 
 use nalgebra::{Quaternion, UnitQuaternion};
@@ -14,7 +15,7 @@ use spindoe::validate::Proportion;
 use spindoe::vision::estimator::Timings;
 use spindoe::vision::synth::SynthConfig;
 use spindoe::vision::synth::dataset::{Frame, frames};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, Rejection};
 
 /// A detection is a dot's where it is nearer than this to it, ball radii.
 const NEAR: f64 = 0.12;
@@ -34,6 +35,8 @@ struct Judged {
     false_dots: usize,
     error_deg: Option<f64>,
     confidence: f64,
+    /// Why there is no answer.
+    rejection: Option<Rejection>,
     circle_off: f64,
     timings: Timings,
 }
@@ -125,6 +128,7 @@ fn judge(frame: &Frame, out: &FrameEstimate) -> Judged {
             .count(),
         error_deg: pose.map(|p| p.rotation.angle_to(&rotation).to_degrees()),
         confidence: pose.map_or(0.0, |p| p.pose_confidence),
+        rejection: out.outcome.as_ref().err().copied(),
         circle_off: out.circle.map_or(f64::NAN, |c| {
             (c.center.u - truth.center.u).hypot(c.center.v - truth.center.v) / truth.radius_px
         }),
@@ -153,6 +157,14 @@ fn tables(judged: &[Judged]) {
     }
     line("with a logo", judged, |j| j.has_logo);
     line("without", judged, |j| !j.has_logo);
+    let mut reasons = BTreeMap::<String, usize>::new();
+    for rejection in judged.iter().filter_map(|j| j.rejection) {
+        let words = rejection.to_string();
+        // Without the figures, so that like reasons count together.
+        let words = words.trim_end_matches(|c: char| !c.is_alphabetic());
+        *reasons.entry(words.to_owned()).or_default() += 1;
+    }
+    println!("\nNot told: {reasons:?}");
     println!("\n| confidence | frames | right |\n|---|---|---|");
     for [low, high] in [[0.5, 0.7], [0.7, 0.9], [0.9, 0.99], [0.99, 1.01]] {
         let told: Vec<_> = judged
