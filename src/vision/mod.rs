@@ -15,6 +15,7 @@ pub mod detect;
 pub mod detector;
 pub mod estimator;
 pub mod image;
+pub mod input;
 pub mod patch;
 
 pub use blob::{BlobConfig, BlobDetector};
