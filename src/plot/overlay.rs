@@ -138,7 +138,10 @@ fn draw_frame(
         // Drawn in pieces, where it lies within the picture.
         let points: Vec<Pixel> = points.collect();
         for pair in points.windows(2).filter(|w| w.iter().all(inside)) {
-            area.draw(&PathElement::new(vec![place(&pair[0]), place(&pair[1])], thin))?;
+            area.draw(&PathElement::new(
+                vec![place(&pair[0]), place(&pair[1])],
+                thin,
+            ))?;
         }
     }
     for dot in frame.dots.iter().filter(|d| inside(&d.pixel)) {
@@ -164,7 +167,14 @@ fn draw_frame(
         }
         if in_full {
             let beside = (x + px(13.0), y - px(9.0));
-            canvas::text(area, &number.to_string(), beside, HPos::Left, 12.0, EXPECTED)?;
+            canvas::text(
+                area,
+                &number.to_string(),
+                beside,
+                HPos::Left,
+                12.0,
+                EXPECTED,
+            )?;
         }
     }
     Ok(())

@@ -182,7 +182,11 @@ fn read_video(
                     count += 1;
                     let name = format!("{name}_{count:06}");
                     let time_s = None;
-                    if let Err(e) = visit(InputFrame { name, time_s, image }) {
+                    if let Err(e) = visit(InputFrame {
+                        name,
+                        time_s,
+                        image,
+                    }) {
                         break Err(e);
                     }
                 }
@@ -230,7 +234,8 @@ impl Log {
 
 /// The next picture of a stream of binary PPM files; `None` at its end.
 fn next_picture(path: &Path, from: &mut impl BufRead) -> Result<Option<RgbImage>> {
-    let broken = |what: &str| Error::input(path, "video", format!("ffmpeg's output breaks off: {what}"));
+    let broken =
+        |what: &str| Error::input(path, "video", format!("ffmpeg's output breaks off: {what}"));
     let mut header = [0usize; 3];
     match token(from).as_deref() {
         None => return Ok(None),
@@ -286,7 +291,11 @@ pub fn read_times(path: &Path) -> Result<HashMap<String, f64>> {
         .map_err(|e| Error::input(path, "line 1", e.to_string()))?;
     let column = |name: &str| header.iter().position(|h| h == name);
     let (Some(frame), Some(time)) = (column("frame"), column("time_s")) else {
-        return Err(Error::input(path, "line 1", "expected a header with frame,time_s"));
+        return Err(Error::input(
+            path,
+            "line 1",
+            "expected a header with frame,time_s",
+        ));
     };
     let mut times = HashMap::new();
     for (i, record) in reader.records().enumerate() {

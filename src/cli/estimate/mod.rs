@@ -147,7 +147,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let told = if arguments.no_sequence {
                 SequenceSummary::default()
             } else {
-                tell_sequence(&estimator, &config, &times, &mut seen.frames, &mut workspace)
+                tell_sequence(
+                    &estimator,
+                    &config,
+                    &times,
+                    &mut seen.frames,
+                    &mut workspace,
+                )
             };
             let spin = estimate_spin(&estimator, &config, &times, &seen.frames);
             Some(Sequence { told, spin })

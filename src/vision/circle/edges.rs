@@ -24,6 +24,10 @@ const FAINT: f32 = 0.3;
 /// Reach of Tukey's biweight in the successive fits, in radii; then in pixels, for the last.
 const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];
 const LAST_REACH: f64 = 1.5;
+/// An edge off the outline by less than this, in radii, supports it.
+const TOLERANCE: f64 = 0.04;
+/// Least share of rays with an edge at a rough radius; what has less is not fitted.
+const WORTHWHILE: f64 = 0.3;
 /// The reach is at least this many standard deviations of the residuals.
 const TUKEY: f64 = 4.7;
 /// Edges on neighbouring rays share their pixels: so many rays are worth one.
@@ -87,7 +91,7 @@ impl Unrolled {
         let (from, to) = (0.8 * LEAST as f64, 1.2 * MOST as f64);
         let start = Vector3::new(centre.u, centre.v, 0.0);
         self.find_edges(image, &start, (from, to), sign);
-        let (mut best, mut most) = (None, 0.0);
+        let (mut best, mut most) = (None, WORTHWHILE);
         let mut trial = from;
         while trial <= to {
             let ray = |edges: &[Edge; EDGES]| {
@@ -97,7 +101,7 @@ impl Unrolled {
             let seen = self.reaches.iter().filter(|r| **r > trial + 1.0).count();
             let sum: f64 = self.edges.iter().map(ray).sum();
             // Rays that the border cuts cannot have an edge: what is left counts for them, in part.
-            let worth = sum / (seen as f64 + 0.3 * RAYS as f64);
+            let worth = 1.3 * sum / (seen as f64 + 0.3 * RAYS as f64);
             if worth > most {
                 (best, most) = (Some(trial), worth);
             }
@@ -247,7 +251,7 @@ impl Unrolled {
         let radius = circle.z;
         let (mut seen, mut supported) = (0.0, 0.0);
         let (mut contrast, mut slope) = (0.0, 0.0);
-        let tolerance = (0.04 * radius).max(1.0);
+        let tolerance = (TOLERANCE * radius).max(0.6);
         let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
         for ray in 0..RAYS {
             let [cos, sin] = self.directions[ray];

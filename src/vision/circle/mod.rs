@@ -111,8 +111,14 @@ impl std::fmt::Display for NoBall {
     }
 }
 
-/// Centres looked at closely at each size and for each sign of the contrast.
-const CENTRES: usize = 5;
+/// Centres looked at closely at each size and for each sign of the contrast: in crops, and in large images, where much
+/// else has edges.
+const CENTRES: (usize, usize) = (3, 16);
+/// Images with a longer side beyond this, pixels, are large.
+const LARGE: f64 = 320.0;
+/// A whole outline of this support ends the search where smaller images are left for balls below this part of
+/// its radius only.
+const SETTLED: (f64, f64) = (0.7, 0.8);
 /// The outline is fitted where the radius is at most this many pixels, which is fine enough: there a pixel is the mean of
 /// several, and its noise less.
 const FITTED_RADIUS: f64 = 44.0;
@@ -161,19 +167,26 @@ impl BallFinder {
         let most = self.config.most_radius * longer;
         self.halve(image, most);
         self.found.clear();
+        let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
         let mut best_support: Option<f64> = None;
-        for level in 0..=self.halves.len() {
-            let scale = (1u64 << level) as f64;
+        // Large balls first: what is found spares the finer images.
+        for level in (0..=self.halves.len()).rev() {
+            let largest = vote::MOST as f64 * (1u64 << level) as f64;
             let smallest = self.level(image, level);
-            let sides = (smallest.width(), smallest.height());
-            if vote::MOST as f64 * scale < self.config.least_radius_px || sides.0.min(sides.1) < 3 {
+            let side = smallest.width().min(smallest.height());
+            if largest < self.config.least_radius_px || side < 3 {
                 continue;
+            }
+            let settled =
+                |f: &BallFit| f.support > SETTLED.0 && largest < SETTLED.1 * f.circle.radius;
+            if self.found.iter().any(settled) {
+                break;
             }
             for sign in [1.0, -1.0] {
                 let (halves, votes) = (&self.halves, &mut self.votes);
                 let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
                 votes.cast(small, sign);
-                votes.strongest(CENTRES, &mut self.centres);
+                votes.strongest(count, &mut self.centres);
                 for k in 0..self.centres.len() {
                     let centre = self.centres[k];
                     let Some(fit) = self.fit(image, level, &centre, sign, most) else {
