@@ -23,6 +23,7 @@ macro_rules! errln {
 
 mod compare;
 mod design;
+mod estimate;
 mod identify;
 mod progress;
 mod sensitivity;
@@ -67,6 +68,8 @@ enum Command {
     Table(table::Arguments),
     /// Tell which dot is which from observed directions, and how the ball is turned.
     Identify(identify::Arguments),
+    /// Tell from images how the ball is turned, and how it spins.
+    Estimate(Box<estimate::Arguments>),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
     /// Estimate the spin from time-stamped orientations.
@@ -94,6 +97,7 @@ pub fn main() -> ExitCode {
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
+        Command::Estimate(arguments) => estimate::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),

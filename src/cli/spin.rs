@@ -312,9 +312,6 @@ impl Found {
     }
 
     fn to_json(&self) -> serde_json::Value {
-        let spin = &self.fit.motion.spin;
-        let q = self.fit.motion.orientation.into_inner();
-        let q = if q.w < 0.0 { -q } else { q };
         let alternatives: Vec<_> = self
             .alternatives
             .iter()
@@ -324,25 +321,12 @@ impl Found {
                 entry
             })
             .collect();
-        let mut json = vector_json(spin);
+        let mut json = fit_json(&self.fit, self.frames, self.orientations);
         json["method"] = match self.method {
             Method::Quatera => "quatera",
             Method::Robust => "robust",
         }
         .into();
-        json["std_rad_s"] = json!(self.std_rad_s().map(|s| [s.x, s.y, s.z]));
-        json["std_rps"] = json!(std_along(&self.fit).map(|s| s / std::f64::consts::TAU));
-        json["covariance_rad2_s2"] = json!(
-            self.fit
-                .spin_covariance
-                .map(|c| [0, 1, 2].map(|i| [0, 1, 2].map(|j| c[(i, j)])))
-        );
-        json["sigma_deg"] = json!(self.fit.sigma_rad.map(f64::to_degrees));
-        json["inliers"] = self.fit.inliers.into();
-        json["frames"] = self.frames.into();
-        json["orientations"] = self.orientations.into();
-        json["time_s"] = self.fit.motion.time_s.into();
-        json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
         json["alternatives"] = alternatives.into();
         if let Some(decay) = &self.decay {
             json["decay"] = decay.to_json();
@@ -393,6 +377,27 @@ impl Found {
             outln!("  and {more} more");
         }
     }
+}
+
+/// A fit's fields, of a sequence of `frames` of which `orientations` are known.
+pub(super) fn fit_json(fit: &Fit, frames: usize, orientations: usize) -> serde_json::Value {
+    let q = fit.motion.orientation.into_inner();
+    let q = if q.w < 0.0 { -q } else { q };
+    let mut json = vector_json(&fit.motion.spin);
+    let std = fit.spin_covariance.as_ref().map(standard_deviations);
+    json["std_rad_s"] = json!(std.map(|s| [s.x, s.y, s.z]));
+    json["std_rps"] = json!(std_along(fit).map(|s| s / std::f64::consts::TAU));
+    json["covariance_rad2_s2"] = json!(
+        fit.spin_covariance
+            .map(|c| [0, 1, 2].map(|i| [0, 1, 2].map(|j| c[(i, j)])))
+    );
+    json["sigma_deg"] = json!(fit.sigma_rad.map(f64::to_degrees));
+    json["inliers"] = fit.inliers.into();
+    json["frames"] = frames.into();
+    json["orientations"] = orientations.into();
+    json["time_s"] = fit.motion.time_s.into();
+    json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
+    json
 }
 
 /// A spin's fields; no axis where it does not turn.

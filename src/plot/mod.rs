@@ -11,6 +11,7 @@ mod bars;
 mod canvas;
 mod curves;
 mod features;
+mod overlay;
 mod recognition;
 mod solid;
 mod stencil;
@@ -23,6 +24,9 @@ pub use curves::{
     line_plot, rate_curves, reliability_plot, scatter_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
+pub use overlay::{
+    OVERLAY_SIDE, OverlayDot, OverlayFrame, SHEET_FRAMES, contact_sheet, frame_overlay,
+};
 pub use recognition::{RECOGNITION_VIEW_SIZE, RecognitionView, recognition_views};
 pub use stencil::{STENCIL_SIZE, stencil_views};
 pub use values::{

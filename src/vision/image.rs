@@ -230,6 +230,34 @@ impl RgbImage {
         &self.values
     }
 
+    /// The colour between pixels (bilinear); outside, that of the nearest border.
+    pub fn sample(&self, u: f64, v: f64) -> [f32; 3] {
+        let u = u.clamp(0.0, (self.width - 1) as f64);
+        let v = v.clamp(0.0, (self.height - 1) as f64);
+        let (u0, v0) = (u as usize, v as usize);
+        let (u1, v1) = ((u0 + 1).min(self.width - 1), (v0 + 1).min(self.height - 1));
+        let (fu, fv) = ((u - u0 as f64) as f32, (v - v0 as f64) as f32);
+        let at = |u: usize, v: usize| self.values[v * self.width + u];
+        [0, 1, 2].map(|c| {
+            let top = at(u0, v0)[c] + fu * (at(u1, v0)[c] - at(u0, v0)[c]);
+            let low = at(u0, v1)[c] + fu * (at(u1, v1)[c] - at(u0, v1)[c]);
+            top + fv * (low - top)
+        })
+    }
+
+    /// The part of the image from column `left` and row `top`, cut where the image ends.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where nothing is left.
+    pub fn part(&self, left: usize, top: usize, width: usize, height: usize) -> Result<Self> {
+        let width = width.min(self.width.saturating_sub(left));
+        let height = height.min(self.height.saturating_sub(top));
+        let rows = (top..top + height)
+            .flat_map(|v| &self.values[v * self.width + left..][..width])
+            .copied();
+        Self::new(width, height, rows.collect())
+    }
+
     /// The luma of every pixel.
     pub fn to_gray(&self) -> GrayImage {
         let values = self

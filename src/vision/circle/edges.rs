@@ -24,6 +24,10 @@ const FAINT: f32 = 0.3;
 /// Reach of Tukey's biweight in the successive fits, in radii; then in pixels, for the last.
 const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];
 const LAST_REACH: f64 = 1.5;
+/// An edge off the outline by less than this, in radii, supports it.
+const TOLERANCE: f64 = 0.04;
+/// Least share of rays with an edge at a rough radius; what has less is not fitted.
+const WORTHWHILE: f64 = 0.3;
 /// The reach is at least this many standard deviations of the residuals.
 const TUKEY: f64 = 4.7;
 /// Edges on neighbouring rays share their pixels: so many rays are worth one.
@@ -87,7 +91,7 @@ impl Unrolled {
         let (from, to) = (0.8 * LEAST as f64, 1.2 * MOST as f64);
         let start = Vector3::new(centre.u, centre.v, 0.0);
         self.find_edges(image, &start, (from, to), sign);
-        let (mut best, mut most) = (None, 0.0);
+        let (mut best, mut most) = (None, WORTHWHILE);
         let mut trial = from;
         while trial <= to {
             let ray = |edges: &[Edge; EDGES]| {
@@ -97,7 +101,7 @@ impl Unrolled {
             let seen = self.reaches.iter().filter(|r| **r > trial + 1.0).count();
             let sum: f64 = self.edges.iter().map(ray).sum();
             // Rays that the border cuts cannot have an edge: what is left counts for them, in part.
-            let worth = sum / (seen as f64 + 0.3 * RAYS as f64);
+            let worth = 1.3 * sum / (seen as f64 + 0.3 * RAYS as f64);
             if worth > most {
                 (best, most) = (Some(trial), worth);
             }
@@ -214,7 +218,11 @@ impl Unrolled {
             for k in half..sampled.saturating_sub(half) {
                 let window = &self.values[k - half..=k + half];
                 let slope: f32 = window.iter().zip(&self.kernel).map(|(v, w)| v * w).sum();
-                self.slopes[k] = -(sign as f32) * slope;
+                self.slopes[k] = if sign == 0.0 {
+                    slope.abs()
+                } else {
+                    -(sign as f32) * slope
+                };
             }
             self.edges[ray] = peaks(&self.slopes[..sampled], begin);
         }
@@ -247,7 +255,7 @@ impl Unrolled {
         let radius = circle.z;
         let (mut seen, mut supported) = (0.0, 0.0);
         let (mut contrast, mut slope) = (0.0, 0.0);
-        let tolerance = (0.04 * radius).max(1.0);
+        let tolerance = (TOLERANCE * radius).max(0.6);
         let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
         for ray in 0..RAYS {
             let [cos, sin] = self.directions[ray];
@@ -266,7 +274,8 @@ impl Unrolled {
             supported += 1.0;
             let step = 0.1 * radius;
             let sample = |(u, v): (f64, f64)| f64::from(image.sample(u, v));
-            contrast += sample(at(radius - step)) - sample(at(radius + step));
+            let fall = sample(at(radius - step)) - sample(at(radius + step));
+            contrast += if sign == 0.0 { fall.abs() } else { fall };
             slope += f64::from(edge.slope);
         }
         if supported < 4.0 {
@@ -276,6 +285,12 @@ impl Unrolled {
         let covariance = information.try_inverse()? * variance
             + Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
         let contrast = contrast / supported;
+        // The size of the step that the edges show; of the wrong sign, none.
+        let step = if sign == 0.0 {
+            contrast
+        } else {
+            (sign * contrast).max(0.0)
+        };
         Some(BallFit {
             circle: BallCircle {
                 center: Pixel {
@@ -288,8 +303,8 @@ impl Unrolled {
             support: supported / seen,
             visible: seen / RAYS as f64,
             // Of a ball that is no brighter than what is behind it, nothing is left.
-            contrast: sign * (sign * contrast).max(0.0),
-            edge_width: (sign * contrast).max(0.0) * supported / slope,
+            contrast: if sign < 0.0 { -step } else { step },
+            edge_width: step * supported / slope,
             rivals: 0,
         })
     }

@@ -4,7 +4,7 @@
 //! 1. The image is halved again and again. At every size, pixels on strong edges vote for centres [`vote::LEAST`] to
 //!    [`vote::MOST`] pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
 //!    transform to detect arbitrary shapes", Pattern Recognition 13, 1981), apart for balls brighter and darker than what is
-//!    behind them. A ball of any size is of that size at one of them.
+//!    behind them, and where that gives no whole outline, for edges of either sign. A ball of any size is of that size at one of them.
 //! 2. Around each centre with many votes the image is unrolled into angle and radius; edges of the right sign are
 //!    found on every ray to a fraction of a sample, and the circle is fitted to them by iteratively reweighted
 //!    least squares with Tukey's biweight (P. J. Huber, "Robust Statistics", 1981), which leaves out dots on the
@@ -111,8 +111,16 @@ impl std::fmt::Display for NoBall {
     }
 }
 
-/// Centres looked at closely at each size and for each sign of the contrast.
-const CENTRES: usize = 5;
+/// Centres looked at closely at each size and for each sign of the contrast: in crops, and in large images, where much
+/// else has edges.
+const CENTRES: (usize, usize) = (3, 16);
+/// Images with a longer side beyond this, pixels, are large.
+const LARGE: f64 = 320.0;
+/// A whole outline of this support ends the search where smaller images are left for balls below this part of
+/// its radius only.
+const SETTLED: (f64, f64) = (0.7, 0.8);
+/// An outline with this support is taken without looking for others with edges of either sign.
+const WHOLE: f64 = 0.9;
 /// The outline is fitted where the radius is at most this many pixels, which is fine enough: there a pixel is the mean of
 /// several, and its noise less.
 const FITTED_RADIUS: f64 = 44.0;
@@ -161,19 +169,43 @@ impl BallFinder {
         let most = self.config.most_radius * longer;
         self.halve(image, most);
         self.found.clear();
+        let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
+        let mut support = self.look(image, most, count, &[1.0, -1.0]);
+        // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
+        if self.best().is_none_or(|b| b.support < WHOLE) {
+            let either = self.look(image, most, count, &[0.0]);
+            support = match (support, either) {
+                (Some(a), Some(b)) => Some(a.max(b)),
+                (a, b) => a.or(b),
+            };
+        }
+        self.best().ok_or(match support {
+            Some(support) => NoBall::NoCircle { support },
+            None => NoBall::NoContrast,
+        })
+    }
+
+    /// Remembers all circles that are whole enough with edges of these signs; gives the best support of any circle.
+    fn look(&mut self, image: &GrayImage, most: f64, count: usize, signs: &[f64]) -> Option<f64> {
         let mut best_support: Option<f64> = None;
-        for level in 0..=self.halves.len() {
-            let scale = (1u64 << level) as f64;
+        // Large balls first: what is found spares the finer images.
+        for level in (0..=self.halves.len()).rev() {
+            let largest = vote::MOST as f64 * (1u64 << level) as f64;
             let smallest = self.level(image, level);
-            let sides = (smallest.width(), smallest.height());
-            if vote::MOST as f64 * scale < self.config.least_radius_px || sides.0.min(sides.1) < 3 {
+            let side = smallest.width().min(smallest.height());
+            if largest < self.config.least_radius_px || side < 3 {
                 continue;
             }
-            for sign in [1.0, -1.0] {
+            let settled =
+                |f: &BallFit| f.support > SETTLED.0 && largest < SETTLED.1 * f.circle.radius;
+            if self.found.iter().any(settled) {
+                break;
+            }
+            for &sign in signs {
                 let (halves, votes) = (&self.halves, &mut self.votes);
                 let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
                 votes.cast(small, sign);
-                votes.strongest(CENTRES, &mut self.centres);
+                votes.strongest(count, &mut self.centres);
                 for k in 0..self.centres.len() {
                     let centre = self.centres[k];
                     let Some(fit) = self.fit(image, level, &centre, sign, most) else {
@@ -186,23 +218,16 @@ impl BallFinder {
                 }
             }
         }
-        self.best().ok_or(match best_support {
-            Some(support) => NoBall::NoCircle { support },
-            None => NoBall::NoContrast,
-        })
+        best_support
     }
 
     /// The fit of an outline to the edges near a circle that is known roughly (to an eighth of its radius).
     /// `None` where there is no edge.
     pub fn fit_near(&mut self, image: &GrayImage, circle: &BallCircle) -> Option<BallFit> {
         self.halve(image, circle.radius);
-        let fits = [1.0, -1.0].map(|sign| self.refine(image, circle, sign));
-        let [a, b] = fits;
-        match (a, b) {
-            (Some(a), Some(b)) if score(&b) > score(&a) => Some(b),
-            (None, b) => b,
-            (a, _) => a,
-        }
+        let fits = [1.0, -1.0, 0.0].map(|sign| self.refine(image, circle, sign));
+        let fits = fits.into_iter().flatten();
+        fits.max_by(|a, b| score(a).total_cmp(&score(b)))
     }
 
     /// Fills `halves` until a circle of the radius `most` is small enough for the votes.

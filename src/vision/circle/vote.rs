@@ -30,7 +30,8 @@ pub(super) struct Votes {
 }
 
 impl Votes {
-    /// Casts all votes: for centres uphill of edges (`sign` 1, balls brighter than what is behind them) or downhill (-1).
+    /// Casts all votes: for centres uphill of edges (`sign` 1, balls brighter than what is behind them), downhill (-1), or
+    /// both (0).
     pub fn cast(&mut self, image: &GrayImage, sign: f64) {
         (self.width, self.height) = (image.width(), image.height());
         self.counts.clear();
@@ -46,18 +47,26 @@ impl Votes {
                     continue;
                 }
                 let weight = length.min(CAP * mean);
-                let (x, y) = (sign as f32 * x / length, sign as f32 * y / length);
-                for radius in LEAST..=MOST {
-                    let at_u = (u as f32 + radius as f32 * x).round();
-                    let at_v = (v as f32 + radius as f32 * y).round();
-                    let inside = at_u >= 0.0
-                        && at_v >= 0.0
-                        && at_u < self.width as f32
-                        && at_v < self.height as f32;
-                    if inside {
-                        self.counts[at_v as usize * self.width + at_u as usize] += weight;
-                    }
+                let (x, y) = (x / length, y / length);
+                if sign >= 0.0 {
+                    self.vote([u as f32, v as f32], [x, y], weight);
                 }
+                if sign <= 0.0 {
+                    self.vote([u as f32, v as f32], [-x, -y], weight);
+                }
+            }
+        }
+    }
+
+    /// Votes for all centres in a direction from a pixel.
+    fn vote(&mut self, [u, v]: [f32; 2], [x, y]: [f32; 2], weight: f32) {
+        for radius in LEAST..=MOST {
+            let at_u = (u + radius as f32 * x).round();
+            let at_v = (v + radius as f32 * y).round();
+            let inside =
+                at_u >= 0.0 && at_v >= 0.0 && at_u < self.width as f32 && at_v < self.height as f32;
+            if inside {
+                self.counts[at_v as usize * self.width + at_u as usize] += weight;
             }
         }
     }

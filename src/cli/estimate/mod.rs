@@ -1,0 +1,379 @@
+//! `spindoe estimate`: from images to orientations, and with times to the spin.
+
+mod output;
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use crate::error::{Error, Result};
+use crate::files;
+use crate::pattern::Pattern;
+use crate::plot::{self, OverlayFrame};
+use crate::spin::{Fit, Refusal};
+use crate::vision::estimator::{SequenceConfig, SequenceSummary, estimate_spin, tell_sequence};
+use crate::vision::input::{self, InputFrame};
+use crate::vision::net::Weights;
+use crate::vision::net::detector::CnnConfig;
+use crate::vision::{
+    BallCircle, Camera, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
+    Intrinsics, NamedDetector, Pixel, RgbImage,
+};
+use output::Report;
+
+/// Frames are drawn whole up to this side, pixels; of larger ones the ball's surroundings.
+const WHOLE: usize = 320;
+/// Half a side of what is drawn around a ball, in radii.
+const AROUND: f64 = 1.4;
+
+/// The camera frame that orientations are written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Frame {
+    /// x right, y up, z from the ball towards the camera.
+    Ours,
+    /// x right, y down, z forward (REP 103).
+    Optical,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Images: PNG, JPEG, BMP, TIFF or PNM files of any depth, folders of them, or videos (through ffmpeg). They are
+taken in the order of the numbers in their names. The ball may fill the image, or be a part of it.
+
+Times: a name that is a whole number is nanoseconds; a video's frames have theirs; --times or --fps override
+both. Where all frames have a time, frames that cannot be told alone are told with the spin of the others
+as a hint (--no-sequence: they are not), and the spin is estimated at the end.
+
+Orientations: CSV, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence; scalar first; the fields are
+empty where a frame is not told. The confidence is the probability that the orientation is right. The
+quaternion maps the pattern's frame, which stays as it is, to the camera's. --frame ours: x right, y up, z towards
+the camera. --frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_ours; the spin's vector is
+turned alike.
+
+Refused frames are named on standard error with the reason, and in --json.
+
+Example:
+  spindoe estimate --table table.npz crops/ -o orientations.csv --overlay seen/")]
+pub struct Arguments {
+    /// Images, folders of images, or videos.
+    #[arg(value_name = "IMAGES_OR_DIR", required = true)]
+    images: Vec<PathBuf>,
+    /// The pattern's hash table (.npz), or the pattern (CSV of unit vectors x,y,z).
+    #[arg(long, value_name = "TABLE.npz")]
+    table: PathBuf,
+    /// Write the orientations to this file instead of standard output.
+    #[arg(short, long, value_name = "ORIENTATIONS.csv")]
+    output: Option<PathBuf>,
+    /// How dots are found.
+    #[arg(long, value_enum, default_value_t = DetectorName::Cnn)]
+    detector: DetectorName,
+    /// The net's weights, made by `spindoe train` [default: those built in].
+    #[arg(long, value_name = "WEIGHTS.npz")]
+    weights: Option<PathBuf>,
+    /// Draw every frame enlarged, with what was seen in it, and a contact sheet, into this folder.
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+    /// The ball's outline in all frames: centre and radius in pixels [default: it is found].
+    #[arg(
+        long,
+        value_name = "U,V,R",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    circle: Vec<f64>,
+    /// The camera's focal lengths and principal point in pixels [default: parallel rays].
+    #[arg(
+        long,
+        value_name = "FX,FY,CX,CY",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    intrinsics: Vec<f64>,
+    /// Frames per second: the frames follow each other evenly.
+    #[arg(long, value_name = "F", conflicts_with = "times")]
+    fps: Option<f64>,
+    /// Times of the frames: CSV with the header frame,time_s.
+    #[arg(long, value_name = "CSV")]
+    times: Option<PathBuf>,
+    /// The camera frame that orientations and spin are written in.
+    #[arg(long, value_enum, default_value = "ours")]
+    frame: Frame,
+    /// Least probability of an orientation that is told, 0 to 1.
+    #[arg(
+        long,
+        value_name = "P",
+        default_value_t = 0.5,
+        allow_negative_numbers = true
+    )]
+    min_confidence: f64,
+    /// Tell every frame alone.
+    #[arg(long)]
+    no_sequence: bool,
+    /// Largest spin considered, revolutions per second.
+    #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
+    max_spin_rps: f64,
+    /// Print one JSON object instead, with every dot, refusal and the spin.
+    #[arg(long)]
+    json: bool,
+}
+
+/// All frames, and what was seen in them.
+#[derive(Default)]
+struct Seen {
+    names: Vec<String>,
+    times: Vec<Option<f64>>,
+    frames: Vec<FrameEstimate>,
+    /// Pictures for the overlays, with the corner at which each was cut out.
+    pictures: Vec<(RgbImage, usize, usize)>,
+}
+
+/// The times of a sequence, and what came of it.
+struct Sequence {
+    told: SequenceSummary,
+    spin: std::result::Result<Fit, Refusal>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let pattern = super::read_table(&arguments.table)?.pattern().clone();
+    let estimator = arguments.estimator(&pattern)?;
+    let circle = arguments.circle()?;
+    if let Some(dir) = &arguments.overlay {
+        files::create_writable_dir(dir)?;
+    }
+    let mut workspace = estimator.workspace();
+    let mut seen = arguments.look(&estimator, circle.as_ref(), &mut workspace)?;
+    arguments.set_times(&mut seen)?;
+    let config = arguments.sequence_config();
+    let times: Option<Vec<f64>> = seen.times.iter().copied().collect();
+    let rising = |t: &Vec<f64>| t.windows(2).all(|w| w[0] < w[1]);
+    let sequence = match times {
+        Some(times) if rising(&times) && times.len() > 1 => {
+            let told = if arguments.no_sequence {
+                SequenceSummary::default()
+            } else {
+                tell_sequence(
+                    &estimator,
+                    &config,
+                    &times,
+                    &mut seen.frames,
+                    &mut workspace,
+                )
+            };
+            let spin = estimate_spin(&estimator, &config, &times, &seen.frames);
+            Some(Sequence { told, spin })
+        }
+        Some(times) if times.len() > 1 => {
+            errln!("spindoe: the times do not rise from frame to frame: every frame is told alone");
+            None
+        }
+        _ => None,
+    };
+    if let Some(dir) = &arguments.overlay {
+        draw(dir, &estimator, &seen)?;
+    }
+    let report = Report {
+        arguments,
+        seen: &seen,
+        sequence: sequence.as_ref(),
+    };
+    let text = report.orientations_csv();
+    if let Some(path) = &arguments.output {
+        files::write_bytes(path, text.as_bytes())?;
+    }
+    if arguments.json {
+        super::print_json(&report.to_json())?;
+    } else if arguments.output.is_none() {
+        std::io::stdout()
+            .write_all(text.as_bytes())
+            .map_err(|e| Error::write("standard output", e))?;
+    }
+    report.say();
+    Ok(())
+}
+
+impl Arguments {
+    fn estimator(&self, pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
+        if !(0.0..=1.0).contains(&self.min_confidence) {
+            let problem = format!("expected 0 to 1, found {}", self.min_confidence);
+            return Err(Error::argument("--min-confidence", problem));
+        }
+        for (name, value) in [
+            ("--fps", self.fps),
+            ("--max-spin-rps", Some(self.max_spin_rps)),
+        ] {
+            if let Some(x) = value.filter(|x| !(*x > 0.0 && x.is_finite())) {
+                let problem = format!("expected a positive number, found {x}");
+                return Err(Error::argument(name, problem));
+            }
+        }
+        let camera = match self.intrinsics[..] {
+            [] => Camera::Orthographic,
+            [fx, fy, cx, cy] if fx > 0.0 && fy > 0.0 => {
+                Camera::Perspective(Intrinsics { fx, fy, cx, cy })
+            }
+            _ => {
+                let problem = "expected FX,FY,CX,CY with positive focal lengths";
+                return Err(Error::argument("--intrinsics", problem));
+            }
+        };
+        let config = EstimatorConfig {
+            camera,
+            least_confidence: self.min_confidence,
+            ..EstimatorConfig::default()
+        };
+        Estimator::new(pattern, config, self.detector()?)
+    }
+
+    fn detector(&self) -> Result<NamedDetector> {
+        match (&self.weights, self.detector) {
+            (None, name) => name.build(),
+            (Some(path), DetectorName::Cnn) => {
+                let net = CnnDetector::new(&Weights::read(path)?, CnnConfig::default())?;
+                Ok(NamedDetector::Cnn(net))
+            }
+            (Some(_), DetectorName::Blob) => {
+                let problem = "expected --detector cnn: blobs have no weights";
+                Err(Error::argument("--weights", problem))
+            }
+        }
+    }
+
+    fn circle(&self) -> Result<Option<BallCircle>> {
+        match self.circle[..] {
+            [] => Ok(None),
+            [u, v, radius] if radius > 0.0 && radius.is_finite() => Ok(Some(BallCircle {
+                center: Pixel { u, v },
+                radius,
+            })),
+            _ => {
+                let problem = "expected U,V,R in pixels with a positive radius";
+                Err(Error::argument("--circle", problem))
+            }
+        }
+    }
+
+    fn sequence_config(&self) -> SequenceConfig {
+        let mut config = SequenceConfig::default();
+        config.spin.max_rps = self.max_spin_rps;
+        config
+    }
+
+    /// Looks at all frames, and tells each alone.
+    fn look(
+        &self,
+        estimator: &Estimator<NamedDetector>,
+        circle: Option<&BallCircle>,
+        workspace: &mut crate::vision::estimator::EstimatorWorkspace<
+            <NamedDetector as crate::vision::DotDetector>::Workspace,
+        >,
+    ) -> Result<Seen> {
+        let mut seen = Seen::default();
+        for source in input::sources(&self.images)? {
+            let first = seen.times.len();
+            let mut visit = |frame: InputFrame| {
+                let mut estimate = FrameEstimate::default();
+                let gray = frame.image.to_gray();
+                estimator.estimate_frame(&gray, circle, None, workspace, &mut estimate);
+                if self.overlay.is_some() {
+                    seen.pictures.push(picture(&frame.image, &estimate)?);
+                }
+                seen.names.push(frame.name);
+                seen.times.push(frame.time_s);
+                seen.frames.push(estimate);
+                Ok(())
+            };
+            let times = input::read_frames(&source, &mut visit)?;
+            for (k, time) in times.into_iter().enumerate() {
+                seen.times[first + k] = time;
+            }
+        }
+        Ok(seen)
+    }
+
+    /// Sets the times that the user gives.
+    fn set_times(&self, seen: &mut Seen) -> Result<()> {
+        if let Some(fps) = self.fps {
+            for (k, time) in seen.times.iter_mut().enumerate() {
+                *time = Some(k as f64 / fps);
+            }
+        }
+        if let Some(path) = &self.times {
+            let table = input::read_times(path)?;
+            for (name, time) in seen.names.iter().zip(&mut seen.times) {
+                let known = table.get(name).copied().ok_or_else(|| {
+                    Error::input(path, "file", format!("expected a time of frame {name}"))
+                })?;
+                *time = Some(known);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What is drawn of a frame, and the corner at which it is cut out.
+fn picture(image: &RgbImage, estimate: &FrameEstimate) -> Result<(RgbImage, usize, usize)> {
+    let whole = image.width().max(image.height()) <= WHOLE;
+    match estimate.circle {
+        Some(circle) if !whole => {
+            let corner = |x: f64| (x - AROUND * circle.radius).max(0.0) as usize;
+            let side = (2.0 * AROUND * circle.radius).ceil() as usize + 1;
+            let left = corner(circle.center.u).min(image.width() - 1);
+            let top = corner(circle.center.v).min(image.height() - 1);
+            Ok((image.part(left, top, side, side)?, left, top))
+        }
+        _ => Ok((image.clone(), 0, 0)),
+    }
+}
+
+/// Draws all frames, and the sheets.
+fn draw(dir: &std::path::Path, estimator: &Estimator<NamedDetector>, seen: &Seen) -> Result<()> {
+    let mut frames = Vec::new();
+    for (k, frame) in seen.frames.iter().enumerate() {
+        let (image, left, top) = &seen.pictures[k];
+        let place = |p: Pixel| Pixel {
+            u: p.u - *left as f64,
+            v: p.v - *top as f64,
+        };
+        let drawn = OverlayFrame {
+            name: seen.names[k].clone(),
+            words: output::words(frame),
+            refused: frame.pose().is_none(),
+            image: image.clone(),
+            outline: frame.circle.map(|c| (place(c.center), c.radius)),
+            dots: (frame.dots.iter().zip(&frame.assignment))
+                .map(|(dot, name)| plot::OverlayDot {
+                    pixel: place(dot.pixel),
+                    confidence: dot.confidence,
+                    named: name.is_some(),
+                })
+                .collect(),
+            expected: (estimator.expected_dots(frame).into_iter())
+                .map(|(number, pixel, z)| (number, place(pixel), z))
+                .collect(),
+        };
+        plot::frame_overlay(&dir.join(file_name(k, &drawn.name)), &drawn)?;
+        frames.push(drawn);
+    }
+    for (k, sheet) in frames.chunks(plot::SHEET_FRAMES).enumerate() {
+        let name = match k {
+            0 => "contact_sheet.png".to_owned(),
+            k => format!("contact_sheet_{}.png", k + 1),
+        };
+        plot::contact_sheet(&dir.join(name), sheet)?;
+    }
+    Ok(())
+}
+
+/// A file name in the frames' order, whatever signs a frame's name has.
+fn file_name(index: usize, name: &str) -> String {
+    let safe: String = name
+        .chars()
+        .take(80)
+        .map(|c| match c {
+            c if c.is_alphanumeric() || "-_.".contains(c) => c,
+            _ => '_',
+        })
+        .collect();
+    format!("{index:05}_{safe}.png")
+}

@@ -1,0 +1,212 @@
+//! What `spindoe estimate` says.
+
+use serde_json::{Value, json};
+
+use super::{Arguments, Frame, Seen, Sequence};
+use crate::geometry::{Rotation, Vec3};
+use crate::spin::Fit;
+use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::vision::FrameEstimate;
+
+/// Everything that is reported.
+pub(super) struct Report<'a> {
+    pub arguments: &'a Arguments,
+    pub seen: &'a Seen,
+    pub sequence: Option<&'a Sequence>,
+}
+
+/// What became of a frame, in words.
+pub(super) fn words(frame: &FrameEstimate) -> String {
+    let second = match frame.fit.map_or(0, |f| f.rivals) {
+        0 => "",
+        _ => "; more than one ball in view",
+    };
+    match &frame.outcome {
+        Ok(pose) => format!(
+            "p = {:.2}, {} of {} dots, {:.1} deg, {:.2} px{}{second}",
+            pose.pose_confidence,
+            frame.matched(),
+            frame.dots.len(),
+            pose.residual_rad.to_degrees(),
+            pose.residual_px,
+            if pose.hinted { ", hinted" } else { "" },
+        ),
+        Err(rejection) => format!("{rejection}{second}"),
+    }
+}
+
+impl Report<'_> {
+    /// An orientation in the frame that is asked for.
+    fn turned(&self, rotation: &Rotation) -> Rotation {
+        match self.arguments.frame {
+            Frame::Ours => *rotation,
+            Frame::Optical => half_turn() * rotation,
+        }
+    }
+
+    pub fn orientations_csv(&self) -> String {
+        let frames = self.seen.frames.iter().enumerate();
+        let rows = frames.map(|(k, frame)| {
+            let pose = frame.pose();
+            OrientationRow {
+                frame: self.seen.names[k].clone(),
+                time_s: self.seen.times[k].unwrap_or(f64::NAN),
+                orientation: pose.map(|p| self.turned(&p.rotation)),
+                dots: Some(frame.dots.len()),
+                matched: Some(frame.matched()),
+                residual_rad: pose.map(|p| p.residual_rad),
+                confidence: pose.map(|p| p.pose_confidence),
+            }
+        });
+        Orientations {
+            rows: rows.collect(),
+        }
+        .to_csv()
+    }
+
+    pub fn to_json(&self) -> Value {
+        let count = self.seen.frames.len();
+        let frames: Vec<Value> = (0..count).map(|k| self.frame_json(k)).collect();
+        let mut json = json!({
+            "detector": self.arguments.detector,
+            "frame": match self.arguments.frame {
+                Frame::Ours => "ours",
+                Frame::Optical => "optical",
+            },
+            "frames": frames,
+            "identified": self.identified(),
+        });
+        if let Some(sequence) = self.sequence {
+            match &sequence.spin {
+                Ok(fit) => json["spin"] = self.spin_json(fit),
+                Err(refusal) => json["spin_refusal"] = refusal.to_string().into(),
+            }
+        }
+        json
+    }
+
+    fn spin_json(&self, fit: &Fit) -> Value {
+        let mut motion = fit.motion;
+        let mut covariance = fit.spin_covariance;
+        if self.arguments.frame == Frame::Optical {
+            let turn = half_turn();
+            motion.spin = turn * motion.spin;
+            motion.orientation = turn * motion.orientation;
+            let matrix = turn.to_rotation_matrix();
+            covariance = covariance.map(|c| matrix.matrix() * c * matrix.matrix().transpose());
+        }
+        let turned = Fit {
+            motion,
+            spin_covariance: covariance,
+            ..*fit
+        };
+        crate::cli::spin::fit_json(&turned, self.seen.frames.len(), self.identified())
+    }
+
+    fn frame_json(&self, k: usize) -> Value {
+        let frame = &self.seen.frames[k];
+        let dots: Vec<Value> = frame
+            .dots
+            .iter()
+            .zip(&frame.assignment)
+            .map(|(dot, name)| {
+                let c = dot.covariance;
+                json!({
+                    "u": dot.pixel.u,
+                    "v": dot.pixel.v,
+                    "covariance_px2": [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
+                    "confidence": dot.confidence,
+                    "name": name,
+                })
+            })
+            .collect();
+        let ms = |d: std::time::Duration| 1e3 * d.as_secs_f64();
+        let mut json = json!({
+            "frame": self.seen.names[k],
+            "time_s": self.seen.times[k],
+            "circle": frame.circle.map(|c| json!({
+                "u": c.center.u, "v": c.center.v, "radius": c.radius,
+            })),
+            "dots": dots.len(),
+            "detections": dots,
+            "milliseconds": {
+                "locate": ms(frame.timings.locate),
+                "detect": ms(frame.timings.detect),
+                "identify": ms(frame.timings.identify),
+            },
+        });
+        if let Some(fit) = &frame.fit {
+            json["outline"] = json!({
+                "support": fit.support,
+                "visible": fit.visible,
+                "contrast": fit.contrast,
+                "edge_width_px": fit.edge_width,
+                "other_balls": fit.rivals,
+            });
+        }
+        match &frame.outcome {
+            Ok(pose) => {
+                let q = self.turned(&pose.rotation).into_inner();
+                let q = if q.w < 0.0 { -q } else { q };
+                json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
+                json["matched"] = frame.matched().into();
+                json["residual_deg"] = pose.residual_rad.to_degrees().into();
+                json["residual_px"] = pose.residual_px.into();
+                json["confidence"] = pose.confidence.into();
+                json["pose_confidence"] = pose.pose_confidence.into();
+                json["hinted"] = pose.hinted.into();
+            }
+            Err(rejection) => json["refusal"] = rejection.to_string().into(),
+        }
+        json
+    }
+
+    fn identified(&self) -> usize {
+        self.seen
+            .frames
+            .iter()
+            .filter(|f| f.pose().is_some())
+            .count()
+    }
+
+    /// Says on standard error what became of the frames.
+    pub fn say(&self) {
+        for (name, frame) in self.seen.names.iter().zip(&self.seen.frames) {
+            let several = frame.fit.is_some_and(|f| f.rivals > 0);
+            if frame.pose().is_none() || several {
+                errln!("{name}: {}", words(frame));
+            }
+        }
+        let count = self.seen.frames.len();
+        errln!("{} of {count} frames identified", self.identified());
+        let Some(sequence) = self.sequence else {
+            return;
+        };
+        if sequence.told.together > sequence.told.alone {
+            errln!("{} of them alone", sequence.told.alone);
+        }
+        match &sequence.spin {
+            Ok(fit) => {
+                let mut spin = fit.motion.spin;
+                if self.arguments.frame == Frame::Optical {
+                    spin = half_turn() * spin;
+                }
+                let axis = spin.try_normalize(0.0).unwrap_or_default();
+                errln!(
+                    "spin: {:.3} rps about [{:.4}, {:.4}, {:.4}], {} frames agree",
+                    fit.motion.rps(),
+                    axis.x,
+                    axis.y,
+                    axis.z,
+                    fit.inliers
+                );
+            }
+            Err(refusal) => errln!("spin: {refusal}"),
+        }
+    }
+}
+
+/// From our camera frame to the optical one: diag(1, -1, -1), half a turn about x.
+fn half_turn() -> Rotation {
+    Rotation::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI)
+}
