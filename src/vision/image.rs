@@ -78,6 +78,22 @@ impl GrayImage {
         self.values[v * self.width + u]
     }
 
+    /// Half as large along both sides, each value the mean of four, written into `out`, whose memory is reused. The
+    /// pixel (u, v) of `out` has its centre at (2 u + 0.5, 2 v + 0.5) of this image.
+    pub fn halve_into(&self, out: &mut Self) {
+        (out.width, out.height) = (self.width.div_ceil(2), self.height.div_ceil(2));
+        out.values.clear();
+        for v in 0..out.height {
+            let upper = &self.values[2 * v * self.width..][..self.width];
+            let lower = &self.values[(2 * v + 1).min(self.height - 1) * self.width..][..self.width];
+            for u in 0..out.width {
+                let (a, b) = (2 * u, (2 * u + 1).min(self.width - 1));
+                let sum = upper[a] + upper[b] + lower[a] + lower[b];
+                out.values.push(0.25 * sum);
+            }
+        }
+    }
+
     /// The value between pixels (bilinear); outside, that of the nearest border.
     pub fn sample(&self, u: f64, v: f64) -> f32 {
         let u = u.clamp(0.0, (self.width - 1) as f64);

@@ -8,16 +8,24 @@
 //! Pixels: u right, v down, the centre of the top-left pixel at (0, 0). Camera frame: x right, y up, z from the
 //! ball towards the camera.
 
+pub mod blob;
 pub mod camera;
+pub mod circle;
 pub mod detect;
+pub mod detector;
+pub mod estimator;
 pub mod image;
 pub mod net;
 pub mod patch;
 pub mod synth;
 pub mod train;
 
+pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
+pub use circle::{BallFinder, BallFit, CircleConfig, NoBall, find_ball};
 pub use detect::{DotDetection, DotDetector};
+pub use detector::{DetectorName, NamedDetector};
+pub use estimator::{Estimator, EstimatorConfig, FrameEstimate, Pose, Rejection};
 pub use image::{GrayImage, RgbImage};
 pub use net::CnnDetector;
 pub use patch::Patch;

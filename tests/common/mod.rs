@@ -1,5 +1,8 @@
 //! What several test files share.
 
+#[allow(dead_code)]
+pub mod ball;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -55,6 +58,12 @@ fn published(place: &str) -> Option<PathBuf> {
 #[allow(dead_code)]
 pub fn published_pattern() -> Option<Pattern> {
     published("ref_pattern.csv").map(|path| Pattern::read_csv(&path).expect("it reads"))
+}
+
+/// The folder of the published images, or `None` as above.
+#[allow(dead_code)]
+pub fn published_frames() -> Option<PathBuf> {
+    published("frames")
 }
 
 /// The folder of the published flights, or `None` as above.

@@ -26,16 +26,16 @@ pub struct CnnConfig {
 }
 
 impl Default for CnnConfig {
-    /// 0.3: the recogniser copes with a false dot better than with a missing one.
+    /// 0.1: whoever uses the dots decides with which probability.
     fn default() -> Self {
         Self {
-            least_confidence: 0.3,
+            least_confidence: 0.1,
         }
     }
 }
 
 /// The dot detector.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct CnnDetector {
     net: Net,
     device: Device,

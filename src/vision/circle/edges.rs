@@ -1,0 +1,319 @@
+//! The image unrolled around a centre, its edges, and the circle through them.
+//!
+//! On the ray at the angle `a` the edge at the radius `e(a)` leaves the circle `(u, v, r)` the residual
+//! `|c + e (cos a, sin a) - (u, v)| - r`, whose derivatives are `-cos a, -sin a, -1` to first order.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use super::vote::{Centre, LEAST, MOST};
+use super::{BallCircle, BallFit, GrayImage, Pixel};
+
+/// Rays around a centre.
+const RAYS: usize = 72;
+/// Samples a pixel along a ray.
+const FINE: f64 = 2.0;
+/// Most samples on a ray, and most edges on it.
+const SAMPLES: usize = 96;
+const EDGES: usize = 4;
+/// Standard deviation of the smoothing of derivatives, pixels.
+const SMOOTHING: f64 = 0.8;
+/// Edges below this part of the strong ones' slope (the upper quartile of the rays' strongest) are none.
+const FAINT: f32 = 0.3;
+/// Reach of Tukey's biweight in the successive fits, in radii; then in pixels, for the last.
+const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];
+const LAST_REACH: f64 = 1.5;
+/// The reach is at least this many standard deviations of the residuals.
+const TUKEY: f64 = 4.7;
+/// Edges on neighbouring rays share their pixels: so many rays are worth one.
+const CORRELATED: f64 = 2.0;
+/// The systematic error of an outline (shading, blur), pixels, added to the scatter's.
+const SYSTEMATIC: f64 = 0.05;
+
+/// An edge on a ray.
+#[derive(Debug, Clone, Copy, Default)]
+struct Edge {
+    radius: f64,
+    /// Fall of the brightness outwards (for dark balls, rise), per pixel; 0 for no edge.
+    slope: f32,
+}
+
+/// Working memory.
+#[derive(Debug)]
+pub(super) struct Unrolled {
+    /// Where the rays begin.
+    origin: Vector2<f64>,
+    directions: Vec<[f64; 2]>,
+    kernel: Vec<f32>,
+    values: [f32; SAMPLES],
+    slopes: [f32; SAMPLES],
+    edges: Vec<[Edge; EDGES]>,
+    strongest: Vec<f32>,
+    /// How far the image reaches along each ray.
+    reaches: Vec<f64>,
+}
+
+impl Default for Unrolled {
+    fn default() -> Self {
+        let direction = |k: usize| {
+            let (sin, cos) = (TAU * k as f64 / RAYS as f64).sin_cos();
+            [cos, sin]
+        };
+        let sigma = SMOOTHING * FINE;
+        let half = (2.5 * sigma).ceil() as i64;
+        let weight = |k: i64| {
+            let x = k as f64 / sigma;
+            -x * (-0.5 * x * x).exp()
+        };
+        // A ramp that falls by 1 a pixel has the slope 1.
+        let norm: f64 = (-half..=half).map(|k| weight(k) * k as f64).sum::<f64>() / FINE;
+        Self {
+            origin: Vector2::zeros(),
+            directions: (0..RAYS).map(direction).collect(),
+            kernel: (-half..=half).map(|k| (weight(k) / norm) as f32).collect(),
+            values: [0.0; SAMPLES],
+            slopes: [0.0; SAMPLES],
+            edges: vec![[Edge::default(); EDGES]; RAYS],
+            strongest: Vec::with_capacity(RAYS),
+            reaches: vec![0.0; RAYS],
+        }
+    }
+}
+
+impl Unrolled {
+    /// The radius around a centre, of those voted for, at which most rays have an edge of this sign.
+    pub fn radius(&mut self, image: &GrayImage, centre: &Centre, sign: f64) -> Option<f64> {
+        let (from, to) = (0.8 * LEAST as f64, 1.2 * MOST as f64);
+        let start = Vector3::new(centre.u, centre.v, 0.0);
+        self.find_edges(image, &start, (from, to), sign);
+        let (mut best, mut most) = (None, 0.0);
+        let mut trial = from;
+        while trial <= to {
+            let ray = |edges: &[Edge; EDGES]| {
+                let near = |e: &Edge| (1.0 - ((e.radius - trial) / 2.0).powi(2)).max(0.0);
+                edges.iter().map(near).fold(0.0, f64::max)
+            };
+            let seen = self.reaches.iter().filter(|r| **r > trial + 1.0).count();
+            let sum: f64 = self.edges.iter().map(ray).sum();
+            // Rays that the border cuts cannot have an edge: what is left counts for them, in part.
+            let worth = sum / (seen as f64 + 0.3 * RAYS as f64);
+            if worth > most {
+                (best, most) = (Some(trial), worth);
+            }
+            trial += 0.5;
+        }
+        best
+    }
+
+    /// Fits the circle from `start` (u, v, r).
+    pub fn fit(&mut self, image: &GrayImage, start: Vector3<f64>, sign: f64) -> Option<BallFit> {
+        let mut circle = start;
+        for (round, reach) in REACH.into_iter().enumerate() {
+            let wide = if round == 0 { 0.3 } else { 0.2 };
+            let range = ((1.0 - wide) * circle.z, (1.0 + wide) * circle.z);
+            self.find_edges(image, &circle, range, sign);
+            let reach = (reach * circle.z).max(LAST_REACH);
+            for _ in 0..3 {
+                circle = self.step(&circle, reach)?.0;
+            }
+            let inside = circle.x > 0.0
+                && circle.y > 0.0
+                && circle.x < image.width() as f64
+                && circle.y < image.height() as f64
+                && circle.z > 2.0;
+            let sane = inside
+                && (circle.z / start.z).ln().abs() < 0.5
+                && (circle.xy() - start.xy()).norm() < 0.6 * start.z;
+            if !sane {
+                return None;
+            }
+        }
+        let scatter = self.step(&circle, LAST_REACH)?.1;
+        let reach = (TUKEY * scatter).clamp(0.8, LAST_REACH);
+        for _ in 0..3 {
+            circle = self.step(&circle, reach)?.0;
+        }
+        let (_, scatter, information) = self.step(&circle, reach)?;
+        self.judge(image, &circle, scatter, information, sign)
+    }
+
+    /// One reweighted step; the new circle, the residuals' standard deviation, and the sum of `w J^T J` with the weights'
+    /// mean 1.
+    fn step(&self, circle: &Vector3<f64>, reach: f64) -> Option<(Vector3<f64>, f64, Matrix3<f64>)> {
+        let (mut information, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+        let (mut squares, mut total, mut weights) = (0.0, 0.0, 0.0);
+        for ray in 0..RAYS {
+            let Some((edge, point)) = self.nearest(ray, circle) else {
+                continue;
+            };
+            let offset = point - circle.xy();
+            let distance = offset.norm();
+            let residual = distance - circle.z;
+            let t = residual / reach;
+            if t.abs() >= 1.0 || distance < 1e-6 {
+                continue;
+            }
+            let tukey = (1.0 - t * t).powi(2);
+            let weight = tukey * f64::from(edge.slope.sqrt());
+            let j = Vector3::new(offset.x / distance, offset.y / distance, 1.0);
+            information += j * j.transpose() * weight;
+            gradient += j * (weight * residual);
+            squares += weight * residual * residual;
+            total += weight;
+            weights += tukey;
+        }
+        if weights < 4.0 {
+            return None;
+        }
+        // A breath of a prior: short arcs leave the radius open.
+        let hold = Matrix3::from_diagonal_element(1e-3 * total);
+        let step = (information + hold).cholesky()?.solve(&gradient);
+        let scatter = (squares / total).sqrt();
+        Some((circle + step, scatter, information * (weights / total)))
+    }
+
+    /// The edge of a ray that lies best on the circle, and where it is.
+    fn nearest(&self, ray: usize, circle: &Vector3<f64>) -> Option<(&Edge, Vector2<f64>)> {
+        let [cos, sin] = self.directions[ray];
+        let place = |e: &Edge| self.origin + Vector2::new(cos, sin) * e.radius;
+        let off = |e: &Edge| ((place(e) - circle.xy()).norm() - circle.z).abs();
+        let found = self.edges[ray].iter().filter(|e| e.slope > 0.0);
+        let best = found.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        Some((best, place(best)))
+    }
+
+    /// Finds the edges on all rays from a centre (u, v, _) between two radii.
+    fn find_edges(
+        &mut self,
+        image: &GrayImage,
+        centre: &Vector3<f64>,
+        (from, to): (f64, f64),
+        sign: f64,
+    ) {
+        self.origin = centre.xy();
+        let half = self.kernel.len() / 2;
+        let margin = half as f64 / FINE;
+        let begin = (from - margin).max(0.0);
+        let count = (((to + margin - begin) * FINE) as usize).min(SAMPLES);
+        let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
+        for ray in 0..RAYS {
+            let [cos, sin] = self.directions[ray];
+            let mut sampled = 0;
+            for k in 0..count {
+                let radius = begin + k as f64 / FINE;
+                let (u, v) = (centre.x + radius * cos, centre.y + radius * sin);
+                if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {
+                    break;
+                }
+                self.values[k] = image.sample(u, v);
+                sampled = k + 1;
+            }
+            self.reaches[ray] = begin + sampled.saturating_sub(half) as f64 / FINE;
+            self.slopes.fill(0.0);
+            for k in half..sampled.saturating_sub(half) {
+                let window = &self.values[k - half..=k + half];
+                let slope: f32 = window.iter().zip(&self.kernel).map(|(v, w)| v * w).sum();
+                self.slopes[k] = -(sign as f32) * slope;
+            }
+            self.edges[ray] = peaks(&self.slopes[..sampled], begin);
+        }
+        self.drop_faint();
+    }
+
+    /// Forgets edges that are faint against the strong ones.
+    fn drop_faint(&mut self) {
+        let strongest = |edges: &[Edge; EDGES]| edges.iter().map(|e| e.slope).fold(0.0, f32::max);
+        self.strongest.clear();
+        self.strongest.extend(self.edges.iter().map(strongest));
+        self.strongest.sort_unstable_by(f32::total_cmp);
+        let least = FAINT * self.strongest[RAYS * 3 / 4];
+        for edge in self.edges.iter_mut().flatten() {
+            if edge.slope < least {
+                edge.slope = 0.0;
+            }
+        }
+    }
+
+    /// What the fitted circle is worth.
+    fn judge(
+        &mut self,
+        image: &GrayImage,
+        circle: &Vector3<f64>,
+        scatter: f64,
+        information: Matrix3<f64>,
+        sign: f64,
+    ) -> Option<BallFit> {
+        let radius = circle.z;
+        let (mut seen, mut supported) = (0.0, 0.0);
+        let (mut contrast, mut slope) = (0.0, 0.0);
+        let tolerance = (0.04 * radius).max(1.0);
+        let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
+        for ray in 0..RAYS {
+            let [cos, sin] = self.directions[ray];
+            let at = |out: f64| (circle.x + out * cos, circle.y + out * sin);
+            let (u, v) = at(radius + SMOOTHING * 2.5);
+            if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {
+                continue;
+            }
+            seen += 1.0;
+            let Some((edge, point)) = self.nearest(ray, circle) else {
+                continue;
+            };
+            if ((point - circle.xy()).norm() - radius).abs() > tolerance {
+                continue;
+            }
+            supported += 1.0;
+            let step = 0.1 * radius;
+            let sample = |(u, v): (f64, f64)| f64::from(image.sample(u, v));
+            contrast += sample(at(radius - step)) - sample(at(radius + step));
+            slope += f64::from(edge.slope);
+        }
+        if supported < 4.0 {
+            return None;
+        }
+        let variance = CORRELATED * scatter * scatter + SYSTEMATIC * SYSTEMATIC;
+        let covariance = information.try_inverse()? * variance
+            + Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
+        let contrast = contrast / supported;
+        Some(BallFit {
+            circle: BallCircle {
+                center: Pixel {
+                    u: circle.x,
+                    v: circle.y,
+                },
+                radius,
+            },
+            covariance,
+            support: supported / seen,
+            visible: seen / RAYS as f64,
+            // Of a ball that is no brighter than what is behind it, nothing is left.
+            contrast: sign * (sign * contrast).max(0.0),
+            edge_width: (sign * contrast).max(0.0) * supported / slope,
+            rivals: 0,
+        })
+    }
+}
+
+/// The strongest peaks of the slopes along a ray, between samples by a parabola.
+fn peaks(slopes: &[f32], begin: f64) -> [Edge; EDGES] {
+    let mut found = [Edge::default(); EDGES];
+    for k in 1..slopes.len().saturating_sub(1) {
+        let [a, b, c] = [slopes[k - 1], slopes[k], slopes[k + 1]];
+        // Ends of the range, where no slope is known, are no edges.
+        if b <= 0.0 || a >= b || c > b || a == 0.0 || c == 0.0 {
+            continue;
+        }
+        let shift = f64::from(0.5 * (a - c) / (a - 2.0 * b + c));
+        let edge = Edge {
+            radius: begin + (k as f64 + shift) / FINE,
+            slope: b,
+        };
+        let at = found.iter().position(|e| e.slope < b);
+        if let Some(at) = at {
+            found[at..].rotate_right(1);
+            found[at] = edge;
+        }
+    }
+    found
+}

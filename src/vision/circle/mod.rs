@@ -1,0 +1,319 @@
+//! Where the ball is: its outline fitted to a fraction of a pixel.
+//!
+//! # Method
+//! 1. The image is halved again and again. At every size, pixels on strong edges vote for centres [`vote::LEAST`] to
+//!    [`vote::MOST`] pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
+//!    transform to detect arbitrary shapes", Pattern Recognition 13, 1981), apart for balls brighter and darker than what is
+//!    behind them. A ball of any size is of that size at one of them.
+//! 2. Around each centre with many votes the image is unrolled into angle and radius; edges of the right sign are
+//!    found on every ray to a fraction of a sample, and the circle is fitted to them by iteratively reweighted
+//!    least squares with Tukey's biweight (P. J. Huber, "Robust Statistics", 1981), which leaves out dots on the
+//!    rim, logos and things behind the ball.
+//! 3. Of the circles that are whole enough, the best is the ball. What else is as good is counted: two balls.
+//!
+//! # What it does and does not promise
+//! A ball may be cut by the border, or touch all four; rays that leave the image say nothing. It finds circles, not
+//! balls: a round lamp is one too. A ball as bright as what is behind it is not found.
+
+mod edges;
+mod vote;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::camera::{BallCircle, Pixel};
+use super::image::GrayImage;
+use edges::Unrolled;
+use vote::{Centre, Votes};
+
+/// What is accepted as a ball.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct CircleConfig {
+    /// Least radius, pixels: on smaller balls dots cannot be told.
+    pub least_radius_px: f64,
+    /// Largest radius as a multiple of the image's longer side.
+    pub most_radius: f64,
+    /// Least share of the rays within the image on which the outline's edge is seen.
+    pub least_support: f64,
+    /// Least share of the whole circle that lies within the image.
+    pub least_visible: f64,
+    /// Least difference in brightness across the outline (the image's values span 0 to 1).
+    pub least_contrast: f64,
+    /// Another circle counts as a second ball where its score is this part of the best one's.
+    pub rival_score: f64,
+}
+
+impl Default for CircleConfig {
+    /// Radius from 8 px to three quarters of the longer side, six tenths of the outline's rays with an edge, three
+    /// tenths of it within the image, a contrast of 4 of 255, rivals from six tenths of the best score.
+    fn default() -> Self {
+        Self {
+            least_radius_px: 8.0,
+            most_radius: 0.75,
+            least_support: 0.6,
+            least_visible: 0.3,
+            least_contrast: 0.016,
+            rival_score: 0.6,
+        }
+    }
+}
+
+/// The ball's outline, and how good it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BallFit {
+    /// The outline.
+    pub circle: BallCircle,
+    /// Covariance of the centre's u and v and the radius, px^2, from the scatter of the edges.
+    pub covariance: Matrix3<f64>,
+    /// Share of the rays within the image on which the edge lies on the outline.
+    pub support: f64,
+    /// Share of the outline within the image.
+    pub visible: f64,
+    /// Difference in brightness across the outline; negative for a ball darker than what is behind it.
+    pub contrast: f64,
+    /// Width of the outline's edge from dark to bright, pixels: the blur.
+    pub edge_width: f64,
+    /// Other circles nearly as good that do not overlap this one: a second ball.
+    pub rivals: usize,
+}
+
+/// Why no ball is found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum NoBall {
+    /// The image is too small to hold one.
+    TooSmall {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+    /// Nothing stands out from anything.
+    NoContrast,
+    /// No outline is whole enough; the best had this share of its edge.
+    NoCircle {
+        /// See [`BallFit::support`].
+        support: f64,
+    },
+}
+
+impl std::fmt::Display for NoBall {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::TooSmall { width, height } => {
+                write!(f, "the image of {width} x {height} pixels is too small")
+            }
+            Self::NoContrast => f.write_str("nothing stands out in the image"),
+            Self::NoCircle { support } => write!(
+                f,
+                "no whole outline (the best circle has {:.0} % of its edge)",
+                100.0 * support
+            ),
+        }
+    }
+}
+
+/// Centres looked at closely at each size and for each sign of the contrast.
+const CENTRES: usize = 5;
+/// The outline is fitted where the radius is at most this many pixels, which is fine enough: there a pixel is the mean of
+/// several, and its noise less.
+const FITTED_RADIUS: f64 = 44.0;
+
+/// Finds balls; keeps its memory from image to image.
+#[derive(Debug, Default)]
+pub struct BallFinder {
+    config: CircleConfig,
+    /// Half size, quarter size, ...
+    halves: Vec<GrayImage>,
+    votes: Votes,
+    centres: Vec<Centre>,
+    unrolled: Unrolled,
+    found: Vec<BallFit>,
+}
+
+/// The ball in an image; see [`BallFinder::find`].
+///
+/// # Errors
+/// A [`NoBall`] that says why there is none.
+pub fn find_ball(image: &GrayImage, config: &CircleConfig) -> Result<BallFit, NoBall> {
+    BallFinder::new(*config).find(image)
+}
+
+impl BallFinder {
+    /// A finder with these settings.
+    pub fn new(config: CircleConfig) -> Self {
+        Self {
+            config,
+            ..Self::default()
+        }
+    }
+
+    /// The ball in an image: the largest of the circles that are whole enough, where they are about as good.
+    ///
+    /// # Errors
+    /// A [`NoBall`] that says why there is none.
+    pub fn find(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
+        let longer = image.width().max(image.height()) as f64;
+        if image.width().min(image.height()) < self.config.least_radius_px as usize {
+            return Err(NoBall::TooSmall {
+                width: image.width(),
+                height: image.height(),
+            });
+        }
+        let most = self.config.most_radius * longer;
+        self.halve(image, most);
+        self.found.clear();
+        let mut best_support: Option<f64> = None;
+        for level in 0..=self.halves.len() {
+            let scale = (1u64 << level) as f64;
+            let smallest = self.level(image, level);
+            let sides = (smallest.width(), smallest.height());
+            if vote::MOST as f64 * scale < self.config.least_radius_px || sides.0.min(sides.1) < 3 {
+                continue;
+            }
+            for sign in [1.0, -1.0] {
+                let (halves, votes) = (&self.halves, &mut self.votes);
+                let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
+                votes.cast(small, sign);
+                votes.strongest(CENTRES, &mut self.centres);
+                for k in 0..self.centres.len() {
+                    let centre = self.centres[k];
+                    let Some(fit) = self.fit(image, level, &centre, sign, most) else {
+                        continue;
+                    };
+                    best_support = Some(best_support.unwrap_or(0.0).max(fit.support));
+                    if self.is_ball(&fit) {
+                        self.remember(fit);
+                    }
+                }
+            }
+        }
+        self.best().ok_or(match best_support {
+            Some(support) => NoBall::NoCircle { support },
+            None => NoBall::NoContrast,
+        })
+    }
+
+    /// The fit of an outline to the edges near a circle that is known roughly (to an eighth of its radius).
+    /// `None` where there is no edge.
+    pub fn fit_near(&mut self, image: &GrayImage, circle: &BallCircle) -> Option<BallFit> {
+        self.halve(image, circle.radius);
+        let fits = [1.0, -1.0].map(|sign| self.refine(image, circle, sign));
+        let [a, b] = fits;
+        match (a, b) {
+            (Some(a), Some(b)) if score(&b) > score(&a) => Some(b),
+            (None, b) => b,
+            (a, _) => a,
+        }
+    }
+
+    /// Fills `halves` until a circle of the radius `most` is small enough for the votes.
+    fn halve(&mut self, image: &GrayImage, most: f64) {
+        let mut levels = 0;
+        while ((vote::MOST as f64) * (1u64 << levels) as f64) < most {
+            levels += 1;
+        }
+        self.halves.resize_with(levels, GrayImage::default);
+        for level in 0..levels {
+            let (done, rest) = self.halves.split_at_mut(level);
+            done.last().unwrap_or(image).halve_into(&mut rest[0]);
+        }
+    }
+
+    fn level<'a>(&'a self, image: &'a GrayImage, level: usize) -> &'a GrayImage {
+        level.checked_sub(1).map_or(image, |k| &self.halves[k])
+    }
+
+    /// The circle around a centre of a small image, fitted in a finer one; full-size pixels.
+    fn fit(
+        &mut self,
+        image: &GrayImage,
+        level: usize,
+        centre: &Centre,
+        sign: f64,
+        most: f64,
+    ) -> Option<BallFit> {
+        let halves = &self.halves;
+        let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
+        let radius = self.unrolled.radius(small, centre, sign)?;
+        let scale = (1u64 << level) as f64;
+        let shift = 0.5 * (scale - 1.0);
+        let rough = BallCircle {
+            center: Pixel {
+                u: scale * centre.u + shift,
+                v: scale * centre.v + shift,
+            },
+            radius: scale * radius,
+        };
+        let fits = rough.radius >= self.config.least_radius_px && rough.radius <= most;
+        if !fits {
+            return None;
+        }
+        self.refine(image, &rough, sign)
+    }
+
+    fn refine(&mut self, image: &GrayImage, rough: &BallCircle, sign: f64) -> Option<BallFit> {
+        let mut level = 0;
+        while level < self.halves.len() && rough.radius / (1u64 << level) as f64 > FITTED_RADIUS {
+            level += 1;
+        }
+        let scale = (1u64 << level) as f64;
+        let shift = 0.5 * (scale - 1.0);
+        let small = level.checked_sub(1).map_or(image, |k| &self.halves[k]);
+        let start = Vector3::new(
+            (rough.center.u - shift) / scale,
+            (rough.center.v - shift) / scale,
+            rough.radius / scale,
+        );
+        let mut fit = self.unrolled.fit(small, start, sign)?;
+        fit.circle.center.u = scale * fit.circle.center.u + shift;
+        fit.circle.center.v = scale * fit.circle.center.v + shift;
+        fit.circle.radius *= scale;
+        fit.covariance *= scale * scale;
+        fit.edge_width *= scale;
+        Some(fit)
+    }
+
+    fn is_ball(&self, fit: &BallFit) -> bool {
+        let c = &self.config;
+        fit.support >= c.least_support
+            && fit.visible >= c.least_visible
+            && fit.contrast.abs() >= c.least_contrast
+            && fit.circle.radius >= c.least_radius_px
+    }
+
+    /// Keeps a circle, once.
+    fn remember(&mut self, fit: BallFit) {
+        let same = |other: &BallFit| {
+            let (a, b) = (&other.circle, &fit.circle);
+            let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
+            apart < 0.2 * a.radius.min(b.radius) && (a.radius / b.radius).ln().abs() < 0.2
+        };
+        match self.found.iter_mut().find(|other| same(other)) {
+            Some(known) if score(known) < score(&fit) => *known = fit,
+            Some(_) => {}
+            None => self.found.push(fit),
+        }
+    }
+
+    /// The best circle, and how many others beside it are nearly as good.
+    fn best(&self) -> Option<BallFit> {
+        let mut best = *self
+            .found
+            .iter()
+            .max_by(|a, b| score(a).total_cmp(&score(b)))?;
+        let least = self.config.rival_score * score(&best);
+        let beside = |other: &&BallFit| {
+            let (a, b) = (&other.circle, &best.circle);
+            let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
+            // Of a like size and not within the best: dots and logos have outlines too.
+            apart > 0.8 * b.radius && a.radius > 0.5 * b.radius && score(other) > least
+        };
+        best.rivals = self.found.iter().filter(beside).count();
+        Some(best)
+    }
+}
+
+/// A circle's worth: whole outlines first, then clear ones, then large ones. Dots and logos are smaller and fainter than
+/// the ball that bears them.
+fn score(fit: &BallFit) -> f64 {
+    fit.support.powi(4) * fit.visible * (fit.contrast.abs() * fit.circle.radius).sqrt()
+}

@@ -1,0 +1,143 @@
+//! Votes of edges for the centres of circles.
+
+use super::GrayImage;
+
+/// Least radius that is voted for, pixels.
+pub(super) const LEAST: usize = 10;
+/// Largest radius that is voted for: twice the least, as images are halved.
+pub(super) const MOST: usize = 20;
+/// Gradients above this many times the mean count as no more than that: one bright edge is not ten.
+const CAP: f32 = 4.0;
+/// Centres of one circle lie within this many pixels.
+const APART: isize = 3;
+
+/// A centre with votes, pixels of the image that voted.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Centre {
+    pub u: f64,
+    pub v: f64,
+    votes: f32,
+}
+
+/// A ballot, one number a pixel.
+#[derive(Debug, Default)]
+pub(super) struct Votes {
+    width: usize,
+    height: usize,
+    gradients: Vec<[f32; 3]>,
+    counts: Vec<f32>,
+    smooth: Vec<f32>,
+}
+
+impl Votes {
+    /// Casts all votes: for centres uphill of edges (`sign` 1, balls brighter than what is behind them) or downhill (-1).
+    pub fn cast(&mut self, image: &GrayImage, sign: f64) {
+        (self.width, self.height) = (image.width(), image.height());
+        self.counts.clear();
+        self.counts.resize(self.width * self.height, 0.0);
+        let mean = self.find_gradients(image);
+        if mean <= 0.0 {
+            return;
+        }
+        for v in 0..self.height {
+            for u in 0..self.width {
+                let [x, y, length] = self.gradients[v * self.width + u];
+                if length < mean {
+                    continue;
+                }
+                let weight = length.min(CAP * mean);
+                let (x, y) = (sign as f32 * x / length, sign as f32 * y / length);
+                for radius in LEAST..=MOST {
+                    let at_u = (u as f32 + radius as f32 * x).round();
+                    let at_v = (v as f32 + radius as f32 * y).round();
+                    let inside = at_u >= 0.0
+                        && at_v >= 0.0
+                        && at_u < self.width as f32
+                        && at_v < self.height as f32;
+                    if inside {
+                        self.counts[at_v as usize * self.width + at_u as usize] += weight;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Sobel's gradients and their lengths; returns the mean length.
+    fn find_gradients(&mut self, image: &GrayImage) -> f32 {
+        self.gradients.clear();
+        let mut sum = 0f64;
+        for v in 0..self.height as isize {
+            for u in 0..self.width as isize {
+                let at = |du: isize, dv: isize| image.at(u + du, v + dv);
+                let x = at(1, -1) + 2.0 * at(1, 0) + at(1, 1)
+                    - at(-1, -1)
+                    - 2.0 * at(-1, 0)
+                    - at(-1, 1);
+                let y = at(-1, 1) + 2.0 * at(0, 1) + at(1, 1)
+                    - at(-1, -1)
+                    - 2.0 * at(0, -1)
+                    - at(1, -1);
+                let length = x.hypot(y);
+                sum += f64::from(length);
+                self.gradients.push([x, y, length]);
+            }
+        }
+        (sum / self.gradients.len() as f64) as f32
+    }
+
+    /// The centres with most votes, at most `count` of them, best first.
+    pub fn strongest(&mut self, count: usize, into: &mut Vec<Centre>) {
+        self.smooth();
+        into.clear();
+        let most = self.smooth.iter().copied().fold(0.0, f32::max);
+        let (width, height) = (self.width as isize, self.height as isize);
+        for v in 0..height {
+            for u in 0..width {
+                let votes = self.smooth[(v * width + u) as usize];
+                // A centre with less than a third of the best one's votes is no rival of it.
+                if votes <= most / 3.0 || !self.is_peak(u, v, votes) {
+                    continue;
+                }
+                let at = into.partition_point(|c| c.votes >= votes);
+                if at < count {
+                    into.truncate(count - 1);
+                    let (u, v) = (u as f64, v as f64);
+                    into.insert(at, Centre { u, v, votes });
+                }
+            }
+        }
+    }
+
+    /// Whether no pixel nearby has more votes (of equals, the first is the peak).
+    fn is_peak(&self, u: isize, v: isize, votes: f32) -> bool {
+        let (width, height) = (self.width as isize, self.height as isize);
+        for other_v in (v - APART).max(0)..=(v + APART).min(height - 1) {
+            for other_u in (u - APART).max(0)..=(u + APART).min(width - 1) {
+                let other = self.smooth[(other_v * width + other_u) as usize];
+                let before = (other_v, other_u) < (v, u);
+                if other > votes || (other == votes && before) {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Sums over 3 x 3 pixels: a centre is not known better than that.
+    fn smooth(&mut self) {
+        let (width, height) = (self.width, self.height);
+        self.smooth.clear();
+        for v in 0..height {
+            for u in 0..width {
+                let mut sum = 0.0;
+                for other_v in v.saturating_sub(1)..=(v + 1).min(height - 1) {
+                    let row = &self.counts[other_v * width..][..width];
+                    sum += row[u.saturating_sub(1)..=(u + 1).min(width - 1)]
+                        .iter()
+                        .sum::<f32>();
+                }
+                self.smooth.push(sum);
+            }
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! The detectors by name, as chosen on the command line.
+
+use super::blob::{BlobConfig, BlobDetector, BlobWorkspace};
+use super::detect::{DotDetection, DotDetector};
+use super::net::CnnDetector;
+use super::net::detector::Peak;
+use super::patch::Patch;
+use crate::error::Result;
+
+/// A dot detector's name.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum DetectorName {
+    /// The trained net, the default.
+    Cnn,
+    /// Dark blobs on the flattened ball: classical, untrained.
+    Blob,
+}
+
+impl DetectorName {
+    /// All detectors.
+    pub const ALL: [Self; 2] = [Self::Cnn, Self::Blob];
+
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Cnn => "cnn",
+            Self::Blob => "blob",
+        }
+    }
+
+    /// The detector with its default settings.
+    ///
+    /// # Errors
+    /// [`Error::Internal`](crate::Error::Internal) where this crate was built with damaged weights.
+    pub fn build(self) -> Result<NamedDetector> {
+        Ok(match self {
+            Self::Cnn => NamedDetector::Cnn(CnnDetector::built_in()?),
+            Self::Blob => NamedDetector::Blob(BlobDetector::new(BlobConfig::default())),
+        })
+    }
+}
+
+impl std::fmt::Display for DetectorName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+/// A detector chosen at run time.
+#[derive(Debug, Clone)]
+pub enum NamedDetector {
+    /// See [`CnnDetector`].
+    Cnn(CnnDetector),
+    /// See [`BlobDetector`].
+    Blob(BlobDetector),
+}
+
+/// Working memory of a [`NamedDetector`].
+#[derive(Debug)]
+pub enum NamedWorkspace {
+    /// Of a [`CnnDetector`].
+    Cnn(Vec<Peak>),
+    /// Of a [`BlobDetector`].
+    Blob(Box<BlobWorkspace>),
+}
+
+impl DotDetector for NamedDetector {
+    type Workspace = NamedWorkspace;
+
+    fn workspace(&self) -> NamedWorkspace {
+        match self {
+            Self::Cnn(detector) => NamedWorkspace::Cnn(detector.workspace()),
+            Self::Blob(detector) => NamedWorkspace::Blob(Box::new(detector.workspace())),
+        }
+    }
+
+    fn detect_into(&self, patch: &Patch, ws: &mut NamedWorkspace, out: &mut Vec<DotDetection>) {
+        match (self, ws) {
+            (Self::Blob(detector), NamedWorkspace::Blob(ws)) => {
+                detector.detect_into(patch, ws, out);
+            }
+            (Self::Cnn(detector), NamedWorkspace::Cnn(ws)) => detector.detect_into(patch, ws, out),
+            // A workspace of another detector: one of its own, at the cost of making it.
+            (detector, ws) => {
+                *ws = detector.workspace();
+                detector.detect_into(patch, ws, out);
+            }
+        }
+    }
+}

@@ -1,0 +1,494 @@
+//! From an image to the ball's orientation, and from a sequence of images to all of them.
+//!
+//! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given), [`Patch`] cuts it out, a
+//! [`DotDetector`] finds dots, [`BallView`] lays them on the sphere; their covariance is the detector's and that of the hand
+//! that drew them. The recogniser tells which is which, once with the detections that are likelier dots than not and, where
+//! that leaves doubt, once with the doubtful ones as well. [`refine`] then fits the orientation to the dots in the
+//! image, and takes up those that only now have a name.
+//!
+//! # What is promised
+//! A frame is answered where the pose's probability is at least [`EstimatorConfig::least_confidence`], else
+//! it has a [`Rejection`]: nothing is guessed. The same image gives the same answer whatever was seen before, but for the
+//! hint that one may give. After the first frames of a size, the estimator allocates nothing.
+//!
+//! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
+
+mod config;
+mod refine;
+mod sequence;
+
+pub use config::EstimatorConfig;
+pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, tell_sequence};
+
+use std::time::{Duration, Instant};
+
+use nalgebra::{Matrix2, Matrix3};
+
+use super::camera::{BallCircle, BallView, Camera};
+use super::circle::{BallFinder, BallFit, NoBall};
+use super::detect::{DotDetection, DotDetector};
+use super::image::GrayImage;
+use super::patch::Patch;
+use crate::error::Result;
+use crate::geometry::{Rotation, Vec3};
+use crate::pattern::Pattern;
+use crate::recognise::robust::{Hint, RobustConfig, RobustRecogniser, RobustWorkspace};
+use crate::recognise::{
+    DotUncertainty, Identification, ObservedDot, Recogniser, Refusal as Unrecognised,
+};
+use refine::{Match, Refiner};
+
+/// An orientation that is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// From the pattern's frame to the camera's.
+    pub rotation: Rotation,
+    /// Covariance of the rotation vector, camera frame, rad^2.
+    pub covariance: Matrix3<f64>,
+    /// Probability that every dot has its right name.
+    pub confidence: f64,
+    /// Probability that the rotation is right, whatever single dots are.
+    pub pose_confidence: f64,
+    /// Root mean square angle between the named dots and the rotated pattern, radians.
+    pub residual_rad: f64,
+    /// Root mean square distance of the named dots from the projected pattern, pixels.
+    pub residual_px: f64,
+    /// Whether a hint was given.
+    pub hinted: bool,
+}
+
+/// Why a frame has no orientation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Rejection {
+    /// Nothing was looked at yet.
+    NotLooked,
+    /// There is no ball to be seen.
+    NoBall(NoBall),
+    /// The ball's outline is too soft for dots to be told.
+    TooBlurred {
+        /// Width of the outline's edge, ball radii.
+        edge_width: f64,
+    },
+    /// Too few dots.
+    TooFewDots {
+        /// Dots found.
+        found: usize,
+        /// Dots needed.
+        needed: usize,
+    },
+    /// The best pose is not likely enough.
+    Ambiguous {
+        /// Its probability.
+        pose_confidence: f64,
+    },
+    /// The recogniser refuses.
+    Recogniser(Unrecognised),
+}
+
+impl std::fmt::Display for Rejection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NotLooked => f.write_str("not looked at"),
+            Self::NoBall(why) => write!(f, "no ball: {why}"),
+            Self::TooBlurred { edge_width } => write!(
+                f,
+                "too blurred: the outline's edge is {:.0} % of the radius wide",
+                100.0 * edge_width
+            ),
+            Self::TooFewDots { found, needed } => {
+                write!(f, "too few dots: {found}, needed {needed}")
+            }
+            Self::Ambiguous { pose_confidence } => write!(
+                f,
+                "ambiguous: the best pose has a probability of {pose_confidence:.2}"
+            ),
+            Self::Recogniser(refusal) => refusal.fmt(f),
+        }
+    }
+}
+
+/// How long the stages of a frame took.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Timings {
+    /// Finding the ball.
+    pub locate: Duration,
+    /// Cutting it out and finding dots.
+    pub detect: Duration,
+    /// Telling the dots apart and refining the orientation.
+    pub identify: Duration,
+}
+
+/// Everything seen in a frame. Its memory is reused from frame to frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameEstimate {
+    /// The ball's outline, corrected by the dots where the frame is told; `None` where there is no ball.
+    pub circle: Option<BallCircle>,
+    /// The outline as fitted; `None` where it was given or there is none.
+    pub fit: Option<BallFit>,
+    /// All detections, the most confident first.
+    pub dots: Vec<DotDetection>,
+    /// For each detection the pattern's dot that it is; `None` for a false one, or one that was left out.
+    pub assignment: Vec<Option<u16>>,
+    /// The orientation, or why there is none.
+    pub outcome: std::result::Result<Pose, Rejection>,
+    /// Time taken.
+    pub timings: Timings,
+}
+
+impl Default for FrameEstimate {
+    /// Nothing looked at.
+    fn default() -> Self {
+        Self {
+            circle: None,
+            fit: None,
+            dots: Vec::new(),
+            assignment: Vec::new(),
+            outcome: Err(Rejection::NotLooked),
+            timings: Timings::default(),
+        }
+    }
+}
+
+impl FrameEstimate {
+    /// The orientation, if told.
+    pub fn pose(&self) -> Option<&Pose> {
+        self.outcome.as_ref().ok()
+    }
+
+    /// Number of detections that have a name.
+    pub fn matched(&self) -> usize {
+        self.assignment.iter().flatten().count()
+    }
+}
+
+/// The estimator: a pattern, a camera, a detector and the settings of everything between.
+#[derive(Debug, Clone)]
+pub struct Estimator<D> {
+    pattern: Pattern,
+    detector: D,
+    /// For the likely detections, and for all.
+    recognisers: [RobustRecogniser; 2],
+    refiner: Refiner,
+    config: EstimatorConfig,
+}
+
+/// Working memory of an [`Estimator`], one a thread.
+#[derive(Debug)]
+pub struct EstimatorWorkspace<W> {
+    finder: BallFinder,
+    patch: Patch,
+    detector: W,
+    recogniser: RobustWorkspace,
+    identification: Identification,
+    /// The dots handed to the recogniser, and their detections.
+    observed: Vec<ObservedDot>,
+    indices: Vec<usize>,
+    matches: Vec<Match>,
+    /// The outline before the dots corrected it, and its covariance.
+    outline: Option<(BallCircle, Matrix3<f64>)>,
+}
+
+/// A recogniser's answer in terms of detections.
+struct Told {
+    rotation: Rotation,
+    confidence: f64,
+    pose_confidence: f64,
+}
+
+/// Standard deviations of a given outline: of its centre and radius, in radii.
+const GIVEN_OUTLINE: f64 = 0.01;
+/// Without a pose likelier than this, doubtful detections are tried as well.
+const CLEAR: f64 = 0.9;
+
+impl<D: DotDetector> Estimator<D> {
+    /// An estimator for balls with this pattern (that of a table: `table.pattern()`).
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
+    pub fn new(pattern: &Pattern, config: EstimatorConfig, detector: D) -> Result<Self> {
+        config.check()?;
+        let doubtful = RobustConfig {
+            expected_false_dots: config.recogniser.expected_false_dots + config.doubtful_false_dots,
+            ..config.recogniser
+        };
+        Ok(Self {
+            pattern: pattern.clone(),
+            detector,
+            recognisers: [
+                RobustRecogniser::new(pattern, config.recogniser)?,
+                RobustRecogniser::new(pattern, doubtful)?,
+            ],
+            refiner: Refiner::new(&config),
+            config,
+        })
+    }
+
+    /// The settings in use.
+    pub fn config(&self) -> &EstimatorConfig {
+        &self.config
+    }
+
+    /// The pattern looked for.
+    pub fn pattern(&self) -> &Pattern {
+        &self.pattern
+    }
+
+    /// A new workspace.
+    pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
+        EstimatorWorkspace {
+            finder: BallFinder::new(self.config.circle),
+            patch: Patch::default(),
+            detector: self.detector.workspace(),
+            recogniser: self.recognisers[0].workspace(),
+            identification: Identification::default(),
+            observed: Vec::new(),
+            indices: Vec::new(),
+            matches: Vec::new(),
+            outline: None,
+        }
+    }
+
+    /// Estimates a frame: [`Estimator::look`], then [`Estimator::tell`].
+    pub fn estimate_frame(
+        &self,
+        image: &GrayImage,
+        circle: Option<&BallCircle>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        self.look(image, circle, ws, out);
+        self.tell(hint, ws, out);
+    }
+
+    /// Finds the ball, unless its outline is given, and the dots on it.
+    pub fn look(
+        &self,
+        image: &GrayImage,
+        circle: Option<&BallCircle>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let begun = Instant::now();
+        out.dots.clear();
+        out.assignment.clear();
+        out.outcome = Err(Rejection::NotLooked);
+        out.timings = Timings::default();
+        out.fit = None;
+        out.circle = circle.copied();
+        if circle.is_none() {
+            match ws.finder.find(image) {
+                Ok(fit) => {
+                    out.circle = Some(fit.circle);
+                    out.fit = Some(fit);
+                }
+                Err(why) => out.outcome = Err(Rejection::NoBall(why)),
+            }
+        }
+        out.timings.locate = begun.elapsed();
+        if let Some(circle) = out.circle {
+            let begun = Instant::now();
+            ws.patch.cut_into(image, &circle);
+            self.detector
+                .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
+            out.timings.detect = begun.elapsed();
+        }
+        out.assignment.resize(out.dots.len(), None);
+    }
+
+    /// Tells the orientation from the dots of a frame that was looked at; again, with another hint, as often as wanted.
+    pub fn tell(
+        &self,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let Some(circle) = out.fit.map(|f| f.circle).or(out.circle) else {
+            return;
+        };
+        let begun = Instant::now();
+        let covariance = out.fit.map_or(
+            Matrix3::from_diagonal_element((GIVEN_OUTLINE * circle.radius).powi(2)),
+            |f| f.covariance,
+        );
+        ws.outline = Some((circle, covariance));
+        out.outcome = self.tell_dots(circle, hint, ws, out);
+        if let (Err(rejection), Some(fit)) = (&mut out.outcome, &out.fit) {
+            let edge_width = fit.edge_width / circle.radius;
+            if edge_width > self.config.most_blur {
+                *rejection = Rejection::TooBlurred { edge_width };
+            }
+        }
+        out.timings.identify = begun.elapsed();
+    }
+
+    fn tell_dots(
+        &self,
+        circle: BallCircle,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<Pose, Rejection> {
+        let Ok(view) = BallView::new(&self.config.camera, circle) else {
+            return Err(Rejection::Recogniser(Unrecognised::Degenerate));
+        };
+        let hint = hint.map(|h| in_view(h, &view));
+        let mut best: std::result::Result<Told, Rejection> = Err(Rejection::NotLooked);
+        for pass in 0..self.recognisers.len() {
+            let told = self.recognise(pass, &view, hint.as_ref(), ws, &out.dots);
+            let better = match (&best, &told) {
+                (Err(_), _) => true,
+                (Ok(best), Ok(told)) => told.pose_confidence > best.pose_confidence,
+                (Ok(_), Err(_)) => false,
+            };
+            if better {
+                out.assignment.fill(None);
+                for (&i, name) in ws.indices.iter().zip(&ws.identification.assignment) {
+                    out.assignment[i] = told.is_ok().then_some(*name).flatten();
+                }
+                best = told;
+            }
+            if best.as_ref().is_ok_and(|b| b.pose_confidence >= CLEAR) {
+                break;
+            }
+        }
+        let told = best?;
+        if told.pose_confidence < self.config.least_confidence {
+            out.assignment.fill(None);
+            let pose_confidence = told.pose_confidence;
+            return Err(Rejection::Ambiguous { pose_confidence });
+        }
+        self.refine(&told, hint.is_some(), ws, out)
+    }
+
+    /// One run of the recogniser over the detections that are likely enough for this pass.
+    fn recognise(
+        &self,
+        pass: usize,
+        view: &BallView,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        dots: &[DotDetection],
+    ) -> std::result::Result<Told, Rejection> {
+        let least_depth = self.config.recogniser.visibility_limit.max(view.horizon());
+        let hand = Matrix2::from_diagonal_element(self.config.hand_sigma_rad.powi(2));
+        ws.observed.clear();
+        ws.indices.clear();
+        for (i, dot) in dots.iter().enumerate() {
+            if dot.confidence < self.config.dot_confidence[pass] {
+                continue;
+            }
+            let Some(mut seen) = view.back_project(dot.pixel, &dot.covariance) else {
+                continue;
+            };
+            if seen.direction.z < least_depth {
+                continue;
+            }
+            if let DotUncertainty::Tangent { covariance } = &mut seen.uncertainty {
+                *covariance += hand;
+            }
+            ws.observed.push(seen);
+            ws.indices.push(i);
+        }
+        let recogniser = &self.recognisers[pass];
+        let (observed, found) = (&ws.observed, &mut ws.identification);
+        let told = match hint {
+            Some(hint) => recogniser.identify_hinted(observed, hint, &mut ws.recogniser, found),
+            None => recogniser.identify_into(observed, &mut ws.recogniser, found),
+        };
+        told.map_err(|refusal| match refusal {
+            Unrecognised::TooFewDots { found, needed } => Rejection::TooFewDots { found, needed },
+            refusal => Rejection::Recogniser(refusal),
+        })?;
+        Ok(Told {
+            rotation: found.rotation,
+            confidence: found.confidence,
+            pose_confidence: found.pose_confidence,
+        })
+    }
+
+    fn refine(
+        &self,
+        told: &Told,
+        hinted: bool,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<Pose, Rejection> {
+        let open = Rejection::Recogniser(Unrecognised::Degenerate);
+        let (circle, covariance) = ws.outline.ok_or(open)?;
+        let names = self.pattern.dots();
+        let refined = self
+            .refiner
+            .refine(
+                names,
+                (circle, covariance),
+                &told.rotation,
+                out,
+                &mut ws.matches,
+            )
+            .ok_or(open)?;
+        out.circle = Some(*refined.view.circle());
+        let turn = refined.view.to_camera();
+        let matrix = turn.to_rotation_matrix();
+        let matrix = matrix.matrix();
+        Ok(Pose {
+            rotation: turn * refined.rotation,
+            covariance: matrix * refined.covariance * matrix.transpose(),
+            confidence: told.confidence,
+            pose_confidence: told.pose_confidence,
+            residual_rad: refined.residual_rad,
+            residual_px: refined.residual_px,
+            hinted,
+        })
+    }
+
+    /// The direction (camera frame) of each named dot, with its name.
+    pub fn named_directions<'a>(
+        &'a self,
+        frame: &'a FrameEstimate,
+    ) -> impl Iterator<Item = (u16, Vec3)> + 'a {
+        let view = frame
+            .circle
+            .and_then(|circle| BallView::new(&self.config.camera, circle).ok());
+        let named = frame.dots.iter().zip(&frame.assignment);
+        named.filter_map(move |(dot, name)| {
+            let view = view?;
+            let direction = view.direction(dot.pixel)?;
+            Some(((*name)?, view.to_camera() * direction))
+        })
+    }
+
+    /// Where the pattern's dots in sight are expected in a frame that is told: number, pixel and z.
+    pub fn expected_dots(&self, frame: &FrameEstimate) -> Vec<(u16, super::Pixel, f64)> {
+        let (Some(pose), Some(circle)) = (frame.pose(), frame.circle) else {
+            return Vec::new();
+        };
+        let Ok(view) = BallView::new(&self.config.camera, circle) else {
+            return Vec::new();
+        };
+        let to_view = view.to_camera().inverse() * pose.rotation;
+        let dots = self.pattern.dots().iter().enumerate();
+        dots.map(|(j, dot)| (j as u16, to_view * dot))
+            .filter(|(_, q)| q.z > view.horizon())
+            .map(|(j, q)| (j, view.project(&q), q.z))
+            .collect()
+    }
+
+    /// How the camera projects.
+    pub fn camera(&self) -> &Camera {
+        &self.config.camera
+    }
+}
+
+/// A hint in the camera's frame, in the view frame.
+fn in_view(hint: &Hint, view: &BallView) -> Hint {
+    let back = view.to_camera().inverse();
+    let matrix = back.to_rotation_matrix();
+    let matrix = matrix.matrix();
+    Hint {
+        rotation: back * hint.rotation,
+        covariance: matrix * hint.covariance * matrix.transpose(),
+        wrong: hint.wrong,
+    }
+}

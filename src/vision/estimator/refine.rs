@@ -1,0 +1,246 @@
+//! The orientation that fits the named dots best in the image, with the outline's error taken into account.
+//!
+//! Parameters are a turn `R -> exp([x]x) R` and a change of the outline `(u, v, r)`, for which the fit of the outline
+//! is a Gaussian prior. With the residual `e = p - project(R d)` and the covariance `S = S_detector + s^2 J T T^T J^T` (the
+//! hand's error `s` in the tangent plane `T`), each dot has the weight of Student's law with `nu` degrees of freedom,
+//! `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA
+//! 84, 1989).
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2};
+
+use super::{EstimatorConfig, FrameEstimate};
+use crate::geometry::{Rotation, Vec3, angle_between};
+use crate::vision::camera::{BallCircle, BallView, Camera, Pixel};
+
+/// Steps at most.
+const STEPS: usize = 12;
+/// A shorter step, radians, ends the iteration.
+const CONVERGED: f64 = 1e-5;
+/// Degrees of freedom of the dots' law: hands and detectors err with heavy tails.
+const DEGREES: f64 = 5.0;
+/// A detection nearer to an expected dot than this many standard deviations takes its name.
+const TAKEN_UP: f64 = 3.0;
+/// One farther off than this loses it.
+const DROPPED: f64 = 5.0;
+/// Fewest named dots that fix an orientation.
+const FEWEST: usize = 2;
+
+/// A detection and its name.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Match {
+    detection: usize,
+    name: u16,
+}
+
+/// A refined frame, in the view frame of the corrected outline.
+pub(super) struct Refined {
+    pub view: BallView,
+    pub rotation: Rotation,
+    pub covariance: Matrix3<f64>,
+    pub residual_rad: f64,
+    pub residual_px: f64,
+}
+
+/// The refinement's settings.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Refiner {
+    camera: Camera,
+    hand2: f64,
+    least_depth: f64,
+    dot_confidence: f64,
+}
+
+/// Where the iteration stands.
+struct State {
+    view: BallView,
+    rotation: Rotation,
+    information: SMatrix<f64, 6, 6>,
+}
+
+impl Refiner {
+    pub fn new(config: &EstimatorConfig) -> Self {
+        Self {
+            camera: config.camera,
+            hand2: config.hand_sigma_rad.powi(2),
+            // What the recogniser does not see is still there to be named.
+            least_depth: 0.7 * config.recogniser.visibility_limit,
+            dot_confidence: config.dot_confidence[1],
+        }
+    }
+
+    /// Refines `rotation` (view frame), corrects the frame's names. `None` where too few dots are left.
+    pub fn refine(
+        &self,
+        names: &[Vec3],
+        outline: (BallCircle, Matrix3<f64>),
+        rotation: &Rotation,
+        frame: &mut FrameEstimate,
+        matches: &mut Vec<Match>,
+    ) -> Option<Refined> {
+        matches.clear();
+        let named = frame.assignment.iter().enumerate();
+        matches.extend(named.filter_map(|(detection, name)| {
+            Some(Match {
+                detection,
+                name: (*name)?,
+            })
+        }));
+        let mut state = self.fit(names, &outline, rotation, frame, matches)?;
+        if self.rename(names, &state, frame, matches) {
+            state = self.fit(names, &outline, &state.rotation, frame, matches)?;
+        }
+        frame.assignment.fill(None);
+        let (mut angles, mut distances) = (0.0, 0.0);
+        for m in &*matches {
+            frame.assignment[m.detection] = Some(m.name);
+            let expected = state.rotation * names[usize::from(m.name)];
+            let pixel = frame.dots[m.detection].pixel;
+            distances += offset(pixel, state.view.project(&expected)).norm_squared();
+            if let Some(seen) = state.view.direction(pixel) {
+                angles += angle_between(&seen, &expected).powi(2);
+            }
+        }
+        let count = matches.len() as f64;
+        let covariance = state.information.try_inverse()?;
+        Some(Refined {
+            view: state.view,
+            rotation: state.rotation,
+            covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            residual_rad: (angles / count).sqrt(),
+            residual_px: (distances / count).sqrt(),
+        })
+    }
+
+    fn fit(
+        &self,
+        names: &[Vec3],
+        (circle, covariance): &(BallCircle, Matrix3<f64>),
+        rotation: &Rotation,
+        frame: &FrameEstimate,
+        matches: &[Match],
+    ) -> Option<State> {
+        if matches.len() < FEWEST {
+            return None;
+        }
+        let prior = covariance.try_inverse()?;
+        let mut state = State {
+            view: BallView::new(&self.camera, *circle).ok()?,
+            rotation: *rotation,
+            information: SMatrix::zeros(),
+        };
+        for _ in 0..STEPS {
+            let mut information = SMatrix::<f64, 6, 6>::zeros();
+            let mut gradient = SVector::<f64, 6>::zeros();
+            information.fixed_view_mut::<3, 3>(3, 3).copy_from(&prior);
+            let now = state.view.circle();
+            let moved = offset(circle.center, now.center);
+            let back = Vec3::new(moved.x, moved.y, circle.radius - now.radius);
+            gradient.fixed_rows_mut::<3>(3).copy_from(&(prior * back));
+            for m in matches {
+                let dot = &frame.dots[m.detection];
+                let expected = state.rotation * names[usize::from(m.name)];
+                let (by_parameters, inverse, residual) =
+                    self.residual(&state.view, &expected, dot.pixel, &dot.covariance)?;
+                let distance = residual.dot(&(inverse * residual));
+                let weight = (DEGREES + 2.0) / (DEGREES + distance);
+                let weighted = by_parameters.transpose() * inverse * weight;
+                information += weighted * by_parameters;
+                gradient += weighted * residual;
+            }
+            let step = information.cholesky()?.solve(&gradient);
+            let turn = step.fixed_rows::<3>(0).into_owned();
+            let turned = Rotation::from_scaled_axis(turn) * state.rotation;
+            state.rotation = Rotation::new_normalize(turned.into_inner());
+            let changed = BallCircle {
+                center: Pixel {
+                    u: now.center.u + step[3],
+                    v: now.center.v + step[4],
+                },
+                radius: now.radius + step[5],
+            };
+            state.view = BallView::new(&self.camera, changed).ok()?;
+            state.information = information;
+            if step.norm() < CONVERGED {
+                break;
+            }
+        }
+        Some(state)
+    }
+
+    /// Derivative by (turn, outline), inverse covariance, and residual of a dot.
+    fn residual(
+        &self,
+        view: &BallView,
+        expected: &Vec3,
+        pixel: Pixel,
+        covariance: &Matrix2<f64>,
+    ) -> Option<(SMatrix<f64, 2, 6>, Matrix2<f64>, Vector2<f64>)> {
+        let by_direction: Matrix2x3<f64> = view.jacobian(expected);
+        let tangent = Matrix3::identity() - expected * expected.transpose();
+        let hand = by_direction * tangent * by_direction.transpose() * self.hand2;
+        let inverse = (covariance + hand).try_inverse()?;
+        let at = view.project(expected);
+        let BallCircle { center, radius } = *view.circle();
+        let mut by_parameters = SMatrix::<f64, 2, 6>::zeros();
+        // d(R d) = x cross R d.
+        by_parameters
+            .fixed_view_mut::<2, 3>(0, 0)
+            .copy_from(&(by_direction * -expected.cross_matrix()));
+        // The outline's shift moves all, its growth moves dots away from the centre.
+        by_parameters[(0, 3)] = 1.0;
+        by_parameters[(1, 4)] = 1.0;
+        by_parameters
+            .fixed_view_mut::<2, 1>(0, 5)
+            .copy_from(&(offset(at, center) / radius));
+        Some((by_parameters, inverse, offset(pixel, at)))
+    }
+
+    /// Names detections that lie where a dot is expected, unnames those that lie elsewhere; whether anything changed.
+    fn rename(
+        &self,
+        names: &[Vec3],
+        state: &State,
+        frame: &FrameEstimate,
+        matches: &mut Vec<Match>,
+    ) -> bool {
+        let distance = |name: usize, detection: usize| -> f64 {
+            let dot = &frame.dots[detection];
+            let expected = state.rotation * names[name];
+            match self.residual(&state.view, &expected, dot.pixel, &dot.covariance) {
+                Some((_, inverse, residual)) => residual.dot(&(inverse * residual)),
+                None => f64::INFINITY,
+            }
+        };
+        let before = matches.len();
+        matches.retain(|m| distance(usize::from(m.name), m.detection) < DROPPED * DROPPED);
+        let mut changed = matches.len() != before;
+        let least_depth = self.least_depth.max(state.view.horizon());
+        for (name, dot) in names.iter().enumerate() {
+            let hidden = (state.rotation * dot).z < least_depth;
+            if hidden || matches.iter().any(|m| usize::from(m.name) == name) {
+                continue;
+            }
+            let free = |i: &usize| {
+                frame.dots[*i].confidence >= self.dot_confidence
+                    && matches.iter().all(|m| m.detection != *i)
+            };
+            let nearest = (0..frame.dots.len())
+                .filter(free)
+                .map(|i| (distance(name, i), i))
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            if let Some((_, detection)) = nearest.filter(|n| n.0 < TAKEN_UP * TAKEN_UP) {
+                matches.push(Match {
+                    detection,
+                    name: name as u16,
+                });
+                changed = true;
+            }
+        }
+        changed
+    }
+}
+
+/// From `b` to `a`, pixels.
+fn offset(a: Pixel, b: Pixel) -> Vector2<f64> {
+    Vector2::new(a.u - b.u, a.v - b.v)
+}
