@@ -30,6 +30,7 @@ mod sensitivity;
 mod simulate;
 mod spin;
 mod stencil;
+mod synth;
 mod table;
 mod train;
 mod trajectories;
@@ -76,6 +77,8 @@ enum Command {
     Spin(spin::Arguments),
     /// Simulate orientations of a turning ball, with a known truth.
     Simulate(simulate::Arguments),
+    /// Draw synthetic images of a ball with a pattern, with their truth: a data set, or a turning ball.
+    Synth(Box<synth::Arguments>),
     /// Train the dot detector on synthetic frames.
     Train(train::Arguments),
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
@@ -101,6 +104,7 @@ pub fn main() -> ExitCode {
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Synth(arguments) => synth::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),
         Command::Export(arguments) => train::export(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),

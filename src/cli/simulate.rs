@@ -78,7 +78,7 @@ impl Arguments {
 }
 
 /// Three finite numbers separated by commas.
-fn vector(text: &str) -> std::result::Result<Vec3, String> {
+pub(super) fn vector(text: &str) -> std::result::Result<Vec3, String> {
     let numbers: Vec<f64> = text
         .split(',')
         .filter_map(|n| n.trim().parse().ok().filter(|x: &f64| x.is_finite()))

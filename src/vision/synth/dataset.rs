@@ -1,18 +1,7 @@
-//! Frames with their truth, many at once: for training, for tests, for other people's detectors.
+//! Frames with their truth: independent ones, and sequences of one turning ball.
 //!
-//! A folder holds
-//! - `images/*.png`;
-//! - `index.csv`, in the format that the SpinDOE authors' reader takes: no header; the image's path, the orientation as a
-//!   quaternion `x, y, z, w` (SciPy's order; pattern to camera), then the pixel positions `u0, v0, u1, v1, ...` of the dots that can be
-//!   seen, so that rows differ in length;
-//! - `truth.json`: everything known of every frame ([`FrameTruth`]);
-//! - for a sequence also `orientations.csv`, as `spindoe spin` reads it, and the names of images are nanoseconds.
-//!
-//! Independent frames are drawn each from its own generator, whatever the number of threads. A sequence is one ball that turns at a
-//! constant spin and crosses the view.
-
-use std::fmt::Write as _;
-use std::path::Path;
+//! Every frame is drawn from a generator of its own, seeded by the set's seed and the frame's number: it is the same whichever
+//! thread draws it, and whatever others are drawn. [`super::folder`] writes them to disk.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -21,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use super::render::{Rendering, TrueDot};
 use super::scene::{Scene, SynthConfig};
+use super::sensor::Sensor;
 use crate::error::{Error, Result};
-use crate::files;
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
 use crate::vision::camera::Pixel;
@@ -57,7 +46,7 @@ pub struct DotTruth {
     pub radius_rad: f64,
     /// See [`TrueDot::contrast`].
     pub contrast: f64,
-    /// Whether a detector should find it.
+    /// Whether a detector should find it: see [`TrueDot::is_visible`]; its middle must lie in the image, too.
     pub visible: bool,
 }
 
@@ -86,6 +75,8 @@ pub struct FrameTruth {
     pub blur_px: f64,
     /// The logo's kind, if there is one.
     pub logo: Option<super::logo::LogoKind>,
+    /// The sensor's defocus, noise, gamma and compression.
+    pub sensor: Sensor,
     /// The dots on the side that faces the camera.
     pub dots: Vec<DotTruth>,
 }
@@ -106,7 +97,21 @@ pub fn frame_rng(seed: u64, frame: u64) -> ChaCha8Rng {
     rng
 }
 
-/// Independent frames of balls with one pattern.
+/// Frame number `k` of the independent frames of a seed: another ball, view and camera each.
+///
+/// # Errors
+/// [`Error::Argument`] where the configuration is out of its domain.
+pub fn independent_frame(
+    pattern: &Pattern,
+    config: &SynthConfig,
+    seed: u64,
+    k: usize,
+) -> Result<Frame> {
+    let scene = Scene::random(pattern, config, &mut frame_rng(seed, k as u64))?;
+    frame(&scene, format!("frame-{k:06}.png"), None)
+}
+
+/// The first `count` independent frames of a seed.
 ///
 /// # Errors
 /// [`Error::Argument`] where the configuration is out of its domain.
@@ -118,54 +123,96 @@ pub fn frames(
 ) -> Result<Vec<Frame>> {
     (0..count)
         .into_par_iter()
-        .map(|k| {
-            let scene = Scene::random(pattern, config, &mut frame_rng(seed, k as u64))?;
-            frame(&scene, format!("frame-{k:06}.png"), None)
-        })
+        .map(|k| independent_frame(pattern, config, seed, k))
         .collect()
 }
 
-/// One ball in a row of frames.
-///
-/// # Errors
-/// [`Error::Argument`] where a configuration is out of its domain.
-pub fn sequence(
-    pattern: &Pattern,
-    config: &SynthConfig,
-    sequence: &SequenceConfig,
+/// One ball in a row of frames: it turns at a constant spin and moves a little across the crop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sequence {
+    first: Scene,
+    fps: f64,
     seed: u64,
     count: usize,
-) -> Result<Vec<Frame>> {
-    if !(sequence.fps > 0.0 && sequence.fps.is_finite()) {
-        let problem = format!("expected a positive number, found {}", sequence.fps);
-        return Err(Error::argument("fps", problem));
-    }
-    let mut rng = frame_rng(seed, 0);
-    let mut first = Scene::random(pattern, config, &mut rng)?;
-    if let Some(spin) = sequence.spin {
-        first.spin = Vec3::from(spin);
-    }
-    if let Some(exposure_s) = sequence.exposure_s {
-        first.exposure_s = exposure_s;
-    }
-    let way = 0.5 * first.size[0] as f64 * WAY;
-    let drift = [0, 1].map(|_| way * rng.random_range(-1.0..1.0));
-    (0..count)
-        .into_par_iter()
-        .map(|k| {
-            let step = (1e9 * k as f64 / sequence.fps).round() as u64;
-            // The time that the name tells, to the nanosecond.
-            let since_s = step as f64 * 1e-9;
-            let share = k as f64 / count.max(2) as f64 - 0.5;
-            let mut scene = first.clone();
-            scene.rotation = Rotation::from_scaled_axis(first.spin * since_s) * first.rotation;
-            scene.circle.center.u += drift[0] * share;
-            scene.circle.center.v += drift[1] * share;
-            scene.noise_seed = frame_rng(seed, 1 + k as u64).random();
-            let ns = FIRST_NS + step;
-            frame(&scene, format!("{ns}.png"), Some(ns as f64 * 1e-9))
+    /// Way of the ball's centre over the whole sequence, pixels (u, v).
+    drift_px: [f64; 2],
+}
+
+impl Sequence {
+    /// A random ball, seen `count` times.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where a configuration is out of its domain, or the exposure longer than the time between two frames.
+    pub fn random(
+        pattern: &Pattern,
+        config: &SynthConfig,
+        sequence: &SequenceConfig,
+        seed: u64,
+        count: usize,
+    ) -> Result<Self> {
+        let SequenceConfig {
+            fps,
+            spin,
+            exposure_s,
+        } = *sequence;
+        if !(fps > 0.0 && fps.is_finite()) {
+            let problem = format!("expected a positive number, found {fps}");
+            return Err(Error::argument("fps", problem));
+        }
+        let mut rng = frame_rng(seed, 0);
+        let mut first = Scene::random(pattern, config, &mut rng)?;
+        if let Some(spin) = spin {
+            if spin.iter().any(|w| !w.is_finite()) {
+                return Err(Error::argument("spin", "expected three finite numbers"));
+            }
+            // The arc that was drawn stays: an exposure fit for a slow ball would smear a fast one beyond recognition.
+            let arc = first.spin.norm() * first.exposure_s;
+            first.spin = Vec3::from(spin);
+            if arc > 0.0 && first.spin.norm() > 0.0 {
+                first.exposure_s = arc / first.spin.norm();
+            }
+        }
+        first.exposure_s = first.exposure_s.min(1.0 / fps);
+        if let Some(exposure_s) = exposure_s {
+            if !(0.0..=1.0 / fps).contains(&exposure_s) {
+                let problem = format!("expected 0 to {} s, found {exposure_s}", 1.0 / fps);
+                return Err(Error::argument("exposure", problem));
+            }
+            first.exposure_s = exposure_s;
+        }
+        let way = 0.5 * first.size[0] as f64 * WAY;
+        let drift_px = [0, 1].map(|_| way * rng.random_range(-1.0..1.0));
+        Ok(Self {
+            first,
+            fps,
+            seed,
+            count,
+            drift_px,
         })
-        .collect()
+    }
+
+    /// The spin, camera frame, rad/s.
+    pub fn spin(&self) -> Vec3 {
+        self.first.spin
+    }
+
+    /// Frame number `k`.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the compression fails.
+    pub fn frame(&self, k: usize) -> Result<Frame> {
+        let step = (1e9 * k as f64 / self.fps).round() as u64;
+        // The time that the name tells, to the nanosecond.
+        let since_s = step as f64 * 1e-9;
+        let share = k as f64 / self.count.max(2) as f64 - 0.5;
+        let mut scene = self.first.clone();
+        scene.rotation = Rotation::from_scaled_axis(scene.spin * since_s) * scene.rotation;
+        scene.circle.center.u += self.drift_px[0] * share;
+        scene.circle.center.v += self.drift_px[1] * share;
+        scene.noise_seed = frame_rng(self.seed, 1 + k as u64).random();
+        let ns = FIRST_NS + step;
+        frame(&scene, format!("{ns}.png"), Some(ns as f64 * 1e-9))
+    }
 }
 
 fn frame(scene: &Scene, image: String, time_s: Option<f64>) -> Result<Frame> {
@@ -190,18 +237,21 @@ fn truth(scene: &Scene, seen: &Rendering, image: String, time_s: Option<f64>) ->
         distance: scene.distance,
         blur_px: seen.blur_px,
         logo: scene.surface.mark.as_ref().map(|m| m.logo.kind),
-        dots: seen.dots.iter().map(dot_truth).collect(),
+        sensor: scene.sensor,
+        dots: seen.dots.iter().map(|d| dot_truth(d, scene.size)).collect(),
     }
 }
 
-fn dot_truth(dot: &TrueDot) -> DotTruth {
+fn dot_truth(dot: &TrueDot, [width, height]: [usize; 2]) -> DotTruth {
+    let within = |x: f64, side: usize| (-0.5..=side as f64 - 0.5).contains(&x);
+    let Pixel { u, v } = dot.pixel;
     DotTruth {
         index: dot.index,
         direction: dot.direction.into(),
         pixel: dot.pixel,
         radius_rad: dot.radius_rad,
         contrast: dot.contrast,
-        visible: dot.is_visible(),
+        visible: dot.is_visible() && within(u, width) && within(v, height),
     }
 }
 
@@ -210,74 +260,4 @@ fn wxyz(rotation: &Rotation) -> [f64; 4] {
     let q = rotation.quaternion();
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     [q.w, q.i, q.j, q.k].map(|c| sign * c)
-}
-
-/// Writes frames and their truth to a folder; each file whole or not at all. The index comes last.
-///
-/// # Errors
-/// [`Error::Write`] where the system refuses.
-pub fn write(dir: &Path, frames: &[Frame]) -> Result<()> {
-    let images = dir.join("images");
-    files::create_dir(&images)?;
-    frames
-        .par_iter()
-        .try_for_each(|f| f.image.write_png(&images.join(&f.truth.image)))?;
-    let truths: Vec<&FrameTruth> = frames.iter().map(|f| &f.truth).collect();
-    let text = serde_json::to_vec_pretty(&truths)
-        .map_err(|e| Error::Internal(format!("cannot be written as JSON: {e}")))?;
-    files::write_bytes(&dir.join("truth.json"), &text)?;
-    if truths.iter().all(|t| t.time_s.is_some()) && !truths.is_empty() {
-        files::write_bytes(
-            &dir.join("orientations.csv"),
-            orientations(&truths).as_bytes(),
-        )?;
-    }
-    files::write_bytes(&dir.join("index.csv"), index(&images, &truths).as_bytes())
-}
-
-/// Writing to a string does not fail.
-fn orientations(truths: &[&FrameTruth]) -> String {
-    let mut text = "frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence\n".to_owned();
-    for truth in truths {
-        let [w, x, y, z] = truth.quaternion_wxyz;
-        let seen = truth.dots.iter().filter(|d| d.visible).count();
-        let stem = truth.image.trim_end_matches(".png");
-        let time = truth.time_s.unwrap_or_default();
-        let _ = writeln!(text, "{stem},{time},{w},{x},{y},{z},{seen},{seen},0,1");
-    }
-    text
-}
-
-fn index(images: &Path, truths: &[&FrameTruth]) -> String {
-    let mut text = String::new();
-    for truth in truths {
-        let [w, x, y, z] = truth.quaternion_wxyz;
-        let path = images.join(&truth.image);
-        let _ = write!(text, "{},{x},{y},{z},{w}", path.display());
-        for dot in truth.dots.iter().filter(|d| d.visible) {
-            let _ = write!(text, ",{:.4},{:.4}", dot.pixel.u, dot.pixel.v);
-        }
-        text.push('\n');
-    }
-    text
-}
-
-/// All frames side by side, each enlarged or shrunk to a square of `cell` pixels; at most `most` of them.
-///
-/// # Errors
-/// [`Error::Argument`] where there is no frame.
-pub fn contact_sheet(frames: &[Frame], cell: usize, most: usize) -> Result<RgbImage> {
-    let shown = &frames[..frames.len().min(most)];
-    let columns = (shown.len() as f64).sqrt().ceil() as usize;
-    let rows = shown.len().div_ceil(columns.max(1));
-    let (width, height) = (columns * cell, rows * cell);
-    let mut values = vec![[0.0f32; 3]; width * height];
-    for (k, frame) in shown.iter().enumerate() {
-        let enlarged = frame.image.resized(cell - 4, cell - 4)?;
-        let corner = (k / columns) * cell * width + (k % columns) * cell;
-        for (v, row) in enlarged.values().chunks_exact(cell - 4).enumerate() {
-            values[corner + v * width..][..row.len()].copy_from_slice(row);
-        }
-    }
-    RgbImage::new(width, height, values)
 }

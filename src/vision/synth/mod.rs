@@ -8,6 +8,7 @@
 //! Colours are linear light until the sensor's gamma.
 
 pub mod dataset;
+pub mod folder;
 pub mod logo;
 pub mod render;
 pub mod scene;

@@ -15,6 +15,7 @@ use crate::vision::camera::{BallCircle, Camera, Intrinsics, Pixel};
 
 /// How far random frames reach. Pairs are `[least, most]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct SynthConfig {
     /// Side of the square crop, pixels.
     pub size_px: [usize; 2],

@@ -5,13 +5,14 @@ use image::{ExtendedColorType, ImageFormat};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
+use serde::{Deserialize, Serialize};
 
 use super::scene::{SynthConfig, luma};
 use crate::error::{Error, Result};
 use crate::vision::image::RgbImage;
 
 /// A camera's sensor and what comes after it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sensor {
     /// Standard deviation of the lens' blur, pixels.
     pub defocus_px: f64,

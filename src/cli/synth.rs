@@ -1,0 +1,288 @@
+//! `spindoe synth`.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+
+use super::simulate::vector;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::geometry::Vec3;
+use crate::hash::HashTable;
+use crate::pattern::Pattern;
+use crate::vision::synth::SynthConfig;
+use crate::vision::synth::dataset::{Sequence, SequenceConfig, independent_frame};
+use crate::vision::synth::folder::{self, Origin, Written};
+
+/// Most frames of a set.
+const MOST_FRAMES: usize = 1_000_000;
+/// Plain lines come no more often than this, seconds.
+const SILENCE_S: f64 = 5.0;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The folder then holds images/*.png, index.csv (for the SpinDOE authors' reader: image path, quaternion w,x,y,z, then
+u,v of each dot to be found), truth.json (everything known of every frame), contact_sheet.png, and for a sequence
+orientations.csv, which `spindoe spin` reads.
+
+Examples:
+  spindoe synth pattern.csv --out set --frames 5000
+  spindoe synth table.npz --out flight --sequence --frames 20 --rps 60 --size 64")]
+pub struct Arguments {
+    /// The pattern, CSV, or a hash table, NPZ.
+    pattern: PathBuf,
+    /// The folder to write to.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Frames.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    frames: usize,
+    /// Seed.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// One ball that turns at a constant spin, instead of another ball, view and camera in every frame.
+    #[arg(long)]
+    sequence: bool,
+    /// Frames per second of the sequence.
+    #[arg(
+        long,
+        default_value_t = 350.0,
+        requires = "sequence",
+        allow_negative_numbers = true
+    )]
+    fps: f64,
+    /// Spin, revolutions per second: one number, or LOW,HIGH [default: 0,150].
+    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "RPS")]
+    rps: Option<[f64; 2]>,
+    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random
+    /// where not given.
+    #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z", requires_all = ["sequence", "rps"])]
+    axis: Option<Vec3>,
+    /// Exposure of the sequence's frames in milliseconds; at random where not given.
+    #[arg(
+        long,
+        value_name = "MS",
+        requires = "sequence",
+        allow_negative_numbers = true
+    )]
+    exposure_ms: Option<f64>,
+    /// Side of all images, pixels [default: 40 to 200, small ones likelier].
+    #[arg(long, value_name = "PX", conflicts_with_all = ["min_size", "max_size"])]
+    size: Option<usize>,
+    /// Least side, pixels.
+    #[arg(long, value_name = "PX")]
+    min_size: Option<usize>,
+    /// Greatest side, pixels.
+    #[arg(long, value_name = "PX")]
+    max_size: Option<usize>,
+    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball. [default: 2.3,7.4]
+    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
+    dot_radius_deg: Option<[f64; 2]>,
+    /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number, or LOW,HIGH; one for a
+    /// ball. [default: 0.46,1.7]
+    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
+    misplacement_deg: Option<[f64; 2]>,
+    /// Probability of a logo.
+    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    logo: Option<f64>,
+    /// Greatest angle that a ball turns during the exposure, degrees.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    most_blur_deg: Option<f64>,
+    /// All ranges, JSON, as `config` in truth.json; what is left out has its default, and the flags above win.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Print a summary as one JSON object instead of words.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A number, or two separated by a comma.
+fn range(text: &str) -> std::result::Result<[f64; 2], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .filter_map(|n| n.trim().parse().ok().filter(|x: &f64| x.is_finite()))
+        .collect();
+    match (numbers.as_slice(), text.split(',').count()) {
+        ([x], 1) => Ok([*x; 2]),
+        ([low, high], 2) => Ok([*low, *high]),
+        _ => Err("expected a finite number, or two as LOW,HIGH".into()),
+    }
+}
+
+impl Arguments {
+    fn synth_config(&self) -> Result<SynthConfig> {
+        let mut config = match &self.config {
+            Some(path) => serde_json::from_slice(&files::read_bytes(path)?)
+                .map_err(|e| Error::input(path, "configuration", e.to_string()))?,
+            None => SynthConfig::default(),
+        };
+        config.size_px[0] = self.size.or(self.min_size).unwrap_or(config.size_px[0]);
+        config.size_px[1] = self.size.or(self.max_size).unwrap_or(config.size_px[1]);
+        config.rps = self.rps.unwrap_or(config.rps);
+        if let Some(radius) = self.dot_radius_deg {
+            config.dot_radius_rad = radius.map(f64::to_radians);
+        }
+        if let Some(sigma) = self.misplacement_deg {
+            config.misplacement_rad = sigma.map(f64::to_radians);
+        }
+        config.logo_probability = self.logo.unwrap_or(config.logo_probability);
+        if let Some(arc) = self.most_blur_deg {
+            config.most_arc_rad = arc.to_radians();
+        }
+        config.check()?;
+        Ok(config)
+    }
+
+    fn sequence_config(&self) -> Result<Option<SequenceConfig>> {
+        if !self.sequence {
+            return Ok(None);
+        }
+        let spin = match (self.axis, self.rps) {
+            (Some(axis), Some([low, high])) => {
+                if low != high {
+                    let problem = "expected one number where --axis is given";
+                    return Err(Error::argument("--rps", problem));
+                }
+                let axis = axis
+                    .try_normalize(0.0)
+                    .ok_or_else(|| Error::argument("--axis", "expected a vector that is not 0"))?;
+                Some((axis * (low * std::f64::consts::TAU)).into())
+            }
+            _ => None,
+        };
+        Ok(Some(SequenceConfig {
+            fps: self.fps,
+            spin,
+            exposure_s: self.exposure_ms.map(|ms| 1e-3 * ms),
+        }))
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let config = arguments.synth_config()?;
+    let pattern = read_pattern(&arguments.pattern)?;
+    let Arguments { frames, seed, .. } = *arguments;
+    if !(1..=MOST_FRAMES).contains(&frames) {
+        let problem = format!("expected 1 to {MOST_FRAMES}, found {frames}");
+        return Err(Error::argument("--frames", problem));
+    }
+    let sequence_config = arguments.sequence_config()?;
+    let sequence = sequence_config
+        .map(|s| Sequence::random(&pattern, &config, &s, seed, frames))
+        .transpose()?;
+    refuse_taken(&arguments.out)?;
+    files::create_writable_dir(&arguments.out)?;
+    let origin = Origin {
+        seed,
+        pattern_sha256: pattern.sha256(),
+        pattern: pattern.dots().iter().map(|d| (*d).into()).collect(),
+        config: config.clone(),
+        sequence: sequence_config,
+    };
+    let clock = Instant::now();
+    let mut progress = Progress::new(frames);
+    let draw = |k| match &sequence {
+        Some(sequence) => sequence.frame(k),
+        None => independent_frame(&pattern, &config, seed, k),
+    };
+    let written = folder::write(&arguments.out, origin, frames, draw, |k| progress.show(k))?;
+    progress.bar.finish_and_clear();
+    let spin = sequence.map(|s| s.spin());
+    tell(arguments, &written, spin, clock.elapsed().as_secs_f64())
+}
+
+fn tell(arguments: &Arguments, written: &Written, spin: Option<Vec3>, seconds: f64) -> Result<()> {
+    let rps = spin.map(|w| w.norm() / std::f64::consts::TAU);
+    if arguments.json {
+        return super::print_json(&json!({
+            "out": arguments.out.to_string_lossy(),
+            "frames": written.frames,
+            "without_dots": written.without_dots,
+            "visible_dots": written.visible_dots,
+            "seed": arguments.seed,
+            "spin_rad_s": spin.map(|w| [w.x, w.y, w.z]),
+            "rps": rps,
+            "fps": arguments.sequence.then_some(arguments.fps),
+            "seconds": seconds,
+        }));
+    }
+    let per_frame = written.visible_dots as f64 / written.frames as f64;
+    outln!(
+        "{}: {} frames, {per_frame:.1} dots to be found in each (seed {}); {seconds:.1} s",
+        arguments.out.display(),
+        written.frames,
+        arguments.seed
+    );
+    if written.without_dots > 0 {
+        outln!(
+            "{} frames without any such dot: in truth.json, not in index.csv",
+            written.without_dots
+        );
+    }
+    if let (Some(w), Some(rps)) = (spin, rps) {
+        outln!(
+            "spin [{:.4}, {:.4}, {:.4}] rad/s, {rps:.3} rps",
+            w.x,
+            w.y,
+            w.z
+        );
+    }
+    Ok(())
+}
+
+/// The pattern of a CSV file or of a hash table: a NumPy archive starts with "PK", as every ZIP does.
+fn read_pattern(path: &Path) -> Result<Pattern> {
+    let bytes = files::read_bytes(path)?;
+    if bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz") {
+        Ok(HashTable::from_npz(path, &bytes)?.pattern().clone())
+    } else {
+        Pattern::from_csv(path, &bytes)
+    }
+}
+
+/// Refuses a folder that holds frames already: two sets must not mix in one.
+fn refuse_taken(dir: &Path) -> Result<()> {
+    for name in ["index.csv", "truth.json", "images"] {
+        if dir.join(name).exists() {
+            let problem = format!(
+                "{} holds frames already ({name}); choose another folder",
+                dir.display()
+            );
+            return Err(Error::argument("--out", problem));
+        }
+    }
+    Ok(())
+}
+
+/// A bar on a terminal, plain lines elsewhere.
+struct Progress {
+    bar: ProgressBar,
+    said: Instant,
+}
+
+impl Progress {
+    fn new(frames: usize) -> Self {
+        let bar = ProgressBar::new(frames as u64);
+        // The template is a constant; were it wrong, the default style would do.
+        if let Ok(style) =
+            ProgressStyle::with_template("{bar:25} {pos} of {len} frames, {eta} left")
+        {
+            bar.set_style(style);
+        }
+        Self {
+            bar,
+            said: Instant::now(),
+        }
+    }
+
+    fn show(&mut self, done: usize) {
+        self.bar.set_position(done as u64);
+        if self.bar.is_hidden() && self.said.elapsed().as_secs_f64() > SILENCE_S {
+            errln!("{done} of {} frames", self.bar.length().unwrap_or_default());
+            self.said = Instant::now();
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! Frames and their truth as files: for training, for tests, for other people's detectors.
+//!
+//! A folder holds
+//! - `images/*.png`;
+//! - `index.csv`, as the SpinDOE authors' reader (`DotDataset`) takes it: no header; the image's path, the orientation as a
+//!   quaternion `w, x, y, z` (their regression's order; pattern to camera), then from the sixth column on the pixel positions
+//!   `u0, v0, u1, v1, ...` of the dots that a detector should find, so that rows differ in length. That reader cannot take rows
+//!   without dots: such frames are left out of the index, and are in the truth only;
+//! - `truth.json`: everything known of every frame ([`FrameTruth`]), with the seed, the configuration and the pattern;
+//! - `orientations.csv` for a sequence, as `spindoe spin` reads it; the images' names are nanoseconds then;
+//! - `contact_sheet.png`: the first frames side by side.
+//!
+//! The index comes last: where it is, everything is.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::Path;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::dataset::{Frame, FrameTruth, SequenceConfig};
+use super::scene::SynthConfig;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::vision::image::RgbImage;
+
+/// Version of the format of `truth.json`.
+pub const FORMAT_VERSION: u32 = 1;
+/// Frames drawn between two words of progress.
+const CHUNK: usize = 64;
+/// Frames on the contact sheet.
+const SHOWN: usize = 36;
+/// Side of a frame on the contact sheet, pixels.
+const CELL: usize = 160;
+/// Gap between frames on the contact sheet, pixels.
+const GAP: usize = 4;
+
+/// What all frames of a folder have in common.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// Seed of the set.
+    pub seed: u64,
+    /// The pattern's digest ([`crate::pattern::Pattern::sha256`]).
+    pub pattern_sha256: String,
+    /// The pattern: unit vectors, in order of index.
+    pub pattern: Vec<[f64; 3]>,
+    /// The ranges from which frames were drawn.
+    pub config: SynthConfig,
+    /// For a sequence, how it was taken.
+    pub sequence: Option<SequenceConfig>,
+}
+
+/// The content of `truth.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// The frames' origin.
+    #[serde(flatten)]
+    pub origin: Origin,
+    /// The frames.
+    pub frames: Vec<FrameTruth>,
+}
+
+/// What was written.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Written {
+    /// Frames.
+    pub frames: usize,
+    /// Of these, frames in which no dot can be told: they are not in the index.
+    pub without_dots: usize,
+    /// Dots that a detector should find, over all frames.
+    pub visible_dots: usize,
+}
+
+/// Draws `count` frames and writes them to `dir`; each file whole or not at all. `progress` is told how many are done.
+///
+/// # Errors
+/// [`Error::Argument`] where the folder's name would break the index, [`Error::Write`] where the system refuses, or the error of
+/// `draw`.
+pub fn write(
+    dir: &Path,
+    origin: Origin,
+    count: usize,
+    draw: impl Fn(usize) -> Result<Frame> + Sync,
+    mut progress: impl FnMut(usize),
+) -> Result<Written> {
+    if dir.to_string_lossy().contains([',', '"', '\n', '\r']) {
+        // The authors' reader splits lines at commas, whatever is quoted.
+        let problem = format!(
+            "expected a folder without commas and quotes in its name, found {}",
+            dir.display()
+        );
+        return Err(Error::argument("out", problem));
+    }
+    let images = dir.join("images");
+    files::create_dir(&images)?;
+    let mut frames = Vec::with_capacity(count);
+    let mut shown = Vec::new();
+    for start in (0..count).step_by(CHUNK) {
+        let chunk: Vec<Frame> = (start..count.min(start + CHUNK))
+            .into_par_iter()
+            .map(|k| {
+                let frame = draw(k)?;
+                frame.image.write_png(&images.join(&frame.truth.image))?;
+                Ok(frame)
+            })
+            .collect::<Result<_>>()?;
+        for frame in chunk {
+            if shown.len() < SHOWN {
+                shown.push(frame.image);
+            }
+            frames.push(frame.truth);
+        }
+        progress(frames.len());
+    }
+    if !shown.is_empty() {
+        contact_sheet(&shown, CELL)?.write_png(&dir.join("contact_sheet.png"))?;
+    }
+    let is_sequence = origin.sequence.is_some();
+    let truth = Truth {
+        format_version: FORMAT_VERSION,
+        origin,
+        frames,
+    };
+    files::write_atomic(&dir.join("truth.json"), |file| {
+        let mut out = std::io::BufWriter::new(file);
+        serde_json::to_writer(&mut out, &truth)?;
+        out.flush()
+    })?;
+    if is_sequence {
+        let text = orientations(&truth.frames);
+        files::write_bytes(&dir.join("orientations.csv"), text.as_bytes())?;
+    }
+    let index = index(&images, &truth.frames);
+    files::write_bytes(&dir.join("index.csv"), index.as_bytes())?;
+    Ok(summary(&truth.frames))
+}
+
+fn visible(frame: &FrameTruth) -> usize {
+    frame.dots.iter().filter(|d| d.visible).count()
+}
+
+fn summary(frames: &[FrameTruth]) -> Written {
+    Written {
+        frames: frames.len(),
+        without_dots: frames.iter().filter(|f| visible(f) == 0).count(),
+        visible_dots: frames.iter().map(visible).sum(),
+    }
+}
+
+/// The truth as an orientations file. (Writing to a string does not fail.)
+fn orientations(frames: &[FrameTruth]) -> String {
+    let mut text = "frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence\n".to_owned();
+    for frame in frames {
+        let [w, x, y, z] = frame.quaternion_wxyz;
+        let seen = visible(frame);
+        let stem = frame.image.trim_end_matches(".png");
+        let time = frame.time_s.map_or(String::new(), |t| t.to_string());
+        let _ = writeln!(text, "{stem},{time},{w},{x},{y},{z},{seen},{seen},0,1");
+    }
+    text
+}
+
+fn index(images: &Path, frames: &[FrameTruth]) -> String {
+    let mut text = String::new();
+    for frame in frames.iter().filter(|f| visible(f) > 0) {
+        let [w, x, y, z] = frame.quaternion_wxyz;
+        let path = images.join(&frame.image);
+        let _ = write!(text, "{},{w},{x},{y},{z}", path.display());
+        for dot in frame.dots.iter().filter(|d| d.visible) {
+            let _ = write!(text, ",{:.4},{:.4}", dot.pixel.u, dot.pixel.v);
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// Images side by side, each enlarged or shrunk to a square; `cell` is its side with the gap, pixels.
+///
+/// # Errors
+/// [`Error::Argument`] where there is no image, or the cell no larger than the gap.
+pub fn contact_sheet(images: &[RgbImage], cell: usize) -> Result<RgbImage> {
+    if cell <= GAP {
+        let problem = format!("expected more than {GAP} pixels, found {cell}");
+        return Err(Error::argument("cell", problem));
+    }
+    let side = cell - GAP;
+    let columns = (images.len() as f64).sqrt().ceil() as usize;
+    let rows = images.len().div_ceil(columns.max(1));
+    let (width, height) = (columns * cell, rows * cell);
+    let mut values = vec![[0.0f32; 3]; width * height];
+    for (k, image) in images.iter().enumerate() {
+        let enlarged = image.resized(side, side)?;
+        let corner = (k / columns) * cell * width + (k % columns) * cell;
+        for (v, row) in enlarged.values().chunks_exact(side).enumerate() {
+            values[corner + v * width..][..side].copy_from_slice(row);
+        }
+    }
+    RgbImage::new(width, height, values)
+}
