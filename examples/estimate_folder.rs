@@ -22,8 +22,7 @@ fn main() -> spindoe::Result<()> {
     for source in input::sources(&[dir.into()])? {
         input::read_frames(&source, &mut |frame| {
             let mut seen = FrameEstimate::default();
-            let gray = frame.image.to_gray();
-            estimator.estimate_frame(&gray, None, None, &mut workspace, &mut seen);
+            estimator.estimate_frame(&frame.image, None, None, &mut workspace, &mut seen);
             times.push(frame.time_s);
             names.push(frame.name);
             frames.push(seen);

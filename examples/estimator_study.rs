@@ -71,7 +71,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// What a user would arrange: light enough, exposures short against the spin, ordinary dots.
+/// What a user would arrange: light enough, exposures short against the spin, ordinary dots, a background
+/// darker than the ball.
 fn good() -> SynthConfig {
     SynthConfig {
         size_px: [60, 60],
@@ -83,6 +84,8 @@ fn good() -> SynthConfig {
         defocus_px: [0.2, 0.8],
         most_noise: 2.0,
         bad_exposure: 0.0,
+        most_background: 0.3,
+        distance: [15.0, 60.0],
         ..SynthConfig::default()
     }
 }
@@ -98,7 +101,7 @@ fn run(
         .map_init(
             || (estimator.workspace(), FrameEstimate::default()),
             |(ws, out), frame| {
-                estimator.estimate_frame(&frame.image.to_gray(), None, None, ws, out);
+                estimator.estimate_frame(&frame.image, None, None, ws, out);
                 judge(frame, out)
             },
         )
@@ -161,7 +164,10 @@ fn tables(judged: &[Judged]) {
     for rejection in judged.iter().filter_map(|j| j.rejection) {
         let words = rejection.to_string();
         // Without the figures, so that like reasons count together.
-        let words = words.trim_end_matches(|c: char| !c.is_alphabetic());
+        let words = words
+            .split(|c: char| c.is_ascii_digit())
+            .next()
+            .unwrap_or_default();
         *reasons.entry(words.to_owned()).or_default() += 1;
     }
     println!("\nNot told: {reasons:?}");

@@ -13,6 +13,11 @@ use crate::files;
 /// Most pixels of an image that is read; beyond, the file is refused rather than the memory filled.
 pub const MOST_PIXELS: u64 = 200_000_000;
 
+/// The middle and the corners of an image: distances from its centre, in sides.
+const MIDDLE: f32 = 0.3;
+const CORNERS: f32 = 0.58;
+/// Least distance of their mean colours.
+const LEAST_CONTRAST: f32 = 0.02;
 /// Weights of red, green and blue in gray.
 const LUMA: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
@@ -260,16 +265,56 @@ impl RgbImage {
 
     /// The luma of every pixel.
     pub fn to_gray(&self) -> GrayImage {
+        let mut gray = GrayImage::default();
+        self.to_gray_into(&mut gray);
+        gray
+    }
+
+    /// As [`RgbImage::to_gray`], into the memory at hand.
+    pub fn to_gray_into(&self, gray: &mut GrayImage) {
+        (gray.width, gray.height) = (self.width, self.height);
+        let luma = |c: &[f32; 3]| LUMA[0] * c[0] + LUMA[1] * c[1] + LUMA[2] * c[2];
+        gray.values.clear();
+        gray.values.extend(self.values.iter().map(luma));
+    }
+
+    /// Gray along the colour in which the middle differs most plainly from the corners (their means' difference), from 0 to 1: a ball
+    /// as bright as what is behind it, but of another colour, stands out. `None` where the two are alike.
+    pub fn to_contrast(&self) -> Option<GrayImage> {
+        let (width, height) = (self.width as f32, self.height as f32);
+        let (mut middle, mut corners) = ([0.0f32; 4], [0.0f32; 4]);
+        for (i, c) in self.values.iter().enumerate() {
+            let x = ((i % self.width) as f32 + 0.5) / width - 0.5;
+            let y = ((i / self.width) as f32 + 0.5) / height - 0.5;
+            let sum = match x.hypot(y) {
+                out if out < MIDDLE => &mut middle,
+                out if out > CORNERS => &mut corners,
+                _ => continue,
+            };
+            for (s, x) in sum.iter_mut().zip(c.iter().chain([&1.0])) {
+                *s += x;
+            }
+        }
+        if middle[3] == 0.0 || corners[3] == 0.0 {
+            return None;
+        }
+        let axis: [f32; 3] =
+            std::array::from_fn(|k| middle[k] / middle[3] - corners[k] / corners[3]);
+        let length = axis.iter().map(|x| x * x).sum::<f32>().sqrt();
+        if length < LEAST_CONTRAST {
+            return None;
+        }
+        let along = |c: &[f32; 3]| (c[0] * axis[0] + c[1] * axis[1] + c[2] * axis[2]) / length;
+        // Values along a unit vector span at most the cube's diagonal, either way.
         let values = self
             .values
             .iter()
-            .map(|c| LUMA[0] * c[0] + LUMA[1] * c[1] + LUMA[2] * c[2])
-            .collect();
-        GrayImage {
+            .map(|c| (0.5 + 0.5 * along(c)).clamp(0.0, 1.0));
+        Some(GrayImage {
             width: self.width,
             height: self.height,
-            values,
-        }
+            values: values.collect(),
+        })
     }
 
     /// Eight bits a channel, red, green, blue, row after row: what PNG encoders take.

@@ -273,8 +273,7 @@ impl Arguments {
             let first = seen.times.len();
             let mut visit = |frame: InputFrame| {
                 let mut estimate = FrameEstimate::default();
-                let gray = frame.image.to_gray();
-                estimator.estimate_frame(&gray, circle, None, workspace, &mut estimate);
+                estimator.estimate_frame(&frame.image, circle, None, workspace, &mut estimate);
                 if self.overlay.is_some() {
                     seen.pictures.push(picture(&frame.image, &estimate)?);
                 }

@@ -21,7 +21,7 @@ mod vote;
 use nalgebra::{Matrix3, Vector3};
 
 use super::camera::{BallCircle, Pixel};
-use super::image::GrayImage;
+use super::image::{GrayImage, RgbImage};
 use edges::Unrolled;
 use vote::{Centre, Votes};
 
@@ -119,6 +119,8 @@ const LARGE: f64 = 320.0;
 /// A whole outline of this support ends the search where smaller images are left for balls below this part of
 /// its radius only.
 const SETTLED: (f64, f64) = (0.7, 0.8);
+/// Other circles that are worth a look.
+const OTHERS: usize = 4;
 /// An outline with this support is taken without looking for others with edges of either sign.
 const WHOLE: f64 = 0.9;
 /// The outline is fitted where the radius is at most this many pixels, which is fine enough: there a pixel is the mean of
@@ -159,6 +161,43 @@ impl BallFinder {
     /// # Errors
     /// A [`NoBall`] that says why there is none.
     pub fn find(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
+        self.found.clear();
+        self.search(image)
+    }
+
+    /// As [`BallFinder::find`] in the image's gray, and where that gives no whole outline, also in the colour in which the ball differs most
+    /// from what is behind it.
+    ///
+    /// # Errors
+    /// A [`NoBall`] that says why there is none.
+    pub fn find_in_colour(
+        &mut self,
+        gray: &GrayImage,
+        colour: &RgbImage,
+    ) -> Result<BallFit, NoBall> {
+        let in_gray = self.find(gray);
+        if in_gray.is_ok_and(|b| b.support >= WHOLE && b.visible >= WHOLE) {
+            return in_gray;
+        }
+        let Some(contrast) = colour.to_contrast() else {
+            return in_gray;
+        };
+        let in_colour = self.search(&contrast);
+        self.best().ok_or(()).or(in_colour).or(in_gray)
+    }
+
+    /// Other circles of the last search, the best first: what the ball may be where the one found shows no dots that can be told.
+    pub fn others(&self) -> impl Iterator<Item = BallFit> + '_ {
+        let best = self.best();
+        let tried = self.found.iter().take(OTHERS + 1);
+        tried
+            .filter(move |f| best.is_none_or(|b| b.circle != f.circle))
+            .take(OTHERS)
+            .copied()
+    }
+
+    /// Adds an image's circles to those found; the best of all.
+    fn search(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
         let longer = image.width().max(image.height()) as f64;
         if image.width().min(image.height()) < self.config.least_radius_px as usize {
             return Err(NoBall::TooSmall {
@@ -168,7 +207,6 @@ impl BallFinder {
         }
         let most = self.config.most_radius * longer;
         self.halve(image, most);
-        self.found.clear();
         let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
         let mut support = self.look(image, most, count, &[1.0, -1.0]);
         // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
@@ -179,13 +217,15 @@ impl BallFinder {
                 (a, b) => a.or(b),
             };
         }
+        self.found
+            .sort_by(|a, b| wholeness(b).total_cmp(&wholeness(a)));
         self.best().ok_or(match support {
             Some(support) => NoBall::NoCircle { support },
             None => NoBall::NoContrast,
         })
     }
 
-    /// Remembers all circles that are whole enough with edges of these signs; gives the best support of any circle.
+    /// Remembers all circles with edges of these signs; gives the best support of any circle.
     fn look(&mut self, image: &GrayImage, most: f64, count: usize, signs: &[f64]) -> Option<f64> {
         let mut best_support: Option<f64> = None;
         // Large balls first: what is found spares the finer images.
@@ -212,7 +252,7 @@ impl BallFinder {
                         continue;
                     };
                     best_support = Some(best_support.unwrap_or(0.0).max(fit.support));
-                    if self.is_ball(&fit) {
+                    if fit.visible >= self.config.least_visible {
                         self.remember(fit);
                     }
                 }
@@ -321,10 +361,8 @@ impl BallFinder {
 
     /// The best circle, and how many others beside it are nearly as good.
     fn best(&self) -> Option<BallFit> {
-        let mut best = *self
-            .found
-            .iter()
-            .max_by(|a, b| score(a).total_cmp(&score(b)))?;
+        let balls = || self.found.iter().filter(|f| self.is_ball(f));
+        let mut best = *balls().max_by(|a, b| score(a).total_cmp(&score(b)))?;
         let least = self.config.rival_score * score(&best);
         let beside = |other: &&BallFit| {
             let (a, b) = (&other.circle, &best.circle);
@@ -332,7 +370,7 @@ impl BallFinder {
             // Of a like size and not within the best: dots and logos have outlines too.
             apart > 0.8 * b.radius && a.radius > 0.5 * b.radius && score(other) > least
         };
-        best.rivals = self.found.iter().filter(beside).count();
+        best.rivals = balls().filter(beside).count();
         Some(best)
     }
 }
@@ -340,5 +378,10 @@ impl BallFinder {
 /// A circle's worth: whole outlines first, then clear ones, then large ones. Dots and logos are smaller and fainter than
 /// the ball that bears them.
 fn score(fit: &BallFit) -> f64 {
-    fit.support.powi(4) * fit.visible * (fit.contrast.abs() * fit.circle.radius).sqrt()
+    wholeness(fit) * (fit.contrast.abs() * fit.circle.radius).sqrt()
+}
+
+/// How much of a circle is there to be seen.
+fn wholeness(fit: &BallFit) -> f64 {
+    fit.support.powi(4) * fit.visible.powi(2)
 }

@@ -27,7 +27,7 @@ use nalgebra::{Matrix2, Matrix3};
 use super::camera::{BallCircle, BallView, Camera};
 use super::circle::{BallFinder, BallFit, NoBall};
 use super::detect::{DotDetection, DotDetector};
-use super::image::GrayImage;
+use super::image::{GrayImage, RgbImage};
 use super::patch::Patch;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
@@ -37,6 +37,27 @@ use crate::recognise::{
     DotUncertainty, Identification, ObservedDot, Recogniser, Refusal as Unrecognised,
 };
 use refine::{Match, Refiner};
+
+/// A frame as it comes from the camera.
+#[derive(Debug, Clone, Copy)]
+pub enum FrameImage<'a> {
+    /// Brightness alone.
+    Gray(&'a GrayImage),
+    /// Colours: where brightness does not show the ball's outline, they may.
+    Colour(&'a RgbImage),
+}
+
+impl<'a> From<&'a GrayImage> for FrameImage<'a> {
+    fn from(image: &'a GrayImage) -> Self {
+        Self::Gray(image)
+    }
+}
+
+impl<'a> From<&'a RgbImage> for FrameImage<'a> {
+    fn from(image: &'a RgbImage) -> Self {
+        Self::Colour(image)
+    }
+}
 
 /// An orientation that is told.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -176,6 +197,11 @@ pub struct Estimator<D> {
 /// Working memory of an [`Estimator`], one a thread.
 #[derive(Debug)]
 pub struct EstimatorWorkspace<W> {
+    /// Gray of a frame in colours.
+    gray: GrayImage,
+    /// An estimate for another outline.
+    other: FrameEstimate,
+    others: Vec<BallFit>,
     finder: BallFinder,
     patch: Patch,
     detector: W,
@@ -237,6 +263,9 @@ impl<D: DotDetector> Estimator<D> {
     /// A new workspace.
     pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
         EstimatorWorkspace {
+            gray: GrayImage::default(),
+            other: FrameEstimate::default(),
+            others: Vec::new(),
             finder: BallFinder::new(self.config.circle),
             patch: Patch::default(),
             detector: self.detector.workspace(),
@@ -249,28 +278,57 @@ impl<D: DotDetector> Estimator<D> {
         }
     }
 
-    /// Estimates a frame: [`Estimator::look`], then [`Estimator::tell`].
-    pub fn estimate_frame(
+    /// Estimates a frame: [`Estimator::look`], then [`Estimator::tell`]. Where that gives no answer, other outlines are tried: one on
+    /// which the dots tell a clear pose is the ball's.
+    pub fn estimate_frame<'a>(
         &self,
-        image: &GrayImage,
+        image: impl Into<FrameImage<'a>>,
         circle: Option<&BallCircle>,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
+        let image = image.into();
         self.look(image, circle, ws, out);
         self.tell(hint, ws, out);
+        if circle.is_some() || out.pose().is_some() {
+            return;
+        }
+        let mut other = std::mem::take(&mut ws.other);
+        ws.others.clear();
+        ws.others.extend(ws.finder.others());
+        for k in 0..ws.others.len() {
+            let fit = ws.others[k];
+            (other.circle, other.fit) = (Some(fit.circle), Some(fit));
+            other.outcome = Err(Rejection::NotLooked);
+            self.find_dots(image, ws, &mut other);
+            self.tell(hint, ws, &mut other);
+            if other.pose().is_some_and(|p| p.pose_confidence >= CLEAR) {
+                other.timings.locate = out.timings.locate;
+                std::mem::swap(&mut other, out);
+                break;
+            }
+        }
+        ws.other = other;
     }
 
     /// Finds the ball, unless its outline is given, and the dots on it.
-    pub fn look(
+    pub fn look<'a>(
         &self,
-        image: &GrayImage,
+        image: impl Into<FrameImage<'a>>,
         circle: Option<&BallCircle>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
+        let image = image.into();
+        if let FrameImage::Colour(colour) = image {
+            colour.to_gray_into(&mut ws.gray);
+        }
+        let gray = match image {
+            FrameImage::Gray(gray) => gray,
+            FrameImage::Colour(_) => &ws.gray,
+        };
         out.dots.clear();
         out.assignment.clear();
         out.outcome = Err(Rejection::NotLooked);
@@ -278,7 +336,11 @@ impl<D: DotDetector> Estimator<D> {
         out.fit = None;
         out.circle = circle.copied();
         if circle.is_none() {
-            match ws.finder.find(image) {
+            let found = match image {
+                FrameImage::Gray(gray) => ws.finder.find(gray),
+                FrameImage::Colour(colour) => ws.finder.find_in_colour(gray, colour),
+            };
+            match found {
                 Ok(fit) => {
                     out.circle = Some(fit.circle);
                     out.fit = Some(fit);
@@ -287,9 +349,25 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         out.timings.locate = begun.elapsed();
+        self.find_dots(image, ws, out);
+    }
+
+    /// Finds the dots within the outline.
+    fn find_dots(
+        &self,
+        image: FrameImage<'_>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let gray = match image {
+            FrameImage::Gray(gray) => gray,
+            FrameImage::Colour(_) => &ws.gray,
+        };
+        out.dots.clear();
+        out.assignment.clear();
         if let Some(circle) = out.circle {
             let begun = Instant::now();
-            ws.patch.cut_into(image, &circle);
+            ws.patch.cut_into(gray, &circle);
             self.detector
                 .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
             out.timings.detect = begun.elapsed();

@@ -49,6 +49,8 @@ pub struct SynthConfig {
     pub most_noise: f64,
     /// Share of frames far over- or under-exposed.
     pub bad_exposure: f64,
+    /// Most brightness of the background against that of the ball's brightest part.
+    pub most_background: f64,
 }
 
 impl Default for SynthConfig {
@@ -70,6 +72,7 @@ impl Default for SynthConfig {
             defocus_px: [0.2, 1.3],
             most_noise: 4.0,
             bad_exposure: 0.12,
+            most_background: 1.3,
         }
     }
 }
@@ -112,6 +115,7 @@ impl SynthConfig {
             ("shift", self.most_shift_px, 1e3),
             ("noise", self.most_noise, 1e3),
             ("bad exposure", self.bad_exposure, 1.0),
+            ("background", self.most_background, 100.0),
         ];
         for (name, value, most) in single {
             if !(0.0..=most).contains(&value) {
@@ -211,7 +215,7 @@ impl Scene {
             spin,
             exposure_s,
             shift_px: [way * c, way * s],
-            background: random_background(brightest, rng),
+            background: random_background(brightest, config, rng),
             sensor: Sensor::random(brightest, side, config, rng),
             noise_seed: rng.random(),
             surface,
@@ -296,12 +300,18 @@ fn random_motion<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> (Vec3, f
     (random_direction(rng) * speed, exposure_s)
 }
 
-fn random_background<R: Rng + ?Sized>(brightest: f32, rng: &mut R) -> Background {
+fn random_background<R: Rng + ?Sized>(
+    brightest: f32,
+    config: &SynthConfig,
+    rng: &mut R,
+) -> Background {
     let level = match rng.random_range(0..10) {
         0..5 => rng.random_range(0.0..0.06),
         5..8 => rng.random_range(0.05..0.4),
-        _ => rng.random_range(0.3..1.3),
-    } * brightest;
+        _ => rng.random_range(0.3..1.3f32),
+    }
+    .min(config.most_background as f32)
+        * brightest;
     let tint = |rng: &mut R| {
         let base: [f32; 3] = match rng.random_range(0..4) {
             0 => [0.4, 1.0, 0.6],
