@@ -20,7 +20,11 @@ const EDGES: usize = 4;
 /// Standard deviation of the smoothing of derivatives, pixels.
 const SMOOTHING: f64 = 0.8;
 /// Edges below this part of the strong ones' slope (the upper quartile of the rays' strongest) are none.
-const FAINT: f32 = 0.3;
+const FAINT: f32 = 0.15;
+/// Edges below this slope, brightness per pixel, are none: a step of 1 of 255.
+const FAINTEST: f32 = 0.004;
+/// On both sides of an edge, within so many samples, the slope falls below this part of its peak: else it is a ramp.
+const FLANK: (usize, f32) = (8, 0.75);
 /// Reach of Tukey's biweight in the successive fits, in radii; then in pixels, for the last.
 const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];
 const LAST_REACH: f64 = 1.5;
@@ -231,7 +235,7 @@ impl Unrolled {
         self.strongest.clear();
         self.strongest.extend(self.edges.iter().map(strongest));
         self.strongest.sort_unstable_by(f32::total_cmp);
-        let least = FAINT * self.strongest[RAYS * 3 / 4];
+        let least = (FAINT * self.strongest[RAYS * 3 / 4]).max(FAINTEST);
         for edge in self.edges.iter_mut().flatten() {
             if edge.slope < least {
                 edge.slope = 0.0;
@@ -270,7 +274,7 @@ impl Unrolled {
             supported += 1.0;
             let step = 0.1 * radius;
             let sample = |(u, v): (f64, f64)| f64::from(image.sample(u, v));
-            contrast += sample(at(radius - step)) - sample(at(radius + step));
+            contrast += sign * (sample(at(radius - step)) - sample(at(radius + step)));
             slope += f64::from(edge.slope);
         }
         if supported < 4.0 {
@@ -279,7 +283,8 @@ impl Unrolled {
         let variance = CORRELATED * scatter * scatter + SYSTEMATIC * SYSTEMATIC;
         let covariance = information.try_inverse()? * variance
             + Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
-        let contrast = contrast / supported;
+        // Of a ball that is no brighter than what is behind it, nothing is left.
+        let contrast = (contrast / supported).max(0.0);
         Some(BallFit {
             circle: BallCircle {
                 center: Pixel {
@@ -291,9 +296,8 @@ impl Unrolled {
             covariance,
             support: supported / seen,
             visible: seen / RAYS as f64,
-            // Of a ball that is no brighter than what is behind it, nothing is left.
-            contrast: sign * (sign * contrast).max(0.0),
-            edge_width: (sign * contrast).max(0.0) * supported / slope,
+            contrast: sign * contrast,
+            edge_width: contrast * supported / slope,
             rivals: 0,
         })
     }
@@ -306,6 +310,11 @@ fn peaks(slopes: &[f32], begin: f64) -> [Edge; EDGES] {
         let [a, b, c] = [slopes[k - 1], slopes[k], slopes[k + 1]];
         // Ends of the range, where no slope is known, are no edges.
         if b <= 0.0 || a >= b || c > b || a == 0.0 || c == 0.0 {
+            continue;
+        }
+        let falls = |flank: &[f32]| flank.iter().any(|s| *s < FLANK.1 * b);
+        let after = (k + 1 + FLANK.0).min(slopes.len());
+        if !falls(&slopes[k.saturating_sub(FLANK.0)..k]) || !falls(&slopes[k + 1..after]) {
             continue;
         }
         let shift = f64::from(0.5 * (a - c) / (a - 2.0 * b + c));

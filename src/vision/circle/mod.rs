@@ -1,8 +1,8 @@
 //! Where the ball is: its outline fitted to a fraction of a pixel.
 //!
 //! # Method
-//! 1. The image is halved again and again. At every size, pixels on strong edges vote for centres [`vote::LEAST`] to
-//!    [`vote::MOST`] pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
+//! 1. The image is halved again and again. At every size, pixels on strong edges vote for centres 10 to
+//!    20 pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
 //!    transform to detect arbitrary shapes", Pattern Recognition 13, 1981), apart for balls brighter and darker than what is
 //!    behind them. A ball of any size is of that size at one of them.
 //! 2. Around each centre with many votes the image is unrolled into angle and radius; edges of the right sign are
@@ -13,7 +13,8 @@
 //!
 //! # What it does and does not promise
 //! A ball may be cut by the border, or touch all four; rays that leave the image say nothing. It finds circles, not
-//! balls: a round lamp is one too. A ball as bright as what is behind it is not found.
+//! balls: a round lamp is one too. A ball as bright as what is behind it is not found, nor one that is brighter here and darker there over long stretches
+//! of its outline: give its outline.
 
 mod edges;
 mod vote;
@@ -123,6 +124,11 @@ const SETTLED: (f64, f64) = (0.7, 0.8);
 /// several, and its noise less.
 const FITTED_RADIUS: f64 = 44.0;
 
+/// More support asked for where the whole circle lies outside the image; in proportion for parts.
+const HIDDEN: f64 = 0.2;
+/// Least width of an edge, pixels of the image in which it is fitted: the smoothing alone makes it 2.
+const LEAST_WIDTH: f64 = 1.2;
+
 /// Finds balls; keeps its memory from image to image.
 #[derive(Debug, Default)]
 pub struct BallFinder {
@@ -167,8 +173,18 @@ impl BallFinder {
         let most = self.config.most_radius * longer;
         self.halve(image, most);
         self.found.clear();
+        let mut best_support = None;
+        self.search(image, most, &mut best_support);
+        self.best().ok_or(match best_support {
+            Some(support) => NoBall::NoCircle { support },
+            None => NoBall::NoContrast,
+        })
+    }
+
+    /// Finds the circles of both signs at all sizes.
+    fn search(&mut self, image: &GrayImage, most: f64, best_support: &mut Option<f64>) {
+        let longer = image.width().max(image.height()) as f64;
         let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
-        let mut best_support: Option<f64> = None;
         // Large balls first: what is found spares the finer images.
         for level in (0..=self.halves.len()).rev() {
             let largest = vote::MOST as f64 * (1u64 << level) as f64;
@@ -179,7 +195,8 @@ impl BallFinder {
             }
             let settled =
                 |f: &BallFit| f.support > SETTLED.0 && largest < SETTLED.1 * f.circle.radius;
-            if self.found.iter().any(settled) {
+            // In a large image a large circle may be anything.
+            if longer <= LARGE && self.found.iter().any(settled) {
                 break;
             }
             for sign in [1.0, -1.0] {
@@ -192,29 +209,12 @@ impl BallFinder {
                     let Some(fit) = self.fit(image, level, &centre, sign, most) else {
                         continue;
                     };
-                    best_support = Some(best_support.unwrap_or(0.0).max(fit.support));
+                    *best_support = Some(best_support.unwrap_or(0.0).max(fit.support));
                     if self.is_ball(&fit) {
                         self.remember(fit);
                     }
                 }
             }
-        }
-        self.best().ok_or(match best_support {
-            Some(support) => NoBall::NoCircle { support },
-            None => NoBall::NoContrast,
-        })
-    }
-
-    /// The fit of an outline to the edges near a circle that is known roughly (to an eighth of its radius).
-    /// `None` where there is no edge.
-    pub fn fit_near(&mut self, image: &GrayImage, circle: &BallCircle) -> Option<BallFit> {
-        self.halve(image, circle.radius);
-        let fits = [1.0, -1.0].map(|sign| self.refine(image, circle, sign));
-        let [a, b] = fits;
-        match (a, b) {
-            (Some(a), Some(b)) if score(&b) > score(&a) => Some(b),
-            (None, b) => b,
-            (a, _) => a,
         }
     }
 
@@ -287,7 +287,12 @@ impl BallFinder {
 
     fn is_ball(&self, fit: &BallFit) -> bool {
         let c = &self.config;
-        fit.support >= c.least_support
+        // Of less there is less to be lucky with.
+        let support = c.least_support + HIDDEN * (1.0 - fit.visible);
+        // Noise has slopes without a step.
+        let finest = (fit.circle.radius / FITTED_RADIUS).max(1.0);
+        fit.support >= support
+            && fit.edge_width >= LEAST_WIDTH * finest
             && fit.visible >= c.least_visible
             && fit.contrast.abs() >= c.least_contrast
             && fit.circle.radius >= c.least_radius_px

@@ -47,17 +47,20 @@ impl Votes {
                 }
                 let weight = length.min(CAP * mean);
                 let (x, y) = (sign as f32 * x / length, sign as f32 * y / length);
-                for radius in LEAST..=MOST {
-                    let at_u = (u as f32 + radius as f32 * x).round();
-                    let at_v = (v as f32 + radius as f32 * y).round();
-                    let inside = at_u >= 0.0
-                        && at_v >= 0.0
-                        && at_u < self.width as f32
-                        && at_v < self.height as f32;
-                    if inside {
-                        self.counts[at_v as usize * self.width + at_u as usize] += weight;
-                    }
-                }
+                self.vote((u, v), (x, y), weight);
+            }
+        }
+    }
+
+    /// The votes of one edge in one direction.
+    fn vote(&mut self, (u, v): (usize, usize), (x, y): (f32, f32), weight: f32) {
+        for radius in LEAST..=MOST {
+            let at_u = (u as f32 + radius as f32 * x).round();
+            let at_v = (v as f32 + radius as f32 * y).round();
+            let inside =
+                at_u >= 0.0 && at_v >= 0.0 && at_u < self.width as f32 && at_v < self.height as f32;
+            if inside {
+                self.counts[at_v as usize * self.width + at_u as usize] += weight;
             }
         }
     }
