@@ -17,7 +17,10 @@ fn errors(scene: &Scene, rng: &mut ChaCha8Rng) -> [f64; 2] {
             let off = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
             [off, (a.radius - b.radius).abs()]
         }
-        Err(_) => [f64::INFINITY; 2],
+        Err(why) => {
+            println!("{why:?}: {:?} {:?}", scene.circle, scene.light);
+            [f64::INFINITY; 2]
+        }
     }
 }
 

@@ -56,7 +56,7 @@ fn digits(text: &str) -> usize {
 
 /// The time of a file whose stem is an integer number of nanoseconds, seconds.
 pub fn time_of_stem(stem: &str) -> Option<f64> {
-    stem.parse::<u64>().ok().map(|ns| ns as f64 * 1e-9)
+    stem.parse::<u64>().ok().map(|ns| ns as f64 / 1e9)
 }
 
 /// A file to read frames from.

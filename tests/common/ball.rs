@@ -84,14 +84,12 @@ impl Scene {
     }
 
     fn shade(&self, view: &BallView, placed: &[Vec3], pixel: Pixel) -> f64 {
-        let BallCircle { center, radius } = self.circle;
-        let out = (pixel.u - center.u).hypot(pixel.v - center.v);
-        let outside = match self.camera {
-            Camera::Orthographic => out > radius,
-            Camera::Perspective(_) => out > 1.2 * radius,
+        // Rays beside the ball are laid on its limb: they come out elsewhere than they went in.
+        let back = |n: &Vec3| {
+            let p = view.project(n);
+            (p.u - pixel.u).hypot(p.v - pixel.v) < 1e-3
         };
-        let direction = view.direction(pixel).filter(|_| !outside);
-        let Some(n) = direction.filter(|n| n.z > view.horizon() + 1e-6) else {
+        let Some(n) = view.direction(pixel).filter(back) else {
             return self.background;
         };
         let on_dot = placed.iter().any(|d| d.dot(&n) > self.dot_radius.cos());

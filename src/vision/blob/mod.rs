@@ -1,9 +1,9 @@
 //! A classical detector of dark dots: a baseline, and a check on the trained one.
 //!
-//! 1. [`flatten`]: the ball's shading, a smooth surface fitted to all that is no dot, is taken off.
+//! 1. The ball's shading, a smooth surface fitted to all that is no dot, is taken off.
 //! 2. Differences of Gaussians at three scales find dark blobs (T. Lindeberg, "Feature detection with automatic
 //!    scale selection", IJCV 30, 1998); towards the border they are normalised by the part of the Gaussian on the ball.
-//! 3. [`shape`]: at each blob a dot as the ball shows it is fitted, a Gaussian foreshortened along the radius and blurred
+//! 3. At each blob a dot as the ball shows it is fitted, a Gaussian foreshortened along the radius and blurred
 //!    like the image. It gives the centre to a fraction of a pixel, its covariance, and how dot-like the blob is.
 //!
 //! It knows dark spots, not dots: a logo's letters are dots to it. It takes dots to be darker than the ball.

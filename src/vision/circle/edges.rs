@@ -20,7 +20,11 @@ const EDGES: usize = 4;
 /// Standard deviation of the smoothing of derivatives, pixels.
 const SMOOTHING: f64 = 0.8;
 /// Edges below this part of the strong ones' slope (the upper quartile of the rays' strongest) are none.
-const FAINT: f32 = 0.3;
+const FAINT: f32 = 0.15;
+/// Edges below this slope, brightness per pixel, are none: a step of 1 of 255.
+const FAINTEST: f32 = 0.004;
+/// On both sides of an edge, within so many samples, the slope falls below this part of its peak: else it is a ramp.
+const FLANK: (usize, f32) = (8, 0.75);
 /// Reach of Tukey's biweight in the successive fits, in radii; then in pixels, for the last.
 const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];
 const LAST_REACH: f64 = 1.5;
@@ -235,7 +239,7 @@ impl Unrolled {
         self.strongest.clear();
         self.strongest.extend(self.edges.iter().map(strongest));
         self.strongest.sort_unstable_by(f32::total_cmp);
-        let least = FAINT * self.strongest[RAYS * 3 / 4];
+        let least = (FAINT * self.strongest[RAYS * 3 / 4]).max(FAINTEST);
         for edge in self.edges.iter_mut().flatten() {
             if edge.slope < least {
                 edge.slope = 0.0;
@@ -317,6 +321,11 @@ fn peaks(slopes: &[f32], begin: f64) -> [Edge; EDGES] {
         let [a, b, c] = [slopes[k - 1], slopes[k], slopes[k + 1]];
         // Ends of the range, where no slope is known, are no edges.
         if b <= 0.0 || a >= b || c > b || a == 0.0 || c == 0.0 {
+            continue;
+        }
+        let falls = |flank: &[f32]| flank.iter().any(|s| *s < FLANK.1 * b);
+        let after = (k + 1 + FLANK.0).min(slopes.len());
+        if !falls(&slopes[k.saturating_sub(FLANK.0)..k]) || !falls(&slopes[k + 1..after]) {
             continue;
         }
         let shift = f64::from(0.5 * (a - c) / (a - 2.0 * b + c));

@@ -1,8 +1,8 @@
 //! Where the ball is: its outline fitted to a fraction of a pixel.
 //!
 //! # Method
-//! 1. The image is halved again and again. At every size, pixels on strong edges vote for centres [`vote::LEAST`] to
-//!    [`vote::MOST`] pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
+//! 1. The image is halved again and again. At every size, pixels on strong edges vote for centres 10 to
+//!    20 pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
 //!    transform to detect arbitrary shapes", Pattern Recognition 13, 1981), apart for balls brighter and darker than what is
 //!    behind them, and where that gives no whole outline, for edges of either sign. A ball of any size is of that size at one of them.
 //! 2. Around each centre with many votes the image is unrolled into angle and radius; edges of the right sign are
@@ -13,7 +13,8 @@
 //!
 //! # What it does and does not promise
 //! A ball may be cut by the border, or touch all four; rays that leave the image say nothing. It finds circles, not
-//! balls: a round lamp is one too. A ball as bright as what is behind it is not found.
+//! balls: a round lamp is one too. A ball as bright as what is behind it is not found, nor one that is brighter here and darker there over long stretches
+//! of its outline: give its outline.
 
 mod edges;
 mod vote;
@@ -127,6 +128,11 @@ const WHOLE: f64 = 0.9;
 /// several, and its noise less.
 const FITTED_RADIUS: f64 = 44.0;
 
+/// More support asked for where the whole circle lies outside the image; in proportion for parts.
+const HIDDEN: f64 = 0.2;
+/// Least width of an edge, pixels of the image in which it is fitted: the smoothing alone makes it 2.
+const LEAST_WIDTH: f64 = 1.2;
+
 /// Finds balls; keeps its memory from image to image.
 #[derive(Debug, Default)]
 pub struct BallFinder {
@@ -207,11 +213,10 @@ impl BallFinder {
         }
         let most = self.config.most_radius * longer;
         self.halve(image, most);
-        let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
-        let mut support = self.look(image, most, count, &[1.0, -1.0]);
+        let mut support = self.look(image, most, &[1.0, -1.0]);
         // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
         if self.best().is_none_or(|b| b.support < WHOLE) {
-            let either = self.look(image, most, count, &[0.0]);
+            let either = self.look(image, most, &[0.0]);
             support = match (support, either) {
                 (Some(a), Some(b)) => Some(a.max(b)),
                 (a, b) => a.or(b),
@@ -226,7 +231,9 @@ impl BallFinder {
     }
 
     /// Remembers all circles with edges of these signs; gives the best support of any circle.
-    fn look(&mut self, image: &GrayImage, most: f64, count: usize, signs: &[f64]) -> Option<f64> {
+    fn look(&mut self, image: &GrayImage, most: f64, signs: &[f64]) -> Option<f64> {
+        let longer = image.width().max(image.height()) as f64;
+        let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
         let mut best_support: Option<f64> = None;
         // Large balls first: what is found spares the finer images.
         for level in (0..=self.halves.len()).rev() {
@@ -238,7 +245,8 @@ impl BallFinder {
             }
             let settled =
                 |f: &BallFit| f.support > SETTLED.0 && largest < SETTLED.1 * f.circle.radius;
-            if self.found.iter().any(settled) {
+            // In a large image a large circle may be anything.
+            if longer <= LARGE && self.found.iter().any(settled) {
                 break;
             }
             for &sign in signs {
@@ -259,15 +267,6 @@ impl BallFinder {
             }
         }
         best_support
-    }
-
-    /// The fit of an outline to the edges near a circle that is known roughly (to an eighth of its radius).
-    /// `None` where there is no edge.
-    pub fn fit_near(&mut self, image: &GrayImage, circle: &BallCircle) -> Option<BallFit> {
-        self.halve(image, circle.radius);
-        let fits = [1.0, -1.0, 0.0].map(|sign| self.refine(image, circle, sign));
-        let fits = fits.into_iter().flatten();
-        fits.max_by(|a, b| score(a).total_cmp(&score(b)))
     }
 
     /// Fills `halves` until a circle of the radius `most` is small enough for the votes.
@@ -339,7 +338,12 @@ impl BallFinder {
 
     fn is_ball(&self, fit: &BallFit) -> bool {
         let c = &self.config;
-        fit.support >= c.least_support
+        // Of less there is less to be lucky with.
+        let support = c.least_support + HIDDEN * (1.0 - fit.visible);
+        // Noise has slopes without a step.
+        let finest = (fit.circle.radius / FITTED_RADIUS).max(1.0);
+        fit.support >= support
+            && fit.edge_width >= LEAST_WIDTH * finest
             && fit.visible >= c.least_visible
             && fit.contrast.abs() >= c.least_contrast
             && fit.circle.radius >= c.least_radius_px

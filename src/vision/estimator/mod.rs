@@ -3,7 +3,7 @@
 //! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given), [`Patch`] cuts it out, a
 //! [`DotDetector`] finds dots, [`BallView`] lays them on the sphere; their covariance is the detector's and that of the hand
 //! that drew them. The recogniser tells which is which, once with the detections that are likelier dots than not and, where
-//! that leaves doubt, once with the doubtful ones as well. [`refine`] then fits the orientation to the dots in the
+//! that leaves doubt, once with the doubtful ones as well. A refinement then fits the orientation to the dots in the
 //! image, and takes up those that only now have a name.
 //!
 //! # What is promised
