@@ -307,6 +307,10 @@ fn bad_arguments_are_refused_by_name() {
             ["--basis-weight", "-1"],
             "basis weight: expected a number not below 0",
         ),
+        (
+            ["--bound-goal", "0.6"],
+            "expected two positive numbers MEAN,WORST",
+        ),
         (["--budget", "soon"], "'soon' for '--budget"),
         (["--from", "absent.csv"], "absent.csv: cannot be read"),
         (["--out", "pattern.csv"], "pattern.csv: cannot be written"),

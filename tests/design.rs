@@ -10,10 +10,12 @@ use spindoe::Result;
 use spindoe::design::checkpoint::State;
 use spindoe::design::constraints::most_separation;
 use spindoe::design::feasible::packed_separation;
+use spindoe::design::objective::bound::BoundSummary;
 use spindoe::design::objective::{Evaluation, MeanNearestNeighbour};
 use spindoe::design::scp::{Cost, Descent, descend};
 use spindoe::design::{
-    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, Stage, design,
+    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, OrientationBound,
+    Stage, design,
 };
 use spindoe::geometry::{Vec3, angle_between, random_direction};
 use spindoe::hash::{HashTable, PairRule, RecogniserParams};
@@ -427,4 +429,30 @@ fn a_stop_ends_a_descent_after_the_step_at_hand() {
     let found = descent.run(&start, &cost, &Constraints::default()).unwrap();
     assert_eq!(count.load(Ordering::Relaxed), 3);
     assert_ne!(found.dots(), start.dots());
+}
+
+#[test]
+fn a_pattern_short_of_the_goal_stands_behind_all_others() {
+    let bound = |c: &spindoe::design::Candidate| {
+        let pattern = c.pattern().unwrap();
+        OrientationBound::default().summary(pattern.dots())
+    };
+    let free = run(&small(6), 2);
+    let mut means: Vec<f64> = free.finalists.iter().map(|c| bound(c).mean).collect();
+    means.sort_by(f64::total_cmp);
+    // A goal that some of the finalists reach, and some do not.
+    let config = DesignConfig {
+        bound_goal: Some(BoundSummary {
+            mean: means[means.len() / 2],
+            worst: 1e9,
+        }),
+        ..small(6)
+    };
+    let found = run(&config, 2);
+    assert!(found.finalists.iter().any(|c| !c.short_of_goal));
+    assert!(!found.best.short_of_goal);
+    for c in &found.finalists {
+        let reached = bound(c).mean <= means[means.len() / 2];
+        assert_eq!(reached, !c.short_of_goal);
+    }
 }

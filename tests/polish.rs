@@ -58,11 +58,9 @@ fn the_smooth_rate_is_the_rate_of_failures() {
     let smooth = smooth * v.samples as f64 / v.identity.trials as f64;
     let failures = 1.0 - v.identity.rate;
     assert!(failures > 0.02, "nothing to see: {failures}");
-    // Two standard errors of the count are a tenth.
-    assert!(
-        (smooth / failures - 1.0).abs() < 0.15,
-        "{smooth} {failures}"
-    );
+    // Only the best few explanations of a view are summed: the more noise, the more it is short of.
+    let share = smooth / failures;
+    assert!((0.75..1.05).contains(&share), "{smooth} {failures}");
 }
 
 #[test]

@@ -11,6 +11,7 @@ use super::print_json;
 use super::progress::{CHECKPOINT, Progress};
 use crate::design::checkpoint::State;
 use crate::design::feasible::packed_separation;
+use crate::design::objective::bound::BoundSummary;
 use crate::design::{
     Constraints, DesignConfig, DesignOutcome, KeepOut, Objective, ObjectiveName, design,
 };
@@ -69,6 +70,11 @@ pub struct Arguments {
     /// Weight of the orientation bound's worst direction beside the objective.
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
     bound_weight: f64,
+    /// Orientation bound, mean and worst over the directions in units of a dot's noise, that is preferred:
+    /// a pattern short of it is chosen only where none reaches it. By default, from 20 dots on, that of the
+    /// published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
+    #[arg(long, value_name = "MEAN,WORST", value_parser = bound_goal)]
+    bound_goal: Option<BoundSummary>,
     /// Weight of the pairs' worth as bases, for the paper's recogniser (1 to 4).
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
     basis_weight: f64,
@@ -139,6 +145,17 @@ pub struct Arguments {
     json: bool,
 }
 
+/// Dots of the published SpinDOE pattern, and its orientation bound.
+const PUBLISHED_DOTS: usize = 20;
+const PUBLISHED_BOUND: BoundSummary = BoundSummary {
+    mean: 0.686,
+    worst: 0.894,
+};
+/// What every pattern reaches.
+const NO_GOAL: BoundSummary = BoundSummary {
+    mean: 1e9,
+    worst: 1e9,
+};
 /// As many rounds as a budget has time for.
 const MOST_ROUNDS: usize = 1 << 32;
 /// Part of a blur's length that counts as error of a dot's centre, per axis.
@@ -180,10 +197,18 @@ impl Arguments {
                 &protocol,
             ),
             bound_weight: self.bound_weight,
+            bound_goal: self.bound_goal(dots),
             basis_weight: self.basis_weight,
             from: from.map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
             ..DesignConfig::default()
         })
+    }
+
+    fn bound_goal(&self, dots: usize) -> Option<BoundSummary> {
+        let published = (dots >= PUBLISHED_DOTS).then_some(PUBLISHED_BOUND);
+        self.bound_goal
+            .or(published)
+            .filter(|goal| *goal != NO_GOAL)
     }
 
     fn min_separation_deg(&self) -> f64 {
@@ -285,6 +310,8 @@ impl Arguments {
         add("climb-steps", config.climb_steps.to_string());
         add("objective", config.objective.name().to_string());
         add("bound-weight", config.bound_weight.to_string());
+        let goal = config.bound_goal.unwrap_or(NO_GOAL);
+        add("bound-goal", format!("{},{}", goal.mean, goal.worst));
         add("basis-weight", config.basis_weight.to_string());
         add("samples", config.samples.to_string());
         add("protocol", self.protocol.to_string());
@@ -316,6 +343,20 @@ fn quoted(word: &str) -> String {
         return word.to_owned();
     }
     format!("'{}'", word.replace('\'', "'\\''"))
+}
+
+/// Parses `MEAN,WORST`.
+fn bound_goal(text: &str) -> std::result::Result<BoundSummary, String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .filter_map(|n| n.trim().parse().ok())
+        .collect();
+    match numbers.as_slice() {
+        &[mean, worst] if mean > 0.0 && worst > 0.0 && mean.max(worst).is_finite() => {
+            Ok(BoundSummary { mean, worst })
+        }
+        _ => Err("expected two positive numbers MEAN,WORST".to_owned()),
+    }
 }
 
 /// Parses `X,Y,Z,DEG`.

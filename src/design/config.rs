@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::constraints::Constraints;
+use super::objective::bound::BoundSummary;
 use super::objective::{Objective, confusion};
 use crate::error::{Error, Result};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
@@ -35,6 +36,9 @@ pub struct DesignConfig {
     pub objective: Objective,
     /// Weight of the orientation bound's worst direction beside the objective; 0 leaves it out.
     pub bound_weight: f64,
+    /// Patterns with this orientation bound or better are preferred to all others, in units of the dots'
+    /// noise; `None` prefers none.
+    pub bound_goal: Option<BoundSummary>,
     /// Weight of the pairs' worth as bases, which the paper's recogniser lives on; 0 leaves it out.
     pub basis_weight: f64,
     /// A pattern to improve instead of random starts.
@@ -58,6 +62,7 @@ impl Default for DesignConfig {
             constraints: Constraints::default(),
             objective: Objective::default(),
             bound_weight: 10.0,
+            bound_goal: None,
             basis_weight: 0.0,
             from: None,
         }

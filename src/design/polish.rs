@@ -155,7 +155,7 @@ impl Polish {
         (share > 0.0).then(|| self.correction.iter().map(|c| c * (share / n)).collect())
     }
 
-    /// Points along the descent on the corrected model; those that miss a demand left out.
+    /// Points along the descent on the corrected model; those that miss a demand or the goal left out.
     fn descend(&self, config: &DesignConfig, stop: &AtomicBool) -> Result<Vec<Candidate>> {
         let Some(correction) = self.sure_correction() else {
             return Ok(Vec::new());
@@ -175,7 +175,8 @@ impl Polish {
             };
             pattern = descent.run(&pattern, &model, &config.constraints)?;
             let new = candidate(config, self.at.start, self.at.figure_before, &pattern)?;
-            if new.missed.is_none() {
+            let worse = new.short_of_goal && !self.at.short_of_goal;
+            if new.missed.is_none() && !worse {
                 found.push(new);
             }
         }

@@ -45,6 +45,8 @@ pub struct Candidate {
     pub cost: f64,
     /// The demand that it misses, if any; such a candidate is never chosen.
     pub missed: Option<String>,
+    /// Whether its orientation bound falls short of the goal; such a candidate stands behind all others.
+    pub short_of_goal: bool,
     /// Identity rate over all trials so far, if it was tried.
     pub identity: Option<Proportion>,
     /// The dots.
@@ -311,7 +313,12 @@ impl Search<'_> {
         let config = self.config;
         state.missed = tried.iter().rev().find_map(|c| c.missed.clone());
         tried.retain(|c| c.missed.is_none());
-        tried.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.start.cmp(&b.start)));
+        tried.sort_by(|a, b| {
+            a.short_of_goal
+                .cmp(&b.short_of_goal)
+                .then(a.cost.total_cmp(&b.cost))
+                .then(a.start.cmp(&b.start))
+        });
         tried.truncate(2 * SENT_ON);
         let seed = config.selection_seed(state.round + 1, 0);
         for candidate in &mut tried {
@@ -385,11 +392,12 @@ impl Search<'_> {
     }
 }
 
-/// Best rate first; ties by cost, then by start.
+/// Those that reach the goal first, of these the best rate first; ties by cost, then by start.
 fn sort_by_rate(candidates: &mut [Candidate]) {
     candidates.sort_by(|a, b| {
-        b.rate()
-            .total_cmp(&a.rate())
+        a.short_of_goal
+            .cmp(&b.short_of_goal)
+            .then(b.rate().total_cmp(&a.rate()))
             .then(a.cost.total_cmp(&b.cost))
             .then(a.start.cmp(&b.start))
     });

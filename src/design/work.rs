@@ -92,6 +92,10 @@ pub(super) fn candidate(
         figure: config.objective.figure(pattern.dots())?.value,
         cost: DesignCost(config).cost(pattern.dots())?.value,
         missed: config.constraints.missed(pattern),
+        short_of_goal: config.bound_goal.is_some_and(|goal| {
+            let bound = OrientationBound::default().summary(pattern.dots());
+            !(bound.mean <= goal.mean && bound.worst <= goal.worst)
+        }),
         identity: None,
         dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
     })
