@@ -200,7 +200,6 @@ impl Arguments {
             bound_goal: self.bound_goal(dots),
             basis_weight: self.basis_weight,
             from: from.map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
-            ..DesignConfig::default()
         })
     }
 
