@@ -288,7 +288,7 @@ fn bad_arguments_are_refused_by_name() {
         (["--hole-diameter-mm", "-1"], "hole diameter"),
         (
             ["--hole-diameter-mm", "18"],
-            "least separation: expected 0 to 49.0",
+            "must be 55.5 degrees apart on a ball of 40 mm",
         ),
         (
             ["--seam-margin-deg", "-1"],
@@ -301,6 +301,15 @@ fn bad_arguments_are_refused_by_name() {
         (
             ["--keep-out", "0,0,1,95"],
             "keep-out: expected a half angle of 0 to 90",
+        ),
+        (["--hole-diameter-mm", "16"], "holes of at most 15.3 mm fit"),
+        (
+            ["--basis-weight", "-1"],
+            "basis weight: expected a number not below 0",
+        ),
+        (
+            ["--bound-goal", "0.6"],
+            "expected two positive numbers MEAN,WORST",
         ),
         (["--budget", "soon"], "'soon' for '--budget"),
         (["--from", "absent.csv"], "absent.csv: cannot be read"),
@@ -380,7 +389,16 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
     let run = |out: &str, threads: &str| {
         let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
             .args(["design", "--dots", "10", "--starts", "3"])
-            .args(["--samples", "100", "--seed", "1", "--out", out])
+            .args([
+                "--samples",
+                "100",
+                "--seed",
+                "1",
+                "--polish",
+                "1",
+                "--out",
+                out,
+            ])
             .env("RAYON_NUM_THREADS", threads)
             .current_dir(dir.path())
             .output()
@@ -398,6 +416,7 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
         "table.npz",
         "report.json",
         "pattern.png",
+        "progress.png",
         "stencil",
     ] {
         assert!(files(&one).iter().any(|f| f == needed), "{needed}");
@@ -407,8 +426,8 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
         assert!(a == b, "{name} differs");
     };
     for name in files(&one) {
-        // These two hold clock times.
-        if !["report.json", "search.json", "stencil"].contains(&name.as_str()) {
+        // These hold clock times.
+        if !["report.json", "search.json", "progress.png", "stencil"].contains(&name.as_str()) {
             same(&name);
         }
     }
@@ -462,4 +481,45 @@ fn an_interrupt_finishes_with_the_best_so_far() {
     assert_eq!(report["stopped"], true);
     assert!(report["starts"].as_u64().unwrap() < 200_000);
     assert!(dir.path().join("d/stencil/half_a.stl").exists());
+}
+
+#[test]
+fn the_reported_command_repeats_a_design_from_an_awkward_path() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("o'clock & more");
+    fs::create_dir(&folder).unwrap();
+    common::random_pattern(8, 3)
+        .write_csv(&folder.join("my ball.csv"))
+        .unwrap();
+    let few = ["--starts", "1", "--samples", "20", "--climb-steps", "3"];
+    let from = [
+        "design",
+        "--from",
+        "o'clock & more/my ball.csv",
+        "--out",
+        "a",
+    ];
+    common::done(dir.path(), &[&from[..], &few[..]].concat());
+    let report: Value =
+        serde_json::from_slice(&fs::read(dir.path().join("a/report.json")).unwrap()).unwrap();
+    let command = report["command"].as_str().unwrap();
+    assert!(command.contains("--climb-steps 3"), "{command}");
+    // As a user would paste it.
+    let exe = env!("CARGO_BIN_EXE_spindoe");
+    let pasted = format!(
+        "'{exe}'{} --out b",
+        command.strip_prefix("spindoe").unwrap()
+    );
+    let shell = Command::new("sh")
+        .args(["-c", &pasted])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    assert!(
+        shell.status.success(),
+        "{}",
+        String::from_utf8_lossy(&shell.stderr)
+    );
+    let read = |out: &str| fs::read(dir.path().join(out).join("pattern.csv")).unwrap();
+    assert_eq!(read("a"), read("b"));
 }

@@ -4,19 +4,23 @@
 
 mod common;
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use spindoe::Result;
 use spindoe::design::checkpoint::State;
 use spindoe::design::constraints::most_separation;
+use spindoe::design::feasible::packed_separation;
+use spindoe::design::objective::bound::BoundSummary;
 use spindoe::design::objective::{Evaluation, MeanNearestNeighbour};
-use spindoe::design::scp::{Cost, descend};
+use spindoe::design::scp::{Cost, Descent, descend};
 use spindoe::design::{
-    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, Stage, design,
+    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, OrientationBound,
+    Stage, design,
 };
 use spindoe::geometry::{Vec3, angle_between, random_direction};
 use spindoe::hash::{HashTable, PairRule, RecogniserParams};
 use spindoe::pattern::Pattern;
+use spindoe::stencil::{Stencil, StencilConfig};
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -30,6 +34,7 @@ fn small(seed: u64) -> DesignConfig {
         scout_steps: 4,
         climb_steps: 12,
         samples: 100,
+        polish: 2,
         constraints: Constraints {
             least_visible: 2,
             ..Constraints::default()
@@ -184,7 +189,9 @@ fn the_same_seed_finds_the_same_pattern() {
     assert_ne!(found.best.dots, run(&small(2), 2).best.dots);
     assert_eq!(found.starts, 12);
     assert_eq!(found.best.missed, None);
-    assert_eq!(found.best, found.finalists[0]);
+    let taken = found.polish.iter().any(|step| step.taken);
+    assert_eq!(taken, found.best != found.finalists[0]);
+    assert_eq!(found.polish.len(), 2);
     // No stage of any round shares its seed with another, or with the report.
     let config = small(1);
     let mut seeds: Vec<u64> = (0..50)
@@ -318,4 +325,134 @@ fn demands_that_cannot_be_met_are_refused_with_the_limit() {
     let error = demand(63.5).check_demand(12).unwrap_err().to_string();
     assert!(error.contains("63.4 degrees"), "{error}");
     assert!(error.contains("at most 11 dots"), "{error}");
+}
+
+#[test]
+fn packings_come_near_the_best_known_ones() {
+    // The Tammes problem: solved for 12 (icosahedron) and 24 (snub cube, R. M. Robinson 1961); for 20 and 60
+    // the best known (N. J. A. Sloane, tables of spherical codes).
+    for (n, best) in [(12, 63.4349), (20, 47.4310), (24, 43.6908), (60, 27.1928)] {
+        let found = packed_separation(n).to_degrees();
+        assert!(found < best + 1e-3 && found > best - 0.7, "{n}: {found}");
+    }
+}
+
+#[test]
+fn infeasible_demands_are_refused_before_a_search() {
+    let refused = |constraints: Constraints, dots: usize| {
+        let error = constraints.check_feasible(dots).unwrap_err();
+        assert!(error.is_usage());
+        error.to_string()
+    };
+    // Below what Fejes Toth's bound excludes, but nobody has packed 60 dots so.
+    let words = refused(
+        Constraints {
+            least_separation_rad: 27.6f64.to_radians(),
+            ..Constraints::default()
+        },
+        60,
+    );
+    assert!(
+        words.contains("ask for at most 2") && words.contains("dots"),
+        "{words}"
+    );
+    // Half of all dots from anywhere, and none near the seam: no.
+    let words = refused(
+        Constraints {
+            least_visible: 9,
+            seam_margin_rad: 35f64.to_radians(),
+            ..Constraints::default()
+        },
+        20,
+    );
+    assert!(words.contains("what was reached"), "{words}");
+    assert!(Constraints::default().check_feasible(20).is_ok());
+}
+
+#[test]
+fn a_pattern_without_a_stencil_is_no_candidate() {
+    // An icosahedron's twelve dots, 63.4 degrees apart: holes of 19 mm still have their wall between them,
+    // but nowhere leave room for the hinge.
+    let golden = 0.5 * (1.0 + 5f64.sqrt());
+    let mut dots = Vec::new();
+    for a in [-1.0, 1.0] {
+        for b in [-golden, golden] {
+            for d in [
+                Vec3::new(0.0, a, b),
+                Vec3::new(a, b, 0.0),
+                Vec3::new(b, 0.0, a),
+            ] {
+                dots.push(d.normalize());
+            }
+        }
+    }
+    let pattern = Pattern::new(dots).unwrap();
+    let missed = |hole_diameter_mm: f64| {
+        let constraints = Constraints {
+            least_separation_rad: 0.5,
+            least_visible: 0,
+            seam_margin_rad: 0.0,
+            stencil: Some(StencilConfig {
+                hole_diameter_mm,
+                ..StencilConfig::default()
+            }),
+            ..Constraints::default()
+        };
+        let missed = constraints.missed(&pattern);
+        let built = Stencil::build(&pattern, constraints.stencil.as_ref().unwrap());
+        assert_eq!(missed.is_some(), built.is_err(), "{missed:?}");
+        missed
+    };
+    assert_eq!(missed(3.0), None);
+    assert!(missed(19.0).unwrap().starts_with("no stencil"));
+}
+
+#[test]
+fn a_stop_ends_a_descent_after_the_step_at_hand() {
+    /// Asks for the stop at its third evaluation.
+    struct Impatient<'a>(&'a AtomicUsize, &'a AtomicBool);
+    impl Cost for Impatient<'_> {
+        fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+            if self.0.fetch_add(1, Ordering::Relaxed) == 2 {
+                self.1.store(true, Ordering::Relaxed);
+            }
+            Spread.cost(dots)
+        }
+    }
+    let (count, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let descent = Descent {
+        stop: &stop,
+        ..Descent::of_steps(100)
+    };
+    let start = common::random_pattern(12, 2);
+    let cost = Impatient(&count, &stop);
+    let found = descent.run(&start, &cost, &Constraints::default()).unwrap();
+    assert_eq!(count.load(Ordering::Relaxed), 3);
+    assert_ne!(found.dots(), start.dots());
+}
+
+#[test]
+fn a_pattern_short_of_the_goal_stands_behind_all_others() {
+    let bound = |c: &spindoe::design::Candidate| {
+        let pattern = c.pattern().unwrap();
+        OrientationBound::default().summary(pattern.dots())
+    };
+    let free = run(&small(6), 2);
+    let mut means: Vec<f64> = free.finalists.iter().map(|c| bound(c).mean).collect();
+    means.sort_by(f64::total_cmp);
+    // A goal that some of the finalists reach, and some do not.
+    let config = DesignConfig {
+        bound_goal: Some(BoundSummary {
+            mean: means[means.len() / 2],
+            worst: 1e9,
+        }),
+        ..small(6)
+    };
+    let found = run(&config, 2);
+    assert!(found.finalists.iter().any(|c| !c.short_of_goal));
+    assert!(!found.best.short_of_goal);
+    for c in &found.finalists {
+        let reached = bound(c).mean <= means[means.len() / 2];
+        assert_eq!(reached, !c.short_of_goal);
+    }
 }

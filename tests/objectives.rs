@@ -8,6 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spindoe::design::objective::align::align;
+use spindoe::design::objective::basis;
 use spindoe::design::objective::{Confusion, WhitenedNearestNeighbour};
 use spindoe::design::{Objective, ObjectiveName, OrientationBound};
 use spindoe::geometry::{
@@ -248,5 +249,30 @@ fn the_bound_s_gradient_matches_central_differences() {
             "{k}: {numeric} {}",
             gradient[k]
         );
+    }
+}
+
+#[test]
+fn the_worth_of_bases_has_its_closed_form_and_slope() {
+    // An octahedron: its twelve pairs at right angles are all alike, its three of opposite dots are never
+    // both in view.
+    let mut octahedron = Vec::new();
+    for axis in [Vec3::x(), Vec3::y(), Vec3::z()] {
+        octahedron.extend([axis, -axis]);
+    }
+    let value = basis::evaluate(&octahedron).value;
+    assert!((value - (-6.0f64).exp()).abs() < 1e-12, "{value}");
+    let pattern = common::random_pattern(12, 4);
+    let x = coordinates(pattern.dots());
+    let gradient = basis::evaluate(pattern.dots()).spherical_gradient(pattern.dots());
+    let h = 1e-6;
+    for k in 0..x.len() {
+        let value = |d: f64| {
+            let mut y = x.clone();
+            y[k] += d;
+            basis::evaluate(&at(&y)).value
+        };
+        let numeric = (value(h) - value(-h)) / (2.0 * h);
+        assert!((numeric - gradient[k]).abs() < 1e-7, "{k}: {numeric}");
     }
 }

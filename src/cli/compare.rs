@@ -42,9 +42,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let contestants = arguments
         .inputs
         .iter()
-        .map(|path| {
+        .zip(names(&arguments.inputs))
+        .map(|(path, name)| {
             Ok(Contestant {
-                name: name(path),
+                name,
                 table: read_table(path)?,
             })
         })
@@ -75,6 +76,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     print_words(&found);
     Ok(())
+}
+
+/// Names for tables and plots: short ones where they tell the inputs apart, else the paths; and of one
+/// path given twice the second is told by its place.
+fn names(paths: &[PathBuf]) -> Vec<String> {
+    let short: Vec<String> = paths.iter().map(|p| name(p)).collect();
+    let count = |of: &str| short.iter().filter(|n| *n == of).count();
+    let mut names: Vec<String> = Vec::with_capacity(paths.len());
+    for (k, (path, short)) in paths.iter().zip(&short).enumerate() {
+        let mut own = short.clone();
+        if count(short) > 1 {
+            own = path.display().to_string();
+        }
+        if names.contains(&own) {
+            own = format!("{own} ({})", k + 1);
+        }
+        names.push(own);
+    }
+    names
 }
 
 /// A pattern's name: its file's stem, or its folder's name for a file called pattern or table.
@@ -117,9 +137,9 @@ fn print_words(found: &Comparison) {
             p.neighbours.relative_min
         );
         outln!(
-            "  orientation bound: mean {:.3}, worst {:.3} of a dot's noise",
-            p.orientation_bound.mean,
-            p.orientation_bound.worst
+            "  orientation bound: mean {}, worst {} of a dot's noise",
+            figure(p.orientation_bound.mean),
+            figure(p.orientation_bound.worst)
         );
         for o in &p.objectives {
             outln!("  {}: {:.4}", o.name, o.value);
@@ -145,6 +165,16 @@ fn print_words(found: &Comparison) {
             signed(&c.orientation_difference),
             v.mean_error_deg,
         );
+    }
+}
+
+/// A figure, or a dash where some direction has none: fewer than two dots in view leave the orientation
+/// open.
+fn figure(value: f64) -> String {
+    if value.is_finite() {
+        format!("{value:.3}")
+    } else {
+        "-".to_owned()
     }
 }
 

@@ -10,13 +10,15 @@ use clap::Args;
 use super::print_json;
 use super::progress::{CHECKPOINT, Progress};
 use crate::design::checkpoint::State;
+use crate::design::feasible::packed_separation;
+use crate::design::objective::bound::BoundSummary;
 use crate::design::{
     Constraints, DesignConfig, DesignOutcome, KeepOut, Objective, ObjectiveName, design,
 };
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::Vec3;
-use crate::pattern::Pattern;
+use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::report::{ProofConfig, ProvenDesign, prove};
 use crate::stencil::StencilConfig;
 use crate::validate::{Noise, Protocol, ProtocolName};
@@ -26,12 +28,12 @@ const FOLDER: &str = "spindoe-design";
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Random starts descend on the objective under the constraints; the best are tried by Monte Carlo, and the
-winner is proven on trials of seeds that nothing else has used. The folder then holds pattern.csv,
-table.npz, report.json, sensitivity.csv, plots and stencil/.
+Random starts descend on the objective under the constraints; the best are tried by Monte Carlo, the
+winner is polished on the measured rate itself, and proven on trials of seeds that nothing else has used.
+The folder then holds pattern.csv, table.npz, report.json, sensitivity.csv, plots and stencil/.
 
 Ctrl-C ends the search and finishes with the best so far; --resume continues a search that was ended or
-killed, also with more --rounds or another --budget.
+killed, also with more --rounds or --polish, or another --budget.
 
 Examples:
   spindoe design
@@ -53,6 +55,9 @@ pub struct Arguments {
     /// Number of rounds.
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "budget")]
     rounds: usize,
+    /// Number of rounds of polishing the winner; within a --budget as many as there is time for.
+    #[arg(long, value_name = "N")]
+    polish: Option<usize>,
     /// Begin rounds until this time is spent, for instance 90s, 30m or 2h.
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     budget: Option<Duration>,
@@ -65,6 +70,20 @@ pub struct Arguments {
     /// Weight of the orientation bound's worst direction beside the objective.
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
     bound_weight: f64,
+    /// Orientation bound, mean and worst over the directions in units of a dot's noise, that is preferred:
+    /// a pattern short of it is chosen only where none reaches it. By default, from 20 dots on, that of the
+    /// published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
+    #[arg(long, value_name = "MEAN,WORST", value_parser = bound_goal)]
+    bound_goal: Option<BoundSummary>,
+    /// Weight of the pairs' worth as bases, for the paper's recogniser (1 to 4).
+    #[arg(long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
+    basis_weight: f64,
+    /// Descent steps of every start.
+    #[arg(long, value_name = "N", default_value_t = DesignConfig::default().scout_steps)]
+    scout_steps: u64,
+    /// Further descent steps of the best quarter of the starts.
+    #[arg(long, value_name = "N", default_value_t = DesignConfig::default().climb_steps)]
+    climb_steps: u64,
     /// Monte Carlo trials a candidate, again for each protocol of the winner's proof, and a fifth of
     /// it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
@@ -126,6 +145,19 @@ pub struct Arguments {
     json: bool,
 }
 
+/// Dots of the published SpinDOE pattern, and its orientation bound.
+const PUBLISHED_DOTS: usize = 20;
+const PUBLISHED_BOUND: BoundSummary = BoundSummary {
+    mean: 0.686,
+    worst: 0.894,
+};
+/// What every pattern reaches.
+const NO_GOAL: BoundSummary = BoundSummary {
+    mean: 1e9,
+    worst: 1e9,
+};
+/// As many rounds as a budget has time for.
+const MOST_ROUNDS: usize = 1 << 32;
 /// Part of a blur's length that counts as error of a dot's centre, per axis.
 const BLUR_SHARE: f64 = 0.125;
 /// Least separation whatever the holes, degrees: nearer dots merge in a small image.
@@ -143,7 +175,13 @@ impl Arguments {
             dots,
             seed: self.seed,
             starts: self.starts,
-            rounds: self.budget.map_or(self.rounds, |_| usize::MAX),
+            rounds: self.budget.map_or(self.rounds, |_| MOST_ROUNDS),
+            polish: self.polish.unwrap_or(match self.budget {
+                Some(_) => MOST_ROUNDS,
+                None => DesignConfig::default().polish,
+            }),
+            scout_steps: self.scout_steps,
+            climb_steps: self.climb_steps,
             samples: self.samples,
             protocol,
             constraints: Constraints {
@@ -151,6 +189,7 @@ impl Arguments {
                 least_visible: self.min_visible.unwrap_or(3 * dots / 10),
                 seam_margin_rad: self.seam_margin_deg(dots).to_radians(),
                 keep_out: self.keep_out.clone(),
+                stencil: Some(self.stencil()),
                 ..Constraints::default()
             },
             objective: Objective::for_protocol(
@@ -158,9 +197,17 @@ impl Arguments {
                 &protocol,
             ),
             bound_weight: self.bound_weight,
+            bound_goal: self.bound_goal(dots),
+            basis_weight: self.basis_weight,
             from: from.map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
-            ..DesignConfig::default()
         })
+    }
+
+    fn bound_goal(&self, dots: usize) -> Option<BoundSummary> {
+        let published = (dots >= PUBLISHED_DOTS).then_some(PUBLISHED_BOUND);
+        self.bound_goal
+            .or(published)
+            .filter(|goal| *goal != NO_GOAL)
     }
 
     fn min_separation_deg(&self) -> f64 {
@@ -169,6 +216,41 @@ impl Arguments {
             // Rounded up to a tenth, so that the reported command repeats it.
             LEAST_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
         })
+    }
+
+    /// Refuses holes so large that the dots do not find room, in millimetres, which is what was asked for.
+    fn check_holes(&self, config: &DesignConfig) -> Result<()> {
+        // Other numbers of dots are refused as such.
+        if self.min_separation_deg.is_some() || !(MIN_DOTS..=MAX_DOTS).contains(&config.dots) {
+            return Ok(());
+        }
+        let reached = packed_separation(config.dots);
+        let fits = |stencil: &StencilConfig| stencil.least_separation_rad() <= reached;
+        let asked = self.stencil();
+        if fits(&asked) {
+            return Ok(());
+        }
+        let smaller = |tenths: u32| StencilConfig {
+            hole_diameter_mm: f64::from(tenths) / 10.0,
+            ..asked.clone()
+        };
+        let most = (5..(10.0 * asked.hole_diameter_mm) as u32)
+            .rev()
+            .map(smaller)
+            .find(fits)
+            .map_or("no hole fits".to_owned(), |s| {
+                format!("holes of at most {:.1} mm fit", s.hole_diameter_mm)
+            });
+        let problem = format!(
+            "{} holes of {} mm, with the wall that the stencil needs between them, must be {:.1} degrees apart \
+             on a ball of {} mm, and {:.1} is the most that so many dots were found to have; {most}",
+            config.dots,
+            asked.hole_diameter_mm,
+            asked.least_separation_rad().to_degrees(),
+            asked.ball_diameter_mm,
+            reached.to_degrees(),
+        );
+        Err(Error::argument("hole-diameter-mm", problem))
     }
 
     fn seam_margin_deg(&self, dots: usize) -> f64 {
@@ -216,14 +298,20 @@ impl Arguments {
         let mut words = vec!["spindoe design".to_owned()];
         let mut add = |flag: &str, value: String| words.push(format!("--{flag} {value}"));
         match &self.from {
-            Some(path) => add("from", path.display().to_string()),
+            Some(path) => add("from", quoted(&path.to_string_lossy())),
             None => add("dots", config.dots.to_string()),
         }
         add("seed", config.seed.to_string());
         add("starts", config.starts.to_string());
         add("rounds", config.rounds.to_string());
+        add("polish", config.polish.to_string());
+        add("scout-steps", config.scout_steps.to_string());
+        add("climb-steps", config.climb_steps.to_string());
         add("objective", config.objective.name().to_string());
         add("bound-weight", config.bound_weight.to_string());
+        let goal = config.bound_goal.unwrap_or(NO_GOAL);
+        add("bound-goal", format!("{},{}", goal.mean, goal.worst));
+        add("basis-weight", config.basis_weight.to_string());
         add("samples", config.samples.to_string());
         add("protocol", self.protocol.to_string());
         add("min-separation-deg", self.min_separation_deg().to_string());
@@ -247,6 +335,29 @@ impl Arguments {
     }
 }
 
+/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single quotes.
+fn quoted(word: &str) -> String {
+    let harmless = |c: char| c.is_ascii_alphanumeric() || "_-./,:=+@%".contains(c);
+    if !word.is_empty() && word.chars().all(harmless) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}
+
+/// Parses `MEAN,WORST`.
+fn bound_goal(text: &str) -> std::result::Result<BoundSummary, String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .filter_map(|n| n.trim().parse().ok())
+        .collect();
+    match numbers.as_slice() {
+        &[mean, worst] if mean > 0.0 && worst > 0.0 && mean.max(worst).is_finite() => {
+            Ok(BoundSummary { mean, worst })
+        }
+        _ => Err("expected two positive numbers MEAN,WORST".to_owned()),
+    }
+}
+
 /// Parses `X,Y,Z,DEG`.
 fn keep_out(text: &str) -> std::result::Result<KeepOut, String> {
     let numbers: std::result::Result<Vec<f64>, _> =
@@ -266,9 +377,10 @@ fn keep_out(text: &str) -> std::result::Result<KeepOut, String> {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config()?;
-    config.check()?;
     let stencil = arguments.stencil();
     stencil.validate()?;
+    arguments.check_holes(&config)?;
+    config.check()?;
     let dir = match &arguments.out {
         Some(dir) => dir.clone(),
         None => free_folder(),
@@ -290,6 +402,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let searched = DesignConfig {
         rounds: state.round.max(1),
+        polish: outcome.polish.len(),
         ..config.clone()
     };
     let proof = ProofConfig::of_samples(config.samples);

@@ -18,8 +18,8 @@ pub(super) struct Progress<'a> {
     dir: &'a Path,
     budget: Option<Duration>,
     bar: ProgressBar,
-    /// The start of the pattern on disk.
-    saved: Option<usize>,
+    /// The dots of the pattern on disk.
+    saved: Option<Vec<[f64; 3]>>,
     said: Instant,
     /// When the round at hand began, in seconds of the search.
     round_began_s: f64,
@@ -27,8 +27,11 @@ pub(super) struct Progress<'a> {
 
 /// Plain lines come no more often than this, seconds.
 const SILENCE_S: f64 = 2.0;
-/// Part of a budget that is kept for the last trial and the proof.
-const RESERVE: f64 = 0.15;
+/// Part of a budget after which no round of the search is begun; the rest is for the last trial,
+/// polishing and the proof.
+const SEARCH_SHARE: f64 = 0.7;
+/// Part of a budget after which no round of polishing is begun.
+const POLISH_SHARE: f64 = 0.9;
 
 impl<'a> Progress<'a> {
     pub fn new(
@@ -73,55 +76,97 @@ impl<'a> Progress<'a> {
             return (state.elapsed_s / budget.as_secs_f64()).min(1.0);
         }
         let starts = self.config.starts as f64;
-        // Scouting and climbing take about as long as each other.
+        // Scouting and climbing take about as long as each other, and a round of polishing as both.
         let in_round = match stage {
             Stage::Scout => 0.45 * state.scouted.len() as f64 / starts,
             Stage::Climb => 0.45 + 0.45 * 4.0 * state.climbed.len() as f64 / starts,
-            Stage::Try => 0.9,
-            Stage::Halve => 1.0,
+            Stage::Try | Stage::Halve | Stage::Polish => 0.0,
         };
-        ((state.round as f64 + in_round) / self.config.rounds as f64).min(1.0)
+        let polished = match stage {
+            Stage::Polish => state.polish.as_ref().map_or(0, |p| p.steps.len()),
+            _ => 0,
+        };
+        let all = self.config.rounds + self.config.polish;
+        ((state.round as f64 + in_round + polished as f64) / all as f64).min(1.0)
+    }
+
+    /// Whether something that takes so long ends before this share of the budget.
+    fn time_for(&self, state: &State, seconds: f64, share: f64) -> bool {
+        self.budget
+            .is_none_or(|budget| state.elapsed_s + seconds < share * budget.as_secs_f64())
+    }
+
+    /// Stage and best rate, in words.
+    fn words(&self, state: &State, stage: Stage) -> String {
+        let what = match stage {
+            Stage::Scout | Stage::Climb | Stage::Try => format!(
+                "round {}: {} of {} starts scouted, {} climbed",
+                state.round + 1,
+                state.scouted.len(),
+                self.config.starts,
+                state.climbed.len()
+            ),
+            Stage::Halve => "last trial of the best".to_owned(),
+            Stage::Polish => {
+                let steps = state.polish.as_ref().map_or(&[][..], |p| &p.steps);
+                let taken = steps.iter().filter(|s| s.taken).count();
+                format!("polishing, round {}: {taken} gains", steps.len())
+            }
+        };
+        let best = match state.milestones.last() {
+            Some(m) => format!("best {}", m.identity),
+            None => "none tried yet".to_owned(),
+        };
+        format!("{what}; {} identity: {best}", self.config.protocol.name)
+    }
+
+    /// Time left by the share that is done, in words; empty while there is nothing to go by.
+    fn left(&self, state: &State, share: f64) -> String {
+        if share < 0.02 {
+            return String::new();
+        }
+        let left = state.elapsed_s * (1.0 - share) / share;
+        format!("; {left:.0} s left of the search")
     }
 }
 
 impl DesignObserver for Progress<'_> {
     fn progress(&mut self, state: &State, stage: Stage) -> Result<()> {
         state.save(&self.dir.join(CHECKPOINT), self.config)?;
-        if let Some(best) = state.pool.first()
-            && self.saved != Some(best.start)
+        let polished = state.polish.as_ref().map(|p| &p.at);
+        if let Some(best) = polished.or(state.pool.first())
+            && self.saved.as_ref() != Some(&best.dots)
         {
             best.pattern()?.write_csv(&self.dir.join("pattern.csv"))?;
-            self.saved = Some(best.start);
+            self.saved = Some(best.dots.clone());
         }
-        let best = match state.pool.first().and_then(|c| c.identity) {
-            Some(rate) => format!("best {rate}"),
-            None => "none tried yet".to_owned(),
-        };
-        let what = format!(
-            "round {}: {} of {} starts scouted, {} climbed; {} identity: {best}",
-            state.round + 1,
-            state.scouted.len(),
-            self.config.starts,
-            state.climbed.len(),
-            self.config.protocol.name,
-        );
-        self.bar
-            .set_position((1000.0 * self.share(state, stage)) as u64);
+        let share = self.share(state, stage);
+        self.bar.set_position((1000.0 * share) as u64);
+        let what = self.words(state, stage);
         if !self.bar.is_hidden() {
             self.bar.set_message(what);
         } else if self.said.elapsed().as_secs_f64() > SILENCE_S {
-            errln!("{what}");
+            errln!("{what}{}", self.left(state, share));
             self.said = Instant::now();
         }
         Ok(())
     }
 
     fn another_round(&mut self, state: &State) -> bool {
-        let Some(budget) = self.budget else {
-            return true;
-        };
         let round_s = state.elapsed_s - self.round_began_s;
         self.round_began_s = state.elapsed_s;
-        state.elapsed_s + round_s < (1.0 - RESERVE) * budget.as_secs_f64()
+        self.time_for(state, round_s, SEARCH_SHARE)
+    }
+
+    fn another_polish(&mut self, state: &State) -> bool {
+        let steps = state.polish.as_ref().map_or(0, |p| p.steps.len());
+        // The first is tried whatever it takes; the last trial before it is none of its time.
+        let round_s = if steps == 0 {
+            0.0
+        } else {
+            state.elapsed_s - self.round_began_s
+        };
+        self.round_began_s = state.elapsed_s;
+        self.time_for(state, round_s, POLISH_SHARE)
     }
 }

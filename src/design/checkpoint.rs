@@ -4,12 +4,14 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::search::{Candidate, DesignConfig, Milestone};
+use super::config::DesignConfig;
+use super::polish::Polish;
+use super::search::{Candidate, Milestone};
 use crate::error::{Error, Result};
 use crate::files;
 
 /// Version of the checkpoint's format.
-pub const CHECKPOINT_VERSION: u32 = 1;
+pub const CHECKPOINT_VERSION: u32 = 2;
 
 /// Where a search stands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -26,6 +28,8 @@ pub struct State {
     pub elapsed_s: f64,
     /// The best rate over time.
     pub milestones: Vec<Milestone>,
+    /// The polishing of the last trial's winner.
+    pub polish: Option<Polish>,
     /// A demand that a candidate missed lately.
     pub missed: Option<String>,
 }
@@ -53,7 +57,7 @@ impl State {
         files::write_bytes(path, &text)
     }
 
-    /// Reads a search that was saved under the same configuration; more rounds may be asked for.
+    /// Reads a search that was saved under the same configuration; more rounds, also of polishing, may be asked for.
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] for another version, another configuration or a damaged file.
@@ -68,6 +72,7 @@ impl State {
         }
         let mut same = file.config;
         same.rounds = config.rounds;
+        same.polish = config.polish;
         if same != *config {
             let problem =
                 "belongs to a search with other arguments; repeat those, or leave --resume out";

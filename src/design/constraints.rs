@@ -12,7 +12,7 @@
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, angle_between, spiral_directions};
 use crate::pattern::Pattern;
-use crate::stencil::max_margin_seam;
+use crate::stencil::{Stencil, StencilConfig, max_margin_seam};
 
 /// Viewing directions at which visibility is demanded while searching.
 const VIEWS: usize = 600;
@@ -43,11 +43,14 @@ pub struct Constraints {
     pub seam_margin_rad: f64,
     /// Cones without dots.
     pub keep_out: Vec<KeepOut>,
+    /// A stencil that must be possible: holes apart, clear of rims, hinge and thumb tab. It is not among
+    /// the inequalities; a pattern that has none is left out of the choice.
+    pub stencil: Option<StencilConfig>,
 }
 
 impl Default for Constraints {
     /// 18 degrees apart (6.3 mm on a 40 mm ball: holes of 4 mm with a wall between them), 6 dots with
-    /// z > 0 from anywhere, 10 degrees off the seam, no cone.
+    /// z > 0 from anywhere, 10 degrees off the seam, no cone, whatever stencil.
     fn default() -> Self {
         Self {
             least_separation_rad: 18f64.to_radians(),
@@ -55,6 +58,7 @@ impl Default for Constraints {
             visibility_limit: 0.0,
             seam_margin_rad: 10f64.to_radians(),
             keep_out: Vec::new(),
+            stencil: None,
         }
     }
 }
@@ -139,7 +143,9 @@ impl Constraints {
                 }
             }
         }
-        None
+        let refused = self.stencil.as_ref()?;
+        let refused = Stencil::check(pattern, refused).err()?;
+        Some(format!("no stencil ({refused})"))
     }
 
     /// The largest violation at `x`: the dots, and the seam's normal after them.

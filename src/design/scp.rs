@@ -18,6 +18,8 @@
 //! the gradient is one of those that meet there, and the trust region shrinks until it is worth
 //! something.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use argmin::core::{
     Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus,
 };
@@ -36,7 +38,7 @@ use crate::stencil::max_margin_seam;
 
 /// Price of a violation (in cosines) against the cost (a logarithm).
 const RHO: f64 = 200.0;
-/// Trust radius at first and at most, radians a tangent coordinate.
+/// Trust radius at first (by default) and at most, radians a tangent coordinate.
 const FIRST_RADIUS: f64 = 0.05;
 const MOST_RADIUS: f64 = 0.2;
 /// A trust radius below this ends the descent.
@@ -95,10 +97,11 @@ impl<C: Cost> Demand<'_, C> {
 }
 
 /// Argmin's solver; its parameter is the flattened vectors.
-struct Scp {
+struct Scp<'a> {
     at: Option<Point>,
     hessian: DMatrix<f64>,
     radius: f64,
+    stop: &'a AtomicBool,
 }
 
 type Flat = IterState<Vec<f64>, (), (), (), (), f64>;
@@ -111,7 +114,7 @@ fn vectors(flat: &[f64]) -> Vec<Vec3> {
     flat.chunks_exact(3).map(Vec3::from_column_slice).collect()
 }
 
-impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp {
+impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp<'_> {
     fn name(&self) -> &'static str {
         "sequential convex programming"
     }
@@ -131,9 +134,8 @@ impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp {
             .sqrt();
         let size = 3 * point.vectors.len();
         // The first move then is about the trust radius.
-        let scale = (norm / (FIRST_RADIUS * (size as f64).sqrt())).max(1e-3);
+        let scale = (norm / (self.radius * (size as f64).sqrt())).max(1e-3);
         self.hessian = DMatrix::identity(size, size) * scale;
-        self.radius = FIRST_RADIUS;
         let state = state.param(flat(&point.vectors)).cost(point.merit());
         self.at = Some(point);
         Ok((state, None))
@@ -179,13 +181,15 @@ impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp {
     fn terminate(&mut self, _state: &Flat) -> TerminationStatus {
         if self.radius < LEAST_RADIUS {
             TerminationStatus::Terminated(TerminationReason::SolverConverged)
+        } else if self.stop.load(Ordering::Relaxed) {
+            TerminationStatus::Terminated(TerminationReason::Interrupt)
         } else {
             TerminationStatus::NotTerminated
         }
     }
 }
 
-impl Scp {
+impl Scp<'_> {
     /// Powell's damped BFGS update from one point to another, taken or not.
     fn update(&mut self, from: &Point, to: &Point) {
         let s = DVector::from_vec(flat(&to.vectors)) - DVector::from_vec(flat(&from.vectors));
@@ -337,29 +341,70 @@ impl Program {
     }
 }
 
+/// How far a descent goes.
+#[derive(Debug, Clone, Copy)]
+pub struct Descent<'a> {
+    /// Most convex programs.
+    pub steps: u64,
+    /// Trust radius at first, radians a tangent coordinate.
+    pub first_radius: f64,
+    /// Ends the descent after the step at hand when set; what it has reached by then is its result.
+    pub stop: &'a AtomicBool,
+}
+
+/// A stop that never comes.
+static NEVER: AtomicBool = AtomicBool::new(false);
+
+impl Descent<'static> {
+    /// A descent of at most `steps` that nothing stops.
+    pub fn of_steps(steps: u64) -> Self {
+        Self {
+            steps,
+            first_radius: FIRST_RADIUS,
+            stop: &NEVER,
+        }
+    }
+}
+
 /// Lowers the cost of a pattern under the constraints, by at most `steps` convex programs.
 ///
 /// # Errors
-/// Those of the cost; [`Error::Internal`] where the iteration itself fails.
+/// As [`Descent::run`].
 pub fn descend<C: Cost>(
     start: &Pattern,
     cost: &C,
     constraints: &Constraints,
     steps: u64,
 ) -> Result<Pattern> {
-    let mut x = start.dots().to_vec();
-    x.push(max_margin_seam(start.dots()).normal);
-    let demand = Demand { cost, constraints };
-    let solver = Scp {
-        at: None,
-        hessian: DMatrix::zeros(0, 0),
-        radius: FIRST_RADIUS,
-    };
-    let run = Executor::new(demand, solver)
-        .configure(|state: Flat| state.param(flat(&x)).max_iters(steps))
-        .ctrlc(false)
-        .run()
-        .map_err(|e| Error::Internal(format!("descent: {e}")))?;
-    let found = run.state().get_best_param().map_or(x, |best| vectors(best));
-    Pattern::new(found[..start.len()].to_vec())
+    Descent::of_steps(steps).run(start, cost, constraints)
+}
+
+impl Descent<'_> {
+    /// Lowers the cost of a pattern under the constraints.
+    ///
+    /// # Errors
+    /// Those of the cost; [`Error::Internal`] where the iteration itself fails.
+    pub fn run<C: Cost>(
+        &self,
+        start: &Pattern,
+        cost: &C,
+        constraints: &Constraints,
+    ) -> Result<Pattern> {
+        let mut x = start.dots().to_vec();
+        x.push(max_margin_seam(start.dots()).normal);
+        let demand = Demand { cost, constraints };
+        let solver = Scp {
+            at: None,
+            hessian: DMatrix::zeros(0, 0),
+            radius: self.first_radius,
+            stop: self.stop,
+        };
+        let run = Executor::new(demand, solver)
+            .configure(|state: Flat| state.param(flat(&x)).max_iters(self.steps))
+            .ctrlc(false)
+            .run()
+            .map_err(|e| Error::Internal(format!("descent: {e}")))?;
+        let found = run.state().get_best_param().map_or(x, |best| vectors(best));
+        Pattern::new(found[..start.len()].to_vec())
+    }
 }

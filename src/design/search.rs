@@ -5,7 +5,7 @@
 //! the best so far elsewhere, and one start in four stays random. The best few of all rounds so far meet again in a last
 //! trial, where each halving doubles the trials of those that remain. All trials of one stage of one round
 //! share their seed, so that candidates are compared on the same views, and no other stage ever uses it:
-//! a candidate cannot have been lucky twice.
+//! a candidate cannot have been lucky twice. The winner is then polished ([`super::polish`]).
 //!
 //! The search is a deterministic function of its configuration, and its [`State`] after every batch of
 //! descents says all that is needed to continue.
@@ -17,116 +17,20 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::checkpoint::State;
-use super::constraints::Constraints;
-use super::objective::{Objective, confusion};
-use super::work::{attempt, climb, scout};
+use super::config::DesignConfig;
+use super::polish::{Polish, PolishStep};
+use super::work::{attempt, climb, rate, scout};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
-use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
-use crate::validate::{Proportion, Protocol, ProtocolName};
+use crate::pattern::Pattern;
+use crate::validate::Proportion;
 
 /// Candidates that a round sends on to the last trial.
 const SENT_ON: usize = 3;
 /// Candidates kept for the last trial.
 const POOL: usize = 12;
-
-/// How a design is searched.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct DesignConfig {
-    /// Dots of the pattern.
-    pub dots: usize,
-    /// Seed of the random starts; the trials' seeds are derived from it.
-    pub seed: u64,
-    /// Random starts a round.
-    pub starts: usize,
-    /// Rounds.
-    pub rounds: usize,
-    /// Descent steps of every start.
-    pub scout_steps: u64,
-    /// Further descent steps of the best quarter.
-    pub climb_steps: u64,
-    /// Monte Carlo trials a candidate; the last ones get eight times as many.
-    pub samples: u64,
-    /// The views that candidates are tried on.
-    pub protocol: Protocol,
-    /// What a pattern must satisfy.
-    pub constraints: Constraints,
-    /// What a descent works on.
-    pub objective: Objective,
-    /// Weight of the orientation bound's worst direction beside the objective; 0 leaves it out.
-    pub bound_weight: f64,
-    /// A pattern to improve instead of random starts.
-    pub from: Option<Vec<[f64; 3]>>,
-}
-
-impl Default for DesignConfig {
-    /// 20 dots, one round of 16 starts, 10 000 trials of `sparse` each, `confusion` beside the
-    /// orientation bound.
-    fn default() -> Self {
-        Self {
-            dots: 20,
-            seed: 0,
-            starts: 16,
-            rounds: 1,
-            scout_steps: 20,
-            climb_steps: 60,
-            samples: 10_000,
-            protocol: Protocol::standard(ProtocolName::Sparse),
-            constraints: Constraints::default(),
-            objective: Objective::default(),
-            bound_weight: 1.0,
-            from: None,
-        }
-    }
-}
-
-impl DesignConfig {
-    /// Checks the domains of all parameters.
-    ///
-    /// # Errors
-    /// [`Error::Argument`] naming the parameter.
-    pub fn check(&self) -> Result<()> {
-        if !(MIN_DOTS..=MAX_DOTS).contains(&self.dots) {
-            let problem = format!("expected {MIN_DOTS} to {MAX_DOTS}, found {}", self.dots);
-            return Err(Error::argument("dots", problem));
-        }
-        for (name, value) in [
-            ("starts", self.starts as u64),
-            ("rounds", self.rounds as u64),
-            ("steps", self.scout_steps.min(self.climb_steps)),
-            ("samples", self.samples),
-        ] {
-            if value == 0 {
-                return Err(Error::argument(name, "expected at least 1, found 0"));
-            }
-        }
-        if !(self.bound_weight >= 0.0 && self.bound_weight.is_finite()) {
-            let problem = format!("expected a number not below 0, found {}", self.bound_weight);
-            return Err(Error::argument("bound weight", problem));
-        }
-        if !self.objective.name().suits(self.dots) {
-            let problem = format!(
-                "confusion is worked out for at most {} dots, found {}; choose another",
-                confusion::MOST_DOTS,
-                self.dots
-            );
-            return Err(Error::argument("objective", problem));
-        }
-        self.protocol.check()?;
-        self.constraints.check_demand(self.dots)
-    }
-
-    /// Seed of the trials of one stage of one round, or of the last trial's halvings.
-    pub fn selection_seed(&self, round: usize, halving: usize) -> u64 {
-        let stage = (round as u64) << 8 | halving as u64;
-        self.seed ^ (0x5e1e_c700 + (stage << 32))
-    }
-
-    /// Seed of the trials that are reported; never used before the winner is known.
-    pub fn report_seed(&self) -> u64 {
-        self.seed ^ 0x4e90_4700
-    }
-}
+/// Trials of a milestone, in units of the configuration's samples.
+const MILESTONE_VIEWS: u64 = 2;
 
 /// A pattern on its way through the search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -141,6 +45,8 @@ pub struct Candidate {
     pub cost: f64,
     /// The demand that it misses, if any; such a candidate is never chosen.
     pub missed: Option<String>,
+    /// Whether its orientation bound falls short of the goal; such a candidate stands behind all others.
+    pub short_of_goal: bool,
     /// Identity rate over all trials so far, if it was tried.
     pub identity: Option<Proportion>,
     /// The dots.
@@ -173,6 +79,8 @@ pub enum Stage {
     Try,
     /// The best of all rounds, with more and more trials.
     Halve,
+    /// The winner, on the rate itself.
+    Polish,
 }
 
 /// The best so far, at some time.
@@ -182,7 +90,9 @@ pub struct Milestone {
     pub elapsed_s: f64,
     /// Rounds completed.
     pub rounds: usize,
-    /// The best candidate's identity rate.
+    /// Rounds of polishing completed.
+    pub polished: usize,
+    /// The identity rate of the best candidate, always on the same trials, by which nothing is chosen.
     pub identity: Proportion,
 }
 
@@ -200,6 +110,11 @@ pub trait DesignObserver {
     fn another_round(&mut self, _state: &State) -> bool {
         true
     }
+
+    /// Whether another round of polishing should be begun; asked before each.
+    fn another_polish(&mut self, _state: &State) -> bool {
+        true
+    }
 }
 
 impl DesignObserver for () {}
@@ -207,10 +122,12 @@ impl DesignObserver for () {}
 /// What a search came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DesignOutcome {
-    /// The winner of the last trial.
+    /// The winner of the last trial, polished.
     pub best: Candidate,
-    /// Those that it met there, best first; itself included.
+    /// Those that met there, best first.
     pub finalists: Vec<Candidate>,
+    /// What polishing came to, round by round.
+    pub polish: Vec<PolishStep>,
     /// Starts tried.
     pub starts: usize,
     /// The best rate over time.
@@ -234,12 +151,14 @@ pub fn design(
     observer: &mut dyn DesignObserver,
 ) -> Result<DesignOutcome> {
     config.check()?;
+    config.constraints.check_feasible(config.dots)?;
     let mut search = Search {
         config,
         stop,
         observer,
         clock: Instant::now(),
         before_s: state.elapsed_s,
+        unfinished: Vec::new(),
     };
     let mut stopped = false;
     while state.round < config.rounds && !stopped {
@@ -250,15 +169,19 @@ pub fn design(
         }
     }
     let finalists = search.halve(state)?;
-    let Some(best) = finalists.first().cloned() else {
+    let Some(winner) = finalists.first() else {
         return Err(nothing_found(state, stopped));
     };
+    stopped |= !search.polish(state, winner)?;
+    // A run that was stopped earlier may have left the polishing of another winner.
+    let polish = state.polish.as_ref().filter(|p| p.from == *winner);
     Ok(DesignOutcome {
-        best,
-        finalists,
+        best: polish.map_or(winner, |p| &p.at).clone(),
+        polish: polish.map_or(Vec::new(), |p| p.steps.clone()),
         starts: state.round * config.starts + state.scouted.len(),
         milestones: state.milestones.clone(),
         stopped,
+        finalists,
     })
 }
 
@@ -283,6 +206,9 @@ struct Search<'a> {
     observer: &'a mut dyn DesignObserver,
     clock: Instant,
     before_s: f64,
+    /// What a stopped round came to. It takes part in the last trial of this run; the state does without,
+    /// so that a resumed search finds what one that was never stopped finds.
+    unfinished: Vec<Candidate>,
 }
 
 impl Search<'_> {
@@ -290,29 +216,19 @@ impl Search<'_> {
         self.stop.load(Ordering::Relaxed)
     }
 
+    fn elapsed_s(&self) -> f64 {
+        self.before_s + self.clock.elapsed().as_secs_f64()
+    }
+
     fn note(&mut self, state: &mut State, stage: Stage) -> Result<()> {
-        state.elapsed_s = self.before_s + self.clock.elapsed().as_secs_f64();
+        state.elapsed_s = self.elapsed_s();
         self.observer.progress(state, stage)
     }
 
     /// One round, or the rest of it; `false` if stopped before its end.
     fn round(&mut self, state: &mut State) -> Result<bool> {
         let config = self.config;
-        let first = state.round * config.starts;
-        while state.scouted.len() < config.starts {
-            if self.stopped() {
-                break;
-            }
-            let from = first + state.scouted.len();
-            let to = (from + rayon::current_num_threads()).min(first + config.starts);
-            let pool = &state.pool;
-            let found: Result<Vec<_>> = (from..to)
-                .into_par_iter()
-                .map(|s| scout(config, pool, s))
-                .collect();
-            state.scouted.extend(found?);
-            self.note(state, Stage::Scout)?;
-        }
+        self.scout(state)?;
         let mut best: Vec<&Candidate> = state.scouted.iter().collect();
         best.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.start.cmp(&b.start)));
         let chosen: Vec<Candidate> = best
@@ -320,29 +236,89 @@ impl Search<'_> {
             .take(config.starts.div_ceil(4))
             .cloned()
             .collect();
-        while state.climbed.len() < chosen.len() {
-            // Stopped: what has been scouted is tried as it is.
-            if self.stopped() {
-                break;
-            }
+        self.climb(state, &chosen)?;
+        if self.stopped() {
+            let reached = if state.climbed.is_empty() {
+                chosen
+            } else {
+                state.climbed.clone()
+            };
+            let reached = reached.into_iter().chain(self.unfinished.split_off(0));
+            self.unfinished = self.best_tried(state, reached.collect())?;
+            return Ok(false);
+        }
+        let mut tried = self.best_tried(state, state.climbed.clone())?;
+        state.pool.append(&mut tried);
+        sort_by_rate(&mut state.pool);
+        state.pool.truncate(POOL);
+        state.round += 1;
+        state.scouted.clear();
+        state.climbed.clear();
+        if let Some(best) = state.pool.first().cloned() {
+            self.milestone(state, &best)?;
+        }
+        self.note(state, Stage::Try)?;
+        Ok(true)
+    }
+
+    /// The first steps of all starts of the round that have not made them.
+    fn scout(&mut self, state: &mut State) -> Result<()> {
+        let (config, stop) = (self.config, self.stop);
+        let first = state.round * config.starts;
+        while state.scouted.len() < config.starts && !self.stopped() {
+            let from = first + state.scouted.len();
+            let to = (from + rayon::current_num_threads()).min(first + config.starts);
+            let pool = &state.pool;
+            let found: Result<Vec<_>> = (from..to)
+                .into_par_iter()
+                .map(|s| scout(config, pool, s, stop))
+                .collect();
+            self.keep(found?, &mut state.scouted);
+            self.note(state, Stage::Scout)?;
+        }
+        Ok(())
+    }
+
+    /// The further steps of the best, as far as they have not made them.
+    fn climb(&mut self, state: &mut State, chosen: &[Candidate]) -> Result<()> {
+        let (config, stop) = (self.config, self.stop);
+        while state.climbed.len() < chosen.len() && !self.stopped() {
             let from = state.climbed.len();
             let to = (from + rayon::current_num_threads()).min(chosen.len());
             let found: Result<Vec<_>> = chosen[from..to]
                 .par_iter()
-                .map(|c| climb(config, c))
+                .map(|c| climb(config, c, stop))
                 .collect();
-            state.climbed.extend(found?);
+            self.keep(found?, &mut state.climbed);
             self.note(state, Stage::Climb)?;
         }
-        let complete = state.scouted.len() == config.starts && state.climbed.len() == chosen.len();
-        let mut tried = if state.climbed.is_empty() {
-            chosen
+        Ok(())
+    }
+
+    /// Keeps what descents have found; those that were cut short, for this run only.
+    fn keep(&mut self, mut found: Vec<Candidate>, whole: &mut Vec<Candidate>) {
+        if self.stopped() {
+            self.unfinished.append(&mut found);
         } else {
-            state.climbed.clone()
-        };
+            whole.append(&mut found);
+        }
+    }
+
+    /// The best of a round by their rates, after trials of those of least cost.
+    fn best_tried(
+        &mut self,
+        state: &mut State,
+        mut tried: Vec<Candidate>,
+    ) -> Result<Vec<Candidate>> {
+        let config = self.config;
         state.missed = tried.iter().rev().find_map(|c| c.missed.clone());
         tried.retain(|c| c.missed.is_none());
-        tried.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.start.cmp(&b.start)));
+        tried.sort_by(|a, b| {
+            a.short_of_goal
+                .cmp(&b.short_of_goal)
+                .then(a.cost.total_cmp(&b.cost))
+                .then(a.start.cmp(&b.start))
+        });
         tried.truncate(2 * SENT_ON);
         let seed = config.selection_seed(state.round + 1, 0);
         for candidate in &mut tried {
@@ -351,33 +327,27 @@ impl Search<'_> {
         }
         sort_by_rate(&mut tried);
         tried.truncate(SENT_ON);
-        state.pool.append(&mut tried);
-        sort_by_rate(&mut state.pool);
-        state.pool.truncate(POOL);
-        if complete {
-            state.round += 1;
-            state.scouted.clear();
-            state.climbed.clear();
-        }
-        self.milestone(state);
-        self.note(state, Stage::Try)?;
-        Ok(complete)
+        Ok(tried)
     }
 
-    fn milestone(&mut self, state: &mut State) {
-        if let Some(identity) = state.pool.first().and_then(|c| c.identity) {
-            state.milestones.push(Milestone {
-                elapsed_s: self.before_s + self.clock.elapsed().as_secs_f64(),
-                rounds: state.round,
-                identity,
-            });
-        }
+    fn milestone(&mut self, state: &mut State, best: &Candidate) -> Result<()> {
+        let config = self.config;
+        let samples = MILESTONE_VIEWS * config.samples;
+        let identity = rate(config, best, config.progress_seed(), samples)?;
+        state.milestones.push(Milestone {
+            elapsed_s: self.elapsed_s(),
+            rounds: state.round,
+            polished: state.polish.as_ref().map_or(0, |p| p.steps.len()),
+            identity,
+        });
+        Ok(())
     }
 
     /// The last trial: the pool meets on fresh views, and each halving doubles them.
     fn halve(&mut self, state: &mut State) -> Result<Vec<Candidate>> {
         let config = self.config;
         let mut field = state.pool.clone();
+        field.append(&mut self.unfinished);
         let mut out: Vec<Candidate> = Vec::new();
         let mut halving = 0;
         while field.len() > 1 {
@@ -395,13 +365,39 @@ impl Search<'_> {
         field.append(&mut out);
         Ok(field)
     }
+
+    /// Polishes the winner, or goes on with it; `false` if stopped before the end.
+    fn polish(&mut self, state: &mut State, winner: &Candidate) -> Result<bool> {
+        if self.stopped() {
+            return Ok(false);
+        }
+        let most = self.config.polish;
+        let of_other = |p: &Polish| p.from != *winner || p.steps.len() > most;
+        if state.polish.as_ref().is_none_or(of_other) {
+            state.polish = Some(Polish::new(winner.clone()));
+        }
+        while let Some(polish) = &state.polish
+            && polish.steps.len() < most
+            && self.observer.another_polish(state)
+        {
+            let Some(next) = polish.round(self.config, self.stop)? else {
+                return Ok(false);
+            };
+            let at = next.at.clone();
+            state.polish = Some(next);
+            self.milestone(state, &at)?;
+            self.note(state, Stage::Polish)?;
+        }
+        Ok(true)
+    }
 }
 
-/// Best rate first; ties by cost, then by start.
+/// Those that reach the goal first, of these the best rate first; ties by cost, then by start.
 fn sort_by_rate(candidates: &mut [Candidate]) {
     candidates.sort_by(|a, b| {
-        b.rate()
-            .total_cmp(&a.rate())
+        a.short_of_goal
+            .cmp(&b.short_of_goal)
+            .then(b.rate().total_cmp(&a.rate()))
             .then(a.cost.total_cmp(&b.cost))
             .then(a.start.cmp(&b.start))
     });

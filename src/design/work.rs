@@ -3,19 +3,22 @@
 //! Each is a function of the configuration, the start's number and, from the second round on, the best so
 //! far: whichever thread does it, and whenever, it comes out the same.
 
+use std::sync::atomic::AtomicBool;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::objective::{Evaluation, OrientationBound};
-use super::scp::{Cost, descend};
-use super::search::{Candidate, DesignConfig};
+use super::config::DesignConfig;
+use super::feasible::start_separation;
+use super::objective::{Evaluation, OrientationBound, basis};
+use super::scp::{Cost, Descent};
+use super::search::Candidate;
 use super::start::{move_dots, random_pattern};
 use crate::error::Result;
 use crate::geometry::{Vec3, random_direction};
-use crate::hash::{HashTable, PairRule, RecogniserParams};
 use crate::pattern::Pattern;
-use crate::recognise::RecogniserName;
-use crate::validate::{Proportion, validate_named};
+use crate::recognise::robust::RobustRecogniser;
+use crate::validate::{Proportion, TrialResult, run_trials, summarize};
 
 /// How far the dots of an existing pattern are shaken to make a start of it, radians.
 const SHAKE_RAD: f64 = 0.05;
@@ -25,18 +28,28 @@ const FRESH_EVERY: usize = 4;
 const MOST_MOVED: usize = 4;
 
 /// The weighted sum that a descent lowers.
-struct DesignCost<'a>(&'a DesignConfig);
+pub(super) struct DesignCost<'a>(pub &'a DesignConfig);
 
 impl Cost for DesignCost<'_> {
     fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        let mut at = self.0.objective.cost(dots)?;
-        let weight = self.0.bound_weight;
-        if weight > 0.0 {
-            let bound = OrientationBound::default().cost(dots);
-            at.value += weight * bound.value;
-            for (g, b) in at.gradient.iter_mut().zip(&bound.gradient) {
-                *g += weight * b;
+        let config = self.0;
+        let mut at = config.objective.cost(dots)?;
+        let mut add = |weight: f64, term: &Evaluation, slope: f64| {
+            at.value += weight * term.value;
+            for (g, t) in at.gradient.iter_mut().zip(&term.gradient) {
+                *g += weight * slope * t;
             }
+        };
+        if config.bound_weight > 0.0 {
+            let bound = OrientationBound::default().cost(dots);
+            add(config.bound_weight, &bound, 1.0);
+        }
+        if config.basis_weight > 0.0 {
+            // Its logarithm, as of the objective.
+            let mut bases = basis::evaluate(dots);
+            let slope = 1.0 / bases.value;
+            bases.value = bases.value.ln();
+            add(config.basis_weight, &bases, slope);
         }
         Ok(at)
     }
@@ -55,6 +68,7 @@ fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Res
         return move_dots(&good, moved, separation, &mut rng);
     }
     let Some(from) = &config.from else {
+        let separation = start_separation(config.dots, separation);
         return random_pattern(config.dots, separation, &mut rng);
     };
     let shake = if start == 0 { 0.0 } else { SHAKE_RAD };
@@ -65,7 +79,8 @@ fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Res
     )
 }
 
-fn candidate(
+/// A pattern with its figures.
+pub(super) fn candidate(
     config: &DesignConfig,
     start: usize,
     before: f64,
@@ -77,34 +92,71 @@ fn candidate(
         figure: config.objective.figure(pattern.dots())?.value,
         cost: DesignCost(config).cost(pattern.dots())?.value,
         missed: config.constraints.missed(pattern),
+        short_of_goal: config.bound_goal.is_some_and(|goal| {
+            let bound = OrientationBound::default().summary(pattern.dots());
+            !(bound.mean <= goal.mean && bound.worst <= goal.worst)
+        }),
         identity: None,
         dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
     })
 }
 
-/// A start after its first steps.
-pub(super) fn scout(config: &DesignConfig, pool: &[Candidate], start: usize) -> Result<Candidate> {
+/// A start after its first steps, or after as many as there were before the stop.
+pub(super) fn scout(
+    config: &DesignConfig,
+    pool: &[Candidate],
+    start: usize,
+    stop: &AtomicBool,
+) -> Result<Candidate> {
     let first = first_pattern(config, pool, start)?;
     let before = config.objective.figure(first.dots())?.value;
-    let found = descend(
-        &first,
-        &DesignCost(config),
-        &config.constraints,
-        config.scout_steps,
-    )?;
+    let descent = Descent {
+        stop,
+        ..Descent::of_steps(config.scout_steps)
+    };
+    let found = descent.run(&first, &DesignCost(config), &config.constraints)?;
     candidate(config, start, before, &found)
 }
 
-/// A scouted start, taken down to the end.
-pub(super) fn climb(config: &DesignConfig, scouted: &Candidate) -> Result<Candidate> {
-    let pattern = scouted.pattern()?;
-    let found = descend(
-        &pattern,
+/// A scouted start, taken down to the end, or until the stop.
+pub(super) fn climb(
+    config: &DesignConfig,
+    scouted: &Candidate,
+    stop: &AtomicBool,
+) -> Result<Candidate> {
+    let descent = Descent {
+        stop,
+        ..Descent::of_steps(config.climb_steps)
+    };
+    let found = descent.run(
+        &scouted.pattern()?,
         &DesignCost(config),
         &config.constraints,
-        config.climb_steps,
     )?;
     candidate(config, scouted.start, scouted.figure_before, &found)
+}
+
+/// A candidate's trials with the robust recogniser.
+pub(super) fn results(
+    config: &DesignConfig,
+    candidate: &Candidate,
+    seed: u64,
+    samples: u64,
+) -> Result<Vec<TrialResult>> {
+    let pattern = candidate.pattern()?;
+    let robust = RobustRecogniser::new(&pattern, config.protocol.recogniser_config())?;
+    run_trials(&pattern, &robust, &config.protocol, seed, samples)
+}
+
+/// A candidate's identity rate.
+pub(super) fn rate(
+    config: &DesignConfig,
+    candidate: &Candidate,
+    seed: u64,
+    samples: u64,
+) -> Result<Proportion> {
+    let found = results(config, candidate, seed, samples)?;
+    Ok(summarize(&found, &config.protocol, seed).identity)
 }
 
 /// Adds trials to a candidate's.
@@ -114,14 +166,7 @@ pub(super) fn attempt(
     seed: u64,
     samples: u64,
 ) -> Result<()> {
-    let table = HashTable::build(
-        candidate.pattern()?,
-        PairRule::default(),
-        RecogniserParams::default(),
-    )?;
-    let robust = RecogniserName::Robust;
-    let found = validate_named(&table, robust, &config.protocol, seed, samples)?;
-    let new = found.validation.identity;
+    let new = rate(config, candidate, seed, samples)?;
     let (successes, trials) = candidate
         .identity
         .map_or((0, 0), |p| (p.successes, p.trials));

@@ -1,9 +1,9 @@
 //! Patterns side by side: the same trials, orientation bounds, separations, feature distances.
 //!
 //! All patterns see the same rotations and the same random numbers, trial by trial, so that a difference
-//! of rates is judged on pairs: with `b` trials that only the one pattern passes and `c` that only the
-//! other passes, of `n` judged in both, the difference is `(b - c) / n` with the standard error
-//! `sqrt(b + c - (b - c)^2 / n) / n` (A. Agresti, "Categorical Data Analysis", 2013, sec. 11.1).
+//! of rates is judged on pairs: by Newcombe's score interval for paired proportions (R. G. Newcombe,
+//! "Improved confidence intervals for the difference between binomial proportions based on paired data",
+//! Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any trial differs.
 
 use std::path::Path;
 
@@ -18,7 +18,9 @@ use crate::hash::HashTable;
 use crate::pattern::{Pattern, PatternSummary};
 use crate::plot::{BarChart, BarGroup, LinePlot, LineSeries, RateScale, bar_comparison, line_plot};
 use crate::recognise::RecogniserName;
-use crate::validate::{Protocol, ProtocolName, TrialResult, Validation, Z95, run_named, summarize};
+use crate::validate::{
+    Proportion, Protocol, ProtocolName, TrialResult, Validation, run_named, summarize,
+};
 
 /// Viewing directions in the plot of the orientation bound.
 const VIEWS: usize = 4_000;
@@ -111,18 +113,64 @@ pub struct PairedDifference {
     pub high: f64,
 }
 
+/// Trials judged for two patterns, by which of them passed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Pairs {
+    /// Both passed.
+    pub both: u64,
+    /// Only the one passed.
+    pub gained: u64,
+    /// Only the other, the reference, passed.
+    pub lost: u64,
+    /// Neither passed.
+    pub neither: u64,
+}
+
 impl PairedDifference {
-    /// From trials that only the one (`gained`) or only the other (`lost`) passes.
-    pub fn new(gained: u64, lost: u64, trials: u64) -> Self {
-        let n = trials.max(1) as f64;
-        let (b, c) = (gained as f64, lost as f64);
-        let difference = (b - c) / n;
-        let error = Z95 * (b + c - (b - c).powi(2) / n).max(0.0).sqrt() / n;
+    /// The difference over these trials, with Newcombe's interval.
+    pub fn new(pairs: Pairs) -> Self {
+        let Pairs {
+            both,
+            gained,
+            lost,
+            neither,
+        } = pairs;
+        let trials = both + gained + lost + neither;
+        let (one, other) = (
+            Proportion::new(both + gained, trials),
+            Proportion::new(both + lost, trials),
+        );
+        let [a, b, c, d, n] = [both, gained, lost, neither, trials].map(|k| k as f64);
+        let margins = (a + b) * (c + d) * (a + c) * (b + d);
+        let product = a * d - b * c;
+        // The correlation of the two, corrected for continuity where it is positive.
+        let product = if product > 0.0 {
+            (product - 0.5 * n).max(0.0)
+        } else {
+            product
+        };
+        let phi = if margins > 0.0 {
+            product / margins.sqrt()
+        } else {
+            0.0
+        };
+        let width = |x: f64, y: f64| (x * x - 2.0 * phi * x * y + y * y).max(0.0).sqrt();
+        let difference = one.rate - other.rate;
         Self {
             trials,
             difference,
-            low: difference - error,
-            high: difference + error,
+            low: difference - width(one.rate - one.low, other.high - other.rate),
+            high: difference + width(one.high - one.rate, other.rate - other.low),
+        }
+    }
+
+    /// Of a pattern against itself: none, beyond doubt.
+    pub fn with_itself(trials: u64) -> Self {
+        Self {
+            trials,
+            difference: 0.0,
+            low: 0.0,
+            high: 0.0,
         }
     }
 }
@@ -198,15 +246,19 @@ fn passed(result: &TrialResult) -> Option<[bool; 2]> {
 
 /// Counts pairs: success `which` of `results` against that of `first`.
 fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> PairedDifference {
-    let (mut gained, mut lost, mut trials) = (0, 0, 0);
+    let mut pairs = Pairs::default();
     for (a, b) in first.iter().zip(results) {
         if let (Some(a), Some(b)) = (passed(a), passed(b)) {
-            trials += 1;
-            gained += u64::from(b[which] && !a[which]);
-            lost += u64::from(a[which] && !b[which]);
+            let count = match (a[which], b[which]) {
+                (true, true) => &mut pairs.both,
+                (false, true) => &mut pairs.gained,
+                (true, false) => &mut pairs.lost,
+                (false, false) => &mut pairs.neither,
+            };
+            *count += 1;
         }
     }
-    PairedDifference::new(gained, lost, trials)
+    PairedDifference::new(pairs)
 }
 
 /// Compares patterns on `samples` trials of every protocol, with both recognisers; `says` is told what
@@ -238,13 +290,17 @@ pub fn compare(
                     contestant.name
                 ));
                 let results = run_named(&contestant.table, recognizer, &protocol, seed, samples)?;
-                let reference = first.as_ref().unwrap_or(&results);
+                let validation = summarize(&results, &protocol, seed);
+                let against_first = |which| match &first {
+                    Some(first) => difference(first, &results, which),
+                    None => PairedDifference::with_itself(validation.identity.trials),
+                };
                 contests.push(Contest {
                     name: contestant.name.clone(),
                     recognizer,
-                    validation: summarize(&results, &protocol, seed),
-                    identity_difference: difference(reference, &results, 0),
-                    orientation_difference: difference(reference, &results, 1),
+                    identity_difference: against_first(0),
+                    orientation_difference: against_first(1),
+                    validation,
                 });
                 first.get_or_insert(results);
             }
@@ -296,7 +352,12 @@ impl Comparison {
                     points,
                 }
             })
-            .collect();
+            // A few dots may leave every direction without a bound.
+            .filter(|series| !series.points.is_empty())
+            .collect::<Vec<_>>();
+        if series.is_empty() {
+            return Ok(());
+        }
         line_plot(
             &dir.join("compare_bound.png"),
             &LinePlot {

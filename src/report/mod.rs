@@ -3,7 +3,7 @@
 //!
 //! The folder holds `pattern.csv`, `table.npz`, `report.json`, `sensitivity.csv`, the plots and
 //! `stencil/`. For the same arguments every file repeats itself byte for byte, on any number of threads,
-//! but for the key `timing` of `report.json`.
+//! but for what tells times: the key `timing` of `report.json`, and `progress.png`.
 
 pub mod compare;
 pub mod plots;
@@ -13,6 +13,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::design::objective::bound::BoundSummary;
+use crate::design::polish::PolishStep;
 use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
 use crate::error::{Error, Result};
 use crate::files;
@@ -87,6 +88,8 @@ pub struct DesignReport {
     pub starts: usize,
     /// Those that met in the last trial, best first, with their rates on the selection's trials.
     pub finalists: Vec<Candidate>,
+    /// What polishing the first of them came to, round by round.
+    pub polish: Vec<PolishStep>,
     /// What was optimized, and its value.
     pub objective: Objective,
     /// The winner.
@@ -229,6 +232,7 @@ pub fn prove(
         stopped: outcome.stopped,
         starts: outcome.starts,
         finalists: outcome.finalists.clone(),
+        polish: outcome.polish.clone(),
         objective,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
         pattern: PatternReport {

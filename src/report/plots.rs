@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::ProvenDesign;
+use super::{DesignReport, ProvenDesign};
+use crate::design::Milestone;
 use crate::error::Result;
 use crate::hash::HashTable;
 use crate::plot::{
@@ -33,7 +34,42 @@ pub fn write_all(dir: &Path, design: &ProvenDesign, stencil: &StencilConfig) -> 
     ball(&dir.join("pattern.png"), table, stencil)?;
     features(&dir.join("features.png"), table)?;
     rates(&dir.join("rates.png"), &report.validation)?;
+    progress(&dir.join("progress.png"), report)?;
     sensitivity_plots(dir, &report.sensitivity)
+}
+
+/// The best rate over the time of the search.
+fn progress(path: &Path, report: &DesignReport) -> Result<()> {
+    let milestones = &report.timing.milestones;
+    let Some(first) = milestones.first() else {
+        return Ok(());
+    };
+    let curve = |name: &str, of: &dyn Fn(&Milestone) -> bool| RateSeries {
+        name: name.into(),
+        points: milestones
+            .iter()
+            .filter(|m| of(m))
+            .map(|m| point(m.elapsed_s / 60.0, &m.identity))
+            .collect(),
+    };
+    let mut series = vec![
+        curve("rounds of the search", &|m| m.polished == 0),
+        curve("polishing", &|m| m.polished > 0),
+    ];
+    series.retain(|s| !s.points.is_empty());
+    rate_curves(
+        path,
+        &CurvePlot {
+            title: format!(
+                "Best pattern so far: failures of {} `{}` views by which nothing was chosen",
+                first.identity.trials, report.config.protocol.name
+            ),
+            x_label: "time [min]".into(),
+            y_label: "failures".into(),
+            scale: RateScale::Failure,
+            series,
+        },
+    )
 }
 
 /// The pattern from both sides of the ball.

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 ///
 /// Clearances are modelled gaps: what a printer makes of them is measured with the coupon
 /// ([`super::coupon`]).
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StencilConfig {
     /// Diameter of the ball, mm. Default 40.0. Table-tennis balls are 40.0 to 40.6 mm: measure yours.
     pub ball_diameter_mm: f64,

@@ -79,6 +79,18 @@ pub struct Stencil {
 }
 
 impl Stencil {
+    /// Refuses a pattern that leaves no room for the stencil's holes, rims, hinge or tab. Builds nothing,
+    /// which takes thousands of times longer.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] as [`Stencil::build`].
+    pub fn check(pattern: &Pattern, config: &StencilConfig) -> Result<()> {
+        config.validate()?;
+        let joint = Joint::new(config)?;
+        refuse_overlaps(pattern.dots(), config)?;
+        Layout::choose(pattern.dots(), config, &joint).map(|_| ())
+    }
+
     /// Designs the stencil of `pattern`.
     ///
     /// # Errors

@@ -14,6 +14,7 @@ mod by_name;
 mod protocol;
 mod sensitivity;
 mod statistics;
+mod steady;
 mod trial;
 
 use std::time::Instant;
@@ -25,8 +26,8 @@ pub use protocol::{Noise, Protocol, ProtocolName};
 pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
 };
-pub(crate) use statistics::Z95;
 pub use statistics::{Proportion, median};
+pub use steady::SteadyTrials;
 pub use trial::{Trial, TrialGenerator, observed_frames};
 
 use crate::error::{Error, Result};

@@ -2,7 +2,7 @@
 //! and statistical inference", J. Am. Stat. Assoc. 22, 1927).
 
 /// The two-sided 95 % quantile of the standard normal distribution.
-pub(crate) const Z95: f64 = 1.959_963_984_540_054;
+const Z95: f64 = 1.959_963_984_540_054;
 
 /// Successes of independent trials, with the Wilson 95 % interval of the rate.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]

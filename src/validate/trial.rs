@@ -73,15 +73,7 @@ impl<'p> TrialGenerator<'p> {
             given.retain(|_| rng.random::<f64>() >= p.miss_probability);
         }
         for _ in 0..p.false_dots {
-            let direction = random_direction_above(rng, p.visibility_limit);
-            let uncertainty = uncertainty(&direction, &p.noise);
-            given.push((
-                ObservedDot {
-                    direction,
-                    uncertainty,
-                },
-                None,
-            ));
+            given.push((false_dot(p, rng), None));
         }
         given.shuffle(rng);
         trial.dots.clear();
@@ -114,8 +106,17 @@ pub fn observed_frames(
     (0..samples).filter_map(&mut frame).collect()
 }
 
+/// A dot that is none: uniform on the visible cap.
+pub(super) fn false_dot(protocol: &Protocol, rng: &mut ChaCha8Rng) -> ObservedDot {
+    let direction = random_direction_above(rng, protocol.visibility_limit);
+    ObservedDot {
+        direction,
+        uncertainty: uncertainty(&direction, &protocol.noise),
+    }
+}
+
 /// The dot as measured, with the uncertainty that a careful estimator would state.
-fn displaced(q: &Vec3, noise: &Noise, rng: &mut ChaCha8Rng) -> ObservedDot {
+pub(super) fn displaced(q: &Vec3, noise: &Noise, rng: &mut ChaCha8Rng) -> ObservedDot {
     let direction = match *noise {
         Noise::RandomAxis { sigma_rad } => {
             let axis = Unit::new_unchecked(random_direction(rng));

@@ -37,7 +37,7 @@ impl Default for OrientationBound {
 }
 
 /// The bound over all viewing directions, in units of the dots' noise.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct BoundSummary {
     /// Mean over the directions of the root of `tr H^-1`.
     pub mean: f64,

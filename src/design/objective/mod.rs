@@ -12,6 +12,7 @@
 //! turned where larger is better): scales then do not matter, and a step is a relative change.
 
 pub mod align;
+pub mod basis;
 pub mod bound;
 pub mod confusion;
 mod erfc;

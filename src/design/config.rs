@@ -1,0 +1,134 @@
+//! How a design is searched: every figure on which its result depends.
+
+use serde::{Deserialize, Serialize};
+
+use super::constraints::Constraints;
+use super::objective::bound::BoundSummary;
+use super::objective::{Objective, confusion};
+use crate::error::{Error, Result};
+use crate::pattern::{MAX_DOTS, MIN_DOTS};
+use crate::validate::{Protocol, ProtocolName};
+
+/// How a design is searched.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DesignConfig {
+    /// Dots of the pattern.
+    pub dots: usize,
+    /// Seed of the random starts; the trials' seeds are derived from it.
+    pub seed: u64,
+    /// Random starts a round.
+    pub starts: usize,
+    /// Rounds.
+    pub rounds: usize,
+    /// Descent steps of every start.
+    pub scout_steps: u64,
+    /// Further descent steps of the best quarter.
+    pub climb_steps: u64,
+    /// Rounds of polishing after them, on the rate itself.
+    pub polish: usize,
+    /// Monte Carlo trials a candidate; the last ones get eight times as many, and polishing up to sixty times.
+    pub samples: u64,
+    /// The views that candidates are tried on.
+    pub protocol: Protocol,
+    /// What a pattern must satisfy.
+    pub constraints: Constraints,
+    /// What a descent works on.
+    pub objective: Objective,
+    /// Weight of the orientation bound's worst direction beside the objective; 0 leaves it out.
+    pub bound_weight: f64,
+    /// Patterns with this orientation bound or better are preferred to all others, in units of the dots'
+    /// noise; `None` prefers none.
+    pub bound_goal: Option<BoundSummary>,
+    /// Weight of the pairs' worth as bases, which the paper's recogniser lives on; 0 leaves it out.
+    pub basis_weight: f64,
+    /// A pattern to improve instead of random starts.
+    pub from: Option<Vec<[f64; 3]>>,
+}
+
+impl Default for DesignConfig {
+    /// 20 dots, one round of 16 starts, none of polishing, 10 000 trials of `sparse` each, `confusion`
+    /// beside the orientation bound.
+    fn default() -> Self {
+        Self {
+            dots: 20,
+            seed: 0,
+            starts: 16,
+            rounds: 1,
+            scout_steps: 20,
+            climb_steps: 60,
+            polish: 0,
+            samples: 10_000,
+            protocol: Protocol::standard(ProtocolName::Sparse),
+            constraints: Constraints::default(),
+            objective: Objective::default(),
+            bound_weight: 10.0,
+            bound_goal: None,
+            basis_weight: 0.0,
+            from: None,
+        }
+    }
+}
+
+impl DesignConfig {
+    /// Checks the domains of all parameters.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the parameter.
+    pub fn check(&self) -> Result<()> {
+        if !(MIN_DOTS..=MAX_DOTS).contains(&self.dots) {
+            let problem = format!("expected {MIN_DOTS} to {MAX_DOTS}, found {}", self.dots);
+            return Err(Error::argument("dots", problem));
+        }
+        for (name, value) in [
+            ("starts", self.starts as u64),
+            ("rounds", self.rounds as u64),
+            ("steps", self.scout_steps.min(self.climb_steps)),
+            ("samples", self.samples),
+        ] {
+            if value == 0 {
+                return Err(Error::argument(name, "expected at least 1, found 0"));
+            }
+        }
+        for (name, weight) in [
+            ("bound weight", self.bound_weight),
+            ("basis weight", self.basis_weight),
+        ] {
+            if !(weight >= 0.0 && weight.is_finite()) {
+                let problem = format!("expected a number not below 0, found {weight}");
+                return Err(Error::argument(name, problem));
+            }
+        }
+        if !self.objective.name().suits(self.dots) {
+            let problem = format!(
+                "confusion is worked out for at most {} dots, found {}; choose another",
+                confusion::MOST_DOTS,
+                self.dots
+            );
+            return Err(Error::argument("objective", problem));
+        }
+        self.protocol.check()?;
+        self.constraints.check_demand(self.dots)
+    }
+
+    /// Seed of the trials of one stage of one round, or of the last trial's halvings.
+    pub fn selection_seed(&self, round: usize, halving: usize) -> u64 {
+        let stage = (round as u64) << 8 | halving as u64;
+        self.seed ^ (0x5e1e_c700 + (stage << 32))
+    }
+
+    /// Seed of the trials of one step of one round of polishing.
+    pub(super) fn polish_seed(&self, round: usize, step: u64) -> u64 {
+        let stage = (round as u64) << 8 | step;
+        self.seed ^ (0x9011_5400 + (stage << 32))
+    }
+
+    /// Seed of the trials that show the progress; nothing is chosen by them.
+    pub(super) fn progress_seed(&self) -> u64 {
+        self.seed ^ 0x9406_4e00
+    }
+
+    /// Seed of the trials that are reported; never used before the winner is known.
+    pub fn report_seed(&self) -> u64 {
+        self.seed ^ 0x4e90_4700
+    }
+}

@@ -1,0 +1,224 @@
+//! The failure rate itself, made smooth: what a recogniser's trials say, as a cost with its gradient.
+//!
+//! A recogniser that knows the law of its views answers with the likeliest explanation, and is wrong with
+//! the probability that the others hold. The mean over views of
+//!
+//! ```text
+//! 1 - max_k e_k / sum_k e_k,        e_k the evidence of explanation k,
+//! ```
+//!
+//! is its failure rate (the Bayes risk), with less scatter than counting failures, and smooth in the dots.
+//! It is a little low, since only the best few explanations of a view are summed.
+//! The views are [`SteadyTrials`], so that neighbouring patterns see the same ones.
+//!
+//! The derivative is taken by central differences of each dot's two tangent coordinates, in the views
+//! alone that leave a doubt, and there among the explanations that the full search has found: the rest
+//! does not change over so small a move.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+
+use super::objective::Evaluation;
+use crate::error::Result;
+use crate::geometry::{Rotation, Vec3, tangent_frame};
+use crate::pattern::Pattern;
+use crate::recognise::robust::{RobustRecogniser, RobustWorkspace};
+use crate::recognise::{Identification, Recogniser};
+use crate::validate::{Protocol, SteadyTrials, Trial};
+
+/// Views whose answer is surer than this are taken for certain in the derivative.
+const CERTAIN: f64 = 0.01;
+/// Explanations with less of a share than this are left out.
+const LEAST_SHARE: f64 = 1e-3;
+/// Most explanations of a view that are followed.
+const MOST_EXPLANATIONS: usize = 5;
+/// Half the difference that the derivative is taken over, radians: a tenth of the noise.
+const DIFFERENCE_RAD: f64 = 0.004;
+/// A pattern that never fails has no logarithm; half a failure stands for it.
+const LEAST_FAILURES: f64 = 0.5;
+/// Views handled by one task.
+const CHUNK: usize = 64;
+
+/// A smooth failure rate over the trials of one seed.
+#[derive(Debug, Clone, Copy)]
+pub struct SmoothRate<'a> {
+    /// The views.
+    pub protocol: Protocol,
+    /// Their seed.
+    pub seed: u64,
+    /// Their number.
+    pub trials: u64,
+    /// Where set, nothing more is looked at and the figures mean nothing: what asked for them is to end.
+    pub stop: &'a AtomicBool,
+}
+
+/// A view that leaves a doubt: its number, and the poses in question.
+struct Doubt {
+    index: u64,
+    poses: Vec<Rotation>,
+}
+
+/// One thread's memory.
+struct Desk {
+    views: SteadyTrials,
+    trial: Trial,
+    workspace: RobustWorkspace,
+    answer: Identification,
+}
+
+impl SmoothRate<'_> {
+    /// The rate's logarithm.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for dots that are none.
+    pub fn value(&self, dots: &[Vec3]) -> Result<f64> {
+        Ok(self.logarithm(self.survey(dots)?.0))
+    }
+
+    /// The rate's logarithm with its derivative in the tangent planes.
+    ///
+    /// # Errors
+    /// As [`SmoothRate::value`].
+    pub fn evaluate(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        let (total, doubts) = self.survey(dots)?;
+        let floored = total.max(LEAST_FAILURES);
+        let coordinates: Vec<(usize, Vec3)> = dots
+            .iter()
+            .enumerate()
+            .flat_map(|(i, d)| tangent_frame(d).map(|axis| (i, axis)))
+            .collect();
+        let slopes: Result<Vec<f64>> = coordinates
+            .par_iter()
+            .map(|(i, axis)| {
+                if self.stop.load(Ordering::Relaxed) {
+                    return Ok(0.0);
+                }
+                let ahead = self.doubted(dots, *i, axis * DIFFERENCE_RAD, &doubts)?;
+                let behind = self.doubted(dots, *i, axis * -DIFFERENCE_RAD, &doubts)?;
+                Ok((ahead - behind) / (2.0 * DIFFERENCE_RAD * floored))
+            })
+            .collect();
+        let mut gradient = vec![Vec3::zeros(); dots.len()];
+        for ((i, axis), slope) in coordinates.iter().zip(slopes?) {
+            gradient[*i] += axis * slope;
+        }
+        Ok(Evaluation {
+            value: self.logarithm(total),
+            gradient,
+        })
+    }
+
+    fn logarithm(&self, failures: f64) -> f64 {
+        (failures.max(LEAST_FAILURES) / self.trials as f64).ln()
+    }
+
+    fn desk(&self, recogniser: &RobustRecogniser) -> Desk {
+        Desk {
+            views: SteadyTrials::new(self.protocol, self.seed),
+            trial: Trial::default(),
+            workspace: recogniser.workspace(),
+            answer: Identification::default(),
+        }
+    }
+
+    /// The expected number of failures over all views, and the views that leave a doubt.
+    fn survey(&self, dots: &[Vec3]) -> Result<(f64, Vec<Doubt>)> {
+        let pattern = Pattern::new(dots.to_vec())?;
+        let recogniser = RobustRecogniser::new(&pattern, self.protocol.recogniser_config())?;
+        let chunks = (self.trials as usize).div_ceil(CHUNK);
+        let found: Vec<(f64, Option<Doubt>)> = (0..chunks)
+            .into_par_iter()
+            .flat_map_iter(|chunk| {
+                let mut desk = self.desk(&recogniser);
+                let from = (chunk * CHUNK) as u64;
+                let to = if self.stop.load(Ordering::Relaxed) {
+                    from
+                } else {
+                    (from + CHUNK as u64).min(self.trials)
+                };
+                let look = |index| self.look(&pattern, &recogniser, index, &mut desk);
+                (from..to).map(look).collect::<Vec<_>>()
+            })
+            .collect();
+        let total = found.iter().map(|(failure, _)| failure).sum();
+        Ok((total, found.into_iter().filter_map(|(_, d)| d).collect()))
+    }
+
+    /// Searches one view in full.
+    fn look(
+        &self,
+        pattern: &Pattern,
+        recogniser: &RobustRecogniser,
+        index: u64,
+        desk: &mut Desk,
+    ) -> (f64, Option<Doubt>) {
+        desk.views.generate(pattern, index, &mut desk.trial);
+        let (dots, answer) = (&desk.trial.dots, &mut desk.answer);
+        if dots.len() < self.protocol.min_dots.max(recogniser.min_dots()) {
+            return (0.0, None);
+        }
+        if recogniser
+            .identify_into(dots, &mut desk.workspace, answer)
+            .is_err()
+        {
+            return (1.0, None);
+        }
+        // Shares among the explanations found: that the dots might be something else is no failure here.
+        let best = answer.confidence;
+        let mut all = answer.pose_confidence;
+        let mut poses = vec![answer.rotation];
+        for rank in 1..MOST_EXPLANATIONS {
+            let found = recogniser.explanation(rank, &desk.workspace, answer);
+            if !found || answer.pose_confidence < LEAST_SHARE * best {
+                break;
+            }
+            all += answer.pose_confidence;
+            poses.push(answer.rotation);
+        }
+        let failure = 1.0 - best / all;
+        (
+            failure,
+            (failure > CERTAIN).then_some(Doubt { index, poses }),
+        )
+    }
+
+    /// The expected number of failures over the views in doubt, one dot moved.
+    fn doubted(&self, dots: &[Vec3], moved: usize, by: Vec3, doubts: &[Doubt]) -> Result<f64> {
+        let mut dots = dots.to_vec();
+        dots[moved] = (dots[moved] + by).normalize();
+        let pattern = Pattern::new(dots)?;
+        let recogniser = RobustRecogniser::new(&pattern, self.protocol.recogniser_config())?;
+        let mut desk = self.desk(&recogniser);
+        Ok(doubts
+            .iter()
+            .map(|doubt| self.weigh(&pattern, &recogniser, doubt, &mut desk))
+            .sum())
+    }
+
+    /// The probability of a failure in one view, among known poses.
+    fn weigh(
+        &self,
+        pattern: &Pattern,
+        recogniser: &RobustRecogniser,
+        doubt: &Doubt,
+        desk: &mut Desk,
+    ) -> f64 {
+        desk.views.generate(pattern, doubt.index, &mut desk.trial);
+        let mut worth = [(f64::NEG_INFINITY, 1.0); MOST_EXPLANATIONS];
+        for (w, pose) in worth.iter_mut().zip(&doubt.poses) {
+            let (answer, workspace) = (&mut desk.answer, &mut desk.workspace);
+            if let Some(ln_evidence) =
+                recogniser.evidence_near(&desk.trial.dots, pose, workspace, answer)
+            {
+                *w = (ln_evidence, answer.pose_confidence / answer.confidence);
+            }
+        }
+        let top = worth.iter().map(|w| w.0).fold(f64::NEG_INFINITY, f64::max);
+        if top == f64::NEG_INFINITY {
+            return 1.0;
+        }
+        let all: f64 = worth.iter().map(|w| (w.0 - top).exp() * w.1).sum();
+        1.0 - 1.0 / all
+    }
+}
