@@ -94,7 +94,8 @@ impl Unrolled {
     pub fn radius(&mut self, image: &GrayImage, centre: &Centre, sign: f64) -> Option<f64> {
         let (from, to) = (0.8 * LEAST as f64, 1.2 * MOST as f64);
         let start = Vector3::new(centre.u, centre.v, 0.0);
-        self.find_edges(image, &start, (from, to), sign);
+        // Rays must reach beyond the largest trial, or none would count there.
+        self.find_edges(image, &start, (from, to + 2.0), sign);
         let (mut best, mut most) = (None, WORTHWHILE);
         let mut trial = from;
         while trial <= to {

@@ -6,8 +6,10 @@ use super::GrayImage;
 pub(super) const LEAST: usize = 10;
 /// Largest radius that is voted for: twice the least, as images are halved.
 pub(super) const MOST: usize = 20;
-/// Gradients above this many times the mean count as no more than that: one bright edge is not ten.
-const CAP: f32 = 4.0;
+/// Gradients above that of this rank (an outline has about as many pixels) count as no more: one bright edge is not ten.
+const STRONG: usize = 64;
+/// Gradients below this part of the strong ones do not vote: shading, noise.
+const WEAK: f32 = 0.15;
 /// Centres of one circle lie within this many pixels.
 const APART: isize = 3;
 
@@ -25,6 +27,7 @@ pub(super) struct Votes {
     width: usize,
     height: usize,
     gradients: Vec<[f32; 3]>,
+    lengths: Vec<f32>,
     counts: Vec<f32>,
     smooth: Vec<f32>,
 }
@@ -36,17 +39,17 @@ impl Votes {
         (self.width, self.height) = (image.width(), image.height());
         self.counts.clear();
         self.counts.resize(self.width * self.height, 0.0);
-        let mean = self.find_gradients(image);
-        if mean <= 0.0 {
+        let strong = self.find_gradients(image);
+        if strong <= 0.0 {
             return;
         }
         for v in 0..self.height {
             for u in 0..self.width {
                 let [x, y, length] = self.gradients[v * self.width + u];
-                if length < mean {
+                if length < WEAK * strong {
                     continue;
                 }
-                let weight = length.min(CAP * mean);
+                let weight = length.min(strong);
                 let (x, y) = (x / length, y / length);
                 if sign >= 0.0 {
                     self.vote([u as f32, v as f32], [x, y], weight);
@@ -61,8 +64,9 @@ impl Votes {
     /// Votes for all centres in a direction from a pixel.
     fn vote(&mut self, [u, v]: [f32; 2], [x, y]: [f32; 2], weight: f32) {
         for radius in LEAST..=MOST {
-            let at_u = (u + radius as f32 * x).round();
-            let at_v = (v + radius as f32 * y).round();
+            // Half a pixel on, and cut: the nearest pixel.
+            let at_u = u + radius as f32 * x + 0.5;
+            let at_v = v + radius as f32 * y + 0.5;
             let inside =
                 at_u >= 0.0 && at_v >= 0.0 && at_u < self.width as f32 && at_v < self.height as f32;
             if inside {
@@ -71,10 +75,10 @@ impl Votes {
         }
     }
 
-    /// Sobel's gradients and their lengths; returns the mean length.
+    /// Sobel's gradients and their lengths; returns that of a strong edge.
     fn find_gradients(&mut self, image: &GrayImage) -> f32 {
         self.gradients.clear();
-        let mut sum = 0f64;
+        self.lengths.clear();
         for v in 0..self.height as isize {
             for u in 0..self.width as isize {
                 let at = |du: isize, dv: isize| image.at(u + du, v + dv);
@@ -87,11 +91,15 @@ impl Votes {
                     - 2.0 * at(0, -1)
                     - at(1, -1);
                 let length = x.hypot(y);
-                sum += f64::from(length);
+                self.lengths.push(length);
                 self.gradients.push([x, y, length]);
             }
         }
-        (sum / self.gradients.len() as f64) as f32
+        let rank = STRONG.min(self.lengths.len() - 1);
+        *self
+            .lengths
+            .select_nth_unstable_by(rank, |a, b| b.total_cmp(a))
+            .1
     }
 
     /// The centres with most votes, at most `count` of them, best first.
