@@ -1,12 +1,18 @@
-//! Frames of the synthetic ball spinner: one thread, scenes drawn and rendered.
+//! Frames of the synthetic ball spinner, and a frame of 60 px from pixels to orientation, stage by stage; one thread.
 
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use rand::SeedableRng;
+use spindoe::design::random_pattern;
 use spindoe::geometry::spiral_directions;
 use spindoe::pattern::Pattern;
 use spindoe::vision::synth::SynthConfig;
 use spindoe::vision::synth::dataset::independent_frame;
+use spindoe::vision::{
+    BallCircle, BallFinder, CircleConfig, DetectorName, DotDetector, Estimator, EstimatorConfig,
+    FrameEstimate, Patch,
+};
 
 fn synth(c: &mut Criterion) {
     let Ok(pattern) = Pattern::new(spiral_directions(20).collect()) else {
@@ -29,5 +35,60 @@ fn synth(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, synth);
+/// A frame in good light, as a user would arrange it.
+fn good() -> SynthConfig {
+    SynthConfig {
+        size_px: [60, 60],
+        fill: [0.9, 0.95],
+        dot_radius_rad: [0.08, 0.10],
+        most_arc_rad: 0.05,
+        most_shift_px: 0.5,
+        most_noise: 1.0,
+        bad_exposure: 0.0,
+        most_background: 0.2,
+        ..SynthConfig::default()
+    }
+}
+
+fn estimate(c: &mut Criterion) {
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+    let Ok(pattern) = random_pattern(20, 0.35, &mut rng) else {
+        return;
+    };
+    let Ok(frame) = independent_frame(&pattern, &good(), 1, 0) else {
+        return;
+    };
+    let gray = frame.image.to_gray();
+    let mut group = c.benchmark_group("estimate 60 px");
+    let mut finder = BallFinder::new(CircleConfig::default());
+    group.bench_function("locate", |b| b.iter(|| finder.find(black_box(&gray))));
+    let circle = BallCircle {
+        center: frame.truth.center,
+        radius: frame.truth.radius_px,
+    };
+    let mut patch = Patch::default();
+    group.bench_function("cut", |b| {
+        b.iter(|| patch.cut_into(black_box(&gray), &circle))
+    });
+    for name in DetectorName::ALL {
+        let Ok(detector) = name.build() else { return };
+        let (mut ws, mut dots) = (detector.workspace(), Vec::new());
+        group.bench_function(format!("detect, {name}"), |b| {
+            b.iter(|| detector.detect_into(black_box(&patch), &mut ws, &mut dots));
+        });
+        let Ok(estimator) = Estimator::new(&pattern, EstimatorConfig::default(), detector) else {
+            return;
+        };
+        let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+        group.bench_function(format!("all, {name}"), |b| {
+            b.iter(|| estimator.estimate_frame(black_box(&gray), None, None, &mut ws, &mut out));
+        });
+        group.bench_function(format!("identify, {name}"), |b| {
+            b.iter(|| estimator.tell(None, &mut ws, black_box(&mut out)));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, synth, estimate);
 criterion_main!(benches);

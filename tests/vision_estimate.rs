@@ -23,7 +23,8 @@ fn estimator(pattern: &Pattern, camera: Camera) -> Estimator<NamedDetector> {
         camera,
         ..EstimatorConfig::default()
     };
-    Estimator::new(pattern, config, DetectorName::Blob.build()).expect("valid settings")
+    Estimator::new(pattern, config, DetectorName::Cnn.build().expect("weights"))
+        .expect("valid settings")
 }
 
 /// Right, wrong and refused of `trials` drawn balls, and the median error of the right, degrees.

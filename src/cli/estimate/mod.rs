@@ -6,6 +6,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::files;
@@ -118,6 +119,9 @@ pub struct Arguments {
     json: bool,
 }
 
+/// Frames estimated at once.
+const AT_ONCE: usize = 64;
+
 /// All frames, and what was seen in them.
 #[derive(Default)]
 struct Seen {
@@ -142,7 +146,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         files::create_writable_dir(dir)?;
     }
     let mut workspace = estimator.workspace();
-    let mut seen = arguments.look(&estimator, circle.as_ref(), &mut workspace)?;
+    let mut seen = arguments.look(&estimator, circle.as_ref())?;
     arguments.set_times(&mut seen)?;
     let config = arguments.sequence_config();
     let times: Option<Vec<f64>> = seen.times.iter().copied().collect();
@@ -264,30 +268,57 @@ impl Arguments {
         &self,
         estimator: &Estimator<NamedDetector>,
         circle: Option<&BallCircle>,
-        workspace: &mut crate::vision::estimator::EstimatorWorkspace<
-            <NamedDetector as crate::vision::DotDetector>::Workspace,
-        >,
     ) -> Result<Seen> {
         let mut seen = Seen::default();
+        let mut waiting = Vec::with_capacity(AT_ONCE);
         for source in input::sources(&self.images)? {
             let first = seen.times.len();
             let mut visit = |frame: InputFrame| {
-                let mut estimate = FrameEstimate::default();
-                estimator.estimate_frame(&frame.image, circle, None, workspace, &mut estimate);
-                if self.overlay.is_some() {
-                    seen.pictures.push(picture(&frame.image, &estimate)?);
+                waiting.push(frame);
+                if waiting.len() == AT_ONCE {
+                    self.estimate(estimator, circle, &mut waiting, &mut seen)?;
                 }
-                seen.names.push(frame.name);
-                seen.times.push(frame.time_s);
-                seen.frames.push(estimate);
                 Ok(())
             };
             let times = input::read_frames(&source, &mut visit)?;
+            self.estimate(estimator, circle, &mut waiting, &mut seen)?;
             for (k, time) in times.into_iter().enumerate() {
                 seen.times[first + k] = time;
             }
         }
         Ok(seen)
+    }
+
+    /// Estimates the frames that wait, spread over all cores; each alone, so that the order of work changes nothing.
+    fn estimate(
+        &self,
+        estimator: &Estimator<NamedDetector>,
+        circle: Option<&BallCircle>,
+        waiting: &mut Vec<InputFrame>,
+        seen: &mut Seen,
+    ) -> Result<()> {
+        let done: Result<Vec<_>> = waiting
+            .par_drain(..)
+            .map_init(
+                || estimator.workspace(),
+                |workspace, frame| {
+                    let mut estimate = FrameEstimate::default();
+                    estimator.estimate_frame(&frame.image, circle, None, workspace, &mut estimate);
+                    let shown = self.overlay.is_some();
+                    let picture = shown
+                        .then(|| picture(&frame.image, &estimate))
+                        .transpose()?;
+                    Ok((frame, estimate, picture))
+                },
+            )
+            .collect();
+        for (frame, estimate, picture) in done? {
+            seen.names.push(frame.name);
+            seen.times.push(frame.time_s);
+            seen.frames.push(estimate);
+            seen.pictures.extend(picture);
+        }
+        Ok(())
     }
 
     /// Sets the times that the user gives.
