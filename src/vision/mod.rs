@@ -24,7 +24,7 @@ pub mod train;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
-pub use circle::{BallFinder, BallFit, CircleConfig, NoBall, find_ball};
+pub use circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, find_ball};
 pub use detect::{DotDetection, DotDetector};
 pub use detector::{DetectorName, NamedDetector};
 pub use estimator::{Estimator, EstimatorConfig, FrameEstimate, Pose, Rejection};

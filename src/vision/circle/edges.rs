@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::vote::{Centre, LEAST, MOST};
-use super::{BallCircle, BallFit, GrayImage, Pixel};
+use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
 
 /// Rays around a centre.
 const RAYS: usize = 72;
@@ -116,7 +116,13 @@ impl Unrolled {
     }
 
     /// Fits the circle from `start` (u, v, r).
-    pub fn fit(&mut self, image: &GrayImage, start: Vector3<f64>, sign: f64) -> Option<BallFit> {
+    pub fn fit(
+        &mut self,
+        image: &GrayImage,
+        start: Vector3<f64>,
+        polarity: Polarity,
+    ) -> Option<BallFit> {
+        let sign = polarity.sign();
         let mut circle = start;
         for (round, reach) in REACH.into_iter().enumerate() {
             let wide = if round == 0 { 0.3 } else { 0.2 };
@@ -144,7 +150,7 @@ impl Unrolled {
             circle = self.step(&circle, reach)?.0;
         }
         let (_, scatter, information) = self.step(&circle, reach)?;
-        self.judge(image, &circle, scatter, information, sign)
+        self.judge(image, &circle, scatter, information, polarity)
     }
 
     /// One reweighted step; the new circle, the residuals' standard deviation, and the sum of `w J^T J` with the weights'
@@ -255,8 +261,9 @@ impl Unrolled {
         circle: &Vector3<f64>,
         scatter: f64,
         information: Matrix3<f64>,
-        sign: f64,
+        polarity: Polarity,
     ) -> Option<BallFit> {
+        let sign = polarity.sign();
         let radius = circle.z;
         let (mut seen, mut supported) = (0.0, 0.0);
         let (mut contrast, mut slope) = (0.0, 0.0);
@@ -307,6 +314,7 @@ impl Unrolled {
             covariance,
             support: supported / seen,
             visible: seen / RAYS as f64,
+            polarity,
             // Of a ball that is no brighter than what is behind it, nothing is left.
             contrast: if sign < 0.0 { -step } else { step },
             edge_width: step * supported / slope,

@@ -4,7 +4,7 @@
 //! 1. The image is halved again and again. At every size, pixels on strong edges vote for centres 10 to
 //!    20 pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
 //!    transform to detect arbitrary shapes", Pattern Recognition 13, 1981), apart for balls brighter and darker than what is
-//!    behind them, and where that gives no whole outline, for edges of either sign. A ball of any size is of that size at one of them.
+//!    behind them, and where that gives no whole outline, for edges of either sign: such circles are only offered ([`BallFinder::others`]). A ball of any size is of that size at one of them.
 //! 2. Around each centre with many votes the image is unrolled into angle and radius; edges of the right sign are
 //!    found on every ray to a fraction of a sample, and the circle is fitted to them by iteratively reweighted
 //!    least squares with Tukey's biweight (P. J. Huber, "Robust Statistics", 1981), which leaves out dots on the
@@ -58,6 +58,28 @@ impl Default for CircleConfig {
     }
 }
 
+/// How the brightness steps across an outline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Polarity {
+    /// The ball is brighter than what is behind it.
+    Brighter,
+    /// The ball is darker.
+    Darker,
+    /// Here the one, there the other. Noise has such outlines too: they are worth a look, but no proof of a ball.
+    Mixed,
+}
+
+impl Polarity {
+    /// The sign of the edges looked for; 0 for either.
+    fn sign(self) -> f64 {
+        match self {
+            Self::Brighter => 1.0,
+            Self::Darker => -1.0,
+            Self::Mixed => 0.0,
+        }
+    }
+}
+
 /// The ball's outline, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallFit {
@@ -69,6 +91,8 @@ pub struct BallFit {
     pub support: f64,
     /// Share of the outline within the image.
     pub visible: f64,
+    /// Which way the brightness steps.
+    pub polarity: Polarity,
     /// Difference in brightness across the outline; negative for a ball darker than what is behind it.
     pub contrast: f64,
     /// Width of the outline's edge from dark to bright, pixels: the blur.
@@ -213,10 +237,10 @@ impl BallFinder {
         }
         let most = self.config.most_radius * longer;
         self.halve(image, most);
-        let mut support = self.look(image, most, &[1.0, -1.0]);
+        let mut support = self.look(image, most, &[Polarity::Brighter, Polarity::Darker]);
         // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
         if self.best().is_none_or(|b| b.support < WHOLE) {
-            let either = self.look(image, most, &[0.0]);
+            let either = self.look(image, most, &[Polarity::Mixed]);
             support = match (support, either) {
                 (Some(a), Some(b)) => Some(a.max(b)),
                 (a, b) => a.or(b),
@@ -230,8 +254,8 @@ impl BallFinder {
         })
     }
 
-    /// Remembers all circles with edges of these signs; gives the best support of any circle.
-    fn look(&mut self, image: &GrayImage, most: f64, signs: &[f64]) -> Option<f64> {
+    /// Remembers all circles with edges of these polarities; gives the best support of any circle.
+    fn look(&mut self, image: &GrayImage, most: f64, polarities: &[Polarity]) -> Option<f64> {
         let longer = image.width().max(image.height()) as f64;
         let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
         let mut best_support: Option<f64> = None;
@@ -249,14 +273,14 @@ impl BallFinder {
             if longer <= LARGE && self.found.iter().any(settled) {
                 break;
             }
-            for &sign in signs {
+            for &polarity in polarities {
                 let (halves, votes) = (&self.halves, &mut self.votes);
                 let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
-                votes.cast(small, sign);
+                votes.cast(small, polarity.sign());
                 votes.strongest(count, &mut self.centres);
                 for k in 0..self.centres.len() {
                     let centre = self.centres[k];
-                    let Some(fit) = self.fit(image, level, &centre, sign, most) else {
+                    let Some(fit) = self.fit(image, level, &centre, polarity, most) else {
                         continue;
                     };
                     best_support = Some(best_support.unwrap_or(0.0).max(fit.support));
@@ -292,12 +316,12 @@ impl BallFinder {
         image: &GrayImage,
         level: usize,
         centre: &Centre,
-        sign: f64,
+        polarity: Polarity,
         most: f64,
     ) -> Option<BallFit> {
         let halves = &self.halves;
         let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
-        let radius = self.unrolled.radius(small, centre, sign)?;
+        let radius = self.unrolled.radius(small, centre, polarity.sign())?;
         let scale = (1u64 << level) as f64;
         let shift = 0.5 * (scale - 1.0);
         let rough = BallCircle {
@@ -311,10 +335,15 @@ impl BallFinder {
         if !fits {
             return None;
         }
-        self.refine(image, &rough, sign)
+        self.refine(image, &rough, polarity)
     }
 
-    fn refine(&mut self, image: &GrayImage, rough: &BallCircle, sign: f64) -> Option<BallFit> {
+    fn refine(
+        &mut self,
+        image: &GrayImage,
+        rough: &BallCircle,
+        polarity: Polarity,
+    ) -> Option<BallFit> {
         let mut level = 0;
         while level < self.halves.len() && rough.radius / (1u64 << level) as f64 > FITTED_RADIUS {
             level += 1;
@@ -327,7 +356,7 @@ impl BallFinder {
             (rough.center.v - shift) / scale,
             rough.radius / scale,
         );
-        let mut fit = self.unrolled.fit(small, start, sign)?;
+        let mut fit = self.unrolled.fit(small, start, polarity)?;
         fit.circle.center.u = scale * fit.circle.center.u + shift;
         fit.circle.center.v = scale * fit.circle.center.v + shift;
         fit.circle.radius *= scale;
@@ -354,7 +383,10 @@ impl BallFinder {
         let same = |other: &BallFit| {
             let (a, b) = (&other.circle, &fit.circle);
             let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
-            apart < 0.2 * a.radius.min(b.radius) && (a.radius / b.radius).ln().abs() < 0.2
+            let mixed = [other, &fit].map(|f| f.polarity == Polarity::Mixed);
+            mixed[0] == mixed[1]
+                && apart < 0.2 * a.radius.min(b.radius)
+                && (a.radius / b.radius).ln().abs() < 0.2
         };
         match self.found.iter_mut().find(|other| same(other)) {
             Some(known) if score(known) < score(&fit) => *known = fit,

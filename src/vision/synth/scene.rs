@@ -155,6 +155,18 @@ pub struct Background {
     pub waves: [f32; 3],
 }
 
+impl Background {
+    /// One colour (linear light) all over.
+    pub fn plain(colour: [f32; 3]) -> Self {
+        Self {
+            colour,
+            slope: [0.0; 2],
+            discs: Vec::new(),
+            waves: [0.0; 3],
+        }
+    }
+}
+
 /// A frame before it is taken.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {

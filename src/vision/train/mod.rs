@@ -343,7 +343,7 @@ impl<'a> Trainer<'a> {
         let calibration = score::calibrate(&judged);
         let judged = judge(&net, judge_set, &calibration)?;
         let score = score::score(&judged, judge_set, 0.5);
-        if score.f1() > self.state.best_f1 {
+        if self.best.is_none() || score.f1() > self.state.best_f1 {
             self.state.best_f1 = score.f1();
             self.state.since_best = 0;
             self.best = Some(Weights {
