@@ -68,7 +68,7 @@ fn finds_the_dots_of_easy_frames_within_a_pixel() {
             .filter(|d| frame.dots.iter().all(|t| away(d, t.pixel) > 2.0))
             .count();
     }
-    assert!(hits as f64 > 0.95 * dots as f64, "{hits} of {dots}");
+    assert!(hits as f64 > 0.9 * dots as f64, "{hits} of {dots}");
     assert!((wrong as f64) < 0.02 * dots as f64, "{wrong} false");
     // Two Gaussian dimensions have the median 1.39; these frames are easier than those of the calibration.
     squared.sort_by(f64::total_cmp);
@@ -194,7 +194,9 @@ fn a_resumed_training_ends_as_one_without_a_break() {
     assert_eq!(from.state.step, 4);
     let mut rest = Keep(None);
     train(&short(), Some(from), &AtomicBool::new(false), &mut rest).unwrap();
-    assert!(whole.0.unwrap() == rest.0.unwrap());
+    let [whole, rest] = [whole, rest].map(|k| k.0.unwrap());
+    assert_eq!(whole.state, rest.state);
+    assert!(whole.layers().unwrap() == rest.layers().unwrap());
     let other = TrainConfig { seed: 4, ..short() };
     let told = Checkpoint::read(&path, &other).unwrap_err().to_string();
     assert!(told.contains("same options"), "{told}");

@@ -120,7 +120,7 @@ fn dots_are_caps_of_the_sphere() {
             assert!(off < 0.1, "a dot at {d:?} is off by {off} px");
             let full = std::f64::consts::PI * r * r * area * d.z;
             assert!(
-                (ink / full - 1.0).abs() < 0.02,
+                (ink / full - 1.0).abs() < 0.05,
                 "{ink} px^2, expected {full}"
             );
             measured += 1;
@@ -358,7 +358,10 @@ fn the_index_suits_the_authors_reader() {
     for (line, frame) in text.lines().zip(&truth.frames) {
         let fields: Vec<&str> = line.split(',').collect();
         let numbers: Vec<f64> = fields[1..].iter().map(|f| f.parse().unwrap()).collect();
-        assert!(numbers.len() >= 6 && numbers.len() % 2 == 0, "{line}");
+        assert!(
+            numbers.len() >= 6 && numbers.len().is_multiple_of(2),
+            "{line}"
+        );
         let image = RgbImage::read(&dir.path().join(fields[0])).unwrap();
         let [width, height] = frame.size;
         assert_eq!((image.width(), image.height()), (width, height));

@@ -371,7 +371,8 @@ impl BallFinder {
         let support = c.least_support + HIDDEN * (1.0 - fit.visible);
         // Noise has slopes without a step.
         let finest = (fit.circle.radius / FITTED_RADIUS).max(1.0);
-        fit.support >= support
+        fit.polarity != Polarity::Mixed
+            && fit.support >= support
             && fit.edge_width >= LEAST_WIDTH * finest
             && fit.visible >= c.least_visible
             && fit.contrast.abs() >= c.least_contrast

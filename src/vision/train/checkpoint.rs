@@ -5,9 +5,9 @@ use std::io::{Cursor, Read, Write};
 use std::path::Path;
 
 use burn::module::Module;
-use burn::optim::ModuleOptimizer;
+use burn::optim::{AdamWConfig, ModuleOptimizer};
 use burn::store::ModuleRecord;
-use burn::tensor::Bytes;
+use burn::tensor::{Bytes, Device};
 use serde::{Deserialize, Serialize};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
@@ -15,8 +15,9 @@ use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 use super::TrainConfig;
 use crate::error::{Error, Result};
 use crate::files;
+use crate::vision::net::graph::CONVOLUTIONS;
 use crate::vision::net::model::Net;
-use crate::vision::net::weights::Weights;
+use crate::vision::net::weights::{Layer, Weights};
 
 /// Largest entry read.
 const MOST_BYTES: u64 = 64 << 20;
@@ -90,6 +91,19 @@ impl Checkpoint {
             net: net.try_load_record(record).map_err(|e| refuse(&e))?,
             optimizer,
         })
+    }
+
+    /// The net's numbers as they stand.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the checkpoint is not that of this net.
+    pub fn layers(&self) -> Result<Vec<Layer>> {
+        let blank = CONVOLUTIONS.map(|c| Layer {
+            weight: vec![0.0; c.outputs * c.inputs * c.kernel * c.kernel],
+            bias: vec![0.0; c.outputs],
+        });
+        let net = Net::new(&blank, &Device::flex())?;
+        self.restore(net, AdamWConfig::new().init())?.net.layers()
     }
 
     /// Writes the checkpoint, whole or not at all.
