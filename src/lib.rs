@@ -10,7 +10,8 @@
 //! # Stages
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognise`] <- [`validate`] <- [`design`];
-//! [`stencil`] and [`spin`] stand beside them, [`plot`], [`report`] and [`cli`] on top.
+//! [`stencil`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
+//! [`cli`] on top.
 //!
 //! # Conventions
 //! The library takes radians and SI units. Camera frame: x right, y up, z from the ball towards the

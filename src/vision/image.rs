@@ -163,7 +163,7 @@ impl RgbImage {
             .map_err(|e| refuse(e.to_string()))?;
         if reader.format().is_none() {
             return Err(refuse(
-                "expected a PNG, JPEG, BMP, TIFF or PNM file, found neither".into(),
+                "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them".into(),
             ));
         }
         let (width, height) = reader

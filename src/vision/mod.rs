@@ -1,10 +1,11 @@
 //! The estimator on images: from pixels to dots, and from dots to the ball's orientation.
 //!
 //! The way of a frame: [`input`] reads it, [`image`] decodes it to gray; [`circle`] fits the ball's outline; [`patch`] cuts the ball out at
-//! one scale and brightness whatever the camera; a detector finds the dots ([`detect`], by name [`detector`], classical [`blob`]); [`camera`] lays
+//! one scale and brightness whatever the camera; a detector finds the dots ([`detect`], by name [`detector`]: the trained [`net`], or the classical [`blob`]); [`camera`] lays
 //! them on the sphere with their uncertainty; the recogniser tells which is which, and the orientation is
 //! refined on the dots that it accepts. [`estimator`] does all
-//! that for a frame, and lets the frames of a flight help each other.
+//! that for a frame, and lets the frames of a flight help each other. [`synth`] draws frames with a known truth, on which [`train`]
+//! makes the net.
 //!
 //! Pixels: u right, v down, the centre of the top-left pixel at (0, 0). Camera frame: x right, y up, z from the
 //! ball towards the camera.

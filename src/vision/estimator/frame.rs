@@ -1,0 +1,157 @@
+//! A frame on its way in, and what was seen in it.
+
+use std::time::Duration;
+
+use nalgebra::Matrix3;
+
+use crate::geometry::Rotation;
+use crate::recognise::Refusal as Unrecognised;
+use crate::vision::camera::BallCircle;
+use crate::vision::circle::{BallFit, NoBall};
+use crate::vision::detect::DotDetection;
+use crate::vision::image::{GrayImage, RgbImage};
+
+/// A frame as it comes from the camera.
+#[derive(Debug, Clone, Copy)]
+pub enum FrameImage<'a> {
+    /// Brightness alone.
+    Gray(&'a GrayImage),
+    /// Colours: where brightness does not show the ball's outline, they may.
+    Colour(&'a RgbImage),
+}
+
+impl<'a> From<&'a GrayImage> for FrameImage<'a> {
+    fn from(image: &'a GrayImage) -> Self {
+        Self::Gray(image)
+    }
+}
+
+impl<'a> From<&'a RgbImage> for FrameImage<'a> {
+    fn from(image: &'a RgbImage) -> Self {
+        Self::Colour(image)
+    }
+}
+
+/// An orientation that is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// From the pattern's frame to the camera's.
+    pub rotation: Rotation,
+    /// Covariance of the rotation vector, camera frame, rad^2.
+    pub covariance: Matrix3<f64>,
+    /// Probability that every dot has its right name.
+    pub confidence: f64,
+    /// Probability that the rotation is right, whatever single dots are.
+    pub pose_confidence: f64,
+    /// Root mean square angle between the named dots and the rotated pattern, radians.
+    pub residual_rad: f64,
+    /// Root mean square distance of the named dots from the projected pattern, pixels.
+    pub residual_px: f64,
+    /// Whether a hint was given.
+    pub hinted: bool,
+}
+
+/// Why a frame has no orientation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Rejection {
+    /// Nothing was looked at yet.
+    NotLooked,
+    /// There is no ball to be seen.
+    NoBall(NoBall),
+    /// The ball's outline is too soft for dots to be told.
+    TooBlurred {
+        /// Width of the outline's edge, ball radii.
+        edge_width: f64,
+    },
+    /// Too few dots.
+    TooFewDots {
+        /// Dots found.
+        found: usize,
+        /// Dots needed.
+        needed: usize,
+    },
+    /// The best pose is not likely enough.
+    Ambiguous {
+        /// Its probability.
+        pose_confidence: f64,
+    },
+    /// The recogniser refuses.
+    Recogniser(Unrecognised),
+}
+
+impl std::fmt::Display for Rejection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NotLooked => f.write_str("not looked at"),
+            Self::NoBall(why) => write!(f, "no ball: {why}"),
+            Self::TooBlurred { edge_width } => write!(
+                f,
+                "too blurred: the outline's edge is {:.0} % of the radius wide",
+                100.0 * edge_width
+            ),
+            Self::TooFewDots { found, needed } => {
+                write!(f, "too few dots: {found}, needed {needed}")
+            }
+            Self::Ambiguous { pose_confidence } => write!(
+                f,
+                "ambiguous: the best pose has a probability of {pose_confidence:.2}"
+            ),
+            Self::Recogniser(refusal) => refusal.fmt(f),
+        }
+    }
+}
+
+/// How long the stages of a frame took.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Timings {
+    /// Finding the ball.
+    pub locate: Duration,
+    /// Cutting it out and finding dots.
+    pub detect: Duration,
+    /// Telling the dots apart and refining the orientation.
+    pub identify: Duration,
+}
+
+/// Everything seen in a frame. Its memory is reused from frame to frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameEstimate {
+    /// The ball's outline, corrected by the dots where the frame is told; `None` where there is no ball.
+    pub circle: Option<BallCircle>,
+    /// The outline as fitted; `None` where it was given or there is none.
+    pub fit: Option<BallFit>,
+    /// All detections, the most confident first.
+    pub dots: Vec<DotDetection>,
+    /// For each detection the pattern's dot that it is; `None` for a false one, or one that was left out.
+    pub assignment: Vec<Option<u16>>,
+    /// The orientation, or why there is none.
+    pub outcome: std::result::Result<Pose, Rejection>,
+    /// Time taken.
+    pub timings: Timings,
+}
+
+impl Default for FrameEstimate {
+    /// Nothing looked at.
+    fn default() -> Self {
+        Self {
+            circle: None,
+            fit: None,
+            dots: Vec::new(),
+            assignment: Vec::new(),
+            outcome: Err(Rejection::NotLooked),
+            timings: Timings::default(),
+        }
+    }
+}
+
+impl FrameEstimate {
+    /// The orientation, if told.
+    pub fn pose(&self) -> Option<&Pose> {
+        self.outcome.as_ref().ok()
+    }
+
+    /// Number of detections that have a name.
+    pub fn matched(&self) -> usize {
+        self.assignment.iter().flatten().count()
+    }
+}
