@@ -12,7 +12,7 @@ use spindoe::design::objective::Evaluation;
 use spindoe::design::scp::{Cost, descend};
 use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound, random_pattern};
 use spindoe::geometry::Vec3;
-use spindoe::hash::{HashTable, PairRule, RecogniserParams};
+use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::validate::{Protocol, ProtocolName};
 
 struct Only(Objective);
@@ -26,14 +26,14 @@ impl Cost for Only {
 fn design(c: &mut Criterion) {
     let constraints = Constraints::default();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let pattern = random_pattern(20, constraints.least_separation_rad, &mut rng)
+    let pattern = random_pattern(20, constraints.min_separation_rad, &mut rng)
         .expect("twenty dots fit at random");
     c.bench_function("hash table of 20 dots", |b| {
         b.iter(|| {
             HashTable::build(
                 black_box(pattern.clone()),
                 PairRule::default(),
-                RecogniserParams::default(),
+                RecognizerConfig::default(),
             )
         });
     });
@@ -41,7 +41,7 @@ fn design(c: &mut Criterion) {
     for name in ObjectiveName::ALL {
         let objective = Objective::for_protocol(name, &protocol);
         c.bench_function(&format!("{name}: value and gradient"), |b| {
-            b.iter(|| objective.figure(black_box(pattern.dots())));
+            b.iter(|| objective.evaluate_at(black_box(pattern.dots())));
         });
     }
     c.bench_function("orientation bound: value and gradient", |b| {

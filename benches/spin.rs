@@ -8,10 +8,10 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use spindoe::spin::quatera::{QuateraEstimator, QuateraOptions};
-use spindoe::spin::robust::{RobustEstimator, RobustOptions};
+use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
+use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
 use spindoe::spin::simulate::{Scenario, Sequence};
-use spindoe::spin::{Fit, Refusal};
+use spindoe::spin::{Fit, SpinRejection};
 use spindoe::validate::median;
 
 fn spin(c: &mut Criterion) {
@@ -19,8 +19,8 @@ fn spin(c: &mut Criterion) {
     let sequences: Vec<Sequence> = (0..1000)
         .map(|i| scenario.sequence((1.0, 170.0), 1, i))
         .collect();
-    let mut robust = RobustEstimator::new(RobustOptions::default());
-    let mut quatera = QuateraEstimator::new(QuateraOptions::default());
+    let mut robust = RobustEstimator::new(RobustSpinConfig::default());
+    let mut quatera = QuateraEstimator::new(QuateraConfig::default());
     let mut group = c.benchmark_group("spin of ten frames");
     let mut turn = sequences.iter().cycle();
     let mut next = || &turn.next().expect("an endless cycle").measurements;
@@ -39,7 +39,7 @@ fn spin(c: &mut Criterion) {
 /// Median over the sequences of the least of five times, microseconds.
 fn median_us(
     sequences: &[Sequence],
-    mut fit: impl FnMut(&Sequence) -> Result<Fit, Refusal>,
+    mut fit: impl FnMut(&Sequence) -> Result<Fit, SpinRejection>,
 ) -> f64 {
     let mut times: Vec<f64> = sequences
         .iter()

@@ -7,8 +7,8 @@ use rand::SeedableRng;
 use spindoe::design::random_pattern;
 use spindoe::geometry::spiral_directions;
 use spindoe::pattern::Pattern;
-use spindoe::vision::synth::SynthConfig;
-use spindoe::vision::synth::dataset::independent_frame;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
     BallCircle, BallFinder, CircleConfig, DetectorName, DotDetector, Estimator, EstimatorConfig,
     FrameEstimate, Patch,
@@ -41,11 +41,11 @@ fn good() -> SynthConfig {
         size_px: [60, 60],
         fill: [0.9, 0.95],
         dot_radius_rad: [0.08, 0.10],
-        most_arc_rad: 0.05,
-        most_shift_px: 0.5,
-        most_noise: 1.0,
+        max_arc_rad: 0.05,
+        max_shift_px: 0.5,
+        max_noise: 1.0,
         bad_exposure: 0.0,
-        most_background: 0.2,
+        max_background: 0.2,
         ..SynthConfig::default()
     }
 }
@@ -84,7 +84,7 @@ fn estimate(c: &mut Criterion) {
             b.iter(|| estimator.estimate_frame(black_box(&gray), None, None, &mut ws, &mut out));
         });
         group.bench_function(format!("identify, {name}"), |b| {
-            b.iter(|| estimator.tell(None, &mut ws, black_box(&mut out)));
+            b.iter(|| estimator.estimate_pose(None, &mut ws, black_box(&mut out)));
         });
     }
     group.finish();

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use spindoe::Result;
 use spindoe::design::checkpoint::State;
 use spindoe::design::{DesignConfig, DesignObserver, Stage, design};
-use spindoe::report::{ProofConfig, prove};
+use spindoe::report::{EvaluationConfig, evaluate};
 use spindoe::stencil::StencilConfig;
 
 /// Prints the best rate after each piece of work.
@@ -33,9 +33,9 @@ fn main() -> Result<()> {
     };
     let never = AtomicBool::new(false);
     let outcome = design(&config, &mut State::default(), &never, &mut Talk)?;
-    let proof = ProofConfig::of_samples(2_000);
+    let proof = EvaluationConfig::of_samples(2_000);
     let command = "the example design_pattern".to_owned();
-    let proven = prove(&outcome, &config, &proof, command, &mut |_| ())?;
+    let proven = evaluate(&outcome, &config, &proof, command, &mut |_| ())?;
     let stencil = StencilConfig::default();
     proven.write(&dir, &stencil)?;
     proven.write_stencil(&dir, &stencil)?;

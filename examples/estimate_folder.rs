@@ -5,7 +5,7 @@
 //! File names are times in nanoseconds, as SpinDOE has them.
 
 use spindoe::pattern::Pattern;
-use spindoe::vision::estimator::{SequenceConfig, estimate_spin, tell_sequence};
+use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, input};
 
 fn main() -> spindoe::Result<()> {
@@ -32,7 +32,7 @@ fn main() -> spindoe::Result<()> {
     let times: Option<Vec<f64>> = times.into_iter().collect();
     let config = SequenceConfig::default();
     if let Some(times) = &times {
-        tell_sequence(&estimator, &config, times, &mut frames, &mut workspace);
+        track_sequence(&estimator, &config, times, &mut frames, &mut workspace);
     }
     for (name, frame) in names.iter().zip(&frames) {
         match &frame.outcome {

@@ -22,7 +22,7 @@ pub type Vec3 = Vector3<f64>;
 pub type Rotation = UnitQuaternion<f64>;
 
 /// Sums and products of two unit vectors shorter than this have no direction.
-const LEAST_NORMAL: f64 = 1e-9;
+const MIN_NORMAL: f64 = 1e-9;
 
 /// Below this ratio of singular-value sums the rotation counts as undetermined.
 const DEGENERATE_RATIO: f64 = 1e-9;
@@ -177,8 +177,8 @@ pub fn rotation_from_correlation(h: &Matrix3<f64>) -> Result<Rotation> {
 /// difference of their angles is shared evenly; `None` for pairs that are parallel or opposite.
 pub fn pair_rotation(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Matrix3<f64>> {
     let frame = |[a, b]: [&Vec3; 2]| -> Option<Matrix3<f64>> {
-        let mid = (a + b).try_normalize(LEAST_NORMAL)?;
-        let normal = a.cross(b).try_normalize(LEAST_NORMAL)?;
+        let mid = (a + b).try_normalize(MIN_NORMAL)?;
+        let normal = a.cross(b).try_normalize(MIN_NORMAL)?;
         Some(Matrix3::from_columns(&[mid, normal, mid.cross(&normal)]))
     };
     Some(frame(to)? * frame(from)?.transpose())

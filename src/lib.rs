@@ -1,4 +1,4 @@
-//! Dot patterns for balls: designed, proven, shipped, and recognised.
+//! Dot patterns for balls: designed, proven, shipped, and recognized.
 //!
 //! A ball carries identical dots. Their arrangement identifies them (geometric hashing), which gives
 //! the ball's orientation in one camera image; a sequence of orientations gives its spin. This crate
@@ -9,7 +9,7 @@
 //!
 //! # Stages
 //! Imports run from left to right only:
-//! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognise`] <- [`validate`] <- [`design`];
+//! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`stencil`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
 //! [`cli`] on top.
 //!
@@ -23,18 +23,18 @@
 //! How often is a pattern identified rightly?
 //!
 //! ```
-//! use spindoe::hash::{HashTable, PairRule, RecogniserParams};
+//! use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 //! use spindoe::pattern::Pattern;
-//! use spindoe::recognise::RecogniserName;
+//! use spindoe::recognize::RecognizerName;
 //! use spindoe::validate::{Protocol, ProtocolName, validate_named};
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
 //! # let pattern = spindoe::design::random_pattern(20, 0.3, &mut rng)?;
 //! // or: let pattern = Pattern::read_csv("pattern.csv".as_ref())?;
-//! let table = HashTable::build(pattern, PairRule::default(), RecogniserParams::default())?;
+//! let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
 //! let protocol = Protocol::standard(ProtocolName::Paper);
-//! let found = validate_named(&table, RecogniserName::Robust, &protocol, 7, 200)?;
+//! let found = validate_named(&table, RecognizerName::Robust, &protocol, 7, 200)?;
 //! println!("{} of {} trials", found.validation.identity, found.validation.samples);
 //! assert!(found.validation.identity.rate > 0.9);
 //! # Ok(())
@@ -50,10 +50,11 @@ pub mod hash;
 mod npz;
 pub mod pattern;
 pub mod plot;
-pub mod recognise;
+pub mod recognize;
 pub mod report;
 pub mod spin;
 pub mod stencil;
+pub mod synth;
 pub mod validate;
 pub mod vision;
 

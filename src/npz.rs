@@ -79,7 +79,7 @@ pub(crate) fn open<'a>(bytes: &'a [u8], arrays: &[&str]) -> Checked<Archive<'a>>
     Ok(archive)
 }
 
-/// The message of a foreign error on one line.
+/// The message of a null error on one line.
 pub(crate) fn one_line(error: &dyn Display) -> String {
     let text = error.to_string();
     text.split_whitespace().collect::<Vec<_>>().join(" ")

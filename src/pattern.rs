@@ -22,7 +22,7 @@ pub const LENGTH_TOLERANCE: f64 = 1e-3;
 /// Lengths off 1 by no more than this are rounding and left alone: normalizing twice would change bits.
 pub const LENGTH_ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Dots nearer than this (radians) count as the same dot.
-pub const LEAST_SEPARATION: f64 = 1e-3;
+pub const MIN_SEPARATION: f64 = 1e-3;
 
 /// Directions used to sample "visible from anywhere" figures.
 const SUMMARY_DIRECTIONS: usize = 20_000;
@@ -39,11 +39,11 @@ pub struct PatternSummary {
     /// Number of dots.
     pub dots: usize,
     /// Least angle between two dots, radians.
-    pub least_separation_rad: f64,
+    pub min_separation_rad: f64,
     /// Mean over dots of the angle to the nearest other dot, radians.
     pub mean_nearest_separation_rad: f64,
     /// Fewest dots with z > 0 over all viewing directions (sampled).
-    pub least_visible: usize,
+    pub min_visible: usize,
     /// Mean number of dots with z > 0 over all viewing directions (exactly n / 2).
     pub mean_visible: f64,
 }
@@ -84,7 +84,7 @@ impl Pattern {
         }
         for i in 0..dots.len() {
             for j in 0..i {
-                if angle_between(&dots[i], &dots[j]) < LEAST_SEPARATION {
+                if angle_between(&dots[i], &dots[j]) < MIN_SEPARATION {
                     return Err((Some(i), format!("coincides with dot {j}")));
                 }
             }
@@ -197,14 +197,14 @@ impl Pattern {
     }
 
     /// Fewest dots with `z > limit` over 20 000 viewing directions on a spiral.
-    pub fn least_visible(&self, limit: f64) -> usize {
+    pub fn min_visible(&self, limit: f64) -> usize {
         spiral_directions(SUMMARY_DIRECTIONS)
             .map(|view| self.dots.iter().filter(|d| d.dot(&view) > limit).count())
             .min()
             .unwrap_or(0)
     }
 
-    /// Nearest-neighbour separations, and how many dots are seen from anywhere.
+    /// Nearest-neighbor separations, and how many dots are seen from anywhere.
     pub fn summary(&self) -> PatternSummary {
         let n = self.dots.len();
         let nearest: Vec<f64> = (0..n)
@@ -215,12 +215,12 @@ impl Pattern {
                     .fold(f64::INFINITY, f64::min)
             })
             .collect();
-        let least_visible = self.least_visible(0.0);
+        let min_visible = self.min_visible(0.0);
         PatternSummary {
             dots: n,
-            least_separation_rad: nearest.iter().copied().fold(f64::INFINITY, f64::min),
+            min_separation_rad: nearest.iter().copied().fold(f64::INFINITY, f64::min),
             mean_nearest_separation_rad: nearest.iter().sum::<f64>() / n as f64,
-            least_visible,
+            min_visible,
             mean_visible: n as f64 / 2.0,
         }
     }

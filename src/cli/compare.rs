@@ -7,8 +7,8 @@ use clap::Args;
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
-use crate::recognise::RecogniserName;
-use crate::report::compare::{Comparison, Contestant, PairedDifference, compare};
+use crate::recognize::RecognizerName;
+use crate::report::compare::{Comparison, Entry, PairedDifference, compare};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -30,21 +30,21 @@ pub struct Arguments {
     /// Seed of the trials.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Only this recogniser; by default both.
+    /// Only this recognizer; by default both.
     #[arg(long, value_enum)]
-    recognizer: Option<RecogniserName>,
+    recognizer: Option<RecognizerName>,
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let contestants = arguments
+    let entries = arguments
         .inputs
         .iter()
         .zip(names(&arguments.inputs))
         .map(|(path, name)| {
-            Ok(Contestant {
+            Ok(Entry {
                 name,
                 table: read_table(path)?,
             })
@@ -53,13 +53,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(dir) = &arguments.output {
         files::create_writable_dir(dir)?;
     }
-    let recognisers = match arguments.recognizer {
+    let recognizers = match arguments.recognizer {
         Some(one) => vec![one],
-        None => RecogniserName::ALL.to_vec(),
+        None => RecognizerName::ALL.to_vec(),
     };
     let found = compare(
-        &contestants,
-        &recognisers,
+        &entries,
+        &recognizers,
         arguments.seed,
         arguments.samples,
         &mut |what| errln!("{what}"),
@@ -69,7 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;
         json.push(b'\n');
         files::write_bytes(&dir.join("comparison.json"), &json)?;
-        found.write_plots(dir, &contestants)?;
+        found.write_plots(dir, &entries)?;
     }
     if arguments.json {
         return print_json(&found);
@@ -126,20 +126,20 @@ fn print_words(found: &Comparison) {
         );
         outln!(
             "  separation {:.1} deg at least, {:.1} deg mean; {} dots in view from anywhere",
-            deg(p.summary.least_separation_rad),
+            deg(p.summary.min_separation_rad),
             deg(p.summary.mean_nearest_separation_rad),
-            p.summary.least_visible
+            p.summary.min_visible
         );
         outln!(
-            "  three nearest neighbours: mean {:.1} deg, std {:.3} and least {:.3} of it (US 2023/0218952)",
-            deg(p.neighbours.mean_rad),
-            p.neighbours.relative_std,
-            p.neighbours.relative_min
+            "  three nearest neighbors: mean {:.1} deg, std {:.3} and least {:.3} of it (US 2023/0218952)",
+            deg(p.neighbors.mean_rad),
+            p.neighbors.relative_std,
+            p.neighbors.relative_min
         );
         outln!(
             "  orientation bound: mean {}, worst {} of a dot's noise",
-            figure(p.orientation_bound.mean),
-            figure(p.orientation_bound.worst)
+            number_or_dash(p.orientation_bound.mean),
+            number_or_dash(p.orientation_bound.worst)
         );
         for o in &p.objectives {
             outln!("  {}: {:.4}", o.name, o.value);
@@ -170,7 +170,7 @@ fn print_words(found: &Comparison) {
 
 /// A figure, or a dash where some direction has none: fewer than two dots in view leave the orientation
 /// open.
-fn figure(value: f64) -> String {
+fn number_or_dash(value: f64) -> String {
     if value.is_finite() {
         format!("{value:.3}")
     } else {

@@ -9,7 +9,7 @@ use clap::Args;
 
 use super::print_json;
 use super::progress::{CHECKPOINT, Progress};
-use crate::design::checkpoint::State;
+use crate::design::checkpoint::SearchState;
 use crate::design::feasible::packed_separation;
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{
@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::Vec3;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
-use crate::report::{ProofConfig, ProvenDesign, prove};
+use crate::report::{DesignEvaluation, EvaluationConfig, evaluate};
 use crate::stencil::StencilConfig;
 use crate::validate::{Noise, Protocol, ProtocolName};
 
@@ -75,7 +75,7 @@ pub struct Arguments {
     /// published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
     #[arg(long, value_name = "MEAN,WORST", value_parser = bound_goal)]
     bound_goal: Option<BoundSummary>,
-    /// Weight of the pairs' worth as bases, for the paper's recogniser (1 to 4).
+    /// Weight of the pairs' worth as bases, for the paper's recognizer (1 to 4).
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
     basis_weight: f64,
     /// Descent steps of every start.
@@ -157,11 +157,11 @@ const NO_GOAL: BoundSummary = BoundSummary {
     worst: 1e9,
 };
 /// As many rounds as a budget has time for.
-const MOST_ROUNDS: usize = 1 << 32;
-/// Part of a blur's length that counts as error of a dot's centre, per axis.
+const MAX_ROUNDS: usize = 1 << 32;
+/// Part of a blur's length that counts as error of a dot's center, per axis.
 const BLUR_SHARE: f64 = 0.125;
 /// Least separation whatever the holes, degrees: nearer dots merge in a small image.
-const LEAST_SEPARATION_DEG: f64 = 18.0;
+const MIN_SEPARATION_DEG: f64 = 18.0;
 
 impl Arguments {
     fn config(&self) -> Result<DesignConfig> {
@@ -175,9 +175,9 @@ impl Arguments {
             dots,
             seed: self.seed,
             starts: self.starts,
-            rounds: self.budget.map_or(self.rounds, |_| MOST_ROUNDS),
+            rounds: self.budget.map_or(self.rounds, |_| MAX_ROUNDS),
             polish: self.polish.unwrap_or(match self.budget {
-                Some(_) => MOST_ROUNDS,
+                Some(_) => MAX_ROUNDS,
                 None => DesignConfig::default().polish,
             }),
             scout_steps: self.scout_steps,
@@ -185,8 +185,8 @@ impl Arguments {
             samples: self.samples,
             protocol,
             constraints: Constraints {
-                least_separation_rad: self.min_separation_deg().to_radians(),
-                least_visible: self.min_visible.unwrap_or(3 * dots / 10),
+                min_separation_rad: self.min_separation_deg().to_radians(),
+                min_visible: self.min_visible.unwrap_or(3 * dots / 10),
                 seam_margin_rad: self.seam_margin_deg(dots).to_radians(),
                 keep_out: self.keep_out.clone(),
                 stencil: Some(self.stencil()),
@@ -212,9 +212,9 @@ impl Arguments {
 
     fn min_separation_deg(&self) -> f64 {
         self.min_separation_deg.unwrap_or_else(|| {
-            let holes = self.stencil().least_separation_rad().to_degrees();
+            let holes = self.stencil().min_separation_rad().to_degrees();
             // Rounded up to a tenth, so that the reported command repeats it.
-            LEAST_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
+            MIN_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
         })
     }
 
@@ -225,7 +225,7 @@ impl Arguments {
             return Ok(());
         }
         let reached = packed_separation(config.dots);
-        let fits = |stencil: &StencilConfig| stencil.least_separation_rad() <= reached;
+        let fits = |stencil: &StencilConfig| stencil.min_separation_rad() <= reached;
         let asked = self.stencil();
         if fits(&asked) {
             return Ok(());
@@ -246,7 +246,7 @@ impl Arguments {
              on a ball of {} mm, and {:.1} is the most that so many dots were found to have; {most}",
             config.dots,
             asked.hole_diameter_mm,
-            asked.least_separation_rad().to_degrees(),
+            asked.min_separation_rad().to_degrees(),
             asked.ball_diameter_mm,
             reached.to_degrees(),
         );
@@ -315,7 +315,7 @@ impl Arguments {
         add("samples", config.samples.to_string());
         add("protocol", self.protocol.to_string());
         add("min-separation-deg", self.min_separation_deg().to_string());
-        add("min-visible", config.constraints.least_visible.to_string());
+        add("min-visible", config.constraints.min_visible.to_string());
         add(
             "seam-margin-deg",
             self.seam_margin_deg(config.dots).to_string(),
@@ -386,10 +386,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None => free_folder(),
     };
     let mut state = if arguments.resume {
-        State::load(&dir.join(CHECKPOINT), &config)?
+        SearchState::load(&dir.join(CHECKPOINT), &config)?
     } else {
         refuse_taken(&dir)?;
-        State::default()
+        SearchState::default()
     };
     files::create_writable_dir(&dir)?;
     let stop = stop_on_interrupt()?;
@@ -405,9 +405,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         polish: outcome.polish.len(),
         ..config.clone()
     };
-    let proof = ProofConfig::of_samples(config.samples);
+    let proof = EvaluationConfig::of_samples(config.samples);
     let command = arguments.command(&searched);
-    let mut proven = prove(&outcome, &searched, &proof, command, &mut |what| {
+    let mut proven = evaluate(&outcome, &searched, &proof, command, &mut |what| {
         progress.say(what);
     })?;
     proven.report.timing.search_s = search_s;
@@ -460,14 +460,14 @@ pub(super) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-fn print_words(proven: &ProvenDesign, outcome: &DesignOutcome, seconds: f64) {
+fn print_words(proven: &DesignEvaluation, outcome: &DesignOutcome, seconds: f64) {
     let report = &proven.report;
     let summary = &report.pattern.summary;
     outln!(
         "{} dots, least separation {:.1} deg, {} to be seen from anywhere; best of {} starts; {seconds:.1} s",
         summary.dots,
-        summary.least_separation_rad.to_degrees(),
-        summary.least_visible,
+        summary.min_separation_rad.to_degrees(),
+        summary.min_visible,
         outcome.starts,
     );
     outln!(

@@ -10,10 +10,10 @@ use super::print_json;
 use crate::error::{Error, Result};
 use crate::geometry::Rotation;
 use crate::hash::HashTable;
-use crate::recognise::observed::{self, ObservedFrame};
-use crate::recognise::robust::{RobustConfig, RobustRecogniser};
-use crate::recognise::{
-    Identification, Outcome, PaperRecogniser, Recogniser, RecogniserName, Refusal,
+use crate::recognize::observed::{self, ObservedFrame};
+use crate::recognize::robust::{RobustConfig, RobustRecognizer};
+use crate::recognize::{
+    Identification, Outcome, PaperRecognizer, Recognizer, RecognizerName, RecognizerRejection,
 };
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::validate::{Protocol, ProtocolName};
@@ -27,9 +27,9 @@ outward in the image, second across it, counter-clockwise.
 
 Without time_s, a frame named by a whole number is that many nanoseconds; any other has no time.
 
-The robust recogniser's confidence is the probability that every dot has its right name, given that misses,
+The robust recognizer's confidence is the probability that every dot has its right name, given that misses,
 false dots and noise are about as expected (--expect, --false-dots, --miss-probability, --sigma-deg). That of
-the paper's recogniser is a share of votes and no probability. --json lists the rival poses of each frame:
+the paper's recognizer is a share of votes and no probability. --json lists the rival poses of each frame:
 a pattern that looks like itself when turned has several of about the same confidence.
 
 Example:
@@ -41,9 +41,9 @@ pub struct Arguments {
     /// The pattern's hash table (.npz), or the pattern (CSV of unit vectors x,y,z).
     #[arg(long, value_name = "TABLE.npz")]
     table: PathBuf,
-    /// The recogniser that is asked.
-    #[arg(long, value_enum, default_value_t = RecogniserName::Robust)]
-    recognizer: RecogniserName,
+    /// The recognizer that is asked.
+    #[arg(long, value_enum, default_value_t = RecognizerName::Robust)]
+    recognizer: RecognizerName,
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     output: Option<PathBuf>,
@@ -82,9 +82,9 @@ struct Answer {
 }
 
 /// Rivals whose pose is less likely than this are not told.
-const LEAST_RIVAL: f64 = 0.001;
+const MIN_RIVAL: f64 = 0.001;
 /// Most rivals that are told.
-const MOST_RIVALS: usize = 60;
+const MAX_RIVALS: usize = 60;
 /// A rival with this part of the best one's probability makes a tie.
 const TIE: f64 = 0.5;
 
@@ -96,16 +96,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Err(Error::argument("--min-confidence", problem));
     }
     let mut answers = match arguments.recognizer {
-        RecogniserName::Paper => identify_paper(&PaperRecogniser::from_table(&table)?, frames),
-        RecogniserName::Robust => {
+        RecognizerName::Paper => identify_paper(&PaperRecognizer::from_table(&table)?, frames),
+        RecognizerName::Robust => {
             let config = arguments.config(&table)?;
-            identify_robust(&RobustRecogniser::new(table.pattern(), config)?, frames)
+            identify_robust(&RobustRecognizer::new(table.pattern(), config)?, frames)
         }
     };
     for answer in &mut answers {
         let confidence = answer.identification().map(|found| found.confidence);
         if confidence.is_some_and(|c| c < arguments.min_confidence) {
-            answer.outcome = Outcome::Unidentified(Refusal::NoHypothesis);
+            answer.outcome = Outcome::Unidentified(RecognizerRejection::NoHypothesis);
         }
     }
     let text = orientations_csv(&answers);
@@ -126,7 +126,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 impl Arguments {
     fn sigma_rad(&self, table: &HashTable) -> Result<f64> {
         match self.sigma_deg {
-            None => Ok(table.meta().recogniser.sigma_rad / 3f64.sqrt()),
+            None => Ok(table.meta().recognizer.sigma_rad / 3f64.sqrt()),
             Some(deg) if deg > 0.0 && deg.is_finite() => Ok(deg.to_radians()),
             Some(deg) => {
                 let problem = format!("expected a positive number, found {deg}");
@@ -137,9 +137,9 @@ impl Arguments {
 
     fn config(&self, table: &HashTable) -> Result<RobustConfig> {
         let mut config = match self.expect {
-            Some(name) => Protocol::standard(name).recogniser_config(),
+            Some(name) => Protocol::standard(name).recognizer_config(),
             None => RobustConfig {
-                visibility_limit: table.meta().recogniser.visibility_limit,
+                visibility_limit: table.meta().recognizer.visibility_limit,
                 ..RobustConfig::default()
             },
         };
@@ -162,30 +162,30 @@ impl Arguments {
     }
 }
 
-fn identify_paper(recogniser: &PaperRecogniser<'_>, frames: Vec<ObservedFrame>) -> Vec<Answer> {
-    let mut workspace = recogniser.workspace();
+fn identify_paper(recognizer: &PaperRecognizer<'_>, frames: Vec<ObservedFrame>) -> Vec<Answer> {
+    let mut workspace = recognizer.workspace();
     frames
         .into_iter()
         .map(|frame| Answer {
-            outcome: recogniser.identify(&frame.dots, &mut workspace),
+            outcome: recognizer.identify(&frame.dots, &mut workspace),
             rivals: Vec::new(),
             frame,
         })
         .collect()
 }
 
-fn identify_robust(recogniser: &RobustRecogniser, frames: Vec<ObservedFrame>) -> Vec<Answer> {
-    let mut workspace = recogniser.workspace();
+fn identify_robust(recognizer: &RobustRecognizer, frames: Vec<ObservedFrame>) -> Vec<Answer> {
+    let mut workspace = recognizer.workspace();
     frames
         .into_iter()
         .map(|frame| {
-            let outcome = recogniser.identify(&frame.dots, &mut workspace);
+            let outcome = recognizer.identify(&frame.dots, &mut workspace);
             let mut rivals = Vec::new();
             if matches!(outcome, Outcome::Identified(_)) {
                 let mut rival = Identification::default();
-                for rank in 1..=MOST_RIVALS {
-                    if !recogniser.explanation(rank, &workspace, &mut rival)
-                        || rival.pose_confidence < LEAST_RIVAL
+                for rank in 1..=MAX_RIVALS {
+                    if !recognizer.explanation(rank, &workspace, &mut rival)
+                        || rival.pose_confidence < MIN_RIVAL
                     {
                         break;
                     }
@@ -293,7 +293,7 @@ fn say(path: &Path, answers: &[Answer]) {
             "{path}: {tied} frames have another pose that explains them about as well (--json lists it): does the pattern look like itself when turned?"
         );
     }
-    let mirrored = Outcome::Unidentified(Refusal::Mirrored);
+    let mirrored = Outcome::Unidentified(RecognizerRejection::Mirrored);
     let mirrored = answers.iter().filter(|a| a.outcome == mirrored).count();
     if mirrored > 0 {
         errln!(

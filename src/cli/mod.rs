@@ -44,7 +44,7 @@ use clap::{Parser, Subcommand};
 
 use crate::error::{Error, Result};
 use crate::files;
-use crate::hash::{HashTable, PairRule, RecogniserParams};
+use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 
 /// Designs dot patterns for balls, proves them, and ships what is needed to use them.
@@ -57,7 +57,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Design a pattern: search, prove, and leave pattern, table, stencil, plots and report in a folder.
+    /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a folder.
     Design(design::Arguments),
     /// Measure how often a pattern's dots are identified rightly, by Monte Carlo.
     Validate(validate::Arguments),
@@ -141,7 +141,7 @@ fn read_table(path: &Path) -> Result<HashTable> {
         HashTable::from_npz(path, &bytes)
     } else {
         let pattern = Pattern::from_csv(path, &bytes)?;
-        HashTable::build(pattern, PairRule::default(), RecogniserParams::default())
+        HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())
     }
 }
 

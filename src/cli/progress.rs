@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::design::checkpoint::State;
+use crate::design::checkpoint::SearchState;
 use crate::design::{DesignConfig, DesignObserver, Stage};
 use crate::error::Result;
 
@@ -38,7 +38,7 @@ impl<'a> Progress<'a> {
         config: &'a DesignConfig,
         dir: &'a Path,
         budget: Option<Duration>,
-        state: &State,
+        state: &SearchState,
     ) -> Self {
         let bar = ProgressBar::new(1000);
         // The template is a constant; were it wrong, the default style would do.
@@ -71,7 +71,7 @@ impl<'a> Progress<'a> {
     }
 
     /// Share of the search that is done, in [0, 1].
-    fn share(&self, state: &State, stage: Stage) -> f64 {
+    fn share(&self, state: &SearchState, stage: Stage) -> f64 {
         if let Some(budget) = self.budget {
             return (state.elapsed_s / budget.as_secs_f64()).min(1.0);
         }
@@ -91,13 +91,13 @@ impl<'a> Progress<'a> {
     }
 
     /// Whether something that takes so long ends before this share of the budget.
-    fn time_for(&self, state: &State, seconds: f64, share: f64) -> bool {
+    fn time_for(&self, state: &SearchState, seconds: f64, share: f64) -> bool {
         self.budget
             .is_none_or(|budget| state.elapsed_s + seconds < share * budget.as_secs_f64())
     }
 
     /// Stage and best rate, in words.
-    fn words(&self, state: &State, stage: Stage) -> String {
+    fn words(&self, state: &SearchState, stage: Stage) -> String {
         let what = match stage {
             Stage::Scout | Stage::Climb | Stage::Try => format!(
                 "round {}: {} of {} starts scouted, {} climbed",
@@ -121,7 +121,7 @@ impl<'a> Progress<'a> {
     }
 
     /// Time left by the share that is done, in words; empty while there is nothing to go by.
-    fn left(&self, state: &State, share: f64) -> String {
+    fn left(&self, state: &SearchState, share: f64) -> String {
         if share < 0.02 {
             return String::new();
         }
@@ -131,7 +131,7 @@ impl<'a> Progress<'a> {
 }
 
 impl DesignObserver for Progress<'_> {
-    fn progress(&mut self, state: &State, stage: Stage) -> Result<()> {
+    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
         state.save(&self.dir.join(CHECKPOINT), self.config)?;
         let polished = state.polish.as_ref().map(|p| &p.at);
         if let Some(best) = polished.or(state.pool.first())
@@ -152,13 +152,13 @@ impl DesignObserver for Progress<'_> {
         Ok(())
     }
 
-    fn another_round(&mut self, state: &State) -> bool {
+    fn another_round(&mut self, state: &SearchState) -> bool {
         let round_s = state.elapsed_s - self.round_began_s;
         self.round_began_s = state.elapsed_s;
         self.time_for(state, round_s, SEARCH_SHARE)
     }
 
-    fn another_polish(&mut self, state: &State) -> bool {
+    fn another_polish(&mut self, state: &SearchState) -> bool {
         let steps = state.polish.as_ref().map_or(0, |p| p.steps.len());
         // The first is tried whatever it takes; the last trial before it is none of its time.
         let round_s = if steps == 0 {

@@ -32,11 +32,11 @@ pub struct Arguments {
     /// Seed of the trials.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Noise levels in degrees, for both recognisers.
+    /// Noise levels in degrees, for both recognizers.
     #[arg(long, value_name = "S,S,...", value_delimiter = ',', num_args = 0..,
           default_values_t = SensitivityConfig::default().sigmas_deg)]
     sigmas_deg: Vec<f64>,
-    /// Values of alpha, for the paper's recogniser at the protocol's own noise.
+    /// Values of alpha, for the paper's recognizer at the protocol's own noise.
     #[arg(long, value_name = "A,A,...", value_delimiter = ',', num_args = 0..,
           default_values_t = SensitivityConfig::default().alphas)]
     alphas: Vec<f64>,

@@ -9,13 +9,13 @@ use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
-use crate::spin::alias::{AliasOptions, Alternative, alternatives};
-use crate::spin::decay::{DecayFit, DecayOptions, fit_decay};
+use crate::spin::alias::{AliasConfig, Alternative, alternatives};
+use crate::spin::decay::{DecayConfig, DecayFit, fit_decay};
 use crate::spin::orientations::Orientations;
-use crate::spin::quatera::{QuateraEstimator, QuateraOptions};
-use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustOptions, standard_deviations};
+use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
+use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig, standard_deviations};
 use crate::spin::windows::{WindowFit, spin_over_time};
-use crate::spin::{Fit, MIN_FRAMES, Measurement, Refusal};
+use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 
 /// Alternatives are listed up to this many times the largest spin that is searched.
 const LISTED_BEYOND: f64 = 2.0;
@@ -28,7 +28,7 @@ const Z95: f64 = 1.96;
 /// Sections of a plotted curve.
 const CURVE_POINTS: usize = 100;
 /// Alternatives printed in words; `--json` has them all.
-const MOST_PRINTED: usize = 6;
+const MAX_PRINTED: usize = 6;
 
 /// How the spin is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -108,26 +108,26 @@ impl Arguments {
         Ok(())
     }
 
-    fn robust_options(&self) -> RobustOptions {
-        RobustOptions {
+    fn robust_options(&self) -> RobustSpinConfig {
+        RobustSpinConfig {
             max_rps: self.max_spin_rps,
             sigma_rad: self.sigma_deg.to_radians(),
             prior: self.prior_rps.map(|rps| MagnitudePrior {
                 rps,
                 std_rps: self.prior_std_rps.unwrap_or(PRIOR_SPREAD * rps),
             }),
-            ..RobustOptions::default()
+            ..RobustSpinConfig::default()
         }
     }
 
-    fn fit(&self, measurements: &[Measurement]) -> std::result::Result<Fit, Refusal> {
+    fn fit(&self, measurements: &[Measurement]) -> std::result::Result<Fit, SpinRejection> {
         match self.method {
             Method::Robust => RobustEstimator::new(self.robust_options()).fit(measurements),
             Method::Quatera => {
                 let max_rps = self.max_spin_rps;
-                let options = QuateraOptions {
+                let options = QuateraConfig {
                     max_rps,
-                    ..QuateraOptions::default()
+                    ..QuateraConfig::default()
                 };
                 QuateraEstimator::new(options).fit(measurements)
             }
@@ -139,8 +139,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     arguments.check()?;
     let file = Orientations::read_csv(&arguments.orientations)?;
     let measurements = file.measurements();
-    let refused = |r: Refusal| r.in_file(&arguments.orientations);
-    let options = DecayOptions {
+    let refused = |r: SpinRejection| r.in_file(&arguments.orientations);
+    let options = DecayConfig {
         robust: arguments.robust_options(),
         window: arguments.window,
     };
@@ -155,10 +155,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(_) => &measurements[..arguments.window],
         None => &measurements,
     };
-    let listed = AliasOptions {
+    let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
         sigma_rad: arguments.sigma_deg.to_radians(),
-        ..AliasOptions::default()
+        ..AliasConfig::default()
     };
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
     if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
@@ -361,7 +361,7 @@ impl Found {
         if let Some(decay) = &self.decay {
             decay.print();
         }
-        for a in self.alternatives.iter().take(MOST_PRINTED) {
+        for a in self.alternatives.iter().take(MAX_PRINTED) {
             let likelihood = match a.log_likelihood_ratio {
                 r if r.abs() < 5e-3 => "as likely".to_owned(),
                 r => format!("log-likelihood ratio {r:+.2}"),
@@ -372,7 +372,7 @@ impl Found {
                 axis_words(&a.spin),
             );
         }
-        let more = self.alternatives.len().saturating_sub(MOST_PRINTED);
+        let more = self.alternatives.len().saturating_sub(MAX_PRINTED);
         if more > 0 {
             outln!("  and {more} more");
         }

@@ -72,7 +72,7 @@ sizes! {
     taper_deg: "DEG",
     /// Least material between holes, and between a hole and rim, hinge or tab [default: 0.8].
     min_web_mm: "MM",
-    /// Distance from the seam wanted for the dots' centres [default: 10].
+    /// Distance from the seam wanted for the dots' centers [default: 10].
     seam_margin_deg: "DEG",
     /// Gap between the two rims [default: 0.2].
     seam_gap_mm: "MM",

@@ -13,12 +13,12 @@ use crate::files;
 use crate::geometry::Vec3;
 use crate::hash::HashTable;
 use crate::pattern::Pattern;
-use crate::vision::synth::SynthConfig;
-use crate::vision::synth::dataset::{Sequence, SequenceConfig, independent_frame};
-use crate::vision::synth::folder::{self, Origin, Written};
+use crate::synth::SynthConfig;
+use crate::synth::dataset::{Sequence, SequenceConfig, independent_frame};
+use crate::synth::folder::{self, Origin, Written};
 
 /// Most frames of a set.
-const MOST_FRAMES: usize = 1_000_000;
+const MAX_FRAMES: usize = 1_000_000;
 /// Plain lines come no more often than this, seconds.
 const SILENCE_S: f64 = 5.0;
 
@@ -90,7 +90,7 @@ pub struct Arguments {
     logo: Option<f64>,
     /// Greatest angle that a ball turns during the exposure, degrees.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
-    most_blur_deg: Option<f64>,
+    max_blur_deg: Option<f64>,
     /// All ranges, JSON, as `config` in truth.json; what is left out has its default, and the flags above win.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -129,8 +129,8 @@ impl Arguments {
             config.misplacement_rad = sigma.map(f64::to_radians);
         }
         config.logo_probability = self.logo.unwrap_or(config.logo_probability);
-        if let Some(arc) = self.most_blur_deg {
-            config.most_arc_rad = arc.to_radians();
+        if let Some(arc) = self.max_blur_deg {
+            config.max_arc_rad = arc.to_radians();
         }
         config.check()?;
         Ok(config)
@@ -165,8 +165,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.synth_config()?;
     let pattern = read_pattern(&arguments.pattern)?;
     let Arguments { frames, seed, .. } = *arguments;
-    if !(1..=MOST_FRAMES).contains(&frames) {
-        let problem = format!("expected 1 to {MOST_FRAMES}, found {frames}");
+    if !(1..=MAX_FRAMES).contains(&frames) {
+        let problem = format!("expected 1 to {MAX_FRAMES}, found {frames}");
         return Err(Error::argument("--frames", problem));
     }
     let sequence_config = arguments.sequence_config()?;
@@ -191,10 +191,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let written = folder::write(&arguments.out, origin, frames, draw, |k| progress.show(k))?;
     progress.bar.finish_and_clear();
     let spin = sequence.map(|s| s.spin());
-    tell(arguments, &written, spin, clock.elapsed().as_secs_f64())
+    summarize(arguments, &written, spin, clock.elapsed().as_secs_f64())
 }
 
-fn tell(arguments: &Arguments, written: &Written, spin: Option<Vec3>, seconds: f64) -> Result<()> {
+fn summarize(
+    arguments: &Arguments,
+    written: &Written,
+    spin: Option<Vec3>,
+    seconds: f64,
+) -> Result<()> {
     let rps = spin.map(|w| w.norm() / std::f64::consts::TAU);
     if arguments.json {
         return super::print_json(&json!({

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::error::Result;
-use crate::hash::{HashTable, PairRule, RecogniserParams};
+use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 
 #[derive(Debug, Args)]
@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         min_cross: arguments.min_cross,
         max_angle_rad: arguments.max_angle_deg.to_radians(),
     };
-    let table = HashTable::build(pattern, rule, RecogniserParams::default())?;
+    let table = HashTable::build(pattern, rule, RecognizerConfig::default())?;
     table.write_npz(&arguments.output)?;
     errln!(
         "{}: {} features of {} dots",

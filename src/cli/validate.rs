@@ -7,7 +7,7 @@ use clap::Args;
 use super::{print_json, read_table};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::recognise::{RecogniserName, observed};
+use crate::recognize::{RecognizerName, observed};
 use crate::validate::{NamedValidation, Protocol, ProtocolName, observed_frames, validate_named};
 
 #[derive(Debug, Args)]
@@ -39,9 +39,9 @@ pub struct Arguments {
     /// Seed of the trials.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// The recogniser that is asked.
-    #[arg(long, value_enum, default_value_t = RecogniserName::Robust)]
-    recognizer: RecogniserName,
+    /// The recognizer that is asked.
+    #[arg(long, value_enum, default_value_t = RecognizerName::Robust)]
+    recognizer: RecognizerName,
     /// Also write the views' dots to this file, as `spindoe identify` reads them; frames are named
     /// trial-0, trial-1, ..., skipped views are left out.
     #[arg(long, value_name = "DOTS.csv")]
@@ -79,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn print_words(found: &NamedValidation) {
     let v = &found.validation;
     outln!(
-        "protocol {}, recogniser {}, noise {:.3} deg, {} trials of seed {}; {} skipped for too few dots",
+        "protocol {}, recognizer {}, noise {:.3} deg, {} trials of seed {}; {} skipped for too few dots",
         v.protocol,
         found.recognizer,
         v.sigma_deg,

@@ -15,7 +15,7 @@ pub const CHECKPOINT_VERSION: u32 = 2;
 
 /// Where a search stands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct State {
+pub struct SearchState {
     /// Rounds completed.
     pub round: usize,
     /// Candidates of the round at hand after their first steps, in the order of their starts.
@@ -38,10 +38,10 @@ pub struct State {
 struct File {
     checkpoint_version: u32,
     config: DesignConfig,
-    state: State,
+    state: SearchState,
 }
 
-impl State {
+impl SearchState {
     /// Writes the search, whole or not at all.
     ///
     /// # Errors

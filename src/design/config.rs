@@ -39,7 +39,7 @@ pub struct DesignConfig {
     /// Patterns with this orientation bound or better are preferred to all others, in units of the dots'
     /// noise; `None` prefers none.
     pub bound_goal: Option<BoundSummary>,
-    /// Weight of the pairs' worth as bases, which the paper's recogniser lives on; 0 leaves it out.
+    /// Weight of the pairs' worth as bases, which the paper's recognizer lives on; 0 leaves it out.
     pub basis_weight: f64,
     /// A pattern to improve instead of random starts.
     pub from: Option<Vec<[f64; 3]>>,
@@ -101,7 +101,7 @@ impl DesignConfig {
         if !self.objective.name().suits(self.dots) {
             let problem = format!(
                 "confusion is worked out for at most {} dots, found {}; choose another",
-                confusion::MOST_DOTS,
+                confusion::MAX_DOTS,
                 self.dots
             );
             return Err(Error::argument("objective", problem));

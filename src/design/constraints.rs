@@ -4,7 +4,7 @@
 //! more unit vector. Every demand is written as `g(x) <= 0` in cosines or heights on the unit sphere:
 //!
 //! - separation, each pair: `p_i . p_j - cos(separation)`,
-//! - visibility, for each viewing direction v and each of the `least_visible` highest dots:
+//! - visibility, for each viewing direction v and each of the `min_visible` highest dots:
 //!   `limit - p_i . v`,
 //! - seam, each dot: `sin(margin) - sign_i (p_i . normal)`, the dot stays on its side,
 //! - keep-out, each dot and cone: `p_i . axis - cos(half angle)`.
@@ -24,9 +24,9 @@ const ANGLE_TOLERANCE: f64 = 1e-3;
 /// A cone that must stay free of dots: a printed logo.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct KeepOut {
-    /// Unit vector to the cone's centre, pattern frame.
+    /// Unit vector to the cone's center, pattern frame.
     pub axis: Vec3,
-    /// Angle between the axis and the nearest dot's centre, radians.
+    /// Angle between the axis and the nearest dot's center, radians.
     pub half_angle_rad: f64,
 }
 
@@ -34,9 +34,9 @@ pub struct KeepOut {
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Constraints {
     /// Least angle between two dots, radians.
-    pub least_separation_rad: f64,
+    pub min_separation_rad: f64,
     /// Fewest dots in view from any direction.
-    pub least_visible: usize,
+    pub min_visible: usize,
     /// Least z of a dot that counts as in view.
     pub visibility_limit: f64,
     /// Least angle between a dot and the seam's great circle, radians; 0 demands nothing.
@@ -53,8 +53,8 @@ impl Default for Constraints {
     /// z > 0 from anywhere, 10 degrees off the seam, no cone, whatever stencil.
     fn default() -> Self {
         Self {
-            least_separation_rad: 18f64.to_radians(),
-            least_visible: 6,
+            min_separation_rad: 18f64.to_radians(),
+            min_visible: 6,
             visibility_limit: 0.0,
             seam_margin_rad: 10f64.to_radians(),
             keep_out: Vec::new(),
@@ -81,24 +81,24 @@ impl Constraints {
     /// # Errors
     /// [`Error::Argument`] with the nearest figure that might work.
     pub fn check_demand(&self, dots: usize) -> Result<()> {
-        let limit = most_separation(dots);
-        if !(self.least_separation_rad >= 0.0 && self.least_separation_rad < limit) {
+        let limit = max_separation(dots);
+        if !(self.min_separation_rad >= 0.0 && self.min_separation_rad < limit) {
             let most = (4..=dots)
-                .take_while(|&n| most_separation(n) > self.least_separation_rad)
+                .take_while(|&n| max_separation(n) > self.min_separation_rad)
                 .last();
             let fewer = most.map_or(String::new(), |n| format!("; at most {n} dots fit"));
             let problem = format!(
                 "expected 0 to {:.1} degrees (no {dots} points on a sphere are farther apart), found {:.1}{fewer}",
                 limit.to_degrees(),
-                self.least_separation_rad.to_degrees()
+                self.min_separation_rad.to_degrees()
             );
             return Err(Error::argument("least separation", problem));
         }
-        if self.least_visible > dots / 2 {
+        if self.min_visible > dots / 2 {
             let problem = format!(
                 "expected at most {} of {dots} dots (opposite views share them), found {}",
                 dots / 2,
-                self.least_visible
+                self.min_visible
             );
             return Err(Error::argument("least visible", problem));
         }
@@ -121,12 +121,12 @@ impl Constraints {
     pub fn missed(&self, pattern: &Pattern) -> Option<String> {
         let summary = pattern.summary();
         let deg = f64::to_degrees;
-        if summary.least_separation_rad < self.least_separation_rad - ANGLE_TOLERANCE {
-            let found = deg(summary.least_separation_rad);
+        if summary.min_separation_rad < self.min_separation_rad - ANGLE_TOLERANCE {
+            let found = deg(summary.min_separation_rad);
             return Some(format!("least separation {found:.2} deg"));
         }
-        let seen = pattern.least_visible(self.visibility_limit);
-        if seen < self.least_visible {
+        let seen = pattern.min_visible(self.visibility_limit);
+        if seen < self.min_visible {
             return Some(format!("{seen} dots in view at worst"));
         }
         if self.seam_margin_rad > 0.0 {
@@ -168,7 +168,7 @@ impl Constraints {
                 each(Row { terms, violation });
             }
         };
-        let bound = self.least_separation_rad.cos();
+        let bound = self.min_separation_rad.cos();
         for i in 0..n {
             for j in 0..i {
                 let violation = dots[i].dot(&dots[j]) - bound;
@@ -189,13 +189,13 @@ impl Constraints {
                 add([(i, cone.axis), none], d.dot(&cone.axis) - bound);
             }
         }
-        if self.least_visible > 0 {
+        if self.min_visible > 0 {
             let limit = self.visibility_limit + VISIBILITY_RESERVE;
             let mut heights: Vec<(f64, usize)> = Vec::with_capacity(n);
             for v in spiral_directions(VIEWS) {
                 heights.clear();
                 heights.extend(dots.iter().enumerate().map(|(i, d)| (d.dot(&v), i)));
-                let kth = self.least_visible.min(n) - 1;
+                let kth = self.min_visible.min(n) - 1;
                 heights.select_nth_unstable_by(kth, |a, b| b.0.total_cmp(&a.0));
                 for &(height, i) in &heights[..=kth] {
                     add([(i, -v), none], limit - height);
@@ -208,7 +208,7 @@ impl Constraints {
 /// The separation that `n` points on a sphere cannot exceed, radians (L. Fejes Toth, "Uber die
 /// Abschatzung des kurzesten Abstandes zweier Punkte eines auf einer Kugelflache liegenden
 /// Punktsystems", Jber. DMV 53, 1943). Exact for 3, 4, 6 and 12.
-pub fn most_separation(n: usize) -> f64 {
+pub fn max_separation(n: usize) -> f64 {
     let n = n as f64;
     let w = std::f64::consts::PI * n / (6.0 * (n - 2.0));
     (0.5 * (w.tan().powi(-2) - 1.0)).clamp(-1.0, 1.0).acos()

@@ -5,14 +5,14 @@
 //! descend under all demands as charges that repel each other, which alone leaves no side of the ball
 //! bare. Where none meets them all, the first says what it has reached.
 //!
-//! What it does not do: prove anything. Packings come within a degree of the best known ones for up to
+//! What it does not do: evaluate anything. Packings come within a degree of the best known ones for up to
 //! 64 dots, and a demand that six starts miss may be met by a seventh.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::constraints::{Constraints, most_separation};
+use super::constraints::{Constraints, max_separation};
 use super::objective::Evaluation;
 use super::scp::{Cost, descend};
 use super::start::random_pattern;
@@ -35,7 +35,7 @@ const RANDOM_SHARE: f64 = 0.7;
 /// The separation with which a random start is placed: the demanded one, or what random dots can have.
 /// The descent mends the rest.
 pub(super) fn start_separation(dots: usize, demanded_rad: f64) -> f64 {
-    demanded_rad.min(RANDOM_SHARE * most_separation(dots))
+    demanded_rad.min(RANDOM_SHARE * max_separation(dots))
 }
 
 /// The largest least angle between so many dots that was reached, radians.
@@ -57,7 +57,7 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
     for doubling in 0..DOUBLINGS {
         let power = f64::from(1 << doubling);
         for step in 0..PACKING_STEPS {
-            let least = least_distance(&dots);
+            let least = min_distance(&dots);
             best = best.max(2.0 * (0.5 * least).min(1.0).asin());
             let pushes: Vec<Vec3> = dots
                 .iter()
@@ -87,7 +87,7 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
     best
 }
 
-fn least_distance(dots: &[Vec3]) -> f64 {
+fn min_distance(dots: &[Vec3]) -> f64 {
     let mut least = 2.0f64;
     for (i, a) in dots.iter().enumerate() {
         for b in &dots[..i] {
@@ -130,14 +130,14 @@ impl Constraints {
     pub fn check_feasible(&self, dots: usize) -> Result<()> {
         self.check_demand(dots)?;
         let reached = packed_separation(dots);
-        if self.least_separation_rad > reached {
+        if self.min_separation_rad > reached {
             let fewer = (4..dots)
                 .rev()
-                .find(|&n| packed_separation(n) >= self.least_separation_rad)
+                .find(|&n| packed_separation(n) >= self.min_separation_rad)
                 .map_or(String::new(), |n| format!(", or at most {n} dots"));
             let problem = format!(
                 "no {dots} dots were found to be {:.1} degrees apart; ask for at most {:.1}{fewer}",
-                self.least_separation_rad.to_degrees(),
+                self.min_separation_rad.to_degrees(),
                 (10.0 * reached.to_degrees()).floor() / 10.0
             );
             return Err(Error::argument("least separation", problem));
@@ -161,7 +161,7 @@ impl Constraints {
     fn missed_after_descent(&self, dots: usize, stream: u64) -> Result<Option<String>> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         rng.set_stream(stream);
-        let separation = start_separation(dots, self.least_separation_rad);
+        let separation = start_separation(dots, self.min_separation_rad);
         let mut pattern = random_pattern(dots, separation, &mut rng)?;
         let mut missed = self.missed(&pattern);
         for _ in 0..LOOKS {

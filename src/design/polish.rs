@@ -1,6 +1,6 @@
 //! The last stage: climbing the measured rate itself, by correcting the objective where it errs.
 //!
-//! An objective foretells the failure rate but is not it: at its optimum the rate still has a slope. A
+//! An objective predicts the failure rate but is not it: at its optimum the rate still has a slope. A
 //! round of polishing measures that slope over many views ([`SmoothRate`]) and takes the pattern down the
 //! corrected model (first-order model correction: N. M. Alexandrov et al., "A trust-region framework for
 //! managing the use of approximation models in optimization", Structural Optimization 15, 1998)
@@ -133,8 +133,8 @@ impl Polish {
     fn measure(&mut self, config: &DesignConfig, rate: &SmoothRate) -> Result<()> {
         let at = dots(&self.at);
         let measured = rate.evaluate(&at)?;
-        let foretold = config.objective.cost(&at)?;
-        let slopes = measured.gradient.iter().zip(&foretold.gradient);
+        let predicted = config.objective.cost(&at)?;
+        let slopes = measured.gradient.iter().zip(&predicted.gradient);
         for ((sum, (m, f)), d) in self.correction.iter_mut().zip(slopes).zip(&at) {
             let error = m - f;
             let error = error - d * d.dot(&error);
@@ -174,7 +174,7 @@ impl Polish {
                 stop,
             };
             pattern = descent.run(&pattern, &model, &config.constraints)?;
-            let new = candidate(config, self.at.start, self.at.figure_before, &pattern)?;
+            let new = candidate(config, self.at.start, self.at.value_before, &pattern)?;
             let worse = new.short_of_goal && !self.at.short_of_goal;
             if new.missed.is_none() && !worse {
                 found.push(new);

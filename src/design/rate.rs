@@ -1,6 +1,6 @@
-//! The failure rate itself, made smooth: what a recogniser's trials say, as a cost with its gradient.
+//! The failure rate itself, made smooth: what a recognizer's trials say, as a cost with its gradient.
 //!
-//! A recogniser that knows the law of its views answers with the likeliest explanation, and is wrong with
+//! A recognizer that knows the law of its views answers with the likeliest explanation, and is wrong with
 //! the probability that the others hold. The mean over views of
 //!
 //! ```text
@@ -9,7 +9,7 @@
 //!
 //! is its failure rate (the Bayes risk), with less scatter than counting failures, and smooth in the dots.
 //! It is a little low, since only the best few explanations of a view are summed.
-//! The views are [`SteadyTrials`], so that neighbouring patterns see the same ones.
+//! The views are [`CommonRandomTrials`], so that neighboring patterns see the same ones.
 //!
 //! The derivative is taken by central differences of each dot's two tangent coordinates, in the views
 //! alone that leave a doubt, and there among the explanations that the full search has found: the rest
@@ -23,20 +23,20 @@ use super::objective::Evaluation;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 use crate::pattern::Pattern;
-use crate::recognise::robust::{RobustRecogniser, RobustWorkspace};
-use crate::recognise::{Identification, Recogniser};
-use crate::validate::{Protocol, SteadyTrials, Trial};
+use crate::recognize::robust::{RobustRecognizer, RobustWorkspace};
+use crate::recognize::{Identification, Recognizer};
+use crate::validate::{CommonRandomTrials, Protocol, Trial};
 
 /// Views whose answer is surer than this are taken for certain in the derivative.
 const CERTAIN: f64 = 0.01;
 /// Explanations with less of a share than this are left out.
-const LEAST_SHARE: f64 = 1e-3;
+const MIN_SHARE: f64 = 1e-3;
 /// Most explanations of a view that are followed.
-const MOST_EXPLANATIONS: usize = 5;
+const MAX_EXPLANATIONS: usize = 5;
 /// Half the difference that the derivative is taken over, radians: a tenth of the noise.
 const DIFFERENCE_RAD: f64 = 0.004;
 /// A pattern that never fails has no logarithm; half a failure stands for it.
-const LEAST_FAILURES: f64 = 0.5;
+const MIN_FAILURES: f64 = 0.5;
 /// Views handled by one task.
 const CHUNK: usize = 64;
 
@@ -60,8 +60,8 @@ struct Doubt {
 }
 
 /// One thread's memory.
-struct Desk {
-    views: SteadyTrials,
+struct Scratch {
+    views: CommonRandomTrials,
     trial: Trial,
     workspace: RobustWorkspace,
     answer: Identification,
@@ -82,7 +82,7 @@ impl SmoothRate<'_> {
     /// As [`SmoothRate::value`].
     pub fn evaluate(&self, dots: &[Vec3]) -> Result<Evaluation> {
         let (total, doubts) = self.survey(dots)?;
-        let floored = total.max(LEAST_FAILURES);
+        let floored = total.max(MIN_FAILURES);
         let coordinates: Vec<(usize, Vec3)> = dots
             .iter()
             .enumerate()
@@ -110,14 +110,14 @@ impl SmoothRate<'_> {
     }
 
     fn logarithm(&self, failures: f64) -> f64 {
-        (failures.max(LEAST_FAILURES) / self.trials as f64).ln()
+        (failures.max(MIN_FAILURES) / self.trials as f64).ln()
     }
 
-    fn desk(&self, recogniser: &RobustRecogniser) -> Desk {
-        Desk {
-            views: SteadyTrials::new(self.protocol, self.seed),
+    fn scratch(&self, recognizer: &RobustRecognizer) -> Scratch {
+        Scratch {
+            views: CommonRandomTrials::new(self.protocol, self.seed),
             trial: Trial::default(),
-            workspace: recogniser.workspace(),
+            workspace: recognizer.workspace(),
             answer: Identification::default(),
         }
     }
@@ -125,19 +125,19 @@ impl SmoothRate<'_> {
     /// The expected number of failures over all views, and the views that leave a doubt.
     fn survey(&self, dots: &[Vec3]) -> Result<(f64, Vec<Doubt>)> {
         let pattern = Pattern::new(dots.to_vec())?;
-        let recogniser = RobustRecogniser::new(&pattern, self.protocol.recogniser_config())?;
+        let recognizer = RobustRecognizer::new(&pattern, self.protocol.recognizer_config())?;
         let chunks = (self.trials as usize).div_ceil(CHUNK);
         let found: Vec<(f64, Option<Doubt>)> = (0..chunks)
             .into_par_iter()
             .flat_map_iter(|chunk| {
-                let mut desk = self.desk(&recogniser);
+                let mut scratch = self.scratch(&recognizer);
                 let from = (chunk * CHUNK) as u64;
                 let to = if self.stop.load(Ordering::Relaxed) {
                     from
                 } else {
                     (from + CHUNK as u64).min(self.trials)
                 };
-                let look = |index| self.look(&pattern, &recogniser, index, &mut desk);
+                let look = |index| self.identify_trial(&pattern, &recognizer, index, &mut scratch);
                 (from..to).map(look).collect::<Vec<_>>()
             })
             .collect();
@@ -146,20 +146,20 @@ impl SmoothRate<'_> {
     }
 
     /// Searches one view in full.
-    fn look(
+    fn identify_trial(
         &self,
         pattern: &Pattern,
-        recogniser: &RobustRecogniser,
+        recognizer: &RobustRecognizer,
         index: u64,
-        desk: &mut Desk,
+        scratch: &mut Scratch,
     ) -> (f64, Option<Doubt>) {
-        desk.views.generate(pattern, index, &mut desk.trial);
-        let (dots, answer) = (&desk.trial.dots, &mut desk.answer);
-        if dots.len() < self.protocol.min_dots.max(recogniser.min_dots()) {
+        scratch.views.generate(pattern, index, &mut scratch.trial);
+        let (dots, answer) = (&scratch.trial.dots, &mut scratch.answer);
+        if dots.len() < self.protocol.min_dots.max(recognizer.min_dots()) {
             return (0.0, None);
         }
-        if recogniser
-            .identify_into(dots, &mut desk.workspace, answer)
+        if recognizer
+            .identify_into(dots, &mut scratch.workspace, answer)
             .is_err()
         {
             return (1.0, None);
@@ -168,9 +168,9 @@ impl SmoothRate<'_> {
         let best = answer.confidence;
         let mut all = answer.pose_confidence;
         let mut poses = vec![answer.rotation];
-        for rank in 1..MOST_EXPLANATIONS {
-            let found = recogniser.explanation(rank, &desk.workspace, answer);
-            if !found || answer.pose_confidence < LEAST_SHARE * best {
+        for rank in 1..MAX_EXPLANATIONS {
+            let found = recognizer.explanation(rank, &scratch.workspace, answer);
+            if !found || answer.pose_confidence < MIN_SHARE * best {
                 break;
             }
             all += answer.pose_confidence;
@@ -188,11 +188,11 @@ impl SmoothRate<'_> {
         let mut dots = dots.to_vec();
         dots[moved] = (dots[moved] + by).normalize();
         let pattern = Pattern::new(dots)?;
-        let recogniser = RobustRecogniser::new(&pattern, self.protocol.recogniser_config())?;
-        let mut desk = self.desk(&recogniser);
+        let recognizer = RobustRecognizer::new(&pattern, self.protocol.recognizer_config())?;
+        let mut scratch = self.scratch(&recognizer);
         Ok(doubts
             .iter()
-            .map(|doubt| self.weigh(&pattern, &recogniser, doubt, &mut desk))
+            .map(|doubt| self.weigh(&pattern, &recognizer, doubt, &mut scratch))
             .sum())
     }
 
@@ -200,16 +200,18 @@ impl SmoothRate<'_> {
     fn weigh(
         &self,
         pattern: &Pattern,
-        recogniser: &RobustRecogniser,
+        recognizer: &RobustRecognizer,
         doubt: &Doubt,
-        desk: &mut Desk,
+        scratch: &mut Scratch,
     ) -> f64 {
-        desk.views.generate(pattern, doubt.index, &mut desk.trial);
-        let mut worth = [(f64::NEG_INFINITY, 1.0); MOST_EXPLANATIONS];
+        scratch
+            .views
+            .generate(pattern, doubt.index, &mut scratch.trial);
+        let mut worth = [(f64::NEG_INFINITY, 1.0); MAX_EXPLANATIONS];
         for (w, pose) in worth.iter_mut().zip(&doubt.poses) {
-            let (answer, workspace) = (&mut desk.answer, &mut desk.workspace);
+            let (answer, workspace) = (&mut scratch.answer, &mut scratch.workspace);
             if let Some(ln_evidence) =
-                recogniser.evidence_near(&desk.trial.dots, pose, workspace, answer)
+                recognizer.evidence_near(&scratch.trial.dots, pose, workspace, answer)
             {
                 *w = (ln_evidence, answer.pose_confidence / answer.confidence);
             }

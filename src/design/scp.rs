@@ -14,7 +14,7 @@
 //! Optimization", 2006, ch. 18.5). B is updated by Powell's damped BFGS in ambient coordinates, so that no
 //! transport between tangent planes is needed; gradients are projected.
 //!
-//! Argmin drives the iteration. Costs with kinks (nearest neighbours that switch) are handled knowingly:
+//! Argmin drives the iteration. Costs with kinks (nearest neighbors that switch) are handled knowingly:
 //! the gradient is one of those that meet there, and the trust region shrinks until it is worth
 //! something.
 
@@ -40,9 +40,9 @@ use crate::stencil::max_margin_seam;
 const RHO: f64 = 200.0;
 /// Trust radius at first (by default) and at most, radians a tangent coordinate.
 const FIRST_RADIUS: f64 = 0.05;
-const MOST_RADIUS: f64 = 0.2;
+const MAX_RADIUS: f64 = 0.2;
 /// A trust radius below this ends the descent.
-const LEAST_RADIUS: f64 = 1e-5;
+const MIN_RADIUS: f64 = 1e-5;
 /// Part of the promised fall that a move must keep to be taken, and to widen the trust region.
 const TAKEN: f64 = 0.05;
 const WIDENED: f64 = 0.6;
@@ -166,7 +166,7 @@ impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp<'_> {
         let kept = (at.merit() - there.merit()) / step.promised.max(1e-15);
         self.update(&at, &there);
         self.radius = if kept > WIDENED {
-            (1.6 * self.radius).min(MOST_RADIUS)
+            (1.6 * self.radius).min(MAX_RADIUS)
         } else if kept > TAKEN {
             0.8 * self.radius
         } else {
@@ -179,7 +179,7 @@ impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp<'_> {
     }
 
     fn terminate(&mut self, _state: &Flat) -> TerminationStatus {
-        if self.radius < LEAST_RADIUS {
+        if self.radius < MIN_RADIUS {
             TerminationStatus::Terminated(TerminationReason::SolverConverged)
         } else if self.stop.load(Ordering::Relaxed) {
             TerminationStatus::Terminated(TerminationReason::Interrupt)

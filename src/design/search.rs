@@ -7,7 +7,7 @@
 //! share their seed, so that candidates are compared on the same views, and no other stage ever uses it:
 //! a candidate cannot have been lucky twice. The winner is then polished ([`super::polish`]).
 //!
-//! The search is a deterministic function of its configuration, and its [`State`] after every batch of
+//! The search is a deterministic function of its configuration, and its [`SearchState`] after every batch of
 //! descents says all that is needed to continue.
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,7 +16,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::checkpoint::State;
+use super::checkpoint::SearchState;
 use super::config::DesignConfig;
 use super::polish::{Polish, PolishStep};
 use super::work::{attempt, climb, rate, scout};
@@ -38,9 +38,9 @@ pub struct Candidate {
     /// The start it came from, counted over all rounds.
     pub start: usize,
     /// The objective's figure at the start.
-    pub figure_before: f64,
+    pub value_before: f64,
     /// The objective's figure now.
-    pub figure: f64,
+    pub value: f64,
     /// The cost now: objective and bound.
     pub cost: f64,
     /// The demand that it misses, if any; such a candidate is never chosen.
@@ -102,17 +102,17 @@ pub trait DesignObserver {
     ///
     /// # Errors
     /// Whatever the observer meets; it ends the search.
-    fn progress(&mut self, _state: &State, _stage: Stage) -> Result<()> {
+    fn progress(&mut self, _state: &SearchState, _stage: Stage) -> Result<()> {
         Ok(())
     }
 
     /// Whether another round should be begun; asked after each round that is not the last.
-    fn another_round(&mut self, _state: &State) -> bool {
+    fn another_round(&mut self, _state: &SearchState) -> bool {
         true
     }
 
     /// Whether another round of polishing should be begun; asked before each.
-    fn another_polish(&mut self, _state: &State) -> bool {
+    fn another_polish(&mut self, _state: &SearchState) -> bool {
         true
     }
 }
@@ -146,7 +146,7 @@ pub struct DesignOutcome {
 /// constraints.
 pub fn design(
     config: &DesignConfig,
-    state: &mut State,
+    state: &mut SearchState,
     stop: &AtomicBool,
     observer: &mut dyn DesignObserver,
 ) -> Result<DesignOutcome> {
@@ -185,7 +185,7 @@ pub fn design(
     })
 }
 
-fn nothing_found(state: &State, stopped: bool) -> Error {
+fn nothing_found(state: &SearchState, stopped: bool) -> Error {
     if stopped {
         return Error::argument("design", "stopped before the first candidate was tried");
     }
@@ -220,13 +220,13 @@ impl Search<'_> {
         self.before_s + self.clock.elapsed().as_secs_f64()
     }
 
-    fn note(&mut self, state: &mut State, stage: Stage) -> Result<()> {
+    fn note(&mut self, state: &mut SearchState, stage: Stage) -> Result<()> {
         state.elapsed_s = self.elapsed_s();
         self.observer.progress(state, stage)
     }
 
     /// One round, or the rest of it; `false` if stopped before its end.
-    fn round(&mut self, state: &mut State) -> Result<bool> {
+    fn round(&mut self, state: &mut SearchState) -> Result<bool> {
         let config = self.config;
         self.scout(state)?;
         let mut best: Vec<&Candidate> = state.scouted.iter().collect();
@@ -262,7 +262,7 @@ impl Search<'_> {
     }
 
     /// The first steps of all starts of the round that have not made them.
-    fn scout(&mut self, state: &mut State) -> Result<()> {
+    fn scout(&mut self, state: &mut SearchState) -> Result<()> {
         let (config, stop) = (self.config, self.stop);
         let first = state.round * config.starts;
         while state.scouted.len() < config.starts && !self.stopped() {
@@ -280,7 +280,7 @@ impl Search<'_> {
     }
 
     /// The further steps of the best, as far as they have not made them.
-    fn climb(&mut self, state: &mut State, chosen: &[Candidate]) -> Result<()> {
+    fn climb(&mut self, state: &mut SearchState, chosen: &[Candidate]) -> Result<()> {
         let (config, stop) = (self.config, self.stop);
         while state.climbed.len() < chosen.len() && !self.stopped() {
             let from = state.climbed.len();
@@ -307,7 +307,7 @@ impl Search<'_> {
     /// The best of a round by their rates, after trials of those of least cost.
     fn best_tried(
         &mut self,
-        state: &mut State,
+        state: &mut SearchState,
         mut tried: Vec<Candidate>,
     ) -> Result<Vec<Candidate>> {
         let config = self.config;
@@ -330,7 +330,7 @@ impl Search<'_> {
         Ok(tried)
     }
 
-    fn milestone(&mut self, state: &mut State, best: &Candidate) -> Result<()> {
+    fn milestone(&mut self, state: &mut SearchState, best: &Candidate) -> Result<()> {
         let config = self.config;
         let samples = MILESTONE_VIEWS * config.samples;
         let identity = rate(config, best, config.progress_seed(), samples)?;
@@ -344,7 +344,7 @@ impl Search<'_> {
     }
 
     /// The last trial: the pool meets on fresh views, and each halving doubles them.
-    fn halve(&mut self, state: &mut State) -> Result<Vec<Candidate>> {
+    fn halve(&mut self, state: &mut SearchState) -> Result<Vec<Candidate>> {
         let config = self.config;
         let mut field = state.pool.clone();
         field.append(&mut self.unfinished);
@@ -367,7 +367,7 @@ impl Search<'_> {
     }
 
     /// Polishes the winner, or goes on with it; `false` if stopped before the end.
-    fn polish(&mut self, state: &mut State, winner: &Candidate) -> Result<bool> {
+    fn polish(&mut self, state: &mut SearchState, winner: &Candidate) -> Result<bool> {
         if self.stopped() {
             return Ok(false);
         }

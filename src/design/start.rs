@@ -18,10 +18,10 @@ const FRESH_STARTS: usize = 50;
 /// [`Error::Argument`] where no such set was found: the demand is too dense.
 pub fn random_pattern<R: Rng>(
     dots: usize,
-    least_separation_rad: f64,
+    min_separation_rad: f64,
     rng: &mut R,
 ) -> Result<Pattern> {
-    let bound = least_separation_rad.cos();
+    let bound = min_separation_rad.cos();
     for _ in 0..FRESH_STARTS {
         let mut placed: Vec<Vec3> = Vec::with_capacity(dots);
         for _ in 0..PLACEMENT_TRIES {
@@ -38,7 +38,7 @@ pub fn random_pattern<R: Rng>(
         "dots",
         format!(
             "{dots} dots at least {:.1} degrees apart do not fit on a ball at random; ask for fewer or nearer dots",
-            least_separation_rad.to_degrees()
+            min_separation_rad.to_degrees()
         ),
     ))
 }
@@ -51,10 +51,10 @@ pub fn random_pattern<R: Rng>(
 pub fn move_dots<R: Rng>(
     pattern: &Pattern,
     moved: usize,
-    least_separation_rad: f64,
+    min_separation_rad: f64,
     rng: &mut R,
 ) -> Result<Pattern> {
-    let bound = least_separation_rad.cos();
+    let bound = min_separation_rad.cos();
     let mut dots = pattern.dots().to_vec();
     for i in sample(rng, dots.len(), moved.min(dots.len())) {
         for _ in 0..PLACEMENT_TRIES {

@@ -17,7 +17,7 @@ use super::start::{move_dots, random_pattern};
 use crate::error::Result;
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::Pattern;
-use crate::recognise::robust::RobustRecogniser;
+use crate::recognize::robust::RobustRecognizer;
 use crate::validate::{Proportion, TrialResult, run_trials, summarize};
 
 /// How far the dots of an existing pattern are shaken to make a start of it, radians.
@@ -25,7 +25,7 @@ const SHAKE_RAD: f64 = 0.05;
 /// From the second round on, all starts but each of this number are made from the best so far.
 const FRESH_EVERY: usize = 4;
 /// Most dots of a good pattern that are put elsewhere to make a start of it.
-const MOST_MOVED: usize = 4;
+const MAX_MOVED: usize = 4;
 
 /// The weighted sum that a descent lowers.
 pub(super) struct DesignCost<'a>(pub &'a DesignConfig);
@@ -60,11 +60,11 @@ impl Cost for DesignCost<'_> {
 fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Result<Pattern> {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(start as u64);
-    let separation = config.constraints.least_separation_rad;
+    let separation = config.constraints.min_separation_rad;
     let improve = config.from.is_none() && !pool.is_empty();
     if improve && !start.is_multiple_of(FRESH_EVERY) {
         let good = pool[rng.random_range(0..pool.len())].pattern()?;
-        let moved = rng.random_range(1..=MOST_MOVED.min(good.len()));
+        let moved = rng.random_range(1..=MAX_MOVED.min(good.len()));
         return move_dots(&good, moved, separation, &mut rng);
     }
     let Some(from) = &config.from else {
@@ -88,8 +88,8 @@ pub(super) fn candidate(
 ) -> Result<Candidate> {
     Ok(Candidate {
         start,
-        figure_before: before,
-        figure: config.objective.figure(pattern.dots())?.value,
+        value_before: before,
+        value: config.objective.evaluate_at(pattern.dots())?.value,
         cost: DesignCost(config).cost(pattern.dots())?.value,
         missed: config.constraints.missed(pattern),
         short_of_goal: config.bound_goal.is_some_and(|goal| {
@@ -109,7 +109,7 @@ pub(super) fn scout(
     stop: &AtomicBool,
 ) -> Result<Candidate> {
     let first = first_pattern(config, pool, start)?;
-    let before = config.objective.figure(first.dots())?.value;
+    let before = config.objective.evaluate_at(first.dots())?.value;
     let descent = Descent {
         stop,
         ..Descent::of_steps(config.scout_steps)
@@ -133,10 +133,10 @@ pub(super) fn climb(
         &DesignCost(config),
         &config.constraints,
     )?;
-    candidate(config, scouted.start, scouted.figure_before, &found)
+    candidate(config, scouted.start, scouted.value_before, &found)
 }
 
-/// A candidate's trials with the robust recogniser.
+/// A candidate's trials with the robust recognizer.
 pub(super) fn results(
     config: &DesignConfig,
     candidate: &Candidate,
@@ -144,7 +144,7 @@ pub(super) fn results(
     samples: u64,
 ) -> Result<Vec<TrialResult>> {
     let pattern = candidate.pattern()?;
-    let robust = RobustRecogniser::new(&pattern, config.protocol.recogniser_config())?;
+    let robust = RobustRecognizer::new(&pattern, config.protocol.recognizer_config())?;
     run_trials(&pattern, &robust, &config.protocol, seed, samples)
 }
 

@@ -14,4 +14,4 @@ pub mod npz;
 pub mod table;
 
 pub use features::{Basis, BasisFrame, Feature, PairRule};
-pub use table::{HashTable, Objective, RecogniserParams, TableMeta};
+pub use table::{HashTable, ObjectiveRecord, RecognizerConfig, TableMeta};

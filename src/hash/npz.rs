@@ -116,7 +116,7 @@ fn read_meta(archive: &mut Archive<'_>) -> Checked<TableMeta> {
     }
     let meta: TableMeta = serde_json::from_value(json).map_err(|e| refuse(one_line(&e)))?;
     meta.pair_rule.check().map_err(|e| refuse(e.to_string()))?;
-    meta.recogniser.check().map_err(|e| refuse(e.to_string()))?;
+    meta.recognizer.check().map_err(|e| refuse(e.to_string()))?;
     Ok(meta)
 }
 

@@ -15,10 +15,10 @@ use crate::pattern::Pattern;
 /// Version of the file format that this crate reads and writes.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// Parameters of the recogniser that a table was designed and validated for.
+/// Parameters of the recognizer that a table was designed and validated for.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RecogniserParams {
+pub struct RecognizerConfig {
     /// Standard deviation of an observed dot's angular error, radians.
     pub sigma_rad: f64,
     /// Concentration of the Kent density.
@@ -31,7 +31,7 @@ pub struct RecogniserParams {
     pub visibility_limit: f64,
 }
 
-impl Default for RecogniserParams {
+impl Default for RecognizerConfig {
     /// The paper's values: 3 degrees, kappa 500, beta 0, alpha 0.03, half the ball visible.
     fn default() -> Self {
         Self {
@@ -44,7 +44,7 @@ impl Default for RecogniserParams {
     }
 }
 
-impl RecogniserParams {
+impl RecognizerConfig {
     /// Checks the fields' domains.
     ///
     /// # Errors
@@ -52,7 +52,7 @@ impl RecogniserParams {
     pub fn check(&self) -> Result<()> {
         let fail = |name: &str, expected: &str, found: f64| {
             let problem = format!("expected {expected}, found {found}");
-            Err(Error::argument(format!("recogniser.{name}"), problem))
+            Err(Error::argument(format!("recognizer.{name}"), problem))
         };
         let positive = |x: f64| x.is_finite() && x > 0.0;
         if !positive(self.sigma_rad) {
@@ -81,7 +81,7 @@ impl RecogniserParams {
 /// What a pattern was optimized for, and how well it does.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Objective {
+pub struct ObjectiveRecord {
     /// The objective's name.
     pub name: String,
     /// Its value for this pattern.
@@ -95,13 +95,13 @@ pub struct TableMeta {
     pub format_version: u32,
     /// [`Pattern::sha256`] of the dots.
     pub pattern_sha256: String,
-    /// The recogniser's parameters.
-    pub recogniser: RecogniserParams,
+    /// The recognizer's parameters.
+    pub recognizer: RecognizerConfig,
     /// The rule by which pairs entered the table.
     pub pair_rule: PairRule,
     /// The objective's value, where the pattern was optimized.
     #[serde(default)]
-    pub objective: Option<Objective>,
+    pub objective: Option<ObjectiveRecord>,
     /// The validation result that the table shipped with.
     #[serde(default)]
     pub validation: Option<serde_json::Value>,
@@ -109,7 +109,7 @@ pub struct TableMeta {
 
 /// A feature found near a query.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Neighbour {
+pub struct Neighbor {
     /// Position in [`HashTable::features`].
     pub index: usize,
     /// Squared Euclidean distance in hash space.
@@ -133,9 +133,9 @@ impl HashTable {
     /// # Errors
     /// [`Error::Argument`] where the rule or the parameters are outside their domains, or where the
     /// rule leaves no pair.
-    pub fn build(pattern: Pattern, rule: PairRule, recogniser: RecogniserParams) -> Result<Self> {
+    pub fn build(pattern: Pattern, rule: PairRule, recognizer: RecognizerConfig) -> Result<Self> {
         rule.check()?;
-        recogniser.check()?;
+        recognizer.check()?;
         let mut arrays = Arrays::default();
         for f in rule.features(pattern.dots()) {
             arrays.features.push(f.value);
@@ -145,7 +145,7 @@ impl HashTable {
         let meta = TableMeta {
             format_version: FORMAT_VERSION,
             pattern_sha256: pattern.sha256(),
-            recogniser,
+            recognizer,
             pair_rule: rule,
             objective: None,
             validation: None,
@@ -199,7 +199,7 @@ impl HashTable {
     }
 
     /// Notes what the pattern was optimized for.
-    pub fn set_objective(&mut self, objective: Option<Objective>) {
+    pub fn set_objective(&mut self, objective: Option<ObjectiveRecord>) {
         self.meta.objective = objective;
     }
 
@@ -210,8 +210,8 @@ impl HashTable {
 
     /// The `k` features nearest to `value` (all, where there are fewer), nearest first.
     ///
-    /// A `value` that is not finite has no neighbours.
-    pub fn nearest(&self, value: &[f64; 3], k: NonZeroUsize) -> impl Iterator<Item = Neighbour> {
+    /// A `value` that is not finite has no neighbors.
+    pub fn nearest(&self, value: &[f64; 3], k: NonZeroUsize) -> impl Iterator<Item = Neighbor> {
         let finite = value.iter().all(|x| x.is_finite());
         let found = finite.then(|| {
             self.tree
@@ -219,7 +219,7 @@ impl HashTable {
                 .nearest_n::<SquaredEuclidean<f64>>(k)
                 .execute()
         });
-        found.into_iter().flatten().map(|item| Neighbour {
+        found.into_iter().flatten().map(|item| Neighbor {
             index: item.item as usize,
             distance_squared: item.distance,
         })

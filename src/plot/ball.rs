@@ -17,7 +17,7 @@ pub const VIEWS_SIZE: (u32, u32) = (1280, 760);
 
 /// Radius of a drawn ball, file pixels.
 const RADIUS: f64 = 265.0;
-/// Height of the ball's centre beneath the title, file pixels.
+/// Height of the ball's center beneath the title, file pixels.
 const CENTRE_Y: f64 = 318.0;
 /// Size of the dots' numbers, file pixels.
 const NUMBER: f64 = 17.0;
@@ -26,7 +26,7 @@ const LIMB: f64 = 0.3;
 
 /// What [`pattern_views`] draws besides the pattern.
 #[derive(Debug, Clone, PartialEq)]
-pub struct BallView {
+pub struct BallDrawing {
     /// Title of the plot.
     pub title: String,
     /// Diameter of the ball, millimetres.
@@ -35,8 +35,8 @@ pub struct BallView {
     pub dot_diameter_mm: f64,
 }
 
-impl BallView {
-    /// Angle between a dot's centre and its rim, radians.
+impl BallDrawing {
+    /// Angle between a dot's center and its rim, radians.
     fn dot_radius(&self) -> Result<f64> {
         for (name, value) in [
             ("ball diameter", self.ball_diameter_mm),
@@ -100,7 +100,7 @@ impl Side {
 /// # Errors
 /// [`Error::Argument`] for diameters that are not positive or a dot as large as the ball;
 /// [`Error::Write`] where the file cannot be written.
-pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallView) -> Result<()> {
+pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallDrawing) -> Result<()> {
     let dot_radius = view.dot_radius()?;
     picture(path, VIEWS_SIZE, |root| {
         let area = titled(root, &view.title)?;
@@ -109,7 +109,7 @@ pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallView) -> Result<
             let dots: Vec<Vec3> = pattern.dots().iter().map(|d| side.view(d)).collect();
             draw_ball(half, &dots, dot_radius)?;
             draw_numbers(half, &dots, dot_radius)?;
-            let at = (centre(half).0, px(CENTRE_Y + RADIUS + 52.0));
+            let at = (center(half).0, px(CENTRE_Y + RADIUS + 52.0));
             text(half, side.caption, at, HPos::Center, LABEL + 2.0, INK)?;
             draw_axes(half, &side)?;
         }
@@ -125,17 +125,17 @@ pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallView) -> Result<
     })
 }
 
-/// The drawn ball's centre.
-fn centre(area: &Area<'_>) -> (i32, i32) {
+/// The drawn ball's center.
+fn center(area: &Area<'_>) -> (i32, i32) {
     (area.dim_in_pixel().0 as i32 / 2, px(CENTRE_Y))
 }
 
 /// Shades the ball and its dots pixel by pixel: what a pixel shows follows from its point on the sphere.
 fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
-    let (cx, cy) = centre(area);
+    let (cx, cy) = center(area);
     let radius = px(RADIUS);
     let light = Vec3::new(-0.35, 0.45, 0.82).normalize();
-    let least_cos = dot_radius.cos();
+    let min_cos = dot_radius.cos();
     for dy in -radius..=radius {
         for dx in -radius..=radius {
             let x = f64::from(dx) / f64::from(radius);
@@ -146,7 +146,7 @@ fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
             }
             let point = Vec3::new(x, y, rest.sqrt());
             let lit = 0.72 + 0.28 * point.dot(&light).max(0.0);
-            let dark = dots.iter().any(|d| d.dot(&point) >= least_cos);
+            let dark = dots.iter().any(|d| d.dot(&point) >= min_cos);
             let base: [f64; 3] = if dark {
                 [46.0, 52.0, 64.0]
             } else {
@@ -189,7 +189,7 @@ impl Extent {
 /// Numbers the dots of which something is seen from this side: inside a dot that has room, outside the
 /// ball with a line to the dot at the limb, else beside the dot.
 fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
-    let (cx, cy) = centre(area);
+    let (cx, cy) = center(area);
     let (cx, cy, radius) = (f64::from(cx), f64::from(cy), f64::from(px(RADIUS)));
     let long = radius * dot_radius.sin();
     let shown: Vec<(usize, &Vec3)> = dots
@@ -215,7 +215,7 @@ fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
             f64::from(canvas::text_width(&label, NUMBER)) / 2.0,
             f64::from(px(NUMBER)) * 0.36,
         );
-        let (at, colour) = if (half.0 / long).hypot(half.1 / long) < 0.85 * d.z {
+        let (at, color) = if (half.0 / long).hypot(half.1 / long) < 0.85 * d.z {
             (place(d), WHITE)
         } else if d.z < LIMB {
             let (from, knee, at) = outside((cx, cy), radius, d, half, &taken);
@@ -229,7 +229,7 @@ fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
             (at, INK)
         };
         let at = (at.0.round() as i32, at.1.round() as i32);
-        styled_text(area, &label, at, HPos::Center, canvas::bold(NUMBER), colour)?;
+        styled_text(area, &label, at, HPos::Center, canvas::bold(NUMBER), color)?;
     }
     Ok(())
 }

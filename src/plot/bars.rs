@@ -7,7 +7,7 @@ use plotters::style::text_anchor::HPos;
 
 use super::axis::{Axis, Unit, percent, rate_axis};
 use super::canvas::{
-    Area, Drawn, INK, Key, LABEL, SMALL, Sign, chart, colour, fitted, font, picture, px, stroke,
+    Area, Drawn, INK, Key, LABEL, SMALL, Sign, chart, color, fitted, font, picture, px, stroke,
     text, text_width, titled, with_legend,
 };
 use super::curves::whisker;
@@ -39,7 +39,7 @@ pub struct BarChart {
     pub y_label: String,
     /// Whether rates or failure rates are drawn: `y_label` should say the same.
     pub scale: RateScale,
-    /// Names of the series (pattern or recogniser) in the legend.
+    /// Names of the series (pattern or recognizer) in the legend.
     pub series: Vec<String>,
     /// The groups, from left to right.
     pub groups: Vec<BarGroup>,
@@ -130,7 +130,7 @@ fn draw_group(
             at(left + 0.06 * width, y.position(rate)),
             at(left + 0.94 * width, y.low),
         ];
-        root.draw(&Rectangle::new(corners, colour(i).mix(0.85).filled()))?;
+        root.draw(&Rectangle::new(corners, color(i).mix(0.85).filled()))?;
         let middle = left + width / 2.0;
         let ends = [low, high].map(|v| at(middle, y.position(v)));
         let top = ends[0].1.min(ends[1].1);

@@ -25,12 +25,12 @@ const TITLE: f64 = 22.0;
 pub(super) const LABEL: f64 = 17.0;
 /// Size of tick labels and notes, in file pixels.
 pub(super) const SMALL: f64 = 15.0;
-/// Colour of text and axes.
+/// Color of text and axes.
 pub(super) const INK: RGBColor = RGBColor(38, 38, 38);
-/// Colour of grid lines.
+/// Color of grid lines.
 pub(super) const GRID: RGBColor = RGBColor(226, 226, 226);
 
-/// The Okabe-Ito colours (without yellow, too pale on white): told apart by colour-blind readers too.
+/// The Okabe-Ito colors (without yellow, too pale on white): told apart by color-blind readers too.
 const PALETTE: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -53,8 +53,8 @@ pub(super) fn px(length: f64) -> i32 {
     (length * f64::from(SCALE)).round() as i32
 }
 
-/// The colour of the `i`-th series.
-pub(super) fn colour(i: usize) -> RGBColor {
+/// The color of the `i`-th series.
+pub(super) fn color(i: usize) -> RGBColor {
     PALETTE[i % PALETTE.len()]
 }
 
@@ -162,16 +162,16 @@ pub(super) fn text_width(text: &str, size: f64) -> i32 {
     font(size).box_size(text).map_or(0, |b| b.0 as i32)
 }
 
-/// Writes `text` vertically centred on `at`, with its left end, middle or right end there.
+/// Writes `text` vertically centered on `at`, with its left end, middle or right end there.
 pub(super) fn text(
     area: &Area<'_>,
     text: &str,
     at: (i32, i32),
     anchor: HPos,
     size: f64,
-    colour: RGBColor,
+    color: RGBColor,
 ) -> Drawn {
-    styled_text(area, text, at, anchor, font(size), colour)
+    styled_text(area, text, at, anchor, font(size), color)
 }
 
 /// As [`text`], in any font.
@@ -181,12 +181,12 @@ pub(super) fn styled_text(
     at: (i32, i32),
     anchor: HPos,
     font: FontDesc<'_>,
-    colour: RGBColor,
+    color: RGBColor,
 ) -> Drawn {
     // The library sets the baseline half a font size below the anchor's top, whatever the box it
     // reports; capitals of this font are 0.626 sizes high: their middle is 0.187 sizes below it.
     let top = at.1 - (font.get_size() * 0.187).round() as i32;
-    let style = font.color(&colour).pos(Pos::new(anchor, VPos::Top));
+    let style = font.color(&color).pos(Pos::new(anchor, VPos::Top));
     area.draw_text(text, &style, (at.0, top))?;
     Ok(())
 }
@@ -218,11 +218,11 @@ pub(super) struct Key {
 pub(super) enum Sign {
     /// A line with the marks of series `i`.
     Series(usize),
-    /// A plain line in the colour of series `i`.
+    /// A plain line in the color of series `i`.
     Line(usize),
-    /// A filled box in the colour of series `i`.
+    /// A filled box in the color of series `i`.
     Box(usize),
-    /// A dashed grey line.
+    /// A dashed gray line.
     Dashes,
 }
 
@@ -261,15 +261,15 @@ fn draw_sign(area: &Area<'_>, sign: &Sign, (x, y): (i32, i32)) -> Drawn {
     let ends = |from: f64, to: f64| vec![(x + px(from), y), (x + px(to), y)];
     match sign {
         Sign::Series(i) => {
-            area.draw(&PathElement::new(ends(0.0, 34.0), stroke(colour(*i), 2.0)))?;
+            area.draw(&PathElement::new(ends(0.0, 34.0), stroke(color(*i), 2.0)))?;
             mark(area, *i, (x + px(17.0), y))?;
         }
         Sign::Line(i) => {
-            area.draw(&PathElement::new(ends(0.0, 34.0), stroke(colour(*i), 2.5)))?;
+            area.draw(&PathElement::new(ends(0.0, 34.0), stroke(color(*i), 2.5)))?;
         }
         Sign::Box(i) => {
             let corners = [(x + px(10.0), y - px(8.0)), (x + px(32.0), y + px(8.0))];
-            area.draw(&Rectangle::new(corners, colour(*i).filled()))?;
+            area.draw(&Rectangle::new(corners, color(*i).filled()))?;
         }
         Sign::Dashes => {
             for from in [0.0, 13.0, 26.0] {
@@ -280,17 +280,17 @@ fn draw_sign(area: &Area<'_>, sign: &Sign, (x, y): (i32, i32)) -> Drawn {
     Ok(())
 }
 
-/// Colour of reference lines.
+/// Color of reference lines.
 pub(super) const GREY: RGBColor = RGBColor(120, 120, 120);
 
 /// A line style, `width` in file pixels.
-pub(super) fn stroke(colour: RGBColor, width: f64) -> ShapeStyle {
-    colour.stroke_width(px(width).max(1) as u32)
+pub(super) fn stroke(color: RGBColor, width: f64) -> ShapeStyle {
+    color.stroke_width(px(width).max(1) as u32)
 }
 
-/// The mark of series `i` at `at`: shapes differ too, for readers without colour.
+/// The mark of series `i` at `at`: shapes differ too, for readers without color.
 pub(super) fn mark(area: &Area<'_>, i: usize, at: (i32, i32)) -> Drawn {
-    let style = colour(i).filled();
+    let style = color(i).filled();
     let r = px(4.5);
     let polygon = |offsets: &[(i32, i32)]| {
         Polygon::new(
@@ -363,7 +363,7 @@ pub(super) fn chart<'a>(
         .axis_style(stroke(INK, 1.0))
         .bold_line_style(stroke(GRID, 1.0))
         .light_line_style(TRANSPARENT)
-        // The library centres a box that the text does not fill: see `styled_text`.
+        // The library centers a box that the text does not fill: see `styled_text`.
         .y_label_offset(px(2.5))
         .label_style(font(SMALL).color(&INK))
         .axis_desc_style(font(LABEL).color(&INK))

@@ -6,7 +6,7 @@ use plotters::prelude::*;
 
 use super::axis::{Axis, Unit, rate_axis};
 use super::canvas::{
-    Area, Chart, Drawn, GREY, Key, Sign, chart, colour, mark, picture, px, stroke, titled,
+    Area, Chart, Drawn, GREY, Key, Sign, chart, color, mark, picture, px, stroke, titled,
     with_legend,
 };
 use super::{RatePoint, RateScale};
@@ -206,7 +206,7 @@ fn draw_points(path: &Path, plot: &LinePlot, joined: bool) -> Result<()> {
                 }
             }
             if joined {
-                root.draw(&PathElement::new(drawn, stroke(colour(i), 2.0)))?;
+                root.draw(&PathElement::new(drawn, stroke(color(i), 2.0)))?;
             }
         }
         Ok(())
@@ -245,12 +245,12 @@ pub(super) fn draw_rates(
         let there = points.iter().map(|p| p[0]);
         let back = points.iter().rev().map(|p| p[2]);
         let band: Vec<_> = there.chain(back).collect();
-        root.draw(&Polygon::new(band, colour(i).mix(0.16).filled()))?;
+        root.draw(&Polygon::new(band, color(i).mix(0.16).filled()))?;
         let line: Vec<_> = points.iter().map(|p| p[1]).collect();
-        root.draw(&PathElement::new(line, stroke(colour(i), 2.0)))?;
+        root.draw(&PathElement::new(line, stroke(color(i), 2.0)))?;
     }
     for [low, rate, high] in points {
-        whisker(root, *low, *high, stroke(colour(i), 1.3))?;
+        whisker(root, *low, *high, stroke(color(i), 1.3))?;
         mark(root, i, *rate)?;
     }
     Ok(())

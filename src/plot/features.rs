@@ -1,4 +1,4 @@
-//! The features of a pattern in hash space, and how far each is from its nearest neighbour.
+//! The features of a pattern in hash space, and how far each is from its nearest neighbor.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use plotters::style::text_anchor::HPos;
 
 use super::axis::{Axis, Unit, significant};
 use super::canvas::{
-    Area, Drawn, GRID, INK, Key, SMALL, Sign, chart, colour, picture, px, stroke, text, titled,
+    Area, Drawn, GRID, INK, Key, SMALL, Sign, chart, color, picture, px, stroke, text, titled,
     with_legend,
 };
 use crate::error::{Error, Result};
@@ -21,9 +21,9 @@ const SHOWN: (f64, f64) = (0.01, 0.99);
 /// Number of the histogram's bins.
 const BINS: usize = 60;
 /// Distances below this part of the median count as this much: a logarithm needs an end.
-const LEAST_PART: f64 = 1e-6;
+const MIN_PART: f64 = 1e-6;
 
-/// Draws features in hash space: two projections, coloured by the distance to the nearest other
+/// Draws features in hash space: two projections, colored by the distance to the nearest other
 /// feature, and the histogram of these distances with their mean.
 ///
 /// Hash coordinates and distances have no unit. Axes span most of the features and say how many lie
@@ -63,20 +63,20 @@ pub fn feature_plot(
         for (plot, other) in plots.split_evenly((1, 2)).iter().zip([1, 2]) {
             draw_projection(root, plot, features, &distances, &axes, other)?;
         }
-        draw_colour_bar(&bar, &distances)?;
+        draw_color_bar(&bar, &distances)?;
         draw_histogram(root, &bottom, &distances)
     })
 }
 
-/// Distances with what is needed to colour and count them.
+/// Distances with what is needed to color and count them.
 struct Distances<'a> {
     values: &'a [f64],
     /// Least distance that is told apart from zero.
     floor: f64,
     mean: f64,
     median: f64,
-    /// Decimal logarithms of the ends of the colour scale.
-    colours: (f64, f64),
+    /// Decimal logarithms of the ends of the color scale.
+    colors: (f64, f64),
 }
 
 impl<'a> Distances<'a> {
@@ -93,7 +93,7 @@ impl<'a> Distances<'a> {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         // Where most distances are zero the mean, and where all are any number, gives the scale.
         let scale = [median, mean].into_iter().find(|d| *d > 0.0);
-        let floor = LEAST_PART * scale.unwrap_or(1.0);
+        let floor = MIN_PART * scale.unwrap_or(1.0);
         let log = |q: f64| quantile(&sorted, q).max(floor).log10();
         let (low, high) = (log(0.02), log(0.98));
         Ok(Self {
@@ -101,13 +101,13 @@ impl<'a> Distances<'a> {
             floor,
             mean,
             median,
-            colours: (low, high.max(low + 0.1)),
+            colors: (low, high.max(low + 0.1)),
         })
     }
 
-    /// Colour of a distance given by its decimal logarithm.
-    fn colour(&self, log: f64) -> RGBColor {
-        let (low, high) = self.colours;
+    /// Color of a distance given by its decimal logarithm.
+    fn color(&self, log: f64) -> RGBColor {
+        let (low, high) = self.colors;
         viridis((log - low) / (high - low))
     }
 }
@@ -162,11 +162,11 @@ fn draw_projection(
             outside += 1;
             continue;
         }
-        let colour = distances.colour(distances.values[i].max(distances.floor).log10());
+        let color = distances.color(distances.values[i].max(distances.floor).log10());
         root.draw(&Circle::new(
             chart.backend_coord(&at),
             px(1.8),
-            colour.filled(),
+            color.filled(),
         ))?;
     }
     let note = format!(
@@ -179,18 +179,15 @@ fn draw_projection(
     text(&note_area, &note, at, HPos::Center, SMALL, INK)
 }
 
-/// The colour scale of the distances, at the left of `area`.
-fn draw_colour_bar(area: &Area<'_>, distances: &Distances<'_>) -> Drawn {
+/// The color scale of the distances, at the left of `area`.
+fn draw_color_bar(area: &Area<'_>, distances: &Distances<'_>) -> Drawn {
     let (left, right) = (px(8.0), px(30.0));
     let (top, bottom) = (px(76.0), px(528.0));
-    let (low, high) = distances.colours;
+    let (low, high) = distances.colors;
     for y in top..=bottom {
         let part = f64::from(bottom - y) / f64::from(bottom - top);
-        let colour = distances.colour(low + part * (high - low));
-        area.draw(&Rectangle::new(
-            [(left, y), (right, y + 1)],
-            colour.filled(),
-        ))?;
+        let color = distances.color(low + part * (high - low));
+        area.draw(&Rectangle::new([(left, y), (right, y + 1)], color.filled()))?;
     }
     let axis = Axis::logarithmic(10f64.powf(low), 10f64.powf(high), Unit::Plain);
     for tick in &axis.ticks {
@@ -250,18 +247,18 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
     for (i, count) in counts.iter().enumerate() {
         let left = x.low + i as f64 * width;
         let corners = [(left, *count as f64), (left + width, 0.0)].map(|p| chart.backend_coord(&p));
-        root.draw(&Rectangle::new(corners, colour(0).mix(0.8).filled()))?;
+        root.draw(&Rectangle::new(corners, color(0).mix(0.8).filled()))?;
         root.draw(&Rectangle::new(corners, stroke(GRID, 0.5)))?;
     }
     for (i, value) in [(1, distances.mean), (2, distances.median)] {
         let ends = [y.low, y.high].map(|v| chart.backend_coord(&(x.position(value), v)));
-        root.draw(&PathElement::new(ends.to_vec(), stroke(colour(i), 2.5)))?;
+        root.draw(&PathElement::new(ends.to_vec(), stroke(color(i), 2.5)))?;
     }
     Ok(())
 }
 
-/// The viridis colour map (S. van der Walt, N. Smith, 2015; public domain), interpolated between eight
-/// of its colours and without its palest end, hard to see on white; `part` is clamped to [0, 1].
+/// The viridis color map (S. van der Walt, N. Smith, 2015; public domain), interpolated between eight
+/// of its colors and without its palest end, hard to see on white; `part` is clamped to [0, 1].
 fn viridis(part: f64) -> RGBColor {
     const COLOURS: [[f64; 3]; 8] = [
         [68.0, 1.0, 84.0],

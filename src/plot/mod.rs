@@ -17,7 +17,7 @@ mod solid;
 mod stencil;
 mod values;
 
-pub use ball::{BallView, VIEWS_SIZE, pattern_views};
+pub use ball::{BallDrawing, VIEWS_SIZE, pattern_views};
 pub use bars::{BARS_SIZE, BarChart, BarGroup, bar_comparison};
 pub use curves::{
     CURVES_SIZE, CurvePlot, LinePlot, LineSeries, RELIABILITY_SIZE, RateSeries, ReliabilityPlot,

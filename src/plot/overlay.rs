@@ -19,7 +19,7 @@ const CELL: u32 = 240;
 const CELL_WORDS: u32 = 22;
 /// Frames on one sheet at most.
 pub const SHEET_FRAMES: usize = 80;
-/// Colours of the outline, dots that have a name, others, expected dots and refusals.
+/// Colors of the outline, dots that have a name, others, expected dots and refusals.
 const OUTLINE: RGBColor = RGBColor(0, 220, 120);
 const NAMED: RGBColor = RGBColor(60, 200, 255);
 const UNNAMED: RGBColor = RGBColor(255, 90, 60);
@@ -47,7 +47,7 @@ pub struct OverlayFrame {
     pub refused: bool,
     /// The picture.
     pub image: RgbImage,
-    /// Centre and radius of the ball's outline.
+    /// Center and radius of the ball's outline.
     pub outline: Option<(Pixel, f64)>,
     /// The detections.
     pub dots: Vec<OverlayDot>,
@@ -120,7 +120,7 @@ fn draw_frame(
     let (width, height) = (frame.image.width() as f64, frame.image.height() as f64);
     let zoom = f64::from(side) / width.max(height);
     draw_image(area, &frame.image, (left, top), zoom)?;
-    // A pixel's centre is half a pixel from its corner.
+    // A pixel's center is half a pixel from its corner.
     let place = |p: &Pixel| {
         let at = |x: f64, from: i32| from + (zoom * (x + 0.5)).round() as i32;
         (at(p.u, left), at(p.v, top))
@@ -145,14 +145,14 @@ fn draw_frame(
         }
     }
     for dot in frame.dots.iter().filter(|d| inside(&d.pixel)) {
-        let colour = if dot.named { NAMED } else { UNNAMED };
+        let color = if dot.named { NAMED } else { UNNAMED };
         let at = place(&dot.pixel);
         let r = if in_full { px(11.0) } else { px(5.0) };
-        area.draw(&Circle::new(at, r, canvas::stroke(colour, 1.2)))?;
+        area.draw(&Circle::new(at, r, canvas::stroke(color, 1.2)))?;
         if in_full {
             let words = format!("{:.0}", 100.0 * dot.confidence);
             let below = (at.0, at.1 + r + px(8.0));
-            canvas::text(area, &words, below, HPos::Center, 11.0, colour)?;
+            canvas::text(area, &words, below, HPos::Center, 11.0, color)?;
         }
     }
     for (number, pixel, z) in frame.expected.iter().filter(|(_, p, _)| inside(p)) {

@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{
-    Area, Drawn, GREY, INK, Key, SMALL, Sign, colour, font, picture, px, stroke, text, text_width,
+    Area, Drawn, GREY, INK, Key, SMALL, Sign, color, font, picture, px, stroke, text, text_width,
     titled, with_legend,
 };
 use crate::error::{Error, Result};
@@ -18,11 +18,11 @@ pub const RECOGNITION_VIEW_SIZE: (u32, u32) = (430, 640);
 
 /// Radius of a drawn ball, file pixels.
 const RADIUS: f64 = 175.0;
-/// Height of the ball's centre beneath title and legend, file pixels.
+/// Height of the ball's center beneath title and legend, file pixels.
 const CENTRE_Y: f64 = 205.0;
 /// Height of a line of the caption, file pixels.
 const LINE: f64 = 21.0;
-/// Series whose colours stand for what was seen, for the truth and for the answer.
+/// Series whose colors stand for what was seen, for the truth and for the answer.
 const OBSERVED: usize = 6;
 const TRUTH: usize = 2;
 const ANSWER: usize = 1;
@@ -77,42 +77,42 @@ pub fn recognition_views(
 }
 
 fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Drawn {
-    let centre = (area.dim_in_pixel().0 as i32 / 2, px(CENTRE_Y));
+    let center = (area.dim_in_pixel().0 as i32 / 2, px(CENTRE_Y));
     let place = |d: &Vec3| {
         let at = |c: f64| (c * f64::from(px(RADIUS))).round() as i32;
-        (centre.0 + at(d.x), centre.1 - at(d.y))
+        (center.0 + at(d.x), center.1 - at(d.y))
     };
-    area.draw(&Circle::new(centre, px(RADIUS), stroke(GREY, 1.5)))?;
+    area.draw(&Circle::new(center, px(RADIUS), stroke(GREY, 1.5)))?;
     let limit = (1.0 - view.visibility_limit.powi(2)).max(0.0).sqrt();
     if view.visibility_limit > 0.0 {
         let rim = stroke(GREY, 0.6);
-        area.draw(&Circle::new(centre, px(RADIUS * limit), rim))?;
+        area.draw(&Circle::new(center, px(RADIUS * limit), rim))?;
     }
     for d in &view.observed {
-        area.draw(&Circle::new(place(d), px(5.0), colour(OBSERVED).filled()))?;
+        area.draw(&Circle::new(place(d), px(5.0), color(OBSERVED).filled()))?;
     }
     for (j, dot) in pattern.dots().iter().enumerate() {
         let number = j.to_string();
         let q = view.truth * dot;
         if q.z > view.visibility_limit {
             let (x, y) = place(&q);
-            let line = stroke(colour(TRUTH), 2.0);
+            let line = stroke(color(TRUTH), 2.0);
             area.draw(&Circle::new((x, y), px(9.0), line))?;
             let at = (x + px(11.0), y - px(9.0));
-            text(area, &number, at, HPos::Left, SMALL, colour(TRUTH))?;
+            text(area, &number, at, HPos::Left, SMALL, color(TRUTH))?;
         }
         let Some(q) = view.answer.map(|r| r * dot) else {
             continue;
         };
         if q.z > view.visibility_limit {
             let (x, y) = place(&q);
-            let (line, d) = (stroke(colour(ANSWER), 2.0), px(7.0));
+            let (line, d) = (stroke(color(ANSWER), 2.0), px(7.0));
             for s in [-1, 1] {
                 let ends = vec![(x - d, y - s * d), (x + d, y + s * d)];
                 area.draw(&PathElement::new(ends, line))?;
             }
             let at = (x - px(11.0), y + px(9.0));
-            text(area, &number, at, HPos::Right, SMALL, colour(ANSWER))?;
+            text(area, &number, at, HPos::Right, SMALL, color(ANSWER))?;
         }
     }
     draw_caption(area, &view.caption)

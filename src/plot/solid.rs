@@ -1,6 +1,6 @@
 //! Shaded pictures of solids: an orthographic z-buffer renderer for a few ten thousand triangles.
 //!
-//! Each pixel keeps the nearest surface's depth, normal and colour; lines are then drawn where depth or
+//! Each pixel keeps the nearest surface's depth, normal and color; lines are then drawn where depth or
 //! normal jump, so that rims and engravings stay readable in print.
 
 use plotters::prelude::*;
@@ -14,7 +14,7 @@ use super::canvas::{Area, Drawn};
 const LIGHT: [f64; 3] = [-0.45, 0.55, 0.71];
 /// Brightness of a surface that faces away from the light.
 const AMBIENT: f64 = 0.42;
-/// Neighbours whose normals differ by more than this cosine are parted by a line.
+/// Neighbors whose normals differ by more than this cosine are parted by a line.
 const CREASE_COS: f64 = 0.80;
 /// Brightness of pixels on such lines.
 const LINE: f64 = 0.55;
@@ -22,17 +22,17 @@ const LINE: f64 = 0.55;
 /// Red, green, blue in [0, 255].
 pub(super) type Rgb = [f64; 3];
 
-/// How a solid is coloured.
+/// How a solid is colored.
 #[derive(Debug, Clone)]
 pub(super) enum Paint {
-    /// One colour.
+    /// One color.
     Plain(Rgb),
     /// A ball with round dots.
     Ball {
-        /// Colour of the ball, colour of its dots.
-        colours: [Rgb; 2],
-        /// Its centre, mm.
-        centre: Vec3,
+        /// Color of the ball, color of its dots.
+        colors: [Rgb; 2],
+        /// Its center, mm.
+        center: Vec3,
         /// The dots' directions from there.
         dots: Vec<Vec3>,
         /// Cosine of the angle between a dot's middle and its edge.
@@ -41,28 +41,28 @@ pub(super) enum Paint {
 }
 
 impl Paint {
-    /// The colour at a point of the surface, mm.
+    /// The color at a point of the surface, mm.
     fn at(&self, p: &Vec3) -> Rgb {
         match self {
-            Self::Plain(colour) => *colour,
+            Self::Plain(color) => *color,
             Self::Ball {
-                colours,
-                centre,
+                colors,
+                center,
                 dots,
                 edge_cos,
             } => {
-                let d = (p - centre).normalize();
-                colours[usize::from(dots.iter().any(|dot| dot.dot(&d) >= *edge_cos))]
+                let d = (p - center).normalize();
+                colors[usize::from(dots.iter().any(|dot| dot.dot(&d) >= *edge_cos))]
             }
         }
     }
 }
 
-/// A solid with its colours.
+/// A solid with its colors.
 pub(super) struct Body<'a> {
     /// Its surface.
     pub mesh: &'a Mesh,
-    /// Its colours.
+    /// Its colors.
     pub paint: &'a Paint,
 }
 
@@ -97,10 +97,10 @@ impl View {
 struct Pixel {
     depth: f64,
     normal: Vec3,
-    colour: Rgb,
+    color: Rgb,
 }
 
-/// A scene's place in a picture: `scale` drawn pixels per millimetre, the view's origin at `centre`.
+/// A scene's place in a picture: `scale` drawn pixels per millimetre, the view's origin at `center`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     /// Viewer.
@@ -110,12 +110,12 @@ pub(super) struct Frame {
     /// The point of the scene that is drawn in the middle, in the view's frame, mm.
     pub middle: (f64, f64),
     /// Drawn pixel of the middle.
-    pub centre: (i32, i32),
+    pub center: (i32, i32),
 }
 
 impl Frame {
-    /// A frame that shows all of `bodies` within `room` (width, height; drawn pixels) about `centre`.
-    pub fn fitted(view: View, bodies: &[Body<'_>], room: (f64, f64), centre: (i32, i32)) -> Self {
+    /// A frame that shows all of `bodies` within `room` (width, height; drawn pixels) about `center`.
+    pub fn fitted(view: View, bodies: &[Body<'_>], room: (f64, f64), center: (i32, i32)) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for v in bodies.iter().flat_map(|b| &b.mesh.vertices) {
             let p = view.apply(v);
@@ -129,7 +129,7 @@ impl Frame {
             view,
             scale: (room.0 / size(0)).min(room.1 / size(1)),
             middle: (0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])),
-            centre,
+            center,
         }
     }
 
@@ -137,8 +137,8 @@ impl Frame {
     pub fn place(&self, p: &Vec3) -> (f64, f64, f64) {
         let q = self.view.apply(p);
         (
-            f64::from(self.centre.0) + (q.x - self.middle.0) * self.scale,
-            f64::from(self.centre.1) - (q.y - self.middle.1) * self.scale,
+            f64::from(self.center.0) + (q.x - self.middle.0) * self.scale,
+            f64::from(self.center.1) - (q.y - self.middle.1) * self.scale,
             q.z,
         )
     }
@@ -173,14 +173,14 @@ pub(super) fn render(area: &Area<'_>, frame: &Frame, bodies: &[Body<'_>]) -> Dra
                 } else {
                     1.0
                 };
-            let [r, g, b] = pixel.colour.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
+            let [r, g, b] = pixel.color.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
             area.draw_pixel((x as i32, y as i32), &RGBColor(r, g, b))?;
         }
     }
     Ok(())
 }
 
-/// Whether the surface jumps or folds between a pixel and one of its neighbours.
+/// Whether the surface jumps or folds between a pixel and one of its neighbors.
 fn on_line(
     pixels: &[Option<Pixel>],
     (width, height): (usize, usize),
@@ -261,7 +261,7 @@ fn fill(
                 *slot = Some(Pixel {
                     depth,
                     normal,
-                    colour: paint.at(&point),
+                    color: paint.at(&point),
                 });
             }
         }

@@ -14,7 +14,7 @@ use crate::stencil::{Mesh, Stencil, shapes};
 /// Width and height of [`stencil_views`]'s picture, pixels.
 pub const STENCIL_SIZE: (u32, u32) = (1500, 1080);
 
-/// Colours of half A, half B, the ball and its dots.
+/// Colors of half A, half B, the ball and its dots.
 const HALF_A: Rgb = [236.0, 112.0, 70.0];
 const HALF_B: Rgb = [94.0, 158.0, 214.0];
 const BALL: Rgb = [252.0, 246.0, 226.0];
@@ -56,14 +56,14 @@ impl<'a> Scene<'a> {
         let hinge = Vec3::new(stencil.joint().axis_mm, 0.0, 0.0);
         let turn = Rotation::from_axis_angle(&Vec3::y_axis(), -opening);
         let edge = (0.5 * stencil.config().hole_diameter_mm / radius).asin();
-        let paint = |turn: Rotation, centre: Vec3| Paint::Ball {
-            colours: [BALL, DOT],
-            centre,
+        let paint = |turn: Rotation, center: Vec3| Paint::Ball {
+            colors: [BALL, DOT],
+            center,
             dots: stencil.dots().iter().map(|d| turn * d).collect(),
             edge_cos: edge.cos(),
         };
         let moved = ball.mapped(|v| turn * (v - hinge) + hinge);
-        let centre = hinge - turn * hinge;
+        let center = hinge - turn * hinge;
         Self {
             stencil,
             placed: [
@@ -73,7 +73,7 @@ impl<'a> Scene<'a> {
             ],
             balls: [
                 (ball, paint(Rotation::identity(), Vec3::zeros())),
-                (moved, paint(turn, centre)),
+                (moved, paint(turn, center)),
             ],
             paints: [Paint::Plain(HALF_A), Paint::Plain(HALF_B)],
         }
@@ -159,8 +159,8 @@ fn draw_panel(area: &Area<'_>, panel: &Panel<'_>) -> Drawn {
     let (width, height) = area.dim_in_pixel();
     let (width, height) = (f64::from(width), f64::from(height));
     let room = (0.9 * width, height - f64::from(px(CAPTION + 16.0)));
-    let centre = ((0.5 * width) as i32, (0.5 * room.1) as i32 + px(8.0));
-    let frame = Frame::fitted(panel.view, &panel.bodies, room, centre);
+    let center = ((0.5 * width) as i32, (0.5 * room.1) as i32 + px(8.0));
+    let frame = Frame::fitted(panel.view, &panel.bodies, room, center);
     render(area, &frame, &panel.bodies)?;
     for (number, place) in &panel.labels {
         let (x, y, _) = frame.place(place);
@@ -174,7 +174,7 @@ fn draw_panel(area: &Area<'_>, panel: &Panel<'_>) -> Drawn {
             WHITE,
         )?;
     }
-    let middle = centre.0;
+    let middle = center.0;
     let y = height as i32 - px(CAPTION - 14.0);
     text(area, panel.caption, (middle, y), HPos::Center, LABEL, INK)?;
     text(

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::axis::{Axis, Unit};
-use super::canvas::{Key, Sign, chart, colour, picture, stroke, titled, with_legend};
+use super::canvas::{Key, Sign, chart, color, picture, stroke, titled, with_legend};
 use super::curves::{CURVES_SIZE, LineSeries, draw_rates};
 use crate::error::{Error, Result};
 use plotters::prelude::PathElement;
@@ -85,7 +85,7 @@ pub fn value_curves(path: &Path, plot: &ValuePlot) -> Result<()> {
         let at = |x: f64, y: f64| chart.backend_coord(&(x, y));
         for (i, series) in plot.lines.iter().enumerate() {
             let drawn: Vec<_> = series.points.iter().map(|p| at(p.0, p.1)).collect();
-            root.draw(&PathElement::new(drawn, stroke(colour(measured + i), 2.0)))?;
+            root.draw(&PathElement::new(drawn, stroke(color(measured + i), 2.0)))?;
         }
         for (i, series) in plot.values.iter().enumerate() {
             let drawn: Vec<_> = series
@@ -108,7 +108,7 @@ pub struct PathGroup {
     pub paths: Vec<Vec<(f64, f64)>>,
 }
 
-/// Many paths in a few colours, for [`path_groups`].
+/// Many paths in a few colors, for [`path_groups`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathPlot {
     /// Title of the plot.
@@ -117,11 +117,11 @@ pub struct PathPlot {
     pub x_label: String,
     /// Label of the vertical axis, with its unit.
     pub y_label: String,
-    /// The groups, one colour each.
+    /// The groups, one color each.
     pub groups: Vec<PathGroup>,
 }
 
-/// Draws many thin paths, coloured by group; empty groups have no place in the legend.
+/// Draws many thin paths, colored by group; empty groups have no place in the legend.
 ///
 /// # Errors
 /// As [`value_curves`].
@@ -149,7 +149,7 @@ pub fn path_groups(path: &Path, plot: &PathPlot) -> Result<()> {
                     .iter()
                     .map(|p| chart.backend_coord(p))
                     .collect::<Vec<_>>();
-                root.draw(&PathElement::new(at, stroke(colour(i), 1.0)))?;
+                root.draw(&PathElement::new(at, stroke(color(i), 1.0)))?;
             }
         }
         Ok(())

@@ -17,7 +17,7 @@ use crate::geometry::angle_between;
 use crate::hash::HashTable;
 use crate::pattern::{Pattern, PatternSummary};
 use crate::plot::{BarChart, BarGroup, LinePlot, LineSeries, RateScale, bar_comparison, line_plot};
-use crate::recognise::RecogniserName;
+use crate::recognize::RecognizerName;
 use crate::validate::{
     Proportion, Protocol, ProtocolName, TrialResult, Validation, run_named, summarize,
 };
@@ -27,7 +27,7 @@ const VIEWS: usize = 4_000;
 
 /// A pattern that takes part.
 #[derive(Debug)]
-pub struct Contestant {
+pub struct Entry {
     /// Its name in tables and plots.
     pub name: String,
     /// Its table.
@@ -43,10 +43,10 @@ pub struct Figures {
     pub sha256: String,
     /// Separations and visibility.
     pub summary: PatternSummary,
-    /// Spread of the neighbours' distances.
-    pub neighbours: NeighbourSpread,
+    /// Spread of the neighbors' distances.
+    pub neighbors: NeighborSpread,
     /// Each objective's figure, on the `sparse` protocol's views, where it can be worked out.
-    pub objectives: Vec<ObjectiveFigure>,
+    pub objectives: Vec<ObjectiveScore>,
     /// Mean distance from each feature of the table to the nearest other one, without unit.
     pub mean_feature_distance: f64,
     /// How well the dots in view fix the orientation, in units of the dots' noise.
@@ -55,7 +55,7 @@ pub struct Figures {
 
 /// An objective's value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ObjectiveFigure {
+pub struct ObjectiveScore {
     /// Its name.
     pub name: ObjectiveName,
     /// Its figure.
@@ -63,9 +63,9 @@ pub struct ObjectiveFigure {
 }
 
 /// The distribution criterion for marks on a ball of US 2023/0218952: how unlike the distances of each
-/// mark to its three nearest neighbours are, over all marks and relative to their mean.
+/// mark to its three nearest neighbors are, over all marks and relative to their mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct NeighbourSpread {
+pub struct NeighborSpread {
     /// Mean of the distances (angles), radians.
     pub mean_rad: f64,
     /// Their standard deviation over their mean.
@@ -74,7 +74,7 @@ pub struct NeighbourSpread {
     pub relative_min: f64,
 }
 
-impl NeighbourSpread {
+impl NeighborSpread {
     /// The criterion's figures for a pattern.
     pub fn of(pattern: &Pattern) -> Self {
         let dots = pattern.dots();
@@ -180,8 +180,8 @@ impl PairedDifference {
 pub struct Contest {
     /// The pattern's name.
     pub name: String,
-    /// The recogniser.
-    pub recognizer: RecogniserName,
+    /// The recognizer.
+    pub recognizer: RecognizerName,
     /// The rates.
     #[serde(flatten)]
     pub validation: Validation,
@@ -200,29 +200,29 @@ pub struct Comparison {
     pub seed: u64,
     /// Figures of each pattern.
     pub patterns: Vec<Figures>,
-    /// Rates, by recogniser, protocol and pattern.
+    /// Rates, by recognizer, protocol and pattern.
     pub contests: Vec<Contest>,
 }
 
-fn figures(contestant: &Contestant) -> Result<Figures> {
-    let pattern = contestant.table.pattern();
+fn figures(entry: &Entry) -> Result<Figures> {
+    let pattern = entry.table.pattern();
     let sparse = Protocol::standard(ProtocolName::Sparse);
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
         .into_iter()
         .filter(|name| name.suits(pattern.len()))
         .map(|name| {
             let value = Objective::for_protocol(name, &sparse)
-                .figure(pattern.dots())?
+                .evaluate_at(pattern.dots())?
                 .value;
-            Ok(ObjectiveFigure { name, value })
+            Ok(ObjectiveScore { name, value })
         })
         .collect();
-    let distances = contestant.table.nearest_distances();
+    let distances = entry.table.nearest_distances();
     Ok(Figures {
-        name: contestant.name.clone(),
+        name: entry.name.clone(),
         sha256: pattern.sha256(),
         summary: pattern.summary(),
-        neighbours: NeighbourSpread::of(pattern),
+        neighbors: NeighborSpread::of(pattern),
         objectives: objectives?,
         mean_feature_distance: distances.iter().sum::<f64>() / distances.len() as f64,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
@@ -261,42 +261,39 @@ fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> P
     PairedDifference::new(pairs)
 }
 
-/// Compares patterns on `samples` trials of every protocol, with both recognisers; `says` is told what
+/// Compares patterns on `samples` trials of every protocol, with both recognizers; `says` is told what
 /// is being measured.
 ///
 /// # Errors
 /// [`Error::Argument`] for fewer than two patterns; as [`run_named`].
 pub fn compare(
-    contestants: &[Contestant],
-    recognisers: &[RecogniserName],
+    entries: &[Entry],
+    recognizers: &[RecognizerName],
     seed: u64,
     samples: u64,
     says: &mut dyn FnMut(&str),
 ) -> Result<Comparison> {
-    if contestants.len() < 2 {
-        let found = contestants.len();
+    if entries.len() < 2 {
+        let found = entries.len();
         let problem = format!("expected at least two, found {found}");
         return Err(Error::argument("patterns", problem));
     }
-    let patterns: Result<Vec<_>> = contestants.iter().map(figures).collect();
+    let patterns: Result<Vec<_>> = entries.iter().map(figures).collect();
     let mut contests = Vec::new();
-    for &recognizer in recognisers {
+    for &recognizer in recognizers {
         for name in ProtocolName::ALL {
             let protocol = Protocol::standard(name);
             let mut first: Option<Vec<TrialResult>> = None;
-            for contestant in contestants {
-                says(&format!(
-                    "{}: {name}, recogniser {recognizer}",
-                    contestant.name
-                ));
-                let results = run_named(&contestant.table, recognizer, &protocol, seed, samples)?;
+            for entry in entries {
+                says(&format!("{}: {name}, recognizer {recognizer}", entry.name));
+                let results = run_named(&entry.table, recognizer, &protocol, seed, samples)?;
                 let validation = summarize(&results, &protocol, seed);
                 let against_first = |which| match &first {
                     Some(first) => difference(first, &results, which),
                     None => PairedDifference::with_itself(validation.identity.trials),
                 };
                 contests.push(Contest {
-                    name: contestant.name.clone(),
+                    name: entry.name.clone(),
                     recognizer,
                     identity_difference: against_first(0),
                     orientation_difference: against_first(1),
@@ -315,27 +312,27 @@ pub fn compare(
 }
 
 impl Comparison {
-    /// Draws the failures of each recogniser (`compare_robust.png`, `compare_paper.png`) and the
+    /// Draws the failures of each recognizer (`compare_robust.png`, `compare_paper.png`) and the
     /// orientation bound by viewing direction (`compare_bound.png`) into `dir`.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
-    pub fn write_plots(&self, dir: &Path, contestants: &[Contestant]) -> Result<()> {
-        for recogniser in RecogniserName::ALL {
+    pub fn write_plots(&self, dir: &Path, entries: &[Entry]) -> Result<()> {
+        for recognizer in RecognizerName::ALL {
             let of: Vec<&Contest> = self
                 .contests
                 .iter()
-                .filter(|c| c.recognizer == recogniser)
+                .filter(|c| c.recognizer == recognizer)
                 .collect();
             if !of.is_empty() {
                 self.draw_rates(
-                    &dir.join(format!("compare_{recogniser}.png")),
-                    recogniser,
+                    &dir.join(format!("compare_{recognizer}.png")),
+                    recognizer,
                     &of,
                 )?;
             }
         }
-        let series = contestants
+        let series = entries
             .iter()
             .map(|c| {
                 let mut all =
@@ -370,7 +367,7 @@ impl Comparison {
         )
     }
 
-    fn draw_rates(&self, path: &Path, recogniser: RecogniserName, of: &[&Contest]) -> Result<()> {
+    fn draw_rates(&self, path: &Path, recognizer: RecognizerName, of: &[&Contest]) -> Result<()> {
         let groups = ProtocolName::ALL
             .map(|name| {
                 let rates = of
@@ -388,7 +385,7 @@ impl Comparison {
             path,
             &BarChart {
                 title: format!(
-                    "Views not identified, of {} a protocol; recogniser {recogniser}",
+                    "Views not identified, of {} a protocol; recognizer {recognizer}",
                     self.samples
                 ),
                 y_label: "failures".into(),

@@ -17,10 +17,10 @@ use crate::design::polish::PolishStep;
 use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::hash::{HashTable, Objective, PairRule, RecogniserParams};
+use crate::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
 use crate::pattern::PatternSummary;
 use crate::plot::stencil_views;
-use crate::recognise::RecogniserName;
+use crate::recognize::RecognizerName;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
     NamedValidation, Protocol, ProtocolName, SensitivityConfig, SensitivityPoint, sensitivity,
@@ -91,12 +91,12 @@ pub struct DesignReport {
     /// What polishing the first of them came to, round by round.
     pub polish: Vec<PolishStep>,
     /// What was optimized, and its value.
-    pub objective: Objective,
+    pub objective: ObjectiveRecord,
     /// The winner.
     pub pattern: PatternReport,
     /// How well its dots fix the orientation, in units of the dots' noise.
     pub orientation_bound: BoundSummary,
-    /// Rates of the winner on the report's trials: every recogniser, every protocol.
+    /// Rates of the winner on the report's trials: every recognizer, every protocol.
     pub validation: Vec<NamedValidation>,
     /// How the rates depend on noise and alpha.
     pub sensitivity: Vec<SensitivityPoint>,
@@ -106,14 +106,14 @@ pub struct DesignReport {
 
 /// What is measured about the winner.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ProofConfig {
-    /// Trials for each recogniser and protocol.
+pub struct EvaluationConfig {
+    /// Trials for each recognizer and protocol.
     pub samples: u64,
     /// The sweeps; its seed is replaced by the report's.
     pub sensitivity: SensitivityConfig,
 }
 
-impl ProofConfig {
+impl EvaluationConfig {
     /// `samples` trials each, and a fifth of it for each point of the default sweeps.
     pub fn of_samples(samples: u64) -> Self {
         Self {
@@ -126,7 +126,7 @@ impl ProofConfig {
     }
 }
 
-impl Default for ProofConfig {
+impl Default for EvaluationConfig {
     /// 10 000 trials each, 2 000 for each point of a sweep.
     fn default() -> Self {
         Self::of_samples(10_000)
@@ -135,7 +135,7 @@ impl Default for ProofConfig {
 
 /// A design with its proof, ready to be written.
 #[derive(Debug)]
-pub struct ProvenDesign {
+pub struct DesignEvaluation {
     /// The table, with the validation that it ships with.
     pub table: HashTable,
     /// The report.
@@ -146,26 +146,26 @@ pub struct ProvenDesign {
 ///
 /// # Errors
 /// As [`validate_named`].
-pub fn prove(
+pub fn evaluate(
     outcome: &DesignOutcome,
     config: &DesignConfig,
-    proof: &ProofConfig,
+    proof: &EvaluationConfig,
     command: String,
     says: &mut dyn FnMut(&str),
-) -> Result<ProvenDesign> {
+) -> Result<DesignEvaluation> {
     let best = &outcome.best;
     let pattern = &best.pattern()?;
     let seed = config.report_seed();
     let mut table = HashTable::build(
         pattern.clone(),
         PairRule::default(),
-        RecogniserParams::default(),
+        RecognizerConfig::default(),
     )?;
     let clock = std::time::Instant::now();
     let mut validation = Vec::new();
-    for recogniser in RecogniserName::ALL {
+    for recognizer in RecognizerName::ALL {
         for name in ProtocolName::ALL {
-            says(&format!("validating: {name}, recogniser {recogniser}"));
+            says(&format!("validating: {name}, recognizer {recognizer}"));
             let protocol = if name == config.protocol.name {
                 config.protocol
             } else {
@@ -173,7 +173,7 @@ pub fn prove(
             };
             validation.push(validate_named(
                 &table,
-                recogniser,
+                recognizer,
                 &protocol,
                 seed,
                 proof.samples,
@@ -201,7 +201,7 @@ pub fn prove(
     let paper = Protocol::standard(ProtocolName::Paper);
     let mut points = sensitivity(&table, &paper, &sweep, &mut |p| {
         says(&format!(
-            "sensitivity: {} = {}, recogniser {}",
+            "sensitivity: {} = {}, recognizer {}",
             p.parameter.as_str(),
             p.value,
             p.result.recognizer
@@ -211,9 +211,9 @@ pub fn prove(
         p.result.validation = p.result.validation.clone().untimed();
     }
     timing.sensitivity_s = clock.elapsed().as_secs_f64();
-    let objective = Objective {
+    let objective = ObjectiveRecord {
         name: config.objective.name().to_string(),
-        value: best.figure,
+        value: best.value,
     };
     let shipped = serde_json::to_value(&validation)
         .map_err(|e| Error::Internal(format!("validation as JSON: {e}")))?;
@@ -244,10 +244,10 @@ pub fn prove(
         sensitivity: points,
         timing,
     };
-    Ok(ProvenDesign { table, report })
+    Ok(DesignEvaluation { table, report })
 }
 
-impl ProvenDesign {
+impl DesignEvaluation {
     /// Writes everything but the stencil to `dir`, each file whole or not at all.
     ///
     /// # Errors

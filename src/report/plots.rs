@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use super::{DesignReport, ProvenDesign};
+use super::{DesignEvaluation, DesignReport};
 use crate::design::Milestone;
 use crate::error::Result;
 use crate::hash::HashTable;
 use crate::plot::{
-    BallView, BarChart, BarGroup, CurvePlot, RatePoint, RateScale, RateSeries, bar_comparison,
+    BallDrawing, BarChart, BarGroup, CurvePlot, RatePoint, RateScale, RateSeries, bar_comparison,
     feature_plot, pattern_views, rate_curves,
 };
-use crate::recognise::RecogniserName;
+use crate::recognize::RecognizerName;
 use crate::stencil::StencilConfig;
 use crate::validate::{
     NamedValidation, Proportion, ProtocolName, SensitivityPoint, SweptParameter,
@@ -29,7 +29,7 @@ pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
 ///
 /// # Errors
 /// [`crate::Error::Write`] where the system refuses.
-pub fn write_all(dir: &Path, design: &ProvenDesign, stencil: &StencilConfig) -> Result<()> {
+pub fn write_all(dir: &Path, design: &DesignEvaluation, stencil: &StencilConfig) -> Result<()> {
     let (table, report) = (&design.table, &design.report);
     ball(&dir.join("pattern.png"), table, stencil)?;
     features(&dir.join("features.png"), table)?;
@@ -78,7 +78,7 @@ fn progress(path: &Path, report: &DesignReport) -> Result<()> {
 /// [`crate::Error::Write`] where the system refuses.
 pub fn ball(path: &Path, table: &HashTable, stencil: &StencilConfig) -> Result<()> {
     let pattern = table.pattern();
-    let view = BallView {
+    let view = BallDrawing {
         title: format!(
             "{} dots, pattern {}",
             pattern.len(),
@@ -90,7 +90,7 @@ pub fn ball(path: &Path, table: &HashTable, stencil: &StencilConfig) -> Result<(
     pattern_views(path, pattern, &view)
 }
 
-/// The table's features and the distances to their nearest neighbours.
+/// The table's features and the distances to their nearest neighbors.
 ///
 /// # Errors
 /// [`crate::Error::Write`] where the system refuses.
@@ -103,17 +103,17 @@ pub fn features(path: &Path, table: &HashTable) -> Result<()> {
     feature_plot(path, table.features(), &table.nearest_distances(), &title)
 }
 
-/// Failures of both recognisers in all protocols.
+/// Failures of both recognizers in all protocols.
 fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
-    let bar = |recogniser: RecogniserName, name: ProtocolName| {
+    let bar = |recognizer: RecognizerName, name: ProtocolName| {
         validation
             .iter()
-            .find(|v| v.recognizer == recogniser && v.validation.protocol == name)
+            .find(|v| v.recognizer == recognizer && v.validation.protocol == name)
             .map(|v| point(0.0, success(name, &v.validation)))
     };
     let groups = ProtocolName::ALL.map(|name| BarGroup {
         name: format!("{name}: {}", success_name(name)),
-        rates: RecogniserName::ALL.map(|r| bar(r, name)).to_vec(),
+        rates: RecognizerName::ALL.map(|r| bar(r, name)).to_vec(),
     });
     let trials = validation.first().map_or(0, |v| v.validation.samples);
     bar_comparison(
@@ -122,8 +122,8 @@ fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
             title: format!("Views not identified, of {trials} a protocol"),
             y_label: "failures".into(),
             scale: RateScale::Failure,
-            series: RecogniserName::ALL
-                .map(|r| format!("recogniser {r}"))
+            series: RecognizerName::ALL
+                .map(|r| format!("recognizer {r}"))
                 .to_vec(),
             groups: groups.to_vec(),
         },
@@ -167,11 +167,11 @@ pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> 
     ];
     for (parameter, file, x_label, title) in parameters {
         let mut series = Vec::new();
-        for recogniser in RecogniserName::ALL {
+        for recognizer in RecognizerName::ALL {
             let of = |pick: fn(&crate::validate::Validation) -> &Proportion| -> Vec<RatePoint> {
                 points
                     .iter()
-                    .filter(|p| p.parameter == parameter && p.result.recognizer == recogniser)
+                    .filter(|p| p.parameter == parameter && p.result.recognizer == recognizer)
                     .map(|p| {
                         let x = match parameter {
                             SweptParameter::SigmaDeg => p.value,
@@ -182,8 +182,8 @@ pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> 
                     .collect()
             };
             let curves = [
-                (format!("{recogniser}, identity"), of(|v| &v.identity)),
-                (format!("{recogniser}, orientation"), of(|v| &v.orientation)),
+                (format!("{recognizer}, identity"), of(|v| &v.identity)),
+                (format!("{recognizer}, orientation"), of(|v| &v.orientation)),
             ];
             for (name, points) in curves {
                 if !points.is_empty() {

@@ -28,29 +28,29 @@ use crate::geometry::{Rotation, Vec3};
 /// orientation is off by more than 0.2 rad at the node next to a peak.
 const NODES_PER_CYCLE: f64 = 8.0;
 /// Least spectral window at a node that is worth a refinement. At a true tie's nearest node it is 0.98.
-const LEAST_WINDOW: f64 = 0.7;
+const MIN_WINDOW: f64 = 0.7;
 
 /// Frames times nodes of the scan, about; what would be more is judged by the leading frames alone.
-const MOST_WORK: f64 = 2e7;
+const MAX_WORK: f64 = 2e7;
 
 /// Settings of [`alternatives`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AliasOptions {
+pub struct AliasConfig {
     /// Largest spin listed, revolutions per second.
     pub max_rps: f64,
     /// Least log-likelihood ratio to the estimate that is listed (natural log).
-    pub least_log_ratio: f64,
+    pub min_log_ratio: f64,
     /// Noise of an orientation per axis, radians, where the estimate has none of its own.
     pub sigma_rad: f64,
 }
 
-impl Default for AliasOptions {
+impl Default for AliasConfig {
     /// Up to 350 revolutions per second (twice the default of the estimators: one turn a frame at 350
     /// frames per second), odds down to one in a thousand, 2 deg.
     fn default() -> Self {
         Self {
             max_rps: 350.0,
-            least_log_ratio: -1000f64.ln(),
+            min_log_ratio: -1000f64.ln(),
             sigma_rad: 2f64.to_radians(),
         }
     }
@@ -75,7 +75,7 @@ pub struct Alternative {
 pub fn alternatives(
     measurements: &[Measurement],
     fit: &Fit,
-    options: &AliasOptions,
+    options: &AliasConfig,
 ) -> Vec<Alternative> {
     let Some(measurements) = affordable(measurements, options.max_rps) else {
         return Vec::new();
@@ -91,7 +91,7 @@ pub fn alternatives(
     };
     let (axis, rate) = axis_and_rate(&own.motion.spin);
     let window = Window::new(measurements, &right);
-    let middle = rebase(&own.motion, window.centre);
+    let middle = rebase(&own.motion, window.center);
     let limit = options.max_rps * std::f64::consts::TAU;
     // Spins nearer than half a cycle over the whole sequence are one peak.
     let apart = std::f64::consts::PI / window.duration;
@@ -110,7 +110,7 @@ pub fn alternatives(
         let log_likelihood_ratio = refined.log_likelihood - own.log_likelihood;
         let known = (spin - own.motion.spin).norm() < apart
             || found.iter().any(|a| (spin - a.spin).norm() < apart);
-        if !known && spin.norm() <= limit && log_likelihood_ratio >= options.least_log_ratio {
+        if !known && spin.norm() <= limit && log_likelihood_ratio >= options.min_log_ratio {
             found.push(Alternative {
                 spin,
                 log_likelihood_ratio,
@@ -126,7 +126,7 @@ pub fn alternatives(
     found
 }
 
-/// The leading frames for which a scan to `max_rps` costs no more than [`MOST_WORK`]; none for fewer
+/// The leading frames for which a scan to `max_rps` costs no more than [`MAX_WORK`]; none for fewer
 /// than three.
 fn affordable(measurements: &[Measurement], max_rps: f64) -> Option<&[Measurement]> {
     let work = |n: usize| {
@@ -134,16 +134,16 @@ fn affordable(measurements: &[Measurement], max_rps: f64) -> Option<&[Measuremen
         2.0 * max_rps * NODES_PER_CYCLE * duration * n as f64
     };
     let n = (MIN_FRAMES..=measurements.len())
-        .take_while(|n| work(*n) <= MOST_WORK)
+        .take_while(|n| work(*n) <= MAX_WORK)
         .last()?;
     Some(&measurements[..n])
 }
 
 /// The sampling's spectral window about its weighted mean time.
 struct Window {
-    /// Times from the centre (s) and weights that sum to 1.
+    /// Times from the center (s) and weights that sum to 1.
     nodes: Vec<(f64, f64)>,
-    centre: f64,
+    center: f64,
     duration: f64,
 }
 
@@ -151,15 +151,15 @@ impl Window {
     fn new(measurements: &[Measurement], right: &[f64]) -> Self {
         let total: f64 = right.iter().sum();
         let weighted = || measurements.iter().zip(right);
-        let centre = weighted().map(|(m, p)| m.time_s * p).sum::<f64>() / total;
+        let center = weighted().map(|(m, p)| m.time_s * p).sum::<f64>() / total;
         let used = || weighted().filter(|(_, p)| **p > 0.5).map(|(m, _)| m.time_s);
         let first = used().fold(f64::INFINITY, f64::min);
         let last = used().fold(f64::NEG_INFINITY, f64::max);
         Self {
             nodes: weighted()
-                .map(|(m, p)| (m.time_s - centre, p / total))
+                .map(|(m, p)| (m.time_s - center, p / total))
                 .collect(),
-            centre,
+            center,
             duration: last - first,
         }
     }
@@ -184,7 +184,7 @@ impl Window {
         let mut peaks = Vec::new();
         for i in first..=last {
             let after = height(i + 1);
-            if here >= LEAST_WINDOW && here >= before && here > after {
+            if here >= MIN_WINDOW && here >= before && here > after {
                 peaks.push(i as f64 * step);
             }
             (before, here) = (here, after);

@@ -20,12 +20,12 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::refine::{
-    MOST_NOISE, PREDICTION_LIMIT, Residual, axis_and_rate, jacobian as constant_jacobian, posterior,
+    MAX_NOISE, PREDICTION_LIMIT, Residual, axis_and_rate, jacobian as constant_jacobian, posterior,
 };
-use super::robust::RobustOptions;
+use super::robust::RobustSpinConfig;
 use super::simulate::decayed_time;
 use super::windows::{WindowFit, spin_over_time};
-use super::{Fit, Measurement, Motion, Refusal};
+use super::{Fit, Measurement, Motion, SpinRejection};
 use crate::geometry::{Rotation, Vec3, angle_between};
 
 type Vec7 = SVector<f64, 7>;
@@ -47,18 +47,18 @@ const Z95: f64 = 1.959_963_984_540_054;
 
 /// Settings of [`fit_decay`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DecayOptions {
+pub struct DecayConfig {
     /// Largest spin, noise and so on.
-    pub robust: RobustOptions,
+    pub robust: RobustSpinConfig,
     /// Orientations in a run whose spin is taken as constant.
     pub window: usize,
 }
 
-impl Default for DecayOptions {
+impl Default for DecayConfig {
     /// Runs of ten orientations: at 350 frames per second a spin loses less than 0.3 % in one.
     fn default() -> Self {
         Self {
-            robust: RobustOptions::default(),
+            robust: RobustSpinConfig::default(),
             window: 10,
         }
     }
@@ -89,20 +89,20 @@ impl DecayFit {
 /// Fits a decaying spin.
 ///
 /// # Errors
-/// A [`Refusal`] where the measurements are invalid or fewer than one run, agree on nothing, or leave
+/// A [`SpinRejection`] where the measurements are invalid or fewer than one run, agree on nothing, or leave
 /// the decay open.
 pub fn fit_decay(
     measurements: &[Measurement],
-    options: &DecayOptions,
-) -> Result<DecayFit, Refusal> {
+    options: &DecayConfig,
+) -> Result<DecayFit, SpinRejection> {
     let runs = spin_over_time(measurements, options.window, &options.robust)?;
-    let none = Refusal::NoConsensus {
+    let none = SpinRejection::NoConsensus {
         agreeing: 0,
         frames: measurements.len(),
         max_rps: options.robust.max_rps,
     };
     let (state, covariance) = State::from_runs(&runs, &options.robust).ok_or(none)?;
-    let open = |inliers| Refusal::DecayOpen { inliers };
+    let open = |inliers| SpinRejection::DecayOpen { inliers };
     let grown = grow(measurements, state, covariance, options).ok_or(open(0))?;
     let fit = settle(measurements, grown.at(measurements[0].time_s), options);
     fit.map_err(open)
@@ -117,7 +117,7 @@ struct State {
 
 impl State {
     /// From the runs whose axes agree, and the covariance of its parameters.
-    fn from_runs(runs: &[WindowFit], options: &RobustOptions) -> Option<(Self, Mat7)> {
+    fn from_runs(runs: &[WindowFit], options: &RobustSpinConfig) -> Option<(Self, Mat7)> {
         let axis = |r: &WindowFit| axis_and_rate(&r.fit.motion.spin).0;
         let fellows = |a: &WindowFit| -> Vec<&WindowFit> {
             let near = |b: &&WindowFit| angle_between(&axis(a), &axis(b)) < SAME_AXIS;
@@ -229,7 +229,7 @@ fn grow(
     measurements: &[Measurement],
     mut state: State,
     mut covariance: Mat7,
-    options: &DecayOptions,
+    options: &DecayConfig,
 ) -> Option<State> {
     let sigma = options.robust.sigma_rad;
     let prior_mean = state.decay;
@@ -268,7 +268,7 @@ fn grow(
 fn settle(
     measurements: &[Measurement],
     mut state: State,
-    options: &DecayOptions,
+    options: &DecayConfig,
 ) -> Result<DecayFit, usize> {
     let robust = &options.robust;
     let mut sigma = robust.sigma_rad;
@@ -284,9 +284,7 @@ fn settle(
         if robust.sigma_degrees.is_finite() {
             degrees = robust.sigma_degrees + (3.0 * sums.support - 7.0).max(0.0);
             let squares = robust.sigma_degrees * robust.sigma_rad.powi(2) + sums.squares;
-            let next = (squares / degrees)
-                .sqrt()
-                .min(MOST_NOISE * robust.sigma_rad);
+            let next = (squares / degrees).sqrt().min(MAX_NOISE * robust.sigma_rad);
             drift = (next / sigma - 1.0).abs();
             sigma = next;
         }

@@ -17,13 +17,13 @@
 
 use nalgebra::{Matrix3, Matrix6, SVector};
 
-use super::refine::{MOST_NOISE, Residual, axis_and_rate, jacobian};
-use super::{Fit, MIN_FRAMES, Motion, Refusal};
+use super::refine::{MAX_NOISE, Residual, axis_and_rate, jacobian};
+use super::{Fit, MIN_FRAMES, Motion, SpinRejection};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
 
 /// Steps at most: from a good start three or four do.
-const MOST_STEPS: usize = 30;
+const MAX_STEPS: usize = 30;
 /// A step shorter than this many standard deviations ends the iteration.
 const CONVERGED: f64 = 1e-4;
 
@@ -47,7 +47,7 @@ pub struct DotFrame {
 
 /// Settings of [`refine_on_dots`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DotOptions {
+pub struct DotRefineConfig {
     /// Noise of a dot's direction per tangential axis, radians: a first guess.
     pub sigma_rad: f64,
     /// What the first guess is worth, in degrees of freedom; infinite: it is known and stays.
@@ -56,7 +56,7 @@ pub struct DotOptions {
     pub right: f64,
 }
 
-impl Default for DotOptions {
+impl Default for DotRefineConfig {
     /// 2 deg per axis (the paper's rotation by 3 deg about a random axis moves a dot by 1.7 deg per axis),
     /// worth four degrees of freedom; nineteen dots in twenty right.
     fn default() -> Self {
@@ -74,15 +74,15 @@ impl Default for DotOptions {
 /// right.
 ///
 /// # Errors
-/// A [`Refusal`] where a dot is not in the pattern, or fewer than three frames agree.
+/// A [`SpinRejection`] where a dot is not in the pattern, or fewer than three frames agree.
 pub fn refine_on_dots(
     pattern: &Pattern,
     frames: &[DotFrame],
     start: &Fit,
-    options: &DotOptions,
-) -> Result<Fit, Refusal> {
+    options: &DotRefineConfig,
+) -> Result<Fit, SpinRejection> {
     check(pattern, frames)?;
-    let refused = |agreeing| Refusal::NoConsensus {
+    let refused = |agreeing| SpinRejection::NoConsensus {
         agreeing,
         frames: frames.len(),
         max_rps: start.motion.rps(),
@@ -91,7 +91,7 @@ pub fn refine_on_dots(
     let mut sigma = options.sigma_rad;
     let mut degrees = options.sigma_degrees;
     let mut sums = Sums::new(pattern, frames, &motion, sigma, options.right);
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let solved = sums.information.cholesky();
         let change = solved.ok_or(refused(sums.inliers))?.solve(&sums.gradient);
         let length = change.dot(&sums.gradient);
@@ -104,7 +104,7 @@ pub fn refine_on_dots(
             let squares = options.sigma_degrees * options.sigma_rad.powi(2) + sums.squares;
             let next = (squares / degrees)
                 .sqrt()
-                .min(MOST_NOISE * options.sigma_rad);
+                .min(MAX_NOISE * options.sigma_rad);
             drift = (next / sigma - 1.0).abs();
             sigma = next;
         }
@@ -130,11 +130,11 @@ pub fn refine_on_dots(
     })
 }
 
-fn check(pattern: &Pattern, frames: &[DotFrame]) -> Result<(), Refusal> {
+fn check(pattern: &Pattern, frames: &[DotFrame]) -> Result<(), SpinRejection> {
     for (index, frame) in frames.iter().enumerate() {
         if !frame.time_s.is_finite() {
             let time_s = frame.time_s;
-            return Err(Refusal::Times { index, time_s });
+            return Err(SpinRejection::Times { index, time_s });
         }
         for seen in &frame.dots {
             let problem = if seen.dot >= pattern.len() {
@@ -144,12 +144,12 @@ fn check(pattern: &Pattern, frames: &[DotFrame]) -> Result<(), Refusal> {
             } else {
                 continue;
             };
-            return Err(Refusal::Measurement { index, problem });
+            return Err(SpinRejection::Measurement { index, problem });
         }
     }
     if frames.len() < MIN_FRAMES {
         let (found, needed) = (frames.len(), MIN_FRAMES);
-        return Err(Refusal::TooFewFrames { found, needed });
+        return Err(SpinRejection::TooFewFrames { found, needed });
     }
     Ok(())
 }

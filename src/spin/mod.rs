@@ -49,7 +49,7 @@ pub const MIN_FRAMES: usize = 3;
 
 /// Most turns between successive orientations that the search goes through one by one: far more than
 /// any sampling can decide, and few enough to be done in a moment.
-pub const MOST_TURNS: usize = 200;
+pub const MAX_TURNS: usize = 200;
 
 /// The probability that an orientation is right, where nothing is known of it.
 ///
@@ -123,7 +123,7 @@ pub struct Fit {
 /// Why an estimator declines to answer.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Refusal {
+pub enum SpinRejection {
     /// Too few orientations.
     #[error("expected at least {needed} orientations, found {found}")]
     TooFewFrames {
@@ -151,7 +151,7 @@ pub enum Refusal {
     /// The times are so far apart that the turns between them cannot be counted.
     #[error(
         "orientations {interval_s} s apart leave {turns:.0} turns open between them at up to {max_rps:.0} rps, \
-         expected at most {MOST_TURNS} (are the times in seconds?)"
+         expected at most {MAX_TURNS} (are the times in seconds?)"
     )]
     Sparse {
         /// The least interval between successive orientations, seconds.
@@ -181,15 +181,15 @@ pub enum Refusal {
     },
 }
 
-impl Refusal {
+impl SpinRejection {
     /// The error to report where the measurements came from the file `path`.
     pub fn in_file(self, path: &std::path::Path) -> Error {
         Error::input(path, "orientations", self.to_string())
     }
 }
 
-impl From<Refusal> for Error {
-    fn from(refusal: Refusal) -> Self {
+impl From<SpinRejection> for Error {
+    fn from(refusal: SpinRejection) -> Self {
         Error::argument("orientations", refusal.to_string())
     }
 }
@@ -198,12 +198,12 @@ impl From<Refusal> for Error {
 ///
 /// # Errors
 /// The first violation: fewer than `needed` measurements, times not increasing, values out of domain.
-pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), Refusal> {
+pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), SpinRejection> {
     let mut before = f64::NEG_INFINITY;
     for (index, m) in measurements.iter().enumerate() {
         if !m.time_s.is_finite() || m.time_s <= before {
             let time_s = m.time_s;
-            return Err(Refusal::Times { index, time_s });
+            return Err(SpinRejection::Times { index, time_s });
         }
         before = m.time_s;
         let unit = (m.orientation.coords.norm_squared() - 1.0).abs() < 1e-6;
@@ -215,11 +215,11 @@ pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), Refusal>
             }
             _ => continue,
         };
-        return Err(Refusal::Measurement { index, problem });
+        return Err(SpinRejection::Measurement { index, problem });
     }
     if measurements.len() < needed {
         let found = measurements.len();
-        return Err(Refusal::TooFewFrames { found, needed });
+        return Err(SpinRejection::TooFewFrames { found, needed });
     }
     Ok(())
 }

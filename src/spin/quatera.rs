@@ -20,12 +20,12 @@ use nalgebra::{Matrix4, Vector4};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Fit, Measurement, Motion, Refusal, check};
+use super::{Fit, Measurement, Motion, SpinRejection, check};
 use crate::geometry::{Rotation, Vec3};
 
 /// Settings, by default those of the authors' published code.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct QuateraOptions {
+pub struct QuateraConfig {
     /// Frames in a run.
     pub run: usize,
     /// Runs tried; if there are no more than that, each is tried once.
@@ -40,7 +40,7 @@ pub struct QuateraOptions {
     pub seed: u64,
 }
 
-impl Default for QuateraOptions {
+impl Default for QuateraConfig {
     fn default() -> Self {
         Self {
             run: 4,
@@ -58,14 +58,14 @@ const GOOD_SCORE: f64 = 0.95;
 /// Rate (rad/s) over which the tolerance of the second unwrapping pass falls off (authors').
 const TOLERANCE_RATE: f64 = 300.0;
 /// The tolerance's value at high rates, as a fraction of the mean rate (authors').
-const LEAST_TOLERANCE: f64 = 0.5;
+const MIN_TOLERANCE: f64 = 0.5;
 /// Turns added to one frame at most: beyond any that a permitted spin can need.
-const MOST_TURNS: usize = 8;
+const MAX_TURNS: usize = 8;
 
 /// The baseline estimator with its working memory.
 #[derive(Debug, Clone)]
 pub struct QuateraEstimator {
-    options: QuateraOptions,
+    options: QuateraConfig,
     quaternions: Vec<Vector4<f64>>,
     members: Vec<bool>,
     best: Vec<bool>,
@@ -134,7 +134,7 @@ struct Line {
 
 impl QuateraEstimator {
     /// An estimator with these settings.
-    pub fn new(options: QuateraOptions) -> Self {
+    pub fn new(options: QuateraConfig) -> Self {
         Self {
             options,
             quaternions: Vec::new(),
@@ -156,15 +156,15 @@ impl QuateraEstimator {
     /// The spin of a sequence.
     ///
     /// # Errors
-    /// A [`Refusal`] where the measurements are invalid or too few (a run and three more), or where
+    /// A [`SpinRejection`] where the measurements are invalid or too few (a run and three more), or where
     /// RANSAC finds no plane, or unwrapping no permitted spin.
-    pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, Refusal> {
+    pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
         check(measurements, self.options.run + self.options.joining)?;
         self.quaternions.clear();
         self.quaternions
             .extend(measurements.iter().map(|m| m.orientation.coords));
         let max_rps = self.options.max_rps;
-        let refusal = |agreeing| Refusal::NoConsensus {
+        let refusal = |agreeing| SpinRejection::NoConsensus {
             agreeing,
             frames: measurements.len(),
             max_rps,
@@ -267,7 +267,7 @@ impl QuateraEstimator {
         for (k, &raw) in self.raw.iter().enumerate() {
             let mut angle = raw + turns;
             if k > 0 {
-                for _ in 0..MOST_TURNS {
+                for _ in 0..MAX_TURNS {
                     if direction * (angle - self.angles[k - 1]) >= 0.0 {
                         break;
                     }
@@ -284,7 +284,7 @@ impl QuateraEstimator {
         }
         self.sorted.clone_from(&self.rates);
         let mean = interquartile_mean(&mut self.sorted);
-        let tolerance = LEAST_TOLERANCE + (-mean / TOLERANCE_RATE).exp();
+        let tolerance = MIN_TOLERANCE + (-mean / TOLERANCE_RATE).exp();
         let mut shift = 0.0;
         for k in 1..self.angles.len() {
             if self.rates[k - 1] < (1.0 - tolerance) * mean {

@@ -33,7 +33,7 @@ use crate::geometry::{Rotation, Vec3, tangent_frame};
 pub(super) const PREDICTION_LIMIT: f64 = 0.35;
 /// The noise is taken to be at most this many times what was expected: a mixture free to widen its noise
 /// calls anything right.
-pub(super) const MOST_NOISE: f64 = 5.0;
+pub(super) const MAX_NOISE: f64 = 5.0;
 /// Steps while the fit grows. The reach multiplies by about `PREDICTION_LIMIT / sigma` in each.
 const GROWTH_STEPS: usize = 12;
 /// Steps under the final mixture; it converges in two or three.
@@ -253,7 +253,7 @@ pub(super) fn settle(
         if prior.degrees.is_finite() {
             degrees = prior.degrees + (3.0 * sums.support - 6.0).max(0.0);
             let squares = prior.degrees * prior.sigma_rad.powi(2) + sums.squares;
-            let next = (squares / degrees).sqrt().min(MOST_NOISE * prior.sigma_rad);
+            let next = (squares / degrees).sqrt().min(MAX_NOISE * prior.sigma_rad);
             change = (next - sigma).abs();
             sigma = next;
         }

@@ -12,8 +12,8 @@ use nalgebra::Matrix3;
 
 use super::chance::expected_by_chance;
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
-use super::search::{KEPT, SCORE_MARGIN, SearchSettings, Seen, Shortlist, judge_pair, pair_radius};
-use super::{Fit, MIN_FRAMES, MOST_TURNS, Measurement, Refusal, check};
+use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
+use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check};
 use crate::geometry::Vec3;
 
 /// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then all
@@ -25,7 +25,7 @@ const WIDEST_GAP: usize = 30;
 /// frames, and has been found with the same pairs, or explains fewer.
 const ENOUGH: f64 = 0.6;
 /// Frames that serve as a pair's first in one search; long sequences are sampled evenly.
-const MOST_STARTS: usize = 64;
+const MAX_STARTS: usize = 64;
 /// Of spins whose log posterior differs by less than this the slowest is chosen: odds of 20 to 1 are
 /// the least that counts as evidence.
 pub(super) const TIE_MARGIN: f64 = 3.0;
@@ -48,7 +48,7 @@ impl MagnitudePrior {
 
 /// Settings of [`RobustEstimator`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RobustOptions {
+pub struct RobustSpinConfig {
     /// Largest spin considered, revolutions per second.
     pub max_rps: f64,
     /// Noise of an orientation per axis, radians.
@@ -62,7 +62,7 @@ pub struct RobustOptions {
     pub false_alarms: f64,
 }
 
-impl Default for RobustOptions {
+impl Default for RobustSpinConfig {
     /// 175 revolutions per second (the paper's limit: half a turn a frame at 350 frames per second)
     /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes), which
     /// counts for little: at half or twice that noise the residuals of ten frames prevail.
@@ -80,7 +80,7 @@ impl Default for RobustOptions {
 /// The robust estimator with its working memory.
 #[derive(Debug, Clone)]
 pub struct RobustEstimator {
-    options: RobustOptions,
+    options: RobustSpinConfig,
     seen: Vec<Seen>,
     shortlist: Shortlist,
     scratch: Vec<f64>,
@@ -90,7 +90,7 @@ pub struct RobustEstimator {
 
 impl RobustEstimator {
     /// An estimator with these settings.
-    pub fn new(options: RobustOptions) -> Self {
+    pub fn new(options: RobustSpinConfig) -> Self {
         Self {
             options,
             seen: Vec::new(),
@@ -102,7 +102,7 @@ impl RobustEstimator {
     }
 
     /// The settings.
-    pub fn options(&self) -> &RobustOptions {
+    pub fn options(&self) -> &RobustSpinConfig {
         &self.options
     }
 
@@ -114,8 +114,8 @@ impl RobustEstimator {
     /// The spin of a sequence.
     ///
     /// # Errors
-    /// A [`Refusal`] where the measurements are invalid, too few, or agree on nothing.
-    pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, Refusal> {
+    /// A [`SpinRejection`] where the measurements are invalid, too few, or agree on nothing.
+    pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
         check(measurements, MIN_FRAMES)?;
         self.check_spacing(measurements)?;
         let n = measurements.len();
@@ -139,14 +139,14 @@ impl RobustEstimator {
     }
 
     /// Refuses a sequence whose nearest frames leave too many turns open.
-    fn check_spacing(&self, measurements: &[Measurement]) -> Result<(), Refusal> {
+    fn check_spacing(&self, measurements: &[Measurement]) -> Result<(), SpinRejection> {
         let intervals = measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
         let interval_s = intervals.fold(f64::INFINITY, f64::min);
         let turns = 2.0 * interval_s * self.options.max_rps;
-        if turns <= MOST_TURNS as f64 {
+        if turns <= MAX_TURNS as f64 {
             return Ok(());
         }
-        Err(Refusal::Sparse {
+        Err(SpinRejection::Sparse {
             interval_s,
             turns,
             max_rps: self.options.max_rps,
@@ -160,8 +160,8 @@ impl RobustEstimator {
         }
     }
 
-    fn no_consensus(&self, agreeing: usize, frames: usize) -> Refusal {
-        Refusal::NoConsensus {
+    fn no_consensus(&self, agreeing: usize, frames: usize) -> SpinRejection {
+        SpinRejection::NoConsensus {
             agreeing,
             frames,
             max_rps: self.options.max_rps,
@@ -170,17 +170,17 @@ impl RobustEstimator {
 
     /// Offers the spins of all pairs with these gaps (in frames) to the shortlist.
     fn search(&mut self, measurements: &[Measurement], gaps: std::ops::RangeInclusive<usize>) {
-        let settings = SearchSettings {
+        let settings = SearchConfig {
             sigma_rad: self.options.sigma_rad,
             max_spin: self.options.max_rps * std::f64::consts::TAU,
         };
         for gap in gaps {
             let starts = measurements.len() - gap;
-            let stride = starts.div_ceil(MOST_STARTS);
+            let stride = starts.div_ceil(MAX_STARTS);
             for first in (0..starts).step_by(stride) {
                 let pair = (first, first + gap);
                 let interval = measurements[pair.1].time_s - measurements[pair.0].time_s;
-                if 2.0 * interval * self.options.max_rps > MOST_TURNS as f64 {
+                if 2.0 * interval * self.options.max_rps > MAX_TURNS as f64 {
                     continue;
                 }
                 judge_pair(
@@ -231,7 +231,11 @@ impl RobustEstimator {
     }
 
     /// Reference time, covariance, and the last doubts.
-    fn finish(&mut self, measurements: &[Measurement], best: &Refined) -> Result<Fit, Refusal> {
+    fn finish(
+        &mut self,
+        measurements: &[Measurement],
+        best: &Refined,
+    ) -> Result<Fit, SpinRejection> {
         let prior = NoisePrior {
             sigma_rad: best.sigma_rad,
             degrees: f64::INFINITY,

@@ -67,19 +67,19 @@ impl Shortlist {
         self.items = [None; KEPT];
     }
 
-    fn least_score(&self) -> f64 {
+    fn min_score(&self) -> f64 {
         self.items[KEPT - 1].map_or(0.0, |h| h.score)
     }
 
     /// A score that is not worth having.
     fn hopeless_score(&self) -> f64 {
         let best = self.items[0].map_or(0.0, |h| h.score);
-        self.least_score().max(best - SCORE_MARGIN)
+        self.min_score().max(best - SCORE_MARGIN)
     }
 
     /// Takes `h` in, unless a better one is within `radius` (rad/s); worse ones within it go.
     fn offer(&mut self, h: Hypothesis, radius: f64) {
-        if h.score <= self.least_score() {
+        if h.score <= self.min_score() {
             return;
         }
         let near = |other: &Hypothesis| (other.spin - h.spin).norm_squared() < radius * radius;
@@ -116,7 +116,7 @@ impl Shortlist {
 
 /// What the search needs beside the measurements.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct SearchSettings {
+pub(super) struct SearchConfig {
     /// Orientation noise per axis, radians.
     pub sigma_rad: f64,
     /// Largest spin, rad/s.
@@ -138,7 +138,7 @@ pub(super) struct Seen {
 pub(super) fn judge_pair(
     measurements: &[Measurement],
     pair: (usize, usize),
-    settings: &SearchSettings,
+    settings: &SearchConfig,
     seen: &mut Vec<Seen>,
     shortlist: &mut Shortlist,
 ) {
@@ -146,17 +146,17 @@ pub(super) fn judge_pair(
     let interval = second.time_s - first.time_s;
     let relative = second.orientation.into_inner() * first.orientation.into_inner().conjugate();
     let (axis, phi) = axis_angle(&relative);
-    look(measurements, pair, &axis, settings, seen);
+    judge(measurements, pair, &axis, settings, seen);
 
     let radius = pair_radius(settings.sigma_rad, interval);
-    let most_gain: f64 = seen.iter().map(|s| s.peak).sum();
+    let max_gain: f64 = seen.iter().map(|s| s.peak).sum();
     // The same error may push a permitted spin over the limit; refinement decides.
     let limit = (settings.max_spin + radius) * interval;
     let (fewest, most) = ((limit + phi) / TAU, (limit - phi) / TAU);
     for k in -(fewest.floor() as i64)..=(most.floor() as i64) {
         let rate = (phi + TAU * k as f64) / interval;
         let hopeless = shortlist.hopeless_score();
-        let (mut score, mut left) = (0.0, most_gain);
+        let (mut score, mut left) = (0.0, max_gain);
         for s in seen.iter() {
             if score + left < hopeless {
                 break;
@@ -180,11 +180,11 @@ pub(super) fn pair_radius(sigma_rad: f64, interval: f64) -> f64 {
 }
 
 /// Fills `seen` with the frames outside the pair.
-fn look(
+fn judge(
     measurements: &[Measurement],
     pair: (usize, usize),
     axis: &Vec3,
-    settings: &SearchSettings,
+    settings: &SearchConfig,
     seen: &mut Vec<Seen>,
 ) {
     let first = &measurements[pair.0];

@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, random_direction, random_rotation};
 
 /// Most frames of a sequence: eight hours at 350 fps.
-const MOST_FRAMES: usize = 10_000_000;
+const MAX_FRAMES: usize = 10_000_000;
 
 /// Which frames never arrive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,8 +92,8 @@ impl Scenario {
                 format!("expected 0 or more, found {x}"),
             )),
         };
-        if self.frames > MOST_FRAMES {
-            let problem = format!("expected at most {MOST_FRAMES}, found {}", self.frames);
+        if self.frames > MAX_FRAMES {
+            let problem = format!("expected at most {MAX_FRAMES}, found {}", self.frames);
             return Err(Error::argument("frames", problem));
         }
         if self.frames == 0 {

@@ -1,10 +1,10 @@
 //! Spin over time: the spin of short runs of a long sequence, each taken as constant.
 //!
-//! Runs overlap by half, so that neighbours are not independent. A run on which the estimator declines
+//! Runs overlap by half, so that neighbors are not independent. A run on which the estimator declines
 //! to answer leaves a gap.
 
-use super::robust::{RobustEstimator, RobustOptions};
-use super::{Fit, MIN_FRAMES, Measurement, Refusal, check};
+use super::robust::{RobustEstimator, RobustSpinConfig};
+use super::{Fit, MIN_FRAMES, Measurement, SpinRejection, check};
 
 /// A run's spin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,12 +18,12 @@ pub struct WindowFit {
 /// The spin of every run of `length` orientations, half a run apart.
 ///
 /// # Errors
-/// A [`Refusal`] where the measurements are invalid or fewer than one run.
+/// A [`SpinRejection`] where the measurements are invalid or fewer than one run.
 pub fn spin_over_time(
     measurements: &[Measurement],
     length: usize,
-    options: &RobustOptions,
-) -> Result<Vec<WindowFit>, Refusal> {
+    options: &RobustSpinConfig,
+) -> Result<Vec<WindowFit>, SpinRejection> {
     let length = length.max(MIN_FRAMES);
     check(measurements, length)?;
     let mut estimator = RobustEstimator::new(*options);

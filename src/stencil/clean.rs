@@ -3,7 +3,7 @@
 //! Booleans leave needles (one very short edge) and caps (a corner almost on the opposite edge), some of
 //! which lose their area or change sides once coordinates are rounded to 32 bits. Two operations remove
 //! them, both of which keep a closed 2-manifold closed: collapsing an edge whose ends share exactly two
-//! neighbours (the link condition: H. Edelsbrunner, "Geometry and Topology for Mesh Generation", 2001,
+//! neighbors (the link condition: H. Edelsbrunner, "Geometry and Topology for Mesh Generation", 2001,
 //! sec. 4.2), and flipping an edge. An operation is refused where it would move the surface by more than
 //! a tolerance or turn a triangle over.
 //!
@@ -11,7 +11,7 @@
 
 use crate::geometry::Vec3;
 
-use super::mesh::{Mesh, least_angle};
+use super::mesh::{Mesh, min_angle};
 
 /// Edges shorter than this go first, wherever their ends lie, mm.
 const SHORT_MM: f64 = 0.002;
@@ -87,7 +87,7 @@ impl Work {
             return self.collapse(a, b, length(shortest) + self.tolerance_mm)
                 || self.collapse(b, a, length(shortest) + self.tolerance_mm);
         }
-        if least_angle(&p) >= SLIVER_RAD {
+        if min_angle(&p) >= SLIVER_RAD {
             return false;
         }
         let longest = (0..3).fold(0, |s, i| if length(i) > length(s) { i } else { s });
@@ -97,7 +97,7 @@ impl Work {
     }
 
     /// The vertices next to `v`.
-    fn neighbours(&self, v: u32) -> Vec<u32> {
+    fn neighbors(&self, v: u32) -> Vec<u32> {
         let mut found: Vec<u32> = self.around[v as usize]
             .iter()
             .filter_map(|&t| self.triangles[t as usize])
@@ -109,10 +109,10 @@ impl Work {
         found
     }
 
-    /// Moves `from` into its neighbour `to`, if that keeps the surface.
+    /// Moves `from` into its neighbor `to`, if that keeps the surface.
     fn collapse(&mut self, from: u32, to: u32, tolerance: f64) -> bool {
-        let near = self.neighbours(to);
-        let shared = self.neighbours(from);
+        let near = self.neighbors(to);
+        let shared = self.neighbors(from);
         if shared
             .iter()
             .filter(|v| near.binary_search(v).is_ok())
@@ -141,7 +141,7 @@ impl Work {
                 return false;
             }
             // A needle must not beget a worse one.
-            if least_angle(&self.corners(moved)) < least_angle(&self.corners(old)).min(SLIVER_RAD) {
+            if min_angle(&self.corners(moved)) < min_angle(&self.corners(old)).min(SLIVER_RAD) {
                 return false;
             }
         }
@@ -181,13 +181,12 @@ impl Work {
         let Some(&d) = second.iter().find(|&&v| v != a && v != b) else {
             return false;
         };
-        if c == d || self.neighbours(c).binary_search(&d).is_ok() {
+        if c == d || self.neighbors(c).binary_search(&d).is_ok() {
             return false;
         }
         let (new_first, new_second) = ([a, d, c], [d, b, c]);
-        let worst = |x: [u32; 3], y: [u32; 3]| {
-            least_angle(&self.corners(x)).min(least_angle(&self.corners(y)))
-        };
+        let worst =
+            |x: [u32; 3], y: [u32; 3]| min_angle(&self.corners(x)).min(min_angle(&self.corners(y)));
         if worst(new_first, new_second) <= worst(first, second) {
             return false;
         }

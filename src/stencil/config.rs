@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 
 /// Parameters of a stencil. Lengths in millimetres, angles in degrees.
 ///
-/// Clearances are modelled gaps: what a printer makes of them is measured with the coupon
+/// Clearances are modeled gaps: what a printer makes of them is measured with the coupon
 /// ([`super::coupon`]).
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StencilConfig {
@@ -23,7 +23,7 @@ pub struct StencilConfig {
     /// Least material between two holes, and between a hole and a rim, the hinge or the tab, mm.
     /// Default 0.8.
     pub min_web_mm: f64,
-    /// Dots' centres wanted at least this far from the seam, degrees. Default 10. Where no plane keeps
+    /// Dots' centers wanted at least this far from the seam, degrees. Default 10. Where no plane keeps
     /// it, the plane that comes nearest is taken and holes pass through both rims.
     pub seam_margin_deg: f64,
     /// Gap between the two rims, square to their cone, mm. Default 0.2.
@@ -87,7 +87,7 @@ impl StencilConfig {
         self.inner_radius_mm() + self.wall_mm
     }
 
-    /// Radius of a hole `height_mm` from the ball's centre along its axis, mm.
+    /// Radius of a hole `height_mm` from the ball's center along its axis, mm.
     pub fn hole_radius_mm(&self, height_mm: f64) -> f64 {
         let rise = height_mm - self.inner_radius_mm() - self.throat_mm;
         0.5 * self.hole_diameter_mm + rise.max(0.0) * self.taper_deg.to_radians().tan()
@@ -99,7 +99,7 @@ impl StencilConfig {
     }
 
     /// Least angle between two dots whose holes leave [`Self::min_web_mm`] between them, radians.
-    pub fn least_separation_rad(&self) -> f64 {
+    pub fn min_separation_rad(&self) -> f64 {
         let angle = |radius: f64, hole: f64| {
             2.0 * ((hole + 0.5 * self.min_web_mm) / radius).min(1.0).asin()
         };

@@ -63,8 +63,8 @@ fn ring(tenths: u32, config: &StencilConfig) -> Result<Mesh> {
     let above = [(height, 0.0), (height, far), (far, far), (far, 0.0)];
     let mut tools = vec![
         shapes::sphere(inner, chord),
-        shapes::lathe(&Vec3::z(), &below, segments),
-        shapes::lathe(&Vec3::z(), &above, segments),
+        shapes::revolve(&Vec3::z(), &below, segments),
+        shapes::revolve(&Vec3::z(), &above, segments),
     ];
     let sine = 0.5 * height / outer;
     let front = Vec3::new(0.0, -(1.0 - sine * sine).sqrt(), sine);

@@ -22,7 +22,7 @@ const FORMAT_VERSION: u32 = 1;
 const STL_HEADER: &str = "spindoe pattern";
 /// How the frames hang together, in words.
 const FRAMES: &str = "stencil = R * pattern, R the unit quaternion given; millimetres, origin in the \
-    ball's centre, seam in z = 0, half A in z > 0, hinge axis along y through (axis_mm, 0, 0), thumb tab \
+    ball's center, seam in z = 0, half A in z > 0, hinge axis along y through (axis_mm, 0, 0), thumb tab \
     towards -x. A point (x, y, z) of half_a.stl lies at (x, y, z - lip_mm), a point of half_b.stl at \
     (x, -y, lip_mm - z).";
 
@@ -83,7 +83,7 @@ impl Stencil {
             },
             "seam": {
                 "normal_pattern_frame": self.layout.seam.normal.as_slice(),
-                "least_dot_latitude_deg": self.layout.seam.margin_rad.to_degrees(),
+                "min_dot_latitude_deg": self.layout.seam.margin_rad.to_degrees(),
                 "wanted_deg": self.config.seam_margin_deg,
             },
             "hinge_to_nearest_hole_mm": self.layout.room_mm,

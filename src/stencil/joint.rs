@@ -3,7 +3,7 @@
 //! Both halves are printed rim down and share one hinge pin, so each half must reach around the pin and
 //! yet lie on the bed: with flat rims that is impossible. The rims therefore overlap by a band as high
 //! as a knuckle. In the stencil frame half A keeps the outer layer of the wall down to `z = -lip`, half
-//! B the inner layer up to `z = +lip`, and a cone parts them: it widens downwards, so that it centres the
+//! B the inner layer up to `z = +lip`, and a cone parts them: it widens downwards, so that it centers the
 //! halves and lets go at once when they open. Each rim's lowest ring and its knuckles stand on the bed,
 //! and what overhangs is a ledge less than a lip wide.
 //!
@@ -29,7 +29,7 @@ const TAB_THICKNESS_MM: f64 = 3.0;
 const TAB_WIDTH_MM: f64 = 12.0;
 /// How far the inner lip may narrow the way of the ball, as a fraction of the ball's radius: more would
 /// stretch a printed ring beyond what it bears.
-const MOST_SNAP: f64 = 0.012;
+const MAX_SNAP: f64 = 0.012;
 
 /// Lengths of rims, hinge and tab, mm.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -46,7 +46,7 @@ pub struct Joint {
     pub ledge_gap_mm: f64,
     /// Thickness of each lip at its edge.
     pub lip_thickness_mm: f64,
-    /// Distance of the hinge's axis from the ball's centre.
+    /// Distance of the hinge's axis from the ball's center.
     pub axis_mm: f64,
     /// Outer radius of a knuckle.
     pub knuckle_radius_mm: f64,
@@ -54,7 +54,7 @@ pub struct Joint {
     pub bore_radius_mm: f64,
     /// Length of a knuckle.
     pub knuckle_mm: f64,
-    /// Height above the ball's centre at which the hinge's arms meet the shell.
+    /// Height above the ball's center at which the hinge's arms meet the shell.
     pub arm_mm: f64,
     /// Thickness of the thumb tab.
     pub tab_thickness_mm: f64,
@@ -75,7 +75,7 @@ impl Joint {
         let lip_mm = knuckle_radius_mm - FLAT_MM;
         let narrow = |radius: f64| (radius * radius - lip_mm * lip_mm).max(0.0).sqrt();
         let snap = 0.5 * config.ball_diameter_mm - narrow(inner);
-        let most = MOST_SNAP * 0.5 * config.ball_diameter_mm;
+        let most = MAX_SNAP * 0.5 * config.ball_diameter_mm;
         if snap > most {
             return Err(Error::argument(
                 "screw diameter",

@@ -54,7 +54,7 @@ const GLYPHS: [Glyph; 10] = [
 
 /// A place on the dome for a number: a rectangle touching the sphere in its middle.
 struct Place {
-    centre: Vec3,
+    center: Vec3,
     right: Vec3,
     up: Vec3,
     half_width: f64,
@@ -62,13 +62,13 @@ struct Place {
 }
 
 impl Place {
-    /// A rectangle about the direction `centre`, upright when the dome is up.
-    fn new(centre: Vec3, half_width: f64, half_height: f64) -> Self {
-        let up = (Vec3::z() - centre.z * centre).try_normalize(0.05);
-        let up = up.unwrap_or_else(|| tangent_frame(&centre)[0]);
+    /// A rectangle about the direction `center`, upright when the dome is up.
+    fn new(center: Vec3, half_width: f64, half_height: f64) -> Self {
+        let up = (Vec3::z() - center.z * center).try_normalize(0.05);
+        let up = up.unwrap_or_else(|| tangent_frame(&center)[0]);
         Self {
-            right: up.cross(&centre),
-            centre,
+            right: up.cross(&center),
+            center,
             up,
             half_width,
             half_height,
@@ -77,7 +77,7 @@ impl Place {
 
     /// Distance of a point from the rectangle in its plane, mm; infinite on the far side of the ball.
     fn distance(&self, p: &Vec3) -> f64 {
-        if p.dot(&self.centre) <= 0.0 {
+        if p.dot(&self.center) <= 0.0 {
             return f64::INFINITY;
         }
         let x = (p.dot(&self.right).abs() - self.half_width).max(0.0);
@@ -88,7 +88,7 @@ impl Place {
     /// Its corners on the tangent plane, mm.
     fn corners(&self, radius: f64) -> [Vec3; 4] {
         [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)].map(|(a, b)| {
-            radius * self.centre + a * self.half_width * self.right + b * self.half_height * self.up
+            radius * self.center + a * self.half_width * self.right + b * self.half_height * self.up
         })
     }
 }
@@ -132,7 +132,7 @@ pub(super) fn numbers(
                 && obstacles.iter().all(|p| place.distance(p) > CLEAR_MM)
                 && taken.iter().all(|t| {
                     let reach = t.half_width.hypot(t.half_height) + half_width.hypot(half_height);
-                    radius * (t.centre - place.centre).norm() > reach + CLEAR_MM
+                    radius * (t.center - place.center).norm() > reach + CLEAR_MM
                 })
         };
         // Clearly nearer to its own hole than to another, if there is such a place.
@@ -151,9 +151,9 @@ pub(super) fn numbers(
     marks
 }
 
-/// Cutting tools of a number `height` high at the direction `centre`.
+/// Cutting tools of a number `height` high at the direction `center`.
 pub(super) fn digits_at(
-    centre: &Vec3,
+    center: &Vec3,
     height: f64,
     number: usize,
     config: &StencilConfig,
@@ -161,7 +161,7 @@ pub(super) fn digits_at(
     let digits = digits(number);
     let stroke = (STROKE * height).max(config.nozzle_mm);
     let (half_width, half_height) = half_extents(digits.len(), height, stroke);
-    let place = Place::new(*centre, half_width, half_height);
+    let place = Place::new(*center, half_width, half_height);
     engraving(&place, &digits, (height, stroke), config)
 }
 

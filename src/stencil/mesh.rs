@@ -48,7 +48,7 @@ pub struct MeshCheck {
     /// Enclosed volume, mm^3.
     pub volume_mm3: f64,
     /// Least angle of a triangle, degrees.
-    pub least_angle_deg: f64,
+    pub min_angle_deg: f64,
 }
 
 impl MeshCheck {
@@ -170,7 +170,7 @@ impl Mesh {
             .keys()
             .filter(|&&(a, b)| a < b || !directed.contains_key(&(b, a)))
             .count();
-        let angles = (0..self.triangles.len()).map(|t| least_angle(&self.corners(t)));
+        let angles = (0..self.triangles.len()).map(|t| min_angle(&self.corners(t)));
         MeshCheck {
             vertices: used,
             triangles: self.triangles.len(),
@@ -180,7 +180,7 @@ impl Mesh {
             bodies: self.bodies(),
             euler_characteristic: used as i64 - undirected as i64 + self.triangles.len() as i64,
             volume_mm3: self.volume_mm3(),
-            least_angle_deg: angles.fold(f64::INFINITY, f64::min).to_degrees(),
+            min_angle_deg: angles.fold(f64::INFINITY, f64::min).to_degrees(),
         }
     }
 
@@ -236,7 +236,7 @@ impl Mesh {
 }
 
 /// Least interior angle of a triangle, radians; zero where it has no area.
-pub(super) fn least_angle(c: &[Vec3; 3]) -> f64 {
+pub(super) fn min_angle(c: &[Vec3; 3]) -> f64 {
     let area = (c[1] - c[0]).cross(&(c[2] - c[0])).norm();
     (0..3)
         .map(|i| {

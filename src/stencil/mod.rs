@@ -8,7 +8,7 @@
 //! is checked as one closed, oriented 2-manifold that does not cut itself and has exactly the expected
 //! holes, after rounding to the 32-bit floats of STL; it is handed over rim down.
 //!
-//! Frames: `stencil = rotation * pattern`, origin at the ball's centre, hinge towards +x with its axis
+//! Frames: `stencil = rotation * pattern`, origin at the ball's center, hinge towards +x with its axis
 //! along y, thumb tab towards -x. Half A is laid as it is; half B is turned by half a turn about x (y and
 //! z change sign). Both are then raised by the lip's height, so that the bed is z = 0.
 

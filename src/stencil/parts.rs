@@ -1,6 +1,6 @@
 //! The two half shells as solids: sphere, rims, holes, hinge, tab and marks put together.
 //!
-//! Everything is built in the half's *own frame*: dome up, ball's centre in the origin, hinge towards
+//! Everything is built in the half's *own frame*: dome up, ball's center in the origin, hinge towards
 //! +x. Half A's own frame is the stencil's; half B's is turned by half a turn about x. In both, the bed is
 //! the plane `z = -lip`.
 
@@ -198,7 +198,7 @@ impl Half<'_> {
                 (ledge, narrow + gap),
                 (ledge, 0.0),
             ];
-            vec![shapes::lathe(&Vec3::z(), &outline, segments)]
+            vec![shapes::revolve(&Vec3::z(), &outline, segments)]
         } else {
             let bed = [(-far, 0.0), (-far, far), (-lip, far), (-lip, 0.0)];
             // Short of the knuckles, which it would touch along a line.
@@ -213,7 +213,7 @@ impl Half<'_> {
                 (-lip - BEYOND_MM, below),
             ];
             vec![
-                shapes::lathe(&Vec3::z(), &bed, segments),
+                shapes::revolve(&Vec3::z(), &bed, segments),
                 shapes::ring(&Vec3::z(), &other_lip, segments),
             ]
         }
@@ -235,7 +235,7 @@ impl Half<'_> {
             (end, 0.0),
         ];
         let segments = shapes::circle_segments(end_radius, config.chord_error_mm).max(32);
-        shapes::lathe(dot, &outline, segments)
+        shapes::revolve(dot, &outline, segments)
     }
 }
 

@@ -10,7 +10,7 @@ use crate::geometry::{Vec3, spiral_directions};
 /// Candidates nearer to each other than this count as one, radians.
 const SAME_RAD: f64 = 0.035;
 /// Most candidates that are handed on.
-const MOST: usize = 300;
+const MAX: usize = 300;
 /// Evenly spread planes added to the candidates, for patterns whose best planes leave no room for a
 /// hinge.
 const SPREAD: usize = 1000;
@@ -104,7 +104,7 @@ pub(super) fn seam_candidates(dots: &[Vec3]) -> Vec<Seam> {
             .any(|k| k.normal.dot(&seam.normal).abs() > SAME_RAD.cos());
         if !known {
             kept.push(seam.with_majority(dots));
-            if kept.len() == MOST {
+            if kept.len() == MAX {
                 break;
             }
         }

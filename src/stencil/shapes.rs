@@ -55,7 +55,7 @@ pub fn sphere(radius_mm: f64, chord_mm: f64) -> Mesh {
 
 /// The solid that the closed outline `(distance along axis, radius)` sweeps around `axis` (unit
 /// vector). The outline starts and ends on the axis (radius 0) and runs towards growing distances.
-pub fn lathe(axis: &Vec3, outline: &[(f64, f64)], segments: usize) -> Mesh {
+pub fn revolve(axis: &Vec3, outline: &[(f64, f64)], segments: usize) -> Mesh {
     let [u, v] = tangent_frame(axis);
     let mut mesh = Mesh::default();
     // Rings of the outline's inner points; the two ends are single vertices.
@@ -197,12 +197,12 @@ pub fn middle(points: &[(f64, f64)]) -> (f64, f64) {
     (sum.0 / n, sum.1 / n)
 }
 
-/// Points on a circle of `radius` about `centre`, in the plane.
-pub fn circle(centre: (f64, f64), radius: f64, segments: usize) -> Vec<(f64, f64)> {
+/// Points on a circle of `radius` about `center`, in the plane.
+pub fn circle(center: (f64, f64), radius: f64, segments: usize) -> Vec<(f64, f64)> {
     (0..segments)
         .map(|s| {
             let (sin, cos) = (TAU * s as f64 / segments as f64).sin_cos();
-            (centre.0 + radius * cos, centre.1 + radius * sin)
+            (center.0 + radius * cos, center.1 + radius * sin)
         })
         .collect()
 }

@@ -1,4 +1,4 @@
-//! Monte Carlo validation: how often a recogniser is right on views made by a stated protocol.
+//! Monte Carlo validation: how often a recognizer is right on views made by a stated protocol.
 //!
 //! A trial turns the pattern by a rotation uniform on SO(3), keeps the dots above the visibility limit,
 //! moves each by noise, drops some, adds false ones, and shuffles the list. Two successes are counted,
@@ -27,13 +27,13 @@ pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
 };
 pub use statistics::{Proportion, median};
-pub use steady::SteadyTrials;
+pub use steady::CommonRandomTrials;
 pub use trial::{Trial, TrialGenerator, observed_frames};
 
 use crate::error::{Error, Result};
 use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
-use crate::recognise::{Identification, Recogniser};
+use crate::recognize::{Identification, Recognizer};
 
 /// Orientation errors from here on are failures, radians (20 degrees, SpinDOE Sec. IV).
 pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
@@ -48,7 +48,7 @@ pub struct Validation {
     pub protocol: ProtocolName,
     /// Trials asked for.
     pub samples: u64,
-    /// Noise in degrees (`paper`, `sparse`, `clutter`), or its equivalent at the ball's centre (`image`).
+    /// Noise in degrees (`paper`, `sparse`, `clutter`), or its equivalent at the ball's center (`image`).
     pub sigma_deg: f64,
     /// The seed of the trials.
     pub seed: u64,
@@ -86,13 +86,13 @@ impl Validation {
 pub enum TrialResult {
     /// Too few dots to identify anything.
     Skipped,
-    /// The recogniser was asked.
+    /// The recognizer was asked.
     Judged {
         /// Every dot has its right index, or none if false.
         identity: bool,
-        /// Orientation error, radians; infinite where the recogniser refused.
+        /// Orientation error, radians; infinite where the recognizer refused.
         error_rad: f64,
-        /// The recogniser's own probability of being right; 0 where it refused.
+        /// The recognizer's own probability of being right; 0 where it refused.
         confidence: f64,
         /// The same of the rotation alone.
         pose_confidence: f64,
@@ -105,9 +105,9 @@ pub enum TrialResult {
 ///
 /// # Errors
 /// [`Error::Argument`] for zero trials or a protocol outside its domain.
-pub fn run_trials<R: Recogniser>(
+pub fn run_trials<R: Recognizer>(
     pattern: &Pattern,
-    recogniser: &R,
+    recognizer: &R,
     protocol: &Protocol,
     seed: u64,
     samples: u64,
@@ -122,13 +122,13 @@ pub fn run_trials<R: Recogniser>(
         .map(|chunk| {
             let mut generator = TrialGenerator::new(pattern, *protocol, seed);
             let mut trial = Trial::default();
-            let mut workspace = recogniser.workspace();
+            let mut workspace = recognizer.workspace();
             let mut answer = Identification::default();
             let to = ((chunk + 1) * CHUNK).min(samples);
             (chunk * CHUNK..to)
                 .map(|index| {
                     generator.generate(index, &mut trial);
-                    judge(&trial, recogniser, protocol, &mut workspace, &mut answer)
+                    judge(&trial, recognizer, protocol, &mut workspace, &mut answer)
                 })
                 .collect::<Vec<_>>()
         })
@@ -136,20 +136,20 @@ pub fn run_trials<R: Recogniser>(
     Ok(results.into_iter().flatten().collect())
 }
 
-/// Asks the recogniser about one view and compares its answer with the truth. The answer is left in
+/// Asks the recognizer about one view and compares its answer with the truth. The answer is left in
 /// `answer`, unless the view was skipped or refused.
-pub fn judge<R: Recogniser>(
+pub fn judge<R: Recognizer>(
     trial: &Trial,
-    recogniser: &R,
+    recognizer: &R,
     protocol: &Protocol,
     workspace: &mut R::Workspace,
     answer: &mut Identification,
 ) -> TrialResult {
-    if trial.dots.len() < protocol.min_dots.max(recogniser.min_dots()) {
+    if trial.dots.len() < protocol.min_dots.max(recognizer.min_dots()) {
         return TrialResult::Skipped;
     }
     let start = Instant::now();
-    let outcome = recogniser.identify_into(&trial.dots, workspace, answer);
+    let outcome = recognizer.identify_into(&trial.dots, workspace, answer);
     let nanoseconds = start.elapsed().as_nanos() as u64;
     match outcome {
         Ok(()) => TrialResult::Judged {
@@ -169,18 +169,18 @@ pub fn judge<R: Recogniser>(
     }
 }
 
-/// Validates a recogniser on `samples` trials of a protocol.
+/// Validates a recognizer on `samples` trials of a protocol.
 ///
 /// # Errors
 /// As [`run_trials`].
-pub fn validate<R: Recogniser>(
+pub fn validate<R: Recognizer>(
     pattern: &Pattern,
-    recogniser: &R,
+    recognizer: &R,
     protocol: &Protocol,
     seed: u64,
     samples: u64,
 ) -> Result<Validation> {
-    let results = run_trials(pattern, recogniser, protocol, seed, samples)?;
+    let results = run_trials(pattern, recognizer, protocol, seed, samples)?;
     Ok(summarize(&results, protocol, seed))
 }
 

@@ -1,7 +1,7 @@
 //! The four protocols by which views are made.
 
 use crate::error::{Error, Result};
-use crate::recognise::robust::{NoiseShape, RobustConfig};
+use crate::recognize::robust::{NoiseShape, RobustConfig};
 
 /// A protocol's name.
 #[derive(
@@ -121,7 +121,7 @@ impl Protocol {
     }
 
     /// The same protocol with another noise: the angle's standard deviation, or for `image` the pixel
-    /// noise that amounts to this angle at the ball's centre.
+    /// noise that amounts to this angle at the ball's center.
     #[must_use]
     pub fn with_sigma_rad(mut self, sigma_rad: f64) -> Self {
         match &mut self.noise {
@@ -134,7 +134,7 @@ impl Protocol {
         self
     }
 
-    /// The noise as an angle, radians (for `image` at the ball's centre).
+    /// The noise as an angle, radians (for `image` at the ball's center).
     pub fn sigma_rad(&self) -> f64 {
         match self.noise {
             Noise::RandomAxis { sigma_rad } => sigma_rad,
@@ -146,7 +146,7 @@ impl Protocol {
     }
 
     /// The noise per tangent axis, radians: a turn about a random axis moves a dot by a third of its
-    /// variance along each (for `image` at the ball's centre).
+    /// variance along each (for `image` at the ball's center).
     pub fn tangent_sigma_rad(&self) -> f64 {
         match self.noise {
             Noise::RandomAxis { sigma_rad } => sigma_rad / 3f64.sqrt(),
@@ -181,10 +181,10 @@ impl Protocol {
         Ok(())
     }
 
-    /// The robust recogniser's expectations that go with this protocol: what a user who knows the
+    /// The robust recognizer's expectations that go with this protocol: what a user who knows the
     /// camera would tell it: rates, the number of false dots that every view has, and the shape of the
     /// noise; never which dots are false or missed.
-    pub fn recogniser_config(&self) -> RobustConfig {
+    pub fn recognizer_config(&self) -> RobustConfig {
         let detection_probability = match self.dots_given {
             // Four of on average 6.7 visible dots are given.
             Some(_) => 0.6,

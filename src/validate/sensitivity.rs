@@ -1,4 +1,4 @@
-//! Sensitivity: how the rates depend on the dots' noise, and for the paper's recogniser on `alpha`, the
+//! Sensitivity: how the rates depend on the dots' noise, and for the paper's recognizer on `alpha`, the
 //! standard deviation of a vote's length (SpinDOE, Sec. IV-A).
 //!
 //! All points of a sweep share their seed: they see the same rotations, so that a curve shows the
@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use super::{NamedValidation, Protocol, run_trials, summarize, validate_named};
 use crate::error::Result;
 use crate::hash::HashTable;
-use crate::recognise::{PaperConfig, PaperRecogniser, RecogniserName};
+use crate::recognize::{PaperConfig, PaperRecognizer, RecognizerName};
 
 /// What a sweep varies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -35,9 +35,9 @@ impl SweptParameter {
 /// Which values are swept, and on how many trials.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SensitivityConfig {
-    /// Noise of a dot, degrees, for both recognisers.
+    /// Noise of a dot, degrees, for both recognizers.
     pub sigmas_deg: Vec<f64>,
-    /// Values of alpha, for the paper's recogniser at the protocol's own noise.
+    /// Values of alpha, for the paper's recognizer at the protocol's own noise.
     pub alphas: Vec<f64>,
     /// Trials a point.
     pub samples: u64,
@@ -90,19 +90,19 @@ pub fn sensitivity(
         each(&point);
         points.push(point);
     };
-    for recogniser in RecogniserName::ALL {
+    for recognizer in RecognizerName::ALL {
         for &sigma in &config.sigmas_deg {
             let noisy = protocol.with_sigma_rad(sigma.to_radians());
-            let found = validate_named(table, recogniser, &noisy, seed, samples)?;
+            let found = validate_named(table, recognizer, &noisy, seed, samples)?;
             keep(SweptParameter::SigmaDeg, sigma, found);
         }
     }
     for &alpha in &config.alphas {
-        let of_table = *PaperRecogniser::from_table(table)?.config();
-        let paper = PaperRecogniser::new(table, PaperConfig { alpha, ..of_table })?;
+        let of_table = *PaperRecognizer::from_table(table)?.config();
+        let paper = PaperRecognizer::new(table, PaperConfig { alpha, ..of_table })?;
         let results = run_trials(table.pattern(), &paper, protocol, seed, samples)?;
         let found = NamedValidation {
-            recognizer: RecogniserName::Paper,
+            recognizer: RecognizerName::Paper,
             validation: summarize(&results, protocol, seed),
         };
         keep(SweptParameter::Alpha, alpha, found);

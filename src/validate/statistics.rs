@@ -34,17 +34,17 @@ impl Proportion {
         let n = trials as f64;
         let p = successes as f64 / n;
         let z2 = Z95 * Z95;
-        let centre = (p + z2 / (2.0 * n)) / (1.0 + z2 / n);
+        let center = (p + z2 / (2.0 * n)) / (1.0 + z2 / n);
         let half = Z95 / (1.0 + z2 / n) * (p * (1.0 - p) / n + z2 / (4.0 * n * n)).sqrt();
         Self {
             successes,
             trials,
             rate: p,
-            low: if successes == 0 { 0.0 } else { centre - half },
+            low: if successes == 0 { 0.0 } else { center - half },
             high: if successes == trials {
                 1.0
             } else {
-                centre + half
+                center + half
             },
         }
     }

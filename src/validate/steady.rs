@@ -3,7 +3,7 @@
 //! A [`TrialGenerator`](super::TrialGenerator) draws for the dots in view only, one after the other: a dot
 //! that comes into view shifts all numbers after it, and the view becomes another. Here every dot has its
 //! draws whether it is seen or not, and the dots that are given are those with the least of their random
-//! keys. The views have the protocol's law all the same. They serve differences between neighbouring
+//! keys. The views have the protocol's law all the same. They serve differences between neighboring
 //! patterns; rates are measured elsewhere.
 
 use rand::{RngExt, SeedableRng};
@@ -13,11 +13,11 @@ use super::protocol::Protocol;
 use super::trial::{Trial, displaced, false_dot};
 use crate::geometry::random_rotation;
 use crate::pattern::Pattern;
-use crate::recognise::ObservedDot;
+use crate::recognize::ObservedDot;
 
 /// Makes trials of a protocol that follow the pattern.
 #[derive(Debug, Clone)]
-pub struct SteadyTrials {
+pub struct CommonRandomTrials {
     protocol: Protocol,
     rng: ChaCha8Rng,
     keyed: Vec<Keyed>,
@@ -32,7 +32,7 @@ struct Keyed {
     missed: bool,
 }
 
-impl SteadyTrials {
+impl CommonRandomTrials {
     /// A generator of the trials that belong to `seed`.
     pub fn new(protocol: Protocol, seed: u64) -> Self {
         Self {

@@ -11,11 +11,11 @@ use crate::geometry::{
     Rotation, Vec3, random_direction, random_direction_above, random_rotation, tangent_frame,
 };
 use crate::pattern::Pattern;
-use crate::recognise::observed::ObservedFrame;
-use crate::recognise::{DotUncertainty, ObservedDot};
+use crate::recognize::observed::ObservedFrame;
+use crate::recognize::{DotUncertainty, ObservedDot};
 
-/// Least standard deviation told to a recogniser, radians: noise-free trials must not divide by zero.
-const LEAST_SIGMA_RAD: f64 = 1e-4;
+/// Least standard deviation told to a recognizer, radians: noise-free trials must not divide by zero.
+const MIN_SIGMA_RAD: f64 = 1e-4;
 /// Nearest to the limb, in z, that a back-projected dot's uncertainty is linearized.
 const LIMB_Z: f64 = 0.1;
 
@@ -24,7 +24,7 @@ const LIMB_Z: f64 = 0.1;
 pub struct Trial {
     /// Maps pattern to camera.
     pub rotation: Rotation,
-    /// The dots as given to the recogniser.
+    /// The dots as given to the recognizer.
     pub dots: Vec<ObservedDot>,
     /// Each dot's index in the pattern, or `None` for a false dot.
     pub truth: Vec<Option<u16>>,
@@ -145,7 +145,7 @@ pub(super) fn displaced(q: &Vec3, noise: &Noise, rng: &mut ChaCha8Rng) -> Observ
 fn uncertainty(direction: &Vec3, noise: &Noise) -> DotUncertainty {
     match *noise {
         Noise::RandomAxis { sigma_rad } => DotUncertainty::Isotropic {
-            sigma_rad: (sigma_rad / 3f64.sqrt()).max(LEAST_SIGMA_RAD),
+            sigma_rad: (sigma_rad / 3f64.sqrt()).max(MIN_SIGMA_RAD),
         },
         Noise::Pixel {
             sigma_px,
@@ -153,7 +153,7 @@ fn uncertainty(direction: &Vec3, noise: &Noise) -> DotUncertainty {
         } => {
             // Orthographic: a tangent step t moves the image by its x and y; along the radius it is
             // foreshortened by z.
-            let s = (sigma_px / radius_px).max(LEAST_SIGMA_RAD);
+            let s = (sigma_px / radius_px).max(MIN_SIGMA_RAD);
             let along = s / direction.z.max(LIMB_Z);
             let [e1, e2] = tangent_frame(direction);
             // The tangent direction that runs outward in the image (towards -z).

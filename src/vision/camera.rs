@@ -1,12 +1,12 @@
-//! From pixels on the ball's image to directions from its centre, and back.
+//! From pixels on the ball's image to directions from its center, and back.
 //!
-//! Without intrinsics the projection is orthographic: with the circle's centre `c` and radius `r` in pixels,
+//! Without intrinsics the projection is orthographic: with the circle's center `c` and radius `r` in pixels,
 //! the dot at pixel `p` lies in the direction `x = (u - c_u) / r`, `y = -(v - c_v) / r`,
-//! `z = sqrt(1 - x^2 - y^2)`. With intrinsics it is that of a pinhole camera. The ball's centre then lies at the
+//! `z = sqrt(1 - x^2 - y^2)`. With intrinsics it is that of a pinhole camera. The ball's center then lies at the
 //! distance `d = R / sin(alpha)`, for the half angle `alpha` under which the ball is seen, and a ray `q` meets the sphere at
 //! its nearer intersection.
 //!
-//! Directions are in the *view frame*, whose z points from the ball's centre to the camera; it is the camera's
+//! Directions are in the *view frame*, whose z points from the ball's center to the camera; it is the camera's
 //! frame turned by the smallest rotation that does so. [`BallView::to_camera`] leads back. Under an orthographic
 //! projection both are the same.
 //!
@@ -18,14 +18,14 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2};
 
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
-use crate::recognise::{DotUncertainty, ObservedDot};
+use crate::recognize::{DotUncertainty, ObservedDot};
 
 /// Depth below which a dot's covariance grows no further: nearer to the limb the derivative has a pole.
-const LEAST_DEPTH: f64 = 0.12;
+const MIN_DEPTH: f64 = 0.12;
 /// Dots up to this far outside the circle, in radii, are laid on the limb.
 const BEYOND_LIMB: f64 = 0.06;
 
-/// A position in an image, pixels: u right, v down, the centre of the top-left pixel at (0, 0).
+/// A position in an image, pixels: u right, v down, the center of the top-left pixel at (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Pixel {
     /// To the right.
@@ -37,7 +37,7 @@ pub struct Pixel {
 /// The ball's outline in an image.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct BallCircle {
-    /// Its centre.
+    /// Its center.
     pub center: Pixel,
     /// Its radius, pixels.
     pub radius: f64,
@@ -80,7 +80,7 @@ enum Projection {
         intrinsics: Intrinsics,
         /// View frame to camera frame.
         to_camera: Rotation,
-        /// Distance of the ball's centre in ball radii.
+        /// Distance of the ball's center in ball radii.
         distance: f64,
     },
 }
@@ -97,7 +97,7 @@ impl BallView {
         let finite = circle.center.u.is_finite() && circle.center.v.is_finite();
         if !(finite && circle.radius > 0.0 && circle.radius.is_finite()) {
             let problem =
-                format!("expected a finite centre and a positive radius, found {circle:?}");
+                format!("expected a finite center and a positive radius, found {circle:?}");
             return Err(Error::argument("circle", problem));
         }
         let projection = match *camera {
@@ -111,12 +111,12 @@ impl BallView {
         let positive = |f: f64| f > 0.0 && f.is_finite();
         if !(positive(k.fx) && positive(k.fy) && k.cx.is_finite() && k.cy.is_finite()) {
             let problem =
-                format!("expected positive focal lengths and a finite centre, found {k:?}");
+                format!("expected positive focal lengths and a finite center, found {k:?}");
             return Err(Error::argument("intrinsics", problem));
         }
         let ray = ray(&k, circle.center);
-        // Angle between the rays to the centre and to the outline, across the direction to the principal
-        // point, where the distance from the pinhole to the image point is that of the centre.
+        // Angle between the rays to the center and to the outline, across the direction to the principal
+        // point, where the distance from the pinhole to the image point is that of the center.
         let focal = (k.fx * k.fy).sqrt() * ray.norm();
         let half_angle = (circle.radius / focal).atan();
         let towards = -ray.normalize();
@@ -210,7 +210,7 @@ impl BallView {
         // d(pixel)/d(tangent), inverted with its small singular value held up.
         let svd = (forward * tangent).svd(true, true);
         let (u, v_t) = (svd.u?, svd.v_t?);
-        let least = LEAST_DEPTH * svd.singular_values.max();
+        let least = MIN_DEPTH * svd.singular_values.max();
         let inverse = svd.singular_values.map(|s| 1.0 / s.max(least));
         let back = v_t.transpose() * Matrix2::from_diagonal(&inverse) * u.transpose();
         let covariance = back * covariance_px2 * back.transpose();

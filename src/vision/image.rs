@@ -11,13 +11,13 @@ use crate::error::{Error, Result};
 use crate::files;
 
 /// Most pixels of an image that is read; beyond, the file is refused rather than the memory filled.
-pub const MOST_PIXELS: u64 = 200_000_000;
+pub const MAX_PIXELS: u64 = 200_000_000;
 
-/// The middle and the corners of an image: distances from its centre, in sides.
+/// The middle and the corners of an image: distances from its center, in sides.
 const MIDDLE: f32 = 0.3;
 const CORNERS: f32 = 0.58;
-/// Least distance of their mean colours.
-const LEAST_CONTRAST: f32 = 0.02;
+/// Least distance of their mean colors.
+const MIN_CONTRAST: f32 = 0.02;
 /// Weights of red, green and blue in gray.
 const LUMA: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
@@ -84,7 +84,7 @@ impl GrayImage {
     }
 
     /// Half as large along both sides, each value the mean of four, written into `out`, whose memory is reused. The
-    /// pixel (u, v) of `out` has its centre at (2 u + 0.5, 2 v + 0.5) of this image.
+    /// pixel (u, v) of `out` has its center at (2 u + 0.5, 2 v + 0.5) of this image.
     pub fn halve_into(&self, out: &mut Self) {
         (out.width, out.height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         out.values.clear();
@@ -115,7 +115,7 @@ impl GrayImage {
     }
 }
 
-/// A colour image with values in [0, 1], row after row from the top, as a screen would show them (sRGB).
+/// A color image with values in [0, 1], row after row from the top, as a screen would show them (sRGB).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RgbImage {
     width: usize,
@@ -124,14 +124,14 @@ pub struct RgbImage {
 }
 
 impl RgbImage {
-    /// An image of the given colours, row after row.
+    /// An image of the given colors, row after row.
     ///
     /// # Errors
-    /// [`Error::Argument`] where there are not `width * height` colours, or none.
+    /// [`Error::Argument`] where there are not `width * height` colors, or none.
     pub fn new(width: usize, height: usize, values: Vec<[f32; 3]>) -> Result<Self> {
         if width == 0 || height == 0 || values.len() != width * height {
             let problem = format!(
-                "expected {width} x {height} colours, at least one, found {}",
+                "expected {width} x {height} colors, at least one, found {}",
                 values.len()
             );
             return Err(Error::argument("image", problem));
@@ -169,9 +169,8 @@ impl RgbImage {
         let (width, height) = reader
             .into_dimensions()
             .map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
-        if u64::from(width) * u64::from(height) > MOST_PIXELS {
-            let problem =
-                format!("expected at most {MOST_PIXELS} pixels, found {width} x {height}");
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            let problem = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
             return Err(refuse(problem));
         }
         let decoded = image::load_from_memory(bytes)
@@ -230,12 +229,12 @@ impl RgbImage {
         self.height
     }
 
-    /// All colours, row after row.
+    /// All colors, row after row.
     pub fn values(&self) -> &[[f32; 3]] {
         &self.values
     }
 
-    /// The colour between pixels (bilinear); outside, that of the nearest border.
+    /// The color between pixels (bilinear); outside, that of the nearest border.
     pub fn sample(&self, u: f64, v: f64) -> [f32; 3] {
         let u = u.clamp(0.0, (self.width - 1) as f64);
         let v = v.clamp(0.0, (self.height - 1) as f64);
@@ -278,8 +277,8 @@ impl RgbImage {
         gray.values.extend(self.values.iter().map(luma));
     }
 
-    /// Gray along the colour in which the middle differs most plainly from the corners (their means' difference), from 0 to 1: a ball
-    /// as bright as what is behind it, but of another colour, stands out. `None` where the two are alike.
+    /// Gray along the color in which the middle differs most plainly from the corners (their means' difference), from 0 to 1: a ball
+    /// as bright as what is behind it, but of another color, stands out. `None` where the two are alike.
     pub fn to_contrast(&self) -> Option<GrayImage> {
         let (width, height) = (self.width as f32, self.height as f32);
         let (mut middle, mut corners) = ([0.0f32; 4], [0.0f32; 4]);
@@ -301,7 +300,7 @@ impl RgbImage {
         let axis: [f32; 3] =
             std::array::from_fn(|k| middle[k] / middle[3] - corners[k] / corners[3]);
         let length = axis.iter().map(|x| x * x).sum::<f32>().sqrt();
-        if length < LEAST_CONTRAST {
+        if length < MIN_CONTRAST {
             return None;
         }
         let along = |c: &[f32; 3]| (c[0] * axis[0] + c[1] * axis[1] + c[2] * axis[2]) / length;

@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use super::image::{MOST_PIXELS, RgbImage};
+use super::image::{MAX_PIXELS, RgbImage};
 use crate::error::{Error, Result};
 use crate::files;
 
@@ -247,18 +247,18 @@ fn next_picture(path: &Path, from: &mut impl BufRead) -> Result<Option<RgbImage>
         *number = text.parse().map_err(|_| broken("no size"))?;
     }
     let [width, height, most] = header;
-    if most != 255 || (width as u64).saturating_mul(height as u64) > MOST_PIXELS {
+    if most != 255 || (width as u64).saturating_mul(height as u64) > MAX_PIXELS {
         return Err(broken("a size or depth that is not expected"));
     }
     let mut bytes = vec![0u8; width * height * 3];
     from.read_exact(&mut bytes)
         .map_err(|_| broken("half a picture"))?;
     let value = |b: u8| f32::from(b) / 255.0;
-    let colours = bytes
+    let colors = bytes
         .chunks_exact(3)
         .map(|c| [value(c[0]), value(c[1]), value(c[2])])
         .collect();
-    RgbImage::new(width, height, colours).map(Some)
+    RgbImage::new(width, height, colors).map(Some)
 }
 
 /// A word of a PPM header and the white space after it.

@@ -2,12 +2,12 @@
 //!
 //! The way of a frame: [`input`] reads it, [`image`] decodes it to gray; [`circle`] fits the ball's outline; [`patch`] cuts the ball out at
 //! one scale and brightness whatever the camera; a detector finds the dots ([`detect`], by name [`detector`]: the trained [`net`], or the classical [`blob`]); [`camera`] lays
-//! them on the sphere with their uncertainty; the recogniser tells which is which, and the orientation is
+//! them on the sphere with their uncertainty; the recognizer tells which is which, and the orientation is
 //! refined on the dots that it accepts. [`estimator`] does all
 //! that for a frame, and lets the frames of a flight help each other. [`synth`] draws frames with a known truth, on which [`train`]
 //! makes the net.
 //!
-//! Pixels: u right, v down, the centre of the top-left pixel at (0, 0). Camera frame: x right, y up, z from the
+//! Pixels: u right, v down, the center of the top-left pixel at (0, 0). Camera frame: x right, y up, z from the
 //! ball towards the camera.
 
 pub mod blob;
@@ -20,7 +20,6 @@ pub mod image;
 pub mod input;
 pub mod net;
 pub mod patch;
-pub mod synth;
 pub mod train;
 
 pub use blob::{BlobConfig, BlobDetector};
@@ -28,7 +27,7 @@ pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 pub use circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, find_ball};
 pub use detect::{DotDetection, DotDetector};
 pub use detector::{DetectorName, NamedDetector};
-pub use estimator::{Estimator, EstimatorConfig, FrameEstimate, Pose, Rejection};
+pub use estimator::{Estimator, EstimatorConfig, FrameEstimate, FrameRejection, Pose};
 pub use image::{GrayImage, RgbImage};
 pub use net::CnnDetector;
 pub use patch::Patch;

@@ -1,6 +1,6 @@
 //! The ball cut out at one scale and one brightness, whatever the camera: what detectors see.
 //!
-//! The circle's centre comes to lie in the middle of [`SIZE`] x [`SIZE`] values, its radius is [`RADIUS`] values. Where
+//! The circle's center comes to lie in the middle of [`SIZE`] x [`SIZE`] values, its radius is [`RADIUS`] values. Where
 //! the image is finer, each value is the mean over its square; where it is coarser, values are interpolated.
 //! Values are then shifted and scaled to mean 0 and standard deviation 1 over the ball, and set to 0 from
 //! [`RIM`] radii outwards: the background says nothing about dots.
@@ -15,7 +15,7 @@ pub const RADIUS: f64 = 28.0;
 /// Values farther out, in radii, are 0.
 pub const RIM: f64 = 1.1;
 /// Least standard deviation over the ball: a plain ball's noise is not blown up beyond that.
-const LEAST_SPREAD: f32 = 0.01;
+const MIN_SPREAD: f32 = 0.01;
 
 /// A ball, cut out.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,7 +81,7 @@ impl Patch {
             }
         }
         let mean = sum / count;
-        let spread = ((squares / count - mean * mean).max(0.0).sqrt() as f32).max(LEAST_SPREAD);
+        let spread = ((squares / count - mean * mean).max(0.0).sqrt() as f32).max(MIN_SPREAD);
         for value in &mut self.values {
             *value = if value.is_nan() {
                 0.0

@@ -12,8 +12,8 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::Pattern;
 use crate::plot::{self, OverlayFrame};
-use crate::spin::{Fit, Refusal};
-use crate::vision::estimator::{SequenceConfig, SequenceSummary, estimate_spin, tell_sequence};
+use crate::spin::{Fit, SpinRejection};
+use crate::vision::estimator::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 use crate::vision::input::{self, InputFrame};
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
@@ -75,7 +75,7 @@ pub struct Arguments {
     /// Draw every frame enlarged, with what was seen in it, and a contact sheet, into this folder.
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
-    /// The ball's outline in all frames: centre and radius in pixels [default: it is found].
+    /// The ball's outline in all frames: center and radius in pixels [default: it is found].
     #[arg(
         long,
         value_name = "U,V,R",
@@ -135,7 +135,7 @@ struct Seen {
 /// The times of a sequence, and what came of it.
 struct Sequence {
     told: SequenceSummary,
-    spin: std::result::Result<Fit, Refusal>,
+    spin: std::result::Result<Fit, SpinRejection>,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -146,7 +146,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         files::create_writable_dir(dir)?;
     }
     let mut workspace = estimator.workspace();
-    let mut seen = arguments.look(&estimator, circle.as_ref())?;
+    let mut seen = arguments.detect(&estimator, circle.as_ref())?;
     arguments.set_times(&mut seen)?;
     let config = arguments.sequence_config();
     let times: Option<Vec<f64>> = seen.times.iter().copied().collect();
@@ -156,7 +156,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let told = if arguments.no_sequence {
                 SequenceSummary::default()
             } else {
-                tell_sequence(
+                track_sequence(
                     &estimator,
                     &config,
                     &times,
@@ -223,7 +223,7 @@ impl Arguments {
         };
         let config = EstimatorConfig {
             camera,
-            least_confidence: self.min_confidence,
+            min_confidence: self.min_confidence,
             ..EstimatorConfig::default()
         };
         Estimator::new(pattern, config, self.detector()?)
@@ -264,7 +264,7 @@ impl Arguments {
     }
 
     /// Looks at all frames, and tells each alone.
-    fn look(
+    fn detect(
         &self,
         estimator: &Estimator<NamedDetector>,
         circle: Option<&BallCircle>,

@@ -1,4 +1,4 @@
-//! How well pairs of dots serve as bases: what the SpinDOE paper's recogniser lives on.
+//! How well pairs of dots serve as bases: what the SpinDOE paper's recognizer lives on.
 //!
 //! It takes the first two dots it is given for its basis. Where they are near to each other or to
 //! opposite, noise throws the hash values of all others far off, and the right basis gets no votes. Of

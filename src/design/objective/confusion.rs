@@ -42,10 +42,10 @@ const SOFTNESS: f64 = 0.04;
 /// Viewing directions.
 const VIEWS: usize = 400;
 /// Quadruples less likely in view than this are skipped.
-const LEAST_PRODUCT: f64 = 1e-6;
+const MIN_PRODUCT: f64 = 1e-6;
 
 /// Most dots for which the quadruples are looked at: their number grows with the eighth power.
-pub const MOST_DOTS: usize = 24;
+pub const MAX_DOTS: usize = 24;
 
 /// What the objective assumes of a view.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -139,7 +139,7 @@ impl Confusion {
             for ((q, failure), weight) in quadruples.iter().zip(&failures).zip(&mut weights) {
                 let [a, b, c, d] = q.dots;
                 let product = (seen[a] * seen[b]) * (seen[c] * seen[d]);
-                if product < LEAST_PRODUCT {
+                if product < MIN_PRODUCT {
                     continue;
                 }
                 let share = product / (count.value * VIEWS as f64);
@@ -331,12 +331,12 @@ impl<'a> Search<'a> {
         links.clear();
         let most = FIRST_ORDER * self.reach_squared;
         // A displacement r of three unit vectors changes their determinant by at most sqrt(3) |r|.
-        let most_turned = (3.0 * most).sqrt();
+        let max_turned = (3.0 * most).sqrt();
         let pair_gap = self.gap(i, j, k, l);
         for (a, triangle) in thirds {
             for c in (0..self.n).filter(|&c| c != k && c != l) {
                 let determinant = self.determinants[(k * self.n + l) * self.n + c];
-                if (determinant - triangle.determinant).abs() > most_turned {
+                if (determinant - triangle.determinant).abs() > max_turned {
                     continue;
                 }
                 let gaps = Vec3::new(pair_gap, self.gap(i, *a, k, c), self.gap(j, *a, l, c));

@@ -1,5 +1,5 @@
 //! The paper's objective and its gradient: the mean distance from each hash feature to its nearest
-//! neighbour in hash space.
+//! neighbor in hash space.
 //!
 //! For the basis `B = [d, d', d x d']` of unit vectors with cosine `c = d . d'` and `s2 = 1 - c^2`, the
 //! feature `h = B^-1 x` has the closed form
@@ -9,12 +9,12 @@
 //! ```
 //!
 //! so its derivatives are polynomials over `s2`. The mean distance is differentiable wherever no feature
-//! has two nearest neighbours at one distance; where it has, the gradient of one of them is used (a
+//! has two nearest neighbors at one distance; where it has, the gradient of one of them is used (a
 //! generalized gradient of a locally Lipschitz function), which a line search has to live with.
 //!
 //! Raw distance can be bought by nearly singular bases: `|h|` grows like `1 / s2` without making a
 //! feature any easier to tell apart. Only bases whose angle lies within
-//! [`MeanNearestNeighbour::min_pair_angle_rad`] of neither 0 nor pi enter; each ordered pair's weight
+//! [`MeanNearestNeighbor::min_pair_angle_rad`] of neither 0 nor pi enter; each ordered pair's weight
 //! falls smoothly from 1 to 0 across the last few degrees, so that a pair that crosses the bound makes
 //! no jump.
 
@@ -30,17 +30,17 @@ use crate::geometry::Vec3;
 const EDGE: f64 = 0.05;
 /// Distances below this have no usable direction.
 const TINY: f64 = 1e-12;
-/// A feature and its nearest neighbour.
+/// A feature and its nearest neighbor.
 const TWO: NonZero<usize> = NonZero::new(2).unwrap();
 
 /// The objective's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct MeanNearestNeighbour {
+pub struct MeanNearestNeighbor {
     /// A pair of dots nearer than this to parallel or opposite is no basis, radians.
     pub min_pair_angle_rad: f64,
 }
 
-impl Default for MeanNearestNeighbour {
+impl Default for MeanNearestNeighbor {
     /// 20 degrees: there `1 / sin^2`, the growth of noise in a feature, has reached about 9.
     fn default() -> Self {
         Self {
@@ -57,8 +57,8 @@ struct Entry {
     weight: f64,
 }
 
-impl MeanNearestNeighbour {
-    /// The weighted mean nearest-neighbour distance of unit vectors, without unit, and its gradient.
+impl MeanNearestNeighbor {
+    /// The weighted mean nearest-neighbor distance of unit vectors, without unit, and its gradient.
     ///
     /// # Errors
     /// [`Error::Argument`] for coordinates from which no search tree can be built (not finite).
@@ -121,7 +121,7 @@ fn edge_slope(t: f64) -> f64 {
     }
 }
 
-/// The weighted mean of the nearest-neighbour distances; adds its derivatives by dot.
+/// The weighted mean of the nearest-neighbor distances; adds its derivatives by dot.
 fn mean_and_adjoints(
     entries: &[Entry],
     features: &[[f64; 3]],
@@ -210,7 +210,7 @@ mod tests {
     fn value_matches_brute_force() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
         let dots: Vec<Vec3> = (0..8).map(|_| random_direction(&mut rng)).collect();
-        let objective = MeanNearestNeighbour::default();
+        let objective = MeanNearestNeighbor::default();
         let (entries, features) = objective.features(&dots);
         let (mut sum, mut weight) = (0.0, 0.0);
         for (i, h) in features.iter().enumerate() {

@@ -1,12 +1,12 @@
 //! Objectives: what makes a pattern easy to identify, as a number with its gradient.
 //!
-//! - [`mean_nn`]: the paper's, the mean distance from each hash feature to its nearest neighbour. Here
+//! - [`mean_nn`]: the paper's, the mean distance from each hash feature to its nearest neighbor. Here
 //!   because it is the paper's.
 //! - [`whitened`]: the same mean in units of what the dots' noise does to a feature, so that bases near
 //!   singular do not count as distinct.
 //! - [`confusion`]: the expected rate at which four seen dots are taken for four others. It is a failure
 //!   rate worked out instead of drawn, and the default: see `docs/objectives.md` for how well each
-//!   objective foretells what is measured.
+//!   objective predicts what is measured.
 //!
 //! All are handed to the optimizer as a cost to be minimized, the logarithm of the figure (with its sign
 //! turned where larger is better): scales then do not matter, and a step is a relative change.
@@ -25,8 +25,8 @@ use crate::validate::Protocol;
 
 pub use bound::OrientationBound;
 pub use confusion::Confusion;
-pub use mean_nn::MeanNearestNeighbour;
-pub use whitened::WhitenedNearestNeighbour;
+pub use mean_nn::MeanNearestNeighbor;
+pub use whitened::WhitenedNearestNeighbor;
 
 /// A figure of a pattern, with its derivative.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +66,7 @@ impl Evaluation {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ObjectiveName {
-    /// The mean distance from each hash feature to its nearest neighbour, as in the SpinDOE paper.
+    /// The mean distance from each hash feature to its nearest neighbor, as in the SpinDOE paper.
     MeanNn,
     /// The mean distance from each triple of dots to the most similar other one, in units of the noise.
     WhitenedNn,
@@ -82,7 +82,7 @@ impl ObjectiveName {
     /// The objective by default for so many dots: `confusion` as far as it can be worked out,
     /// `whitened-nn` beyond.
     pub fn for_dots(dots: usize) -> Self {
-        if dots <= confusion::MOST_DOTS {
+        if dots <= confusion::MAX_DOTS {
             Self::Confusion
         } else {
             Self::WhitenedNn
@@ -91,7 +91,7 @@ impl ObjectiveName {
 
     /// Whether it can be worked out for so many dots.
     pub fn suits(self, dots: usize) -> bool {
-        self != Self::Confusion || dots <= confusion::MOST_DOTS
+        self != Self::Confusion || dots <= confusion::MAX_DOTS
     }
 }
 
@@ -110,9 +110,9 @@ impl std::fmt::Display for ObjectiveName {
 #[serde(tag = "name", rename_all = "kebab-case")]
 pub enum Objective {
     /// See [`mean_nn`].
-    MeanNn(MeanNearestNeighbour),
+    MeanNn(MeanNearestNeighbor),
     /// See [`whitened`].
-    WhitenedNn(WhitenedNearestNeighbour),
+    WhitenedNn(WhitenedNearestNeighbor),
     /// See [`confusion`].
     Confusion(Confusion),
 }
@@ -129,8 +129,8 @@ impl Objective {
         // Without noise nothing is confused; a hundredth of a degree keeps the figures finite.
         let sigma_rad = protocol.tangent_sigma_rad().max(2e-4);
         match name {
-            ObjectiveName::MeanNn => Self::MeanNn(MeanNearestNeighbour::default()),
-            ObjectiveName::WhitenedNn => Self::WhitenedNn(WhitenedNearestNeighbour { sigma_rad }),
+            ObjectiveName::MeanNn => Self::MeanNn(MeanNearestNeighbor::default()),
+            ObjectiveName::WhitenedNn => Self::WhitenedNn(WhitenedNearestNeighbor { sigma_rad }),
             ObjectiveName::Confusion => Self::Confusion(Confusion {
                 sigma_rad,
                 visibility_limit: protocol.visibility_limit,
@@ -158,7 +158,7 @@ impl Objective {
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for coordinates that are not finite.
-    pub fn figure(&self, dots: &[Vec3]) -> Result<Evaluation> {
+    pub fn evaluate_at(&self, dots: &[Vec3]) -> Result<Evaluation> {
         match self {
             Self::MeanNn(o) => o.evaluate(dots),
             Self::WhitenedNn(o) => o.evaluate(dots),
@@ -171,7 +171,7 @@ impl Objective {
     /// # Errors
     /// As [`Objective::figure`].
     pub fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        let mut at = self.figure(dots)?;
+        let mut at = self.evaluate_at(dots)?;
         // A figure of exactly 0 (no match at all within reach) has no logarithm.
         let floored = at.value.max(1e-12);
         let sign = if self.larger_is_better() { -1.0 } else { 1.0 };

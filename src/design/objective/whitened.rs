@@ -1,4 +1,4 @@
-//! The noise-whitened nearest-neighbour distance: distances between features in units of what the dots'
+//! The noise-whitened nearest-neighbor distance: distances between features in units of what the dots'
 //! noise does to them.
 //!
 //! A feature says of three dots (d, d', d'') what does not change when the ball turns. Two features
@@ -13,7 +13,7 @@
 //! singular bases, and all six orders of three dots tell the same. The figure is the mean over all
 //! triples of the distance to the nearest other triple, in units of sigma.
 //!
-//! Nearest neighbours are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`), and
+//! Nearest neighbors are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`), and
 //! then aligned exactly; where the nearest switches, one of the two gradients is used.
 
 use std::num::NonZero;
@@ -33,12 +33,12 @@ const TINY: f64 = 1e-9;
 
 /// The objective's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct WhitenedNearestNeighbour {
+pub struct WhitenedNearestNeighbor {
     /// Noise of a dot, radians per tangent axis: the unit of the figure.
     pub sigma_rad: f64,
 }
 
-impl Default for WhitenedNearestNeighbour {
+impl Default for WhitenedNearestNeighbor {
     /// A turn of N(0, 3 deg) about a random axis.
     fn default() -> Self {
         Self {
@@ -47,7 +47,7 @@ impl Default for WhitenedNearestNeighbour {
     }
 }
 
-impl WhitenedNearestNeighbour {
+impl WhitenedNearestNeighbor {
     /// The mean distance from each triple to the most similar other one, in units of sigma, and its
     /// gradient.
     ///

@@ -2,9 +2,9 @@
 //!
 //! 1. The ball's shading, a smooth surface fitted to all that is no dot, is taken off.
 //! 2. Differences of Gaussians at three scales find dark blobs (T. Lindeberg, "Feature detection with automatic
-//!    scale selection", IJCV 30, 1998); towards the border they are normalised by the part of the Gaussian on the ball.
+//!    scale selection", IJCV 30, 1998); towards the border they are normalized by the part of the Gaussian on the ball.
 //! 3. At each blob a dot as the ball shows it is fitted, a Gaussian foreshortened along the radius and blurred
-//!    like the image. It gives the centre to a fraction of a pixel, its covariance, and how dot-like the blob is.
+//!    like the image. It gives the center to a fraction of a pixel, its covariance, and how dot-like the blob is.
 //!
 //! It knows dark spots, not dots: a logo's letters are dots to it. It takes dots to be darker than the ball.
 
@@ -16,12 +16,12 @@ use super::patch::{MIDDLE, Patch, RADIUS, SIZE};
 use flatten::{Flat, Shading};
 use shape::Blob;
 
-/// Standard deviations of the Gaussians, patch values; each difference is of two neighbours.
+/// Standard deviations of the Gaussians, patch values; each difference is of two neighbors.
 const SIGMAS: [f32; 4] = [1.2, 1.9, 3.0, 4.8];
 /// Blobs fainter than this part of the strongest are not looked at.
 const FAINT: f32 = 0.12;
 /// Most blobs that are looked at.
-const MOST_BLOBS: usize = 48;
+const MAX_BLOBS: usize = 48;
 /// Dots nearer than this, in patch values, are one.
 const ONE_DOT: f64 = 2.5;
 
@@ -37,9 +37,9 @@ pub struct BlobConfig {
     /// Part of the strong dots' contrast at which a blob is as likely a dot as not.
     pub relative_contrast: f64,
     /// Depth (z) below which dots are seen too obliquely to be told from the limb.
-    pub least_depth: f64,
+    pub min_depth: f64,
     /// Detections with less confidence are left out.
-    pub least_confidence: f64,
+    pub min_confidence: f64,
 }
 
 impl Default for BlobConfig {
@@ -51,8 +51,8 @@ impl Default for BlobConfig {
             dot_radius: (0.05, 0.25),
             signal_to_noise: 6.0,
             relative_contrast: 0.35,
-            least_depth: 0.16,
-            least_confidence: 0.05,
+            min_depth: 0.16,
+            min_confidence: 0.05,
         }
     }
 }
@@ -150,7 +150,7 @@ impl BlobDetector {
         }
         ws.candidates
             .sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        ws.candidates.truncate(MOST_BLOBS);
+        ws.candidates.truncate(MAX_BLOBS);
     }
 
     fn confidence(&self, blob: &Blob, strong: f64) -> f64 {
@@ -163,7 +163,7 @@ impl BlobDetector {
             * logistic(10.0 * (blob.explained - 0.5))
             * logistic((radius - low) / (0.1 * low))
             * logistic((high - radius) / (0.1 * high))
-            * logistic((blob.depth - c.least_depth) / 0.03)
+            * logistic((blob.depth - c.min_depth) / 0.03)
     }
 }
 
@@ -205,10 +205,10 @@ impl DotDetector for BlobDetector {
         let step = patch.step();
         for blob in &ws.blobs {
             let confidence = self.confidence(blob, strong);
-            if confidence >= self.config.least_confidence {
+            if confidence >= self.config.min_confidence {
                 out.push(DotDetection {
                     pixel: patch.to_image(blob.column, blob.row),
-                    // Values of a coarse image are interpolated: their noise is shared by neighbours.
+                    // Values of a coarse image are interpolated: their noise is shared by neighbors.
                     covariance: blob.covariance * (step * step).max(1.0),
                     confidence,
                 });
@@ -261,7 +261,7 @@ fn blur(values: &[f32], kernel: &[f32], half_done: &mut Vec<f32>, out: &mut Vec<
     }
 }
 
-/// Position in a patch in ball radii from the centre: x to the right, y downwards.
+/// Position in a patch in ball radii from the center: x to the right, y downwards.
 fn in_radii(column: f64, row: f64) -> (f64, f64) {
     ((column - MIDDLE) / RADIUS, (row - MIDDLE) / RADIUS)
 }

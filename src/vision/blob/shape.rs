@@ -2,8 +2,8 @@
 //!
 //! A round dot of the size `a` at `(x, y)` on the ball (in radii) is seen with the covariance
 //! `S = a^2 (I - (x, y)(x, y)^T) + b^2 I`, foreshortened along the radius by `z` and blurred by `b`. As blur keeps the volume,
-//! a dot of contrast `c` is `c a^2 z / sqrt(det S) exp(-d^T S^-1 d / 2)` deep. Centre, contrast, size and the level around it
-//! are fitted by Gauss-Newton with Levenberg's damping; the centre's covariance is `s^2 (J^T J)^-1` for the noise `s`.
+//! a dot of contrast `c` is `c a^2 z / sqrt(det S) exp(-d^T S^-1 d / 2)` deep. Center, contrast, size and the level around it
+//! are fitted by Gauss-Newton with Levenberg's damping; the center's covariance is `s^2 (J^T J)^-1` for the noise `s`.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
@@ -17,20 +17,20 @@ const STEPS: usize = 8;
 const REACH: f64 = 2.6;
 /// Least and largest half width of what takes part, patch values.
 const WINDOW: (f64, f64) = (3.0, 8.0);
-/// A centre that leaves its start by more than this (patch values) has gone to another blob.
+/// A center that leaves its start by more than this (patch values) has gone to another blob.
 const STRAYED: f64 = 3.5;
-/// Error of a centre, patch values, that is there without any noise: the dot's true shape, the shading's rest.
+/// Error of a center, patch values, that is there without any noise: the dot's true shape, the shading's rest.
 const SYSTEMATIC: f64 = 0.25;
 
 /// A fitted blob.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Blob {
-    /// Centre, patch values.
+    /// Center, patch values.
     pub column: f64,
     pub row: f64,
     /// Its covariance (column, row), patch values squared.
     pub covariance: Matrix2<f64>,
-    /// Depth at the centre, in the patch's brightness.
+    /// Depth at the center, in the patch's brightness.
     pub contrast: f64,
     /// Radius of the dot, patch values: a disc's standard deviation is half its radius.
     pub radius: f64,
@@ -49,7 +49,7 @@ type Parameters = SVector<f64, 5>;
 struct Dot {
     center: Vector2<f64>,
     inverse: Matrix2<f64>,
-    /// Depth at the centre for a contrast of 1.
+    /// Depth at the center for a contrast of 1.
     gain: f64,
     z: f64,
 }
@@ -192,7 +192,7 @@ fn sum(
             let value = -f64::from(flat.values()[i]);
             let unit = dot.depth(c, r);
             let depth = p[2] * unit;
-            // d(depth)/d(centre), the foreshortening's own change left out: it is of second order.
+            // d(depth)/d(center), the foreshortening's own change left out: it is of second order.
             let slope = dot.inverse * (Vector2::new(c, r) - dot.center) * depth;
             let by_size = p[2] * (larger.depth(c, r) - unit) / nudge;
             let j = Parameters::new(slope.x, slope.y, unit, by_size, 1.0);

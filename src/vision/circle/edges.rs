@@ -1,4 +1,4 @@
-//! The image unrolled around a centre, its edges, and the circle through them.
+//! The image unrolled around a center, its edges, and the circle through them.
 //!
 //! On the ray at the angle `a` the edge at the radius `e(a)` leaves the circle `(u, v, r)` the residual
 //! `|c + e (cos a, sin a) - (u, v)| - r`, whose derivatives are `-cos a, -sin a, -1` to first order.
@@ -7,10 +7,10 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::vote::{Centre, LEAST, MOST};
+use super::vote::{Center, MAX, MIN};
 use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
 
-/// Rays around a centre.
+/// Rays around a center.
 const RAYS: usize = 72;
 /// Samples a pixel along a ray.
 const FINE: f64 = 2.0;
@@ -34,7 +34,7 @@ const TOLERANCE: f64 = 0.04;
 const WORTHWHILE: f64 = 0.3;
 /// The reach is at least this many standard deviations of the residuals.
 const TUKEY: f64 = 4.7;
-/// Edges on neighbouring rays share their pixels: so many rays are worth one.
+/// Edges on neighboring rays share their pixels: so many rays are worth one.
 const CORRELATED: f64 = 2.0;
 /// The systematic error of an outline (shading, blur), pixels, added to the scatter's.
 const SYSTEMATIC: f64 = 0.05;
@@ -90,10 +90,10 @@ impl Default for Unrolled {
 }
 
 impl Unrolled {
-    /// The radius around a centre, of those voted for, at which most rays have an edge of this sign.
-    pub fn radius(&mut self, image: &GrayImage, centre: &Centre, sign: f64) -> Option<f64> {
-        let (from, to) = (0.8 * LEAST as f64, 1.2 * MOST as f64);
-        let start = Vector3::new(centre.u, centre.v, 0.0);
+    /// The radius around a center, of those voted for, at which most rays have an edge of this sign.
+    pub fn radius(&mut self, image: &GrayImage, center: &Center, sign: f64) -> Option<f64> {
+        let (from, to) = (0.8 * MIN as f64, 1.2 * MAX as f64);
+        let start = Vector3::new(center.u, center.v, 0.0);
         // Rays must reach beyond the largest trial, or none would count there.
         self.find_edges(image, &start, (from, to + 2.0), sign);
         let (mut best, mut most) = (None, WORTHWHILE);
@@ -198,15 +198,15 @@ impl Unrolled {
         Some((best, place(best)))
     }
 
-    /// Finds the edges on all rays from a centre (u, v, _) between two radii.
+    /// Finds the edges on all rays from a center (u, v, _) between two radii.
     fn find_edges(
         &mut self,
         image: &GrayImage,
-        centre: &Vector3<f64>,
+        center: &Vector3<f64>,
         (from, to): (f64, f64),
         sign: f64,
     ) {
-        self.origin = centre.xy();
+        self.origin = center.xy();
         let half = self.kernel.len() / 2;
         let margin = half as f64 / FINE;
         let begin = (from - margin).max(0.0);
@@ -217,7 +217,7 @@ impl Unrolled {
             let mut sampled = 0;
             for k in 0..count {
                 let radius = begin + k as f64 / FINE;
-                let (u, v) = (centre.x + radius * cos, centre.y + radius * sin);
+                let (u, v) = (center.x + radius * cos, center.y + radius * sin);
                 if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {
                     break;
                 }

@@ -1,11 +1,11 @@
 //! Where the ball is: its outline fitted to a fraction of a pixel.
 //!
 //! # Method
-//! 1. The image is halved again and again. At every size, pixels on strong edges vote for centres 10 to
+//! 1. The image is halved again and again. At every size, pixels on strong edges vote for centers 10 to
 //!    20 pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
 //!    transform to detect arbitrary shapes", Pattern Recognition 13, 1981), apart for balls brighter and darker than what is
 //!    behind them, and where that gives no whole outline, for edges of either sign: such circles are only offered ([`BallFinder::others`]). A ball of any size is of that size at one of them.
-//! 2. Around each centre with many votes the image is unrolled into angle and radius; edges of the right sign are
+//! 2. Around each center with many votes the image is unrolled into angle and radius; edges of the right sign are
 //!    found on every ray to a fraction of a sample, and the circle is fitted to them by iteratively reweighted
 //!    least squares with Tukey's biweight (P. J. Huber, "Robust Statistics", 1981), which leaves out dots on the
 //!    rim, logos and things behind the ball.
@@ -24,21 +24,21 @@ use nalgebra::{Matrix3, Vector3};
 use super::camera::{BallCircle, Pixel};
 use super::image::{GrayImage, RgbImage};
 use edges::Unrolled;
-use vote::{Centre, Votes};
+use vote::{Center, Votes};
 
 /// What is accepted as a ball.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CircleConfig {
     /// Least radius, pixels: on smaller balls dots cannot be told.
-    pub least_radius_px: f64,
+    pub min_radius_px: f64,
     /// Largest radius as a multiple of the image's longer side.
-    pub most_radius: f64,
+    pub max_radius: f64,
     /// Least share of the rays within the image on which the outline's edge is seen.
-    pub least_support: f64,
+    pub min_support: f64,
     /// Least share of the whole circle that lies within the image.
-    pub least_visible: f64,
+    pub min_visible: f64,
     /// Least difference in brightness across the outline (the image's values span 0 to 1).
-    pub least_contrast: f64,
+    pub min_contrast: f64,
     /// Another circle counts as a second ball where its score is this part of the best one's.
     pub rival_score: f64,
 }
@@ -48,11 +48,11 @@ impl Default for CircleConfig {
     /// tenths of it within the image, a contrast of 4 of 255, rivals from six tenths of the best score.
     fn default() -> Self {
         Self {
-            least_radius_px: 8.0,
-            most_radius: 0.75,
-            least_support: 0.6,
-            least_visible: 0.3,
-            least_contrast: 0.016,
+            min_radius_px: 8.0,
+            max_radius: 0.75,
+            min_support: 0.6,
+            min_visible: 0.3,
+            min_contrast: 0.016,
             rival_score: 0.6,
         }
     }
@@ -85,7 +85,7 @@ impl Polarity {
 pub struct BallFit {
     /// The outline.
     pub circle: BallCircle,
-    /// Covariance of the centre's u and v and the radius, px^2, from the scatter of the edges.
+    /// Covariance of the center's u and v and the radius, px^2, from the scatter of the edges.
     pub covariance: Matrix3<f64>,
     /// Share of the rays within the image on which the edge lies on the outline.
     pub support: f64,
@@ -136,7 +136,7 @@ impl std::fmt::Display for NoBall {
     }
 }
 
-/// Centres looked at closely at each size and for each sign of the contrast: in crops, and in large images, where much
+/// Centers looked at closely at each size and for each sign of the contrast: in crops, and in large images, where much
 /// else has edges.
 const CENTRES: (usize, usize) = (3, 16);
 /// Images with a longer side beyond this, pixels, are large.
@@ -155,7 +155,7 @@ const FITTED_RADIUS: f64 = 44.0;
 /// More support asked for where the whole circle lies outside the image; in proportion for parts.
 const HIDDEN: f64 = 0.2;
 /// Least width of an edge, pixels of the image in which it is fitted: the smoothing alone makes it 2.
-const LEAST_WIDTH: f64 = 1.2;
+const MIN_WIDTH: f64 = 1.2;
 
 /// Finds balls; keeps its memory from image to image.
 #[derive(Debug, Default)]
@@ -164,7 +164,7 @@ pub struct BallFinder {
     /// Half size, quarter size, ...
     halves: Vec<GrayImage>,
     votes: Votes,
-    centres: Vec<Centre>,
+    centers: Vec<Center>,
     unrolled: Unrolled,
     found: Vec<BallFit>,
 }
@@ -195,25 +195,21 @@ impl BallFinder {
         self.search(image)
     }
 
-    /// As [`BallFinder::find`] in the image's gray, and where that gives no whole outline, also in the colour in which the ball differs most
+    /// As [`BallFinder::find`] in the image's gray, and where that gives no whole outline, also in the color in which the ball differs most
     /// from what is behind it.
     ///
     /// # Errors
     /// A [`NoBall`] that says why there is none.
-    pub fn find_in_colour(
-        &mut self,
-        gray: &GrayImage,
-        colour: &RgbImage,
-    ) -> Result<BallFit, NoBall> {
+    pub fn find_in_color(&mut self, gray: &GrayImage, color: &RgbImage) -> Result<BallFit, NoBall> {
         let in_gray = self.find(gray);
         if in_gray.is_ok_and(|b| b.support >= WHOLE && b.visible >= WHOLE) {
             return in_gray;
         }
-        let Some(contrast) = colour.to_contrast() else {
+        let Some(contrast) = color.to_contrast() else {
             return in_gray;
         };
-        let in_colour = self.search(&contrast);
-        self.best().ok_or(()).or(in_colour).or(in_gray)
+        let in_color = self.search(&contrast);
+        self.best().ok_or(()).or(in_color).or(in_gray)
     }
 
     /// Other circles of the last search, the best first: what the ball may be where the one found shows no dots that can be told.
@@ -229,25 +225,25 @@ impl BallFinder {
     /// Adds an image's circles to those found; the best of all.
     fn search(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
         let longer = image.width().max(image.height()) as f64;
-        if image.width().min(image.height()) < self.config.least_radius_px as usize {
+        if image.width().min(image.height()) < self.config.min_radius_px as usize {
             return Err(NoBall::TooSmall {
                 width: image.width(),
                 height: image.height(),
             });
         }
-        let most = self.config.most_radius * longer;
+        let most = self.config.max_radius * longer;
         self.halve(image, most);
-        let mut support = self.look(image, most, &[Polarity::Brighter, Polarity::Darker]);
+        let mut support = self.vote(image, most, &[Polarity::Brighter, Polarity::Darker]);
         // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
         if self.best().is_none_or(|b| b.support < WHOLE) {
-            let either = self.look(image, most, &[Polarity::Mixed]);
+            let either = self.vote(image, most, &[Polarity::Mixed]);
             support = match (support, either) {
                 (Some(a), Some(b)) => Some(a.max(b)),
                 (a, b) => a.or(b),
             };
         }
         self.found
-            .sort_by(|a, b| wholeness(b).total_cmp(&wholeness(a)));
+            .sort_by(|a, b| completeness(b).total_cmp(&completeness(a)));
         self.best().ok_or(match support {
             Some(support) => NoBall::NoCircle { support },
             None => NoBall::NoContrast,
@@ -255,16 +251,16 @@ impl BallFinder {
     }
 
     /// Remembers all circles with edges of these polarities; gives the best support of any circle.
-    fn look(&mut self, image: &GrayImage, most: f64, polarities: &[Polarity]) -> Option<f64> {
+    fn vote(&mut self, image: &GrayImage, most: f64, polarities: &[Polarity]) -> Option<f64> {
         let longer = image.width().max(image.height()) as f64;
         let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
         let mut best_support: Option<f64> = None;
         // Large balls first: what is found spares the finer images.
         for level in (0..=self.halves.len()).rev() {
-            let largest = vote::MOST as f64 * (1u64 << level) as f64;
+            let largest = vote::MAX as f64 * (1u64 << level) as f64;
             let smallest = self.level(image, level);
             let side = smallest.width().min(smallest.height());
-            if largest < self.config.least_radius_px || side < 3 {
+            if largest < self.config.min_radius_px || side < 3 {
                 continue;
             }
             let settled =
@@ -277,14 +273,14 @@ impl BallFinder {
                 let (halves, votes) = (&self.halves, &mut self.votes);
                 let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
                 votes.cast(small, polarity.sign());
-                votes.strongest(count, &mut self.centres);
-                for k in 0..self.centres.len() {
-                    let centre = self.centres[k];
-                    let Some(fit) = self.fit(image, level, &centre, polarity, most) else {
+                votes.strongest(count, &mut self.centers);
+                for k in 0..self.centers.len() {
+                    let center = self.centers[k];
+                    let Some(fit) = self.fit(image, level, &center, polarity, most) else {
                         continue;
                     };
                     best_support = Some(best_support.unwrap_or(0.0).max(fit.support));
-                    if fit.visible >= self.config.least_visible {
+                    if fit.visible >= self.config.min_visible {
                         self.remember(fit);
                     }
                 }
@@ -296,7 +292,7 @@ impl BallFinder {
     /// Fills `halves` until a circle of the radius `most` is small enough for the votes.
     fn halve(&mut self, image: &GrayImage, most: f64) {
         let mut levels = 0;
-        while ((vote::MOST as f64) * (1u64 << levels) as f64) < most {
+        while ((vote::MAX as f64) * (1u64 << levels) as f64) < most {
             levels += 1;
         }
         self.halves.resize_with(levels, GrayImage::default);
@@ -310,28 +306,28 @@ impl BallFinder {
         level.checked_sub(1).map_or(image, |k| &self.halves[k])
     }
 
-    /// The circle around a centre of a small image, fitted in a finer one; full-size pixels.
+    /// The circle around a center of a small image, fitted in a finer one; full-size pixels.
     fn fit(
         &mut self,
         image: &GrayImage,
         level: usize,
-        centre: &Centre,
+        center: &Center,
         polarity: Polarity,
         most: f64,
     ) -> Option<BallFit> {
         let halves = &self.halves;
         let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
-        let radius = self.unrolled.radius(small, centre, polarity.sign())?;
+        let radius = self.unrolled.radius(small, center, polarity.sign())?;
         let scale = (1u64 << level) as f64;
         let shift = 0.5 * (scale - 1.0);
         let rough = BallCircle {
             center: Pixel {
-                u: scale * centre.u + shift,
-                v: scale * centre.v + shift,
+                u: scale * center.u + shift,
+                v: scale * center.v + shift,
             },
             radius: scale * radius,
         };
-        let fits = rough.radius >= self.config.least_radius_px && rough.radius <= most;
+        let fits = rough.radius >= self.config.min_radius_px && rough.radius <= most;
         if !fits {
             return None;
         }
@@ -368,15 +364,15 @@ impl BallFinder {
     fn is_ball(&self, fit: &BallFit) -> bool {
         let c = &self.config;
         // Of less there is less to be lucky with.
-        let support = c.least_support + HIDDEN * (1.0 - fit.visible);
+        let support = c.min_support + HIDDEN * (1.0 - fit.visible);
         // Noise has slopes without a step.
         let finest = (fit.circle.radius / FITTED_RADIUS).max(1.0);
         fit.polarity != Polarity::Mixed
             && fit.support >= support
-            && fit.edge_width >= LEAST_WIDTH * finest
-            && fit.visible >= c.least_visible
-            && fit.contrast.abs() >= c.least_contrast
-            && fit.circle.radius >= c.least_radius_px
+            && fit.edge_width >= MIN_WIDTH * finest
+            && fit.visible >= c.min_visible
+            && fit.contrast.abs() >= c.min_contrast
+            && fit.circle.radius >= c.min_radius_px
     }
 
     /// Keeps a circle, once.
@@ -415,10 +411,10 @@ impl BallFinder {
 /// A circle's worth: whole outlines first, then clear ones, then large ones. Dots and logos are smaller and fainter than
 /// the ball that bears them.
 fn score(fit: &BallFit) -> f64 {
-    wholeness(fit) * (fit.contrast.abs() * fit.circle.radius).sqrt()
+    completeness(fit) * (fit.contrast.abs() * fit.circle.radius).sqrt()
 }
 
 /// How much of a circle is there to be seen.
-fn wholeness(fit: &BallFit) -> f64 {
+fn completeness(fit: &BallFit) -> f64 {
     fit.support.powi(4) * fit.visible.powi(2)
 }

@@ -1,21 +1,21 @@
-//! Votes of edges for the centres of circles.
+//! Votes of edges for the centers of circles.
 
 use super::GrayImage;
 
 /// Least radius that is voted for, pixels.
-pub(super) const LEAST: usize = 10;
+pub(super) const MIN: usize = 10;
 /// Largest radius that is voted for: twice the least, as images are halved.
-pub(super) const MOST: usize = 20;
+pub(super) const MAX: usize = 20;
 /// Gradients above that of this rank (an outline has about as many pixels) count as no more: one bright edge is not ten.
 const STRONG: usize = 64;
 /// Gradients below this part of the strong ones do not vote: shading, noise.
 const WEAK: f32 = 0.15;
-/// Centres of one circle lie within this many pixels.
+/// Centers of one circle lie within this many pixels.
 const APART: isize = 3;
 
-/// A centre with votes, pixels of the image that voted.
+/// A center with votes, pixels of the image that voted.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Centre {
+pub(super) struct Center {
     pub u: f64,
     pub v: f64,
     votes: f32,
@@ -33,7 +33,7 @@ pub(super) struct Votes {
 }
 
 impl Votes {
-    /// Casts all votes: for centres uphill of edges (`sign` 1, balls brighter than what is behind them), downhill (-1), or
+    /// Casts all votes: for centers uphill of edges (`sign` 1, balls brighter than what is behind them), downhill (-1), or
     /// both (0).
     pub fn cast(&mut self, image: &GrayImage, sign: f64) {
         (self.width, self.height) = (image.width(), image.height());
@@ -61,9 +61,9 @@ impl Votes {
         }
     }
 
-    /// Votes for all centres in a direction from a pixel.
+    /// Votes for all centers in a direction from a pixel.
     fn vote(&mut self, [u, v]: [f32; 2], [x, y]: [f32; 2], weight: f32) {
-        for radius in LEAST..=MOST {
+        for radius in MIN..=MAX {
             // Half a pixel on, and cut: the nearest pixel.
             let at_u = u + radius as f32 * x + 0.5;
             let at_v = v + radius as f32 * y + 0.5;
@@ -102,8 +102,8 @@ impl Votes {
             .1
     }
 
-    /// The centres with most votes, at most `count` of them, best first.
-    pub fn strongest(&mut self, count: usize, into: &mut Vec<Centre>) {
+    /// The centers with most votes, at most `count` of them, best first.
+    pub fn strongest(&mut self, count: usize, into: &mut Vec<Center>) {
         self.smooth();
         into.clear();
         let most = self.smooth.iter().copied().fold(0.0, f32::max);
@@ -111,7 +111,7 @@ impl Votes {
         for v in 0..height {
             for u in 0..width {
                 let votes = self.smooth[(v * width + u) as usize];
-                // A centre with less than a third of the best one's votes is no rival of it.
+                // A center with less than a third of the best one's votes is no rival of it.
                 if votes <= most / 3.0 || !self.is_peak(u, v, votes) {
                     continue;
                 }
@@ -119,7 +119,7 @@ impl Votes {
                 if at < count {
                     into.truncate(count - 1);
                     let (u, v) = (u as f64, v as f64);
-                    into.insert(at, Centre { u, v, votes });
+                    into.insert(at, Center { u, v, votes });
                 }
             }
         }
@@ -140,7 +140,7 @@ impl Votes {
         true
     }
 
-    /// Sums over 3 x 3 pixels: a centre is not known better than that.
+    /// Sums over 3 x 3 pixels: a center is not known better than that.
     fn smooth(&mut self) {
         let (width, height) = (self.width, self.height);
         self.smooth.clear();

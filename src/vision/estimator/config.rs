@@ -1,7 +1,7 @@
 //! What the estimator expects of images.
 
 use crate::error::{Error, Result};
-use crate::recognise::robust::{NoiseShape, RobustConfig};
+use crate::recognize::robust::{NoiseShape, RobustConfig};
 use crate::vision::camera::Camera;
 use crate::vision::circle::CircleConfig;
 
@@ -12,18 +12,18 @@ pub struct EstimatorConfig {
     pub camera: Camera,
     /// What is accepted as a ball.
     pub circle: CircleConfig,
-    /// What the recogniser expects of the dots that are likely enough.
-    pub recogniser: RobustConfig,
+    /// What the recognizer expects of the dots that are likely enough.
+    pub recognizer: RobustConfig,
     /// Standard deviation of a drawn dot's place from the pattern's, along one tangent axis, radians.
-    pub hand_sigma_rad: f64,
+    pub placement_sigma_rad: f64,
     /// Least confidence of the detections that are looked at first, and where these leave doubt.
     pub dot_confidence: [f64; 2],
-    /// False dots expected beyond the recogniser's where doubtful detections are looked at.
+    /// False dots expected beyond the recognizer's where doubtful detections are looked at.
     pub doubtful_false_dots: f64,
     /// Least probability of a pose that is told.
-    pub least_confidence: f64,
+    pub min_confidence: f64,
     /// Width of the outline's edge, in radii, from which on a refusal is put down to blur.
-    pub most_blur: f64,
+    pub max_blur: f64,
 }
 
 impl Default for EstimatorConfig {
@@ -35,20 +35,20 @@ impl Default for EstimatorConfig {
         Self {
             camera: Camera::Orthographic,
             circle: CircleConfig::default(),
-            recogniser: RobustConfig {
+            recognizer: RobustConfig {
                 visibility_limit: 0.2,
                 detection_probability: 0.85,
                 expected_false_dots: 1.0,
                 usual_false_dots: None,
-                foreign_prior: 0.2,
+                null_prior: 0.2,
                 noise: NoiseShape::Gaussian,
                 passes: 64,
             },
-            hand_sigma_rad: 1.2f64.to_radians(),
+            placement_sigma_rad: 1.2f64.to_radians(),
             dot_confidence: [0.5, 0.15],
             doubtful_false_dots: 1.5,
-            least_confidence: 0.5,
-            most_blur: 0.6,
+            min_confidence: 0.5,
+            max_blur: 0.6,
         }
     }
 }
@@ -59,17 +59,17 @@ impl EstimatorConfig {
     /// # Errors
     /// [`Error::Argument`] naming the setting.
     pub fn check(&self) -> Result<()> {
-        self.recogniser.check()?;
+        self.recognizer.check()?;
         let fail = |name: &str, what: &str| Err(Error::argument(name, format!("expected {what}")));
         let is_probability = |p: f64| (0.0..=1.0).contains(&p);
-        if !(self.hand_sigma_rad > 0.0 && self.hand_sigma_rad < 0.5) {
-            return fail("hand_sigma_rad", "a positive angle below 0.5 rad");
+        if !(self.placement_sigma_rad > 0.0 && self.placement_sigma_rad < 0.5) {
+            return fail("placement_sigma_rad", "a positive angle below 0.5 rad");
         }
         if !self.dot_confidence.into_iter().all(is_probability) {
             return fail("dot_confidence", "probabilities");
         }
-        if !is_probability(self.least_confidence) {
-            return fail("least_confidence", "a probability");
+        if !is_probability(self.min_confidence) {
+            return fail("min_confidence", "a probability");
         }
         if !(self.doubtful_false_dots >= 0.0 && self.doubtful_false_dots.is_finite()) {
             return fail("doubtful_false_dots", "a number of dots");

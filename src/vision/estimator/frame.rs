@@ -5,7 +5,7 @@ use std::time::Duration;
 use nalgebra::Matrix3;
 
 use crate::geometry::Rotation;
-use crate::recognise::Refusal as Unrecognised;
+use crate::recognize::RecognizerRejection;
 use crate::vision::camera::BallCircle;
 use crate::vision::circle::{BallFit, NoBall};
 use crate::vision::detect::DotDetection;
@@ -16,8 +16,8 @@ use crate::vision::image::{GrayImage, RgbImage};
 pub enum FrameImage<'a> {
     /// Brightness alone.
     Gray(&'a GrayImage),
-    /// Colours: where brightness does not show the ball's outline, they may.
-    Colour(&'a RgbImage),
+    /// Colors: where brightness does not show the ball's outline, they may.
+    Color(&'a RgbImage),
 }
 
 impl<'a> From<&'a GrayImage> for FrameImage<'a> {
@@ -28,7 +28,7 @@ impl<'a> From<&'a GrayImage> for FrameImage<'a> {
 
 impl<'a> From<&'a RgbImage> for FrameImage<'a> {
     fn from(image: &'a RgbImage) -> Self {
-        Self::Colour(image)
+        Self::Color(image)
     }
 }
 
@@ -54,9 +54,9 @@ pub struct Pose {
 /// Why a frame has no orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
-pub enum Rejection {
+pub enum FrameRejection {
     /// Nothing was looked at yet.
-    NotLooked,
+    NotProcessed,
     /// There is no ball to be seen.
     NoBall(NoBall),
     /// The ball's outline is too soft for dots to be told.
@@ -76,14 +76,14 @@ pub enum Rejection {
         /// Its probability.
         pose_confidence: f64,
     },
-    /// The recogniser refuses.
-    Recogniser(Unrecognised),
+    /// The recognizer refuses.
+    Recognizer(RecognizerRejection),
 }
 
-impl std::fmt::Display for Rejection {
+impl std::fmt::Display for FrameRejection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::NotLooked => f.write_str("not looked at"),
+            Self::NotProcessed => f.write_str("not looked at"),
             Self::NoBall(why) => write!(f, "no ball: {why}"),
             Self::TooBlurred { edge_width } => write!(
                 f,
@@ -97,7 +97,7 @@ impl std::fmt::Display for Rejection {
                 f,
                 "ambiguous: the best pose has a probability of {pose_confidence:.2}"
             ),
-            Self::Recogniser(refusal) => refusal.fmt(f),
+            Self::Recognizer(refusal) => refusal.fmt(f),
         }
     }
 }
@@ -125,7 +125,7 @@ pub struct FrameEstimate {
     /// For each detection the pattern's dot that it is; `None` for a false one, or one that was left out.
     pub assignment: Vec<Option<u16>>,
     /// The orientation, or why there is none.
-    pub outcome: std::result::Result<Pose, Rejection>,
+    pub outcome: std::result::Result<Pose, FrameRejection>,
     /// Time taken.
     pub timings: Timings,
 }
@@ -138,7 +138,7 @@ impl Default for FrameEstimate {
             fit: None,
             dots: Vec::new(),
             assignment: Vec::new(),
-            outcome: Err(Rejection::NotLooked),
+            outcome: Err(FrameRejection::NotProcessed),
             timings: Timings::default(),
         }
     }

@@ -2,13 +2,13 @@
 //!
 //! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given), [`Patch`] cuts it out, a
 //! [`DotDetector`] finds dots, [`BallView`] lays them on the sphere; their covariance is the detector's and that of the hand
-//! that drew them. The recogniser tells which is which, once with the detections that are likelier dots than not and, where
+//! that drew them. The recognizer tells which is which, once with the detections that are likelier dots than not and, where
 //! that leaves doubt, once with the doubtful ones as well. A refinement then fits the orientation to the dots in the
 //! image, and takes up those that only now have a name.
 //!
 //! # What is promised
-//! A frame is answered where the pose's probability is at least [`EstimatorConfig::least_confidence`], else
-//! it has a [`Rejection`]: nothing is guessed. The same image gives the same answer whatever was seen before, but for the
+//! A frame is answered where the pose's probability is at least [`EstimatorConfig::min_confidence`], else
+//! it has a [`FrameRejection`]: nothing is guessed. The same image gives the same answer whatever was seen before, but for the
 //! hint that one may give. After the first frames of a size, the estimator allocates nothing.
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
@@ -19,8 +19,8 @@ mod refine;
 mod sequence;
 
 pub use config::EstimatorConfig;
-pub use frame::{FrameEstimate, FrameImage, Pose, Rejection, Timings};
-pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, tell_sequence};
+pub use frame::{FrameEstimate, FrameImage, FrameRejection, Pose, Timings};
+pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 
 use std::time::Instant;
 
@@ -34,9 +34,9 @@ use super::patch::Patch;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
-use crate::recognise::robust::{Hint, RobustConfig, RobustRecogniser, RobustWorkspace};
-use crate::recognise::{
-    DotUncertainty, Identification, ObservedDot, Recogniser, Refusal as Unrecognised,
+use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorkspace};
+use crate::recognize::{
+    DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
 };
 use refine::{Match, Refiner};
 
@@ -46,7 +46,7 @@ pub struct Estimator<D> {
     pattern: Pattern,
     detector: D,
     /// For the likely detections, and for all.
-    recognisers: [RobustRecogniser; 2],
+    recognizers: [RobustRecognizer; 2],
     refiner: Refiner,
     config: EstimatorConfig,
 }
@@ -54,7 +54,7 @@ pub struct Estimator<D> {
 /// Working memory of an [`Estimator`], one a thread.
 #[derive(Debug)]
 pub struct EstimatorWorkspace<W> {
-    /// Gray of a frame in colours.
+    /// Gray of a frame in colors.
     gray: GrayImage,
     /// An estimate for another outline.
     other: FrameEstimate,
@@ -62,9 +62,9 @@ pub struct EstimatorWorkspace<W> {
     finder: BallFinder,
     patch: Patch,
     detector: W,
-    recogniser: RobustWorkspace,
+    recognizer: RobustWorkspace,
     identification: Identification,
-    /// The dots handed to the recogniser, and their detections.
+    /// The dots handed to the recognizer, and their detections.
     observed: Vec<ObservedDot>,
     indices: Vec<usize>,
     matches: Vec<Match>,
@@ -72,14 +72,14 @@ pub struct EstimatorWorkspace<W> {
     outline: Option<(BallCircle, Matrix3<f64>)>,
 }
 
-/// A recogniser's answer in terms of detections.
-struct Told {
+/// A recognizer's answer in terms of detections.
+struct PoseHypothesis {
     rotation: Rotation,
     confidence: f64,
     pose_confidence: f64,
 }
 
-/// Standard deviations of a given outline: of its centre and radius, in radii.
+/// Standard deviations of a given outline: of its center and radius, in radii.
 const GIVEN_OUTLINE: f64 = 0.01;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 const CLEAR: f64 = 0.9;
@@ -92,15 +92,15 @@ impl<D: DotDetector> Estimator<D> {
     pub fn new(pattern: &Pattern, config: EstimatorConfig, detector: D) -> Result<Self> {
         config.check()?;
         let doubtful = RobustConfig {
-            expected_false_dots: config.recogniser.expected_false_dots + config.doubtful_false_dots,
-            ..config.recogniser
+            expected_false_dots: config.recognizer.expected_false_dots + config.doubtful_false_dots,
+            ..config.recognizer
         };
         Ok(Self {
             pattern: pattern.clone(),
             detector,
-            recognisers: [
-                RobustRecogniser::new(pattern, config.recogniser)?,
-                RobustRecogniser::new(pattern, doubtful)?,
+            recognizers: [
+                RobustRecognizer::new(pattern, config.recognizer)?,
+                RobustRecognizer::new(pattern, doubtful)?,
             ],
             refiner: Refiner::new(&config),
             config,
@@ -126,7 +126,7 @@ impl<D: DotDetector> Estimator<D> {
             finder: BallFinder::new(self.config.circle),
             patch: Patch::default(),
             detector: self.detector.workspace(),
-            recogniser: self.recognisers[0].workspace(),
+            recognizer: self.recognizers[0].workspace(),
             identification: Identification::default(),
             observed: Vec::new(),
             indices: Vec::new(),
@@ -135,7 +135,7 @@ impl<D: DotDetector> Estimator<D> {
         }
     }
 
-    /// Estimates a frame: [`Estimator::look`], then [`Estimator::tell`]. Where that gives no answer, other outlines are tried: one on
+    /// Estimates a frame: [`Estimator::detect`], then [`Estimator::estimate_pose`]. Where that gives no answer, other outlines are tried: one on
     /// which the dots tell a clear pose is the ball's.
     pub fn estimate_frame<'a>(
         &self,
@@ -146,8 +146,8 @@ impl<D: DotDetector> Estimator<D> {
         out: &mut FrameEstimate,
     ) {
         let image = image.into();
-        self.look(image, circle, ws, out);
-        self.tell(hint, ws, out);
+        self.detect(image, circle, ws, out);
+        self.estimate_pose(hint, ws, out);
         if circle.is_some() || out.pose().is_some() {
             return;
         }
@@ -157,9 +157,9 @@ impl<D: DotDetector> Estimator<D> {
         for k in 0..ws.others.len() {
             let fit = ws.others[k];
             (other.circle, other.fit) = (Some(fit.circle), Some(fit));
-            other.outcome = Err(Rejection::NotLooked);
+            other.outcome = Err(FrameRejection::NotProcessed);
             self.find_dots(image, ws, &mut other);
-            self.tell(hint, ws, &mut other);
+            self.estimate_pose(hint, ws, &mut other);
             if other.pose().is_some_and(|p| p.pose_confidence >= CLEAR) {
                 other.timings.locate = out.timings.locate;
                 std::mem::swap(&mut other, out);
@@ -170,7 +170,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Finds the ball, unless its outline is given, and the dots on it.
-    pub fn look<'a>(
+    pub fn detect<'a>(
         &self,
         image: impl Into<FrameImage<'a>>,
         circle: Option<&BallCircle>,
@@ -179,30 +179,30 @@ impl<D: DotDetector> Estimator<D> {
     ) {
         let begun = Instant::now();
         let image = image.into();
-        if let FrameImage::Colour(colour) = image {
-            colour.to_gray_into(&mut ws.gray);
+        if let FrameImage::Color(color) = image {
+            color.to_gray_into(&mut ws.gray);
         }
         let gray = match image {
             FrameImage::Gray(gray) => gray,
-            FrameImage::Colour(_) => &ws.gray,
+            FrameImage::Color(_) => &ws.gray,
         };
         out.dots.clear();
         out.assignment.clear();
-        out.outcome = Err(Rejection::NotLooked);
+        out.outcome = Err(FrameRejection::NotProcessed);
         out.timings = Timings::default();
         out.fit = None;
         out.circle = circle.copied();
         if circle.is_none() {
             let found = match image {
                 FrameImage::Gray(gray) => ws.finder.find(gray),
-                FrameImage::Colour(colour) => ws.finder.find_in_colour(gray, colour),
+                FrameImage::Color(color) => ws.finder.find_in_color(gray, color),
             };
             match found {
                 Ok(fit) => {
                     out.circle = Some(fit.circle);
                     out.fit = Some(fit);
                 }
-                Err(why) => out.outcome = Err(Rejection::NoBall(why)),
+                Err(why) => out.outcome = Err(FrameRejection::NoBall(why)),
             }
         }
         out.timings.locate = begun.elapsed();
@@ -218,7 +218,7 @@ impl<D: DotDetector> Estimator<D> {
     ) {
         let gray = match image {
             FrameImage::Gray(gray) => gray,
-            FrameImage::Colour(_) => &ws.gray,
+            FrameImage::Color(_) => &ws.gray,
         };
         out.dots.clear();
         out.assignment.clear();
@@ -233,7 +233,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Tells the orientation from the dots of a frame that was looked at; again, with another hint, as often as wanted.
-    pub fn tell(
+    pub fn estimate_pose(
         &self,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -248,30 +248,31 @@ impl<D: DotDetector> Estimator<D> {
             |f| f.covariance,
         );
         ws.outline = Some((circle, covariance));
-        out.outcome = self.tell_dots(circle, hint, ws, out);
+        out.outcome = self.identify_dots(circle, hint, ws, out);
         if let (Err(rejection), Some(fit)) = (&mut out.outcome, &out.fit) {
             let edge_width = fit.edge_width / circle.radius;
-            if edge_width > self.config.most_blur {
-                *rejection = Rejection::TooBlurred { edge_width };
+            if edge_width > self.config.max_blur {
+                *rejection = FrameRejection::TooBlurred { edge_width };
             }
         }
         out.timings.identify = begun.elapsed();
     }
 
-    fn tell_dots(
+    fn identify_dots(
         &self,
         circle: BallCircle,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
-    ) -> std::result::Result<Pose, Rejection> {
+    ) -> std::result::Result<Pose, FrameRejection> {
         let Ok(view) = BallView::new(&self.config.camera, circle) else {
-            return Err(Rejection::Recogniser(Unrecognised::Degenerate));
+            return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
         };
         let hint = hint.map(|h| in_view(h, &view));
-        let mut best: std::result::Result<Told, Rejection> = Err(Rejection::NotLooked);
-        for pass in 0..self.recognisers.len() {
-            let told = self.recognise(pass, &view, hint.as_ref(), ws, &out.dots);
+        let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
+            Err(FrameRejection::NotProcessed);
+        for pass in 0..self.recognizers.len() {
+            let told = self.recognize(pass, &view, hint.as_ref(), ws, &out.dots);
             let better = match (&best, &told) {
                 (Err(_), _) => true,
                 (Ok(best), Ok(told)) => told.pose_confidence > best.pose_confidence,
@@ -289,25 +290,25 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         let told = best?;
-        if told.pose_confidence < self.config.least_confidence {
+        if told.pose_confidence < self.config.min_confidence {
             out.assignment.fill(None);
             let pose_confidence = told.pose_confidence;
-            return Err(Rejection::Ambiguous { pose_confidence });
+            return Err(FrameRejection::Ambiguous { pose_confidence });
         }
         self.refine(&told, hint.is_some(), ws, out)
     }
 
-    /// One run of the recogniser over the detections that are likely enough for this pass.
-    fn recognise(
+    /// One run of the recognizer over the detections that are likely enough for this pass.
+    fn recognize(
         &self,
         pass: usize,
         view: &BallView,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         dots: &[DotDetection],
-    ) -> std::result::Result<Told, Rejection> {
-        let least_depth = self.config.recogniser.visibility_limit.max(view.horizon());
-        let hand = Matrix2::from_diagonal_element(self.config.hand_sigma_rad.powi(2));
+    ) -> std::result::Result<PoseHypothesis, FrameRejection> {
+        let min_depth = self.config.recognizer.visibility_limit.max(view.horizon());
+        let hand = Matrix2::from_diagonal_element(self.config.placement_sigma_rad.powi(2));
         ws.observed.clear();
         ws.indices.clear();
         for (i, dot) in dots.iter().enumerate() {
@@ -317,7 +318,7 @@ impl<D: DotDetector> Estimator<D> {
             let Some(mut seen) = view.back_project(dot.pixel, &dot.covariance) else {
                 continue;
             };
-            if seen.direction.z < least_depth {
+            if seen.direction.z < min_depth {
                 continue;
             }
             if let DotUncertainty::Tangent { covariance } = &mut seen.uncertainty {
@@ -326,17 +327,19 @@ impl<D: DotDetector> Estimator<D> {
             ws.observed.push(seen);
             ws.indices.push(i);
         }
-        let recogniser = &self.recognisers[pass];
+        let recognizer = &self.recognizers[pass];
         let (observed, found) = (&ws.observed, &mut ws.identification);
         let told = match hint {
-            Some(hint) => recogniser.identify_hinted(observed, hint, &mut ws.recogniser, found),
-            None => recogniser.identify_into(observed, &mut ws.recogniser, found),
+            Some(hint) => recognizer.identify_hinted(observed, hint, &mut ws.recognizer, found),
+            None => recognizer.identify_into(observed, &mut ws.recognizer, found),
         };
         told.map_err(|refusal| match refusal {
-            Unrecognised::TooFewDots { found, needed } => Rejection::TooFewDots { found, needed },
-            refusal => Rejection::Recogniser(refusal),
+            RecognizerRejection::TooFewDots { found, needed } => {
+                FrameRejection::TooFewDots { found, needed }
+            }
+            refusal => FrameRejection::Recognizer(refusal),
         })?;
-        Ok(Told {
+        Ok(PoseHypothesis {
             rotation: found.rotation,
             confidence: found.confidence,
             pose_confidence: found.pose_confidence,
@@ -345,12 +348,12 @@ impl<D: DotDetector> Estimator<D> {
 
     fn refine(
         &self,
-        told: &Told,
+        told: &PoseHypothesis,
         hinted: bool,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
-    ) -> std::result::Result<Pose, Rejection> {
-        let open = Rejection::Recogniser(Unrecognised::Degenerate);
+    ) -> std::result::Result<Pose, FrameRejection> {
+        let open = FrameRejection::Recognizer(RecognizerRejection::Degenerate);
         let (circle, covariance) = ws.outline.ok_or(open)?;
         let names = self.pattern.dots();
         let refined = self

@@ -46,7 +46,7 @@ pub(super) struct Refined {
 pub(super) struct Refiner {
     camera: Camera,
     hand2: f64,
-    least_depth: f64,
+    min_depth: f64,
     dot_confidence: f64,
 }
 
@@ -61,9 +61,9 @@ impl Refiner {
     pub fn new(config: &EstimatorConfig) -> Self {
         Self {
             camera: config.camera,
-            hand2: config.hand_sigma_rad.powi(2),
-            // What the recogniser does not see is still there to be named.
-            least_depth: 0.7 * config.recogniser.visibility_limit,
+            hand2: config.placement_sigma_rad.powi(2),
+            // What the recognizer does not see is still there to be named.
+            min_depth: 0.7 * config.recognizer.visibility_limit,
             dot_confidence: config.dot_confidence[1],
         }
     }
@@ -186,7 +186,7 @@ impl Refiner {
         by_parameters
             .fixed_view_mut::<2, 3>(0, 0)
             .copy_from(&(by_direction * -expected.cross_matrix()));
-        // The outline's shift moves all, its growth moves dots away from the centre.
+        // The outline's shift moves all, its growth moves dots away from the center.
         by_parameters[(0, 3)] = 1.0;
         by_parameters[(1, 4)] = 1.0;
         by_parameters
@@ -214,9 +214,9 @@ impl Refiner {
         let before = matches.len();
         matches.retain(|m| distance(usize::from(m.name), m.detection) < DROPPED * DROPPED);
         let mut changed = matches.len() != before;
-        let least_depth = self.least_depth.max(state.view.horizon());
+        let min_depth = self.min_depth.max(state.view.horizon());
         for (name, dot) in names.iter().enumerate() {
-            let hidden = (state.rotation * dot).z < least_depth;
+            let hidden = (state.rotation * dot).z < min_depth;
             if hidden || matches.iter().any(|m| usize::from(m.name) == name) {
                 continue;
             }

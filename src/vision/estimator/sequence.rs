@@ -1,45 +1,45 @@
 //! Frames of one flight help each other: a ball turns evenly for a while.
 //!
-//! Frames that are told alone give the spin around each of their neighbours in time; where it foretells the
+//! Frames that are told alone give the spin around each of their neighbors in time; where it predicts the
 //! orientation of a frame that is not told, or told otherwise, that is a [`Hint`] to tell the frame again. A hint may be
-//! wrong, and says so: the recogniser weighs it against the dots. It is made of other frames only, so that no frame
+//! wrong, and says so: the recognizer weighs it against the dots. It is made of other frames only, so that no frame
 //! confirms itself. This goes on, forwards and backwards, until nothing changes.
 
 use nalgebra::Matrix3;
 
 use super::{Estimator, EstimatorWorkspace, FrameEstimate};
-use crate::recognise::robust::Hint;
-use crate::spin::dots::{DotFrame, DotOptions, SeenDot, refine_on_dots};
-use crate::spin::robust::{RobustEstimator, RobustOptions};
-use crate::spin::{Fit, MIN_FRAMES, Measurement, Refusal};
+use crate::recognize::robust::Hint;
+use crate::spin::dots::{DotFrame, DotRefineConfig, SeenDot, refine_on_dots};
+use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
+use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 use crate::vision::detect::DotDetector;
 
 /// How frames of a sequence help each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SequenceConfig {
     /// Estimation of the spin.
-    pub spin: RobustOptions,
-    /// Told frames nearest in time that foretell a frame.
-    pub neighbours: usize,
-    /// Error of a foretold orientation beyond the fit's own, radians, about every axis: the spin changes, and so does the
+    pub spin: RobustSpinConfig,
+    /// PoseHypothesis frames nearest in time that predict a frame.
+    pub neighbors: usize,
+    /// Error of a predicted orientation beyond the fit's own, radians, about every axis: the spin changes, and so does the
     /// direction under which the ball is seen.
     pub hint_sigma_rad: f64,
     /// Probability that a hint is altogether wrong.
     pub wrong: f64,
-    /// A told frame farther off the foretold orientation than this, radians, is told again.
+    /// A told frame farther off the predicted orientation than this, radians, is told again.
     pub disagreement_rad: f64,
-    /// Least probability of frames that foretell others.
+    /// Least probability of frames that predict others.
     pub trusted: f64,
     /// Rounds at most.
     pub rounds: usize,
 }
 
 impl Default for SequenceConfig {
-    /// Ten neighbours, 5 deg, one hint in ten wrong, doubt from 25 deg, frames of 0.8, four rounds.
+    /// Ten neighbors, 5 deg, one hint in ten wrong, doubt from 25 deg, frames of 0.8, four rounds.
     fn default() -> Self {
         Self {
-            spin: RobustOptions::default(),
-            neighbours: 10,
+            spin: RobustSpinConfig::default(),
+            neighbors: 10,
             hint_sigma_rad: 5f64.to_radians(),
             wrong: 0.1,
             disagreement_rad: 25f64.to_radians(),
@@ -60,7 +60,7 @@ pub struct SequenceSummary {
 
 /// Tells the frames of one sequence, which were looked at, again with the help of each other. `times_s` are in seconds, one
 /// a frame, each later than the one before.
-pub fn tell_sequence<D: DotDetector>(
+pub fn track_sequence<D: DotDetector>(
     estimator: &Estimator<D>,
     config: &SequenceConfig,
     times_s: &[f64],
@@ -77,11 +77,11 @@ pub fn tell_sequence<D: DotDetector>(
             if frames[i].circle.is_none() {
                 continue;
             }
-            neighbours(config, times_s, frames, i, &mut around);
+            neighbors(config, times_s, frames, i, &mut around);
             let Ok(fit) = fitter.fit(&around) else {
                 continue;
             };
-            let hint = foretell(config, &fit, &around, times_s[i]);
+            let hint = predict(config, &fit, &around, times_s[i]);
             let off = frames[i]
                 .pose()
                 .map(|pose| pose.rotation.angle_to(&hint.rotation));
@@ -89,7 +89,7 @@ pub fn tell_sequence<D: DotDetector>(
                 continue;
             }
             let before = frames[i].pose().map(|p| (p.rotation, p.hinted));
-            estimator.tell(Some(&hint), ws, &mut frames[i]);
+            estimator.estimate_pose(Some(&hint), ws, &mut frames[i]);
             changed |= match (before, frames[i].pose()) {
                 (None, None) => false,
                 (Some((rotation, _)), Some(pose)) => {
@@ -109,7 +109,7 @@ pub fn tell_sequence<D: DotDetector>(
 }
 
 /// The told frames nearest in time to frame `i`, without it, in order of time.
-fn neighbours(
+fn neighbors(
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &[FrameEstimate],
@@ -123,7 +123,7 @@ fn neighbours(
             .then(|| measurement(times_s[k], pose.rotation, pose.pose_confidence))
     };
     let (mut before, mut after) = (i, i + 1);
-    while into.len() < config.neighbours {
+    while into.len() < config.neighbors {
         let left = before.checked_sub(1).map(|k| times_s[i] - times_s[k]);
         let right = times_s.get(after).map(|t| t - times_s[i]);
         let go_left = match (left, right) {
@@ -155,7 +155,7 @@ fn measurement(
 }
 
 /// The orientation at `time_s` by a fit, with its error.
-fn foretell(config: &SequenceConfig, fit: &Fit, around: &[Measurement], time_s: f64) -> Hint {
+fn predict(config: &SequenceConfig, fit: &Fit, around: &[Measurement], time_s: f64) -> Hint {
     // The fit is best known amid its frames; from there its error grows with the spin's.
     let middle = around.iter().map(|m| m.time_s).sum::<f64>() / around.len().max(1) as f64;
     let elapsed = time_s - middle;
@@ -174,13 +174,13 @@ fn foretell(config: &SequenceConfig, fit: &Fit, around: &[Measurement], time_s: 
 /// The spin of a sequence, refined on the dots of the frames that agree with it.
 ///
 /// # Errors
-/// A [`Refusal`] where too few frames are told, or they agree on nothing.
+/// A [`SpinRejection`] where too few frames are told, or they agree on nothing.
 pub fn estimate_spin<D: DotDetector>(
     estimator: &Estimator<D>,
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &[FrameEstimate],
-) -> Result<Fit, Refusal> {
+) -> Result<Fit, SpinRejection> {
     let poses = || {
         times_s
             .iter()
@@ -213,6 +213,11 @@ pub fn estimate_spin<D: DotDetector>(
         return Ok(fit);
     }
     // A refinement that fails leaves the fit to the orientations, which stands by itself.
-    let refined = refine_on_dots(estimator.pattern(), &agreeing, &fit, &DotOptions::default());
+    let refined = refine_on_dots(
+        estimator.pattern(),
+        &agreeing,
+        &fit,
+        &DotRefineConfig::default(),
+    );
     Ok(refined.unwrap_or(fit))
 }

@@ -20,12 +20,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::synth::SynthConfig;
+use crate::synth::dataset::frame_rng;
 use crate::vision::net::graph::CELLS;
 use crate::vision::net::model::{Net, floats};
 use crate::vision::net::weights::{Calibration, FORMAT_VERSION, Weights, WeightsMeta};
 use crate::vision::patch::SIZE;
-use crate::vision::synth::SynthConfig;
-use crate::vision::synth::dataset::frame_rng;
 
 pub mod checkpoint;
 pub mod loss;

@@ -10,11 +10,11 @@ use rand_distr::StandardNormal;
 
 use crate::design::random_pattern;
 use crate::error::Result;
+use crate::synth::{Rendering, Scene, SynthConfig};
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::net::detector::cell_middle;
 use crate::vision::net::graph::CELLS;
 use crate::vision::patch::{MIDDLE, Patch, SIZE};
-use crate::vision::synth::{Rendering, Scene, SynthConfig};
 
 /// Deviation of a dot's Gaussian in the heat map, in the patch's values (paper, Sec. III-A: 1.5 px at 60 x 60).
 const HEAT_SIGMA: f64 = 1.5;

@@ -1,0 +1,186 @@
+//! Recognizers: which dot of the pattern is each observed dot, and how is the ball turned?
+//!
+//! Every recognizer takes observed dots with their uncertainty and gives a rotation, an assignment,
+//! a residual and a confidence, or says why it gives none. Rotations map the pattern's frame to the
+//! camera's, `p_camera = R p_pattern`.
+//!
+//! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
+//! - [`kent`]: the density that it scores with,
+//! - [`observed`]: the file of observed dots,
+//! - [`robust`]: the posterior over all explanations of the dots, the default.
+
+use nalgebra::Matrix2;
+
+use crate::geometry::{Rotation, Vec3};
+
+pub mod kent;
+pub mod observed;
+pub mod paper;
+pub mod robust;
+
+pub use paper::{PaperConfig, PaperRecognizer};
+
+/// A recognizer's name, as written on the command line and in reports.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum RecognizerName {
+    /// The SpinDOE paper's algorithm, the baseline.
+    Paper,
+    /// The explanation that the whole set of dots supports best, the default.
+    Robust,
+}
+
+impl RecognizerName {
+    /// All recognizers, the baseline first.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Robust];
+
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Robust => "robust",
+        }
+    }
+}
+
+impl std::fmt::Display for RecognizerName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+/// How far an observed direction may be off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DotUncertainty {
+    /// Alike in all tangent directions.
+    Isotropic {
+        /// Standard deviation of the angular error along one tangent axis, radians.
+        sigma_rad: f64,
+    },
+    /// Different along different tangent directions.
+    Tangent {
+        /// Covariance, rad^2, in the axes of
+        /// [`tangent_frame(direction)`](crate::geometry::tangent_frame).
+        covariance: Matrix2<f64>,
+    },
+}
+
+/// A dot as seen by the camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObservedDot {
+    /// Unit vector from the ball's center to the dot, camera frame.
+    pub direction: Vec3,
+    /// How far off the direction may be.
+    pub uncertainty: DotUncertainty,
+}
+
+/// What a recognizer found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identification {
+    /// Rotation from the pattern's frame to the camera's.
+    pub rotation: Rotation,
+    /// For each observed dot, in order, the pattern's dot that it is; `None` for a false dot.
+    pub assignment: Vec<Option<u16>>,
+    /// Root mean square angle between the matched observed dots and the rotated pattern, radians.
+    pub residual_rad: f64,
+    /// Probability that the identification is right, in [0, 1].
+    pub confidence: f64,
+    /// Probability that the rotation is right, whatever single dots are, in [0, 1]. Not below the
+    /// confidence.
+    pub pose_confidence: f64,
+}
+
+impl Default for Identification {
+    /// No dots, the identity, no confidence: to be filled by [`Recognizer::identify_into`].
+    fn default() -> Self {
+        Self {
+            rotation: Rotation::identity(),
+            assignment: Vec::new(),
+            residual_rad: 0.0,
+            confidence: 0.0,
+            pose_confidence: 0.0,
+        }
+    }
+}
+
+impl Identification {
+    /// Number of observed dots that are matched with a pattern's dot.
+    pub fn matched(&self) -> usize {
+        self.assignment.iter().flatten().count()
+    }
+}
+
+/// What came of an attempt to identify.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// The dots are identified.
+    Identified(Identification),
+    /// They are not.
+    Unidentified(RecognizerRejection),
+}
+
+/// Why a recognizer gives no answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecognizerRejection {
+    /// Fewer dots than the recognizer needs.
+    TooFewDots {
+        /// Dots given.
+        found: usize,
+        /// Dots needed.
+        needed: usize,
+    },
+    /// No hypothesis explains the dots.
+    NoHypothesis,
+    /// The dots are those of the pattern's mirror image: an axis of the image is flipped.
+    Mirrored,
+    /// The dots leave the rotation undetermined, or are not directions at all.
+    Degenerate,
+}
+
+impl std::fmt::Display for RecognizerRejection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::TooFewDots { found, needed } => {
+                write!(f, "too few dots: {found}, needed {needed}")
+            }
+            Self::NoHypothesis => f.write_str("no hypothesis explains the dots"),
+            Self::Mirrored => f.write_str("the dots are those of the pattern's mirror image"),
+            Self::Degenerate => f.write_str("the dots leave the rotation undetermined"),
+        }
+    }
+}
+
+/// A way to identify dots.
+pub trait Recognizer: Sync {
+    /// Buffers reused from call to call; one a thread.
+    type Workspace: Send;
+
+    /// A new workspace.
+    fn workspace(&self) -> Self::Workspace;
+
+    /// Identifies `dots` and writes the answer into `out`, whose memory is reused. The answer depends on
+    /// the dots alone, not on what the workspace saw before. A refusal leaves `out` in no useful state.
+    ///
+    /// # Errors
+    /// A [`RecognizerRejection`] that says why there is no answer.
+    fn identify_into(
+        &self,
+        dots: &[ObservedDot],
+        ws: &mut Self::Workspace,
+        out: &mut Identification,
+    ) -> Result<(), RecognizerRejection>;
+
+    /// As [`Recognizer::identify_into`], with an answer of its own.
+    fn identify(&self, dots: &[ObservedDot], ws: &mut Self::Workspace) -> Outcome {
+        let mut found = Identification::default();
+        match self.identify_into(dots, ws, &mut found) {
+            Ok(()) => Outcome::Identified(found),
+            Err(refusal) => Outcome::Unidentified(refusal),
+        }
+    }
+
+    /// Fewest dots that can be identified.
+    fn min_dots(&self) -> usize;
+}

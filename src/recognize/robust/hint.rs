@@ -1,0 +1,87 @@
+//! What is known of the orientation before the dots are looked at.
+//!
+//! With the probability `1 - wrong` the true rotation is `exp([e]x) R_hint` with `e ~ N(0, C)` in the camera
+//! frame; otherwise any rotation is as likely as any other. The evidence of an explanation whose own
+//! rotation has the covariance `H^-1` is multiplied by this prior's density over the uniform one,
+//! `(1 - wrong) 8 pi^2 N(e; 0, C + H^-1) + wrong`.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Matrix3, Rotation3};
+
+use super::model::Dot;
+use crate::geometry::Rotation;
+
+/// Most that the dots' variances are widened for the first look from the hint's rotation.
+const MAX_WIDENING: f64 = 30.0;
+
+/// A prior orientation: the last frame's, propagated by the spin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hint {
+    /// Expected rotation from the pattern's frame to the camera's.
+    pub rotation: Rotation,
+    /// Covariance of the rotation vector that leads from it to the true one, camera frame, rad^2.
+    pub covariance: Matrix3<f64>,
+    /// Probability that the hint is altogether wrong, in (0, 1).
+    pub wrong: f64,
+}
+
+impl Hint {
+    /// A hint with the same standard deviation about every axis, radians; one in twenty is wrong.
+    pub fn isotropic(rotation: Rotation, sigma_rad: f64) -> Self {
+        Self {
+            rotation,
+            covariance: Matrix3::from_diagonal_element(sigma_rad * sigma_rad),
+            wrong: 0.05,
+        }
+    }
+}
+
+/// A checked hint.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Prior {
+    rotation: Matrix3<f64>,
+    covariance: Matrix3<f64>,
+    wrong: f64,
+}
+
+impl Prior {
+    /// `None` where the covariance is not positive definite or `wrong` no probability in (0, 1).
+    pub fn new(hint: &Hint) -> Option<Self> {
+        let symmetric = 0.5 * (hint.covariance + hint.covariance.transpose());
+        symmetric.cholesky()?;
+        let is_probability = hint.wrong > 0.0 && hint.wrong < 1.0;
+        let is_finite = hint.rotation.coords.iter().all(|x| x.is_finite());
+        (is_probability && is_finite).then_some(Self {
+            rotation: *hint.rotation.to_rotation_matrix().matrix(),
+            covariance: symmetric,
+            wrong: hint.wrong,
+        })
+    }
+
+    pub fn rotation(&self) -> Matrix3<f64> {
+        self.rotation
+    }
+
+    /// Variance ratio of a first look at dots that the hint's error has moved.
+    pub fn widening(&self, dots: &[Dot]) -> f64 {
+        let least = dots.iter().map(|d| d.radial).fold(0.0, f64::max);
+        (1.0 + self.covariance.trace() / 3.0 * least).min(MAX_WIDENING)
+    }
+
+    /// ln of the prior density at a rotation over the uniform density; `information` is the
+    /// rotation's own.
+    pub fn ln_ratio(&self, rotation: &Matrix3<f64>, information: Option<&Matrix3<f64>>) -> f64 {
+        let moved = Rotation3::from_matrix_unchecked(rotation * self.rotation.transpose());
+        let e = moved.scaled_axis();
+        let own = information.and_then(|h| h.try_inverse());
+        let covariance = own.map_or(self.covariance, |own| self.covariance + own);
+        let Some(factor) = covariance.cholesky() else {
+            return self.wrong.ln();
+        };
+        let root_det = factor.l_dirty().diagonal().product();
+        let distance = e.dot(&factor.solve(&e));
+        let peak = 8.0 * PI * PI / (TAU.powf(1.5) * root_det);
+        ((1.0 - self.wrong) * peak * (-0.5 * distance).exp() + self.wrong).ln()
+    }
+}

@@ -1,0 +1,242 @@
+//! The robust recognizer: the rotation that the whole set of dots supports best.
+//!
+//! # Search
+//! Pairs of observed dots, the best conditioned first, are laid on every ordered pair of pattern dots of
+//! similar angle. Each such rotation is screened; what comes near the best is refined by
+//! Gauss-Newton on its inliers and scored by the full model ([`RobustConfig`] holds its parameters). A
+//! pass over one pair has seen every explanation in which both of its dots are real. The pairs are
+//! disjoint as long as that is possible: an explanation that `k` such passes have not seen leaves out
+//! `k` dots at least, and that bounds its worth. The search stops when the best explanation so far is
+//! beyond doubt, or when what has not been seen cannot be better.
+//!
+//! # Confidence
+//! The best explanation's share of the evidence of all that were found, of their near alternatives, of
+//! the mirrored pattern, and of "these are not the pattern's dots". A pattern with symmetries has several
+//! poses of one evidence: the confidence is then low, and [`RobustRecognizer::explanation`] gives them all.
+//!
+//! # Rotation
+//! What is reported is the most likely rotation for the assignment, with the dots weighted by the law of
+//! their noise ([`NoiseShape`]): least squares for a Gaussian; for the peaked noise of the paper's
+//! protocols a quarter better than least squares, whose bound is then none.
+//!
+//! # Mirrored images
+//! A view that the search leaves in doubt is searched again as in a mirror. Where the mirrored pattern is
+//! beyond doubt, [`RecognizerRejection::Mirrored`] says so: an axis of the image is flipped.
+//!
+//! # Hint
+//! A prior orientation ([`Hint`]) is tried before the search. It makes two dots enough; a wrong one
+//! costs one refinement, and the search follows.
+//!
+//! What it does not do: evaluate that no better explanation exists. See the validation for how often the
+//! best one found is the right one.
+
+mod config;
+mod hint;
+mod model;
+mod pairs;
+mod posterior;
+mod refine;
+mod screen;
+mod search;
+
+pub use config::{NoiseShape, RobustConfig};
+pub use hint::Hint;
+pub use search::RobustWorkspace;
+
+use nalgebra::Rotation3;
+
+use super::{Identification, ObservedDot, Recognizer, RecognizerRejection};
+use crate::error::Result;
+use crate::geometry::{Rotation, Vec3, angle_between};
+use crate::pattern::Pattern;
+use hint::Prior;
+use model::Model;
+use pairs::PatternPairs;
+use posterior::{Explanation, NullHypothesis};
+use refine::UNASSIGNED;
+use screen::ScreenModel;
+
+/// Fewest dots that can be identified without a hint, and with one.
+const MIN_DOTS: usize = 3;
+const MIN_DOTS_HINTED: usize = 2;
+/// Below this probability of the pose a view is looked at as in a mirror.
+const MIRROR_DOUBT: f64 = 0.9;
+/// Probability from which on a view is taken for a mirrored one.
+const MIRROR_SURE: f64 = 0.9;
+
+/// The default recognizer. See the module's documentation.
+#[derive(Debug, Clone)]
+pub struct RobustRecognizer {
+    dots: Vec<Vec3>,
+    pairs: PatternPairs,
+    model: Model,
+    screen: ScreenModel,
+    null: NullHypothesis,
+    config: RobustConfig,
+}
+
+impl RobustRecognizer {
+    /// Prepares the recognizer for a pattern.
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for a parameter outside its domain.
+    pub fn new(pattern: &Pattern, config: RobustConfig) -> Result<Self> {
+        config.check()?;
+        let dots = pattern.dots().to_vec();
+        let pairs = PatternPairs::new(&dots);
+        let model = Model::new(&config);
+        Ok(Self {
+            screen: ScreenModel::new(&config, &model, dots.len(), &pairs),
+            null: NullHypothesis::new(&config, dots.len()),
+            dots,
+            pairs,
+            model,
+            config,
+        })
+    }
+
+    /// The parameters in use.
+    pub fn config(&self) -> &RobustConfig {
+        &self.config
+    }
+
+    /// As [`Recognizer::identify_into`], knowing roughly how the ball is turned. The rotation in the
+    /// answer is what the dots say; the hint only helps to tell which dot is which.
+    ///
+    /// # Errors
+    /// A [`RecognizerRejection`]; [`RecognizerRejection::Degenerate`] also for a hint whose covariance is none.
+    pub fn identify_hinted(
+        &self,
+        dots: &[ObservedDot],
+        hint: &Hint,
+        ws: &mut RobustWorkspace,
+        out: &mut Identification,
+    ) -> std::result::Result<(), RecognizerRejection> {
+        let prior = Prior::new(hint).ok_or(RecognizerRejection::Degenerate)?;
+        self.identify_with(dots, Some(prior), ws, out)
+    }
+
+    /// Writes the explanation of this rank (0 the best) of the view that `ws` saw last into `out`, with its
+    /// own probability; `false` if the search found fewer. Explanations differ in their rotation; the
+    /// search remembers what came near the best, not everything.
+    pub fn explanation(&self, rank: usize, ws: &RobustWorkspace, out: &mut Identification) -> bool {
+        let found = ws.found.ranked(rank);
+        if let Some(explanation) = found {
+            self.report(explanation, ws, out);
+        }
+        found.is_some()
+    }
+
+    /// The explanation to which `rotation` leads, written into `out`: how well a pose explains the dots that
+    /// one believes in for other reasons. Returns its log-evidence against "these are not the pattern's
+    /// dots"; `None` if hardly any dot supports it. Its confidence is that among what it leads to alone.
+    pub fn evidence_near(
+        &self,
+        dots: &[ObservedDot],
+        rotation: &Rotation,
+        ws: &mut RobustWorkspace,
+        out: &mut Identification,
+    ) -> Option<f64> {
+        ws.clear(dots.len());
+        self.prepare(dots, ws).ok()?;
+        self.refine_from(rotation, ws);
+        let best = ws.found.best()?;
+        self.report(best, ws, out);
+        Some(best.refined.ln_evidence - self.null.ln_evidence(dots.len()))
+    }
+
+    fn identify_with(
+        &self,
+        dots: &[ObservedDot],
+        prior: Option<Prior>,
+        ws: &mut RobustWorkspace,
+        out: &mut Identification,
+    ) -> std::result::Result<(), RecognizerRejection> {
+        let needed = if prior.is_some() {
+            MIN_DOTS_HINTED
+        } else {
+            MIN_DOTS
+        };
+        ws.clear(dots.len());
+        if dots.len() < needed {
+            return Err(RecognizerRejection::TooFewDots {
+                found: dots.len(),
+                needed,
+            });
+        }
+        self.prepare(dots, ws)?;
+        self.search(prior.as_ref(), ws)?;
+        let sure = ws.found.best().is_some_and(|best| {
+            ws.found
+                .confidence(best, &self.null, f64::NEG_INFINITY)
+                .pose
+                > MIRROR_DOUBT
+        });
+        if !sure && self.is_mirrored(ws) {
+            return Err(RecognizerRejection::Mirrored);
+        }
+        self.polish_best(ws)
+            .ok_or(RecognizerRejection::NoHypothesis)?;
+        let best = ws.found.best().ok_or(RecognizerRejection::NoHypothesis)?;
+        self.report(best, ws, out);
+        Ok(())
+    }
+
+    /// Searches the view as in a mirror; whether that explains it beyond doubt.
+    fn is_mirrored(&self, ws: &mut RobustWorkspace) -> bool {
+        self.search_mirrored(ws);
+        let rivals = ws.found.ln_evidence();
+        let Some(best) = ws.mirrored.best() else {
+            return false;
+        };
+        // From the mirrored side the pattern as it is counts as the rival, at its own prior.
+        let confidence = ws.mirrored.confidence(
+            best,
+            &self.null.of_mirrored(),
+            rivals - posterior::MIRROR_LN_ODDS,
+        );
+        confidence.pose > MIRROR_SURE
+    }
+
+    /// Writes an explanation into `out`.
+    fn report(&self, explanation: &Explanation, ws: &RobustWorkspace, out: &mut Identification) {
+        let mirrored = ws.mirrored.ln_evidence() + posterior::MIRROR_LN_ODDS;
+        let confidence = ws.found.confidence(explanation, &self.null, mirrored);
+        let rotation = explanation.refined.rotation;
+        let (mut squared, mut matched) = (0.0, 0usize);
+        out.assignment.clear();
+        for (dot, &j) in ws.dots.iter().zip(ws.found.assignment(explanation)) {
+            out.assignment.push((j != UNASSIGNED).then_some(j));
+            if j != UNASSIGNED {
+                let q = rotation * self.dots[usize::from(j)];
+                squared += angle_between(&q, &dot.direction).powi(2);
+                matched += 1;
+            }
+        }
+        out.rotation = Rotation::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+        out.residual_rad = (squared / matched.max(1) as f64).sqrt();
+        out.confidence = confidence.identity;
+        out.pose_confidence = confidence.pose;
+    }
+}
+
+impl Recognizer for RobustRecognizer {
+    type Workspace = RobustWorkspace;
+
+    fn workspace(&self) -> RobustWorkspace {
+        RobustWorkspace::with_capacity_for(&self.pairs, self.dots.len())
+    }
+
+    fn min_dots(&self) -> usize {
+        MIN_DOTS
+    }
+
+    fn identify_into(
+        &self,
+        dots: &[ObservedDot],
+        ws: &mut RobustWorkspace,
+        out: &mut Identification,
+    ) -> std::result::Result<(), RecognizerRejection> {
+        self.identify_with(dots, None, ws, out)
+    }
+}

@@ -1,0 +1,215 @@
+//! The explanations found, and what they are worth against each other and against "this is not the
+//! pattern".
+//!
+//! Explanations are kept one for each rotation: nearby rotations share their assignments but for a few
+//! dots, and those are summed up by [`Refined::ln_alternatives`]. A view of something else has as many dots
+//! as a view of the pattern has on average (Poisson), uniform on the visible cap.
+
+use nalgebra::Matrix3;
+
+use super::config::RobustConfig;
+use super::refine::Refined;
+
+/// Rotations nearer than this (radians) are one explanation.
+const ONE_ROTATION: f64 = 0.12;
+/// ln of the prior odds that a view is mirrored: a flipped axis is noticed, and then mended for good.
+pub(super) const MIRROR_LN_ODDS: f64 = -3.0;
+/// A start nearer to an explanation than this (radians) would lead there again.
+const KNOWN_ROTATION: f64 = 0.08;
+/// Most explanations remembered; the least goes first.
+const MAX_FOUND: usize = 128;
+
+/// Everything found in one view.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    explanations: Vec<Explanation>,
+    /// Assignments, `dots` numbers each.
+    assignments: Vec<u16>,
+    dots: usize,
+}
+
+/// An explanation, with its place among the assignments.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Explanation {
+    pub refined: Refined,
+    slot: usize,
+}
+
+/// What is known of views that do not show the pattern.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NullHypothesis {
+    ln_odds: f64,
+    ln_ratio: f64,
+    excess: f64,
+}
+
+/// Probabilities of the best explanation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Confidence {
+    /// Of its assignment.
+    pub identity: f64,
+    /// Of its rotation, whatever the assignment.
+    pub pose: f64,
+}
+
+impl NullHypothesis {
+    pub fn new(config: &RobustConfig, pattern_dots: usize) -> Self {
+        let false_dots = config.expected_false_dots;
+        let seen = 0.5 * (1.0 - config.visibility_limit) * pattern_dots as f64;
+        let mean = seen * config.detection_probability + false_dots;
+        Self {
+            ln_odds: (config.null_prior / (1.0 - config.null_prior)).ln(),
+            ln_ratio: (mean / false_dots).ln(),
+            excess: mean - false_dots,
+        }
+    }
+
+    /// Log-evidence of a view of something else with so many dots, against "all dots are false".
+    pub fn ln_evidence(&self, dots: usize) -> f64 {
+        dots as f64 * self.ln_ratio - self.excess
+    }
+
+    /// The same against a mirrored view, which is itself unlikely.
+    pub fn of_mirrored(&self) -> Self {
+        Self {
+            ln_odds: self.ln_odds - MIRROR_LN_ODDS,
+            ..*self
+        }
+    }
+
+    /// The same with the prior odds.
+    fn ln_weight(&self, dots: usize) -> f64 {
+        self.ln_evidence(dots) + self.ln_odds
+    }
+}
+
+impl Found {
+    pub fn with_capacity_for(dots: usize) -> Self {
+        Self {
+            explanations: Vec::with_capacity(MAX_FOUND),
+            assignments: Vec::with_capacity(dots * MAX_FOUND),
+            dots: 0,
+        }
+    }
+
+    pub fn clear(&mut self, dots: usize) {
+        self.explanations.clear();
+        self.assignments.clear();
+        self.dots = dots;
+    }
+
+    /// Remembers an explanation, unless a better one has the same rotation.
+    pub fn add(&mut self, refined: Refined, assignment: &[u16]) {
+        let near = 1.0 + 2.0 * ONE_ROTATION.cos();
+        let same = |e: &Explanation| overlap(&e.refined.rotation, &refined.rotation) > near;
+        let known = self.explanations.iter().position(same).or_else(|| {
+            let full = self.explanations.len() == MAX_FOUND;
+            full.then(|| self.least()).flatten()
+        });
+        match known {
+            Some(k) => {
+                let known = &mut self.explanations[k];
+                if known.refined.ln_evidence < refined.ln_evidence {
+                    known.refined = refined;
+                    self.assignments[known.slot..][..self.dots].copy_from_slice(assignment);
+                }
+            }
+            None => {
+                let slot = self.assignments.len();
+                self.assignments.extend_from_slice(assignment);
+                self.explanations.push(Explanation { refined, slot });
+            }
+        }
+    }
+
+    fn least(&self) -> Option<usize> {
+        let evidence = |k: &usize| self.explanations[*k].refined.ln_evidence;
+        (0..self.explanations.len()).min_by(|a, b| evidence(a).total_cmp(&evidence(b)))
+    }
+
+    /// The explanation of this rank, 0 the best.
+    pub fn ranked(&self, rank: usize) -> Option<&Explanation> {
+        let evidence = |e: &Explanation| e.refined.ln_evidence;
+        let ahead = |e: &Explanation| {
+            self.explanations
+                .iter()
+                .filter(|o| {
+                    evidence(o) > evidence(e) || (evidence(o) == evidence(e) && o.slot < e.slot)
+                })
+                .count()
+        };
+        self.explanations.iter().find(|e| ahead(e) == rank)
+    }
+
+    pub fn best(&self) -> Option<&Explanation> {
+        self.explanations
+            .iter()
+            .max_by(|a, b| a.refined.ln_evidence.total_cmp(&b.refined.ln_evidence))
+    }
+
+    /// Replaces an explanation's rotation.
+    pub fn turn(&mut self, of: &Explanation, rotation: Matrix3<f64>) {
+        let same = self.explanations.iter_mut().find(|e| e.slot == of.slot);
+        if let Some(explanation) = same {
+            explanation.refined.rotation = rotation;
+        }
+    }
+
+    pub fn assignment(&self, explanation: &Explanation) -> &[u16] {
+        &self.assignments[explanation.slot..][..self.dots]
+    }
+
+    /// Log-evidence of the best explanation but this one; minus infinity if there is none.
+    pub fn best_rival(&self, of: &Explanation) -> f64 {
+        self.explanations
+            .iter()
+            .filter(|e| e.slot != of.slot)
+            .map(|e| e.refined.ln_evidence)
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// ln of the evidence of all explanations together; minus infinity for none.
+    pub fn ln_evidence(&self) -> f64 {
+        let Some(best) = self.best() else {
+            return f64::NEG_INFINITY;
+        };
+        let origin = best.refined.ln_evidence;
+        let all = self
+            .explanations
+            .iter()
+            .map(|e| (e.refined.ln_evidence + e.refined.ln_alternatives - origin).exp());
+        origin + all.sum::<f64>().ln()
+    }
+
+    /// Whether some explanation has nearly this rotation.
+    pub fn knows(&self, rotation: &Matrix3<f64>) -> bool {
+        let near = 1.0 + 2.0 * KNOWN_ROTATION.cos();
+        self.explanations
+            .iter()
+            .any(|e| overlap(&e.refined.rotation, rotation) > near)
+    }
+
+    /// The posterior probabilities of an explanation among all that were found, a view of something else,
+    /// and `ln_others`.
+    pub fn confidence(
+        &self,
+        of: &Explanation,
+        null: &NullHypothesis,
+        ln_others: f64,
+    ) -> Confidence {
+        let origin = of.refined.ln_evidence;
+        let weight =
+            |e: &Explanation| (e.refined.ln_evidence + e.refined.ln_alternatives - origin).exp();
+        let all: f64 = self.explanations.iter().map(weight).sum();
+        let all = all + (null.ln_weight(self.dots) - origin).exp() + (ln_others - origin).exp();
+        Confidence {
+            identity: 1.0 / all,
+            pose: weight(of) / all,
+        }
+    }
+}
+
+/// Trace of `A^T B`: 1 + 2 cos of the angle between the rotations.
+fn overlap(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
+    a.dot(b)
+}

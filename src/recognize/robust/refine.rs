@@ -1,0 +1,464 @@
+//! From a rough rotation to an explanation: assignment and Gauss-Newton in turns, then the evidence.
+//!
+//! For an assignment `A` of observed to pattern dots the log-likelihood ratio against "all dots are
+//! false" is
+//!
+//! ```text
+//! S(R, A) = sum_matched ln( d_j N(o_i; q_j, C_i) / rho ) + sum_unmatched ln(1 - d_j)
+//! ```
+//!
+//! and the evidence of `A` is `S` at its best rotation plus Laplace's factor for the rotations around
+//! it, `(2 pi)^(3/2) / (8 pi^2 sqrt(det H))`, with `H` the information matrix and a uniform prior.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
+
+use super::hint::Prior;
+use super::model::{Dot, FINAL_WEIGHT, GATE, Model, SEARCH_WEIGHT};
+use crate::geometry::Vec3;
+
+/// Marks an observed dot without a pattern dot.
+pub(super) const UNASSIGNED: u16 = u16::MAX;
+/// Variance ratio of the first assignment from a pair's rotation.
+const PAIR_WIDENING: f64 = 2.5;
+/// Turns of assignment and Gauss-Newton; they settle in two or three.
+const MAX_TURNS: usize = 8;
+/// Steps towards the rotation that is reported.
+const POLISH_STEPS: usize = 5;
+/// Fewest dots that support an explanation.
+const MIN_MATCHED: usize = 2;
+/// Links that cost more than this many nats do not count even as alternatives.
+const MIN_GAIN: f64 = -7.0;
+
+/// Least determinant of what a fit without a dot leaves; below it the dot holds the rotation alone.
+const MIN_LEFT: f64 = 1e-3;
+/// Nats that the turns after the second one hardly ever add.
+const UNSETTLED: f64 = 5.0;
+
+/// What is seen, and what of.
+#[derive(Debug)]
+pub(super) struct View<'a> {
+    pub model: &'a Model,
+    pub pattern: &'a [Vec3],
+    pub dots: &'a [Dot],
+    pub prior: Option<&'a Prior>,
+}
+
+/// A rough rotation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Start {
+    pub rotation: Matrix3<f64>,
+    /// Ratio by which its error widens the dots' variances.
+    pub widening: f64,
+}
+
+impl Start {
+    /// A rotation that lays two dots on two others carries their error to the rest.
+    pub fn of_pair(rotation: Matrix3<f64>) -> Self {
+        Self {
+            rotation,
+            widening: PAIR_WIDENING,
+        }
+    }
+}
+
+/// A possible match.
+#[derive(Debug, Clone, Copy)]
+struct Link {
+    gain: f64,
+    dot: u16,
+    pattern_dot: u16,
+}
+
+/// An explanation's figures; its assignment is left in [`Refiner::assignment`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Refined {
+    pub rotation: Matrix3<f64>,
+    /// Log-evidence against "all dots are false".
+    pub ln_evidence: f64,
+    /// The part of it that Laplace's factor makes up; not above 0.
+    pub ln_volume: f64,
+    /// The part that a hint makes up.
+    pub ln_prior: f64,
+    /// ln of the evidence of all assignments near this rotation over this one's; not below 0.
+    pub ln_alternatives: f64,
+}
+
+impl Refined {
+    /// Log-evidence without the hint's part.
+    pub fn ln_of_dots(&self) -> f64 {
+        self.ln_evidence - self.ln_prior
+    }
+}
+
+/// Scratch memory of the refinement.
+#[derive(Debug, Default)]
+pub(super) struct Refiner {
+    rotated: Vec<Vec3>,
+    /// ln detected - ln missed.
+    worth: Vec<f64>,
+    links: Vec<Link>,
+    assignment: Vec<u16>,
+    previous: Vec<u16>,
+    /// For each pattern dot its observed dot, and what that match gains.
+    holder: Vec<u16>,
+    gain: Vec<f64>,
+    /// ln of the weight of leaving each dot out.
+    ln_leave: Vec<f64>,
+    /// Weight of all assignments by the number of dots left out.
+    by_count: Vec<f64>,
+}
+
+impl Refiner {
+    pub fn with_capacity_for(dots: usize, pattern: usize) -> Self {
+        Self {
+            rotated: Vec::with_capacity(pattern),
+            worth: Vec::with_capacity(pattern),
+            links: Vec::with_capacity(4 * dots),
+            assignment: Vec::with_capacity(dots),
+            previous: Vec::with_capacity(dots),
+            holder: Vec::with_capacity(pattern),
+            gain: Vec::with_capacity(dots),
+            ln_leave: Vec::with_capacity(dots),
+            by_count: Vec::with_capacity(dots + 1),
+        }
+    }
+
+    /// For each observed dot its pattern dot or [`UNASSIGNED`], of the last explanation.
+    pub fn assignment(&self) -> &[u16] {
+        &self.assignment
+    }
+
+    /// Refines a rotation on its inliers; `None` if too few dots support it, or if it has not settled
+    /// and its log-evidence is far below `least`.
+    pub fn refine(&mut self, view: &View<'_>, start: &Start, least: f64) -> Option<Refined> {
+        let &View {
+            model,
+            pattern,
+            dots,
+            prior,
+        } = view;
+        let mut rotation = start.rotation;
+        let mut ratio = start.widening;
+        for turn in 0..MAX_TURNS {
+            let penalty = self.project(model, pattern, &rotation);
+            let score = penalty + self.assign(model, dots, ratio);
+            let matched = self.assignment.iter().filter(|&&j| j != UNASSIGNED).count();
+            if matched < MIN_MATCHED {
+                return None;
+            }
+            let (information, moved) = self.step(view, &rotation, [ratio, SEARCH_WEIGHT])?;
+            let settled = turn > 1 && self.assignment == self.previous;
+            if settled || turn + 1 == MAX_TURNS {
+                let ln_volume = ln_volume(&information);
+                let ln_prior = prior.map_or(0.0, |p| p.ln_ratio(&moved, Some(&information)));
+                return Some(Refined {
+                    rotation: moved,
+                    ln_evidence: score + ln_volume + ln_prior,
+                    ln_volume,
+                    ln_prior,
+                    ln_alternatives: self.ln_alternatives(view, &information)?,
+                });
+            }
+            if turn > 0 && score + ln_volume(&information) < least - UNSETTLED {
+                return None;
+            }
+            std::mem::swap(&mut self.assignment, &mut self.previous);
+            rotation = moved;
+            ratio = 1.0;
+        }
+        None
+    }
+
+    /// The most likely rotation near `rotation` for a given assignment: the dots are weighted by how peaked
+    /// their noise is.
+    pub fn polish(
+        &mut self,
+        view: &View<'_>,
+        rotation: &Matrix3<f64>,
+        assignment: &[u16],
+    ) -> Matrix3<f64> {
+        self.assignment.clear();
+        self.assignment.extend_from_slice(assignment);
+        let mut polished = *rotation;
+        for _ in 0..POLISH_STEPS {
+            self.project(view.model, view.pattern, &polished);
+            let Some((_, moved)) = self.step(view, &polished, [1.0, FINAL_WEIGHT]) else {
+                break;
+            };
+            polished = moved;
+        }
+        polished
+    }
+
+    /// Rotates the pattern; the penalty of missing every dot.
+    fn project(&mut self, model: &Model, pattern: &[Vec3], rotation: &Matrix3<f64>) -> f64 {
+        self.rotated.clear();
+        self.worth.clear();
+        let mut penalty = 0.0;
+        for p in pattern {
+            let q = rotation * p;
+            let (detected, missed) = model.visibility(q.z);
+            self.rotated.push(q);
+            self.worth.push(detected - missed);
+            penalty += missed;
+        }
+        penalty
+    }
+
+    /// Assigns observed to pattern dots, best link first; what the matches gain over missing.
+    fn assign(&mut self, model: &Model, dots: &[Dot], ratio: f64) -> f64 {
+        self.links.clear();
+        let (narrow, widened) = (1.0 / ratio, ratio.ln());
+        for (i, dot) in dots.iter().enumerate() {
+            let min_cosine = 1.0 - 0.5 * GATE * GATE * ratio * dot.sigma_max * dot.sigma_max;
+            for (j, q) in self.rotated.iter().enumerate() {
+                if dot.direction.dot(q) < min_cosine {
+                    continue;
+                }
+                let Some(core) = model.ln_kernel(dot.distance_squared(q) * narrow) else {
+                    continue;
+                };
+                let gain = dot.ln_peak - widened + core + self.worth[j];
+                if gain > MIN_GAIN {
+                    self.links.push(Link {
+                        gain,
+                        dot: i as u16,
+                        pattern_dot: j as u16,
+                    });
+                }
+            }
+        }
+        self.links
+            .sort_unstable_by(|a, b| b.gain.total_cmp(&a.gain));
+        self.assignment.clear();
+        self.assignment.resize(dots.len(), UNASSIGNED);
+        self.gain.clear();
+        self.gain.resize(dots.len(), 0.0);
+        self.ln_leave.resize(dots.len(), 0.0);
+        self.holder.clear();
+        self.holder.resize(self.rotated.len(), UNASSIGNED);
+        let mut score = 0.0;
+        for k in 0..self.links.len() {
+            let link = self.links[k];
+            let (i, j) = (usize::from(link.dot), usize::from(link.pattern_dot));
+            if link.gain > 0.0 && self.assignment[i] == UNASSIGNED && self.holder[j] == UNASSIGNED {
+                self.take(link);
+                score += link.gain;
+            }
+        }
+        score + model.false_count(self.left_out()) + self.balance(model)
+    }
+
+    /// Brings the number of dots left out nearer to the usual one where that gains; what it gains.
+    fn balance(&mut self, model: &Model) -> f64 {
+        let mut total = 0.0;
+        loop {
+            let left_out = self.left_out();
+            let now = model.false_count(left_out);
+            let least = (0..self.gain.len())
+                .filter(|&i| self.assignment[i] != UNASSIGNED)
+                .min_by(|&a, &b| self.gain[a].total_cmp(&self.gain[b]));
+            let leave = least.map_or(f64::NEG_INFINITY, |i| {
+                model.false_count(left_out + 1) - now - self.gain[i]
+            });
+            // The links are in order: the first that is free is the best.
+            let free = self.links.iter().position(|l| {
+                self.assignment[usize::from(l.dot)] == UNASSIGNED
+                    && self.holder[usize::from(l.pattern_dot)] == UNASSIGNED
+            });
+            let take = free.map_or(f64::NEG_INFINITY, |k| {
+                model.false_count(left_out.saturating_sub(1)) - now + self.links[k].gain
+            });
+            let gained = match (least, free) {
+                (Some(i), _) if leave > 0.0 && leave >= take => {
+                    let held = std::mem::replace(&mut self.assignment[i], UNASSIGNED);
+                    self.holder[usize::from(held)] = UNASSIGNED;
+                    self.gain[i] = 0.0;
+                    leave
+                }
+                (_, Some(k)) if take > 0.0 => {
+                    self.take(self.links[k]);
+                    take
+                }
+                _ => return total,
+            };
+            total += gained;
+        }
+    }
+
+    fn take(&mut self, link: Link) {
+        self.assignment[usize::from(link.dot)] = link.pattern_dot;
+        self.holder[usize::from(link.pattern_dot)] = link.dot;
+        self.gain[usize::from(link.dot)] = link.gain;
+    }
+
+    /// Number of observed dots without a pattern dot.
+    fn left_out(&self) -> usize {
+        self.assignment.iter().filter(|&&j| j == UNASSIGNED).count()
+    }
+
+    /// ln of the evidence of all assignments near this rotation over the chosen one's.
+    ///
+    /// Each dot's other matches are weighed as if it were alone (a match that is taken costs its holder's
+    /// gain); the dots meet in the prior of how many are left out: the product of the dots' polynomials
+    /// `left_out x + matched` has in `x^k` the weight of all assignments that leave out `k`.
+    fn ln_alternatives(&mut self, view: &View<'_>, information: &Matrix3<f64>) -> Option<f64> {
+        let model = view.model;
+        let covariance = information.cholesky()?.inverse();
+        for (i, dot) in view.dots.iter().enumerate() {
+            let j = self.assignment[i];
+            self.ln_leave[i] = match j {
+                UNASSIGNED => 0.0,
+                j => {
+                    let q = &self.rotated[usize::from(j)];
+                    -self.gain[i] + Leverage::new(dot, q, &covariance).without(model)
+                }
+            };
+        }
+        self.by_count.clear();
+        self.by_count.push(1.0);
+        for (i, dot) in view.dots.iter().enumerate() {
+            let [out, matched] = self.alternatives(view, i, dot, &covariance);
+            self.by_count.push(0.0);
+            for k in (0..self.by_count.len()).rev() {
+                let below = if k > 0 { self.by_count[k - 1] } else { 0.0 };
+                self.by_count[k] = self.by_count[k] * matched + below * out;
+            }
+        }
+        let weights = self.by_count.iter().enumerate();
+        let total: f64 = weights.map(|(k, w)| w * model.false_count(k).exp()).sum();
+        Some(total.ln() - model.false_count(self.left_out()))
+    }
+
+    /// Weights of leaving dot `i` out and of matching it with anything, where what was chosen has 1.
+    fn alternatives(
+        &self,
+        view: &View<'_>,
+        i: usize,
+        dot: &Dot,
+        covariance: &Matrix3<f64>,
+    ) -> [f64; 2] {
+        let own = self.gain[i];
+        let mine = self.assignment[i] != UNASSIGNED;
+        let mut out = self.ln_leave[i].exp();
+        let mut matched = if mine { 1.0 } else { 0.0 };
+        for link in self.links.iter().filter(|l| usize::from(l.dot) == i) {
+            let j = usize::from(link.pattern_dot);
+            let holder = self.holder[j];
+            if link.pattern_dot == self.assignment[i] {
+                continue;
+            }
+            if holder == UNASSIGNED {
+                let refit = if mine {
+                    0.0
+                } else {
+                    Leverage::new(dot, &self.rotated[j], covariance).with(view.model)
+                };
+                matched += (link.gain - own + refit).exp();
+                continue;
+            }
+            let instead = self.swapped(holder, i);
+            // Taking another's dot leaves the other out, unless they change places.
+            if mine && instead > 0.0 {
+                let lost = self.gain[usize::from(holder)];
+                matched += (link.gain - own + instead - lost).exp();
+            } else {
+                out += (link.gain - own + self.ln_leave[usize::from(holder)]).exp();
+            }
+        }
+        [out, matched]
+    }
+
+    /// What `other` gains from the pattern dot that `i` leaves, where that is more than nothing.
+    fn swapped(&self, other: u16, i: usize) -> f64 {
+        let left = self.assignment[i];
+        self.links
+            .iter()
+            .find(|l| l.dot == other && l.pattern_dot == left)
+            .map_or(0.0, |l| l.gain.max(0.0))
+    }
+
+    /// One Gauss-Newton step on the assigned dots, reweighted for the core's tails: the information matrix
+    /// and the moved rotation.
+    fn step(
+        &self,
+        view: &View<'_>,
+        rotation: &Matrix3<f64>,
+        [ratio, max_weight]: [f64; 2],
+    ) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+        let mut information = Matrix3::zeros();
+        let mut weighted = Matrix3::zeros();
+        let mut gradient = Vec3::zeros();
+        for (dot, &j) in view.dots.iter().zip(&self.assignment) {
+            if j == UNASSIGNED {
+                continue;
+            }
+            let q = self.rotated[usize::from(j)];
+            let residual = dot.axes.map(|u| u.dot(&q));
+            let d2 = residual[0] * residual[0] + residual[1] * residual[1];
+            let weight = view.model.weight(d2 / ratio, max_weight);
+            for (u, r) in dot.axes.iter().zip(residual) {
+                // A small rotation w moves q by w x q, and the whitened displacement u.q by w.(q x u).
+                let row = q.cross(u);
+                let square = row * row.transpose();
+                information += square;
+                weighted += square * weight;
+                gradient -= row * (r * weight);
+            }
+        }
+        let w = weighted.cholesky()?.solve(&gradient);
+        Some((information, Rotation3::new(w).matrix() * rotation))
+    }
+}
+
+/// How much one dot has to say about the rotation, and how far off it is.
+#[derive(Debug, Clone, Copy)]
+struct Leverage {
+    /// Whitened displacement.
+    residual: Vector2<f64>,
+    /// Covariance of the whitened prediction.
+    hat: Matrix2<f64>,
+}
+
+impl Leverage {
+    fn new(dot: &Dot, q: &Vec3, covariance: &Matrix3<f64>) -> Self {
+        let [a, b] = dot.axes.map(|u| q.cross(&u));
+        let (ca, cb) = (covariance * a, covariance * b);
+        Self {
+            residual: Vector2::new(dot.axes[0].dot(q), dot.axes[1].dot(q)),
+            hat: Matrix2::new(a.dot(&ca), a.dot(&cb), a.dot(&cb), b.dot(&cb)),
+        }
+    }
+
+    /// What the evidence gains, beyond the dot's own gain, when the rotation is fitted without it: the
+    /// dot's pull, weighted as in the fit, is gone.
+    fn without(&self, model: &Model) -> f64 {
+        let weight = model.weight(self.residual.norm_squared(), SEARCH_WEIGHT);
+        let left = Matrix2::identity() - self.hat * weight;
+        let det = left.determinant();
+        let Some(inverse) = left.try_inverse().filter(|_| det > MIN_LEFT) else {
+            return 0.0;
+        };
+        let pull = self.residual * weight;
+        0.5 * pull.dot(&(self.hat * inverse * pull)) - 0.5 * det.ln()
+    }
+
+    /// The same when a dot is matched that was left out, and the rotation gives way to it.
+    fn with(&self, model: &Model) -> f64 {
+        let total = Matrix2::identity() + self.hat;
+        let r = &self.residual;
+        let after = total
+            .try_inverse()
+            .map_or(r.norm_squared(), |i| r.dot(&(i * r)));
+        let core = |d2: f64| model.ln_kernel(d2).unwrap_or(0.0);
+        core(after) - core(r.norm_squared()) - 0.5 * total.determinant().ln()
+    }
+}
+
+/// Laplace's factor: the share of all rotations that the data leave, at most 1.
+fn ln_volume(information: &Matrix3<f64>) -> f64 {
+    let det = information.determinant().max(f64::MIN_POSITIVE);
+    (1.5 * TAU.ln() - 0.5 * det.ln() - (8.0 * PI * PI).ln()).min(0.0)
+}

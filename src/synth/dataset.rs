@@ -1,0 +1,263 @@
+//! Frames with their truth: independent ones, and sequences of one turning ball.
+//!
+//! Every frame is drawn from a generator of its own, seeded by the set's seed and the frame's number: it is the same whichever
+//! thread draws it, and whatever others are drawn. [`super::folder`] writes them to disk.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::render::{Rendering, TrueDot};
+use super::scene::{Scene, SynthConfig};
+use super::sensor::Sensor;
+use crate::error::{Error, Result};
+use crate::geometry::{Rotation, Vec3};
+use crate::pattern::Pattern;
+use crate::vision::camera::Pixel;
+use crate::vision::image::RgbImage;
+
+/// Time of a sequence's first frame, ns: so that all names have the same length for an hour.
+const FIRST_NS: u64 = 1_000_000_000_000;
+/// How far a sequence's ball may go off the crop's middle in all, over half the side.
+const WAY: f64 = 0.1;
+
+/// A ball seen again and again.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SequenceConfig {
+    /// Frames per second.
+    pub fps: f64,
+    /// Spin, camera frame, rad/s; at random within the frames' bounds where not given.
+    pub spin: Option<[f64; 3]>,
+    /// Exposure, s; as drawn where not given.
+    pub exposure_s: Option<f64>,
+}
+
+/// A dot's truth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DotTruth {
+    /// Its index in the pattern.
+    pub index: usize,
+    /// Its middle as drawn, unit vector, camera frame.
+    pub direction: [f64; 3],
+    /// Its middle in the image.
+    pub pixel: Pixel,
+    /// Its angular radius, radians.
+    pub radius_rad: f64,
+    /// See [`TrueDot::contrast`].
+    pub contrast: f64,
+    /// Whether a detector should find it: see [`TrueDot::is_visible`]; its middle must lie in the image, too.
+    pub visible: bool,
+}
+
+/// A frame's truth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FrameTruth {
+    /// The image's name within `images`.
+    pub image: String,
+    /// Time of mid-exposure, s, in a sequence.
+    pub time_s: Option<f64>,
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Orientation at mid-exposure, `w, x, y, z`, pattern to camera.
+    pub quaternion_wxyz: [f64; 4],
+    /// Spin, camera frame, rad/s.
+    pub spin_rad_s: [f64; 3],
+    /// Exposure, s.
+    pub exposure_s: f64,
+    /// The ball's center.
+    pub center: Pixel,
+    /// The ball's radius, pixels.
+    pub radius_px: f64,
+    /// Distance of the camera in ball radii; none for parallel rays.
+    pub distance: Option<f64>,
+    /// Most that the surface moved during the exposure, pixels.
+    pub blur_px: f64,
+    /// The logo's kind, if there is one.
+    pub logo: Option<super::logo::LogoKind>,
+    /// The sensor's defocus, noise, gamma and compression.
+    pub sensor: Sensor,
+    /// The dots on the side that faces the camera.
+    pub dots: Vec<DotTruth>,
+}
+
+/// A frame with its truth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// The image.
+    pub image: RgbImage,
+    /// What is known of it.
+    pub truth: FrameTruth,
+}
+
+/// The generator of a frame of the set with the given seed.
+pub fn frame_rng(seed: u64, frame: u64) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(frame);
+    rng
+}
+
+/// Frame number `k` of the independent frames of a seed: another ball, view and camera each.
+///
+/// # Errors
+/// [`Error::Argument`] where the configuration is out of its domain.
+pub fn independent_frame(
+    pattern: &Pattern,
+    config: &SynthConfig,
+    seed: u64,
+    k: usize,
+) -> Result<Frame> {
+    let scene = Scene::random(pattern, config, &mut frame_rng(seed, k as u64))?;
+    frame(&scene, format!("frame-{k:06}.png"), None)
+}
+
+/// The first `count` independent frames of a seed.
+///
+/// # Errors
+/// [`Error::Argument`] where the configuration is out of its domain.
+pub fn frames(
+    pattern: &Pattern,
+    config: &SynthConfig,
+    seed: u64,
+    count: usize,
+) -> Result<Vec<Frame>> {
+    (0..count)
+        .into_par_iter()
+        .map(|k| independent_frame(pattern, config, seed, k))
+        .collect()
+}
+
+/// One ball in a row of frames: it turns at a constant spin and moves a little across the crop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sequence {
+    first: Scene,
+    fps: f64,
+    seed: u64,
+    count: usize,
+    /// Way of the ball's center over the whole sequence, pixels (u, v).
+    drift_px: [f64; 2],
+}
+
+impl Sequence {
+    /// A random ball, seen `count` times.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where a configuration is out of its domain, or the exposure longer than the time between two frames.
+    pub fn random(
+        pattern: &Pattern,
+        config: &SynthConfig,
+        sequence: &SequenceConfig,
+        seed: u64,
+        count: usize,
+    ) -> Result<Self> {
+        let SequenceConfig {
+            fps,
+            spin,
+            exposure_s,
+        } = *sequence;
+        if !(fps > 0.0 && fps.is_finite()) {
+            let problem = format!("expected a positive number, found {fps}");
+            return Err(Error::argument("fps", problem));
+        }
+        let mut rng = frame_rng(seed, 0);
+        let mut first = Scene::random(pattern, config, &mut rng)?;
+        if let Some(spin) = spin {
+            if spin.iter().any(|w| !w.is_finite()) {
+                return Err(Error::argument("spin", "expected three finite numbers"));
+            }
+            // The arc that was drawn stays: an exposure fit for a slow ball would smear a fast one beyond recognition.
+            let arc = first.spin.norm() * first.exposure_s;
+            first.spin = Vec3::from(spin);
+            if arc > 0.0 && first.spin.norm() > 0.0 {
+                first.exposure_s = arc / first.spin.norm();
+            }
+        }
+        first.exposure_s = first.exposure_s.min(1.0 / fps);
+        if let Some(exposure_s) = exposure_s {
+            if !(0.0..=1.0 / fps).contains(&exposure_s) {
+                let problem = format!("expected 0 to {} s, found {exposure_s}", 1.0 / fps);
+                return Err(Error::argument("exposure", problem));
+            }
+            first.exposure_s = exposure_s;
+        }
+        let way = 0.5 * first.size[0] as f64 * WAY;
+        let drift_px = [0, 1].map(|_| way * rng.random_range(-1.0..1.0));
+        Ok(Self {
+            first,
+            fps,
+            seed,
+            count,
+            drift_px,
+        })
+    }
+
+    /// The spin, camera frame, rad/s.
+    pub fn spin(&self) -> Vec3 {
+        self.first.spin
+    }
+
+    /// Frame number `k`.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the compression fails.
+    pub fn frame(&self, k: usize) -> Result<Frame> {
+        let step = (1e9 * k as f64 / self.fps).round() as u64;
+        // The time that the name tells, to the nanosecond.
+        let since_s = step as f64 * 1e-9;
+        let share = k as f64 / self.count.max(2) as f64 - 0.5;
+        let mut scene = self.first.clone();
+        scene.rotation = Rotation::from_scaled_axis(scene.spin * since_s) * scene.rotation;
+        scene.circle.center.u += self.drift_px[0] * share;
+        scene.circle.center.v += self.drift_px[1] * share;
+        scene.noise_seed = frame_rng(self.seed, 1 + k as u64).random();
+        let ns = FIRST_NS + step;
+        frame(&scene, format!("{ns}.png"), Some(ns as f64 * 1e-9))
+    }
+}
+
+fn frame(scene: &Scene, image: String, time_s: Option<f64>) -> Result<Frame> {
+    let rendering = scene.render()?;
+    let truth = truth(scene, &rendering, image, time_s);
+    Ok(Frame {
+        image: rendering.image,
+        truth,
+    })
+}
+
+fn truth(scene: &Scene, seen: &Rendering, image: String, time_s: Option<f64>) -> FrameTruth {
+    FrameTruth {
+        image,
+        time_s,
+        size: scene.size,
+        quaternion_wxyz: wxyz(&seen.rotation),
+        spin_rad_s: scene.spin.into(),
+        exposure_s: scene.exposure_s,
+        center: seen.circle.center,
+        radius_px: seen.circle.radius,
+        distance: scene.distance,
+        blur_px: seen.blur_px,
+        logo: scene.surface.mark.as_ref().map(|m| m.logo.kind),
+        sensor: scene.sensor,
+        dots: seen.dots.iter().map(|d| dot_truth(d, scene.size)).collect(),
+    }
+}
+
+fn dot_truth(dot: &TrueDot, [width, height]: [usize; 2]) -> DotTruth {
+    let within = |x: f64, side: usize| (-0.5..=side as f64 - 0.5).contains(&x);
+    let Pixel { u, v } = dot.pixel;
+    DotTruth {
+        index: dot.index,
+        direction: dot.direction.into(),
+        pixel: dot.pixel,
+        radius_rad: dot.radius_rad,
+        contrast: dot.contrast,
+        visible: dot.is_visible() && within(u, width) && within(v, height),
+    }
+}
+
+/// Scalar first, not negative.
+fn wxyz(rotation: &Rotation) -> [f64; 4] {
+    let q = rotation.quaternion();
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    [q.w, q.i, q.j, q.k].map(|c| sign * c)
+}

@@ -1,0 +1,225 @@
+//! How well the estimator tells synthetic frames: dots found and false, orientations right, wrong and not told, errors,
+//! confidences, latencies; both detectors, by size and by blur. The tables of docs/detector.md come from here.
+//!
+//!     cargo run --release --example estimator_study -- [FRAMES] [SEED] [PATTERN.csv]
+//!
+//! The frames' seed is none that training has used; the pattern is one that training has never seen.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+
+use nalgebra::{Quaternion, UnitQuaternion};
+use rayon::prelude::*;
+use spindoe::pattern::Pattern;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::{Frame, frames};
+use spindoe::validate::Proportion;
+use spindoe::vision::estimator::Timings;
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection};
+
+/// A detection is a dot's where it is nearer than this to it, ball radii.
+const NEAR: f64 = 0.12;
+/// The paper's limit of failure.
+const FAILURE_DEG: f64 = 20.0;
+/// Frames drawn at once.
+const AT_ONCE: usize = 500;
+
+/// What came of a frame.
+#[derive(Clone, Copy)]
+struct Judged {
+    side: usize,
+    blur: f64,
+    has_logo: bool,
+    visible: usize,
+    found: usize,
+    false_dots: usize,
+    error_deg: Option<f64>,
+    confidence: f64,
+    /// Why there is no answer.
+    rejection: Option<FrameRejection>,
+    circle_off: f64,
+    timings: Timings,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let count: usize = arguments.next().map_or(Ok(5000), |a| a.parse())?;
+    let seed: u64 = arguments.next().map_or(Ok(20_261_121), |a| a.parse())?;
+    let path = arguments
+        .next()
+        .unwrap_or("designs/dots20/pattern.csv".into());
+    let pattern = Pattern::read_csv(path.as_ref())?;
+    println!("{count} frames, seed {seed}, {path}\n");
+    for (name, config) in [
+        ("all conditions", SynthConfig::default()),
+        ("good conditions at 60 px", good()),
+    ] {
+        println!("# {name}\n");
+        let mut judged: Vec<Vec<Judged>> = vec![Vec::new(); DetectorName::ALL.len()];
+        for start in (0..count).step_by(AT_ONCE) {
+            let some = AT_ONCE.min(count - start);
+            let frames = frames(&pattern, &config, seed + start as u64, some)?;
+            for (judged, detector) in judged.iter_mut().zip(DetectorName::ALL) {
+                judged.extend(run(&pattern, detector, &frames)?);
+            }
+        }
+        for (judged, detector) in judged.iter().zip(DetectorName::ALL) {
+            println!("## {detector}\n");
+            tables(judged);
+        }
+    }
+    Ok(())
+}
+
+/// What a user would arrange: light enough, exposures short against the spin, ordinary dots, a background
+/// darker than the ball.
+fn good() -> SynthConfig {
+    SynthConfig {
+        size_px: [60, 60],
+        fill: [0.85, 1.0],
+        dot_radius_rad: [0.07, 0.11],
+        misplacement_rad: [0.008, 0.02],
+        max_arc_rad: 0.1,
+        max_shift_px: 1.0,
+        defocus_px: [0.2, 0.8],
+        max_noise: 2.0,
+        bad_exposure: 0.0,
+        max_background: 0.3,
+        distance: [15.0, 60.0],
+        ..SynthConfig::default()
+    }
+}
+
+fn run(
+    pattern: &Pattern,
+    detector: DetectorName,
+    frames: &[Frame],
+) -> Result<Vec<Judged>, Box<dyn Error>> {
+    let estimator = Estimator::new(pattern, EstimatorConfig::default(), detector.build()?)?;
+    Ok(frames
+        .par_iter()
+        .map_init(
+            || (estimator.workspace(), FrameEstimate::default()),
+            |(ws, out), frame| {
+                estimator.estimate_frame(&frame.image, None, None, ws, out);
+                judge(frame, out)
+            },
+        )
+        .collect())
+}
+
+fn judge(frame: &Frame, out: &FrameEstimate) -> Judged {
+    let truth = &frame.truth;
+    let [w, x, y, z] = truth.quaternion_wxyz;
+    let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+    let likely = || out.dots.iter().filter(|d| d.confidence >= 0.5);
+    let off = |d: &spindoe::vision::DotDetection, t: &spindoe::synth::dataset::DotTruth| {
+        (d.pixel.u - t.pixel.u).hypot(d.pixel.v - t.pixel.v) / truth.radius_px
+    };
+    let visible = || truth.dots.iter().filter(|t| t.visible);
+    let pose = out.pose();
+    Judged {
+        side: truth.size[0],
+        blur: truth.blur_px / truth.radius_px,
+        has_logo: truth.logo.is_some(),
+        visible: visible().count(),
+        found: visible()
+            .filter(|t| likely().any(|d| off(d, t) < NEAR))
+            .count(),
+        false_dots: likely()
+            .filter(|d| truth.dots.iter().all(|t| off(d, t) >= NEAR))
+            .count(),
+        error_deg: pose.map(|p| p.rotation.angle_to(&rotation).to_degrees()),
+        confidence: pose.map_or(0.0, |p| p.pose_confidence),
+        rejection: out.outcome.as_ref().err().copied(),
+        circle_off: out.circle.map_or(f64::NAN, |c| {
+            (c.center.u - truth.center.u).hypot(c.center.v - truth.center.v) / truth.radius_px
+        }),
+        timings: out.timings,
+    }
+}
+
+fn tables(judged: &[Judged]) {
+    println!(
+        "| frames | dots found | false a frame | told right | told wrong | not told | mean error | median |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    line("all", judged, |_| true);
+    for [low, high] in [[40, 60], [60, 80], [80, 120], [120, 201]] {
+        line(&format!("{low} to {} px", high - 1), judged, |j| {
+            (low..high).contains(&j.side)
+        });
+    }
+    for [low, high] in [[0.0, 0.03], [0.03, 0.06], [0.06, 0.12], [0.12, 1.0]] {
+        let name = format!(
+            "blur {:.0} to {:.0} % of the radius",
+            100.0 * low,
+            100.0 * high
+        );
+        line(&name, judged, |j| j.blur >= low && j.blur < high);
+    }
+    line("with a logo", judged, |j| j.has_logo);
+    line("without", judged, |j| !j.has_logo);
+    let mut reasons = BTreeMap::<String, usize>::new();
+    for rejection in judged.iter().filter_map(|j| j.rejection) {
+        let words = rejection.to_string();
+        // Without the figures, so that like reasons count together.
+        let words = words
+            .split(|c: char| c.is_ascii_digit())
+            .next()
+            .unwrap_or_default();
+        *reasons.entry(words.to_owned()).or_default() += 1;
+    }
+    println!("\nNot told: {reasons:?}");
+    println!("\n| confidence | frames | right |\n|---|---|---|");
+    for [low, high] in [[0.5, 0.7], [0.7, 0.9], [0.9, 0.99], [0.99, 1.01]] {
+        let told: Vec<_> = judged
+            .iter()
+            .filter_map(|j| Some((j.error_deg?, j.confidence)))
+            .filter(|(_, c)| *c >= low && *c < high)
+            .collect();
+        let right = told.iter().filter(|(e, _)| *e < FAILURE_DEG).count() as u64;
+        let rate = Proportion::new(right, told.len() as u64);
+        println!("| {low} to {high:.2} | {} | {rate} |", told.len());
+    }
+    let median = |value: &dyn Fn(&Judged) -> f64| {
+        let mut values: Vec<f64> = judged.iter().map(value).filter(|x| x.is_finite()).collect();
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+    };
+    let ms = |d: std::time::Duration| 1e3 * d.as_secs_f64();
+    println!(
+        "\nMedians: circle off by {:.2} % of the radius; {:.3} ms to locate, {:.3} ms to detect, {:.3} ms to identify\n",
+        100.0 * median(&|j| j.circle_off),
+        median(&|j| ms(j.timings.locate)),
+        median(&|j| ms(j.timings.detect)),
+        median(&|j| ms(j.timings.identify)),
+    );
+}
+
+fn line(name: &str, judged: &[Judged], choose: impl Fn(&Judged) -> bool) {
+    let some: Vec<&Judged> = judged.iter().filter(|j| choose(j)).collect();
+    if some.is_empty() {
+        return;
+    }
+    let n = some.len() as u64;
+    let sum = |value: fn(&Judged) -> usize| some.iter().map(|j| value(j)).sum::<usize>();
+    let mut errors: Vec<f64> = some
+        .iter()
+        .filter_map(|j| j.error_deg)
+        .filter(|e| *e < FAILURE_DEG)
+        .collect();
+    errors.sort_by(f64::total_cmp);
+    let told = some.iter().filter(|j| j.error_deg.is_some()).count() as u64;
+    let right = errors.len() as u64;
+    println!(
+        "| {name}: {n} | {:.2} % | {:.3} | {} | {} | {} | {:.2} deg | {:.2} deg |",
+        100.0 * sum(|j| j.found) as f64 / sum(|j| j.visible).max(1) as f64,
+        sum(|j| j.false_dots) as f64 / n as f64,
+        Proportion::new(right, n),
+        Proportion::new(told - right, n),
+        Proportion::new(n - told, n),
+        errors.iter().sum::<f64>() / right.max(1) as f64,
+        errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN),
+    );
+}

@@ -1,0 +1,186 @@
+//! What fails still: whether the likelihood or the search is to blame, and pictures.
+
+use spindoe::geometry::{angle_between, rotation_angle};
+use spindoe::plot::{RecognitionView, recognition_views};
+use spindoe::recognize::robust::{RobustRecognizer, RobustWorkspace};
+use spindoe::recognize::{Identification, Recognizer};
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, Protocol, ProtocolName, Trial, TrialGenerator};
+
+use crate::{Bench, SEED, degrees};
+
+/// Failing views drawn for each protocol.
+const DRAWN: usize = 3;
+/// More trials than this are not searched for failures.
+const MAX_TRIALS: u64 = 1_000_000;
+/// Nats by which the truth must be better for the search to count as at fault.
+const CLEAR: f64 = 0.01;
+
+/// A failing view, examined.
+struct Failure {
+    sentence: String,
+    view: RecognitionView,
+}
+
+/// How failures divide.
+#[derive(Default)]
+struct Blame {
+    /// The answer explains the dots better than the truth.
+    likelihood: usize,
+    /// The truth is better, and was not found.
+    search: usize,
+    /// Right pose, single dots wrong.
+    dots: usize,
+}
+
+pub fn print(bench: &Bench) -> spindoe::Result<()> {
+    println!("## What fails still\n");
+    let [paper, sparse, clutter, image] = ProtocolName::ALL.map(Protocol::standard);
+    let all = [
+        ("paper", paper),
+        ("paper_8_deg", degrees(paper, 8.0)),
+        ("sparse", sparse),
+        ("clutter", clutter),
+        ("image", image),
+    ];
+    for (name, protocol) in all {
+        let (failures, blame, trials) = examine(bench, &protocol)?;
+        let sigma = protocol.sigma_rad().to_degrees();
+        println!("### {name} ({sigma:.1} deg)\n");
+        println!(
+            "Of {trials} trials, wrong pose: {} where the answer explains the dots better than the \
+             truth, {} where the search missed the better truth; right pose, single dots wrong: {}.\n",
+            blame.likelihood, blame.search, blame.dots
+        );
+        for (k, failure) in failures.iter().enumerate() {
+            println!("{}. {}", k + 1, failure.sentence);
+        }
+        println!();
+        let views: Vec<_> = failures.into_iter().map(|f| f.view).collect();
+        if !views.is_empty() {
+            let title = format!("Failing views: {name}, {sigma:.1} deg");
+            let path = bench.out.join(format!("failures_{name}.png"));
+            recognition_views(&path, &title, bench.pattern(), &views)?;
+        }
+    }
+    Ok(())
+}
+
+/// Goes through the trials, and beyond them until enough views have failed; wrong poses are drawn first.
+fn examine(bench: &Bench, protocol: &Protocol) -> spindoe::Result<(Vec<Failure>, Blame, u64)> {
+    let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
+    let mut generator = TrialGenerator::new(bench.pattern(), *protocol, SEED);
+    let (mut trial, mut ws) = (Trial::default(), robust.workspace());
+    let mut answer = Identification::default();
+    let (mut poses, mut dots) = (Vec::new(), Vec::new());
+    let mut blame = Blame::default();
+    let mut index = 0;
+    while index < bench.trials || (poses.len() + dots.len() < DRAWN && index < MAX_TRIALS) {
+        generator.generate(index, &mut trial);
+        index += 1;
+        if trial.dots.len() < protocol.min_dots.max(robust.min_dots()) {
+            continue;
+        }
+        let done = robust
+            .identify_into(&trial.dots, &mut ws, &mut answer)
+            .is_ok();
+        if done && answer.assignment == trial.truth {
+            continue;
+        }
+        let error = rotation_angle(&answer.rotation, &trial.rotation);
+        let sentence = if done && error < ORIENTATION_FAILURE_RAD {
+            blame.dots += 1;
+            about_dots(bench, &trial, &answer)
+        } else {
+            about_pose(&robust, &trial, &answer, &mut ws, &mut blame)
+        };
+        let failure = Failure {
+            view: RecognitionView {
+                caption: format!("Trial {}: {sentence}", index - 1),
+                visibility_limit: protocol.visibility_limit,
+                observed: trial.dots.iter().map(|d| d.direction).collect(),
+                truth: trial.rotation,
+                answer: done.then_some(answer.rotation),
+            },
+            sentence,
+        };
+        let of_pose = !done || error >= ORIENTATION_FAILURE_RAD;
+        let list = if of_pose { &mut poses } else { &mut dots };
+        if list.len() < DRAWN {
+            list.push(failure);
+        }
+    }
+    // Two of the graver kind and one of the lighter, where there are both.
+    poses.truncate(if dots.is_empty() { DRAWN } else { DRAWN - 1 });
+    poses.extend(dots);
+    poses.truncate(DRAWN);
+    Ok((poses, blame, index))
+}
+
+fn about_pose(
+    robust: &RobustRecognizer,
+    trial: &Trial,
+    answer: &Identification,
+    ws: &mut RobustWorkspace,
+    blame: &mut Blame,
+) -> String {
+    let mut out = Identification::default();
+    let answered = robust.evidence_near(&trial.dots, &answer.rotation, ws, &mut out);
+    let true_ = robust.evidence_near(&trial.dots, &trial.rotation, ws, &mut out);
+    let worse = answered.unwrap_or(f64::NEG_INFINITY) - true_.unwrap_or(f64::NEG_INFINITY);
+    let real = trial.truth.iter().flatten().count();
+    let at_fault = if worse > -CLEAR {
+        blame.likelihood += 1;
+        format!(
+            "{:.1} nats better than the truth does: no recognizer that goes by the likelihood can tell",
+            worse.max(0.0)
+        )
+    } else {
+        blame.search += 1;
+        format!(
+            "{:.1} nats worse than the truth does: the search missed it",
+            -worse
+        )
+    };
+    format!(
+        "{real} real and {} false dots; a pose {:.0} deg off explains {} of them {at_fault} (confidence {:.2}).",
+        trial.truth.len() - real,
+        rotation_angle(&answer.rotation, &trial.rotation).to_degrees(),
+        answer.matched(),
+        answer.confidence
+    )
+}
+
+fn about_dots(bench: &Bench, trial: &Trial, answer: &Identification) -> String {
+    let mut parts = Vec::new();
+    let pairs = trial.truth.iter().zip(&answer.assignment);
+    for ((truth, answered), dot) in pairs.zip(&trial.dots) {
+        let off = |j: &u16| {
+            let place = trial.rotation * bench.pattern().dots()[usize::from(*j)];
+            angle_between(&place, &dot.direction).to_degrees()
+        };
+        match (truth, answered) {
+            (a, b) if a == b => {}
+            (Some(j), None) => {
+                parts.push(format!(
+                    "dot {j}, {:.1} deg off its place, is left out",
+                    off(j)
+                ));
+            }
+            (None, Some(j)) => parts.push(format!(
+                "a false dot {:.1} deg from the place of dot {j} is taken for it",
+                off(j)
+            )),
+            (Some(j), Some(k)) => parts.push(format!(
+                "dot {j}, {:.1} deg off its place, is taken for {k}, {:.1} deg away",
+                off(j),
+                off(k)
+            )),
+            (None, None) => {}
+        }
+    }
+    format!(
+        "right pose, but {} (confidence {:.2}).",
+        parts.join(", and "),
+        answer.confidence
+    )
+}

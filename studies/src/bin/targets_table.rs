@@ -1,0 +1,242 @@
+//! The table of the targets: five patterns of 20 dots on the same trials of a seed that nothing else uses.
+//!
+//! `cargo run --release --example targets_table -- OUT_DIR OURS.csv [PUBLISHED.csv] [TRIALS]`
+//!
+//! Beside ours and the published pattern it makes, and leaves in `OUT_DIR`:
+//!
+//! - `random.csv`: directions uniform on the sphere, whatever their separation,
+//! - `spread.csv`: twenty charges at rest (the Thomson problem), the best of eight,
+//! - `mean-nn.csv`: the best of sixteen descents on the paper's objective, by that objective, under the
+//!   default demands.
+//!
+//! Rates have Wilson's 95 % interval; the share of failures against the first pattern has that of a ratio
+//! of paired proportions on a logarithmic scale, with variance `(b + c) / (f g)` for `f` and `g` failures of
+//! which `b` and `c` are one pattern's alone.
+
+use std::path::{Path, PathBuf};
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use spindoe::design::objective::{Evaluation, MeanNearestNeighbor};
+use spindoe::design::scp::{Cost, descend};
+use spindoe::design::{Constraints, Objective, OrientationBound, random_pattern};
+use spindoe::geometry::Vec3;
+use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
+use spindoe::pattern::Pattern;
+use spindoe::recognize::RecognizerName;
+use spindoe::validate::{Proportion, Protocol, ProtocolName, TrialResult, run_named, summarize};
+use spindoe::{Error, Result};
+
+/// Seeds: of the patterns, and of the trials. Neither is used by any design.
+const PATTERN_SEED: u64 = 2_026_003;
+const TRIAL_SEED: u64 = 20_261_123;
+const DOTS: usize = 20;
+
+/// The electrostatic energy of unit charges.
+struct Charges;
+
+impl Cost for Charges {
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        let mut value = 0.0;
+        let mut gradient = vec![Vec3::zeros(); dots.len()];
+        for (i, a) in dots.iter().enumerate() {
+            for (j, b) in dots.iter().enumerate().filter(|(j, _)| *j != i) {
+                let away = a - b;
+                let distance = away.norm().max(1e-9);
+                value += if j < i { distance.recip() } else { 0.0 };
+                gradient[i] -= away / distance.powi(3);
+            }
+        }
+        Ok(Evaluation { value, gradient })
+    }
+}
+
+struct PaperObjective(Objective);
+
+impl Cost for PaperObjective {
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        self.0.cost(dots)
+    }
+}
+
+/// The descent of least cost from some random starts.
+fn best_of<C: Cost>(
+    cost: &C,
+    constraints: &Constraints,
+    starts: u64,
+    steps: u64,
+) -> Result<Pattern> {
+    let found: Result<Vec<(f64, Pattern)>> = (0..starts)
+        .into_par_iter()
+        .map(|stream| {
+            let mut rng = ChaCha8Rng::seed_from_u64(PATTERN_SEED);
+            rng.set_stream(stream + 1);
+            let start = random_pattern(DOTS, constraints.min_separation_rad, &mut rng)?;
+            let pattern = descend(&start, cost, constraints, steps)?;
+            Ok((cost.cost(pattern.dots())?.value, pattern))
+        })
+        .collect();
+    found?
+        .into_iter()
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, pattern)| pattern)
+        .ok_or_else(|| Error::argument("starts", "expected at least 1"))
+}
+
+fn made() -> Result<[(&'static str, Pattern); 3]> {
+    let free = Constraints {
+        min_separation_rad: 0.0,
+        min_visible: 0,
+        seam_margin_rad: 0.0,
+        ..Constraints::default()
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(PATTERN_SEED);
+    let paper = PaperObjective(Objective::MeanNn(MeanNearestNeighbor::default()));
+    Ok([
+        ("random", random_pattern(DOTS, 0.0, &mut rng)?),
+        ("spread", best_of(&Charges, &free, 8, 300)?),
+        (
+            "mean-nn",
+            best_of(&paper, &Constraints::default(), 16, 120)?,
+        ),
+    ])
+}
+
+/// A column of the table.
+struct Column {
+    title: &'static str,
+    recognizer: RecognizerName,
+    protocol: Protocol,
+    orientation: bool,
+}
+
+fn columns() -> Vec<Column> {
+    let column = |title, recognizer, name, orientation| Column {
+        title,
+        recognizer,
+        protocol: Protocol::standard(name),
+        orientation,
+    };
+    let (robust, paper) = (RecognizerName::Robust, RecognizerName::Paper);
+    let mut noisy = column("`paper` at 8 deg", robust, ProtocolName::Paper, false);
+    noisy.protocol = noisy.protocol.with_sigma_rad(8f64.to_radians());
+    vec![
+        column("`sparse`", robust, ProtocolName::Sparse, false),
+        column(
+            "`clutter`, orientation",
+            robust,
+            ProtocolName::Clutter,
+            true,
+        ),
+        noisy,
+        column(
+            "`paper`, the paper's recognizer",
+            paper,
+            ProtocolName::Paper,
+            false,
+        ),
+        column(
+            "`sparse`, the paper's recognizer",
+            paper,
+            ProtocolName::Sparse,
+            false,
+        ),
+    ]
+}
+
+fn failed(result: &TrialResult) -> bool {
+    matches!(
+        result,
+        TrialResult::Judged {
+            identity: false,
+            ..
+        }
+    )
+}
+
+/// Failures of the first for each of the second, with the 95 % interval.
+fn ratio(first: &[TrialResult], second: &[TrialResult]) -> String {
+    let count = |which: &dyn Fn(bool, bool) -> bool| {
+        let pairs = first.iter().zip(second);
+        pairs.filter(|(a, b)| which(failed(a), failed(b))).count() as f64
+    };
+    let (f, g) = (count(&|a, _| a), count(&|_, b| b));
+    let one_only = count(&|a, b| a != b);
+    let (middle, half) = (f / g, 1.96 * (one_only / (f * g)).sqrt());
+    let (low, high) = (middle * (-half).exp(), middle * half.exp());
+    format!("{middle:.2} [{low:.2}, {high:.2}]")
+}
+
+fn percent(p: &Proportion) -> String {
+    format!(
+        "{:.2} [{:.2}, {:.2}]",
+        100.0 * p.rate,
+        100.0 * p.low,
+        100.0 * p.high
+    )
+}
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let mut path = |name: &str| {
+        let missing =
+            || Error::argument(name, "expected OUT_DIR OURS.csv [PUBLISHED.csv] [TRIALS]");
+        arguments.next().map(PathBuf::from).ok_or_else(missing)
+    };
+    let (dir, ours) = (path("OUT_DIR")?, path("OURS.csv")?);
+    let mut rest: Vec<String> = arguments.collect();
+    let trials = match rest.last().map(|text| text.parse()) {
+        Some(Ok(trials)) => {
+            rest.pop();
+            trials
+        }
+        _ => 20_000,
+    };
+    std::fs::create_dir_all(&dir).map_err(|e| Error::argument("OUT_DIR", e.to_string()))?;
+    let mut patterns = Vec::new();
+    if let Some(published) = rest.first() {
+        patterns.push(("published", Pattern::read_csv(Path::new(published))?));
+    }
+    for (name, pattern) in made()? {
+        pattern.write_csv(&dir.join(format!("{name}.csv")))?;
+        patterns.push((name, pattern));
+    }
+    patterns.push(("ours", Pattern::read_csv(&ours)?));
+    let columns = columns();
+    println!("{trials} trials a column, seed {TRIAL_SEED}; % with 95 % intervals\n");
+    let titles: Vec<&str> = columns.iter().map(|c| c.title).collect();
+    println!(
+        "| pattern | {} | `sparse` failures for one of the first | bound, mean | worst |",
+        titles.join(" | ")
+    );
+    println!("|{}", "---|".repeat(columns.len() + 4));
+    let mut first: Option<Vec<TrialResult>> = None;
+    for (name, pattern) in patterns {
+        let bound = OrientationBound::default().summary(pattern.dots());
+        let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
+        let mut cells = Vec::new();
+        let mut failures = String::new();
+        for (k, column) in columns.iter().enumerate() {
+            let protocol = &column.protocol;
+            let results = run_named(&table, column.recognizer, protocol, TRIAL_SEED, trials)?;
+            let found = summarize(&results, protocol, TRIAL_SEED);
+            cells.push(percent(if column.orientation {
+                &found.orientation
+            } else {
+                &found.identity
+            }));
+            if k == 0 {
+                let first = first.get_or_insert_with(|| results.clone());
+                failures = ratio(&results, first);
+            }
+        }
+        println!(
+            "| {name} | {} | {failures} | {:.3} | {:.3} |",
+            cells.join(" | "),
+            bound.mean,
+            bound.worst
+        );
+    }
+    Ok(())
+}

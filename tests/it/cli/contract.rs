@@ -1,0 +1,523 @@
+//! The command, as a user runs it: good input gives whole files, bad input one clear line and exit 2.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::io::{Cursor, Read, Write};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::common::{done, spindoe};
+use serde_json::Value;
+use zip::write::SimpleFileOptions;
+use zip::{ZipArchive, ZipWriter};
+
+/// A folder with `pattern.csv` and `table.npz`.
+fn workshop() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = crate::common::random_pattern(12, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    done(dir.path(), &["table", "pattern.csv", "-o", "table.npz"]);
+    dir
+}
+
+fn files(dir: &Path) -> Vec<String> {
+    let mut names: Vec<_> = fs::read_dir(dir)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+/// The archive with the last byte but one of an array's data changed.
+fn tampered(npz: &[u8], array: &str) -> Vec<u8> {
+    let mut archive = ZipArchive::new(Cursor::new(npz)).unwrap();
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for i in 0..archive.len() {
+        let mut entry = archive.by_index(i).unwrap();
+        let name = entry.name().unwrap().into_owned();
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes).unwrap();
+        if name == format!("{array}.npy") {
+            let last = bytes.len() - 2;
+            bytes[last] ^= 0x10;
+        }
+        zip.start_file(name, SimpleFileOptions::default()).unwrap();
+        zip.write_all(&bytes).unwrap();
+    }
+    zip.finish().unwrap().into_inner()
+}
+
+/// Runs the command on bad input: exit 2, one line that contains `needle`, nothing on standard output
+/// and no file more or less than before.
+fn refused(dir: &Path, arguments: &[&str], needle: &str) {
+    let before = files(dir);
+    let output = spindoe(dir, arguments);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {words}");
+    assert_eq!(words.lines().count(), 1, "{arguments:?}: {words}");
+    assert!(words.contains(needle), "{arguments:?}: {words}");
+    assert!(output.stdout.is_empty(), "{arguments:?}");
+    assert_eq!(files(dir), before, "{arguments:?}");
+}
+
+#[test]
+fn bad_patterns_are_refused_with_file_and_line() {
+    let shop = workshop();
+    let dir = shop.path();
+    let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
+    let with_line = |line: usize, text: &str| {
+        let mut lines: Vec<_> = good.lines().collect();
+        lines[line - 1] = text;
+        lines.join("\n")
+    };
+    let second_dot = good.lines().nth(2).unwrap().to_owned();
+    let cases = [
+        (
+            String::new(),
+            "bad.csv: file: expected 4 to 64 dots, found 0",
+        ),
+        (
+            "1,0,0\n0,1,0\n0,0,1\n".into(),
+            "expected 4 to 64 dots, found 3",
+        ),
+        (
+            with_line(4, "0,NaN,1"),
+            "bad.csv: line 4 (dot 2): expected three finite numbers",
+        ),
+        (
+            with_line(4, "0,1"),
+            "bad.csv: line 4: expected three numbers x,y,z, found \"0,1\"",
+        ),
+        (
+            with_line(5, "0,0.5,0"),
+            "bad.csv: line 5 (dot 3): expected a unit vector, found length 0.5",
+        ),
+        (
+            with_line(6, &second_dot),
+            "bad.csv: line 6 (dot 4): coincides with dot 1",
+        ),
+        (
+            with_line(3, "a,b,c"),
+            "bad.csv: line 3: expected three numbers",
+        ),
+    ];
+    for (text, needle) in cases {
+        fs::write(dir.join("bad.csv"), text).unwrap();
+        refused(dir, &["validate", "bad.csv"], needle);
+        refused(dir, &["table", "bad.csv", "-o", "never.npz"], needle);
+    }
+    refused(
+        dir,
+        &["validate", "absent.csv"],
+        "absent.csv: cannot be read",
+    );
+}
+
+#[test]
+fn headers_must_say_x_y_z_and_windows_line_ends_keep_the_count() {
+    let shop = workshop();
+    let dir = shop.path();
+    let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
+    fs::write(dir.join("swapped.csv"), good.replacen("x,y,z", "y,x,z", 1)).unwrap();
+    refused(
+        dir,
+        &["validate", "swapped.csv"],
+        "swapped.csv: line 1: expected three numbers",
+    );
+    let windows = good.replace('\n', "\r\n");
+    fs::write(dir.join("windows.csv"), &windows).unwrap();
+    done(dir, &["table", "windows.csv", "-o", "w.npz"]);
+    let mut lines: Vec<_> = windows.split("\r\n").collect();
+    lines[4] = "0,0,oops";
+    fs::write(dir.join("windows.csv"), lines.join("\r\n")).unwrap();
+    refused(
+        dir,
+        &["validate", "windows.csv"],
+        "windows.csv: line 5: expected three numbers",
+    );
+}
+
+#[test]
+fn a_folder_that_holds_a_design_is_not_written_over() {
+    let shop = workshop();
+    refused(
+        shop.path(),
+        &["design", "--out", "."],
+        "holds a design already (pattern.csv)",
+    );
+}
+
+#[test]
+fn many_dots_get_an_objective_that_suits_them() {
+    let shop = workshop();
+    let dir = shop.path();
+    let confusion = ["design", "--dots", "25", "--objective", "confusion"];
+    refused(
+        dir,
+        &confusion,
+        "confusion is worked out for at most 24 dots, found 25",
+    );
+    let pattern = crate::common::random_pattern(64, 5);
+    pattern.write_csv(&dir.join("many.csv")).unwrap();
+    let words = done(
+        dir,
+        &["compare", "pattern.csv", "many.csv", "--samples", "20"],
+    );
+    assert!(words.contains("many (64 dots"), "{words}");
+}
+
+#[test]
+fn a_reader_that_stops_early_ends_the_command_quietly() {
+    let shop = workshop();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args(["compare", "pattern.csv", "table.npz", "--samples", "2000"])
+        .current_dir(shop.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{words}");
+    assert!(!words.contains("panicked"), "{words}");
+}
+
+#[test]
+fn a_symmetric_pattern_has_tied_poses() {
+    let dir = tempfile::tempdir().unwrap();
+    let s = 1.0 / 3f64.sqrt();
+    let cube: String = (0..8)
+        .map(|k| {
+            let c = |bit: usize| if k >> bit & 1 == 0 { s } else { -s };
+            format!("{},{},{}\n", c(0), c(1), c(2))
+        })
+        .collect();
+    fs::write(dir.path().join("cube.csv"), cube).unwrap();
+    // A face of the cube, seen square on.
+    let dots = [[s, s], [s, -s], [-s, s], [-s, -s]].map(|[x, y]| format!("a,{x},{y},{s}\n"));
+    fs::write(
+        dir.path().join("dots.csv"),
+        format!("frame,x,y,z\n{}", dots.concat()),
+    )
+    .unwrap();
+    let json = done(
+        dir.path(),
+        &["identify", "--table", "cube.csv", "dots.csv", "--json"],
+    );
+    let found: Value = serde_json::from_str(&json).unwrap();
+    let frame = &found["frames"][0];
+    // The cube turns into itself in 24 ways.
+    assert!(frame["pose_confidence"].as_f64().unwrap() < 0.06, "{frame}");
+    assert!(frame["rivals"].as_array().unwrap().len() >= 23, "{frame}");
+    let arguments = [
+        "identify",
+        "--table",
+        "cube.csv",
+        "dots.csv",
+        "--min-confidence",
+        "0.5",
+    ];
+    let csv = done(dir.path(), &arguments);
+    assert!(csv.lines().nth(1).unwrap().starts_with("a,,,,,"), "{csv}");
+}
+
+#[test]
+fn bad_tables_are_refused_with_file_and_array() {
+    let shop = workshop();
+    let dir = shop.path();
+    let good = fs::read(dir.join("table.npz")).unwrap();
+    fs::write(dir.join("short.npz"), &good[..good.len() / 2]).unwrap();
+    refused(dir, &["validate", "short.npz"], "short.npz: ");
+    for array in ["features", "dots"] {
+        fs::write(dir.join("changed.npz"), tampered(&good, array)).unwrap();
+        let needle = format!("changed.npz: {array}");
+        refused(dir, &["validate", "changed.npz"], &needle);
+    }
+    fs::write(dir.join("text.npz"), "x,y,z\n").unwrap();
+    refused(dir, &["validate", "text.npz"], "text.npz: ");
+}
+
+#[test]
+fn bad_arguments_are_refused_by_name() {
+    let shop = workshop();
+    let dir = shop.path();
+    let validate = |rest: &[&'static str], needle: &str| {
+        let arguments = [&["validate", "pattern.csv"], rest].concat();
+        refused(dir, &arguments, needle);
+    };
+    validate(&["--samples", "0"], "samples: expected at least 1 trial");
+    validate(
+        &["--sigma-deg", "-1"],
+        "sigma-deg: expected 0 to 180 degrees, found -1",
+    );
+    validate(
+        &["--sigma-deg", "NaN"],
+        "sigma-deg: expected 0 to 180 degrees",
+    );
+    validate(
+        &["--samples", "many"],
+        "invalid value 'many' for '--samples <N>'",
+    );
+    validate(
+        &["--protocol", "easy"],
+        "[possible values: paper, sparse, clutter, image]",
+    );
+    validate(&["--sample", "3"], "unexpected argument '--sample'");
+    refused(dir, &["validate"], "<PATTERN_OR_TABLE>");
+    for (rest, needle) in [
+        (["--dots", "3"], "dots: expected 4 to 64, found 3"),
+        (["--starts", "0"], "starts: expected at least 1"),
+        (["--samples", "0"], "samples: expected at least 1"),
+        (
+            ["--min-separation-deg", "70"],
+            "least separation: expected 0 to 49.0",
+        ),
+        (
+            ["--min-separation-deg", "NaN"],
+            "least separation: expected 0 to 49.0",
+        ),
+        (
+            ["--min-visible", "11"],
+            "least visible: expected at most 10 of 20 dots",
+        ),
+        (["--hole-diameter-mm", "-1"], "hole diameter"),
+        (
+            ["--hole-diameter-mm", "18"],
+            "must be 55.5 degrees apart on a ball of 40 mm",
+        ),
+        (
+            ["--seam-margin-deg", "-1"],
+            "seam margin: expected 0 to 60 degrees, found -1",
+        ),
+        (
+            ["--keep-out", "0,0,0,10"],
+            "expected an axis that is not zero",
+        ),
+        (
+            ["--keep-out", "0,0,1,95"],
+            "keep-out: expected a half angle of 0 to 90",
+        ),
+        (["--hole-diameter-mm", "16"], "holes of at most 15.3 mm fit"),
+        (
+            ["--basis-weight", "-1"],
+            "basis weight: expected a number not below 0",
+        ),
+        (
+            ["--bound-goal", "0.6"],
+            "expected two positive numbers MEAN,WORST",
+        ),
+        (["--budget", "soon"], "'soon' for '--budget"),
+        (["--from", "absent.csv"], "absent.csv: cannot be read"),
+        (["--out", "pattern.csv"], "pattern.csv: cannot be written"),
+        (
+            ["--out", "/proc/spindoe"],
+            "/proc/spindoe: cannot be written",
+        ),
+    ] {
+        refused(dir, &["design", rest[0], rest[1]], needle);
+    }
+    refused(
+        dir,
+        &["table", "pattern.csv", "-o", "no/such/folder/t.npz"],
+        "no/such/folder/t.npz: cannot be written",
+    );
+    refused(
+        dir,
+        &["table", "pattern.csv", "-o", "t.npz", "--min-cross", "2"],
+        "pair_rule.min_cross: expected a number in (0, 1), found 2",
+    );
+}
+
+#[test]
+fn validate_prints_the_agreed_json_and_repeats_itself() {
+    let shop = workshop();
+    let dir = shop.path();
+    for recognizer in ["paper", "robust"] {
+        let run = |input: &str| -> Value {
+            let arguments = [
+                "validate",
+                input,
+                "--json",
+                "--samples",
+                "200",
+                "--seed",
+                "3",
+                "--protocol",
+                "clutter",
+                "--recognizer",
+                recognizer,
+            ];
+            serde_json::from_str(&done(dir, &arguments)).unwrap()
+        };
+        let mut found = run("pattern.csv");
+        assert_eq!(found["protocol"], "clutter");
+        assert_eq!(found["recognizer"], recognizer);
+        assert_eq!(found["samples"], 200);
+        assert_eq!(found["seed"], 3);
+        assert!((found["sigma_deg"].as_f64().unwrap() - 5.0).abs() < 1e-9);
+        for success in ["identity", "orientation"] {
+            let rate = found[success]["rate"].as_f64().unwrap();
+            let trials = found[success]["trials"].as_u64().unwrap();
+            let successes = found[success]["successes"].as_u64().unwrap();
+            assert_eq!(trials + found["skipped"].as_u64().unwrap(), 200);
+            assert!((rate - successes as f64 / trials as f64).abs() < 1e-12);
+            assert!(found[success]["low"].as_f64().unwrap() <= rate);
+            assert!(found[success]["high"].as_f64().unwrap() >= rate);
+        }
+        assert!(found["us_per_identification"].as_f64().unwrap() > 0.0);
+        assert!(found["median_error_deg"].as_f64().unwrap() > 0.0);
+        // The table leads to the same trials and answers as the pattern that it was made from.
+        let mut again = run("table.npz");
+        for v in [&mut found, &mut again] {
+            v.as_object_mut()
+                .unwrap()
+                .remove("median_us_per_identification");
+            v.as_object_mut().unwrap().remove("us_per_identification");
+        }
+        assert_eq!(found, again);
+    }
+}
+
+#[test]
+fn a_design_leaves_a_whole_folder_and_repeats_itself() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |out: &str, threads: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+            .args(["design", "--dots", "10", "--starts", "3"])
+            .args([
+                "--samples",
+                "100",
+                "--seed",
+                "1",
+                "--polish",
+                "1",
+                "--out",
+                out,
+            ])
+            .env("RAYON_NUM_THREADS", threads)
+            .current_dir(dir.path())
+            .output()
+            .unwrap();
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{words}");
+        assert!(String::from_utf8_lossy(&output.stdout).ends_with(&format!("{out}\n")));
+    };
+    run("one", "1");
+    run("two", "3");
+    let (one, two) = (dir.path().join("one"), dir.path().join("two"));
+    assert_eq!(files(&one), files(&two));
+    for needed in [
+        "pattern.csv",
+        "table.npz",
+        "report.json",
+        "pattern.png",
+        "progress.png",
+        "stencil",
+    ] {
+        assert!(files(&one).iter().any(|f| f == needed), "{needed}");
+    }
+    let same = |name: &str| {
+        let [a, b] = [&one, &two].map(|d| fs::read(d.join(name)).unwrap());
+        assert!(a == b, "{name} differs");
+    };
+    for name in files(&one) {
+        // These hold clock times.
+        if !["report.json", "search.json", "progress.png", "stencil"].contains(&name.as_str()) {
+            same(&name);
+        }
+    }
+    for name in ["half_a.stl", "half_b.stl", "stencil.3mf"] {
+        same(&format!("stencil/{name}"));
+    }
+    let [mut a, mut b] = [&one, &two].map(|d| -> Value {
+        serde_json::from_slice(&fs::read(d.join("report.json")).unwrap()).unwrap()
+    });
+    for report in [&mut a, &mut b] {
+        report.as_object_mut().unwrap().remove("timing");
+    }
+    assert_eq!(a, b);
+    assert_eq!(a["validation"].as_array().unwrap().len(), 8);
+    assert_eq!(a["stopped"], false);
+    // No seed serves two ends.
+    let seeds = ["search", "selection", "report"].map(|k| a["seeds"][k].as_u64().unwrap());
+    assert!(seeds[0] != seeds[1] && seeds[1] != seeds[2] && seeds[0] != seeds[2]);
+}
+
+#[test]
+fn an_interrupt_finishes_with_the_best_so_far() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args([
+            "design", "--dots", "8", "--starts", "2", "--rounds", "100000",
+        ])
+        .args(["--samples", "20", "--out", "d"])
+        .current_dir(dir.path())
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut words = std::io::BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    // Not before there is something to keep.
+    while !line.contains("best ") {
+        line.clear();
+        let read = std::io::BufRead::read_line(&mut words, &mut line).unwrap();
+        assert!(read > 0, "the search ended by itself");
+    }
+    let killed = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(killed.success());
+    words.read_to_string(&mut line).unwrap();
+    assert!(child.wait().unwrap().success(), "{line}");
+    let report = fs::read(dir.path().join("d/report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(report["stopped"], true);
+    assert!(report["starts"].as_u64().unwrap() < 200_000);
+    assert!(dir.path().join("d/stencil/half_a.stl").exists());
+}
+
+#[test]
+fn the_reported_command_repeats_a_design_from_an_awkward_path() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("o'clock & more");
+    fs::create_dir(&folder).unwrap();
+    crate::common::random_pattern(8, 3)
+        .write_csv(&folder.join("my ball.csv"))
+        .unwrap();
+    let few = ["--starts", "1", "--samples", "20", "--climb-steps", "3"];
+    let from = [
+        "design",
+        "--from",
+        "o'clock & more/my ball.csv",
+        "--out",
+        "a",
+    ];
+    crate::common::done(dir.path(), &[&from[..], &few[..]].concat());
+    let report: Value =
+        serde_json::from_slice(&fs::read(dir.path().join("a/report.json")).unwrap()).unwrap();
+    let command = report["command"].as_str().unwrap();
+    assert!(command.contains("--climb-steps 3"), "{command}");
+    // As a user would paste it.
+    let exe = env!("CARGO_BIN_EXE_spindoe");
+    let pasted = format!(
+        "'{exe}'{} --out b",
+        command.strip_prefix("spindoe").unwrap()
+    );
+    let shell = Command::new("sh")
+        .args(["-c", &pasted])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    assert!(
+        shell.status.success(),
+        "{}",
+        String::from_utf8_lossy(&shell.stderr)
+    );
+    let read = |out: &str| fs::read(dir.path().join(out).join("pattern.csv")).unwrap();
+    assert_eq!(read("a"), read("b"));
+}

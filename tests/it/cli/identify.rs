@@ -1,0 +1,256 @@
+//! `spindoe identify`: the same views, by file, get the same answers; bad files get one line and exit 2.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+
+use crate::common::{done, spindoe};
+use serde_json::Value;
+use spindoe::recognize::robust::RobustRecognizer;
+use spindoe::recognize::{DotUncertainty, Outcome, Recognizer, observed};
+use spindoe::spin::orientations::Orientations;
+use spindoe::validate::{Protocol, ProtocolName, Trial, TrialGenerator};
+
+fn workshop() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = crate::common::random_pattern(20, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    done(dir.path(), &["table", "pattern.csv", "-o", "table.npz"]);
+    dir
+}
+
+#[test]
+fn dumped_trials_get_the_answers_that_validation_got() {
+    let dir = workshop();
+    let pattern = crate::common::random_pattern(20, 5);
+    for name in ProtocolName::ALL {
+        let protocol = name.as_str();
+        let view = [
+            "validate",
+            "table.npz",
+            "--protocol",
+            protocol,
+            "--samples",
+            "150",
+        ];
+        let dump = ["--seed", "4", "--json", "--dump", "dots.csv"];
+        let validation: Value =
+            serde_json::from_str(&done(dir.path(), &[&view[..], &dump].concat())).unwrap();
+        let identify = [
+            "identify",
+            "--table",
+            "table.npz",
+            "dots.csv",
+            "--expect",
+            protocol,
+            "--json",
+        ];
+        let found: Value = serde_json::from_str(&done(dir.path(), &identify)).unwrap();
+        let mut frames = found["frames"].as_array().unwrap().iter();
+        let standard = Protocol::standard(name);
+        let robust = RobustRecognizer::new(&pattern, standard.recognizer_config()).unwrap();
+        let mut generator = TrialGenerator::new(&pattern, standard, 4);
+        let (mut trial, mut ws) = (Trial::default(), robust.workspace());
+        let mut right = 0;
+        for index in 0..150 {
+            generator.generate(index, &mut trial);
+            if trial.dots.len() < standard.min_dots {
+                continue;
+            }
+            let frame = frames.next().unwrap();
+            assert_eq!(frame["frame"], format!("trial-{index}"));
+            match robust.identify(&trial.dots, &mut ws) {
+                Outcome::Identified(answer) => {
+                    let assignment = serde_json::to_value(&answer.assignment).unwrap();
+                    assert_eq!(frame["assignment"], assignment);
+                    let confidence = frame["confidence"].as_f64().unwrap();
+                    assert!((confidence - answer.confidence).abs() < 1e-6);
+                    right += u64::from(answer.assignment == trial.truth);
+                }
+                Outcome::Unidentified(refusal) => {
+                    assert_eq!(frame["refusal"], refusal.to_string());
+                }
+            }
+        }
+        assert_eq!(frames.next(), None);
+        assert_eq!(validation["identity"]["successes"], right, "{name}");
+    }
+}
+
+#[test]
+fn orientations_go_to_a_file_that_spin_reads() {
+    let dir = workshop();
+    let pattern = crate::common::random_pattern(20, 5);
+    let protocol = Protocol::standard(ProtocolName::Paper);
+    let mut generator = TrialGenerator::new(&pattern, protocol, 1);
+    let mut trial = Trial::default();
+    let mut frames = Vec::new();
+    for index in 0..5 {
+        generator.generate(index, &mut trial);
+        frames.push(observed::ObservedFrame {
+            name: format!("{}", 1_000_000_000 + 2_000_000 * index),
+            time_s: None,
+            dots: trial.dots.clone(),
+        });
+    }
+    let dots = dir.path().join("dots.csv");
+    fs::write(&dots, observed::to_csv(&frames)).unwrap();
+    let arguments = [
+        "identify",
+        "--table",
+        "table.npz",
+        "dots.csv",
+        "-o",
+        "orientations.csv",
+    ];
+    for recognizer in ["paper", "robust"] {
+        let named = [&arguments[..], &["--recognizer", recognizer]].concat();
+        assert_eq!(done(dir.path(), &named), "");
+        let read = Orientations::read_csv(&dir.path().join("orientations.csv")).unwrap();
+        assert_eq!(read.rows.len(), 5);
+        for (k, row) in read.rows.iter().enumerate() {
+            // The name is a number of nanoseconds.
+            assert!((row.time_s - 1.0 - 0.002 * k as f64).abs() < 1e-12);
+            assert_eq!(row.dots, Some(frames[k].dots.len()));
+        }
+        assert!(read.rows.iter().filter(|r| r.orientation.is_some()).count() >= 4);
+    }
+    // A time in the file goes before the name; a name that is no number has no time.
+    frames[0].time_s = Some(0.5);
+    frames[1].name = "left".into();
+    fs::write(&dots, observed::to_csv(&frames)).unwrap();
+    let text = done(
+        dir.path(),
+        &["identify", "--table", "table.npz", "dots.csv"],
+    );
+    let lines: Vec<_> = text.lines().collect();
+    assert!(lines[0].starts_with("frame,time_s,qw,"));
+    assert!(lines[1].starts_with("1000000000,0.5,"), "{}", lines[1]);
+    assert!(lines[2].starts_with("left,,"), "{}", lines[2]);
+}
+
+#[test]
+fn uncertainties_survive_the_file() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let protocol = Protocol::standard(ProtocolName::Image);
+    let frames = spindoe::validate::observed_frames(&pattern, &protocol, 3, 20);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("dots.csv");
+    fs::write(&path, observed::to_csv(&frames)).unwrap();
+    let read = observed::read_csv(&path, 1.0).unwrap();
+    assert_eq!(read.len(), frames.len());
+    for (a, b) in frames.iter().zip(&read) {
+        assert_eq!(a.name, b.name);
+        for (a, b) in a.dots.iter().zip(&b.dots) {
+            assert_eq!(a.direction, b.direction);
+            let (
+                DotUncertainty::Tangent { covariance: a },
+                DotUncertainty::Tangent { covariance: b },
+            ) = (a.uncertainty, b.uncertainty)
+            else {
+                panic!("{a:?} {b:?}");
+            };
+            assert!((a - b).norm() < 1e-12 * a.norm());
+        }
+    }
+    // Along the radius an image says least: by 1/z in the standard deviation.
+    let text = "frame,x,y,z,var_radial_deg2,cov_deg2,var_across_deg2\nf,0.6,0,0.8,9,0,4\n";
+    fs::write(&path, text).unwrap();
+    let read = observed::read_csv(&path, 1.0).unwrap();
+    let dot = read[0].dots[0];
+    let DotUncertainty::Tangent { covariance } = dot.uncertainty else {
+        panic!("{dot:?}");
+    };
+    let outward = spindoe::geometry::Vec3::new(0.8, 0.0, -0.6);
+    let [a, b] = spindoe::geometry::tangent_frame(&dot.direction).map(|e| e.dot(&outward));
+    let v = nalgebra::Vector2::new(a, b);
+    let variance = v.dot(&(covariance * v));
+    assert!((variance.sqrt().to_degrees() - 3.0).abs() < 1e-9);
+}
+
+#[test]
+fn bad_files_are_refused_in_one_line() {
+    let dir = workshop();
+    let dots = dir.path().join("dots.csv");
+    let bad: [(&[u8], &str); 16] = [
+        (b"", "line 1"),
+        (b"frame,x,y\n", "line 1: expected a header with z"),
+        (b"frame,x,y,z,x\n", "line 1: column x occurs more than once"),
+        (
+            b"frame,x,y,z,cov_deg2\n",
+            "line 1: expected all of var_radial_deg2",
+        ),
+        (b"frame,x,y,z\n", "file: expected at least one dot"),
+        (b"frame,x,y,z\na,1,0\n", "line 2: expected 4 fields"),
+        (
+            b"frame,x,y,z\na,1,0,0\na,one,0,0\n",
+            "line 3: x: expected a finite number",
+        ),
+        (
+            b"frame,x,y,z\na,1,,0\n",
+            "line 2: y: expected a number, found nothing",
+        ),
+        (
+            b"frame,x,y,z\na,NaN,0,0\n",
+            "line 2: x: expected a finite number",
+        ),
+        (
+            b"frame,x,y,z\na,1,0.1,0\n",
+            "line 2: x,y,z: expected a unit vector",
+        ),
+        (
+            b"frame,x,y,z\na,0,0,0\n",
+            "line 2: x,y,z: expected a unit vector",
+        ),
+        (
+            b"frame,x,y,z\na,1,0,0\nb,1,0,0\na,0,1,0\n",
+            "line 4: frame: expected the rows of \"a\"",
+        ),
+        (
+            b"frame,x,y,z,sigma_deg\na,1,0,0,-1\n",
+            "line 2: sigma_deg: expected a positive",
+        ),
+        (
+            b"frame,x,y,z,var_radial_deg2,cov_deg2,var_across_deg2\na,1,0,0,1,2,1\n",
+            "positive definite",
+        ),
+        (
+            b"frame,x,y,z,time_s\na,1,0,0,1\na,0,1,0,2\n",
+            "line 3: time_s: expected one time",
+        ),
+        (b"frame,x,y,z\na,1,0,\xff\n", "line 2"),
+    ];
+    for (text, expected) in bad {
+        fs::write(&dots, text).unwrap();
+        let arguments = [
+            "identify",
+            "--table",
+            "table.npz",
+            "dots.csv",
+            "-o",
+            "out.csv",
+        ];
+        let output = spindoe(dir.path(), &arguments);
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{words}");
+        assert_eq!(words.lines().count(), 1, "{words}");
+        assert!(
+            words.contains("dots.csv") && words.contains(expected),
+            "{expected}: {words}"
+        );
+        assert!(!dir.path().join("out.csv").exists());
+    }
+    fs::write(&dots, "frame,x,y,z\na,1,0,0\n").unwrap();
+    for (flag, value) in [
+        ("--sigma-deg", "0"),
+        ("--false-dots", "-1"),
+        ("--miss-probability", "1"),
+        ("--miss-probability", "NaN"),
+    ] {
+        let arguments = ["identify", "--table", "table.npz", "dots.csv", flag, value];
+        let output = spindoe(dir.path(), &arguments);
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{flag} {value}: {words}");
+        assert!(words.contains(flag), "{flag} {value}: {words}");
+    }
+}

@@ -1,0 +1,6 @@
+//! Tests of the stage `cli`.
+
+mod compare;
+mod contract;
+mod identify;
+mod spin;

@@ -1,0 +1,462 @@
+//! The search: descents go down under their constraints, and the same seed finds the same pattern.
+
+#![allow(clippy::unwrap_used)]
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use spindoe::Result;
+use spindoe::design::checkpoint::SearchState;
+use spindoe::design::constraints::max_separation;
+use spindoe::design::feasible::packed_separation;
+use spindoe::design::objective::bound::BoundSummary;
+use spindoe::design::objective::{Evaluation, MeanNearestNeighbor};
+use spindoe::design::scp::{Cost, Descent, descend};
+use spindoe::design::{
+    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, OrientationBound,
+    Stage, design,
+};
+use spindoe::geometry::{Vec3, angle_between, random_direction};
+use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
+use spindoe::pattern::Pattern;
+use spindoe::stencil::{Stencil, StencilConfig};
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+fn small(seed: u64) -> DesignConfig {
+    DesignConfig {
+        dots: 10,
+        seed,
+        starts: 6,
+        rounds: 2,
+        scout_steps: 4,
+        climb_steps: 12,
+        samples: 100,
+        polish: 2,
+        constraints: Constraints {
+            min_visible: 2,
+            ..Constraints::default()
+        },
+        ..DesignConfig::default()
+    }
+}
+
+struct Only(Objective);
+
+impl Cost for Only {
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        self.0.cost(dots)
+    }
+}
+
+#[test]
+fn a_descent_goes_down_and_keeps_every_demand() {
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    for (seed, objective) in [
+        Objective::default(),
+        Objective::MeanNn(MeanNearestNeighbor::default()),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let constraints = Constraints {
+            keep_out: vec![KeepOut {
+                axis: random_direction(&mut rng),
+                half_angle_rad: 0.4,
+            }],
+            ..Constraints::default()
+        };
+        let start = crate::common::random_pattern(20, seed as u64);
+        assert!(
+            constraints.missed(&start).is_some(),
+            "the start says nothing"
+        );
+        let found = descend(&start, &Only(objective), &constraints, 40).unwrap();
+        assert_eq!(constraints.missed(&found), None);
+        let cost = |p: &Pattern| objective.cost(p.dots()).unwrap().value;
+        assert!(cost(&found) < cost(&start) - 0.03, "{}", objective.name());
+    }
+}
+
+/// Minus the sum of all distances: its minimum under a separation that is all but forced is known.
+struct Spread;
+
+impl Cost for Spread {
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        let mut value = 0.0;
+        let mut gradient = vec![Vec3::zeros(); dots.len()];
+        for i in 0..dots.len() {
+            for j in 0..i {
+                let delta = dots[i] - dots[j];
+                value -= delta.norm();
+                gradient[i] -= delta.normalize();
+                gradient[j] += delta.normalize();
+            }
+        }
+        Ok(Evaluation { value, gradient })
+    }
+}
+
+#[test]
+fn the_descent_finds_the_platonic_solids() {
+    // The largest sum of distances of 4, 6 and 12 points: tetrahedron, octahedron, icosahedron.
+    let free = Constraints {
+        min_separation_rad: 0.0,
+        min_visible: 0,
+        seam_margin_rad: 0.0,
+        ..Constraints::default()
+    };
+    for (n, separation) in [(4, 109.471_22), (6, 90.0), (12, 63.434_95)] {
+        let found = descend(&crate::common::random_pattern(n, 1), &Spread, &free, 300).unwrap();
+        let least = found.summary().min_separation_rad.to_degrees();
+        assert!((least - separation).abs() < 0.01, "{n}: {least}");
+        assert!((max_separation(n).to_degrees() - separation).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn a_binding_separation_binds() {
+    // Dots drawn together by minus Spread end exactly at the demanded distance.
+    struct Gather;
+    impl Cost for Gather {
+        fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+            let mut at = Spread.cost(dots)?;
+            at.value = -at.value;
+            at.gradient.iter_mut().for_each(|g| *g *= -1.0);
+            Ok(at)
+        }
+    }
+    let constraints = Constraints {
+        min_separation_rad: 0.5,
+        min_visible: 0,
+        seam_margin_rad: 0.0,
+        ..Constraints::default()
+    };
+    let found = descend(
+        &crate::common::random_pattern(4, 3),
+        &Gather,
+        &constraints,
+        200,
+    )
+    .unwrap();
+    let d = found.dots();
+    let mut close = 0;
+    for i in 0..4 {
+        for j in 0..i {
+            let angle = angle_between(&d[i], &d[j]);
+            assert!(angle > 0.5 - 1e-4, "{angle}");
+            close += usize::from(angle < 0.5 + 1e-3);
+        }
+    }
+    // Two equilateral triangles with a common side: five of six distances bind.
+    assert!(close >= 5, "{close}");
+}
+
+#[test]
+fn without_pairs_near_singular_the_paper_s_objective_is_the_mean_over_the_table() {
+    // Where every pair is well inside the rule's bounds all weights are one, and the objective is the
+    // plain mean over all features: a tetrahedron's pairs are 109.5 degrees apart.
+    let s = 1.0 / 3f64.sqrt();
+    let dots = [[s, s, s], [s, -s, -s], [-s, s, -s], [-s, -s, s]];
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    // Shaken, since equal features of a regular solid have distance 0.
+    let shaken = dots.map(|d| (Vec3::from(d) + 0.1 * random_direction(&mut rng)).normalize());
+    let pattern = Pattern::new(shaken.to_vec()).unwrap();
+    let table =
+        HashTable::build(pattern.clone(), PairRule::ALL, RecognizerConfig::default()).unwrap();
+    let distances = table.nearest_distances();
+    let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+    let value = MeanNearestNeighbor::default()
+        .evaluate(pattern.dots())
+        .unwrap()
+        .value;
+    assert!((value - mean).abs() < 1e-12 * mean);
+}
+
+fn run(config: &DesignConfig, threads: usize) -> DesignOutcome {
+    let go = AtomicBool::new(false);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap();
+    let mut found = pool
+        .install(|| design(config, &mut SearchState::default(), &go, &mut ()))
+        .unwrap();
+    found.milestones.clear();
+    found
+}
+
+#[test]
+fn the_same_seed_finds_the_same_pattern() {
+    let found = run(&small(1), 1);
+    assert_eq!(found, run(&small(1), 3));
+    assert_ne!(found.best.dots, run(&small(2), 2).best.dots);
+    assert_eq!(found.starts, 12);
+    assert_eq!(found.best.missed, None);
+    let taken = found.polish.iter().any(|step| step.taken);
+    assert_eq!(taken, found.best != found.finalists[0]);
+    assert_eq!(found.polish.len(), 2);
+    // No stage of any round shares its seed with another, or with the report.
+    let config = small(1);
+    let mut seeds: Vec<u64> = (0..50)
+        .flat_map(|round| (0..5).map(move |halving| (round, halving)))
+        .map(|(round, halving)| config.selection_seed(round, halving))
+        .chain([config.report_seed(), config.seed])
+        .collect();
+    let count = seeds.len();
+    seeds.sort_unstable();
+    seeds.dedup();
+    assert_eq!(seeds.len(), count);
+}
+
+/// Stops the search after some pieces of work.
+struct Stopper<'a> {
+    left: usize,
+    stop: &'a AtomicBool,
+}
+
+impl DesignObserver for Stopper<'_> {
+    fn progress(&mut self, _: &SearchState, _: Stage) -> Result<()> {
+        if self.left == 0 {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+        self.left = self.left.saturating_sub(1);
+        Ok(())
+    }
+}
+
+/// Stands for a kill: the search ends with an error wherever it is, and only the file is left.
+struct Killer<'a> {
+    left: usize,
+    config: &'a DesignConfig,
+    path: &'a std::path::Path,
+}
+
+impl DesignObserver for Killer<'_> {
+    fn progress(&mut self, state: &SearchState, _: Stage) -> Result<()> {
+        if self.left == 0 {
+            return Err(spindoe::Error::Internal("killed".into()));
+        }
+        self.left -= 1;
+        state.save(self.path, self.config)
+    }
+}
+
+#[test]
+fn a_killed_search_resumes_to_the_same_result() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("search.json");
+    let config = small(3);
+    let go = AtomicBool::new(false);
+    let expected = run(&config, 2);
+    let mut state = SearchState::default();
+    let mut killed = 0;
+    let found = loop {
+        let mut killer = Killer {
+            left: 2,
+            config: &config,
+            path: &path,
+        };
+        match design(&config, &mut state, &go, &mut killer) {
+            Ok(found) => break found,
+            Err(_) => killed += 1,
+        }
+        // Halving begins anew each time: let the last run through.
+        if killed > 12 {
+            break design(&config, &mut state, &go, &mut ()).unwrap();
+        }
+        state = SearchState::load(&path, &config).unwrap();
+    };
+    assert!(killed > 3, "{killed}");
+    assert_eq!(found.best, expected.best);
+    // Another search's checkpoint is refused.
+    let error = SearchState::load(&path, &small(4)).unwrap_err();
+    assert!(error.is_usage() && error.to_string().contains("other arguments"));
+    std::fs::write(&path, "{}").unwrap();
+    assert!(SearchState::load(&path, &config).unwrap_err().is_usage());
+}
+
+#[test]
+fn a_stopped_search_keeps_its_best() {
+    let stop = AtomicBool::new(false);
+    let config = DesignConfig {
+        rounds: 1000,
+        ..small(1)
+    };
+    // Wherever the stop comes: while scouting, climbing, trying.
+    for left in 8..20 {
+        stop.store(false, Ordering::Relaxed);
+        let mut stopper = Stopper { left, stop: &stop };
+        let found = design(&config, &mut SearchState::default(), &stop, &mut stopper).unwrap();
+        assert!(found.stopped, "{left}");
+        assert!(found.starts < 100, "{left}: {}", found.starts);
+    }
+    // Stopped before anything was found: there is nothing to keep, and that is said.
+    let stop = AtomicBool::new(true);
+    assert!(design(&config, &mut SearchState::default(), &stop, &mut ()).is_err());
+}
+
+#[test]
+fn a_given_pattern_is_improved() {
+    let from = crate::common::random_pattern(10, 8);
+    let config = DesignConfig {
+        from: Some(from.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
+        ..small(5)
+    };
+    let found = run(&config, 2);
+    let figure = |p: &Pattern| config.objective.evaluate_at(p.dots()).unwrap().value;
+    assert!(found.best.value < figure(&from));
+    // Improved, not replaced: the dots are where they were, but for some degrees.
+    let moved = found
+        .best
+        .dots
+        .iter()
+        .zip(from.dots())
+        .map(|(a, b)| angle_between(&Vec3::from(*a), b).to_degrees())
+        .fold(0.0, f64::max);
+    assert!(moved < 60.0, "{moved}");
+}
+
+#[test]
+fn demands_that_cannot_be_met_are_refused_with_the_limit() {
+    // Twelve points cannot be farther apart than the icosahedron's vertices, 63.43 degrees.
+    let demand = |deg: f64| Constraints {
+        min_separation_rad: deg.to_radians(),
+        min_visible: 0,
+        ..Constraints::default()
+    };
+    assert!(demand(63.4).check_demand(12).is_ok());
+    let error = demand(63.5).check_demand(12).unwrap_err().to_string();
+    assert!(error.contains("63.4 degrees"), "{error}");
+    assert!(error.contains("at most 11 dots"), "{error}");
+}
+
+#[test]
+fn packings_come_near_the_best_known_ones() {
+    // The Tammes problem: solved for 12 (icosahedron) and 24 (snub cube, R. M. Robinson 1961); for 20 and 60
+    // the best known (N. J. A. Sloane, tables of spherical codes).
+    for (n, best) in [(12, 63.4349), (20, 47.4310), (24, 43.6908), (60, 27.1928)] {
+        let found = packed_separation(n).to_degrees();
+        assert!(found < best + 1e-3 && found > best - 0.7, "{n}: {found}");
+    }
+}
+
+#[test]
+fn infeasible_demands_are_refused_before_a_search() {
+    let refused = |constraints: Constraints, dots: usize| {
+        let error = constraints.check_feasible(dots).unwrap_err();
+        assert!(error.is_usage());
+        error.to_string()
+    };
+    // Below what Fejes Toth's bound excludes, but nobody has packed 60 dots so.
+    let words = refused(
+        Constraints {
+            min_separation_rad: 27.6f64.to_radians(),
+            ..Constraints::default()
+        },
+        60,
+    );
+    assert!(
+        words.contains("ask for at most 2") && words.contains("dots"),
+        "{words}"
+    );
+    // Half of all dots from anywhere, and none near the seam: no.
+    let words = refused(
+        Constraints {
+            min_visible: 9,
+            seam_margin_rad: 35f64.to_radians(),
+            ..Constraints::default()
+        },
+        20,
+    );
+    assert!(words.contains("what was reached"), "{words}");
+    assert!(Constraints::default().check_feasible(20).is_ok());
+}
+
+#[test]
+fn a_pattern_without_a_stencil_is_no_candidate() {
+    // An icosahedron's twelve dots, 63.4 degrees apart: holes of 19 mm still have their wall between them,
+    // but nowhere leave room for the hinge.
+    let golden = 0.5 * (1.0 + 5f64.sqrt());
+    let mut dots = Vec::new();
+    for a in [-1.0, 1.0] {
+        for b in [-golden, golden] {
+            for d in [
+                Vec3::new(0.0, a, b),
+                Vec3::new(a, b, 0.0),
+                Vec3::new(b, 0.0, a),
+            ] {
+                dots.push(d.normalize());
+            }
+        }
+    }
+    let pattern = Pattern::new(dots).unwrap();
+    let missed = |hole_diameter_mm: f64| {
+        let constraints = Constraints {
+            min_separation_rad: 0.5,
+            min_visible: 0,
+            seam_margin_rad: 0.0,
+            stencil: Some(StencilConfig {
+                hole_diameter_mm,
+                ..StencilConfig::default()
+            }),
+            ..Constraints::default()
+        };
+        let missed = constraints.missed(&pattern);
+        let built = Stencil::build(&pattern, constraints.stencil.as_ref().unwrap());
+        assert_eq!(missed.is_some(), built.is_err(), "{missed:?}");
+        missed
+    };
+    assert_eq!(missed(3.0), None);
+    assert!(missed(19.0).unwrap().starts_with("no stencil"));
+}
+
+#[test]
+fn a_stop_ends_a_descent_after_the_step_at_hand() {
+    /// Asks for the stop at its third evaluation.
+    struct Impatient<'a>(&'a AtomicUsize, &'a AtomicBool);
+    impl Cost for Impatient<'_> {
+        fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+            if self.0.fetch_add(1, Ordering::Relaxed) == 2 {
+                self.1.store(true, Ordering::Relaxed);
+            }
+            Spread.cost(dots)
+        }
+    }
+    let (count, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let descent = Descent {
+        stop: &stop,
+        ..Descent::of_steps(100)
+    };
+    let start = crate::common::random_pattern(12, 2);
+    let cost = Impatient(&count, &stop);
+    let found = descent.run(&start, &cost, &Constraints::default()).unwrap();
+    assert_eq!(count.load(Ordering::Relaxed), 3);
+    assert_ne!(found.dots(), start.dots());
+}
+
+#[test]
+fn a_pattern_short_of_the_goal_stands_behind_all_others() {
+    let bound = |c: &spindoe::design::Candidate| {
+        let pattern = c.pattern().unwrap();
+        OrientationBound::default().summary(pattern.dots())
+    };
+    let free = run(&small(6), 2);
+    let mut means: Vec<f64> = free.finalists.iter().map(|c| bound(c).mean).collect();
+    means.sort_by(f64::total_cmp);
+    // A goal that some of the finalists reach, and some do not.
+    let config = DesignConfig {
+        bound_goal: Some(BoundSummary {
+            mean: means[means.len() / 2],
+            worst: 1e9,
+        }),
+        ..small(6)
+    };
+    let found = run(&config, 2);
+    assert!(found.finalists.iter().any(|c| !c.short_of_goal));
+    assert!(!found.best.short_of_goal);
+    for c in &found.finalists {
+        let reached = bound(c).mean <= means[means.len() / 2];
+        assert_eq!(reached, !c.short_of_goal);
+    }
+}

@@ -1,0 +1,4 @@
+//! Tests of the stage `hash`.
+
+mod features;
+mod npz;

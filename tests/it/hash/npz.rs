@@ -1,0 +1,516 @@
+//! The table's file: what is written reads back, NumPy reads it, and nothing tampered with loads.
+
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read, Write};
+use std::path::Path;
+use std::process::Command;
+
+use npyz::{AutoSerialize, Order, WriterBuilder};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde_json::json;
+use spindoe::Error;
+use spindoe::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+/// Array name -> `.npy` bytes.
+type Entries = BTreeMap<String, Vec<u8>>;
+
+fn table() -> HashTable {
+    let pattern = crate::common::random_pattern(7, 4);
+    let rule = PairRule::default();
+    let mut table = HashTable::build(pattern, rule, RecognizerConfig::default()).expect("builds");
+    table.set_objective(Some(ObjectiveRecord {
+        name: "mean nearest distance".into(),
+        value: 0.1 + 0.2,
+    }));
+    table.set_validation(Some(json!({"identity": {"rate": 0.987}, "seed": 7})));
+    table
+}
+
+fn unpack(bytes: &[u8]) -> Entries {
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).expect("a zip");
+    let mut entries = Entries::new();
+    for i in 0..archive.len() {
+        let mut entry = archive.by_index(i).expect("an entry");
+        let name = entry
+            .name()
+            .expect("a name")
+            .trim_end_matches(".npy")
+            .to_owned();
+        let mut npy = Vec::new();
+        entry.read_to_end(&mut npy).expect("unpacks");
+        entries.insert(name, npy);
+    }
+    entries
+}
+
+fn pack(entries: &Entries, method: CompressionMethod) -> Vec<u8> {
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for (name, npy) in entries {
+        let options = SimpleFileOptions::default().compression_method(method);
+        zip.start_file(format!("{name}.npy"), options)
+            .expect("starts");
+        zip.write_all(npy).expect("writes");
+    }
+    zip.finish().expect("finishes").into_inner()
+}
+
+fn npy<T: AutoSerialize + Copy>(shape: &[u64], order: Order, items: &[T]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut writer = npyz::WriteOptions::new()
+        .default_dtype()
+        .order(order)
+        .shape(shape)
+        .writer(&mut bytes)
+        .begin_nd()
+        .expect("starts");
+    writer.extend(items.iter().copied()).expect("writes");
+    writer.finish().expect("finishes");
+    bytes
+}
+
+/// An `.npy` with a header text of one's own.
+fn raw_npy(header: &str, data: &[u8]) -> Vec<u8> {
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(data);
+    bytes
+}
+
+fn load(bytes: &[u8]) -> spindoe::Result<HashTable> {
+    HashTable::from_npz(Path::new("t.npz"), bytes)
+}
+
+/// Loads `table()` with one array replaced, and checks that the error names `place`.
+fn refused(array: &str, npy: Vec<u8>, place: &str, problem: &str) {
+    let mut entries = unpack(&table().to_npz().expect("packs"));
+    entries.insert(array.to_owned(), npy);
+    refused_entries(&entries, place, problem);
+}
+
+fn refused_entries(entries: &Entries, place: &str, problem: &str) {
+    let error = load(&pack(entries, CompressionMethod::Stored)).expect_err("refused");
+    check_error(&error, place, problem);
+}
+
+fn check_error(error: &Error, place: &str, problem: &str) {
+    let text = error.to_string();
+    assert!(matches!(error, Error::Input { .. }), "{error:?}");
+    assert!(text.starts_with(&format!("t.npz: {place}: ")), "{text}");
+    assert!(text.contains(problem), "{text}");
+    assert!(!text.contains('\n'), "{text}");
+}
+
+fn flat<const N: usize>(rows: &[[f64; N]]) -> Vec<f64> {
+    rows.iter().flatten().copied().collect()
+}
+
+fn same(a: &HashTable, b: &HashTable) {
+    let bits = |t: &HashTable| {
+        flat(t.features())
+            .iter()
+            .map(|x| x.to_bits())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(a.pattern(), b.pattern());
+    assert_eq!(bits(a), bits(b));
+    assert_eq!(a.bases(), b.bases());
+    assert_eq!(a.feature_dots(), b.feature_dots());
+    assert_eq!(a.meta(), b.meta());
+}
+
+#[test]
+fn what_is_written_reads_back_bit_for_bit() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("table.npz");
+    let tables = [
+        table(),
+        HashTable::build(
+            crate::common::random_pattern(20, 9),
+            PairRule::ALL,
+            RecognizerConfig::default(),
+        )
+        .expect("builds"),
+    ];
+    for table in tables {
+        table.write_npz(&path).expect("writes");
+        let read = HashTable::read_npz(&path).expect("reads");
+        same(&table, &read);
+        assert_eq!(
+            table.to_npz().expect("packs"),
+            read.to_npz().expect("packs")
+        );
+    }
+}
+
+#[test]
+fn packed_and_fortran_ordered_and_big_endian_arrays_load() {
+    let table = table();
+    let mut entries = unpack(&table.to_npz().expect("packs"));
+    same(
+        &table,
+        &load(&pack(&entries, CompressionMethod::Deflated)).expect("loads"),
+    );
+
+    let m = table.features().len();
+    let columns: Vec<f64> = (0..3)
+        .flat_map(|c| table.features().iter().map(move |f| f[c]))
+        .collect();
+    entries.insert(
+        "features".into(),
+        npy(&[m as u64, 3], Order::Fortran, &columns),
+    );
+    let dots: Vec<u8> = table
+        .pattern()
+        .dots()
+        .iter()
+        .flat_map(|d| [d.x, d.y, d.z])
+        .flat_map(f64::to_be_bytes)
+        .collect();
+    let header = "{'descr': '>f8', 'fortran_order': False, 'shape': (7, 3), }\n";
+    entries.insert("dots".into(), raw_npy(header, &dots));
+    same(
+        &table,
+        &load(&pack(&entries, CompressionMethod::Stored)).expect("loads"),
+    );
+}
+
+#[test]
+fn numpy_reads_what_is_written() {
+    let probe = Command::new("python3")
+        .args(["-c", "import numpy"])
+        .output();
+    if !probe.is_ok_and(|p| p.status.success()) {
+        crate::common::skipped("python3 with numpy is not installed");
+        return;
+    }
+    let table = table();
+    let dir = tempfile::tempdir().expect("a folder");
+    let path = dir.path().join("table.npz");
+    table.write_npz(&path).expect("writes");
+    let script = "
+import json, sys, numpy as np
+t = np.load(sys.argv[1])
+assert sorted(t.files) == ['bases', 'dots', 'feature_dots', 'features', 'meta'], t.files
+d, f, b, k = t['dots'], t['features'], t['bases'], t['feature_dots']
+assert d.dtype == np.float64 and f.dtype == np.float64
+assert b.dtype == np.uint16 and k.dtype == np.uint16 and t['meta'].dtype == np.uint8
+x, y, z = d[b[:, 0]], d[b[:, 1]], d[k]
+n = np.cross(x, y)
+assert np.allclose(f[:, :1] * x + f[:, 1:2] * y + f[:, 2:] * n, z, atol=1e-11)
+meta = json.loads(t['meta'].tobytes())
+print(len(f), meta['format_version'], meta['objective']['value'])
+# And the other way round: what NumPy writes, packed, must load.
+np.savez_compressed(sys.argv[2], **{a: t[a] for a in t.files})
+";
+    let theirs = dir.path().join("numpy.npz");
+    let output = Command::new("python3")
+        .args(["-c", script])
+        .args([&path, &theirs])
+        .output()
+        .expect("runs");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let expected = format!("{} 1 {}\n", table.features().len(), 0.1 + 0.2);
+    assert_eq!(String::from_utf8_lossy(&output.stdout), expected);
+    same(&table, &HashTable::read_npz(&theirs).expect("reads"));
+}
+
+#[test]
+fn tampered_dots_are_refused() {
+    let dots: Vec<[f64; 3]> = table()
+        .pattern()
+        .dots()
+        .iter()
+        .map(|d| [d.x, d.y, d.z])
+        .collect();
+    let with = |change: fn(&mut Vec<[f64; 3]>)| {
+        let mut dots = dots.clone();
+        change(&mut dots);
+        npy(&[dots.len() as u64, 3], Order::C, &flat(&dots))
+    };
+    refused("dots", with(|d| d[2][1] = f64::NAN), "dots", "dot 2");
+    refused("dots", with(|d| d[2][1] = f64::INFINITY), "dots", "dot 2");
+    refused(
+        "dots",
+        with(|d| d[3] = d[3].map(|x| x * 0.5)),
+        "dots",
+        "dot 3",
+    );
+    refused(
+        "dots",
+        with(|d| d[3] = d[3].map(|x| x * (1.0 + 1e-9))),
+        "dots",
+        "dot 3",
+    );
+    refused("dots", with(|d| d[4] = d[0]), "dots", "coincides");
+    refused("dots", with(|d| d.truncate(3)), "dots", "4 to 64");
+    refused("dots", with(|d| d.swap(0, 1)), "meta", "pattern_sha256");
+    refused("dots", with(|d| d.truncate(6)), "meta", "pattern_sha256");
+    refused(
+        "dots",
+        npy(&[21], Order::C, &flat(&dots)),
+        "dots",
+        "expected shape (rows, 3)",
+    );
+    refused(
+        "dots",
+        npy(&[3, 7], Order::C, &flat(&dots)),
+        "dots",
+        "expected shape",
+    );
+    refused(
+        "dots",
+        npy(&[7, 3], Order::C, &[1.0f32; 21]),
+        "dots",
+        "expected type f64",
+    );
+}
+
+#[test]
+fn tampered_columns_are_refused() {
+    let table = table();
+    let m = table.features().len();
+    let rows = m as u64;
+    let features = |change: fn(&mut Vec<[f64; 3]>)| {
+        let mut f = table.features().to_vec();
+        change(&mut f);
+        npy(&[f.len() as u64, 3], Order::C, &flat(&f))
+    };
+    refused(
+        "features",
+        features(|f| f[17][0] += 1e-6),
+        "features",
+        "row 17",
+    );
+    refused(
+        "features",
+        features(|f| f[5][2] = f64::NAN),
+        "features",
+        "row 5",
+    );
+    refused("features", features(|f| f.swap(0, 1)), "features", "row 0");
+    refused(
+        "features",
+        features(|f| f.truncate(9)),
+        "features",
+        "rows, found 9",
+    );
+    refused(
+        "features",
+        features(|f| f.clear()),
+        "features",
+        "rows, found 0",
+    );
+
+    let pairs: Vec<u16> = table
+        .bases()
+        .iter()
+        .flat_map(|b| [b.first, b.second])
+        .collect();
+    let bases = |at: usize, value: u16| {
+        let mut pairs = pairs.clone();
+        pairs[at] = value;
+        npy(&[rows, 2], Order::C, &pairs)
+    };
+    refused("bases", bases(6, 7), "bases", "row 3: dot 7 does not exist");
+    refused("bases", bases(6, 65535), "bases", "row 3");
+    refused("bases", bases(6, 5), "bases", "row 3");
+    refused(
+        "bases",
+        npy(&[rows - 1, 2], Order::C, &pairs[2..]),
+        "bases",
+        "rows, found",
+    );
+    refused(
+        "bases",
+        npy(&[rows, 2], Order::C, &vec![0i64; 2 * m]),
+        "bases",
+        "expected type u16",
+    );
+
+    let thirds = table.feature_dots().to_vec();
+    let dots = |at: usize, value: u16| {
+        let mut thirds = thirds.clone();
+        thirds[at] = value;
+        npy(&[rows], Order::C, &thirds)
+    };
+    refused(
+        "feature_dots",
+        dots(4, 7),
+        "feature_dots",
+        "row 4: dot 7 does not exist",
+    );
+    refused("feature_dots", dots(4, 0), "feature_dots", "row 4");
+    refused(
+        "feature_dots",
+        npy(&[rows - 1], Order::C, &thirds[1..]),
+        "feature_dots",
+        "rows, found",
+    );
+}
+
+#[test]
+fn tampered_metadata_is_refused() {
+    let meta = serde_json::to_value(table().meta()).expect("JSON");
+    let with = |pointer: &str, value: serde_json::Value| {
+        let mut meta = meta.clone();
+        *meta.pointer_mut(pointer).expect("a field") = value;
+        let text = meta.to_string();
+        npy(&[text.len() as u64], Order::C, text.as_bytes())
+    };
+    let text = |text: &str| npy(&[text.len() as u64], Order::C, text.as_bytes());
+    refused("meta", with("/format_version", json!(2)), "meta", "found 2");
+    refused(
+        "meta",
+        with("/format_version", json!("1")),
+        "meta",
+        "found none",
+    );
+    refused(
+        "meta",
+        with("/pattern_sha256", json!("00")),
+        "meta",
+        "pattern_sha256",
+    );
+    refused(
+        "meta",
+        with("/pair_rule/min_cross", json!(0.0)),
+        "meta",
+        "min_cross",
+    );
+    refused(
+        "meta",
+        with("/pair_rule/max_angle_rad", json!(9.0)),
+        "meta",
+        "max_angle_rad",
+    );
+    refused(
+        "meta",
+        with("/pair_rule/max_angle_rad", json!(1.0)),
+        "features",
+        "pair rule",
+    );
+    refused(
+        "meta",
+        with("/recognizer/alpha", json!(-1.0)),
+        "meta",
+        "alpha",
+    );
+    refused(
+        "meta",
+        with("/recognizer/beta", json!(300.0)),
+        "meta",
+        "beta",
+    );
+    refused("meta", with("/recognizer", json!({})), "meta", "sigma_rad");
+    refused("meta", text("{"), "meta", "not JSON");
+    refused("meta", text("[]"), "meta", "format_version");
+    refused("meta", text(&"[".repeat(100_000)), "meta", "not JSON");
+    refused("meta", npy(&[1], Order::C, &[255u8]), "meta", "not JSON");
+}
+
+#[test]
+fn hostile_headers_are_refused() {
+    let header = |descr: &str, shape: &str| {
+        format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n")
+    };
+    let f8 = "'<f8'";
+    let cases = [
+        (header(f8, "(4611686018427387904, 3)"), "header"),
+        (header(f8, "(0xffffffffffffffff, 3)"), "header"),
+        (header(f8, "(99999999999, 3)"), "ends before"),
+        (header(f8, "(-7, 3)"), "negative"),
+        (header(f8, "(7, 3, 1)"), "expected shape"),
+        (header(f8, "()"), "expected shape"),
+        (header(f8, "7"), "shape"),
+        (header("'|O'", "(7, 3)"), "expected type"),
+        (header("'<f99999999'", "(7, 3)"), "not an array"),
+        (header("[('a', '<f8')]", "(7, 3)"), "expected type"),
+        ("(".repeat(1000), "header"),
+        ("[".repeat(60000), "header"),
+        ("{}".to_owned(), "missing key"),
+        (String::new(), "not an array"),
+    ];
+    for (header, problem) in cases {
+        refused("dots", raw_npy(&header, &[0; 168]), "dots", problem);
+    }
+    refused("dots", Vec::new(), "dots", "no NumPy header");
+    refused(
+        "dots",
+        b"\x93NUMPY\x01\x00\xff\x00{".to_vec(),
+        "dots",
+        "ends within",
+    );
+    refused(
+        "dots",
+        b"\x93NUMPY\x02\x00\xff\xff\xff\xff{".to_vec(),
+        "dots",
+        "too long",
+    );
+    let mut long = unpack(&table().to_npz().expect("packs"))["dots"].clone();
+    long.push(0);
+    refused("dots", long, "dots", "follow the array's end");
+}
+
+#[test]
+fn archives_with_other_contents_are_refused() {
+    let entries = unpack(&table().to_npz().expect("packs"));
+    for name in ["dots", "features", "bases", "feature_dots", "meta"] {
+        let mut less = entries.clone();
+        less.remove(name);
+        refused_entries(&less, name, "cannot be read");
+    }
+    let mut more = entries.clone();
+    more.insert("extra".into(), npy(&[1], Order::C, &[1u8]));
+    refused_entries(&more, "archive", "unexpected entry \"extra.npy\"");
+
+    // Unpacks to 40 MiB from a few kilobytes.
+    let mut bomb = entries;
+    bomb.insert("dots".into(), vec![0; 40 << 20]);
+    let error = load(&pack(&bomb, CompressionMethod::Deflated)).expect_err("refused");
+    check_error(&error, "dots", "larger than 32 MiB");
+}
+
+#[test]
+fn truncated_and_corrupt_files_are_refused() {
+    let bytes = table().to_npz().expect("packs");
+    for text in [&b""[..], b"no zip at all", b"PK\x05\x06"] {
+        check_error(
+            &load(text).expect_err("refused"),
+            "archive",
+            "not a whole .npz file",
+        );
+    }
+    for length in (0..bytes.len()).step_by(bytes.len() / 97) {
+        let error = load(&bytes[..length]).expect_err("refused");
+        assert!(matches!(error, Error::Input { .. }), "{error}");
+        assert!(!error.to_string().contains('\n'), "{error}");
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for _ in 0..2000 {
+        let mut corrupt = bytes.clone();
+        let at = rng.random_range(0..bytes.len());
+        corrupt[at] ^= 1 << rng.random_range(0..8);
+        // A bit that nobody reads (a date, an attribute) may flip; then the table is the same.
+        match load(&corrupt) {
+            Ok(read) => same(&read, &table()),
+            Err(error) => assert!(!error.to_string().contains('\n'), "{error}"),
+        }
+    }
+    let missing = HashTable::read_npz(Path::new("/nowhere/t.npz")).expect_err("refused");
+    assert!(matches!(missing, Error::Read { .. }));
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_an_error() {
+    let error = table()
+        .write_npz(Path::new("/nowhere/t.npz"))
+        .expect_err("refused");
+    assert!(matches!(error, Error::Write { .. }));
+}

@@ -1,0 +1,18 @@
+//! The integration tests, in one program so that the crate is linked once; modules by stage.
+
+#![allow(clippy::unwrap_used)]
+
+mod cli;
+mod common;
+
+mod design;
+mod geometry;
+mod hash;
+mod pattern;
+mod plot;
+mod recognize;
+mod spin;
+mod stencil;
+mod synth;
+mod validate;
+mod vision;

@@ -1,0 +1,389 @@
+//! Every plot: a PNG file of the stated size with something on it, or an error and no file.
+//!
+//! With `SPINDOE_PLOTS` set to a folder the pictures are left there, to be looked at.
+
+#![allow(clippy::unwrap_used)]
+
+use std::path::{Path, PathBuf};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use spindoe::error::{Error, Result};
+use spindoe::geometry::{Vec3, spiral_directions};
+use spindoe::pattern::Pattern;
+use spindoe::plot::*;
+
+/// A folder for pictures, with what deletes it.
+fn folder() -> (PathBuf, tempfile::TempDir) {
+    let aside = tempfile::tempdir().unwrap();
+    match std::env::var_os("SPINDOE_PLOTS") {
+        Some(dir) => (PathBuf::from(dir), aside),
+        None => (aside.path().to_path_buf(), aside),
+    }
+}
+
+/// Asserts that `draw` leaves a PNG file of `size` on which more than `ink` of the pixels are drawn,
+/// the same bytes when drawn again, and nothing at all in a folder that is not there.
+fn check(name: &str, size: (u32, u32), ink: f64, draw: impl Fn(&Path) -> Result<()>) {
+    let (dir, _aside) = folder();
+    let path = dir.join(name);
+    draw(&path).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes))
+        .read_info()
+        .unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!((info.width, info.height), size);
+    assert_eq!(pixels.len(), size.0 as usize * size.1 as usize * 3);
+    let drawn = pixels.chunks(3).filter(|p| *p != [255; 3]).count();
+    let part = drawn as f64 / (pixels.len() / 3) as f64;
+    assert!(part > ink && part < 0.9, "{name}: {part}");
+    draw(&path).unwrap();
+    assert_eq!(bytes, std::fs::read(&path).unwrap(), "{name}: other bytes");
+
+    let missing = dir.join("missing");
+    let error = draw(&missing.join(name)).unwrap_err();
+    assert!(matches!(error, Error::Write { .. }), "{error}");
+    assert!(!missing.exists());
+}
+
+fn pattern(n: usize) -> Pattern {
+    Pattern::new(spiral_directions(n).collect()).unwrap()
+}
+
+fn view() -> BallDrawing {
+    BallDrawing {
+        title: "Pattern of 20 dots".into(),
+        ball_diameter_mm: 40.0,
+        dot_diameter_mm: 3.0,
+    }
+}
+
+/// Successes in 10 000 trials with about their interval.
+fn point(x: f64, rate: f64) -> RatePoint {
+    let half = 1.96 * (rate * (1.0 - rate) / 1e4).sqrt() + 2e-4;
+    RatePoint {
+        x,
+        rate,
+        low: (rate - half).max(0.0),
+        high: (rate + half).min(1.0),
+    }
+}
+
+fn curves(scale: RateScale) -> CurvePlot {
+    let series = [
+        ("paper", 0.004),
+        ("robust", 0.0001),
+        ("robust, other pattern", 0.0004),
+    ];
+    CurvePlot {
+        title: "Sensitivity to the noise of the dots, protocol sparse".into(),
+        x_label: "noise sigma (deg)".into(),
+        y_label: match scale {
+            RateScale::Success => "orientation found".into(),
+            RateScale::Failure => "orientation not found".into(),
+        },
+        scale,
+        series: series
+            .map(|(name, c)| RateSeries {
+                name: name.into(),
+                points: (0..=10)
+                    .map(|s| point(f64::from(s), 1.0 - c * f64::from(s * s)))
+                    .collect(),
+            })
+            .into(),
+    }
+}
+
+#[test]
+fn pattern_is_seen_from_both_sides() {
+    check("pattern.png", VIEWS_SIZE, 0.3, |path| {
+        pattern_views(path, &pattern(20), &view())
+    });
+    let path = Path::new("/tmp/never.png");
+    for (ball, dot) in [(0.0, 1.0), (40.0, 0.0), (40.0, 40.0), (f64::NAN, 1.0)] {
+        let view = BallDrawing {
+            ball_diameter_mm: ball,
+            dot_diameter_mm: dot,
+            ..view()
+        };
+        let error = pattern_views(path, &pattern(20), &view).unwrap_err();
+        assert!(matches!(error, Error::Argument { .. }), "{error}");
+    }
+}
+
+#[test]
+fn crowded_patterns_are_drawn_too() {
+    let view = BallDrawing {
+        title: "64 small dots".into(),
+        dot_diameter_mm: 1.5,
+        ..view()
+    };
+    check("pattern64.png", VIEWS_SIZE, 0.3, |path| {
+        pattern_views(path, &pattern(64), &view)
+    });
+}
+
+#[test]
+fn rates_are_drawn_with_intervals() {
+    for (name, scale) in [
+        ("success.png", RateScale::Success),
+        ("failure.png", RateScale::Failure),
+    ] {
+        check(name, CURVES_SIZE, 0.03, |path| {
+            rate_curves(path, &curves(scale))
+        });
+    }
+    let path = Path::new("/tmp/never.png");
+    let mut empty = curves(RateScale::Success);
+    empty.series.clear();
+    assert!(matches!(
+        rate_curves(path, &empty),
+        Err(Error::Argument { .. })
+    ));
+    let mut wrong = curves(RateScale::Success);
+    wrong.series[1].points[2].rate = f64::NAN;
+    let error = rate_curves(path, &wrong).unwrap_err().to_string();
+    assert!(error.contains("\"robust\", point 2"), "{error}");
+}
+
+#[test]
+fn perfect_rates_have_an_axis() {
+    let (dir, _aside) = folder();
+    for scale in [RateScale::Success, RateScale::Failure] {
+        let mut plot = curves(scale);
+        plot.series.truncate(1);
+        plot.series[0].points = vec![RatePoint {
+            x: 3.0,
+            rate: 1.0,
+            low: 1.0,
+            high: 1.0,
+        }];
+        rate_curves(&dir.join("perfect.png"), &plot).unwrap();
+    }
+}
+
+/// The features of a pattern, by their definition.
+fn features(dots: &[Vec3]) -> Vec<[f64; 3]> {
+    let mut features = Vec::new();
+    for (i, a) in dots.iter().enumerate() {
+        for (j, b) in dots.iter().enumerate().filter(|(j, _)| *j != i) {
+            let basis = nalgebra::Matrix3::from_columns(&[*a, *b, a.cross(b)]);
+            let inverse = basis.try_inverse().unwrap();
+            for (_, c) in dots.iter().enumerate().filter(|(k, _)| *k != i && *k != j) {
+                let h = inverse * c;
+                features.push([h.x, h.y, h.z]);
+            }
+        }
+    }
+    features
+}
+
+#[test]
+fn features_are_scattered_and_counted() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let dots: Vec<Vec3> = (0..20)
+        .map(|_| spindoe::geometry::random_direction(&mut rng))
+        .collect();
+    let features = features(&dots);
+    let distances: Vec<f64> = features
+        .iter()
+        .enumerate()
+        .map(|(i, f)| {
+            let square = |g: &[f64; 3]| (0..3).map(|c| (f[c] - g[c]).powi(2)).sum::<f64>();
+            let others = features.iter().enumerate().filter(|(j, _)| *j != i);
+            others
+                .map(|(_, g)| square(g))
+                .fold(f64::INFINITY, f64::min)
+                .sqrt()
+        })
+        .collect();
+    let title = "Features of 20 random dots in hash space";
+    check("features.png", FEATURES_SIZE, 0.05, |path| {
+        feature_plot(path, &features, &distances, title)
+    });
+    let path = Path::new("/tmp/never.png");
+    for distances in [
+        &distances[1..],
+        &vec![-1.0; features.len()],
+        &vec![f64::NAN; features.len()],
+    ] {
+        let error = feature_plot(path, &features, distances, title).unwrap_err();
+        assert!(matches!(error, Error::Argument { .. }), "{error}");
+    }
+    let (dir, _aside) = folder();
+    feature_plot(
+        &dir.join("same.png"),
+        &[[1.0; 3]; 4],
+        &[0.0; 4],
+        "all the same",
+    )
+    .unwrap();
+}
+
+fn bars(scale: RateScale) -> BarChart {
+    let groups = [
+        ("paper", [0.956, 0.961, 0.9998, 1.0]),
+        ("sparse", [0.947, 0.951, 0.972, 0.984]),
+        ("clutter", [0.41, 0.45, 0.961, 0.972]),
+        ("image", [0.88, 0.9, 0.9991, 0.9996]),
+    ];
+    BarChart {
+        title: "Recognition rates, 10 000 trials each".into(),
+        y_label: match scale {
+            RateScale::Success => "orientation found".into(),
+            RateScale::Failure => "orientation not found".into(),
+        },
+        scale,
+        series: [
+            "published, paper",
+            "ours, paper",
+            "published, robust",
+            "ours, robust",
+        ]
+        .map(String::from)
+        .into(),
+        groups: groups
+            .map(|(name, rates)| BarGroup {
+                name: name.into(),
+                rates: rates.map(|r| Some(point(0.0, r))).into(),
+            })
+            .into(),
+    }
+}
+
+#[test]
+fn rates_stand_side_by_side() {
+    for (name, scale) in [
+        ("bars.png", RateScale::Success),
+        ("bars_failure.png", RateScale::Failure),
+    ] {
+        check(name, BARS_SIZE, 0.03, |path| {
+            bar_comparison(path, &bars(scale))
+        });
+    }
+    let mut wrong = bars(RateScale::Success);
+    wrong.groups[1].rates.pop();
+    let error = bar_comparison(Path::new("/tmp/never.png"), &wrong).unwrap_err();
+    assert!(error.to_string().contains("\"sparse\""), "{error}");
+}
+
+#[test]
+fn lines_are_drawn() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let plot = LinePlot {
+        title: "Objective over the optimizer's steps".into(),
+        x_label: "step".into(),
+        y_label: "mean distance to the nearest feature (no unit)".into(),
+        log_y: false,
+        series: (1..=5)
+            .map(|start| LineSeries {
+                name: format!("start {start}"),
+                points: (0..200)
+                    .map(|k| {
+                        let noise: f64 = rng.random();
+                        let t = f64::from(k) / 40.0 / f64::from(start);
+                        (f64::from(k), 0.06 - 0.05 * (-t).exp() + 1e-3 * noise)
+                    })
+                    .collect(),
+            })
+            .collect(),
+    };
+    check("lines.png", CURVES_SIZE, 0.02, |path| {
+        line_plot(path, &plot)
+    });
+    let log = LinePlot {
+        log_y: true,
+        ..plot.clone()
+    };
+    check("lines_log.png", CURVES_SIZE, 0.02, |path| {
+        line_plot(path, &log)
+    });
+    let mut negative = log;
+    negative.series[0].points[0].1 = -1.0;
+    let error = line_plot(Path::new("/tmp/never.png"), &negative).unwrap_err();
+    assert!(matches!(error, Error::Argument { .. }), "{error}");
+}
+
+#[test]
+fn reliability_is_drawn() {
+    let series = [("paper", 0.9), ("robust", 1.0)].map(|(name, slope)| RateSeries {
+        name: name.into(),
+        points: (0..10)
+            .map(|i| {
+                let x = 0.05 + 0.1 * f64::from(i);
+                point(x, x * slope)
+            })
+            .collect(),
+    });
+    let plot = ReliabilityPlot {
+        title: "Are confidences what they say?".into(),
+        x_label: "predicted probability".into(),
+        y_label: "observed rate".into(),
+        series: series.into(),
+    };
+    check("reliability.png", RELIABILITY_SIZE, 0.02, |path| {
+        reliability_plot(path, &plot)
+    });
+}
+
+#[test]
+fn values_and_paths_are_drawn() {
+    let point = |i: usize| {
+        let (x, y) = (i as f64 * 0.02, 80.0 - i as f64 * 0.2);
+        ValuePoint {
+            x,
+            y,
+            low: y - 0.4,
+            high: y + 0.5,
+        }
+    };
+    let plot = ValuePlot {
+        title: "Spin over time".into(),
+        x_label: "time (s)".into(),
+        y_label: "spin (rps)".into(),
+        values: vec![ValueSeries {
+            name: "runs".into(),
+            points: (0..30).map(point).collect(),
+        }],
+        lines: vec![LineSeries {
+            name: "fit".into(),
+            points: vec![(0.0, 80.0), (0.6, 74.0)],
+        }],
+    };
+    check("values.png", CURVES_SIZE, 0.01, |p| value_curves(p, &plot));
+    let refused = |change: fn(&mut ValuePlot)| {
+        let mut plot = plot.clone();
+        change(&mut plot);
+        let (dir, _aside) = folder();
+        let path = dir.join("refused.png");
+        assert!(value_curves(&path, &plot).unwrap_err().is_usage());
+        assert!(!path.exists());
+    };
+    refused(|p| p.values[0].points[3].low = 90.0);
+    refused(|p| p.values[0].points[3].y = f64::NAN);
+    refused(|p| p.lines[0].points[0].1 = f64::INFINITY);
+    refused(|p| (p.values, p.lines) = (Vec::new(), Vec::new()));
+
+    let flight = |i: usize| {
+        let at = |k: usize| {
+            (
+                k as f64 * 0.1,
+                0.3 + i as f64 * 0.02 - 0.001 * (k * k) as f64,
+            )
+        };
+        (0..20).map(at).collect()
+    };
+    let group = |name: &str, n: usize| PathGroup {
+        name: name.into(),
+        paths: (0..n).map(flight).collect(),
+    };
+    let plot = PathPlot {
+        title: "Flights".into(),
+        x_label: "distance (m)".into(),
+        y_label: "height (m)".into(),
+        groups: vec![group("slow", 5), group("none", 0), group("fast", 3)],
+    };
+    check("paths.png", CURVES_SIZE, 0.01, |p| path_groups(p, &plot));
+}

@@ -1,0 +1,84 @@
+//! The robust recognizer's loop allocates nothing once its workspace exists.
+
+#![allow(unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
+use spindoe::recognize::{Identification, Recognizer};
+use spindoe::validate::{Protocol, ProtocolName, Trial, TrialGenerator};
+
+/// Counts this thread's allocations; others' do not disturb.
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+fn count() {
+    ALLOCATIONS.with(|n| n.set(n.get() + 1));
+}
+
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        unsafe { System.dealloc(at, layout) }
+    }
+    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        count();
+        unsafe { System.realloc(at, layout, size) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+/// Allocations during `views` identifications, the first of them included.
+fn allocations(protocol: &Protocol, config: RobustConfig, views: u64) -> usize {
+    let pattern = crate::common::random_pattern(20, 7);
+    let recognizer = RobustRecognizer::new(&pattern, config).expect("valid parameters");
+    let mut generator = TrialGenerator::new(&pattern, *protocol, 5);
+    let mut trial = Trial::default();
+    let mut workspace = recognizer.workspace();
+    let mut answer = Identification::default();
+    answer.assignment.reserve(64);
+    let mut total = 0;
+    for index in 0..views {
+        generator.generate(index, &mut trial);
+        let before = ALLOCATIONS.with(Cell::get);
+        let _ = recognizer.identify_into(&trial.dots, &mut workspace, &mut answer);
+        total += ALLOCATIONS.with(Cell::get) - before;
+    }
+    total
+}
+
+#[test]
+fn the_counter_counts() {
+    let before = ALLOCATIONS.with(Cell::get);
+    let boxed = std::hint::black_box(Box::new(1));
+    assert_eq!(ALLOCATIONS.with(Cell::get) - before, *boxed);
+}
+
+#[test]
+fn no_protocol_makes_the_loop_allocate() {
+    for name in ProtocolName::ALL {
+        let protocol = Protocol::standard(name);
+        let found = allocations(&protocol, protocol.recognizer_config(), 400);
+        assert_eq!(found, 0, "{name}");
+    }
+}
+
+#[test]
+fn nor_do_views_of_nothing_that_it_knows() {
+    // Many false dots: the search runs to its end, and fills whatever it keeps.
+    let protocol = Protocol {
+        miss_probability: 0.9,
+        false_dots: 25,
+        ..Protocol::standard(ProtocolName::Clutter)
+    };
+    assert_eq!(allocations(&protocol, protocol.recognizer_config(), 20), 0);
+}

@@ -1,0 +1,5 @@
+//! Tests of the stage `recognize`.
+
+mod allocations;
+mod paper;
+mod robust;

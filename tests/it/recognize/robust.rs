@@ -1,0 +1,468 @@
+//! The robust recognizer against its claims, on samples small enough to run every time. The figures
+//! with their intervals come from the example `recognizer_limits`.
+
+#![allow(clippy::unwrap_used)]
+
+use nalgebra::Matrix3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation, rotation_angle};
+use spindoe::pattern::Pattern;
+use spindoe::recognize::robust::{Hint, RobustConfig, RobustRecognizer};
+use spindoe::recognize::{
+    DotUncertainty, Identification, ObservedDot, Outcome, Recognizer, RecognizerRejection,
+};
+use spindoe::validate::*;
+
+/// A seed that nothing was tuned on.
+const SEED: u64 = 77_003;
+
+fn dot(direction: Vec3, sigma_rad: f64) -> ObservedDot {
+    ObservedDot {
+        direction,
+        uncertainty: DotUncertainty::Isotropic { sigma_rad },
+    }
+}
+
+/// The visible dots of a pattern, without noise.
+fn view(pattern: &Pattern, rotation: &Rotation) -> Vec<ObservedDot> {
+    let seen = pattern.dots().iter().map(|d| rotation * d);
+    seen.filter(|q| q.z > 0.0).map(|q| dot(q, 0.02)).collect()
+}
+
+fn robust(pattern: &Pattern, name: ProtocolName) -> (RobustRecognizer, Protocol) {
+    let protocol = Protocol::standard(name);
+    let config = protocol.recognizer_config();
+    (RobustRecognizer::new(pattern, config).unwrap(), protocol)
+}
+
+#[test]
+fn rates_on_the_published_pattern() {
+    let Some(pattern) = crate::common::published_pattern() else {
+        return;
+    };
+    let paper = Protocol::standard(ProtocolName::Paper);
+    let missed = Protocol {
+        miss_probability: 0.1,
+        false_dots: 1,
+        ..paper
+    };
+    let degrees = |d: f64| paper.with_sigma_rad(d.to_radians());
+    // Least identity and orientation rates of 2 000 trials, four standard errors below the target.
+    let all = [
+        (paper, 0.998, 0.998),
+        (degrees(5.0), 0.99, 0.998),
+        (degrees(8.0), 0.98, 0.99),
+        (Protocol::standard(ProtocolName::Sparse), 0.957, 0.957),
+        (Protocol::standard(ProtocolName::Clutter), 0.85, 0.955),
+        (missed, 0.95, 0.996),
+        (Protocol::standard(ProtocolName::Image), 0.92, 0.985),
+    ];
+    for (protocol, identity, orientation) in all {
+        let robust = RobustRecognizer::new(&pattern, protocol.recognizer_config()).unwrap();
+        let v = validate(&pattern, &robust, &protocol, SEED, 2000).unwrap();
+        assert!(v.identity.rate >= identity, "{v:?}");
+        assert!(v.orientation.rate >= orientation, "{v:?}");
+    }
+}
+
+#[test]
+fn a_rate_and_no_more_is_enough_in_clutter() {
+    let Some(pattern) = crate::common::published_pattern() else {
+        return;
+    };
+    let protocol = Protocol::standard(ProtocolName::Clutter);
+    let config = RobustConfig {
+        usual_false_dots: None,
+        ..protocol.recognizer_config()
+    };
+    let robust = RobustRecognizer::new(&pattern, config).unwrap();
+    let v = validate(&pattern, &robust, &protocol, SEED, 1000).unwrap();
+    assert!(v.orientation.rate > 0.955, "{v:?}");
+}
+
+#[test]
+fn sure_answers_are_right_and_random_dots_are_doubted() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let (mut sure, mut wrong, mut sure_of_nothing) = (0, 0, 0);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    for name in ProtocolName::ALL {
+        let (robust, protocol) = robust(&pattern, name);
+        for result in run_trials(&pattern, &robust, &protocol, SEED, 1000).unwrap() {
+            if let TrialResult::Judged {
+                identity,
+                confidence,
+                pose_confidence,
+                ..
+            } = result
+            {
+                assert!(pose_confidence >= confidence);
+                sure += u32::from(confidence >= 0.99);
+                wrong += u32::from(confidence >= 0.99 && !identity);
+            }
+        }
+        let mut ws = robust.workspace();
+        for _ in 0..250 {
+            let dots: Vec<_> = (0..8)
+                .map(|_| random_direction(&mut rng))
+                .map(|d| dot(Vec3::new(d.x, d.y, d.z.abs()), 0.03))
+                .collect();
+            if let Outcome::Identified(found) = robust.identify(&dots, &mut ws) {
+                sure_of_nothing += u32::from(found.confidence >= 0.99);
+            }
+        }
+    }
+    // 2 in 1 000 are allowed; four standard errors more would be 10 and 7.
+    assert!(sure > 2000, "{sure}");
+    assert!(wrong <= 10, "{wrong} of {sure}");
+    assert!(sure_of_nothing <= 7, "{sure_of_nothing}");
+}
+
+#[test]
+fn any_number_of_dots() {
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    for n in [4, 5, 6, 9, 14, 33, 64] {
+        let pattern = crate::common::random_pattern(n, n as u64);
+        let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
+        let mut ws = robust.workspace();
+        let (mut asked, mut right) = (0, 0);
+        while asked < 30 {
+            let truth = random_rotation(&mut rng);
+            let dots = view(&pattern, &truth);
+            if dots.len() < 4.min(n - 1) {
+                continue;
+            }
+            asked += 1;
+            if let Outcome::Identified(found) = robust.identify(&dots, &mut ws) {
+                right += u32::from(rotation_angle(&found.rotation, &truth) < 0.02);
+            }
+        }
+        // Three dots of a small pattern may well be mistaken, even without noise.
+        let least = if n <= 5 { 15 } else { 29 };
+        assert!(right >= least, "{n} dots: {right}");
+    }
+}
+
+/// Right-handed frame of two directions, as columns.
+fn frame(a: &Vec3, b: &Vec3) -> Matrix3<f64> {
+    let x = (a + b).normalize();
+    let z = a.cross(b).normalize();
+    Matrix3::from_columns(&[x, z.cross(&x), z])
+}
+
+#[test]
+fn the_search_finds_what_brute_force_finds() {
+    let pattern = crate::common::random_pattern(20, 10);
+    let dots = pattern.dots();
+    for (name, views) in [(ProtocolName::Sparse, 30), (ProtocolName::Clutter, 10)] {
+        let (robust, protocol) = robust(&pattern, name);
+        let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+        let (mut trial, mut ws) = (Trial::default(), robust.workspace());
+        let mut out = Identification::default();
+        for index in 0..views {
+            generator.generate(index, &mut trial);
+            if robust
+                .identify_into(&trial.dots, &mut ws, &mut out)
+                .is_err()
+            {
+                continue;
+            }
+            let answer = out.rotation;
+            let mut evidence = |r: &Rotation| {
+                let found = robust.evidence_near(&trial.dots, r, &mut ws, &mut out);
+                (found.unwrap_or(f64::NEG_INFINITY), out.rotation)
+            };
+            let (found, _) = evidence(&answer);
+            // Every pair of seen dots on every ordered pair of pattern dots, whatever its angle.
+            let seen: Vec<_> = trial.dots.iter().map(|d| d.direction).collect();
+            let mut best = (f64::NEG_INFINITY, answer);
+            for (a, b) in (0..seen.len()).flat_map(|a| (0..a).map(move |b| (a, b))) {
+                let to = frame(&seen[a], &seen[b]);
+                for (p, q) in (0..20).flat_map(|p| (0..20).map(move |q| (p, q))) {
+                    if p != q {
+                        let turn = to * frame(&dots[p], &dots[q]).transpose();
+                        let turn = nalgebra::Rotation3::from_matrix_unchecked(turn);
+                        let reached = evidence(&Rotation::from_rotation_matrix(&turn));
+                        if reached.0 > best.0 {
+                            best = reached;
+                        }
+                    }
+                }
+            }
+            // The same pose, settled a little elsewhere, is no other answer; and among poses that are
+            // hardly better than "these are not the pattern's dots" the search is not held to the best.
+            let same = rotation_angle(&best.1, &answer) < 0.2;
+            let slack = if best.0 > 4.0 { 0.5 } else { 1.0 };
+            assert!(
+                same || found > best.0 - slack,
+                "{name} {index}: {found} {best:?}"
+            );
+        }
+    }
+}
+
+/// The rotations, at least 0.2 rad apart, that the recognizer holds for as good as its best.
+fn tied(robust: &RobustRecognizer, dots: &[ObservedDot]) -> (f64, usize) {
+    let mut ws = robust.workspace();
+    let mut best = Identification::default();
+    robust.identify_into(dots, &mut ws, &mut best).unwrap();
+    let mut other = Identification::default();
+    let mut count = 0;
+    while robust.explanation(count, &ws, &mut other)
+        && other.pose_confidence > 0.5 * best.pose_confidence
+    {
+        count += 1;
+    }
+    (best.pose_confidence, count)
+}
+
+#[test]
+fn a_symmetric_pattern_yields_all_its_poses_and_no_confidence() {
+    let corners = |signs: &[[f64; 3]]| signs.iter().map(|s| Vec3::from(*s).normalize()).collect();
+    let mut cube = Vec::new();
+    for k in 0..8 {
+        cube.push([0, 1, 2].map(|i| if k >> i & 1 == 0 { -1.0 } else { 1.0 }));
+    }
+    let tetrahedron: Vec<_> = [0, 3, 5, 6].map(|k| cube[k]).into();
+    let golden = 0.5 * (1.0 + 5f64.sqrt());
+    let mut dodecahedron = cube.clone();
+    for (a, b) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+        let (x, y) = (a / golden, b * golden);
+        dodecahedron.extend([[0.0, x, y], [x, y, 0.0], [y, 0.0, x]]);
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    for (points, order) in [(tetrahedron, 12), (cube, 24), (dodecahedron, 60)] {
+        let pattern = Pattern::new(corners(&points)).unwrap();
+        let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
+        // All dots, as if the ball were glass: what is seen from one side may have fewer symmetries.
+        let truth = random_rotation(&mut rng);
+        let config = RobustConfig {
+            visibility_limit: -0.999,
+            ..*robust.config()
+        };
+        let glass = RobustRecognizer::new(&pattern, config).unwrap();
+        let all: Vec<_> = pattern
+            .dots()
+            .iter()
+            .map(|d| dot(truth * d, 0.02))
+            .collect();
+        let (confidence, poses) = tied(&glass, &all);
+        assert_eq!(poses, order);
+        assert!(
+            (confidence - 1.0 / order as f64).abs() < 0.01,
+            "{confidence}"
+        );
+        // The visible half of it, on an ordinary ball.
+        let dots = view(&pattern, &truth);
+        if dots.len() >= 4 {
+            let (confidence, poses) = tied(&robust, &dots);
+            assert!(poses > 1 && confidence < 0.51, "{poses}: {confidence}");
+        }
+    }
+}
+
+#[test]
+fn a_mirrored_ball_is_said_to_be_one() {
+    let pattern = crate::common::random_pattern(20, 6);
+    let (robust, protocol) = robust(&pattern, ProtocolName::Paper);
+    let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+    let (mut trial, mut ws) = (Trial::default(), robust.workspace());
+    let (mut flipped, mut straight) = (0, 0);
+    for index in 0..200 {
+        generator.generate(index, &mut trial);
+        let mirrored = Outcome::Unidentified(RecognizerRejection::Mirrored);
+        straight += u32::from(robust.identify(&trial.dots, &mut ws) == mirrored);
+        // Some flip x, others y: one is the other turned.
+        let axis = index as usize % 2;
+        trial
+            .dots
+            .iter_mut()
+            .for_each(|d| d.direction[axis] *= -1.0);
+        flipped += u32::from(robust.identify(&trial.dots, &mut ws) == mirrored);
+    }
+    assert_eq!(straight, 0);
+    assert!(flipped >= 180, "{flipped}");
+}
+
+#[test]
+fn a_hint_makes_two_dots_enough() {
+    let pattern = crate::common::random_pattern(20, 7);
+    let protocol = Protocol {
+        dots_given: Some(2),
+        min_dots: 2,
+        ..Protocol::standard(ProtocolName::Paper)
+    };
+    let robust = RobustRecognizer::new(&pattern, protocol.recognizer_config()).unwrap();
+    let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let (mut trial, mut ws) = (Trial::default(), robust.workspace());
+    let mut out = Identification::default();
+    let sigma = 4f64.to_radians();
+    let (mut asked, mut right) = (0, 0);
+    for index in 0..400 {
+        generator.generate(index, &mut trial);
+        if trial.dots.len() < 2 {
+            continue;
+        }
+        let refused = robust.identify_into(&trial.dots, &mut ws, &mut out);
+        let few = RecognizerRejection::TooFewDots {
+            found: 2,
+            needed: 3,
+        };
+        assert_eq!(refused, Err(few));
+        let e = Vec3::from_fn(|_, _| StandardNormal.sample(&mut rng)) * sigma;
+        let hint = Hint::isotropic(Rotation::from_scaled_axis(e) * trial.rotation, sigma);
+        // A pair nearly on one line determines no rotation, hint or not.
+        match robust.identify_hinted(&trial.dots, &hint, &mut ws, &mut out) {
+            Ok(()) => right += u32::from(out.assignment == trial.truth),
+            Err(refusal) => assert_eq!(refusal, RecognizerRejection::Degenerate),
+        }
+        asked += 1;
+    }
+    assert!(
+        f64::from(right) > 0.95 * f64::from(asked),
+        "{right} of {asked}"
+    );
+}
+
+#[test]
+fn a_wrong_hint_falls_back() {
+    let pattern = crate::common::random_pattern(20, 8);
+    let (robust, protocol) = robust(&pattern, ProtocolName::Paper);
+    let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let (mut trial, mut ws) = (Trial::default(), robust.workspace());
+    let (mut alone, mut hinted) = (Identification::default(), Identification::default());
+    let mut same = 0;
+    for index in 0..300 {
+        generator.generate(index, &mut trial);
+        let hint = Hint::isotropic(random_rotation(&mut rng), 0.1);
+        let done = robust.identify_hinted(&trial.dots, &hint, &mut ws, &mut hinted);
+        robust
+            .identify_into(&trial.dots, &mut ws, &mut alone)
+            .unwrap();
+        same += u32::from(done.is_ok() && hinted.assignment == alone.assignment);
+    }
+    assert!(same >= 299, "{same}");
+    // What is no covariance is refused.
+    generator.generate(0, &mut trial);
+    let mut hint = Hint::isotropic(random_rotation(&mut rng), 0.1);
+    hint.covariance[(0, 0)] = -1.0;
+    let done = robust.identify_hinted(&trial.dots, &hint, &mut ws, &mut hinted);
+    assert_eq!(done, Err(RecognizerRejection::Degenerate));
+}
+
+#[test]
+fn a_hint_decides_among_tied_poses() {
+    let k = 1.0 / 3f64.sqrt();
+    let cube = (0..8).map(|c| Vec3::from_fn(|i, _| if c >> i & 1 == 0 { -k } else { k }));
+    let pattern = Pattern::new(cube.collect()).unwrap();
+    let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
+    let mut ws = robust.workspace();
+    let mut out = Identification::default();
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    for _ in 0..50 {
+        let truth = random_rotation(&mut rng);
+        let near = Rotation::from_scaled_axis(random_direction(&mut rng) * 0.1) * truth;
+        let dots = view(&pattern, &truth);
+        let done = robust.identify_hinted(&dots, &Hint::isotropic(near, 0.1), &mut ws, &mut out);
+        assert_eq!(done, Ok(()));
+        assert!(rotation_angle(&out.rotation, &truth) < 0.01);
+    }
+}
+
+#[test]
+fn covariances_are_used_as_they_are() {
+    // The same covariance, told as a standard deviation and as a matrix, gives the same answer.
+    let pattern = crate::common::random_pattern(20, 9);
+    let (robust, protocol) = robust(&pattern, ProtocolName::Clutter);
+    let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+    let (mut trial, mut ws) = (Trial::default(), robust.workspace());
+    for index in 0..200 {
+        generator.generate(index, &mut trial);
+        let alike = robust.identify(&trial.dots, &mut ws);
+        for d in &mut trial.dots {
+            if let DotUncertainty::Isotropic { sigma_rad } = d.uncertainty {
+                let covariance = nalgebra::Matrix2::from_diagonal_element(sigma_rad * sigma_rad);
+                d.uncertainty = DotUncertainty::Tangent { covariance };
+            }
+        }
+        let told = robust.identify(&trial.dots, &mut ws);
+        let (Outcome::Identified(a), Outcome::Identified(b)) = (&alike, &told) else {
+            assert_eq!(alike, told);
+            continue;
+        };
+        assert_eq!(a.assignment, b.assignment);
+        assert!((a.confidence - b.confidence).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn what_is_no_view_is_refused() {
+    let pattern = crate::common::random_pattern(20, 1);
+    let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
+    let mut ws = robust.workspace();
+    let (x, y, z) = (Vec3::x(), Vec3::y(), Vec3::z());
+    let mut refusal = |dots: &[ObservedDot]| match robust.identify(dots, &mut ws) {
+        Outcome::Unidentified(refusal) => Some(refusal),
+        Outcome::Identified(_) => None,
+    };
+    for found in 0..3 {
+        let dots = [dot(x, 0.02); 3];
+        let few = RecognizerRejection::TooFewDots { found, needed: 3 };
+        assert_eq!(refusal(&dots[..found]), Some(few));
+    }
+    let bad = [
+        [dot(x, 0.02), dot(x, 0.02), dot(x, 0.02)],
+        [dot(x, 0.02), dot(y, 0.02), dot(z * 0.5, 0.02)],
+        [dot(x, 0.02), dot(y, 0.02), dot(z * f64::NAN, 0.02)],
+        [dot(x, 0.02), dot(y, 0.0), dot(z, 0.02)],
+        [dot(x, 0.02), dot(y, f64::NAN), dot(z, 0.02)],
+        [dot(x, f64::INFINITY), dot(y, 0.02), dot(z, 0.02)],
+    ];
+    for dots in bad {
+        assert_eq!(
+            refusal(&dots),
+            Some(RecognizerRejection::Degenerate),
+            "{dots:?}"
+        );
+    }
+    let covariance = nalgebra::Matrix2::new(1.0, 2.0, 2.0, 1.0);
+    let mut dots = [dot(x, 0.02), dot(y, 0.02), dot(z, 0.02)];
+    dots[1].uncertainty = DotUncertainty::Tangent { covariance };
+    assert_eq!(refusal(&dots), Some(RecognizerRejection::Degenerate));
+    // The same dot many times over: an answer or none, and no panic.
+    let _ = refusal(&[dot(x, 0.02), dot(y, 0.02), dot(x, 0.02), dot(y, 0.02)]);
+}
+
+#[test]
+fn parameters_outside_their_domain_are_refused() {
+    let pattern = crate::common::random_pattern(8, 1);
+    let good = RobustConfig::default();
+    let bad = [
+        RobustConfig {
+            visibility_limit: 1.0,
+            ..good
+        },
+        RobustConfig {
+            detection_probability: 1.0,
+            ..good
+        },
+        RobustConfig {
+            expected_false_dots: 0.0,
+            ..good
+        },
+        RobustConfig {
+            null_prior: f64::NAN,
+            ..good
+        },
+        RobustConfig { passes: 0, ..good },
+    ];
+    for config in bad {
+        assert!(
+            RobustRecognizer::new(&pattern, config).is_err(),
+            "{config:?}"
+        );
+    }
+}

@@ -1,0 +1,178 @@
+//! Spins that the sampling cannot tell apart: even times report the tie, uneven ones resolve it.
+#![allow(clippy::unwrap_used)]
+
+use std::f64::consts::TAU;
+
+use spindoe::geometry::Vec3;
+use spindoe::spin::alias::{AliasConfig, Alternative, alternatives};
+use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::simulate::{Scenario, Sequence, stream};
+use spindoe::spin::{Fit, Measurement};
+use spindoe::validate::Proportion;
+
+const FPS: f64 = 350.0;
+
+/// The estimate among spins up to 350 rps, and its alternatives.
+fn estimate(measurements: &[Measurement]) -> (Fit, Vec<Alternative>) {
+    let options = RobustSpinConfig {
+        max_rps: FPS,
+        ..RobustSpinConfig::default()
+    };
+    let fit = RobustEstimator::new(options).fit(measurements).unwrap();
+    let others = alternatives(measurements, &fit, &AliasConfig::default());
+    (fit, others)
+}
+
+fn fast(jitter: f64, seed: u64, index: u64) -> Sequence {
+    let scenario = Scenario {
+        jitter,
+        ..Scenario::default()
+    };
+    scenario.sequence((200.0, 300.0), seed, index)
+}
+
+#[test]
+fn even_times_report_the_tie_and_take_the_slowest() {
+    for i in 0..100 {
+        let sequence = fast(0.0, 61, i);
+        let truth = sequence.truth.spin;
+        let (fit, others) = estimate(&sequence.measurements);
+        // One turn a frame less is the reversed axis.
+        let alias = truth - truth.normalize() * (FPS * TAU);
+        let near = |a: &Vec3, b: &Vec3| (a - b).norm() < 0.2 * b.norm();
+        assert!(
+            near(&fit.motion.spin, &alias),
+            "{} beside {alias}",
+            fit.motion.spin
+        );
+        let [other] = others.as_slice() else {
+            panic!("expected the truth alone, found {others:?}");
+        };
+        assert!(near(&other.spin, &truth), "{} beside {truth}", other.spin);
+        assert!(other.log_likelihood_ratio.abs() < 1e-6, "{other:?}");
+    }
+}
+
+#[test]
+fn uneven_times_resolve_it() {
+    let count = 500;
+    let mut right = 0;
+    for i in 0..count {
+        let sequence = fast(0.1, 62, i);
+        let truth = sequence.truth.spin;
+        let (fit, others) = estimate(&sequence.measurements);
+        let found = (fit.motion.spin - truth).norm() < 0.2 * truth.norm();
+        right += u64::from(found && others.is_empty());
+    }
+    let rate = Proportion::new(right, count);
+    assert!(rate.low > 0.98, "{rate}");
+}
+
+#[test]
+fn every_alias_within_the_limit_is_listed_in_order() {
+    let sequence = Scenario {
+        outliers: 0.0,
+        ..Scenario::default()
+    }
+    .simulate(
+        Vec3::new(0.0, 3.0, 4.0) * (0.2 * 60.0 * TAU),
+        &mut stream(63, 0),
+    );
+    let fit = RobustEstimator::new(RobustSpinConfig::default())
+        .fit(&sequence.measurements)
+        .unwrap();
+    let rps = fit.motion.rps();
+    let listed = |max_rps| {
+        let options = AliasConfig {
+            max_rps,
+            ..AliasConfig::default()
+        };
+        let others = alternatives(&sequence.measurements, &fit, &options);
+        let signed = |a: &Alternative| a.spin.dot(&fit.motion.spin.normalize()) / TAU;
+        others.iter().map(signed).collect::<Vec<_>>()
+    };
+    let expected = [-1.0, 1.0, -2.0, 2.0].map(|k| rps + k * FPS);
+    let found = listed(800.0);
+    assert_eq!(found.len(), expected.len(), "{found:?}");
+    for (a, b) in found.iter().zip(expected) {
+        // Whole turns between the frames bend the error's law across the axis a little.
+        assert!((a - b).abs() < 0.5, "{found:?}, expected {expected:?}");
+    }
+    assert_eq!(listed(280.0), Vec::<f64>::new());
+}
+
+#[test]
+fn missing_frames_bring_aliases_nearer() {
+    // Every second frame at 350 per second is 175 per second: the alias of 60 rps is 115 reversed.
+    let sequence = Scenario {
+        outliers: 0.0,
+        ..Scenario::default()
+    }
+    .simulate(Vec3::x() * (60.0 * TAU), &mut stream(64, 0));
+    let halved: Vec<Measurement> = sequence.measurements.iter().copied().step_by(2).collect();
+    let (fit, others) = estimate(&halved);
+    assert!((fit.motion.rps() - 60.0).abs() < 1.0);
+    let rps = others[0].spin.norm() / TAU;
+    assert!((rps + fit.motion.rps() - 175.0).abs() < 1e-3, "{rps}");
+    // A single frame between two of them decides.
+    let mut decided = halved.clone();
+    decided.insert(1, sequence.measurements[1]);
+    let (_, others) = estimate(&decided);
+    assert!(
+        others
+            .iter()
+            .all(|a| (a.spin.norm() / TAU - rps).abs() > 1.0),
+        "{others:?}"
+    );
+}
+
+#[test]
+fn a_start_beside_the_maximum_finds_the_same_aliases() {
+    // The spin of a whole flight is not quite the maximum of its first frames; across the axis of a slow
+    // spin the difference is many degrees, and hundreds of rad/s for its alias.
+    for i in 0..50 {
+        let sequence = Scenario::default().sequence((3.0, 8.0), 67, i);
+        let truth = Fit {
+            motion: sequence.truth,
+            spin_covariance: None,
+            sigma_rad: None,
+            log_likelihood: None,
+            inliers: 10,
+        };
+        let others = alternatives(&sequence.measurements, &truth, &AliasConfig::default());
+        let [other] = others.as_slice() else {
+            panic!("sequence {i}: expected one alias, found {others:?}");
+        };
+        assert!(other.log_likelihood_ratio.abs() < 1e-3, "{other:?}");
+    }
+}
+
+#[test]
+fn absurd_durations_come_to_an_end() {
+    // Ten thousand years between two bursts: aliases beyond counting, none of them worth a list.
+    let sequence = Scenario::default().sequence((60.0, 60.0), 65, 0);
+    let mut measurements = sequence.measurements;
+    for m in &mut measurements[2..] {
+        m.time_s += 3e11;
+    }
+    let fit = Fit {
+        motion: sequence.truth,
+        spin_covariance: None,
+        sigma_rad: None,
+        log_likelihood: None,
+        inliers: 10,
+    };
+    assert_eq!(
+        alternatives(&measurements, &fit, &AliasConfig::default()),
+        []
+    );
+    // Minutes of a steady spin are judged by their beginning.
+    let long = Scenario {
+        frames: 20_000,
+        ..Scenario::default()
+    };
+    let sequence = long.sequence((60.0, 60.0), 66, 0);
+    let (fit, others) = estimate(&sequence.measurements);
+    assert!((fit.motion.rps() - 60.0).abs() < 1e-2, "{fit:?}");
+    assert_eq!(others.len(), 1, "{others:?}");
+}

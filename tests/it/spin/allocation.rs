@@ -1,0 +1,26 @@
+//! The robust estimator's promise: no allocation once it has seen a sequence as long.
+
+use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::simulate::Scenario;
+
+#[test]
+fn a_warm_estimator_does_not_allocate() {
+    let scenario = Scenario {
+        outliers: 0.3,
+        ..Scenario::default()
+    };
+    let sequences: Vec<_> = (0..200)
+        .map(|i| scenario.sequence((1.0, 170.0), 51, i))
+        .collect();
+    let mut estimator = RobustEstimator::new(RobustSpinConfig::default());
+    let cold = allocation_counter::measure(|| {
+        let _ = estimator.fit(&sequences[0].measurements);
+    });
+    assert!(cold.count_total > 0, "the counter does not count");
+    let warm = allocation_counter::measure(|| {
+        for sequence in &sequences {
+            let _ = std::hint::black_box(estimator.fit(&sequence.measurements));
+        }
+    });
+    assert_eq!(warm.count_total, 0);
+}

@@ -1,0 +1,9 @@
+//! Tests of the stage `spin`.
+
+mod aliases;
+mod allocation;
+mod decay;
+mod dots;
+mod estimators;
+mod scipy;
+mod trajectories;

@@ -1,0 +1,487 @@
+//! The stencil on random patterns: closed halves with the right holes and volume, that open without
+//! touching; clear refusals; files that say what they hold.
+//!
+//! A thousand patterns go through other people's tools with `examples/stencil_survey.rs` and
+//! `python/check_stencils.py`.
+
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+use std::process::Command;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use spindoe::geometry::{Rotation, Vec3, angle_between, random_direction, spiral_directions};
+use spindoe::pattern::Pattern;
+use spindoe::stencil::coupon::coupon;
+use spindoe::stencil::{Mesh, Stencil, StencilConfig, max_margin_seam, shapes};
+
+/// `n` dots at least `separation_deg` apart, by rejection.
+fn random_pattern(n: usize, separation_deg: f64, seed: u64) -> Pattern {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut dots: Vec<Vec3> = Vec::new();
+    while dots.len() < n {
+        let d = random_direction(&mut rng);
+        if dots
+            .iter()
+            .all(|e| angle_between(e, &d).to_degrees() > separation_deg)
+        {
+            dots.push(d);
+        }
+    }
+    Pattern::new(dots).unwrap()
+}
+
+/// How often the ray from `origin` along `direction` crosses a mesh (T. Möller, B. Trumbore, "Fast,
+/// minimum storage ray/triangle intersection", 1997).
+fn crossings(mesh: &Mesh, origin: &Vec3, direction: &Vec3) -> usize {
+    (0..mesh.triangles.len())
+        .filter(|&t| {
+            let [a, b, c] = mesh.corners(t);
+            let (e, f) = (b - a, c - a);
+            let h = direction.cross(&f);
+            let det = e.dot(&h);
+            if det.abs() < 1e-14 {
+                return false;
+            }
+            let s = origin - a;
+            let u = s.dot(&h) / det;
+            let q = s.cross(&e);
+            let v = direction.dot(&q) / det;
+            u >= 0.0 && v >= 0.0 && u + v <= 1.0 && f.dot(&q) / det > 0.0
+        })
+        .count()
+}
+
+/// Volume of the dome of half A or B above hinge and rims, by quadrature along rays from the ball's
+/// center, mm^3: of the ideal shell with its holes, and of the mesh.
+fn dome_volumes(stencil: &Stencil, i: usize) -> (f64, f64) {
+    let (config, joint) = (stencil.config(), stencil.joint());
+    let (inner, outer) = (config.inner_radius_mm(), config.outer_radius_mm());
+    let mesh = stencil.placed_half(i, 0.0);
+    let up = if i == 0 { 1.0 } else { -1.0 };
+    let low = (joint.arm_mm / outer + 0.02).max(joint.lip_mm / inner + 0.02);
+    // Turned, so that no ray runs along the mesh's edges in the coordinate planes.
+    let askew = Rotation::from_euler_angles(0.3, 0.2, 0.1);
+    let (mut ideal, mut meshed) = (0.0, 0.0);
+    let n = 1000;
+    let rays = spiral_directions(n).map(|d| askew * d);
+    for d in rays.filter(|d| d.z * up > low) {
+        let steps = 60;
+        for k in 0..steps {
+            let r = inner + (outer - inner) * (k as f64 + 0.5) / f64::from(steps);
+            let p = r * d;
+            let drilled = stencil.dots().iter().any(|dot| {
+                let h = p.dot(dot);
+                h > 0.0 && (p - h * dot).norm() < config.hole_radius_mm(h)
+            });
+            if !drilled {
+                ideal += r * r * (outer - inner) / f64::from(steps);
+            }
+        }
+        // Entering and leaving radii along the ray: the sum of r^3 / 3 with alternating signs.
+        let hits = (0..mesh.triangles.len()).filter_map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            let (e, f) = (b - a, c - a);
+            let normal = e.cross(&f);
+            let r = normal.dot(&a) / normal.dot(&d);
+            let p = r * d;
+            let within = [(a, b), (b, c), (c, a)]
+                .iter()
+                .all(|(s, t)| (t - s).cross(&(p - s)).dot(&normal) >= 0.0);
+            (within && r > 0.0).then(|| normal.dot(&d).signum() * r * r * r / 3.0)
+        });
+        meshed += hits.sum::<f64>();
+    }
+    let weight = 4.0 * std::f64::consts::PI / n as f64;
+    (weight * ideal, weight * meshed)
+}
+
+#[test]
+fn random_patterns_give_solids_that_open() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    for seed in 0..20 {
+        let n = rng.random_range(4..=20);
+        let pattern = random_pattern(n, 20.0, seed);
+        let config = StencilConfig {
+            ball_diameter_mm: [40.0, 40.6, 67.0][seed as usize % 3],
+            hole_diameter_mm: rng.random_range(2.5..4.0),
+            screw_diameter_mm: [2.0, 3.0][seed as usize % 2],
+            numbers: seed % 4 == 0,
+            ..StencilConfig::default()
+        };
+        let stencil = Stencil::build(&pattern, &config)
+            .unwrap_or_else(|e| panic!("seed {seed}, {n} dots: {e}"));
+        for (i, half) in stencil.halves().iter().enumerate() {
+            half.check.require_solid("a half").unwrap();
+            assert_eq!(half.check.genus() as usize, half.through_holes);
+            assert!(half.check.triangles < 20_000 || config.ball_diameter_mm > 60.0);
+            let bounds = half.mesh.bounding_box();
+            assert!(bounds.min_mm[2].abs() < 1e-5, "seed {seed}: not on the bed");
+            if !config.numbers {
+                let (ideal, meshed) = dome_volumes(&stencil, i);
+                let off = meshed / ideal - 1.0;
+                assert!(
+                    off.abs() < 0.005,
+                    "seed {seed}, half {i}: volume off by {off}"
+                );
+            }
+        }
+        assert_halves_apart(&stencil, seed);
+        assert_holes_lead_out(&pattern, &stencil, seed);
+    }
+}
+
+/// No vertex of half B lies in half A, closed or open.
+fn assert_halves_apart(stencil: &Stencil, seed: u64) {
+    let a = stencil.placed_half(0, 0.0);
+    let askew = Vec3::new(0.31, 0.17, 0.93).normalize();
+    for opening_deg in [0.0f64, 8.0, 15.0, 30.0, 100.0] {
+        let b = stencil.placed_half(1, opening_deg.to_radians());
+        // Near the hinge, where they could touch.
+        let reach = stencil.joint().axis_mm - 12.0;
+        let near = b.vertices.iter().filter(|v| v.x > reach && v.z > -6.0);
+        for v in near.step_by(11) {
+            let inside = crossings(&a, v, &askew) % 2 == 1;
+            assert!(
+                !inside,
+                "seed {seed}: halves collide at {opening_deg} degrees"
+            );
+        }
+    }
+}
+
+/// From the ball's center the pattern's dots see out through the closed stencil; beside them is wall.
+fn assert_holes_lead_out(pattern: &Pattern, stencil: &Stencil, seed: u64) {
+    let config = stencil.config();
+    let halves = [0, 1].map(|i| stencil.placed_half(i, 0.0));
+    let met = |d: &Vec3| -> usize {
+        let center = Vec3::zeros();
+        halves.iter().map(|h| crossings(h, &center, d)).sum()
+    };
+    let beside = ((0.5 * config.hole_diameter_mm + 0.2) / config.inner_radius_mm()).asin();
+    for (i, dot) in pattern.dots().iter().enumerate() {
+        let d = stencil.rotation() * dot;
+        assert_eq!(met(&d), 0, "seed {seed}: the hole of dot {i} is blocked");
+        let [u, v] = spindoe::geometry::tangent_frame(&d);
+        for k in 0..4 {
+            let (sin, cos) = (f64::from(k) * 1.6 + 0.3).sin_cos();
+            let ray = beside.cos() * d + beside.sin() * (cos * u + sin * v);
+            assert!(met(&ray) > 0, "seed {seed}: no wall beside dot {i}");
+        }
+    }
+}
+
+#[test]
+fn building_blocks_enclose_their_volume() {
+    let pi = std::f64::consts::PI;
+    let z = Vec3::z();
+    let square = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+    let axes = [&Vec3::x(), &Vec3::y()];
+    let section = |h: f64| -> Vec<Vec3> { square.iter().map(|p| Vec3::new(p.0, p.1, h)).collect() };
+    let solids = [
+        ("sphere", shapes::sphere(10.0, 0.004), 4000.0 / 3.0 * pi),
+        (
+            "revolve",
+            shapes::revolve(&z, &[(0.0, 0.0), (0.0, 2.0), (3.0, 2.0), (3.0, 0.0)], 200),
+            12.0 * pi,
+        ),
+        (
+            "ring",
+            shapes::ring(&z, &[(0.0, 3.0), (2.0, 3.0), (2.0, 1.0), (0.0, 1.0)], 200),
+            16.0 * pi,
+        ),
+        (
+            "prism",
+            shapes::prism(&Vec3::zeros(), axes, &square, (0.0, 0.0), [1.0, 4.0]),
+            12.0,
+        ),
+        (
+            "loft",
+            shapes::loft(&[section(0.0), section(1.0), section(4.0)]),
+            16.0,
+        ),
+    ];
+    for (name, mesh, volume) in solids {
+        mesh.check().require_solid(name).unwrap();
+        let off = mesh.volume_mm3() / volume - 1.0;
+        assert!(
+            off.abs() < 2e-3,
+            "{name}: {} for {volume}",
+            mesh.volume_mm3()
+        );
+    }
+}
+
+#[test]
+fn the_seam_has_the_greatest_margin() {
+    for seed in 0..10 {
+        let pattern = random_pattern(12, 10.0, 100 + seed);
+        let seam = max_margin_seam(pattern.dots());
+        let margin = |n: &Vec3| {
+            let sines = pattern.dots().iter().map(|d| d.dot(n).abs());
+            sines.fold(1.0, f64::min).asin()
+        };
+        assert!((margin(&seam.normal) - seam.margin_rad).abs() < 1e-12);
+        let best = spiral_directions(20_000)
+            .map(|n| margin(&n))
+            .fold(0.0, f64::max);
+        assert!(best <= seam.margin_rad + 1e-12, "seed {seed}");
+        // 20 000 directions leave gaps of about a degree.
+        assert!(best > seam.margin_rad - 0.03, "seed {seed}");
+    }
+}
+
+#[test]
+fn geometry_that_cannot_work_is_refused_with_the_figure() {
+    let d = StencilConfig::default;
+    let few = random_pattern(6, 40.0, 1);
+    let cases = [
+        (
+            random_pattern(30, 5.0, 1),
+            StencilConfig {
+                hole_diameter_mm: 6.0,
+                ..d()
+            },
+            "mm between them",
+        ),
+        (
+            few.clone(),
+            StencilConfig {
+                wall_mm: 1.2,
+                ..d()
+            },
+            "mm thick, expected at least",
+        ),
+        (
+            few.clone(),
+            StencilConfig {
+                wall_mm: 0.3,
+                throat_mm: 0.2,
+                ..d()
+            },
+            "wall: expected",
+        ),
+        (
+            few.clone(),
+            StencilConfig { knuckles: 4, ..d() },
+            "knuckles: expected 3, 5, 7 or 9",
+        ),
+        (
+            few.clone(),
+            StencilConfig { knuckles: 9, ..d() },
+            "a knuckle would be 1.31 mm thick",
+        ),
+        (
+            few.clone(),
+            StencilConfig {
+                clearance_mm: 0.0,
+                screw_diameter_mm: 6.0,
+                ..d()
+            },
+            "narrows the ball's way",
+        ),
+        (
+            few.clone(),
+            StencilConfig {
+                chord_error_mm: f64::NAN,
+                ..d()
+            },
+            "chord error: expected",
+        ),
+        (
+            few,
+            StencilConfig {
+                ball_diameter_mm: -40.0,
+                ..d()
+            },
+            "ball diameter: expected",
+        ),
+        // Holes all around: wherever the hinge lies it meets one.
+        (
+            Pattern::new(spiral_directions(60).collect()).unwrap(),
+            StencilConfig {
+                hole_diameter_mm: 2.0,
+                ..d()
+            },
+            "goes through hinge",
+        ),
+    ];
+    for (pattern, config, expected) in cases {
+        let error = Stencil::build(&pattern, &config).expect_err(expected);
+        assert!(error.is_usage(), "{error}");
+        let message = error.to_string();
+        assert!(message.contains(expected), "{message}");
+        assert!(!message.contains('\n'));
+    }
+}
+
+#[test]
+fn the_coupon_has_six_closed_rings() {
+    let rings = coupon(&StencilConfig::default()).unwrap();
+    let check = rings.check();
+    assert_eq!(check.bodies, 6);
+    assert_eq!(
+        (
+            check.unmatched_edges,
+            check.pinched_vertices,
+            check.degenerate_triangles
+        ),
+        (0, 0, 0)
+    );
+    // Each ring is a torus: its Euler characteristic is 0.
+    assert_eq!(check.euler_characteristic, 0);
+    assert!(rings.bounding_box().min_mm[2].abs() < 1e-6);
+}
+
+fn write_pattern(dir: &Path) -> Pattern {
+    let pattern = random_pattern(12, 25.0, 3);
+    pattern.write_csv(&dir.join("pattern.csv")).unwrap();
+    pattern
+}
+
+fn spindoe(dir: &Path, arguments: &[&str]) -> std::process::Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_spindoe"));
+    command
+        .arg("stencil")
+        .args(arguments)
+        .current_dir(dir)
+        .output()
+        .unwrap()
+}
+
+/// Much of the picture is in half A's orange, half B's blue and the ball's cream.
+fn assert_both_halves_are_drawn(path: &Path) {
+    let bytes = std::fs::read(path).unwrap();
+    let decoder = png::Decoder::new(std::io::Cursor::new(bytes));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!((info.width, info.height), spindoe::plot::STENCIL_SIZE);
+    let share = |test: &dyn Fn(i32, i32, i32) -> bool| {
+        let [r, g, b] = [0, 1, 2];
+        let seen = pixels
+            .chunks(3)
+            .filter(|p| test(p[r].into(), p[g].into(), p[b].into()));
+        3.0 * seen.count() as f64 / pixels.len() as f64
+    };
+    let orange = share(&|r, g, b| r - b > 50 && g < 130);
+    let blue = share(&|r, _, b| b - r > 50);
+    let cream = share(&|r, g, b| r > 90 && r - b > 5 && r - b < 50 && r - g < 12);
+    assert!(
+        orange > 0.1 && blue > 0.1 && cream > 0.01,
+        "{orange} {blue} {cream}"
+    );
+}
+
+#[test]
+fn the_command_writes_files_that_name_the_pattern() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = write_pattern(dir.path());
+    let output = spindoe(
+        dir.path(),
+        &[
+            "pattern.csv",
+            "-o",
+            "out",
+            "--coupon",
+            "--hole-diameter-mm",
+            "3.5",
+        ],
+    );
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let out = dir.path().join("out");
+    let mut names: Vec<_> = std::fs::read_dir(&out)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    let expected = [
+        "coupon.stl",
+        "half_a.stl",
+        "half_b.stl",
+        "stencil.3mf",
+        "stencil.json",
+        "stencil.png",
+    ];
+    assert_eq!(names, expected);
+
+    let text = std::fs::read_to_string(out.join("stencil.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let sha = pattern.sha256();
+    assert_eq!(json["pattern_sha256"], sha.as_str());
+    assert_eq!(json["parameters"]["hole_diameter_mm"], 3.5);
+    let q = |k: &str| json["rotation_pattern_to_stencil"][k].as_f64().unwrap();
+    let rotation = Rotation::from_quaternion(nalgebra::Quaternion::new(
+        q("qw"),
+        q("qx"),
+        q("qy"),
+        q("qz"),
+    ));
+    for (i, dot) in pattern.dots().iter().enumerate() {
+        let found = &json["dots"][i];
+        let z = (rotation * dot).z;
+        let latitude = found["latitude_deg"].as_f64().unwrap().to_radians();
+        assert!((latitude.sin() - z).abs() < 1e-9);
+        assert_eq!(found["half"], if z > 0.0 { "a" } else { "b" });
+    }
+    assert_both_halves_are_drawn(&out.join("stencil.png"));
+    let model = std::fs::File::open(out.join("stencil.3mf")).unwrap();
+    let models = threemf::read(model).unwrap();
+    let objects = &models[0].resources.object;
+    assert_eq!(objects.len(), 2);
+    for (i, name) in ["half_a", "half_b"].iter().enumerate() {
+        let bytes = std::fs::read(out.join(format!("{name}.stl"))).unwrap();
+        assert!(bytes.len() < 1 << 20);
+        assert_eq!(&bytes[16..80], sha.as_bytes());
+        let stl = stl_io::read_stl(&mut std::io::Cursor::new(&bytes)).unwrap();
+        stl.validate().unwrap();
+        let expected = json[name]["check"]["triangles"].as_u64().unwrap() as usize;
+        assert_eq!(stl.faces.len(), expected);
+        let mesh = objects[i].mesh.as_ref().unwrap();
+        assert_eq!(mesh.triangles.triangle.len(), expected);
+        assert!(objects[i].name.as_ref().unwrap().contains(&sha[..8]));
+    }
+}
+
+#[test]
+fn bad_input_is_one_line_exit_2_and_no_files() {
+    let dir = tempfile::tempdir().unwrap();
+    write_pattern(dir.path());
+    std::fs::write(dir.path().join("bad.csv"), "1,0,0\n0,1\n").unwrap();
+    let cases: [(&[&str], &str); 4] = [
+        (&["missing.csv", "-o", "out"], "missing.csv"),
+        (&["bad.csv", "-o", "out"], "line 2"),
+        (&["pattern.csv", "-o", "out", "--wall-mm", "-1"], "wall"),
+        (
+            &["pattern.csv", "-o", "out", "--hole-diameter-mm", "12"],
+            "between them",
+        ),
+    ];
+    for (arguments, expected) in cases {
+        let output = spindoe(dir.path(), arguments);
+        let words = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{words}");
+        assert_eq!(words.lines().count(), 1, "{words}");
+        assert!(words.contains(expected), "{words}");
+        assert!(!dir.path().join("out").exists());
+    }
+}
+
+#[test]
+fn the_same_pattern_gives_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = random_pattern(12, 25.0, 3);
+    for name in ["one", "two"] {
+        let stencil = Stencil::build(&pattern, &StencilConfig::default()).unwrap();
+        stencil.write(&dir.path().join(name)).unwrap();
+    }
+    for file in ["half_a.stl", "half_b.stl", "stencil.json", "stencil.3mf"] {
+        let read = |name: &str| std::fs::read(dir.path().join(name).join(file)).unwrap();
+        assert!(read("one") == read("two"), "{file}");
+    }
+}

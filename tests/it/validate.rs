@@ -1,0 +1,72 @@
+//! The Monte Carlo loop: what it counts, and that it repeats itself.
+
+#![allow(clippy::unwrap_used)]
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use spindoe::geometry::random_direction;
+use spindoe::pattern::Pattern;
+use spindoe::recognize::robust::RobustRecognizer;
+use spindoe::validate::*;
+
+fn random_pattern(n: usize, seed: u64) -> Pattern {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    Pattern::new((0..n).map(|_| random_direction(&mut rng)).collect()).expect("distinct")
+}
+
+#[test]
+fn same_seed_same_result_on_any_number_of_threads() {
+    let pattern = random_pattern(20, 3);
+    for name in ProtocolName::ALL {
+        let protocol = Protocol::standard(name);
+        let recognizer =
+            RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("pool");
+            pool.install(|| validate(&pattern, &recognizer, &protocol, 5, 300))
+                .expect("valid")
+                .untimed()
+        };
+        assert_eq!(run(1), run(3), "{name}");
+    }
+}
+
+#[test]
+fn without_noise_every_view_is_identified() {
+    let pattern = random_pattern(20, 4);
+    let protocol = Protocol::standard(ProtocolName::Paper).with_sigma_rad(0.0);
+    let recognizer = RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
+    let v = validate(&pattern, &recognizer, &protocol, 1, 500).expect("valid");
+    assert_eq!(v.identity.successes, v.identity.trials);
+    assert!(v.mean_error_deg < 0.01, "{}", v.mean_error_deg);
+}
+
+#[test]
+fn views_with_too_few_dots_are_counted_apart() {
+    // Four dots on one side: from the other side nothing is seen.
+    let pattern = Pattern::read_csv(&four_dots()).expect("pattern");
+    let protocol = Protocol::standard(ProtocolName::Sparse);
+    let recognizer = RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
+    let v = validate(&pattern, &recognizer, &protocol, 1, 1000).expect("valid");
+    assert!(v.skipped > 500);
+    assert_eq!(v.skipped + v.identity.trials, v.samples);
+}
+
+fn four_dots() -> std::path::PathBuf {
+    let path = std::env::temp_dir().join(format!("spindoe-four-{}.csv", std::process::id()));
+    std::fs::write(&path, "x,y,z\n0,0,1\n0,0.6,0.8\n0.6,0,0.8\n-0.28,0,0.96\n").expect("written");
+    path
+}
+
+#[test]
+fn no_trials_are_refused() {
+    let pattern = random_pattern(8, 1);
+    let protocol = Protocol::standard(ProtocolName::Paper);
+    let recognizer = RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
+    assert!(validate(&pattern, &recognizer, &protocol, 1, 0).is_err());
+    let wrong = protocol.with_sigma_rad(-1.0);
+    assert!(validate(&pattern, &recognizer, &wrong, 1, 10).is_err());
+}

@@ -1,0 +1,244 @@
+//! The dot detector: its weights as a file, its numbers against ONNX Runtime, its dots against the truth, its training.
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+
+use spindoe::synth::dataset::frame_rng;
+use spindoe::synth::{Rendering, Scene, SynthConfig};
+use spindoe::vision::net::graph::CONVOLUTIONS;
+use spindoe::vision::net::{CnnDetector, Weights, onnx};
+use spindoe::vision::patch::Patch;
+use spindoe::vision::train::{Checkpoint, TrainConfig, TrainObserver, train};
+use spindoe::vision::{DotDetection, DotDetector};
+
+/// Frames in good light, without logos, of balls at least 50 pixels wide.
+fn easy() -> SynthConfig {
+    SynthConfig {
+        size_px: [60, 80],
+        logo_probability: 0.0,
+        stains: false,
+        most_arc_rad: 0.03,
+        most_shift_px: 0.3,
+        most_noise: 0.5,
+        bad_exposure: 0.0,
+        dot_radius_rad: [0.07, 0.10],
+        ..SynthConfig::default()
+    }
+}
+
+fn frames(config: &SynthConfig, count: u64) -> Vec<Rendering> {
+    let pattern = crate::common::random_pattern(20, 5);
+    (0..count)
+        .map(|k| {
+            let mut rng = frame_rng(990_017, k);
+            let scene = Scene::random(&pattern, config, &mut rng).unwrap();
+            scene.render().unwrap()
+        })
+        .collect()
+}
+
+#[test]
+fn finds_the_dots_of_easy_frames_within_a_pixel() {
+    let detector = CnnDetector::built_in().unwrap();
+    let (mut ws, mut found): (_, Vec<DotDetection>) = (detector.workspace(), Vec::new());
+    let (mut dots, mut hits, mut wrong) = (0, 0, 0);
+    let mut squared = Vec::new();
+    for frame in frames(&easy(), 60) {
+        let patch = Patch::cut(&frame.image.to_gray(), &frame.circle);
+        detector.detect_into(&patch, &mut ws, &mut found);
+        let away =
+            |d: &DotDetection, p: spindoe::vision::Pixel| (d.pixel.u - p.u).hypot(d.pixel.v - p.v);
+        for dot in frame.dots.iter().filter(|d| d.is_visible()) {
+            dots += 1;
+            let likely = found.iter().filter(|d| d.confidence >= 0.5);
+            let near = likely.clone().find(|d| away(d, dot.pixel) < 1.0);
+            if let Some(d) = near {
+                hits += 1;
+                let e = nalgebra::Vector2::new(d.pixel.u - dot.pixel.u, d.pixel.v - dot.pixel.v);
+                squared.push(e.dot(&(d.covariance.try_inverse().unwrap() * e)));
+            }
+        }
+        wrong += found
+            .iter()
+            .filter(|d| d.confidence >= 0.5)
+            .filter(|d| frame.dots.iter().all(|t| away(d, t.pixel) > 2.0))
+            .count();
+    }
+    assert!(hits as f64 > 0.9 * dots as f64, "{hits} of {dots}");
+    assert!((wrong as f64) < 0.02 * dots as f64, "{wrong} false");
+    // Two Gaussian dimensions have the median 1.39; these frames are easier than those of the calibration.
+    squared.sort_by(f64::total_cmp);
+    let median = squared[squared.len() / 2];
+    assert!((0.3..3.0).contains(&median), "{median}");
+}
+
+#[test]
+fn a_black_ball_and_plain_noise_show_no_dots() {
+    let detector = CnnDetector::built_in().unwrap();
+    let (mut ws, mut found) = (detector.workspace(), Vec::new());
+    let circle = frames(&easy(), 1)[0].circle;
+    for level in [0.0, 0.5, 1.0] {
+        let image = spindoe::vision::GrayImage::from_fn(70, 70, |_, _| level);
+        detector.detect_into(&Patch::cut(&image, &circle), &mut ws, &mut found);
+        let likely = found.iter().filter(|d| d.confidence >= 0.5).count();
+        assert_eq!(likely, 0, "{level}: {found:?}");
+    }
+}
+
+#[test]
+fn onnx_runtime_gives_the_same_cells() {
+    let probe = Command::new("python3")
+        .args(["-c", "import numpy, onnxruntime"])
+        .output();
+    if !probe.is_ok_and(|p| p.status.success()) {
+        crate::common::skipped("python3 with NumPy and ONNX Runtime is not installed");
+        return;
+    }
+    let weights = Weights::built_in().unwrap();
+    let detector = CnnDetector::built_in().unwrap();
+    let (mut patches, mut cells) = (Vec::new(), Vec::new());
+    for frame in frames(&SynthConfig::default(), 12) {
+        let patch = Patch::cut(&frame.image.to_gray(), &frame.circle);
+        patches.extend(patch.values().iter().flat_map(|x| x.to_le_bytes()));
+        let out = detector.cells(&patch).unwrap();
+        cells.extend(out.iter().flat_map(|x| x.to_le_bytes()));
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/check_onnx.py");
+    let checked = Command::new("python3")
+        .arg(script)
+        .arg(file("dots.onnx", &onnx::to_onnx(&weights)))
+        .arg(file("patches.f32", &patches))
+        .arg(file("cells.f32", &cells))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&checked.stdout).into_owned();
+    let complaint = String::from_utf8_lossy(&checked.stderr);
+    assert!(checked.status.success(), "{said}{complaint}");
+    assert!(said.contains("they agree"), "{said}");
+}
+
+#[test]
+fn weights_read_back_and_damage_is_named() {
+    let weights = Weights::built_in().unwrap();
+    let bytes = weights.to_npz().unwrap();
+    let path = Path::new("w.npz");
+    assert_eq!(Weights::from_npz(path, &bytes).unwrap(), weights);
+    assert!(bytes.len() < 2 << 20);
+    let mut short = weights.clone();
+    short.layers[3].bias.pop();
+    let told = Weights::from_npz(path, &short.to_npz().unwrap_or_default());
+    assert!(told.unwrap_err().to_string().starts_with("w.npz: "));
+    let mut infinite = weights.clone();
+    infinite.layers[5].weight[7] = f32::NAN;
+    let told = Weights::from_npz(path, &infinite.to_npz().unwrap());
+    let words = told.unwrap_err().to_string();
+    assert!(
+        words.contains("convolution_05_weight") && words.contains("finite"),
+        "{words}"
+    );
+    let told = Weights::from_npz(path, &bytes[..bytes.len() / 2]);
+    assert!(told.unwrap_err().to_string().contains("w.npz: archive"));
+    assert_eq!(weights.layers.len(), CONVOLUTIONS.len());
+}
+
+/// Keeps the last checkpoint.
+struct Keep(Option<Checkpoint>);
+
+impl TrainObserver for Keep {
+    fn checkpoint(&mut self, checkpoint: &Checkpoint) -> spindoe::Result<()> {
+        self.0 = Some(checkpoint.clone());
+        Ok(())
+    }
+}
+
+fn short() -> TrainConfig {
+    TrainConfig {
+        steps: 8,
+        batch: 4,
+        judge_every: 4,
+        judge_frames: 6,
+        seed: 3,
+        ..TrainConfig::default()
+    }
+}
+
+#[test]
+fn a_resumed_training_ends_as_one_without_a_break() {
+    let stop = AtomicBool::new(false);
+    let mut whole = Keep(None);
+    train(&short(), None, &stop, &mut whole).unwrap();
+    // The rate depends on the number of steps: the same training, stopped at its first checkpoint.
+    struct StopAtFirst<'a>(Keep, &'a AtomicBool);
+    impl TrainObserver for StopAtFirst<'_> {
+        fn checkpoint(&mut self, checkpoint: &Checkpoint) -> spindoe::Result<()> {
+            self.1.store(true, std::sync::atomic::Ordering::Relaxed);
+            self.0.checkpoint(checkpoint)
+        }
+    }
+    let mut first = StopAtFirst(Keep(None), &stop);
+    train(&short(), None, &stop, &mut first).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("checkpoint.zip");
+    first.0.0.unwrap().write(&path).unwrap();
+    let from = Checkpoint::read(&path, &short()).unwrap();
+    assert_eq!(from.state.step, 4);
+    let mut rest = Keep(None);
+    train(&short(), Some(from), &AtomicBool::new(false), &mut rest).unwrap();
+    let [whole, rest] = [whole, rest].map(|k| k.0.unwrap());
+    assert_eq!(whole.state, rest.state);
+    assert!(whole.layers().unwrap() == rest.layers().unwrap());
+    let other = TrainConfig { seed: 4, ..short() };
+    let told = Checkpoint::read(&path, &other).unwrap_err().to_string();
+    assert!(told.contains("same options"), "{told}");
+}
+
+#[test]
+fn the_command_trains_exports_and_refuses() {
+    let dir = tempfile::tempdir().unwrap();
+    let flags = "train --out net --steps 2 --batch 2 --judge-every 2 --judge-frames 2";
+    let flags: Vec<&str> = flags.split(' ').collect();
+    crate::common::done(dir.path(), &flags);
+    for name in ["dots.npz", "dots.onnx", "training.json", "checkpoint.zip"] {
+        assert!(dir.path().join("net").join(name).exists(), "{name}");
+    }
+    crate::common::done(
+        dir.path(),
+        &["export", "-o", "mine.onnx", "--weights", "net/dots.npz"],
+    );
+    let made = std::fs::read(dir.path().join("mine.onnx")).unwrap();
+    assert_eq!(
+        made,
+        std::fs::read(dir.path().join("net/dots.onnx")).unwrap()
+    );
+    let again = crate::common::spindoe(dir.path(), &flags);
+    assert_eq!(again.status.code(), Some(2));
+    let words = String::from_utf8_lossy(&again.stderr).into_owned();
+    assert!(
+        words.contains("holds a detector already") && words.lines().count() == 1,
+        "{words}"
+    );
+    for wrong in [
+        "train --out other --steps 0",
+        "train --out other --learning-rate -1",
+        "train --out missing --resume",
+        "export -o a.onnx --weights net/dots.onnx",
+    ] {
+        let words: Vec<&str> = wrong.split(' ').collect();
+        let told = crate::common::spindoe(dir.path(), &words);
+        assert_eq!(told.status.code(), Some(2), "{wrong}");
+        assert_eq!(
+            told.stderr.iter().filter(|b| **b == b'\n').count(),
+            1,
+            "{wrong}"
+        );
+    }
+    assert!(!dir.path().join("a.onnx").exists() && !dir.path().join("other").exists());
+}

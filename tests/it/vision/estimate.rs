@@ -1,0 +1,373 @@
+//! The estimator: drawn balls with a known truth, unusable images, and the published frames.
+
+use std::path::Path;
+
+use crate::common::ball::Scene;
+use image::{DynamicImage, ImageBuffer, Luma, LumaA, Rgba};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use spindoe::geometry::{Rotation, Vec3, random_rotation};
+use spindoe::pattern::Pattern;
+use spindoe::spin::orientations::Orientations;
+use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
+use spindoe::vision::input::{natural_order, time_of_stem};
+use spindoe::vision::{
+    Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Intrinsics,
+    NamedDetector, RgbImage, find_ball,
+};
+
+fn estimator(pattern: &Pattern, camera: Camera) -> Estimator<NamedDetector> {
+    let config = EstimatorConfig {
+        camera,
+        ..EstimatorConfig::default()
+    };
+    Estimator::new(pattern, config, DetectorName::Cnn.build().expect("weights"))
+        .expect("valid settings")
+}
+
+/// Right, wrong and refused of `trials` drawn balls, and the median error of the right, degrees.
+fn survey(camera: Camera, kind: impl Fn(&mut Scene)) -> (usize, usize, usize, f64) {
+    let pattern = crate::common::random_pattern(20, 5);
+    let estimator = estimator(&pattern, camera);
+    let mut ws = estimator.workspace();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut out = FrameEstimate::default();
+    let (mut right, mut wrong, mut refused) = (Vec::new(), 0, 0);
+    for _ in 0..60 {
+        let mut scene = Scene::new(66, 30.0, pattern.dots(), random_rotation(&mut rng));
+        scene.camera = camera;
+        kind(&mut scene);
+        let image = scene.render(&mut rng);
+        estimator.estimate_frame(&image, None, None, &mut ws, &mut out);
+        let view = spindoe::vision::BallView::new(&camera, scene.circle).expect("a ball");
+        let truth = view.to_camera() * scene.rotation;
+        match out.pose().map(|p| p.rotation.angle_to(&truth).to_degrees()) {
+            Some(error) if error < 20.0 => right.push(error),
+            Some(_) => wrong += 1,
+            None => refused += 1,
+        }
+    }
+    right.sort_by(f64::total_cmp);
+    let median = right.get(right.len() / 2).copied().unwrap_or(f64::NAN);
+    println!(
+        "right {}, wrong {wrong}, refused {refused}, median {median:.2} deg",
+        right.len()
+    );
+    (right.len(), wrong, refused, median)
+}
+
+#[test]
+fn drawn_balls_are_told() {
+    let perspective = Camera::Perspective(Intrinsics {
+        fx: 400.0,
+        fy: 400.0,
+        cx: -60.0,
+        cy: 90.0,
+    });
+    let (right, wrong, _, error) = survey(Camera::Orthographic, |_| {});
+    assert!(right >= 57 && wrong <= 1 && error < 1.2);
+    let (right, wrong, _, error) = survey(Camera::Orthographic, |s| {
+        s.circle.center.u += 9.0;
+        s.circle.center.v -= 9.0;
+    });
+    assert!(
+        right >= 45 && wrong <= 1 && error < 1.8,
+        "off-center and cut"
+    );
+    let (right, wrong, _, error) = survey(perspective, |_| {});
+    assert!(right >= 50 && wrong <= 2 && error < 2.5, "perspective");
+    let (right, wrong, ..) = survey(Camera::Orthographic, |s| {
+        (s.ball, s.dot, s.noise) = (1.6, 0.5, 0.01);
+    });
+    assert!(right >= 40 && wrong <= 2, "over-exposed");
+    let (right, wrong, ..) = survey(Camera::Orthographic, |s| {
+        (s.ball, s.dot, s.background, s.noise) = (0.15, 0.03, 0.02, 0.008);
+    });
+    assert!(right >= 40 && wrong <= 2, "under-exposed");
+    let (_, wrong, ..) = survey(Camera::Orthographic, |s| s.dots.clear());
+    assert!(wrong <= 1, "a plain ball");
+}
+
+#[test]
+fn frames_of_a_flight_help_each_other() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let estimator = estimator(&pattern, Camera::Orthographic);
+    let mut ws = estimator.workspace();
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let spin = Vec3::new(120.0, -300.0, 80.0);
+    let start = random_rotation(&mut rng);
+    let times: Vec<f64> = (0..12).map(|k| 0.0026 * f64::from(k)).collect();
+    let truth = |t: f64| Rotation::from_scaled_axis(spin * t) * start;
+    let mut frames = vec![FrameEstimate::default(); times.len()];
+    for (k, t) in times.iter().enumerate() {
+        let mut scene = Scene::new(66, 30.0, pattern.dots(), truth(*t));
+        if k == 5 {
+            // Two dots are too few alone.
+            let mut seen: Vec<Vec3> = pattern.dots().to_vec();
+            seen.sort_by(|a, b| (truth(*t) * b).z.total_cmp(&(truth(*t) * a).z));
+            seen.truncate(2);
+            scene.dots = seen;
+        }
+        let image = scene.render(&mut rng);
+        estimator.estimate_frame(&image, None, None, &mut ws, &mut frames[k]);
+    }
+    assert!(frames[5].pose().is_none(), "{:?}", frames[5].outcome);
+    let config = SequenceConfig::default();
+    let told = track_sequence(&estimator, &config, &times, &mut frames, &mut ws);
+    assert!(told.together > told.alone, "{told:?}");
+    let pose = frames[5].pose().expect("told by the others");
+    assert!(pose.hinted && pose.rotation.angle_to(&truth(times[5])).to_degrees() < 10.0);
+    let fit = estimate_spin(&estimator, &config, &times, &frames).expect("a spin");
+    assert!(
+        (fit.motion.spin - spin).norm() < 0.03 * spin.norm(),
+        "{fit:?}"
+    );
+}
+
+#[test]
+fn names_sort_by_number() {
+    let mut names = [
+        "103333323",
+        "3333333",
+        "frame10",
+        "frame9",
+        "0012",
+        "12",
+        "a1b2",
+        "a1b10",
+    ];
+    names.sort_by(|a, b| natural_order(a, b));
+    let expected = [
+        "0012",
+        "12",
+        "3333333",
+        "103333323",
+        "a1b2",
+        "a1b10",
+        "frame9",
+        "frame10",
+    ];
+    assert_eq!(names, expected);
+    assert_eq!(time_of_stem("686338211101"), Some(686.338211101));
+    assert_eq!(time_of_stem("frame1"), None);
+}
+
+/// A folder with a table and a drawn frame, as an 8-bit value image.
+fn folder() -> (tempfile::TempDir, GrayImage) {
+    let dir = tempfile::tempdir().expect("a folder");
+    let pattern = crate::common::random_pattern(20, 5);
+    let text: String = pattern
+        .dots()
+        .iter()
+        .map(|d| format!("{},{},{}\n", d.x, d.y, d.z))
+        .collect();
+    std::fs::write(dir.path().join("pattern.csv"), text).expect("written");
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let scene = Scene::new(66, 30.0, pattern.dots(), random_rotation(&mut rng));
+    (dir, scene.render(&mut rng))
+}
+
+fn bytes(image: &GrayImage) -> ImageBuffer<Luma<u8>, Vec<u8>> {
+    let (w, h) = (image.width() as u32, image.height() as u32);
+    let values = image.values().iter().map(|v| (255.0 * v) as u8).collect();
+    ImageBuffer::from_raw(w, h, values).expect("as many values")
+}
+
+fn save(image: impl Into<DynamicImage>, path: &Path) {
+    image.into().save(path).expect("written");
+}
+
+#[test]
+fn files_of_all_kinds_are_answered_or_refused() {
+    let (dir, image) = folder();
+    let at = |name: &str| dir.path().join(name);
+    std::fs::create_dir(at("in")).expect("a folder");
+    let gray = bytes(&image);
+    let (w, h) = gray.dimensions();
+    save(gray.clone(), &at("in/1000000.png"));
+    save(gray.clone(), &at("in/2000000.jpg"));
+    let deep = ImageBuffer::from_fn(w, h, |u, v| {
+        Luma([u16::from(gray.get_pixel(u, v).0[0]) * 257])
+    });
+    save(deep, &at("in/3000000.png"));
+    let alpha = ImageBuffer::from_fn(w, h, |u, v| LumaA([gray.get_pixel(u, v).0[0], 255u8]));
+    save(alpha, &at("in/4000000.png"));
+    let color = ImageBuffer::from_fn(w + 9, h + 4, |u, v| {
+        let g = gray.get_pixel(u.min(w - 1), v.min(h - 1)).0[0];
+        Rgba([g, g, g, 255u8])
+    });
+    save(color, &at("in/5000000.png"));
+    save(
+        ImageBuffer::from_pixel(64, 64, Luma([0u8])),
+        &at("in/6000000.png"),
+    );
+    save(
+        ImageBuffer::from_pixel(1, 1, Luma([9u8])),
+        &at("in/10000000.png"),
+    );
+    let run = [
+        "estimate",
+        "--table",
+        "pattern.csv",
+        "in",
+        "-o",
+        "out.csv",
+        "--json",
+    ];
+    let json: serde_json::Value =
+        serde_json::from_str(&crate::common::done(dir.path(), &run)).expect("JSON");
+    let frames = json["frames"].as_array().expect("frames");
+    let names: Vec<_> = frames
+        .iter()
+        .map(|f| f["frame"].as_str().expect("a name"))
+        .collect();
+    assert_eq!(names.last(), Some(&"10000000"), "sorted by number");
+    for frame in &frames[..5] {
+        assert!(frame["orientation_wxyz"].is_array(), "{frame}");
+    }
+    for frame in &frames[5..] {
+        let refusal = frame["refusal"].as_str().expect("a reason");
+        assert!(refusal.starts_with("no ball"), "{refusal}");
+    }
+    let ours = Orientations::read_csv(&at("out.csv")).expect("it reads");
+    let optical = [
+        "estimate",
+        "--table",
+        "pattern.csv",
+        "in",
+        "-o",
+        "optical.csv",
+        "--frame",
+        "optical",
+    ];
+    crate::common::done(dir.path(), &optical);
+    let optical = Orientations::read_csv(&at("optical.csv")).expect("it reads");
+    let turn = Rotation::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI);
+    for (a, b) in ours.rows.iter().zip(&optical.rows) {
+        match (a.orientation, b.orientation) {
+            (Some(a), Some(b)) => assert!((turn * a).angle_to(&b) < 1e-6),
+            (a, b) => assert_eq!(a, b),
+        }
+    }
+}
+
+#[test]
+fn what_is_no_image_is_named_in_one_line() {
+    let (dir, image) = folder();
+    let at = |name: &str| dir.path().join(name);
+    save(bytes(&image), &at("good.png"));
+    let whole = std::fs::read(at("good.png")).expect("it reads");
+    std::fs::write(at("half.png"), &whole[..whole.len() / 2]).expect("written");
+    std::fs::write(at("text.png"), "no image").expect("written");
+    std::fs::write(at("film.mp4"), "no video").expect("written");
+    std::fs::create_dir(at("empty")).expect("a folder");
+    for name in ["half.png", "text.png", "absent.png", "film.mp4", "empty"] {
+        let output =
+            crate::common::spindoe(dir.path(), &["estimate", "--table", "pattern.csv", name]);
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{name}: {words}");
+        assert_eq!(words.trim().lines().count(), 1, "{name}: {words}");
+        assert!(words.contains(name), "{name}: {words}");
+        assert!(output.stdout.is_empty());
+    }
+    for wrong in [
+        ["--circle", "1,2"],
+        ["--intrinsics", "0,1,2,3"],
+        ["--fps", "0"],
+    ] {
+        let mut arguments = vec!["estimate", "--table", "pattern.csv", "good.png"];
+        arguments.extend(wrong);
+        let output = crate::common::spindoe(dir.path(), &arguments);
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}");
+    }
+}
+
+#[test]
+fn videos_are_read_through_ffmpeg() {
+    let found = std::process::Command::new("ffmpeg")
+        .arg("-version")
+        .output();
+    if found.is_err() {
+        crate::common::skipped("ffmpeg is not installed");
+        return;
+    }
+    let (dir, image) = folder();
+    for k in 1..=3 {
+        save(bytes(&image), &dir.path().join(format!("f{k}.png")));
+    }
+    let made = std::process::Command::new("ffmpeg")
+        .args([
+            "-framerate",
+            "100",
+            "-i",
+            "f%d.png",
+            "-c:v",
+            "ffv1",
+            "film.mkv",
+        ])
+        .current_dir(dir.path())
+        .output()
+        .expect("it runs");
+    assert!(made.status.success());
+    let run = [
+        "estimate",
+        "--table",
+        "pattern.csv",
+        "film.mkv",
+        "--overlay",
+        "seen",
+    ];
+    let text = crate::common::done(dir.path(), &run);
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), 4, "{text}");
+    assert!(
+        lines[1].starts_with("film_000001,0,0.") && lines[2].contains(",0.01,"),
+        "{text}"
+    );
+    assert!(dir.path().join("seen/contact_sheet.png").is_file());
+}
+
+#[test]
+fn published_frames_are_explained_by_one_spin() {
+    let (Some(pattern), Some(folder)) = (
+        crate::common::published_pattern(),
+        crate::common::published_frames(),
+    ) else {
+        return;
+    };
+    let estimator = estimator(&pattern, Camera::Orthographic);
+    let mut ws = estimator.workspace();
+    let sources = spindoe::vision::input::sources(&[folder]).expect("a folder");
+    let (mut times, mut frames) = (Vec::new(), Vec::new());
+    for source in &sources {
+        let mut visit = |frame: spindoe::vision::input::InputFrame| {
+            let gray: GrayImage = RgbImage::to_gray(&frame.image);
+            let mut out = FrameEstimate::default();
+            estimator.estimate_frame(&gray, None, None, &mut ws, &mut out);
+            assert!(
+                find_ball(&gray, &estimator.config().circle).is_ok(),
+                "{}",
+                frame.name
+            );
+            times.push(frame.time_s.expect("a time"));
+            frames.push(out);
+            Ok(())
+        };
+        spindoe::vision::input::read_frames(source, &mut visit).expect("it reads");
+    }
+    let alone = frames.iter().filter(|f| f.pose().is_some()).count();
+    let fit =
+        estimate_spin(&estimator, &SequenceConfig::default(), &times, &frames).expect("a spin");
+    let off = |(t, f): (&f64, &FrameEstimate)| {
+        let pose = f.pose()?;
+        Some(pose.rotation.angle_to(&fit.motion.at(*t)).to_degrees())
+    };
+    let off: Vec<f64> = times.iter().zip(&frames).filter_map(off).collect();
+    let most = off.iter().copied().fold(0.0, f64::max);
+    println!(
+        "{alone} alone, {:.2} rps, at most {most:.1} deg off",
+        fit.motion.rps()
+    );
+    assert!(alone >= 20 && most < 8.0);
+    assert!((fit.motion.rps() - 132.6).abs() < 1.0);
+}

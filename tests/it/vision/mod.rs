@@ -1,0 +1,6 @@
+//! Tests of the stage `vision`.
+
+mod camera;
+mod circle;
+mod detector;
+mod estimate;
