@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use spindoe::Result;
-use spindoe::design::checkpoint::State;
+use spindoe::design::checkpoint::SearchState;
 use spindoe::design::{DesignConfig, DesignObserver, Stage, design};
 use spindoe::report::{EvaluationConfig, evaluate};
 use spindoe::stencil::StencilConfig;
@@ -15,7 +15,7 @@ use spindoe::stencil::StencilConfig;
 struct Talk;
 
 impl DesignObserver for Talk {
-    fn progress(&mut self, state: &State, stage: Stage) -> Result<()> {
+    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
         if let Some(best) = state.pool.first().and_then(|c| c.identity) {
             println!("{stage:?}: best identity rate so far {best}");
         }
@@ -32,7 +32,7 @@ fn main() -> Result<()> {
         ..DesignConfig::default()
     };
     let never = AtomicBool::new(false);
-    let outcome = design(&config, &mut State::default(), &never, &mut Talk)?;
+    let outcome = design(&config, &mut SearchState::default(), &never, &mut Talk)?;
     let proof = EvaluationConfig::of_samples(2_000);
     let command = "the example design_pattern".to_owned();
     let proven = evaluate(&outcome, &config, &proof, command, &mut |_| ())?;

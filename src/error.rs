@@ -4,6 +4,7 @@
 //! ([`Error::is_usage`] is true, the command exits with 2), or nothing (everything else, exit 1).
 //! Every message is one line that names the file or argument, the place in it, and what was expected.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Result alias used throughout the crate.
@@ -24,10 +25,10 @@ pub enum Error {
         problem: String,
     },
     /// An argument, parameter or set of values is outside its domain.
-    #[error("{name}: {problem}")]
+    #[error("{parameter}: {problem}")]
     Argument {
-        /// The parameter's name.
-        name: String,
+        /// The parameter.
+        parameter: Parameter,
         /// What is wrong and what was expected.
         problem: String,
     },
@@ -56,10 +57,10 @@ pub enum Error {
 }
 
 impl Error {
-    /// A domain error of the parameter `name`.
-    pub fn argument(name: impl Into<String>, problem: impl Into<String>) -> Self {
+    /// A domain error of `parameter`.
+    pub fn argument(parameter: impl Into<Parameter>, problem: impl Into<String>) -> Self {
         Self::Argument {
-            name: name.into(),
+            parameter: parameter.into(),
             problem: problem.into(),
         }
     }
@@ -93,8 +94,72 @@ impl Error {
         }
     }
 
-    /// Whether the user can mend this by other input or arguments (the command then exits with 2).
+    /// Whether other input or arguments fix this (the command then exits with 2). What the system
+    /// refuses, such as a full disk or a missing permission, and what should not happen are not (1).
     pub fn is_usage(&self) -> bool {
-        !matches!(self, Self::Internal(_))
+        use std::io::ErrorKind;
+        match self {
+            Self::Input { .. } | Self::Argument { .. } | Self::Degenerate(_) => true,
+            // A path that does not exist, or is not what it should be, is an argument.
+            Self::Read { source, .. } | Self::Write { source, .. } => matches!(
+                source.kind(),
+                ErrorKind::NotFound
+                    | ErrorKind::IsADirectory
+                    | ErrorKind::NotADirectory
+                    | ErrorKind::InvalidData
+                    | ErrorKind::InvalidInput
+                    | ErrorKind::UnexpectedEof
+                    | ErrorKind::AlreadyExists
+            ),
+            Self::Internal(_) => false,
+        }
+    }
+}
+
+/// The parameter that an [`Error::Argument`] is about, named as the library names it: the field or
+/// argument in snake case with its unit, such as `min_separation_rad`. The command maps it to its flag.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Parameter(Cow<'static, str>);
+
+impl Parameter {
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl From<&'static str> for Parameter {
+    fn from(name: &'static str) -> Self {
+        Self(Cow::Borrowed(name))
+    }
+}
+
+impl From<String> for Parameter {
+    fn from(name: String) -> Self {
+        Self(Cow::Owned(name))
+    }
+}
+
+impl std::fmt::Display for Parameter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(&self.0)
+    }
+}
+
+/// Checks `value` against its domain.
+///
+/// # Errors
+/// [`Error::Argument`] that names the parameter, what was `expected`, and the value found.
+pub(crate) fn require(
+    inside: bool,
+    parameter: &'static str,
+    expected: &str,
+    value: impl std::fmt::Display,
+) -> Result<()> {
+    if inside {
+        Ok(())
+    } else {
+        let problem = format!("expected {expected}, found {value}");
+        Err(Error::argument(parameter, problem))
     }
 }

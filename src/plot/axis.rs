@@ -195,7 +195,7 @@ pub(super) fn rate_axis(
 }
 
 /// Least and greatest of `values`.
-fn span(name: &str, values: impl Iterator<Item = f64>) -> Result<(f64, f64)> {
+fn span(name: &'static str, values: impl Iterator<Item = f64>) -> Result<(f64, f64)> {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for v in values {
         if !v.is_finite() {

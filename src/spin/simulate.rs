@@ -81,11 +81,11 @@ impl Scenario {
     /// # Errors
     /// [`Error::Argument`] naming the field.
     pub fn check(&self) -> Result<()> {
-        let probability = |name: &str, p: f64| match (0.0..=1.0).contains(&p) {
+        let probability = |name: &'static str, p: f64| match (0.0..=1.0).contains(&p) {
             true => Ok(()),
             false => Err(Error::argument(name, format!("expected 0 to 1, found {p}"))),
         };
-        let at_least_zero = |name: &str, x: f64| match x >= 0.0 && x.is_finite() {
+        let at_least_zero = |name: &'static str, x: f64| match x >= 0.0 && x.is_finite() {
             true => Ok(()),
             false => Err(Error::argument(
                 name,

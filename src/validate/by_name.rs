@@ -55,7 +55,7 @@ pub fn validate_named(
 ) -> Result<NamedValidation> {
     let results = run_named(table, recognizer, protocol, seed, samples)?;
     Ok(NamedValidation {
-        recognizer: recognizer,
+        recognizer,
         validation: summarize(&results, protocol, seed),
     })
 }

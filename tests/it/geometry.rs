@@ -1,7 +1,5 @@
 //! Rotations and directions against closed forms and brute force.
 
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

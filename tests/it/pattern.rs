@@ -1,7 +1,5 @@
 //! Patterns: their file, their checks and their figures.
 
-#![allow(clippy::unwrap_used)]
-
 use proptest::prelude::*;
 use spindoe::geometry::Vec3;
 use spindoe::pattern::Pattern;

@@ -2,8 +2,6 @@
 //!
 //! With `SPINDOE_PLOTS` set to a folder the pictures are left there, to be looked at.
 
-#![allow(clippy::unwrap_used)]
-
 use std::path::{Path, PathBuf};
 
 use rand::{RngExt, SeedableRng};

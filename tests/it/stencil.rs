@@ -4,8 +4,6 @@
 //! A thousand patterns go through other people's tools with `examples/stencil_survey.rs` and
 //! `python/check_stencils.py`.
 
-#![allow(clippy::unwrap_used)]
-
 use std::path::Path;
 use std::process::Command;
 

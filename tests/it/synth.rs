@@ -1,5 +1,4 @@
 //! The synthetic ball spinner against closed forms, against slower ways to the same image, and through the files it writes.
-#![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,7 +1,5 @@
 //! The Monte Carlo loop: what it counts, and that it repeats itself.
 
-#![allow(clippy::unwrap_used)]
-
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::random_direction;

@@ -58,7 +58,8 @@ impl RobustConfig {
     /// [`Error::Argument`] naming the parameter.
     pub fn check(&self) -> Result<()> {
         let open_unit = |x: f64| x > 0.0 && x < 1.0;
-        let fail = |name: &str, what: &str| Err(Error::argument(name, format!("expected {what}")));
+        let fail =
+            |name: &'static str, what: &str| Err(Error::argument(name, format!("expected {what}")));
         if !(-1.0..1.0).contains(&self.visibility_limit) {
             return fail("visibility_limit", "a z in [-1, 1)");
         }

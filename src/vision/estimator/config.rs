@@ -60,7 +60,8 @@ impl EstimatorConfig {
     /// [`Error::Argument`] naming the setting.
     pub fn check(&self) -> Result<()> {
         self.recognizer.check()?;
-        let fail = |name: &str, what: &str| Err(Error::argument(name, format!("expected {what}")));
+        let fail =
+            |name: &'static str, what: &str| Err(Error::argument(name, format!("expected {what}")));
         let is_probability = |p: f64| (0.0..=1.0).contains(&p);
         if !(self.placement_sigma_rad > 0.0 && self.placement_sigma_rad < 0.5) {
             return fail("placement_sigma_rad", "a positive angle below 0.5 rad");

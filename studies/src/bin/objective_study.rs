@@ -124,7 +124,7 @@ fn report(name: &str, rows: &[&Row]) {
         let r = spearman(&figures, &failures);
         let half = 1.96 * (1.06 / (rows.len() as f64 - 3.0)).sqrt();
         let (low, high) = ((r.atanh() - half).tanh(), (r.atanh() + half).tanh());
-        println!("  {value:<17} {r:+.3} [{low:+.3}, {high:+.3}]");
+        println!("  {figure:<17} {r:+.3} [{low:+.3}, {high:+.3}]");
     }
 }
 

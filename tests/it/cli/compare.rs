@@ -1,7 +1,5 @@
 //! Comparisons: paired differences, the neighbors' spread, and the command.
 
-#![allow(clippy::unwrap_used)]
-
 use std::process::Command;
 
 use spindoe::geometry::Vec3;

@@ -1,7 +1,5 @@
 //! The command, as a user runs it: good input gives whole files, bad input one clear line and exit 2.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;

@@ -1,7 +1,5 @@
 //! `spindoe identify`: the same views, by file, get the same answers; bad files get one line and exit 2.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 
 use crate::common::{done, spindoe};

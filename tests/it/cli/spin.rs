@@ -1,5 +1,4 @@
 //! `spindoe spin` through the binary: what it prints, and how it refuses what it cannot use.
-#![allow(clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

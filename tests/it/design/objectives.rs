@@ -1,7 +1,5 @@
 //! Objectives: their values against brute force and Monte Carlo, their gradients against differences.
 
-#![allow(clippy::unwrap_used)]
-
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

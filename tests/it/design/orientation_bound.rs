@@ -1,8 +1,6 @@
 //! The bound of the orientation error: against simulation with known correspondences, and against what
 //! the robust recognizer attains.
 
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -1,7 +1,5 @@
 //! The smooth failure rate and the test by which polishing takes a pattern.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::atomic::AtomicBool;
 
 use spindoe::design::polish::sign_test;

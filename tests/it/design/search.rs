@@ -1,7 +1,5 @@
 //! The search: descents go down under their constraints, and the same seed finds the same pattern.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use spindoe::Result;

@@ -1,7 +1,5 @@
 //! Features and the table's search, against their definitions.
 
-#![allow(clippy::unwrap_used)]
-
 use std::num::NonZeroUsize;
 
 use rand::{RngExt, SeedableRng};

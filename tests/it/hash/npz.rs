@@ -1,7 +1,5 @@
 //! The table's file: what is written reads back, NumPy reads it, and nothing tampered with loads.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;

@@ -1,44 +1,11 @@
 //! The robust recognizer's loop allocates nothing once its workspace exists.
 
-#![allow(unsafe_code)]
-
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
 use spindoe::recognize::{Identification, Recognizer};
 use spindoe::validate::{Protocol, ProtocolName, Trial, TrialGenerator};
 
-/// Counts this thread's allocations; others' do not disturb.
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-fn count() {
-    ALLOCATIONS.with(|n| n.set(n.get() + 1));
-}
-
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        unsafe { System.dealloc(at, layout) }
-    }
-    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count();
-        unsafe { System.realloc(at, layout, size) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
-
 /// Allocations during `views` identifications, the first of them included.
-fn allocations(protocol: &Protocol, config: RobustConfig, views: u64) -> usize {
+fn allocations(protocol: &Protocol, config: RobustConfig, views: u64) -> u64 {
     let pattern = crate::common::random_pattern(20, 7);
     let recognizer = RobustRecognizer::new(&pattern, config).expect("valid parameters");
     let mut generator = TrialGenerator::new(&pattern, *protocol, 5);
@@ -49,18 +16,20 @@ fn allocations(protocol: &Protocol, config: RobustConfig, views: u64) -> usize {
     let mut total = 0;
     for index in 0..views {
         generator.generate(index, &mut trial);
-        let before = ALLOCATIONS.with(Cell::get);
-        let _ = recognizer.identify_into(&trial.dots, &mut workspace, &mut answer);
-        total += ALLOCATIONS.with(Cell::get) - before;
+        let measured = allocation_counter::measure(|| {
+            let _ = recognizer.identify_into(&trial.dots, &mut workspace, &mut answer);
+        });
+        total += measured.count_total;
     }
     total
 }
 
 #[test]
 fn the_counter_counts() {
-    let before = ALLOCATIONS.with(Cell::get);
-    let boxed = std::hint::black_box(Box::new(1));
-    assert_eq!(ALLOCATIONS.with(Cell::get) - before, *boxed);
+    let measured = allocation_counter::measure(|| {
+        std::hint::black_box(Box::new(1));
+    });
+    assert_eq!(measured.count_total, 1);
 }
 
 #[test]

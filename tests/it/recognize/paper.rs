@@ -1,7 +1,5 @@
 //! The paper's recognizer on dots without and with noise.
 
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::Unit;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;

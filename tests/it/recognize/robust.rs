@@ -1,8 +1,6 @@
 //! The robust recognizer against its claims, on samples small enough to run every time. The figures
 //! with their intervals come from the example `recognizer_limits`.
 
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,4 @@
 //! Spins that the sampling cannot tell apart: even times report the tie, uneven ones resolve it.
-#![allow(clippy::unwrap_used)]
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,4 @@
 //! Decaying spins: recovered with honest intervals, and what theory says of table tennis balls.
-#![allow(clippy::unwrap_used)]
 
 use std::f64::consts::TAU;
 

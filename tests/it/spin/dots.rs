@@ -1,5 +1,4 @@
 //! The refinement of a spin on all dots of all frames: better than orientations alone, and honest about it.
-#![allow(clippy::unwrap_used)]
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,4 @@
 //! The spin of a simulated file against SciPy's rotations and least squares.
-#![allow(clippy::unwrap_used)]
 
 use std::path::Path;
 use std::process::Command;

@@ -1,5 +1,4 @@
 //! Sets of flights in the published format: read, checked, written back.
-#![allow(clippy::unwrap_used)]
 
 use std::path::Path;
 use std::process::Command;

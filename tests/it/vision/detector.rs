@@ -1,5 +1,4 @@
 //! The dot detector: its weights as a file, its numbers against ONNX Runtime, its dots against the truth, its training.
-#![allow(clippy::unwrap_used)]
 
 use std::path::Path;
 use std::process::Command;
@@ -19,9 +18,9 @@ fn easy() -> SynthConfig {
         size_px: [60, 80],
         logo_probability: 0.0,
         stains: false,
-        most_arc_rad: 0.03,
-        most_shift_px: 0.3,
-        most_noise: 0.5,
+        max_arc_rad: 0.03,
+        max_shift_px: 0.3,
+        max_noise: 0.5,
         bad_exposure: 0.0,
         dot_radius_rad: [0.07, 0.10],
         ..SynthConfig::default()
