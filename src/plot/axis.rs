@@ -195,19 +195,22 @@ pub(super) fn rate_axis(
 }
 
 /// Least and greatest of `values`.
-fn span(name: &'static str, values: impl Iterator<Item = f64>) -> Result<(f64, f64)> {
+fn span(name: &str, values: impl Iterator<Item = f64>) -> Result<(f64, f64)> {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for v in values {
         if !v.is_finite() {
-            return Err(Error::argument(name, "expected finite numbers"));
+            return Err(Error::argument(name.to_owned(), "expected finite numbers"));
         }
         (low, high) = (low.min(v), high.max(v));
     }
     if low > high {
-        return Err(Error::argument(name, "there is nothing to draw"));
+        return Err(Error::argument(name.to_owned(), "there is nothing to draw"));
     }
     if high.max(-low) > 1e300 {
-        return Err(Error::argument(name, "numbers above 1e300 cannot be drawn"));
+        return Err(Error::argument(
+            name.to_owned(),
+            "numbers above 1e300 cannot be drawn",
+        ));
     }
     Ok((low, high))
 }

@@ -64,7 +64,7 @@ pub struct RatePoint {
 
 impl RatePoint {
     /// Refuses what is not a rate within its interval. `place` says which point it is.
-    fn check(&self, place: &'static str) -> Result<()> {
+    fn check(&self, place: &str) -> Result<()> {
         let steps = [0.0, self.low, self.rate, self.high, 1.0];
         let ordered = steps.windows(2).all(|w| w[0] <= w[1] + ROUNDING);
         if ordered && self.x.is_finite() {
@@ -74,7 +74,7 @@ impl RatePoint {
             "expected a finite x and 0 <= low <= rate <= high <= 1, found x {} with {} <= {} <= {}",
             self.x, self.low, self.rate, self.high
         );
-        Err(Error::argument(place, problem))
+        Err(Error::argument(place.to_owned(), problem))
     }
 
     /// What is drawn on `scale`: the value and the ends of its interval, as fractions.
