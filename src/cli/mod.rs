@@ -24,6 +24,7 @@ macro_rules! errln {
 mod compare;
 mod design;
 mod estimate;
+mod export;
 mod identify;
 mod progress;
 mod sensitivity;
@@ -32,7 +33,6 @@ mod spin;
 mod stencil;
 mod synth;
 mod table;
-mod train;
 mod trajectories;
 mod validate;
 
@@ -79,10 +79,10 @@ enum Command {
     Simulate(simulate::Arguments),
     /// Draw synthetic images of a ball with a pattern, with their truth: a data set, or a turning ball.
     Synth(Box<synth::Arguments>),
-    /// Train the dot detector on synthetic frames.
-    Train(train::Arguments),
+    /// Say where the dot detector is trained: in a program of its own.
+    Train(export::TrainArguments),
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
-    Export(train::ExportArguments),
+    Export(export::Arguments),
     /// Check and summarize flights with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
 }
@@ -105,8 +105,8 @@ pub fn main() -> ExitCode {
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Synth(arguments) => synth::run(&arguments),
-        Command::Train(arguments) => train::run(&arguments),
-        Command::Export(arguments) => train::export(&arguments),
+        Command::Train(arguments) => export::refuse_training(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {

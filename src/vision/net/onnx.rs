@@ -82,11 +82,11 @@ fn add_step(nodes: &mut Vec<Node>, k: usize, step: &Step) {
         Step::Convolve {
             convolution,
             of,
-            rectify,
+            relu,
         } => {
             let c = CONVOLUTIONS[convolution];
             let (kernel, stride, pad) = (c.kernel as i64, c.stride as i64, (c.kernel / 2) as i64);
-            let raw = if rectify {
+            let raw = if relu {
                 format!("{out}_raw")
             } else {
                 out.clone()
@@ -103,11 +103,11 @@ fn add_step(nodes: &mut Vec<Node>, k: usize, step: &Step) {
                 Attribute::ints("pads", &[pad; 4]),
             ];
             nodes.push(node);
-            if rectify {
+            if relu {
                 nodes.push(Node::new("Relu", &[raw], &out));
             }
         }
-        Step::Enlarge { of } => {
+        Step::Upsample { of } => {
             let inputs = [value(of), String::new(), "double".into()];
             let mut node = Node::new("Resize", &inputs, &out);
             node.attribute = vec![
@@ -221,7 +221,7 @@ struct Attribute {
     name: String,
     #[prost(bytes = "vec", tag = "4")]
     s: Vec<u8>,
-    #[prost(int64, repeated, tag = "8")]
+    #[prost(int64, repeated, packed = "false", tag = "8")]
     ints: Vec<i64>,
     /// 3: a string, 7: integers.
     #[prost(int32, tag = "20")]
@@ -250,7 +250,7 @@ impl Attribute {
 
 #[derive(Clone, PartialEq, Message)]
 struct Tensor {
-    #[prost(int64, repeated, tag = "1")]
+    #[prost(int64, repeated, packed = "false", tag = "1")]
     dims: Vec<i64>,
     #[prost(int32, tag = "2")]
     data_type: i32,
