@@ -144,8 +144,6 @@ const LARGE: f64 = 320.0;
 /// A whole outline of this support ends the search where smaller images are left for balls below this part of
 /// its radius only.
 const SETTLED: (f64, f64) = (0.7, 0.8);
-/// Other circles that are worth a look.
-const OTHERS: usize = 4;
 /// An outline with this support is taken without looking for others with edges of either sign.
 const WHOLE: f64 = 0.9;
 /// The outline is fitted where the radius is at most this many pixels, which is fine enough: there a pixel is the mean of
@@ -163,6 +161,8 @@ pub struct BallFinder {
     config: CircleConfig,
     /// Half size, quarter size, ...
     halves: Vec<GrayImage>,
+    /// What stands out in colour.
+    contrast: GrayImage,
     votes: Votes,
     centres: Vec<Centre>,
     unrolled: Unrolled,
@@ -178,6 +178,9 @@ pub fn find_ball(image: &GrayImage, config: &CircleConfig) -> Result<BallFit, No
 }
 
 impl BallFinder {
+    /// Other circles that are worth trying, at most: see [`BallFinder::others`].
+    pub const MAX_OTHERS: usize = 4;
+
     /// A finder with these settings.
     pub fn new(config: CircleConfig) -> Self {
         Self {
@@ -205,24 +208,30 @@ impl BallFinder {
         gray: &GrayImage,
         colour: &RgbImage,
     ) -> Result<BallFit, NoBall> {
+        // Before it is known whether it is needed: a later frame of this size finds its memory.
+        self.contrast.reserve(gray.values().len());
         let in_gray = self.find(gray);
         if in_gray.is_ok_and(|b| b.support >= WHOLE && b.visible >= WHOLE) {
             return in_gray;
         }
-        let Some(contrast) = colour.to_contrast() else {
-            return in_gray;
+        let mut contrast = std::mem::take(&mut self.contrast);
+        let found = if colour.to_contrast_into(&mut contrast) {
+            let in_colour = self.search(&contrast);
+            self.best().ok_or(()).or(in_colour).or(in_gray)
+        } else {
+            in_gray
         };
-        let in_colour = self.search(&contrast);
-        self.best().ok_or(()).or(in_colour).or(in_gray)
+        self.contrast = contrast;
+        found
     }
 
     /// Other circles of the last search, the best first: what the ball may be where the one found shows no dots that can be told.
     pub fn others(&self) -> impl Iterator<Item = BallFit> + '_ {
         let best = self.best();
-        let tried = self.found.iter().take(OTHERS + 1);
+        let tried = self.found.iter().take(Self::MAX_OTHERS + 1);
         tried
             .filter(move |f| best.is_none_or(|b| b.circle != f.circle))
-            .take(OTHERS)
+            .take(Self::MAX_OTHERS)
             .copied()
     }
 
@@ -237,6 +246,7 @@ impl BallFinder {
         }
         let most = self.config.most_radius * longer;
         self.halve(image, most);
+        self.reserve(image);
         let mut support = self.look(image, most, &[Polarity::Brighter, Polarity::Darker]);
         // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
         if self.best().is_none_or(|b| b.support < WHOLE) {
@@ -246,8 +256,7 @@ impl BallFinder {
                 (a, b) => a.or(b),
             };
         }
-        self.found
-            .sort_by(|a, b| wholeness(b).total_cmp(&wholeness(a)));
+        sort_by_wholeness(&mut self.found);
         self.best().ok_or(match support {
             Some(support) => NoBall::NoCircle { support },
             None => NoBall::NoContrast,
@@ -304,6 +313,17 @@ impl BallFinder {
             let (done, rest) = self.halves.split_at_mut(level);
             done.last().unwrap_or(image).halve_into(&mut rest[0]);
         }
+    }
+
+    /// Makes room for whatever a search of an image of this size may meet.
+    fn reserve(&mut self, image: &GrayImage) {
+        self.votes.reserve(image.values().len());
+        // Every center of every size and polarity may give a circle, in gray and in color.
+        let circles = 2 * 3 * CENTRES.1 * (self.halves.len() + 1);
+        let circles = circles.saturating_sub(self.found.len());
+        self.found.reserve(circles);
+        self.centres
+            .reserve(CENTRES.1.saturating_sub(self.centres.len()));
     }
 
     fn level<'a>(&'a self, image: &'a GrayImage, level: usize) -> &'a GrayImage {
@@ -416,6 +436,16 @@ impl BallFinder {
 /// the ball that bears them.
 fn score(fit: &BallFit) -> f64 {
     wholeness(fit) * (fit.contrast.abs() * fit.circle.radius).sqrt()
+}
+
+/// Sorts circles, the most whole first; equal ones keep their order. Insertion needs no memory, which a
+/// library's stable sort would, and the circles are few.
+fn sort_by_wholeness(found: &mut [BallFit]) {
+    for i in 1..found.len() {
+        let this = wholeness(&found[i]);
+        let at = found[..i].partition_point(|f| wholeness(f) >= this);
+        found[at..=i].rotate_right(1);
+    }
 }
 
 /// How much of a circle is there to be seen.
