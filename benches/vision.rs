@@ -10,8 +10,8 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
-    BallCircle, BallFinder, CircleConfig, DetectorName, DotDetector, Estimator, EstimatorConfig,
-    FrameEstimate, Patch,
+    BallCircle, BallFinder, CircleConfig, CnnDetector, DetectorName, DotDetector, Estimator,
+    EstimatorConfig, FrameEstimate, Patch,
 };
 
 fn synth(c: &mut Criterion) {
@@ -70,6 +70,12 @@ fn estimate(c: &mut Criterion) {
     group.bench_function("cut", |b| {
         b.iter(|| patch.cut_into(black_box(&gray), &circle))
     });
+    if let Ok(net) = CnnDetector::built_in() {
+        let mut ws = net.workspace();
+        group.bench_function("net, a patch", |b| {
+            b.iter(|| net.cells(black_box(&patch), &mut ws)[0]);
+        });
+    }
     for name in DetectorName::ALL {
         let Ok(detector) = name.build() else { return };
         let (mut ws, mut dots) = (detector.workspace(), Vec::new());

@@ -411,14 +411,23 @@ impl<'a> Trainer<'a> {
             let problem = "stopped before the net had learned anything";
             return Err(Error::argument("train", problem));
         };
-        let test = self.config.samples(FrameSet::Test)?;
-        let matched = match_all(&weights.layers, &test, &weights.meta.calibration)?;
         Ok(Trained {
-            score: score::score(&matched, &test, 0.5),
+            score: test(self.config, &weights)?,
             weights,
             steps: self.state.step,
         })
     }
+}
+
+/// The score of weights on the test set of a training with this configuration, at a probability of one half.
+///
+/// # Errors
+/// [`Error::Argument`] where the configuration is out of its domain or the weights do not fit the net.
+pub fn test(config: &TrainConfig, weights: &Weights) -> Result<Score> {
+    config.check()?;
+    let samples = config.samples(FrameSet::Test)?;
+    let matched = match_all(&weights.layers, &samples, &weights.meta.calibration)?;
+    Ok(score::score(&matched, &samples, 0.5))
 }
 
 /// Runs a net on samples, as `spindoe` will run it, and matches its peaks with their dots.

@@ -12,10 +12,12 @@ use std::time::Instant;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use spindoe::vision::net::onnx;
+use spindoe::vision::net::{Weights, onnx};
 use spindoe::vision::patch::RADIUS;
 use spindoe::{Error, Result, files};
-use spindoe_train::{Checkpoint, TrainConfig, TrainObserver, TrainProgress, Trained, train};
+use spindoe_train::{
+    Checkpoint, Score, TrainConfig, TrainObserver, TrainProgress, Trained, test, train,
+};
 
 /// The checkpoint within the folder.
 const CHECKPOINT: &str = "checkpoint.zip";
@@ -41,8 +43,11 @@ Examples:
 )]
 struct Arguments {
     /// The folder to write to.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "score")]
+    out: Option<PathBuf>,
+    /// Train nothing: score these weights on the test set.
+    #[arg(long, value_name = "WEIGHTS.npz", conflicts_with_all = ["out", "resume"])]
+    score: Option<PathBuf>,
     /// Seed of the first weights and of all frames.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -130,7 +135,18 @@ fn fail(problem: &str, code: u8) -> ExitCode {
 fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config();
     config.check()?;
-    let dir = &arguments.out;
+    if let Some(path) = &arguments.score {
+        let score = test(&config, &Weights::read(path)?)?;
+        let words = if arguments.json {
+            json!(score).to_string()
+        } else {
+            describe(&score)
+        };
+        return print(&words);
+    }
+    let Some(dir) = &arguments.out else {
+        return Err(Error::argument("--out", "expected a folder"));
+    };
     let path = dir.join(CHECKPOINT);
     let from = if arguments.resume {
         Some(Checkpoint::read(&path, &config)?)
@@ -146,24 +162,31 @@ fn run(arguments: &Arguments) -> Result<()> {
     progress.bar.finish_and_clear();
     trained.weights.meta.command = arguments.command();
     let outcome = write(dir, &config, &trained, clock.elapsed().as_secs_f64())?;
-    let out = |e| Error::write("standard output", e);
-    let mut stdout = std::io::stdout().lock();
     if arguments.json {
-        return writeln!(stdout, "{outcome}").map_err(out);
+        return print(&outcome.to_string());
     }
-    let score = &trained.score;
-    writeln!(
-        stdout,
-        "{} steps; of {} dots on {} frames {:.2} % found, {:.3} false a frame, median error {:.2} % of the radius\n{}",
+    print(&format!(
+        "{} steps; {}\n{}",
         trained.steps,
+        describe(&trained.score),
+        dir.display()
+    ))
+}
+
+/// A score in words.
+fn describe(score: &Score) -> String {
+    format!(
+        "of {} dots on {} frames {:.2} % found, {:.3} false a frame, median error {:.2} % of the radius",
         score.dots,
         score.frames,
         100.0 * score.recall(),
         score.false_peaks as f64 / score.frames as f64,
         100.0 * score.median_error / RADIUS,
-        dir.display(),
     )
-    .map_err(out)
+}
+
+fn print(words: &str) -> Result<()> {
+    writeln!(std::io::stdout(), "{words}").map_err(|e| Error::write("standard output", e))
 }
 
 fn write(

@@ -103,6 +103,12 @@ fn the_command_trains_and_refuses() {
     for name in ["dots.npz", "dots.onnx", "training.json", "checkpoint.zip"] {
         assert!(dir.path().join("net").join(name).exists(), "{name}");
     }
+    let scored = command(dir.path(), "--score net/dots.npz --eval-frames 2 --json");
+    assert!(scored.status.success());
+    let scored: serde_json::Value = serde_json::from_slice(&scored.stdout).unwrap();
+    let report = std::fs::read(dir.path().join("net/training.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(scored, report["score_at_one_half"]);
     let weights = Weights::read(&dir.path().join("net/dots.npz")).unwrap();
     assert!(weights.meta.command.starts_with("spindoe-train --seed 0 "));
     for (wrong, expected) in [
@@ -111,6 +117,8 @@ fn the_command_trains_and_refuses() {
         ("--out other --learning-rate -1", "learning_rate: "),
         ("--out missing --resume", "cannot be read"),
         ("--out other --unknown", "--unknown"),
+        ("--steps 2", "--out"),
+        ("--score net/dots.onnx", "dots.onnx"),
     ] {
         let refused = command(dir.path(), wrong);
         assert_eq!(refused.status.code(), Some(2), "{wrong}");

@@ -69,7 +69,7 @@ pub struct Arguments {
     /// How dots are found.
     #[arg(long, value_enum, default_value_t = DetectorName::Cnn)]
     detector: DetectorName,
-    /// The net's weights, made by `spindoe train` [default: those built in].
+    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
     /// Draw every frame enlarged, with what was seen in it, and a contact sheet, into this folder.

@@ -176,7 +176,7 @@ pub fn find_peaks(
     peaks.truncate(kept);
 }
 
-/// Of equal neighbours the first counts.
+/// Of equal neighbors the first counts.
 fn is_peak(cells: &[f32], row: usize, column: usize) -> bool {
     let here = cells[row * CELLS + column];
     let rows = row.saturating_sub(1)..(row + 2).min(CELLS);
