@@ -11,7 +11,7 @@ use spindoe::vision::{
 };
 
 /// Frames of one size: bright and dark, with logos, some without a whole outline.
-fn frames(count: u64) -> Vec<RgbImage> {
+fn frames(count: usize) -> Vec<RgbImage> {
     let pattern = common::random_pattern(20, 5);
     let config = SynthConfig {
         size_px: [70; 2],
