@@ -23,12 +23,12 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::frame_rng;
 use spindoe::vision::net::graph::CELLS;
 use spindoe::vision::net::network::{Activations, Network};
 use spindoe::vision::net::weights::{Calibration, FORMAT_VERSION, Layer, Weights, WeightsMeta};
 use spindoe::vision::patch::SIZE;
-use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::frame_rng;
 use spindoe::{Error, Result};
 
 pub mod checkpoint;

@@ -11,12 +11,12 @@ use rand_distr::StandardNormal;
 
 use spindoe::Result;
 use spindoe::design::random_pattern;
+use spindoe::synth::{Rendering, Scene, SynthConfig};
 use spindoe::vision::GrayImage;
 use spindoe::vision::camera::{BallCircle, Pixel};
 use spindoe::vision::net::detector::cell_center;
 use spindoe::vision::net::graph::CELLS;
 use spindoe::vision::patch::{MIDDLE, Patch, SIZE};
-use spindoe::synth::{Rendering, Scene, SynthConfig};
 
 /// Deviation of a dot's Gaussian in the heat map, in the patch's values (paper, Sec. III-A: 1.5 px at 60 x 60).
 const HEAT_SIGMA: f64 = 1.5;

@@ -4,11 +4,11 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use spindoe::synth::SynthConfig;
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::network::{Activations, Network};
 use spindoe::vision::net::weights::Layer;
 use spindoe::vision::patch::SIZE;
-use spindoe::synth::SynthConfig;
 use spindoe_train::model::{Net, floats};
 use spindoe_train::sample::{Sample, random_frame, sample};
 

@@ -182,7 +182,7 @@ impl DotDetector for BlobDetector {
         self.respond(ws);
         Self::candidates(ws);
         ws.blobs.clear();
-        ws.blobs.reserve(MOST_BLOBS);
+        ws.blobs.reserve(MAX_BLOBS);
         for &(_, i) in &ws.candidates {
             let start = ((i % SIZE) as f64, (i / SIZE) as f64);
             let sigma = f64::from(SIGMAS[usize::from(ws.scale[i])]);
@@ -198,7 +198,7 @@ impl DotDetector for BlobDetector {
             }
         }
         ws.contrasts.clear();
-        ws.contrasts.reserve(MOST_BLOBS);
+        ws.contrasts.reserve(MAX_BLOBS);
         let clear = |b: &&Blob| b.signal_to_noise > self.config.signal_to_noise && b.depth > 0.4;
         ws.contrasts
             .extend(ws.blobs.iter().filter(clear).map(|b| b.contrast));

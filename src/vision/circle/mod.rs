@@ -203,11 +203,7 @@ impl BallFinder {
     ///
     /// # Errors
     /// A [`NoBall`] that says why there is none.
-    pub fn find_in_color(
-        &mut self,
-        gray: &GrayImage,
-        color: &RgbImage,
-    ) -> Result<BallFit, NoBall> {
+    pub fn find_in_color(&mut self, gray: &GrayImage, color: &RgbImage) -> Result<BallFit, NoBall> {
         // Before it is known whether it is needed: a later frame of this size finds its memory.
         self.contrast.reserve(gray.values().len());
         let in_gray = self.find(gray);

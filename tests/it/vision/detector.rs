@@ -150,6 +150,25 @@ fn weights_read_back_and_damage_is_named() {
 #[test]
 fn the_command_exports_and_says_where_training_is() {
     let dir = tempfile::tempdir().unwrap();
+    let weights = Weights::built_in().unwrap();
+    weights.write(&dir.path().join("mine.npz")).unwrap();
+    crate::common::done(dir.path(), &["export", "-o", "dots.onnx"]);
+    let mine = ["export", "-o", "mine.onnx", "--weights", "mine.npz"];
+    crate::common::done(dir.path(), &mine);
+    let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    assert_eq!(read("mine.onnx"), read("dots.onnx"));
+    for (wrong, expected) in [
+        ("export -o a.onnx --weights dots.onnx", "dots.onnx"),
+        ("train", "spindoe-train"),
+        ("train --out net --steps 3 --resume", "spindoe-train"),
+        ("train --help", "spindoe-train"),
+    ] {
+        let words: Vec<&str> = wrong.split(' ').collect();
+        let refused = crate::common::spindoe(dir.path(), &words);
+        assert_eq!(refused.status.code(), Some(2), "{wrong}");
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(said.contains(expected), "{wrong}: {said}");
+        assert_eq!(said.lines().count(), 1, "{wrong}: {said}");
     }
     assert!(!dir.path().join("a.onnx").exists() && !dir.path().join("net").exists());
 }

@@ -1,5 +1,6 @@
 //! Tests of the stage `vision`.
 
+mod allocation;
 mod camera;
 mod circle;
 mod detector;

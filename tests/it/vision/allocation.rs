@@ -1,10 +1,7 @@
 //! The estimator's promise: after the first frames of a size it allocates nothing.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use spindoe::vision::synth::SynthConfig;
-use spindoe::vision::synth::dataset::independent_frame;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
     CnnDetector, DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate, GrayImage,
     Patch, RgbImage,
@@ -12,7 +9,7 @@ use spindoe::vision::{
 
 /// Frames of one size: bright and dark, with logos, some without a whole outline.
 fn frames(count: usize) -> Vec<RgbImage> {
-    let pattern = common::random_pattern(20, 5);
+    let pattern = crate::common::random_pattern(20, 5);
     let config = SynthConfig {
         size_px: [70; 2],
         ..SynthConfig::default()
@@ -54,9 +51,9 @@ fn a_warm_detector_does_not_allocate() {
 
 #[test]
 fn a_warm_estimator_does_not_allocate() {
-    let pattern = common::random_pattern(20, 5);
-    let colour = frames(120);
-    let gray: Vec<GrayImage> = colour.iter().map(RgbImage::to_gray).collect();
+    let pattern = crate::common::random_pattern(20, 5);
+    let color = frames(120);
+    let gray: Vec<GrayImage> = color.iter().map(RgbImage::to_gray).collect();
     for name in DetectorName::ALL {
         let detector = name.build().unwrap();
         let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector).unwrap();
@@ -64,7 +61,7 @@ fn a_warm_estimator_does_not_allocate() {
         let (mut answered, mut all) = (0, 0);
         let mut run = |from: usize, to: usize| {
             for k in from..to {
-                estimator.estimate_frame(&colour[k], None, None, &mut ws, &mut out);
+                estimator.estimate_frame(&color[k], None, None, &mut ws, &mut out);
                 answered += usize::from(out.pose().is_some());
                 estimator.estimate_frame(&gray[k], None, None, &mut ws, &mut out);
                 answered += usize::from(out.pose().is_some());
@@ -72,7 +69,7 @@ fn a_warm_estimator_does_not_allocate() {
             }
         };
         run(0, 5);
-        let warm = allocation_counter::measure(|| run(5, colour.len()));
+        let warm = allocation_counter::measure(|| run(5, color.len()));
         assert_eq!(warm.count_total, 0, "{name}");
         // Both ways through the estimator were taken.
         assert!(answered > all / 2 && answered < all, "{answered} of {all}");
