@@ -37,7 +37,7 @@ impl DetectorName {
     pub fn build(self) -> Result<NamedDetector> {
         Ok(match self {
             Self::Cnn => NamedDetector::Cnn(CnnDetector::built_in()?),
-            Self::Blob => NamedDetector::Blob(BlobDetector::new(BlobConfig::default())),
+            Self::Blob => NamedDetector::Blob(Box::new(BlobDetector::new(BlobConfig::default()))),
         })
     }
 }
@@ -54,7 +54,7 @@ pub enum NamedDetector {
     /// See [`CnnDetector`].
     Cnn(CnnDetector),
     /// See [`BlobDetector`].
-    Blob(BlobDetector),
+    Blob(Box<BlobDetector>),
 }
 
 /// Working memory of a [`NamedDetector`]. It serves any of them: the buffers of a detector are made when
