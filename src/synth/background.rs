@@ -107,7 +107,9 @@ impl Texture {
                 line.max(0.25 * turbulence(2.0 * x, 2.0 * y, seed))
             }
             Self::Clouds { size } => turbulence(x / size, y / size, seed),
-            Self::Noise { cell } => hash((x / cell).floor() as i32, (y / cell).floor() as i32, seed),
+            Self::Noise { cell } => {
+                hash((x / cell).floor() as i32, (y / cell).floor() as i32, seed)
+            }
         }
     }
 }
@@ -192,12 +194,17 @@ impl Background {
                     0 => Texture::Clouds { size: 4.0 * cell },
                     _ => Texture::Noise { cell },
                 };
-                (noise, scaled(hue(rng), brightest * rng.random_range(0.1..1.5f32)))
+                (
+                    noise,
+                    scaled(hue(rng), brightest * rng.random_range(0.1..1.5f32)),
+                )
             }
             _ if is_textured => (texture, second),
             _ => (Texture::Plain, second),
         };
-        let count = if is_cluttered { rng.random_range(1..=6) } else { 0 };
+        // As many about the ball in a whole frame as in a crop, up to a bound on the cost.
+        let most = (6.0 * (0.5 * reach).max(1.0)).min(40.0) as u32;
+        let count = rng.random_range(1..=most) * u32::from(is_cluttered);
         Self {
             origin: Pixel::default(),
             radius_px: 1.0,
@@ -301,8 +308,11 @@ impl Disc {
     }
 
     fn over(&self, behind: Color, [x, y]: [f32; 2]) -> Color {
-        let [dx, dy] = [(x - self.at[0]) / self.radius, (y - self.at[1]) / self.radius];
-        let out = dx.hypot(dy);
+        let [dx, dy] = [
+            (x - self.at[0]) / self.radius,
+            (y - self.at[1]) / self.radius,
+        ];
+        let out = (dx * dx + dy * dy).sqrt();
         let covered = (0.5 + 0.5 * (1.0 - out) / self.softness).clamp(0.0, 1.0);
         if covered <= 0.0 {
             return behind;

@@ -178,7 +178,8 @@ pub struct SynthConfig {
     /// Exponent on the encoded values, log-uniform: a display's or an editor's correction.
     /// Default: 0.5 to 2.
     pub gamma: [f64; 2],
-    /// Share of the frames with such an exponent; it is 1 elsewhere. Default: 0.35.
+    /// Share of the frames with such an exponent; it is 1 elsewhere, and where the exposure is bad.
+    /// Default: 0.35.
     pub gamma_share: f64,
     /// Share of the color cameras with a Bayer mosaic. Default: 0.5.
     pub mosaic_share: f64,
@@ -341,7 +342,12 @@ impl SynthConfig {
         for (name, value, max, expected) in [
             ("off_center", self.off_center, 1.0, "0 to 1"),
             ("max_cut", self.max_cut, 0.5, "0 to 0.5"),
-            ("max_dot_elongation", self.max_dot_elongation, 0.5, "0 to 0.5"),
+            (
+                "max_dot_elongation",
+                self.max_dot_elongation,
+                0.5,
+                "0 to 0.5",
+            ),
             ("max_streaks", self.max_streaks, 1.0, "0 to 1"),
             ("max_shift_px", self.max_shift_px, 1e3, "0 to 1000 pixels"),
             ("max_gloss", self.max_gloss, 100.0, "0 to 100"),

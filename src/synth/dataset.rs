@@ -192,7 +192,12 @@ impl Sequence {
             exposure_s,
             drift_px,
         } = *sequence;
-        require(fps > 0.0 && fps.is_finite(), "fps", "a positive number", fps)?;
+        require(
+            fps > 0.0 && fps.is_finite(),
+            "fps",
+            "a positive number",
+            fps,
+        )?;
         let mut rng = frame_rng(seed, 0);
         let mut first = Scene::random(pattern, config, &mut rng)?;
         if let Some(spin) = spin {

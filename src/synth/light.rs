@@ -73,7 +73,12 @@ impl Light {
         let lamps: Vec<Lamp> = (0..lamps)
             .map(|k| {
                 let mut lamp = Lamp::random(config, rng);
-                let share = (1.0 - ambient) * if k == 0 { 1.0 } else { rng.random_range(0.2..0.9) };
+                let share = (1.0 - ambient)
+                    * if k == 0 {
+                        1.0
+                    } else {
+                        rng.random_range(0.2..0.9)
+                    };
                 lamp.color = scaled(lamp.color, share);
                 lamp
             })
@@ -108,7 +113,9 @@ impl Light {
                 *f += lambert * c;
             }
             if lamp.gloss > 0.0 {
-                let half = (lamp.from + towards).try_normalize(1e-9).unwrap_or(*towards);
+                let half = (lamp.from + towards)
+                    .try_normalize(1e-9)
+                    .unwrap_or(*towards);
                 let shine = (n.dot(&half).max(0.0) as f32).powf(lamp.sharpness);
                 for (g, c) in gloss.iter_mut().zip(lamp.color) {
                     *g += left * lamp.gloss * shine * c;
@@ -146,7 +153,7 @@ impl Shadow {
 
     /// Share of the lamps' light that reaches the ball at the normal `n`.
     fn leaves(&self, n: &Vec3) -> f32 {
-        let inside = (n.dot(&self.towards) as f32 - self.edge) / self.softness.max(1e-6);
+        let inside: f32 = (n.dot(&self.towards) as f32 - self.edge) / self.softness.max(1e-6);
         1.0 - self.depth * (0.5 + 0.5 * inside).clamp(0.0, 1.0)
     }
 }

@@ -65,7 +65,10 @@ impl Shape {
                 to,
                 half_width,
             } => {
-                let (d, q) = ([to[0] - from[0], to[1] - from[1]], [x - from[0], y - from[1]]);
+                let (d, q) = (
+                    [to[0] - from[0], to[1] - from[1]],
+                    [x - from[0], y - from[1]],
+                );
                 let length = (d[0] * d[0] + d[1] * d[1]).max(1e-9);
                 let along = ((d[0] * q[0] + d[1] * q[1]) / length).clamp(0.0, 1.0);
                 (q[0] - along * d[0]).hypot(q[1] - along * d[1]) - half_width
@@ -93,9 +96,8 @@ impl Occluder {
         let (sin, cos) = (TAU * rng.random::<f32>()).sin_cos();
         // How far it reaches over the diameter; the tip is then at 1 - 2 depth from the center.
         let tip = 1.0 - 2.0 * between_f32([0.0, config.max_occlusion], rng);
-        let place = |along: f32, across: f32| {
-            [cos * along - sin * across, sin * along + cos * across]
-        };
+        let place =
+            |along: f32, across: f32| [cos * along - sin * across, sin * along + cos * across];
         let skin = skin(rng);
         let brightness = rng.random_range(0.3..1.1f32);
         let (kind, color, shapes) = match rng.random_range(0..4) {

@@ -147,7 +147,7 @@ pub(super) fn draw_strangers<R: Rng + ?Sized>(
     rng: &mut R,
 ) -> Vec<Spot> {
     let pen = Pen::random(config, pen);
-    let count = rng.random_range(8..=32);
+    let count: u32 = rng.random_range(8..=32);
     let apart = (1.3 / f64::from(count).sqrt()).cos();
     let mut middles: Vec<Vec3> = Vec::new();
     // Dart throwing; what does not fit after so many throws is left out.

@@ -1,7 +1,7 @@
 //! From a scene to an image with its truth.
 //!
 //! Each pixel is the mean over a grid of rays. Motion is integrated: the exposure is cut into instants, no more than about a
-//! pixel of motion apart, at each of which the turned surface is painted anew, and the moved image is added
+//! pixel of motion (or the lens' blur) apart, at each of which the turned surface is painted anew, and the moved image is added
 //! up. The cost grows with the image's pixels, and for the ball with its own pixels times the instants.
 //!
 //! The truth is exact for the scene: no detector, fit or estimate enters it. The perspective of a moved ball is that of
@@ -53,10 +53,7 @@ pub struct TrueDot {
 impl TrueDot {
     /// Whether a detector should find it: within the image, not hidden, not edge-on, and not on ink as dark as its own.
     pub fn is_visible(&self) -> bool {
-        self.inside
-            && !self.occluded
-            && self.facing >= MIN_FACING
-            && self.contrast >= MIN_CONTRAST
+        self.inside && !self.occluded && self.facing >= MIN_FACING && self.contrast >= MIN_CONTRAST
     }
 }
 
@@ -175,7 +172,9 @@ impl Scene {
         let instants = if blur < STILL_PX {
             1
         } else {
-            (1 + blur.ceil() as usize).min(MAX_INSTANTS)
+            // What the lens blurs needs no finer steps.
+            let step = self.sensor.defocus_px.max(1.0);
+            (1 + (blur / step).ceil() as usize).min(MAX_INSTANTS)
         };
         let mut canvas = Canvas::new(self, view);
         for instant in 0..instants {

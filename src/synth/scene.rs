@@ -168,7 +168,12 @@ impl Place {
             let near = (0.4 * limit * rng.sample::<f64, _>(StandardNormal)).clamp(-limit, limit);
             let room = (0.5 * n as f64 - radius).max(0.0);
             let anywhere = room * rng.random_range(-1.0..1.0);
-            middle + if config.image_px.is_some() { anywhere } else { near }
+            middle
+                + if config.image_px.is_some() {
+                    anywhere
+                } else {
+                    near
+                }
         };
         let mut center = Pixel {
             u: axis(size[0]),
@@ -193,7 +198,11 @@ impl Place {
     }
 }
 
-fn random_camera<R: Rng + ?Sized>(circle: &BallCircle, config: &SynthConfig, rng: &mut R) -> Camera {
+fn random_camera<R: Rng + ?Sized>(
+    circle: &BallCircle,
+    config: &SynthConfig,
+    rng: &mut R,
+) -> Camera {
     let is_parallel = rng.random_bool(config.parallel_share);
     let distance = log_between(config.camera_distance_radii, rng);
     let off_axis = config.max_off_axis_rad * rng.random::<f64>();

@@ -84,6 +84,10 @@ impl Sensor {
         let noise = rng.random::<f32>().powi(2) * config.max_noise as f32;
         let has_color = rng.random_bool(0.7);
         let gamma = log_between(config.gamma, rng) as f32;
+        let has_gamma = rng.random_bool(config.gamma_share) && !is_bad;
+        let gamma = if has_gamma { gamma } else { 1.0 };
+        // Who darkens an image exposes it for that: the ball's brightest part ends at the target.
+        let target = target.powf(1.0 / gamma.max(1.0));
         Self {
             defocus_px: between(config.defocus_px, rng) * scale,
             gain: target / brightest.max(1e-3),
@@ -97,11 +101,7 @@ impl Sensor {
             } else {
                 Encoding::Linear
             },
-            gamma: if rng.random_bool(config.gamma_share) {
-                gamma
-            } else {
-                1.0
-            },
+            gamma,
             sharpening: if rng.random_bool(config.sharpen_share) {
                 rng.random_range(0.2..1.5)
             } else {
@@ -136,7 +136,8 @@ impl Sensor {
         for pixel in &mut signal {
             *pixel = pixel.map(|c| (255.0 * c).round() / 255.0);
         }
-        self.compression.apply(RgbImage::new(width, height, signal)?)
+        self.compression
+            .apply(RgbImage::new(width, height, signal)?)
     }
 
     /// The value of a signal.

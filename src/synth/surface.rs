@@ -213,8 +213,13 @@ fn stains<R: Rng + ?Sized>(rng: &mut R) -> Vec<Spot> {
             let radius = rng.random_range(0.01..0.08);
             let darkness = rng.random_range(0.05..0.4) * if radius > 0.04 { 0.5 } else { 1.0 };
             let along = random_direction(rng);
-            Spot::round(middle, radius, rng.random_range(0.3..1.0) * radius, darkness)
-                .stretched(along, rng.random_range(0.0..0.5))
+            Spot::round(
+                middle,
+                radius,
+                rng.random_range(0.3..1.0) * radius,
+                darkness,
+            )
+            .stretched(along, rng.random_range(0.0..0.5))
         })
         .collect()
 }
@@ -231,7 +236,12 @@ fn pores<R: Rng + ?Sized>(rng: &mut R) -> Vec<Spot> {
         .collect();
     let radius = rng.random_range(0.04..0.16);
     let stem = random_direction(rng);
-    spots.push(Spot::round(stem, radius, 0.5 * radius, rng.random_range(0.4..1.0)));
+    spots.push(Spot::round(
+        stem,
+        radius,
+        0.5 * radius,
+        rng.random_range(0.4..1.0),
+    ));
     spots
 }
 

@@ -203,7 +203,10 @@ impl View {
                 u: p.principal.u + out * x,
                 v: p.principal.v + out * y,
             },
-            half_axes_px: [focal * sin_alpha * cos_alpha / q, focal * sin_alpha / q.sqrt()],
+            half_axes_px: [
+                focal * sin_alpha * cos_alpha / q,
+                focal * sin_alpha / q.sqrt(),
+            ],
             angle_rad: y.atan2(x),
         }
     }
