@@ -256,8 +256,8 @@ impl SynthConfig {
     pub fn good() -> Self {
         Self {
             ball_px: Some([60.0, 60.0]),
-            fill: [0.8, 0.95],
-            off_center: 0.1,
+            fill: [0.75, 0.92],
+            off_center: 0.05,
             cut_share: 0.0,
             max_off_axis_rad: 0.09,
             dot_radius_rad: [0.07, 0.11],

@@ -446,7 +446,7 @@ fn refuses_what_it_cannot_use() {
     std::fs::create_dir_all(at.join("taken/images")).unwrap();
     let cases: [(&[&str], &str); 14] = [
         (&["nothing.csv", "--out", "o"], "nothing.csv"),
-        (&["pattern.csv", "--out", "o", "--frames", "0"], "--frames"),
+        (&["pattern.csv", "--out", "o", "--frames", "0"], "frames"),
         (&["pattern.csv", "--out", "taken"], "taken"),
         (&["pattern.csv", "--out", "o", "--kind", "cube"], "--kind"),
         (
@@ -632,10 +632,9 @@ fn nothing_moves_in_an_exposure_of_no_time() {
     assert_eq!(still.image, fast.image);
     // 50 px in ten frames of 10 ms are 5 px in an exposure of 10 ms, besides the arc.
     let open = frame(0.01, [40.0, 30.0]);
-    let spin = Vec3::new(200.0, 100.0, 50.0).norm();
     let arc_px = open.truth.blur_px - 5.0;
-    let expected = 0.01 * spin * frame(0.01, [0.0; 2]).truth.blur_px / (0.01 * spin);
-    assert!((arc_px - expected).abs() < 1e-9, "{arc_px}, {expected}");
+    let turned_only = frame(0.01, [0.0; 2]).truth.blur_px;
+    assert!(turned_only > 0.0 && (arc_px - turned_only).abs() < 1e-9);
 }
 
 #[test]
