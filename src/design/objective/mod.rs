@@ -16,6 +16,7 @@ pub mod basis;
 pub mod bound;
 pub mod confusion;
 mod erfc;
+mod lookalikes;
 pub mod mean_nn;
 pub mod whitened;
 

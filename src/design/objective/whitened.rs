@@ -90,7 +90,7 @@ impl WhitenedNearestNeighbor {
                     let [i, j, _] = *triple;
                     let [k, l, _] = *other;
                     let start = pair_rotation([&dots[k], &dots[l]], [&dots[i], &dots[j]])?;
-                    Some((other, align(dots, triple, other, &start, f64::INFINITY)?))
+                    Some((other, align(dots, triple, other, &start)?))
                 })
                 .min_by(|(_, a), (_, b)| a.distance_squared.total_cmp(&b.distance_squared));
             count += 1.0;
