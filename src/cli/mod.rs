@@ -25,7 +25,7 @@ mod compare;
 mod design;
 mod estimate;
 mod identify;
-mod progress;
+mod output;
 mod sensitivity;
 mod simulate;
 mod spin;

@@ -7,7 +7,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use super::design::stop_on_interrupt;
+use super::output::stop_on_interrupt;
 use super::print_json;
 use crate::error::{Error, Result};
 use crate::files;

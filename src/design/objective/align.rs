@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 
 use crate::geometry::Vec3;
 
-/// Most Gauss-Newton steps; two or three settle most starts from a pair's rotation.
+/// Maximum number of Gauss-Newton steps; two or three settle most starts from a pair's rotation.
 const STEPS: usize = 10;
 /// A step shorter than this (radians) ends the iteration: convergence being quadratic, the rotation then
 /// is right to its square, and the distance to the fourth power.

@@ -42,7 +42,7 @@ const VIEWS: usize = 400;
 /// Quadruples less likely in view than this are skipped.
 const MIN_PRODUCT: f64 = 1e-6;
 
-/// Most dots for which the quadruples are looked at: their number grows with the eighth power.
+/// Maximum number of dots for which it is worked out: the quadruples' number grows with the eighth power.
 pub const MAX_DOTS: usize = 24;
 
 /// What the objective assumes of a view.
@@ -52,7 +52,7 @@ pub struct Confusion {
     pub sigma_rad: f64,
     /// Factor on sigma for tails heavier than a Gaussian's, without unit.
     pub tail_factor: f64,
-    /// Least z of a dot that can be given.
+    /// Minimum z of a dot that can be given.
     pub visibility_limit: f64,
 }
 
