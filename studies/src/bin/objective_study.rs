@@ -121,7 +121,7 @@ fn report(name: &str, rows: &[&Row]) {
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let dir = PathBuf::from(arguments.next().unwrap_or("docs".into()));
-    let mut number = |name: &str, default: usize| -> Result<usize> {
+    let mut number = |name: &'static str, default: usize| -> Result<usize> {
         arguments.next().map_or(Ok(default), |text| {
             text.parse()
                 .map_err(|_| Error::argument(name, format!("expected a number, found \"{text}\"")))

@@ -153,7 +153,7 @@ fn percent(p: &Proportion) -> String {
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let mut path = |name: &str| {
+    let mut path = |name: &'static str| {
         let missing =
             || Error::argument(name, "expected OUT_DIR OURS.csv [PUBLISHED.csv] [TRIALS]");
         arguments.next().map(PathBuf::from).ok_or_else(missing)
