@@ -18,13 +18,11 @@ import sys
 import tempfile
 import zipfile
 
-# Old key -> new key.
-RENAMED = {
-    "recogniser": "recognizer",
-    "least_separation_rad": "min_separation_rad",
-    "least_visible": "min_visible",
-    "figure": "value",
-    "figure_before": "value_before",
+# Old key -> new key, and old parts of keys and words -> new ones.
+RENAMED = {"figure": "value", "figure_before": "value_before", "most_grey": "max_background"}
+RESPELLED = {
+    "recogniser": "recognizer", "least_": "min_", "most_": "max_", "centre": "center",
+    "colour": "color", "grey": "gray",
 }
 # Clock times, and what a new version writes by intent.
 IGNORED = {
@@ -69,11 +67,19 @@ def produce(binary, folder, objectives, pattern):
     run(binary, folder, "estimate", "--table", "table.npz", "images/images", "-o", "estimate.csv")
 
 
+def respelled(word):
+    for old, new in RESPELLED.items():
+        word = word.replace(old, new)
+    return word
+
+
 def renamed(value):
-    """A JSON value with old keys renamed and what is not compared left out."""
+    """A JSON value with old keys and words renamed, and what is not compared left out."""
     if isinstance(value, dict):
-        pairs = ((RENAMED.get(k, k), renamed(v)) for k, v in value.items() if k not in IGNORED)
-        return dict(pairs)
+        kept = ((k, v) for k, v in value.items() if k not in IGNORED)
+        return {respelled(RENAMED.get(k, k)): renamed(v) for k, v in kept}
+    if isinstance(value, str):
+        return respelled(value)
     return [renamed(v) for v in value] if isinstance(value, list) else value
 
 

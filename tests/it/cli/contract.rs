@@ -529,11 +529,13 @@ fn the_reported_command_repeats_a_design_with_keep_out_cones_and_resumes_it() {
         "--dots",
         "8",
         "--starts",
-        "1",
+        "2",
         "--samples",
         "20",
-        "--climb-steps",
-        "3",
+        "--min-visible",
+        "0",
+        "--seam-margin-deg",
+        "0",
     ];
     // An axis whose bits change when it is normalized twice, and an angle whose bits change on the way to
     // radians and back.

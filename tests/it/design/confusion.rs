@@ -123,8 +123,9 @@ fn confusion_is_the_sum_over_all_ordered_quadruples() {
         for (name, dots) in &patterns {
             let found = config.evaluate(dots).value;
             let expected = brute_force(dots, &config, &faded);
+            // Quadruples that are in view with a probability below 1e-6 are skipped.
             assert!(
-                (found - expected).abs() < 1e-4 * expected,
+                (found - expected).abs() < 5e-4 * expected,
                 "{} {name}: {found}, brute force {expected}",
                 protocol.name
             );
@@ -150,7 +151,7 @@ fn twelve_dots_with_two_near_pairs() {
     let found = config.evaluate(&dots).value;
     let expected = brute_force(&dots, &config, &faded);
     assert!(
-        (found - expected).abs() < 1e-4 * expected,
+        (found - expected).abs() < 5e-4 * expected,
         "{found} {expected}"
     );
 }
