@@ -27,6 +27,22 @@ pub fn create_writable_dir(dir: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Refuses a folder that holds `what` already, as one of `files` says: two must not mix in one. `advice`
+/// ends the message.
+///
+/// # Errors
+/// [`Error::Argument`] of the parameter `out`.
+pub(crate) fn refuse_taken(dir: &Path, files: &[&str], what: &str, advice: &str) -> Result<()> {
+    match files.iter().find(|name| dir.join(name).exists()) {
+        None => Ok(()),
+        Some(name) => {
+            let dir = dir.display();
+            let problem = format!("{dir} holds {what} already ({name}); {advice}");
+            Err(Error::argument("out", problem))
+        }
+    }
+}
+
 /// Writes what `fill` produces to `path`; the file appears whole or not at all.
 ///
 /// # Errors

@@ -7,11 +7,12 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use rand::Rng;
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
 use crate::files;
-use crate::geometry::{Vec3, angle_between, spiral_directions};
+use crate::geometry::{Vec3, angle_between, random_direction, spiral_directions};
 
 /// Fewest dots of a pattern.
 pub const MIN_DOTS: usize = 4;
@@ -224,4 +225,40 @@ impl Pattern {
             mean_visible: n as f64 / 2.0,
         }
     }
+}
+
+/// Tries to place one dot at random apart from the others before all start afresh.
+const PLACEMENT_TRIES: usize = 2_000;
+/// Fresh starts before a demand counts as infeasible at random.
+const FRESH_STARTS: usize = 50;
+
+/// Random dots no nearer to each other than demanded.
+///
+/// # Errors
+/// [`Error::Argument`] where no such set was found: the demand is too dense.
+pub fn random_pattern<R: Rng>(
+    dots: usize,
+    min_separation_rad: f64,
+    rng: &mut R,
+) -> Result<Pattern> {
+    let bound = min_separation_rad.cos();
+    for _ in 0..FRESH_STARTS {
+        let mut placed: Vec<Vec3> = Vec::with_capacity(dots);
+        for _ in 0..PLACEMENT_TRIES {
+            let d = random_direction(rng);
+            if placed.iter().all(|p| p.dot(&d) < bound) {
+                placed.push(d);
+                if placed.len() == dots {
+                    return Pattern::new(placed);
+                }
+            }
+        }
+    }
+    Err(Error::argument(
+        "dots",
+        format!(
+            "{dots} dots at least {:.1} degrees apart do not fit on a ball at random; ask for fewer or nearer dots",
+            min_separation_rad.to_degrees()
+        ),
+    ))
 }

@@ -42,7 +42,7 @@ pub struct Arguments {
     #[arg(long, value_name = "TABLE.npz")]
     table: PathBuf,
     /// The recognizer that is asked.
-    #[arg(long, value_enum, default_value_t = RecognizerName::Robust)]
+    #[arg(long, value_parser = super::output::one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust)]
     recognizer: RecognizerName,
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
@@ -52,7 +52,7 @@ pub struct Arguments {
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     sigma_deg: Option<f64>,
     /// Expect misses, false dots and noise as in this validation protocol.
-    #[arg(long, value_enum, value_name = "PROTOCOL")]
+    #[arg(long, value_parser = super::output::one_of(&ProtocolName::ALL, ProtocolName::as_str), value_name = "PROTOCOL")]
     expect: Option<ProtocolName>,
     /// Expected number of false dots in a frame.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]

@@ -26,7 +26,7 @@ mod design;
 mod estimate;
 mod export;
 mod identify;
-mod progress;
+mod output;
 mod sensitivity;
 mod simulate;
 mod spin;

@@ -21,9 +21,7 @@ pub mod robust;
 pub use paper::{PaperConfig, PaperRecognizer};
 
 /// A recognizer's name, as written on the command line and in reports.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RecognizerName {
     /// The SpinDOE paper's algorithm, the baseline.
@@ -42,6 +40,23 @@ impl RecognizerName {
             Self::Paper => "paper",
             Self::Robust => "robust",
         }
+    }
+}
+
+impl std::str::FromStr for RecognizerName {
+    type Err = crate::error::Error;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .into_iter()
+            .find(|known| known.as_str() == name)
+            .ok_or_else(|| {
+                let known = Self::ALL.map(Self::as_str).join(", ");
+                crate::error::Error::argument(
+                    "recognizer",
+                    format!("expected one of {known}, found \"{name}\""),
+                )
+            })
     }
 }
 
