@@ -51,6 +51,10 @@ pub const MIN_FRAMES: usize = 3;
 /// any sampling can decide, and few enough to be done in a moment.
 pub const MAX_TURNS: usize = 200;
 
+/// Least time between successive orientations, seconds: a million frames a second. Frames numbered
+/// in nanoseconds by mistake are closer.
+pub const MIN_INTERVAL_S: f64 = 1e-6;
+
 /// The probability that an orientation is right, where nothing is known of it.
 ///
 /// A tenth of the frames wrong is a cautious reading of the 93 % that the paper's identification
@@ -161,11 +165,26 @@ pub enum SpinRejection {
         /// Largest spin searched, revolutions per second.
         max_rps: f64,
     },
-    /// The right orientations leave the rate of decay open.
-    #[error("the {inliers} orientations that agree leave the decay open, expected a longer flight")]
-    DecayOpen {
-        /// Orientations that count as right.
-        inliers: usize,
+    /// A setting is outside its domain.
+    #[error("{setting}: expected {expected}, found {value}")]
+    Setting {
+        /// The setting, named as its field.
+        setting: &'static str,
+        /// Its domain.
+        expected: &'static str,
+        /// What was found.
+        value: f64,
+    },
+    /// Two orientations follow each other faster than any camera takes them.
+    #[error(
+        "orientation {index}: {interval_s:e} s after the one before, expected at least \
+         {MIN_INTERVAL_S:e} s (are the times in seconds?)"
+    )]
+    Close {
+        /// Index of the later measurement, from 0.
+        index: usize,
+        /// Time since the one before, seconds.
+        interval_s: f64,
     },
     /// Too few of the orientations agree on any one spin.
     #[error(
@@ -184,14 +203,39 @@ pub enum SpinRejection {
 impl SpinRejection {
     /// The error to report where the measurements came from the file `path`.
     pub fn in_file(self, path: &std::path::Path) -> Error {
-        Error::input(path, "orientations", self.to_string())
+        match self {
+            Self::Setting { .. } => self.into(),
+            _ => Error::input(path, "orientations", self.to_string()),
+        }
     }
 }
 
 impl From<SpinRejection> for Error {
-    fn from(refusal: SpinRejection) -> Self {
-        Error::argument("orientations", refusal.to_string())
+    fn from(rejection: SpinRejection) -> Self {
+        match rejection {
+            SpinRejection::Setting {
+                setting,
+                expected,
+                value,
+            } => Error::argument(setting, format!("expected {expected}, found {value}")),
+            _ => Error::argument("orientations", rejection.to_string()),
+        }
     }
+}
+
+/// Checks a setting against its domain.
+fn require(
+    inside: bool,
+    setting: &'static str,
+    expected: &'static str,
+    value: f64,
+) -> Result<(), SpinRejection> {
+    let rejection = SpinRejection::Setting {
+        setting,
+        expected,
+        value,
+    };
+    if inside { Ok(()) } else { Err(rejection) }
 }
 
 /// Checks what every estimator relies on.
@@ -205,13 +249,17 @@ pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), SpinReje
             let time_s = m.time_s;
             return Err(SpinRejection::Times { index, time_s });
         }
+        let interval_s = m.time_s - before;
+        if interval_s < MIN_INTERVAL_S {
+            return Err(SpinRejection::Close { index, interval_s });
+        }
         before = m.time_s;
         let unit = (m.orientation.coords.norm_squared() - 1.0).abs() < 1e-6;
         let problem = match m {
             _ if !unit => "expected a unit quaternion",
             _ if !(0.0..=1.0).contains(&m.confidence) => "expected a confidence between 0 and 1",
-            _ if !(m.sigma_scale > 0.0 && m.sigma_scale.is_finite()) => {
-                "expected a positive noise scale"
+            _ if !(1e-6..=1e6).contains(&m.sigma_scale) => {
+                "expected a noise scale between a millionth and a million"
             }
             _ => continue,
         };

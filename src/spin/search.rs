@@ -151,7 +151,7 @@ pub(super) fn judge_pair(
     let radius = pair_radius(settings.sigma_rad, interval);
     let max_gain: f64 = seen.iter().map(|s| s.peak).sum();
     // The same error may push a permitted spin over the limit; refinement decides.
-    let limit = (settings.max_spin + radius) * interval;
+    let limit = settings.max_spin * interval + pair_radius(settings.sigma_rad, 1.0);
     let (fewest, most) = ((limit + phi) / TAU, (limit - phi) / TAU);
     for k in -(fewest.floor() as i64)..=(most.floor() as i64) {
         let rate = (phi + TAU * k as f64) / interval;

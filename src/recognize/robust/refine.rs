@@ -217,10 +217,10 @@ impl Refiner {
                 if dot.direction.dot(q) < min_cosine {
                     continue;
                 }
-                let Some(core) = model.ln_kernel(dot.distance_squared(q) * narrow) else {
+                let Some(kernel) = model.ln_kernel(dot.distance_squared(q) * narrow) else {
                     continue;
                 };
-                let gain = dot.ln_peak - widened + core + self.worth[j];
+                let gain = dot.ln_peak - widened + kernel + self.worth[j];
                 if gain > MIN_GAIN {
                     self.links.push(Link {
                         gain,
@@ -380,7 +380,7 @@ impl Refiner {
             .map_or(0.0, |l| l.gain.max(0.0))
     }
 
-    /// One Gauss-Newton step on the assigned dots, reweighted for the core's tails: the information matrix
+    /// One Gauss-Newton step on the assigned dots, reweighted for the kernel's tails: the information matrix
     /// and the moved rotation.
     fn step(
         &self,
@@ -452,8 +452,8 @@ impl Leverage {
         let after = total
             .try_inverse()
             .map_or(r.norm_squared(), |i| r.dot(&(i * r)));
-        let core = |d2: f64| model.ln_kernel(d2).unwrap_or(0.0);
-        core(after) - core(r.norm_squared()) - 0.5 * total.determinant().ln()
+        let kernel = |d2: f64| model.ln_kernel(d2).unwrap_or(0.0);
+        kernel(after) - kernel(r.norm_squared()) - 0.5 * total.determinant().ln()
     }
 }
 

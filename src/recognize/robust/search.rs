@@ -24,8 +24,8 @@ const UNSEEN: f64 = 4.0;
 const FEW: usize = 4;
 /// Most passes over the mirrored view: a flipped axis shows in every frame, and need not in the hardest.
 const MIRROR_PASSES: usize = 6;
-/// Observed dots that a new workspace has room for; more of them make it grow.
-const ROOM: usize = 64;
+/// Observed dots for which a new workspace has the capacity; more of them make it grow.
+const CAPACITY: usize = 64;
 
 /// Scratch memory of [`RobustRecognizer`].
 #[derive(Debug, Default)]
@@ -50,13 +50,13 @@ struct ObservedPair {
 impl RobustWorkspace {
     pub(super) fn with_capacity_for(pairs: &PatternPairs, pattern: usize) -> Self {
         Self {
-            dots: Vec::with_capacity(ROOM),
-            pairs: Vec::with_capacity(ROOM * ROOM / 2),
-            used: Vec::with_capacity(ROOM),
-            screen: Screen::with_capacity_for(ROOM, pairs.row()),
-            refiner: Refiner::with_capacity_for(ROOM, pattern),
-            found: Found::with_capacity_for(ROOM),
-            mirrored: Found::with_capacity_for(ROOM),
+            dots: Vec::with_capacity(CAPACITY),
+            pairs: Vec::with_capacity(CAPACITY * CAPACITY / 2),
+            used: Vec::with_capacity(CAPACITY),
+            screen: Screen::with_capacity_for(CAPACITY, pairs.row()),
+            refiner: Refiner::with_capacity_for(CAPACITY, pattern),
+            found: Found::with_capacity_for(CAPACITY),
+            mirrored: Found::with_capacity_for(CAPACITY),
         }
     }
 
@@ -164,6 +164,7 @@ impl RobustRecognizer {
     fn passes(&self, most: usize, prior: Option<&Prior>, ws: &mut RobustWorkspace) {
         // The best conceivable explanation matches every dot perfectly.
         let mut unseen: f64 = ws.dots.iter().map(|d| d.most).sum();
+        let mut left_out = 0;
         for _ in 0..most {
             let Some((pair, disjoint)) = ws.next_pair() else {
                 return;
@@ -171,7 +172,10 @@ impl RobustRecognizer {
             self.pass(pair, prior, ws);
             if disjoint {
                 unseen -= ws.dots[pair[0]].most.min(ws.dots[pair[1]].most);
+                left_out += 1;
             }
+            // So many false dots may be likelier than Poisson's distribution has it.
+            let unseen = unseen + self.model.max_false_count(left_out);
             if self.settled(pair, unseen, ws) {
                 return;
             }

@@ -216,6 +216,41 @@ fn tied(robust: &RobustRecognizer, dots: &[ObservedDot]) -> (f64, usize) {
 }
 
 #[test]
+fn absurd_uncertainties_are_refused_without_a_panic() {
+    use nalgebra::Matrix2;
+    let pattern = crate::common::random_pattern(20, 9);
+    let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
+    let mut ws = robust.workspace();
+    let mut out = Identification::default();
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let values = [
+        1e-320, 1e-200, 1e-40, 1e-18, 1e-6, 0.717, 1.0, 1e3, 1e40, 1e300,
+    ];
+    for (a, b) in values.iter().flat_map(|a| values.map(move |b| (*a, b))) {
+        for mixed in [0.0, 0.999 * (a * b).sqrt(), f64::NAN] {
+            let mut dots = view(&pattern, &random_rotation(&mut rng));
+            dots[0].uncertainty = DotUncertainty::Tangent {
+                covariance: Matrix2::new(a, mixed, mixed, b),
+            };
+            let answer = robust.identify_into(&dots, &mut ws, &mut out);
+            // Between a nanoradian and a radian there is an answer, beyond it none.
+            let outside = a.min(b) < 1e-18 || a.max(b) > 1.0;
+            if outside || mixed.is_nan() {
+                assert_eq!(
+                    answer,
+                    Err(RecognizerRejection::Degenerate),
+                    "{a} {mixed} {b}"
+                );
+            } else if answer.is_ok() {
+                assert!((0.0..=1.0).contains(&out.confidence), "{out:?}");
+            }
+            dots[0] = dot(dots[0].direction, a);
+            let _ = robust.identify_into(&dots, &mut ws, &mut out);
+        }
+    }
+}
+
+#[test]
 fn a_symmetric_pattern_yields_all_its_poses_and_no_confidence() {
     let corners = |signs: &[[f64; 3]]| signs.iter().map(|s| Vec3::from(*s).normalize()).collect();
     let mut cube = Vec::new();
