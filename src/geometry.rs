@@ -192,19 +192,21 @@ fn undetermined() -> Error {
     Error::Degenerate("the points lie on one line, or fit several rotations equally well".into())
 }
 
-/// Kabsch's own solution, `R = U diag(1, 1, det(U V^T)) V^T` of `H = U S V^T`; `None` where Horn's is
-/// more accurate. It takes a fifth of the time, but nalgebra's decomposition of a 3 x 3 matrix goes
-/// by `H^T H`, so that its error grows with the square of the condition.
+/// Kabsch's own solution, `R = U diag(1, 1, det(U V^T)) V^T` of `H = U S V^T`; `None` where Horn's
+/// is more accurate. It takes a fifth of the time, but nalgebra's decomposition of a 3 x 3 matrix
+/// goes by `H^T H`, so that its error grows with the square of the condition.
 fn well_conditioned(h: &Matrix3<f64>) -> Option<Rotation> {
-    if h.iter().any(|x| !x.is_finite()) {
+    let scale = h.amax();
+    if !(scale > 0.0 && scale.is_finite()) {
         return None;
     }
-    let svd = h.svd(true, true);
+    // A power of two, so that nothing is rounded, and the squares neither over- nor underflow.
+    let svd = (h / scale.log2().floor().exp2()).svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
     let s = svd.singular_values;
     let sign = (u * v_t).determinant().signum();
     // Half of the gap between Horn's two largest eigenvalues.
-    if s[1] + sign * s[2] < WELL_CONDITIONED * s[0] || s[0] == 0.0 {
+    if s[1] + sign * s[2] < WELL_CONDITIONED * s[0] {
         return None;
     }
     let r = u * Matrix3::from_diagonal(&Vec3::new(1.0, 1.0, sign)) * v_t;
@@ -280,11 +282,10 @@ impl Matches<'_> {
     /// `rotation`, turned to the best angle about the axis about which the directions hold it
     /// least.
     ///
-    /// With `c_i = R a_i` the objective falls with a small turn `x` by `x^T M x / 2`,
-    /// `M = sum_i w_i (c_i.b_i I - (c_i b_i^T + b_i c_i^T) / 2)`: the axis `u` is the eigenvector of
-    /// its least eigenvalue. About `u` the best angle is that of the sums of `u.(c_i x b_i)` and
-    /// `(c_i x u).(b_i x u)`, whose terms are as small as the directions are close, without
-    /// cancellation.
+    /// With `c_i = R a_i` the objective falls with a small turn `x` by `x^T M x / 2`, `M = sum_i
+    /// w_i (c_i.b_i I - (c_i b_i^T + b_i c_i^T) / 2)`: the axis `u` is the eigenvector of its least
+    /// eigenvalue. About `u` the best angle is that of the sums of `u.(c_i x b_i)` and `(c_i x
+    /// u).(b_i x u)`, whose terms are as small as the directions are close, without cancellation.
     fn twisted(&self, rotation: &Rotation) -> Result<Rotation> {
         let mut curvature = Matrix3::zeros();
         for (a, b, w) in self.iter() {
@@ -319,8 +320,8 @@ impl Matches<'_> {
     }
 }
 
-/// The rotation matrix that lays one pair of unit vectors on another, midpoint on midpoint, so that a
-/// difference of their angles is shared evenly; `None` for pairs that are parallel or opposite.
+/// The rotation matrix that lays one pair of unit vectors on another, midpoint on midpoint, so that
+/// a difference of their angles is shared evenly; `None` for pairs that are parallel or opposite.
 pub fn pair_rotation(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Matrix3<f64>> {
     let frame = |[a, b]: [&Vec3; 2]| -> Option<Matrix3<f64>> {
         let mid = (a + b).try_normalize(MIN_NORMAL)?;

@@ -1,4 +1,4 @@
-//! The Cramér-Rao bound: the least covariance that any unbiased estimate of the spin can have.
+//! The Cramér-Rao bound: the minimum covariance that any unbiased estimate of the spin can have.
 //!
 //! With the model of [`super::robust`] and known outliers, the Fisher information of (R0, w) from
 //! right orientations at times `t_k` with noise `sigma_k` per axis falls apart like the normal
@@ -16,9 +16,9 @@
 //!                                             S11 = sum |g_k|^2 / sigma_k^2
 //! ```
 //!
-//! (S. M. Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory", 1993, eq. 3.31, for
-//! Gaussian noise). Noise of a few degrees is small enough that the curvature of SO(3) changes this by
-//! `sigma^2 / 12`, a ten-thousandth.
+//! (S. M. Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory", 1993, eq. 3.31,
+//! for Gaussian noise). Noise of a few degrees is small enough that the curvature of SO(3) changes
+//! this by `sigma^2 / 12`, a ten-thousandth.
 
 use nalgebra::{Complex, Matrix3};
 
@@ -26,11 +26,12 @@ use super::Measurement;
 use super::refine::axis_and_rate;
 use crate::geometry::Vec3;
 
-/// Steps of the quadrature for [`SpinBound::probability_within`]; Simpson's rule is then exact to 1e-9.
+/// Steps of the quadrature for [`SpinBound::probability_within`]; Simpson's rule is then exact to
+/// 1e-9.
 const QUADRATURE_STEPS: usize = 256;
 
-/// A determinant below this share of what frames in all phases of a turn would give counts as 0: the
-/// turns between the frames are whole to within a millionth of their angle.
+/// A determinant below this share of what frames in all phases of a turn would give counts as 0:
+/// the turns between the frames are whole to within a millionth of their angle.
 const MIN_DETERMINANT: f64 = 1e-12;
 
 /// The bound on a spin's covariance.

@@ -33,10 +33,11 @@
 //! [`DecayOutcome::Constant`], with the interval in which a decay may still lie.
 //!
 //! Guaranteed: no decay without evidence; no spin faster than permitted at either end; no more
-//! agreement claimed than chance explains (`spin::chance`, with the decays that can be told apart
-//! as further hypotheses). The interval is that of the likelihood's curvature, with the noise
-//! estimated from the residuals; `docs/spin.md` shows its coverage. Not guaranteed: a slow drift of
-//! the axis (gyroscopic effects on an uneven ball) is taken for noise.
+//! agreement claimed than chance explains (`spin::chance`, with the decays that can be
+//! distinguished as further hypotheses), and that by most of the frames. The interval is that of
+//! the likelihood's curvature, with the noise estimated from the residuals; `docs/spin.md` shows
+//! its coverage. Not guaranteed: a slow drift of the axis (gyroscopic effects on an uneven ball) is
+//! taken for noise.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -131,7 +132,7 @@ pub struct Interval {
 pub enum DecayOutcome {
     /// There is evidence for a decay (or a growth).
     Decaying(DecayFit),
-    /// There is none: the spin is constant as far as can be told.
+    /// There is none: the spin is constant as far as these orientations show.
     Constant(ConstantFit),
 }
 
@@ -193,8 +194,8 @@ pub struct ConstantFit {
 ///
 /// # Errors
 /// A [`SpinRejection`] where the settings or measurements are invalid, or the measurements fewer
-/// than one run, or neither a constant nor a decaying spin is agreed on by more than chance
-/// explains.
+/// than one run, or neither a constant nor a decaying spin is agreed on by most of the frames and
+/// by more than chance explains.
 pub fn fit_decay(
     measurements: &[Measurement],
     config: &DecayConfig,
@@ -216,7 +217,13 @@ pub fn fit_decay(
         .filter(|s| s.permitted(measurements, config))
         .max_by(|a, b| a.objective.total_cmp(&b.objective));
     let Some(best) = best else {
-        return undetermined(constant, measurements, config);
+        // The decay is open: a ball that hardly turns.
+        let fit = held_by_most(constant?, measurements, config)?;
+        return Ok(DecayOutcome::Constant(ConstantFit {
+            fit,
+            interval_per_s: None,
+            ln_bayes_factor: None,
+        }));
     };
     let ln_constant = ln_likelihood_of_constant(measurements, &constant, &best);
     let width = std::f64::consts::TAU.sqrt() * best.std_per_s / (2.0 * config.max_decay_per_s);
@@ -225,7 +232,7 @@ pub fn fit_decay(
     if determined && ln_bayes_factor > TIE_MARGIN {
         return Ok(DecayOutcome::Decaying(best.decay_fit(ln_bayes_factor)));
     }
-    let fit = constant?;
+    let fit = held_by_most(constant?, measurements, config)?;
     Ok(DecayOutcome::Constant(ConstantFit {
         fit,
         interval_per_s: determined.then(|| best.interval_per_s()),
@@ -233,27 +240,27 @@ pub fn fit_decay(
     }))
 }
 
-/// The answer where no decay converges: the constant spin, if most of the sequence agrees on it. A
-/// decaying spin passes for a constant one over a part of its sequence.
-fn undetermined(
-    constant: Result<Fit, SpinRejection>,
+/// The constant spin, if most of the sequence agrees on it: a decaying one passes for constant over
+/// a part of its sequence.
+fn held_by_most(
+    fit: Fit,
     measurements: &[Measurement],
     config: &DecayConfig,
-) -> Result<DecayOutcome, SpinRejection> {
-    let fit = constant?;
-    let expected: f64 = measurements.iter().map(|m| m.confidence).sum();
-    if (fit.inliers as f64) < 0.5 * expected {
-        return Err(SpinRejection::NoConsensus {
-            agreeing: fit.inliers,
-            frames: measurements.len(),
-            max_rps: config.robust.max_rps,
-        });
+) -> Result<Fit, SpinRejection> {
+    if is_majority(fit.inliers, measurements) {
+        return Ok(fit);
     }
-    Ok(DecayOutcome::Constant(ConstantFit {
-        fit,
-        interval_per_s: None,
-        ln_bayes_factor: None,
-    }))
+    Err(SpinRejection::NoConsensus {
+        agreeing: fit.inliers,
+        frames: measurements.len(),
+        max_rps: config.robust.max_rps,
+    })
+}
+
+/// Whether these are half of the orientations that are expected to be right, or more.
+fn is_majority(inliers: usize, measurements: &[Measurement]) -> bool {
+    let expected: f64 = measurements.iter().map(|m| m.confidence).sum();
+    inliers as f64 >= 0.5 * expected
 }
 
 /// From the first measurement to the last, seconds.
@@ -386,8 +393,8 @@ impl State {
     }
 }
 
-/// Level at x = 0, slope, and the slope's standard error by Theil and Sen's medians: half the points
-/// may lie anywhere (P. K. Sen, J. Am. Stat. Assoc. 63, 1968).
+/// Level at x = 0, slope, and the slope's standard error by Theil and Sen's medians: half the
+/// points may lie anywhere (P. K. Sen, J. Am. Stat. Assoc. 63, 1968).
 fn robust_line(points: &[(f64, f64)]) -> (f64, f64, f64) {
     let mut slopes = Vec::new();
     for (i, a) in points.iter().enumerate() {
@@ -462,8 +469,8 @@ struct Settled {
 }
 
 impl Settled {
-    /// Whether the decay and the spins at both ends are within what is considered, and more frames
-    /// agree than chance explains.
+    /// Whether the decay and the spins at both ends are within what is considered, and most of the
+    /// frames agree, and more than chance explains.
     fn permitted(&self, measurements: &[Measurement], config: &DecayConfig) -> bool {
         let max_rps = config.robust.max_rps;
         let last = self
@@ -475,6 +482,7 @@ impl Settled {
             && self.state.motion.rps() <= max_rps
             && last.motion.rps() <= max_rps
             && self.sums.inliers >= MIN_FRAMES
+            && is_majority(self.sums.inliers, measurements)
             && chance <= config.robust.false_alarms
     }
 
@@ -508,9 +516,10 @@ impl Settled {
     }
 }
 
-/// Number of decays that a sequence can tell apart at the fastest spin: each is a clock of its own
+/// Number of decays that a sequence can distinguish at the fastest spin: each is a clock of its own
 /// on which as many constant spins may agree by chance. Within `T` a decay c shifts the last angle
-/// by about `w c T^2 / 2`, and what the noise allows is some three standard deviations to each side.
+/// by about `w c T^2 / 2`, and what the noise allows is some three standard deviations to each
+/// side.
 fn decays_apart(measurements: &[Measurement], sigma_rad: f64, config: &DecayConfig) -> f64 {
     let rate = config.robust.max_rps * std::f64::consts::TAU;
     let shift = rate * config.max_decay_per_s * duration(measurements).powi(2);

@@ -1,27 +1,29 @@
 //! Spin from time-stamped orientations: the last stage, and the one that meets the most nonsense.
 //!
-//! Some orientations are wrong by any angle (a misidentified pattern), some are missing, the times may
-//! be uneven, and a quaternion and its negative mean the same. Two estimators answer the same question:
+//! Some orientations are wrong by any angle (a misidentified pattern), some are missing, the times
+//! may be uneven, and a quaternion and its negative mean the same. Two estimators answer the same
+//! question:
 //!
 //! - [`quatera`]: the paper's, a regression in the plane of the quaternions with RANSAC before it
 //!   (T. Gossard et al., "SpinDOE", arXiv 2303.03879, Sec. II-D). The baseline.
-//! - [`robust`]: maximum likelihood on SO(3) under a mixture of noise and outliers, global over every
-//!   number of turns that may lie between two frames. The default.
+//! - [`robust`]: maximum likelihood on SO(3) under a mixture of noise and outliers, global over
+//!   every number of turns that may lie between two frames. The default.
 //!
-//! Frames and units: orientations map the pattern's frame to the camera's; a spin is a vector in the
-//! camera frame, rad/s, right-hand rule, such that
+//! Frames and units: orientations map the pattern's frame to the camera's; a spin is a vector in
+//! the camera frame, rad/s, right-hand rule, such that
 //!
 //! ```text
 //! R(t) = exp([w]x (t - t0)) R(t0)
 //! ```
 //!
-//! Around them: [`orientations`] is the file that they read, [`alias`] lists the spins that look alike at
-//! the given times, [`bound`] says what any estimator could reach; [`windows`] and [`decay`] (with the
-//! theory in [`air`]) follow a spin through a long flight; [`dots`] refines it on the dots themselves;
-//! [`simulate`] makes sequences with a known truth, and [`trajectories`] reads published flights.
+//! Around them: [`orientations`] is the file that they read, [`alias`] lists the spins that look
+//! alike at the given times, [`bound`] says what any estimator could reach; [`windows`] and
+//! [`decay`] (with the theory in [`air`]) follow a spin through a long sequence; [`dots`] refines
+//! it on the dots themselves; [`simulate`] makes sequences with a known truth, and [`trajectories`]
+//! reads the published ones.
 //!
-//! What no estimator can promise: to tell spins apart that look alike at the given times
-//! (their aliases).
+//! What no estimator can promise: to distinguish spins that look alike at the given times (their
+//! aliases).
 
 pub mod air;
 pub mod alias;
@@ -47,12 +49,12 @@ use crate::geometry::{Rotation, Vec3};
 /// Fewest orientations that can show a spin and check it: two fix it, the third bears witness.
 pub const MIN_FRAMES: usize = 3;
 
-/// Most turns between successive orientations that the search goes through one by one: far more than
-/// any sampling can decide, and few enough to be done in a moment.
+/// Most turns between successive orientations that the search goes through one by one: far more
+/// than any sampling can decide, and few enough to be done in a moment.
 pub const MAX_TURNS: usize = 200;
 
-/// Least time between successive orientations, seconds: a million frames a second. Frames numbered
-/// in nanoseconds by mistake are closer.
+/// Minimum time between successive orientations, seconds: a million frames a second. Frames
+/// numbered in nanoseconds by mistake are closer.
 pub const MIN_INTERVAL_S: f64 = 1e-6;
 
 /// The probability that an orientation is right, where nothing is known of it.
@@ -158,7 +160,7 @@ pub enum SpinRejection {
          expected at most {MAX_TURNS} (are the times in seconds?)"
     )]
     Sparse {
-        /// The least interval between successive orientations, seconds.
+        /// The minimum interval between successive orientations, seconds.
         interval_s: f64,
         /// Turns possible within it.
         turns: f64,
@@ -241,7 +243,8 @@ fn require(
 /// Checks what every estimator relies on.
 ///
 /// # Errors
-/// The first violation: fewer than `needed` measurements, times not increasing, values out of domain.
+/// The first violation: fewer than `needed` measurements, times not increasing, values out of
+/// domain.
 pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), SpinRejection> {
     let mut before = f64::NEG_INFINITY;
     for (index, m) in measurements.iter().enumerate() {

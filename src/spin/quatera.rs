@@ -1,20 +1,21 @@
-//! The paper's spin regression: QuateRA with RANSAC (T. Gossard et al., "SpinDOE", arXiv 2303.03879,
-//! Sec. II-D; M. Almeida et al., "QuateRA: the quaternion regression algorithm", J. Guid. Control Dyn.
-//! 43, 2020). The baseline, kept as it is; [`super::robust`] is the better estimator.
+//! The paper's spin regression: QuateRA with RANSAC (T. Gossard et al., "SpinDOE", arXiv
+//! 2303.03879, Sec. II-D; M. Almeida et al., "QuateRA: the quaternion regression algorithm", J.
+//! Guid. Control Dyn. 43, 2020). The baseline, kept as it is; [`super::robust`] is the better
+//! estimator.
 //!
 //! With a constant spin the quaternions `q(t) = exp(n phi(t) / 2) q0` lie in a plane through the
-//! origin of R^4: `q = cos(phi/2) u1 + sin(phi/2) u2` with `u2 = n u1`, hence `n = u2 u1*`, without a
-//! sign to be found by trial. The plane is spanned by the two leading eigenvectors of `sum q q^T`,
-//! which does not care about the quaternions' signs. Angles are `phi = 2 atan2(q.u2, q.u1)`,
+//! origin of R^4: `q = cos(phi/2) u1 + sin(phi/2) u2` with `u2 = n u1`, hence `n = u2 u1*`, without
+//! a sign to be found by trial. The plane is spanned by the two leading eigenvectors of `sum q
+//! q^T`, which does not care about the quaternions' signs. Angles are `phi = 2 atan2(q.u2, q.u1)`,
 //! unwrapped and regressed on time: the spin is `n dphi/dt`.
 //!
-//! RANSAC: the plane is fitted to short runs of successive frames; a frame whose distance
-//! `1 - |projection on the plane|` is below a threshold joins; the plane that at least three join and
+//! RANSAC: the plane is fitted to short runs of successive frames; a frame whose distance `1 -
+//! |projection on the plane|` is below a threshold joins; the plane that at least three join and
 //! with the least total distance wins.
 //!
-//! Known weaknesses, kept: a run must be free of outliers; a slow spin leaves the plane undetermined;
-//! any rotation about nearly the right axis counts as right, however wrong its angle; unwrapping is by
-//! rules of thumb.
+//! Known weaknesses, kept: a run must be free of outliers; a slow spin leaves the plane
+//! undetermined; any rotation about nearly the right axis counts as right, however wrong its angle;
+//! unwrapping is by rules of thumb.
 
 use nalgebra::{Matrix4, Vector4};
 use rand::{RngExt, SeedableRng};

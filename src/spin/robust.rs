@@ -1,12 +1,13 @@
 //! Spin by maximum likelihood on SO(3), robust and global.
 //!
 //! Every spin that two of the frames allow (any number of turns between them, up to the permitted
-//! magnitude) is scored on all others; the best few are refined together with the orientation under a
-//! mixture of noise and uniform outliers; among those, the likeliest wins, and of equals the slowest.
+//! magnitude) is scored on all others; the best few are refined together with the orientation under
+//! a mixture of noise and uniform outliers; among those, the likeliest wins, and of equals the
+//! slowest.
 //!
-//! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen a
-//! sequence as long; a spin is only reported where more frames agree on it than chance would explain.
-//! Not guaranteed: a constant spin is taken for granted.
+//! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen
+//! a sequence as long; a spin is only reported where more frames agree on it than chance would
+//! explain. Not guaranteed: a constant spin is taken for granted.
 
 use nalgebra::Matrix3;
 
@@ -16,8 +17,8 @@ use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pai
 use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check, require};
 use crate::geometry::Vec3;
 
-/// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then all
-/// at once.
+/// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then
+/// all at once.
 const QUICK_GAP: usize = 3;
 /// Widest gap between a pair's frames: beyond that there are only more turns to be wrong by.
 const WIDEST_GAP: usize = 30;
@@ -26,8 +27,8 @@ const WIDEST_GAP: usize = 30;
 const ENOUGH: f64 = 0.6;
 /// Frames that serve as a pair's first in one search; long sequences are sampled evenly.
 const MAX_STARTS: usize = 64;
-/// Of spins whose log posterior differs by less than this the slowest is chosen: odds of 20 to 1 are
-/// the least that counts as evidence.
+/// Of spins whose log posterior differs by less than this the slowest is chosen: odds of 20 to 1
+/// are the minimum that counts as evidence.
 pub(super) const TIE_MARGIN: f64 = 3.0;
 
 /// What is known of the spin's magnitude beforehand.
@@ -64,8 +65,8 @@ pub struct RobustSpinConfig {
 
 impl Default for RobustSpinConfig {
     /// 175 revolutions per second (the paper's limit: half a turn a frame at 350 frames per second)
-    /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes), which
-    /// counts for little: at half or twice that noise the residuals of ten frames prevail.
+    /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes),
+    /// which counts for little: at half or twice that noise the residuals of ten frames prevail.
     fn default() -> Self {
         Self {
             max_rps: 175.0,

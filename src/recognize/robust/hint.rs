@@ -1,9 +1,9 @@
 //! What is known of the orientation before the dots are looked at.
 //!
-//! With the probability `1 - wrong` the true rotation is `exp([e]x) R_hint` with `e ~ N(0, C)` in the camera
-//! frame; otherwise any rotation is as likely as any other. The evidence of an explanation whose own
-//! rotation has the covariance `H^-1` is multiplied by this prior's density over the uniform one,
-//! `(1 - wrong) 8 pi^2 N(e; 0, C + H^-1) + wrong`.
+//! With the probability `1 - wrong` the true rotation is `exp([e]x) R_hint` with `e ~ N(0, C)` in
+//! the camera frame; otherwise any rotation is as likely as any other. The evidence of an
+//! explanation whose own rotation has the covariance `H^-1` is multiplied by this prior's density
+//! over the uniform one, `(1 - wrong) 8 pi^2 N(e; 0, C + H^-1) + wrong`.
 
 use std::f64::consts::{PI, TAU};
 
@@ -73,7 +73,8 @@ impl Prior {
     /// rotation's own.
     pub fn ln_ratio(&self, rotation: &Matrix3<f64>, information: Option<&Matrix3<f64>>) -> f64 {
         let moved = Rotation3::from_matrix_unchecked(rotation * self.rotation.transpose());
-        // By the quaternion: the logarithm of a matrix is lost at half a turn, where it is symmetric.
+        // By the quaternion: the logarithm of a matrix is lost at half a turn, where it is
+        // symmetric.
         let e = Rotation::from_rotation_matrix(&moved).scaled_axis();
         let own = information.and_then(|h| h.try_inverse());
         let covariance = own.map_or(self.covariance, |own| self.covariance + own);

@@ -1,11 +1,11 @@
 //! The likelihood of a view: visibility, displacement, false dots. All logarithms are natural.
 //!
 //! Under the rotation `R` pattern dot `j` appears at `q_j = R p_j` and is detected with probability
-//! `d(z) = P_d / (1 + exp(-1.7 (z - z_min) / w))`. A detected dot is displaced by noise whose density at
-//! the Mahalanobis distance `u` is `exp(ln_kernel(u)) / (2 pi sqrt(det C))`, of mass 1 over the
-//! tangent plane ([`NoiseShape`] has the kernels). False dots are a Poisson process of
-//! density `lambda / (2 pi (1 - z_min))` per steradian of the visible cap; where their usual number is
-//! known, all but a fiftieth of the views have that.
+//! `d(z) = P_d / (1 + exp(-1.7 (z - z_min) / w))`. A detected dot is displaced by noise whose
+//! density at the Mahalanobis distance `u` is `exp(ln_kernel(u)) / (2 pi sqrt(det C))`, of mass 1
+//! over the tangent plane ([`NoiseShape`] has the kernels). False dots are a Poisson process of
+//! density `lambda / (2 pi (1 - z_min))` per steradian of the visible cap; where their usual number
+//! is known, all but a fiftieth of the views have that.
 
 use std::f64::consts::{PI, TAU};
 
@@ -28,7 +28,8 @@ const SIGMAS_RAD: std::ops::RangeInclusive<f64> = 1e-9..=1.0;
 pub(super) const GATE: f64 = 10.0;
 /// Nearer than this many standard deviations nothing is gained: the random-axis density has a pole.
 const POLE: f64 = 0.3;
-/// A dot's largest weight while the explanation is sought: near the pole it would hold the rotation alone.
+/// A dot's largest weight while the explanation is sought: near the pole it would hold the rotation
+/// alone.
 pub(super) const SEARCH_WEIGHT: f64 = 1.0;
 /// A dot's largest weight in the rotation that is reported.
 pub(super) const FINAL_WEIGHT: f64 = 4.0;
@@ -65,8 +66,8 @@ pub(super) struct Model {
 pub(super) struct Dot {
     /// Unit vector, camera frame.
     pub direction: Vec3,
-    /// Tangent axes over their standard deviations: their products with a displacement are independent
-    /// and of unit variance.
+    /// Tangent axes over their standard deviations: their products with a displacement are
+    /// independent and of unit variance.
     pub axes: [Vec3; 2],
     /// Inverse of the largest variance, 1/rad^2.
     pub radial: f64,
@@ -76,12 +77,14 @@ pub(super) struct Dot {
     pub sigma_max: f64,
     /// ln of the Gaussian's peak over the false-dot density.
     pub ln_peak: f64,
-    /// Upper bound of what the dot adds to the log-likelihood ratio, the penalty of missing it included.
+    /// Upper bound of what the dot adds to the log-likelihood ratio, the penalty of missing it
+    /// included.
     pub most: f64,
 }
 
 impl Dot {
-    /// Squared Mahalanobis distance of the direction `q`; for all directions alike `|q - o|^2 / sigma^2`.
+    /// Squared Mahalanobis distance of the direction `q`; for all directions alike `|q - o|^2 /
+    /// sigma^2`.
     pub fn distance_squared(&self, q: &Vec3) -> f64 {
         let [a, b] = self.axes.map(|u| u.dot(q));
         let depth = 1.0 - self.direction.dot(q);
@@ -130,10 +133,11 @@ impl Model {
         }
     }
 
-    /// The log-density at squared Mahalanobis distance `d2`, relative to the Gaussian's peak; `None`
-    /// beyond the gate.
+    /// The log-density at squared Mahalanobis distance `d2`, relative to the Gaussian's peak;
+    /// `None` beyond the gate.
     pub fn ln_kernel(&self, d2: f64) -> Option<f64> {
-        // Not `>`: it would let a NaN pass. Beyond the gate nothing can be an index, infinity least.
+        // Not `>`: it would let a NaN pass. Beyond the gate nothing can be an index, infinity
+        // least.
         let inside = d2 <= GATE * GATE;
         if !inside {
             return None;
@@ -145,8 +149,8 @@ impl Model {
     }
 
     /// Weight of a displacement in a least-squares step towards the kernel's maximum,
-    /// `-ln_kernel'(u) / u`: 1 for one Gaussian, less for heavier tails, and more towards a pole, up
-    /// to `most`.
+    /// `-ln_kernel'(u) / u`: 1 for one Gaussian, less for heavier tails, and more towards a pole,
+    /// up to `most`.
     pub fn weight(&self, d2: f64, most: f64) -> f64 {
         let k = (d2.sqrt() * KERNEL_STEPS) as usize;
         self.weight[k.min(self.weight.len() - 1)].min(most)

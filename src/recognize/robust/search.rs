@@ -10,7 +10,8 @@ use super::screen::Screen;
 use crate::geometry::Rotation;
 use crate::recognize::{ObservedDot, RecognizerRejection};
 
-/// Pairs nearer to parallel or opposite than this sine leave the rotation too uncertain to start from.
+/// Pairs nearer to parallel or opposite than this sine leave the rotation too uncertain to start
+/// from.
 const MIN_SINE: f64 = 0.15;
 /// Nats by which the best explanation must lead every rival and "null" to end the search early.
 const DOUBT: f64 = 9.0;
@@ -22,7 +23,8 @@ const HOPELESS: f64 = 16.0;
 const UNSEEN: f64 = 4.0;
 /// Fewer dots than this leave the choice among hypotheses to the hint.
 const FEW: usize = 4;
-/// Most passes over the mirrored view: a flipped axis shows in every frame, and need not in the hardest.
+/// Most passes over the mirrored view: a flipped axis shows in every frame, and need not in the
+/// hardest.
 const MIRROR_PASSES: usize = 6;
 /// Observed dots for which a new workspace has the capacity; more of them make it grow.
 const CAPACITY: usize = 64;
@@ -139,7 +141,8 @@ impl RobustRecognizer {
                 widening: prior.widening(&ws.dots),
             };
             self.refine(&start, Some(prior), f64::NEG_INFINITY, ws);
-            // Whatever the dots are, chance explains them so well near one given rotation hardly ever.
+            // Whatever the dots are, chance explains them so well near one given rotation hardly
+            // ever.
             let null = self.null.ln_evidence(ws.dots.len());
             let best = ws.found.best();
             let beyond_doubt = best.is_some_and(|b| b.refined.ln_evidence - null > DOUBT);
@@ -260,8 +263,8 @@ impl RobustRecognizer {
         refined.ln_evidence > least
     }
 
-    /// Whether the search may end after a pass over the pair. `unseen` bounds the log-likelihood ratio
-    /// of what no pass has seen, but for the share of rotations.
+    /// Whether the search may end after a pass over the pair. `unseen` bounds the log-likelihood
+    /// ratio of what no pass has seen, but for the share of rotations.
     fn settled(&self, [a, b]: [usize; 2], unseen: f64, ws: &RobustWorkspace) -> bool {
         let Some(best) = ws.found.best() else {
             return false;

@@ -22,9 +22,10 @@ const FRAMES: usize = 210;
 
 type Answer = Result<DecayOutcome, SpinRejection>;
 
-fn answers(scenario: &Scenario, rps: f64, seed: u64, trials: u64) -> Vec<Answer> {
+/// The answers to the sequences of a table's line; no two lines share their noise.
+fn answers(scenario: &Scenario, rps: f64, (seed, line): (u64, u64), trials: u64) -> Vec<Answer> {
     let answer = |i| {
-        let sequence = scenario.sequence((rps, rps), seed, i);
+        let sequence = scenario.sequence((rps, rps), seed, line * trials + i);
         fit_decay(&sequence.measurements, &DecayConfig::default())
     };
     (0..trials).into_par_iter().map(answer).collect()
@@ -84,6 +85,7 @@ fn main() {
         "| decay, 1/s | spin, rps | interval holds the truth | half width, 1/s | decay found | left open | refused |"
     );
     println!("|---|---|---|---|---|---|---|");
+    let mut line = 0;
     for decay_per_s in DECAYS_PER_S {
         let scenario = Scenario {
             frames: FRAMES,
@@ -91,7 +93,8 @@ fn main() {
             ..Scenario::default()
         };
         for rps in SPINS_RPS {
-            let answers = answers(&scenario, rps, seed, trials);
+            let answers = answers(&scenario, rps, (seed, line), trials);
+            line += 1;
             println!("| {decay_per_s} | {rps} | {} |", row(decay_per_s, &answers));
         }
     }
@@ -102,7 +105,8 @@ fn main() {
             outliers: 1.0,
             ..Scenario::default()
         };
-        let answers = answers(&scenario, 80.0, seed, trials);
+        let answers = answers(&scenario, 80.0, (seed, line), trials);
+        line += 1;
         let answered = answers.iter().flatten().count();
         println!("| {frames} | {} |", percent(answered, answers.len()));
     }

@@ -241,8 +241,8 @@ fn theory_is_worked_out_right() {
     // 12 pi 1.81e-5 0.02 / 0.0027, by hand: the paper's "about 0.005".
     let creeping = creeping_decay(&ball, &air);
     assert!((creeping - 0.005_054).abs() < 1e-6, "{creeping}");
-    // At vanishing Reynolds numbers the torque coefficient 16 pi / Re would take over; at 50 rps the
-    // boundary layer brakes twelve times as hard.
+    // At vanishing Reynolds numbers the torque coefficient 16 pi / Re would take over; at 50 rps
+    // the boundary layer brakes twelve times as hard.
     let at = |rps: f64| boundary_layer_decay(&ball, &air, rps * TAU);
     assert!((at(50.0) - 0.0625).abs() < 1e-3, "{}", at(50.0));
     assert!((at(100.0) - 0.0871).abs() < 1e-3, "{}", at(100.0));

@@ -1,5 +1,6 @@
-//! Both spin estimators on simulated sequences: exactness, signs, rates against what the Cramér-Rao bound
-//! allows, stated uncertainties, refusals. A fast sample of what `examples/spin_targets.rs` measures in full.
+//! Both spin estimators on simulated sequences: exactness, signs, rates against what the Cramér-Rao
+//! bound allows, stated uncertainties, refusals. A fast sample of what `examples/spin_targets.rs`
+//! measures in full.
 
 use std::f64::consts::TAU;
 
@@ -39,8 +40,8 @@ fn motion(spin: Vec3, seed: u64) -> Motion {
 
 #[test]
 fn the_sign_follows_from_the_definition() {
-    // A quarter turn about +z takes the pattern's x to the camera's y: R(t) = exp([w]x t) R(0), with
-    // rotation matrices written down by hand, not by the library.
+    // A quarter turn about +z takes the pattern's x to the camera's y: R(t) = exp([w]x t) R(0),
+    // with rotation matrices written down by hand, not by the library.
     let matrix = |angle: f64| {
         let (s, c) = angle.sin_cos();
         nalgebra::Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
@@ -215,7 +216,8 @@ fn rates_and_errors_reach_the_bound() {
     ] {
         let s = sample(&standard, rps, seed, 2000);
         assert!(s.right.low > 0.995, "{rps:?}: {}", s.right);
-        // Six thousand squared components: standard error 1.8 %, and the mean square is twice the RMS.
+        // Six thousand squared components: standard error 1.8 %, and the mean square is twice the
+        // RMS.
         assert!((s.ratio - 1.0).abs() < 0.10, "{rps:?}: {}", s.ratio);
         assert!(
             (s.normalized - 1.0).abs() < 0.09,
