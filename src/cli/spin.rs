@@ -10,7 +10,7 @@ use crate::geometry::Vec3;
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
-use crate::spin::decay::{DecayConfig, DecayFit, fit_decay};
+use crate::spin::decay::{DecayConfig, DecayFit, DecayOutcome, fit_decay};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig, standard_deviations};
@@ -60,8 +60,8 @@ pub struct Arguments {
     /// Noise of the orientations in degrees per axis, a first guess: the residuals correct it.
     #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
     sigma_deg: f64,
-    /// Take the spin to decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
-    /// orientation.
+    /// Look for a decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
+    /// orientation. Without evidence for a decay it is the constant spin.
     #[arg(long)]
     decay: bool,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
@@ -143,17 +143,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let options = DecayConfig {
         robust: arguments.robust_options(),
         window: arguments.window,
+        ..DecayConfig::default()
     };
     let (fit, decay) = if arguments.decay {
-        let decay = fit_decay(&measurements, &options).map_err(refused)?;
-        (decay.start, Some(decay))
+        let outcome = fit_decay(&measurements, &options).map_err(refused)?;
+        (*outcome.start(), Some(outcome))
     } else {
         (arguments.fit(&measurements).map_err(refused)?, None)
     };
     // A decaying spin has its aliases only for as long as it may be taken as constant.
     let constant = match decay {
-        Some(_) => &measurements[..arguments.window],
-        None => &measurements,
+        Some(DecayOutcome::Decaying(_)) => &measurements[..arguments.window],
+        _ => &measurements[..],
     };
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
@@ -164,7 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
         errln!(
             "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {} deg: is it one?",
-            if arguments.decay {
+            if matches!(decay, Some(DecayOutcome::Decaying(_))) {
                 "decaying"
             } else {
                 "constant"
@@ -216,13 +217,13 @@ fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> Result<()> 
     };
     let curve = |i: usize| {
         let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
-        let rate = found.decay.as_ref().map(|d| d.fit.rate_at(t));
+        let rate = found.decaying().map(|d| d.rate_at(t));
         (t, rate.map_or(found.fit.motion.rps(), |r| r / TAU))
     };
-    let name = match &found.decay {
+    let name = match found.decaying() {
         Some(d) => format!(
             "fit to all, c = {:.4} +- {:.4} /s",
-            d.fit.decay_per_s, d.fit.std_per_s
+            d.decay_per_s, d.std_per_s
         ),
         None => "constant spin fitted to all".into(),
     };
@@ -242,15 +243,15 @@ fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> Result<()> 
     value_curves(path, &plot)
 }
 
-/// A fitted decay and what theory expects, 1/s.
+/// What the orientations say of a decay, and what theory expects, 1/s.
 struct Decay {
-    fit: DecayFit,
+    outcome: DecayOutcome,
     creeping: f64,
     boundary_layer: f64,
 }
 
 impl Decay {
-    fn new(fit: DecayFit, arguments: &Arguments) -> Self {
+    fn new(outcome: DecayOutcome, arguments: &Arguments) -> Self {
         let ball = Ball {
             radius_m: 0.5e-3 * arguments.ball_diameter_mm,
             mass_kg: 1e-3 * arguments.ball_mass_g,
@@ -258,29 +259,43 @@ impl Decay {
         let air = Air::default();
         Self {
             creeping: creeping_decay(&ball, &air),
-            boundary_layer: boundary_layer_decay(&ball, &air, fit.start.motion.spin.norm()),
-            fit,
+            boundary_layer: boundary_layer_decay(&ball, &air, outcome.start().motion.spin.norm()),
+            outcome,
         }
     }
 
     fn to_json(&self) -> serde_json::Value {
-        let (low, high) = self.fit.interval_per_s;
+        let interval = self.outcome.interval_per_s();
+        let (decaying, ln_bayes_factor) = match &self.outcome {
+            DecayOutcome::Decaying(d) => (Some(d), Some(d.ln_bayes_factor)),
+            DecayOutcome::Constant(c) => (None, c.ln_bayes_factor),
+        };
         json!({
-            "c_per_s": self.fit.decay_per_s,
-            "std_per_s": self.fit.std_per_s,
-            "low_per_s": low,
-            "high_per_s": high,
+            "c_per_s": decaying.map(|d| d.decay_per_s),
+            "std_per_s": decaying.map(|d| d.std_per_s),
+            "low_per_s": interval.map(|i| i.low),
+            "high_per_s": interval.map(|i| i.high),
+            "ln_bayes_factor": ln_bayes_factor,
             "creeping_flow_per_s": self.creeping,
             "boundary_layer_per_s": self.boundary_layer,
         })
     }
 
     fn print(&self) {
-        let (low, high) = self.fit.interval_per_s;
-        outln!(
-            "  decay     c = {:.4} /s, 95 % interval [{low:.4}, {high:.4}]",
-            self.fit.decay_per_s
-        );
+        let interval = self.outcome.interval_per_s();
+        let within = interval.map(|i| format!("[{:.4}, {:.4}]", i.low, i.high));
+        match (&self.outcome, within) {
+            (DecayOutcome::Decaying(d), Some(within)) => outln!(
+                "  decay     c = {:.4} /s, 95 % interval {within}",
+                d.decay_per_s
+            ),
+            (_, Some(within)) => outln!(
+                "  decay     no evidence for one: the spin is constant (c, 95 % interval {within} /s)"
+            ),
+            (_, None) => {
+                outln!("  decay     left open by these orientations: the spin is taken as constant")
+            }
+        }
         outln!(
             "  theory    12 pi mu r / m = {:.5} /s (creeping flow); {:.4} /s with a boundary layer",
             self.creeping,
@@ -307,6 +322,14 @@ struct Found {
 }
 
 impl Found {
+    /// The decay for which there is evidence.
+    fn decaying(&self) -> Option<&DecayFit> {
+        match &self.decay.as_ref()?.outcome {
+            DecayOutcome::Decaying(d) => Some(d),
+            DecayOutcome::Constant(_) => None,
+        }
+    }
+
     fn std_rad_s(&self) -> Option<Vec3> {
         self.fit.spin_covariance.as_ref().map(standard_deviations)
     }

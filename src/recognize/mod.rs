@@ -175,8 +175,9 @@ pub trait Recognizer: Sync {
     /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
 
-    /// Identifies `dots` and writes the answer into `out`, whose memory is reused. The answer depends on
-    /// the dots alone, not on what the workspace saw before. A refusal leaves `out` in no useful state.
+    /// Identifies `dots` and writes the answer into `out`, whose memory is reused. The answer
+    /// depends on the dots alone, not on what the workspace saw before. A refusal leaves `out` in
+    /// no useful state.
     ///
     /// # Errors
     /// A [`RecognizerRejection`] that says why there is no answer.
