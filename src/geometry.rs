@@ -11,6 +11,10 @@
 //! direction, or several on one line, or a mirror image that fits two rotations equally well). Those
 //! are errors.
 
+mod quaternion;
+
+pub use quaternion::{from_wxyz, to_wxyz};
+
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use rand::{Rng, RngExt};
 

@@ -12,7 +12,7 @@ use super::render::{Rendering, TrueDot};
 use super::scene::{Scene, SynthConfig};
 use super::sensor::Sensor;
 use crate::error::{Error, Result};
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Vec3, to_wxyz};
 use crate::pattern::Pattern;
 use crate::vision::camera::Pixel;
 use crate::vision::image::RgbImage;
@@ -229,7 +229,7 @@ fn truth(scene: &Scene, seen: &Rendering, image: String, time_s: Option<f64>) ->
         image,
         time_s,
         size: scene.size,
-        quaternion_wxyz: wxyz(&seen.rotation),
+        quaternion_wxyz: to_wxyz(&seen.rotation),
         spin_rad_s: scene.spin.into(),
         exposure_s: scene.exposure_s,
         center: seen.circle.center,
@@ -253,11 +253,4 @@ fn dot_truth(dot: &TrueDot, [width, height]: [usize; 2]) -> DotTruth {
         contrast: dot.contrast,
         visible: dot.is_visible() && within(u, width) && within(v, height),
     }
-}
-
-/// Scalar first, not negative.
-fn wxyz(rotation: &Rotation) -> [f64; 4] {
-    let q = rotation.quaternion();
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    [q.w, q.i, q.j, q.k].map(|c| sign * c)
 }

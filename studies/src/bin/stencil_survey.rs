@@ -85,7 +85,10 @@ fn main() -> Result<()> {
                 pattern.write_csv(&dir.join("pattern.csv"))?;
                 ("built".to_owned(), String::new())
             }
-            Err(Error::Argument { parameter: name, problem }) => (format!("refused: {name}"), problem.clone()),
+            Err(Error::Argument {
+                parameter: name,
+                problem,
+            }) => (format!("refused: {name}"), problem.clone()),
             Err(e) => ("failed".to_owned(), e.to_string()),
         };
         let (ball, hole) = (config.ball_diameter_mm, config.hole_diameter_mm);
