@@ -285,3 +285,139 @@ impl<T, O> Drop for StopOnPanic<'_, T, O> {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::sync::mpsc;
+
+    /// Keeps what it gets; fails at the result number `fails_at`.
+    #[derive(Default)]
+    struct Kept {
+        items: Vec<usize>,
+        idle: usize,
+        fails_at: Option<usize>,
+    }
+
+    impl Sink<usize> for Kept {
+        type Error = String;
+
+        fn take(&mut self, item: usize) -> Result<(), String> {
+            if self.fails_at == Some(self.items.len()) {
+                return Err("full".into());
+            }
+            self.items.push(item);
+            Ok(())
+        }
+
+        fn idle(&mut self) -> Result<(), String> {
+            self.idle += 1;
+            Ok(())
+        }
+    }
+
+    fn threads(n: usize) -> NonZero<usize> {
+        NonZero::new(n).unwrap()
+    }
+
+    /// Takes longer for some items than for others.
+    fn uneven(n: usize) -> usize {
+        (0..(n * 7919) % 1000).fold(n, |a, b| std::hint::black_box(a ^ b ^ b))
+    }
+
+    #[test]
+    fn results_come_in_order_on_any_number_of_threads() {
+        for n in [1, 2, 3, 8] {
+            for count in [0, 1, 31, 5000] {
+                let mut kept = Kept::default();
+                let input = (0..count).map(Ok);
+                map_ordered(input, threads(n), || (), |(), i| uneven(i), &mut kept).unwrap();
+                assert!(kept.items.iter().copied().eq(0..count), "{n} threads");
+            }
+        }
+    }
+
+    #[test]
+    fn no_more_than_the_limit_is_held() {
+        let (read, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        struct Slow<'a>(&'a AtomicUsize, &'a AtomicUsize, usize);
+        impl Sink<usize> for Slow<'_> {
+            type Error = String;
+            fn take(&mut self, _: usize) -> Result<(), String> {
+                let held = self.0.load(Ordering::SeqCst) - self.1.fetch_add(1, Ordering::SeqCst);
+                self.2 = self.2.max(held);
+                std::thread::yield_now();
+                Ok(())
+            }
+        }
+        let mut slow = Slow(&read, &done, 0);
+        let input = (0..20_000).map(|i| {
+            read.fetch_add(1, Ordering::SeqCst);
+            Ok(i)
+        });
+        map_ordered(input, threads(4), || (), |(), i| i, &mut slow).unwrap();
+        // Those in flight, the one that waits for a place, and those that the sink has at hand.
+        assert!(slow.2 <= 2 * MAX_IN_FLIGHT + 1, "{}", slow.2);
+        assert!(slow.2 > 0);
+    }
+
+    #[test]
+    fn a_result_comes_before_the_next_item() {
+        struct Ask(mpsc::Sender<usize>);
+        impl Sink<usize> for Ask {
+            type Error = String;
+            fn take(&mut self, item: usize) -> Result<(), String> {
+                self.0.send(item).map_err(|e| e.to_string())
+            }
+        }
+        let (answer, answers) = mpsc::channel();
+        // Every item but the first waits for the result of the one before it.
+        let input = (0..100).map(move |i| match i {
+            0 => Ok(0),
+            _ => {
+                let before = answers.recv().map_err(|e| e.to_string())?;
+                assert_eq!(before, i - 1);
+                Ok(i)
+            }
+        });
+        map_ordered(input, threads(3), || (), |(), i| i, &mut Ask(answer)).unwrap();
+    }
+
+    #[test]
+    fn errors_come_after_the_results_before_them() {
+        for n in [1, 4] {
+            let mut kept = Kept::default();
+            let input = (0..100).map(|i| {
+                if i == 60 {
+                    Err("bad".to_owned())
+                } else {
+                    Ok(i)
+                }
+            });
+            let outcome = map_ordered(input, threads(n), || (), |(), i| i, &mut kept);
+            assert_eq!(outcome, Err("bad".into()));
+            assert!(kept.items.into_iter().eq(0..60));
+        }
+    }
+
+    #[test]
+    fn a_sink_that_fails_ends_it() {
+        let mut kept = Kept {
+            fails_at: Some(10),
+            ..Kept::default()
+        };
+        let outcome = map_ordered((0..).map(Ok), threads(2), || (), |(), i| i, &mut kept);
+        assert_eq!(outcome, Err("full".into()));
+        assert_eq!(kept.items.len(), 10);
+    }
+
+    #[test]
+    #[should_panic(expected = "panicked")]
+    fn a_worker_that_panics_leaves_nobody_waiting() {
+        let work = |(): &mut (), i: usize| if i == 500 { panic!("at 500") } else { i };
+        let mut kept = Kept::default();
+        let _ = map_ordered((0..).map(Ok), threads(3), || (), work, &mut kept);
+    }
+}

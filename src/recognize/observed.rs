@@ -312,3 +312,90 @@ fn uncertainty(row: &TableRow<'_, 9>, direction: &Vec3, sigma_rad: f64) -> Field
         (Some(_), Some(_)) => Err("sigma_deg: expected it or a covariance, found both".into()),
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn reader(text: &str) -> ObservedReader<&[u8]> {
+        ObservedReader::new(Path::new("dots.csv"), text.as_bytes(), 0.1).unwrap()
+    }
+
+    #[test]
+    fn a_frame_is_handed_out_when_the_next_begins() {
+        /// Counts what is asked of it.
+        struct Lines<'a>(
+            std::str::SplitInclusive<'a, char>,
+            &'a std::cell::Cell<usize>,
+        );
+        impl std::io::Read for Lines<'_> {
+            fn read(&mut self, to: &mut [u8]) -> std::io::Result<usize> {
+                self.1.set(self.1.get() + 1);
+                let line = self.0.next().unwrap_or_default().as_bytes();
+                to[..line.len()].copy_from_slice(line);
+                Ok(line.len())
+            }
+        }
+        let text = "frame,x,y,z\na,1,0,0\na,0,1,0\nb,1,0,0\nb,0,1,0\nc,1,0,0\n";
+        let lines = std::cell::Cell::new(0);
+        let input = std::io::BufReader::new(Lines(text.split_inclusive('\n'), &lines));
+        let mut frames = ObservedReader::new(Path::new("dots.csv"), input, 0.1).unwrap();
+        assert_eq!(frames.next().unwrap().unwrap().dots.len(), 2);
+        assert_eq!(
+            lines.get(),
+            4,
+            "the header, two rows, and one of the next frame"
+        );
+        assert_eq!(frames.next().unwrap().unwrap().name, "b");
+        assert_eq!(lines.get(), 6);
+        assert_eq!(frames.next().unwrap().unwrap().name, "c");
+        assert!(frames.next().is_none() && frames.next().is_none());
+    }
+
+    #[test]
+    fn after_an_error_there_are_no_frames() {
+        let mut frames = reader("frame,x,y,z\na,1,0,0\nb,1,0,0\na,1,0,0\nc,1,0,0\nd,1,0,0\n");
+        assert_eq!(frames.next().unwrap().unwrap().name, "a");
+        let error = frames.next().unwrap().unwrap_err().to_string();
+        assert!(
+            error.contains("line 4: frame: expected the rows of \"a\""),
+            "{error}"
+        );
+        assert!(frames.next().is_none());
+    }
+
+    #[test]
+    fn names_are_remembered_in_bounded_memory() {
+        let mut names = RecentNames::default();
+        for i in 0..REMEMBERED_FRAMES {
+            assert!(names.insert(&i.to_string()));
+        }
+        // So far all of them.
+        for i in (0..REMEMBERED_FRAMES).step_by(101) {
+            assert!(!names.insert(&i.to_string()));
+        }
+        for i in REMEMBERED_FRAMES..4 * REMEMBERED_FRAMES {
+            assert!(names.insert(&i.to_string()));
+            assert!(names.hashes.len() <= REMEMBERED_FRAMES);
+        }
+        // A recording given twice is noticed soon.
+        let noticed = (0..).position(|i| !names.insert(&i.to_string())).unwrap();
+        assert!(noticed < 1000, "{noticed}");
+    }
+
+    #[test]
+    fn a_frame_without_end_is_refused() {
+        let rows = "a,1,0,0\n".repeat(MAX_FRAME_DOTS + 1);
+        let error = reader(&format!("frame,x,y,z\n{rows}"))
+            .next()
+            .unwrap()
+            .unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("line 65538: expected at most 65536 dots"),
+            "{error}"
+        );
+    }
+}

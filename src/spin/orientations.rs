@@ -23,7 +23,7 @@ use std::io::{BufRead, Write};
 use std::path::Path;
 
 use super::{DEFAULT_CONFIDENCE, Measurement};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::files;
 use crate::files::csv::{Columns, Field, Table, TableRow, quoted};
 use crate::geometry::{Rotation, from_wxyz, to_wxyz};
