@@ -150,3 +150,34 @@ fn plot_spins(path: &Path, set: &TrajectorySet) -> Result<()> {
     };
     line_plot(path, &plot)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Vec3;
+    use crate::spin::trajectories::TrajectoryPoint;
+
+    #[test]
+    fn unknown_spins_are_not_drawn_as_slow_ones() {
+        let trajectory = |number, rps: Option<f64>| Trajectory {
+            number,
+            spin: rps.map(|r| Vec3::x() * r * std::f64::consts::TAU),
+            points: vec![TrajectoryPoint {
+                time_s: 0.0,
+                position_m: Vec3::zeros(),
+                line: 1,
+            }],
+        };
+        let set = TrajectorySet {
+            trajectories: vec![trajectory(0, Some(5.0)), trajectory(1, None)],
+            without_file: Vec::new(),
+        };
+        let classes = by_class(&set);
+        let numbers = |i: usize| classes[i].1.iter().map(|t| t.number).collect::<Vec<_>>();
+        assert_eq!(
+            (classes[0].0.as_str(), numbers(0)),
+            ("below 20 rps", vec![0])
+        );
+        assert_eq!((classes[4].0.as_str(), numbers(4)), ("unknown", vec![1]));
+    }
+}

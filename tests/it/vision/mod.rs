@@ -4,3 +4,4 @@ mod camera;
 mod circle;
 mod detector;
 mod estimate;
+mod input;
