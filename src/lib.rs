@@ -10,6 +10,7 @@
 //! # Stages
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
+//! [`pipeline`] (work on a stream) serves [`recognize`];
 //! [`stencil`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
 //! [`cli`] on top.
 //!
@@ -49,6 +50,7 @@ pub mod geometry;
 pub mod hash;
 mod npz;
 pub mod pattern;
+pub mod pipeline;
 pub mod plot;
 pub mod recognize;
 pub mod report;

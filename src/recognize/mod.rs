@@ -7,7 +7,8 @@
 //! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
 //! - [`kent`]: the density that it scores with,
 //! - [`observed`]: the file of observed dots,
-//! - [`robust`]: the posterior over all explanations of the dots, the default.
+//! - [`robust`]: the posterior over all explanations of the dots, the default,
+//! - [`stream`]: frame after frame from an input without end, on all cores.
 
 use nalgebra::Matrix2;
 
@@ -17,6 +18,7 @@ pub mod kent;
 pub mod observed;
 pub mod paper;
 pub mod robust;
+pub mod stream;
 
 pub use paper::{PaperConfig, PaperRecognizer};
 

@@ -16,7 +16,7 @@ use super::scene::Scene;
 use super::sensor::Sensor;
 use super::view::Ellipse;
 use crate::error::{Error, Result, require};
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Vec3, to_wxyz};
 use crate::pattern::Pattern;
 use crate::vision::camera::{Camera, Intrinsics, Pixel};
 use crate::vision::image::RgbImage;
@@ -277,8 +277,8 @@ fn truth(scene: &Scene, seen: &Rendering, image: String, time_s: Option<f64>) ->
         kind: seen.kind,
         time_s,
         size: scene.size,
-        quaternion_wxyz: wxyz(&seen.rotation),
-        camera_quaternion_wxyz: wxyz(&seen.camera_rotation),
+        quaternion_wxyz: to_wxyz(&seen.rotation),
+        camera_quaternion_wxyz: to_wxyz(&seen.camera_rotation),
         spin_rad_s: scene.spin.into(),
         exposure_s: scene.exposure_s,
         center: seen.circle.center,
@@ -315,11 +315,4 @@ impl From<&TrueDot> for DotTruth {
             visible: dot.is_visible(),
         }
     }
-}
-
-/// Scalar first, not negative.
-fn wxyz(rotation: &Rotation) -> [f64; 4] {
-    let q = rotation.quaternion();
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    [q.w, q.i, q.j, q.k].map(|c| sign * c)
 }

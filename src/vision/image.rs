@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use image::{DynamicImage, ImageFormat, ImageReader, imageops};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, ImageResult, imageops};
 
 use crate::error::{Error, Result};
 use crate::files;
@@ -179,8 +179,8 @@ impl RgbImage {
             let problem = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
             return Err(refuse(problem));
         }
-        let decoded = image::load_from_memory(bytes)
-            .map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
+        let decoded =
+            decode_upright(bytes).map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
         Self::from_decoded(&decoded).map_err(|e| refuse(e.to_string()))
     }
 
@@ -329,4 +329,14 @@ impl RgbImage {
             .flat_map(|c| c.map(|x| (255.0 * x.clamp(0.0, 1.0) + 0.5) as u8))
             .collect()
     }
+}
+
+/// The image as the camera's EXIF data want it seen.
+fn decode_upright(bytes: &[u8]) -> ImageResult<DynamicImage> {
+    let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format()?;
+    let mut decoder = reader.into_decoder()?;
+    let orientation = decoder.orientation()?;
+    let mut decoded = DynamicImage::from_decoder(decoder)?;
+    decoded.apply_orientation(orientation);
+    Ok(decoded)
 }

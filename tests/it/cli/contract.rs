@@ -67,7 +67,8 @@ fn refused(dir: &Path, arguments: &[&str], needle: &str) {
 fn bad_patterns_are_refused_with_file_and_line() {
     let shop = workshop();
     let dir = shop.path();
-    let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
+    let plain = fs::read_to_string(dir.join("pattern.csv")).unwrap();
+    let good = format!("x,y,z\n{plain}");
     let with_line = |line: usize, text: &str| {
         let mut lines: Vec<_> = good.lines().collect();
         lines[line - 1] = text;
@@ -121,13 +122,18 @@ fn headers_must_say_x_y_z_and_windows_line_ends_keep_the_count() {
     let shop = workshop();
     let dir = shop.path();
     let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
-    fs::write(dir.join("swapped.csv"), good.replacen("x,y,z", "y,x,z", 1)).unwrap();
+    assert_eq!(
+        good.lines().count(),
+        20,
+        "written as published, without a header"
+    );
+    fs::write(dir.join("swapped.csv"), format!("y,x,z\n{good}")).unwrap();
     refused(
         dir,
         &["validate", "swapped.csv"],
         "swapped.csv: line 1: expected three numbers",
     );
-    let windows = good.replace('\n', "\r\n");
+    let windows = format!("x,y,z\n{good}").replace('\n', "\r\n");
     fs::write(dir.join("windows.csv"), &windows).unwrap();
     done(dir, &["table", "windows.csv", "-o", "w.npz"]);
     let mut lines: Vec<_> = windows.split("\r\n").collect();
@@ -221,8 +227,16 @@ fn a_symmetric_pattern_has_tied_poses() {
         "--min-confidence",
         "0.5",
     ];
-    let csv = done(dir.path(), &arguments);
+    let output = crate::common::spindoe(dir.path(), &arguments);
+    let csv = String::from_utf8(output.stdout).unwrap();
     assert!(csv.lines().nth(1).unwrap().starts_with("a,,,,,"), "{csv}");
+    // Nothing is identified, which has an exit code of its own.
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(3), "{words}");
+    assert!(
+        words.contains("1 answers are below --min-confidence"),
+        "{words}"
+    );
 }
 
 #[test]

@@ -5,3 +5,4 @@ mod camera;
 mod circle;
 mod detector;
 mod estimate;
+mod input;
