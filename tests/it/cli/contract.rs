@@ -281,7 +281,7 @@ fn bad_arguments_are_refused_by_name() {
             ["--min-visible", "11"],
             "least visible: expected at most 10 of 20 dots",
         ),
-        (["--hole-diameter-mm", "-1"], "hole diameter"),
+        (["--hole-diameter-mm", "-1"], "diameter"),
         (
             ["--hole-diameter-mm", "18"],
             "must be 55.5 degrees apart on a ball of 40 mm",
