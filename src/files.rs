@@ -153,6 +153,17 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write_atomic(path, |f| f.write_all(bytes))
 }
 
+/// Removes a file that need not be there.
+///
+/// # Errors
+/// [`Error::Write`] where the system refuses.
+pub fn remove_if_present(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(path, e)),
+        _ => Ok(()),
+    }
+}
+
 /// Reads a whole file.
 ///
 /// # Errors

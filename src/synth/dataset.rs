@@ -16,7 +16,7 @@ use super::scene::Scene;
 use super::sensor::Sensor;
 use super::view::Ellipse;
 use crate::error::{Error, Result, require};
-use crate::geometry::{Vec3, to_wxyz};
+use crate::geometry::{Rotation, Vec3, to_wxyz};
 use crate::pattern::Pattern;
 use crate::vision::camera::{Camera, Intrinsics, Pixel};
 use crate::vision::image::RgbImage;

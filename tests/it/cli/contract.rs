@@ -292,7 +292,7 @@ fn bad_arguments_are_refused_by_name() {
             "expected 0 to 49.0 degrees",
         ),
         (["--min-visible", "11"], "expected at most 10 of 20 dots"),
-        (["--hole-diameter-mm", "-1"], "hole diameter"),
+        (["--hole-diameter-mm", "-1"], "diameter"),
         (
             ["--hole-diameter-mm", "18"],
             "must be 55.5 degrees apart on a ball of 40 mm",
