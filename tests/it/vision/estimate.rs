@@ -18,7 +18,7 @@ use spindoe::vision::{
 
 fn estimator(pattern: &Pattern, camera: Camera) -> Estimator<NamedDetector> {
     let config = EstimatorConfig {
-        camera,
+        camera: camera.into(),
         ..EstimatorConfig::default()
     };
     Estimator::new(pattern, config, DetectorName::Cnn.build().expect("weights"))
