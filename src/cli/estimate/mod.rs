@@ -173,7 +173,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                     &mut workspace,
                 )
             };
-            let spin = estimate_spin(&estimator, &config, &times, &seen.frames);
+            let spin = estimate_spin(&config, &times, &seen.frames);
             Some(Sequence { told, spin })
         }
         Some(times) if times.len() > 1 => {

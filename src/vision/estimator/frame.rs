@@ -142,6 +142,8 @@ pub struct FrameEstimate {
     pub outcome: std::result::Result<Pose, FrameRejection>,
     /// Time taken.
     pub timings: Timings,
+    /// The camera's distance as the other frames of the sequence know it.
+    pub(super) known_distance: Option<CameraDistance>,
     /// Runs of the recognizer on other outlines of this frame.
     pub(super) earlier_attempts: usize,
     /// Those and the runs on this outline: each had its chance to be right by accident.
@@ -159,6 +161,7 @@ impl Default for FrameEstimate {
             assignment: Vec::new(),
             outcome: Err(FrameRejection::NotProcessed),
             timings: Timings::default(),
+            known_distance: None,
             earlier_attempts: 0,
             attempts: 0,
         }

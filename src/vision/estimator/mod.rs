@@ -218,6 +218,7 @@ impl<D: DotDetector> Estimator<D> {
         out.timings = Timings::default();
         out.fit = None;
         (out.earlier_attempts, out.attempts) = (0, 0);
+        out.known_distance = None;
         out.outline = circle.map(|&circle| Outline {
             circle,
             covariance: Matrix3::from_diagonal_element((GIVEN_OUTLINE * circle.radius).powi(2)),
@@ -306,7 +307,7 @@ impl<D: DotDetector> Estimator<D> {
             Err(FrameRejection::NotProcessed);
         let mut attempts = out.earlier_attempts;
         'search: for pass in 0..self.recognizers.len() {
-            for camera in self.config.camera.hypotheses() {
+            for camera in self.camera_of(out).hypotheses() {
                 let Ok(view) = BallView::new(&camera, outline.circle) else {
                     return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
                 };
@@ -399,7 +400,7 @@ impl<D: DotDetector> Estimator<D> {
     ) -> std::result::Result<Pose, FrameRejection> {
         let prior = Prior {
             outline: (outline.circle, outline.covariance),
-            camera: self.config.camera,
+            camera: self.camera_of(out),
             start: hypothesis.camera,
         };
         let names = self.pattern.dots();
@@ -421,6 +422,14 @@ impl<D: DotDetector> Estimator<D> {
             distance: refined.distance,
             hinted,
         })
+    }
+
+    /// What is known of the camera for a frame.
+    fn camera_of(&self, frame: &FrameEstimate) -> CameraModel {
+        match (self.config.camera, frame.known_distance) {
+            (CameraModel::Unknown(_), Some(distance)) => CameraModel::Unknown(distance),
+            (camera, _) => camera,
+        }
     }
 
     /// The view of a frame's ball: under the distance of its pose where that was estimated.
