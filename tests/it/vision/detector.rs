@@ -13,7 +13,9 @@ use spindoe::vision::{DotDetection, DotDetector};
 /// Frames in good light, without logos, of balls at least 50 pixels wide.
 fn easy() -> SynthConfig {
     SynthConfig {
+        ball_px: None,
         size_px: [60, 80],
+        seam_probability: 0.0,
         logo_probability: 0.0,
         stains: false,
         max_arc_rad: 0.03,
@@ -21,7 +23,7 @@ fn easy() -> SynthConfig {
         max_noise: 0.5,
         bad_exposure: 0.0,
         dot_radius_rad: [0.07, 0.10],
-        ..SynthConfig::default()
+        ..SynthConfig::good()
     }
 }
 
