@@ -287,7 +287,7 @@ fn truth(scene: &Scene, seen: &Rendering, image: String, time_s: Option<f64>) ->
         ball_center: seen.center,
         intrinsics: match seen.camera {
             Camera::Perspective(intrinsics) => Some(intrinsics),
-            Camera::Orthographic => None,
+            Camera::Orthographic | Camera::Near { .. } => None,
         },
         distance: seen.distance,
         blur_px: seen.blur_px,

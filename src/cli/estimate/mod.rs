@@ -13,7 +13,7 @@ use crate::files;
 use crate::pattern::Pattern;
 use crate::plot::{self, OverlayFrame};
 use crate::spin::{Fit, SpinRejection};
-use crate::vision::estimator::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
+use crate::vision::estimator::{CameraModel, SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 use crate::vision::input::{self, InputFrame};
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
@@ -83,7 +83,16 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     circle: Vec<f64>,
-    /// The camera's focal lengths and principal point in pixels [default: parallel rays].
+    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays [default: it is
+    /// estimated with the orientation].
+    #[arg(
+        long,
+        value_name = "D",
+        conflicts_with = "intrinsics",
+        allow_negative_numbers = true
+    )]
+    camera_distance_radii: Option<f64>,
+    /// The camera's focal lengths and principal point in pixels: the distance then follows from the ball's size.
     #[arg(
         long,
         value_name = "FX,FY,CX,CY",
@@ -165,7 +174,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                     &mut workspace,
                 )
             };
-            let spin = estimate_spin(&estimator, &config, &times, &seen.frames);
+            let spin = estimate_spin(&config, &times, &seen.frames);
             Some(Sequence { told, spin })
         }
         Some(times) if times.len() > 1 => {
@@ -212,14 +221,21 @@ impl Arguments {
                 return Err(Error::argument(name, problem));
             }
         }
-        let camera = match self.intrinsics[..] {
-            [] => Camera::Orthographic,
-            [fx, fy, cx, cy] if fx > 0.0 && fy > 0.0 => {
-                Camera::Perspective(Intrinsics { fx, fy, cx, cy })
+        let camera = match (&self.intrinsics[..], self.camera_distance_radii) {
+            ([], None) => CameraModel::default(),
+            ([], Some(distance)) if distance > 1.0 => CameraModel::Known(Camera::Near {
+                inverse_distance: 1.0 / distance,
+            }),
+            ([], Some(distance)) => {
+                let problem = format!("expected more than 1 ball radius, found {distance}");
+                return Err(Error::argument("camera_distance_radii", problem));
+            }
+            (&[fx, fy, cx, cy], _) if fx > 0.0 && fy > 0.0 => {
+                CameraModel::Known(Camera::Perspective(Intrinsics { fx, fy, cx, cy }))
             }
             _ => {
                 let problem = "expected FX,FY,CX,CY with positive focal lengths";
-                return Err(Error::argument("--intrinsics", problem));
+                return Err(Error::argument("intrinsics", problem));
             }
         };
         let config = EstimatorConfig {

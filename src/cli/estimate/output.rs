@@ -153,6 +153,10 @@ impl Report<'_> {
                 json["confidence"] = pose.confidence.into();
                 json["pose_confidence"] = pose.pose_confidence.into();
                 json["hinted"] = pose.hinted.into();
+                if let Some(distance) = pose.distance {
+                    json["inverse_distance"] = distance.inverse_distance.into();
+                    json["inverse_distance_sigma"] = distance.sigma.into();
+                }
             }
             Err(rejection) => json["refusal"] = rejection.to_string().into(),
         }
