@@ -87,9 +87,7 @@ pub struct BallView {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Projection {
     /// Straight at the ball, from 1 / `inverse_distance` radii; parallel rays for 0.
-    Central {
-        inverse_distance: f64,
-    },
+    Central { inverse_distance: f64 },
     Perspective {
         intrinsics: Intrinsics,
         /// View frame to camera frame.

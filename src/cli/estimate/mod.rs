@@ -13,7 +13,9 @@ use crate::files;
 use crate::pattern::Pattern;
 use crate::plot::{self, OverlayFrame};
 use crate::spin::{Fit, SpinRejection};
-use crate::vision::estimator::{CameraModel, SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
+use crate::vision::estimator::{
+    CameraModel, SequenceConfig, SequenceSummary, estimate_spin, track_sequence,
+};
 use crate::vision::input::{self, InputFrame};
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;

@@ -129,10 +129,21 @@ impl EstimatorConfig {
     pub fn check(&self) -> Result<()> {
         self.recognizer.check()?;
         if let CameraModel::Unknown(prior) = self.camera {
-            let inside = (0.0..=CameraModel::MAX_INVERSE_DISTANCE).contains(&prior.inverse_distance);
-            require(inside, "inverse_distance", "0 to 0.3", prior.inverse_distance)?;
+            let inside =
+                (0.0..=CameraModel::MAX_INVERSE_DISTANCE).contains(&prior.inverse_distance);
+            require(
+                inside,
+                "inverse_distance",
+                "0 to 0.3",
+                prior.inverse_distance,
+            )?;
             let positive = prior.sigma > 0.0 && prior.sigma.is_finite();
-            require(positive, "inverse_distance_sigma", "a positive number", prior.sigma)?;
+            require(
+                positive,
+                "inverse_distance_sigma",
+                "a positive number",
+                prior.sigma,
+            )?;
         }
         let fail =
             |name: &'static str, what: &str| Err(Error::argument(name, format!("expected {what}")));

@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use nalgebra::Matrix3;
 
+use super::config::CameraDistance;
 use crate::geometry::Rotation;
 use crate::recognize::RecognizerRejection;
 use crate::vision::camera::BallCircle;
 use crate::vision::circle::{BallFit, NoBall};
 use crate::vision::detect::DotDetection;
 use crate::vision::image::{GrayImage, RgbImage};
-use super::config::CameraDistance;
 
 /// A frame as it comes from the camera.
 #[derive(Debug, Clone, Copy)]

@@ -8,7 +8,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2};
 
-use super::config::{CameraModel, CameraDistance};
+use super::config::{CameraDistance, CameraModel};
 use super::{EstimatorConfig, FrameEstimate};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::vision::camera::{BallCircle, BallView, Camera, Pixel};

@@ -126,7 +126,9 @@ fn share_distance<D: DotDetector>(
     ws: &mut EstimatorWorkspace<D::Workspace>,
 ) {
     let inverse_focal = |frame: &FrameEstimate| {
-        let pose = frame.pose().filter(|p| p.pose_confidence >= config.trusted)?;
+        let pose = frame
+            .pose()
+            .filter(|p| p.pose_confidence >= config.trusted)?;
         let (distance, circle) = (pose.distance?, frame.circle?);
         let k = distance.inverse_distance;
         let root = (1.0 - k * k).sqrt();

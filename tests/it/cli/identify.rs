@@ -280,12 +280,12 @@ fn an_answer_leaves_before_the_input_ends() {
     // Up to the first row of the second frame, which completes the first one.
     let second = text.find("\ntrial-1,").unwrap() + 1;
     let row = second + text[second..].find('\n').unwrap() + 1;
-    input.write_all(text[..row].as_bytes()).unwrap();
+    input.write_all(&text.as_bytes()[..row]).unwrap();
     input.flush().unwrap();
     assert!(answers.next().unwrap().unwrap().starts_with("frame,time_s"));
     assert!(answers.next().unwrap().unwrap().starts_with("trial-0,"));
     // Only now the rest.
-    input.write_all(text[row..].as_bytes()).unwrap();
+    input.write_all(&text.as_bytes()[row..]).unwrap();
     drop(input);
     let rest: Vec<String> = answers.map(Result::unwrap).collect();
     assert_eq!(rest.len(), 2);

@@ -356,8 +356,7 @@ fn published_frames_are_explained_by_one_spin() {
         spindoe::vision::input::read_frames(source, &mut visit).expect("it reads");
     }
     let alone = frames.iter().filter(|f| f.pose().is_some()).count();
-    let fit =
-        estimate_spin(&SequenceConfig::default(), &times, &frames).expect("a spin");
+    let fit = estimate_spin(&SequenceConfig::default(), &times, &frames).expect("a spin");
     let off = |(t, f): (&f64, &FrameEstimate)| {
         let pose = f.pose()?;
         Some(pose.rotation.angle_to(&fit.motion.at(*t)).to_degrees())
