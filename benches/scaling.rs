@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use spindoe::error::Error;
+use spindoe::Error;
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::pattern::Pattern;
 use spindoe::pipeline::Sink;

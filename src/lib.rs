@@ -1,4 +1,4 @@
-//! Dot patterns for balls: designed, proven, shipped, and recognized.
+//! Dot patterns for balls: designed, evaluated, shipped, and recognized.
 //!
 //! A ball carries identical dots. Their arrangement identifies them (geometric hashing), which gives
 //! the ball's orientation in one camera image; a sequence of orientations gives its spin. This crate
@@ -42,23 +42,31 @@
 //! # }
 //! ```
 
+#[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod cli;
+mod concurrency;
 pub mod design;
-pub mod error;
+mod error;
 pub mod files;
 pub mod geometry;
 pub mod hash;
 mod npz;
 pub mod pattern;
+#[cfg(feature = "native")]
 pub mod pipeline;
+#[cfg(feature = "plot")]
 pub mod plot;
 pub mod recognize;
+#[cfg(feature = "native")]
 pub mod report;
 pub mod spin;
 pub mod stats;
 pub mod stencil;
+#[cfg(feature = "vision")]
 pub mod synth;
 pub mod validate;
+#[cfg(feature = "vision")]
 pub mod vision;
 
-pub use error::{Error, Result};
+pub use error::{Error, Parameter, Result};

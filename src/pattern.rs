@@ -12,6 +12,7 @@ use rand::Rng;
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
+#[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Format, Row, Rows};
 use crate::geometry::{Vec3, angle_between, random_direction, spiral_directions};
@@ -114,6 +115,7 @@ impl Pattern {
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
         Self::from_csv(path, &files::read_bytes(path)?)
     }
@@ -173,6 +175,7 @@ impl Pattern {
     ///
     /// # Errors
     /// [`Error::Write`].
+    #[cfg(feature = "native")]
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         files::write_bytes(path, self.to_csv().as_bytes())
     }

@@ -71,6 +71,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;
         json.push(b'\n');
         files::write_bytes(&dir.join("comparison.json"), &json)?;
+        #[cfg(feature = "plot")]
         found.write_plots(dir, &entries)?;
     }
     if arguments.json {

@@ -24,17 +24,24 @@ macro_rules! errln {
 
 mod compare;
 mod design;
+#[cfg(feature = "vision")]
 mod estimate;
+#[cfg(feature = "vision")]
 mod export;
 mod identify;
 mod output;
 mod sensitivity;
 mod simulate;
 mod spin;
+#[cfg(feature = "plot")]
+mod spin_plot;
 mod stencil;
+#[cfg(feature = "vision")]
 mod synth;
 mod table;
 mod trajectories;
+#[cfg(feature = "plot")]
+mod trajectories_plot;
 mod validate;
 
 use std::io::{BufRead, BufReader, Write};
@@ -71,6 +78,7 @@ enum Command {
     /// Tell which dot is which from observed directions, and how the ball is turned.
     Identify(identify::Arguments),
     /// Tell from images how the ball is turned, and how it spins.
+    #[cfg(feature = "vision")]
     Estimate(Box<estimate::Arguments>),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
@@ -79,10 +87,13 @@ enum Command {
     /// Simulate orientations of a turning ball, with a known truth.
     Simulate(simulate::Arguments),
     /// Draw synthetic images of a ball with a pattern, with their truth: a data set, or a turning ball.
+    #[cfg(feature = "vision")]
     Synth(Box<synth::Arguments>),
     /// Say where the dot detector is trained: in a program of its own.
+    #[cfg(feature = "vision")]
     Train(export::TrainArguments),
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
+    #[cfg(feature = "vision")]
     Export(export::Arguments),
     /// Check and summarize flights with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
@@ -101,12 +112,16 @@ pub fn main() -> ExitCode {
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
+        #[cfg(feature = "vision")]
         Command::Estimate(arguments) => estimate::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        #[cfg(feature = "vision")]
         Command::Synth(arguments) => synth::run(&arguments),
+        #[cfg(feature = "vision")]
         Command::Train(arguments) => export::refuse_training(&arguments),
+        #[cfg(feature = "vision")]
         Command::Export(arguments) => export::run(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };

@@ -8,7 +8,6 @@ use super::output::one_of;
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
-use crate::report::plots::sensitivity_plots;
 use crate::validate::{Protocol, ProtocolName, SensitivityConfig, sensitivity, sensitivity_csv};
 
 #[derive(Debug, Args)]
@@ -70,7 +69,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     })?;
     let csv = sensitivity_csv(&points);
     files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
-    sensitivity_plots(dir, &points)?;
+    #[cfg(feature = "plot")]
+    crate::report::plots::sensitivity_plots(dir, &points)?;
     if arguments.json {
         return print_json(&points);
     }

@@ -1,20 +1,20 @@
 //! `spindoe spin`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, to_wxyz};
-use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
 use crate::spin::decay::{DecayConfig, DecayFit, DecayOutcome, fit_decay};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig, standard_deviations};
-use crate::spin::windows::{WindowFit, spin_over_time};
+#[cfg(feature = "plot")]
+use crate::spin::windows::spin_over_time;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 
 /// Alternatives are listed up to this many times the largest spin that is searched.
@@ -24,9 +24,7 @@ const PRIOR_SPREAD: f64 = 0.2;
 /// Residuals this many times larger than expected are worth a word.
 const SUSPICIOUS_NOISE: f64 = 3.0;
 /// Half-width of a 95 % interval in standard deviations.
-const Z95: f64 = 1.96;
-/// Sections of a plotted curve.
-const CURVE_POINTS: usize = 100;
+pub(super) const Z95: f64 = 1.96;
 /// Alternatives printed in words; `--json` has them all.
 const MAX_PRINTED: usize = 6;
 
@@ -66,6 +64,7 @@ pub struct Arguments {
     #[arg(long)]
     decay: bool,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
+    #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Orientations in a run, within which the spin is taken as constant; for --decay and --plot.
@@ -83,6 +82,13 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    fn draws(&self) -> bool {
+        #[cfg(feature = "plot")]
+        return self.plot.is_some();
+        #[cfg(not(feature = "plot"))]
+        return false;
+    }
+
     fn check(&self) -> Result<()> {
         let flags = [
             ("--max-spin-rps", Some(self.max_spin_rps)),
@@ -102,7 +108,7 @@ impl Arguments {
             let problem = format!("expected at least {MIN_FRAMES}, found {}", self.window);
             return Err(Error::argument("--window", problem));
         }
-        if self.method == Method::Quatera && (self.decay || self.plot.is_some()) {
+        if self.method == Method::Quatera && (self.decay || self.draws()) {
             let problem = "the paper's method has neither --decay nor --plot, expected robust";
             return Err(Error::argument("--method", problem));
         }
@@ -183,66 +189,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         fit,
         decay: decay.map(|d| Decay::new(d, arguments)),
     };
+    #[cfg(feature = "plot")]
     if let Some(path) = &arguments.plot {
         let runs = spin_over_time(&measurements, options.window, &options.robust);
-        plot_over_time(path, &runs.map_err(refused)?, &found)?;
+        super::spin_plot::plot_over_time(path, &runs.map_err(refused)?, &found)?;
     }
     if arguments.json {
         return super::print_json(&found.to_json());
     }
     found.print();
     Ok(())
-}
-
-/// The spins of the runs with their intervals, and the fit to all of them.
-fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> Result<()> {
-    use std::f64::consts::TAU;
-    let points: Vec<ValuePoint> = runs
-        .iter()
-        .map(|r| {
-            let y = r.fit.motion.rps();
-            let half = Z95 * std_along(&r.fit).unwrap_or(0.0) / TAU;
-            ValuePoint {
-                x: r.time_s,
-                y,
-                low: y - half,
-                high: y + half,
-            }
-        })
-        .collect();
-    let ends = (points.first().map(|p| p.x), points.last().map(|p| p.x));
-    let (Some(first), Some(last)) = ends else {
-        return Err(Error::argument(
-            "--plot",
-            "no run of orientations shows a spin",
-        ));
-    };
-    let curve = |i: usize| {
-        let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
-        let rate = found.decaying().map(|d| d.rate_at(t));
-        (t, rate.map_or(found.fit.motion.rps(), |r| r / TAU))
-    };
-    let name = match found.decaying() {
-        Some(d) => format!(
-            "fit to all, c = {:.4} +- {:.4} /s",
-            d.decay_per_s, d.std_per_s
-        ),
-        None => "constant spin fitted to all".into(),
-    };
-    let plot = ValuePlot {
-        title: "Spin over time".into(),
-        x_label: "time (s)".into(),
-        y_label: "spin (revolutions per second)".into(),
-        values: vec![ValueSeries {
-            name: "runs of orientations, 95 % intervals".into(),
-            points,
-        }],
-        lines: vec![LineSeries {
-            name,
-            points: (0..=CURVE_POINTS).map(curve).collect(),
-        }],
-    };
-    value_curves(path, &plot)
 }
 
 /// What the orientations say of a decay, and what theory expects, 1/s.
@@ -307,25 +263,25 @@ impl Decay {
 }
 
 /// Standard deviation of a fit's magnitude, rad/s.
-fn std_along(fit: &Fit) -> Option<f64> {
+pub(super) fn std_along(fit: &Fit) -> Option<f64> {
     let axis = unit(&fit.motion.spin);
     let covariance = fit.spin_covariance?;
     Some(axis.dot(&(covariance * axis)).max(0.0).sqrt())
 }
 
 /// Everything that is reported.
-struct Found {
+pub(super) struct Found {
     method: Method,
     frames: usize,
     orientations: usize,
-    fit: Fit,
+    pub(super) fit: Fit,
     alternatives: Vec<Alternative>,
     decay: Option<Decay>,
 }
 
 impl Found {
     /// The decay for which there is evidence.
-    fn decaying(&self) -> Option<&DecayFit> {
+    pub(super) fn decaying(&self) -> Option<&DecayFit> {
         match &self.decay.as_ref()?.outcome {
             DecayOutcome::Decaying(d) => Some(d),
             DecayOutcome::Constant(_) => None,

@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
+use super::output::one_of;
 use super::simulate::vector;
 use crate::error::{Error, Result, require};
 use crate::files;
@@ -60,7 +61,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t)]
     preset: Preset,
     /// What is shown: the pattern's ball, or something without the pattern [default: dotted].
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = one_of(&SynthKind::ALL, SynthKind::as_str))]
     kind: Option<SynthKind>,
     /// One ball that turns at a constant spin, instead of another ball, view and camera in every frame.
     #[arg(long)]

@@ -1,13 +1,12 @@
 //! `spindoe trajectories`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
 
 use crate::error::{Error, Result};
 use crate::files;
-use crate::plot::{LinePlot, LineSeries, PathGroup, PathPlot, line_plot, path_groups};
 use crate::spin::trajectories::{Limits, Trajectory, TrajectorySet};
 
 /// Upper ends (rps) of the classes in which flights are drawn; the last class is open.
@@ -18,6 +17,7 @@ pub struct Arguments {
     /// Folder with index.csv (traj_file,x_spin,y_spin,z_spin; rad/s) and NNN.csv (t;x;y;z; s and m).
     dir: PathBuf,
     /// Draw the flights and the distribution of their spins into this folder.
+    #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
     /// Write the set as read into this folder, in the same format.
@@ -50,10 +50,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(dir) = &arguments.write {
         set.write_dir(dir)?;
     }
+    #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.plots {
         files::create_dir(dir)?;
-        plot_flights(&dir.join("flights.png"), &set)?;
-        plot_spins(&dir.join("spins.png"), &set)?;
+        super::trajectories_plot::plot_flights(&dir.join("flights.png"), &set)?;
+        super::trajectories_plot::plot_spins(&dir.join("spins.png"), &set)?;
     }
     if arguments.json {
         return super::print_json(&json!({ "summary": summary, "oddities": oddities }));
@@ -81,7 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The trajectories that have points, by classes of spin with their names; unknown spins are a class
 /// of their own, where there are any.
-fn by_class(set: &TrajectorySet) -> Vec<(String, Vec<&Trajectory>)> {
+pub(super) fn by_class(set: &TrajectorySet) -> Vec<(String, Vec<&Trajectory>)> {
     let last = CLASSES.len();
     let name = |i: usize| match (i.checked_sub(1), CLASSES.get(i)) {
         (None, Some(high)) => format!("below {high} rps"),
@@ -104,51 +105,6 @@ fn by_class(set: &TrajectorySet) -> Vec<(String, Vec<&Trajectory>)> {
         classes.push(("unknown".into(), unknown));
     }
     classes
-}
-
-/// Height over the horizontal distance from each trajectory's first point, by classes of spin.
-fn plot_flights(path: &Path, set: &TrajectorySet) -> Result<()> {
-    let way = |t: &Trajectory| -> Vec<(f64, f64)> {
-        let positions = || t.points.iter().map(|p| p.position_m);
-        let start = positions().next().unwrap_or_default().xy();
-        positions()
-            .map(|p| ((p.xy() - start).norm(), p.z))
-            .collect()
-    };
-    let groups = by_class(set).into_iter().map(|(name, members)| PathGroup {
-        name,
-        paths: members.into_iter().map(way).collect(),
-    });
-    let plot = PathPlot {
-        title: format!("{} flights from the side", set.trajectories.len()),
-        x_label: "horizontal distance from the first point (m)".into(),
-        y_label: "height (m)".into(),
-        groups: groups.collect(),
-    };
-    path_groups(path, &plot)
-}
-
-/// Share of the flights up to a spin.
-fn plot_spins(path: &Path, set: &TrajectorySet) -> Result<()> {
-    let mut rps: Vec<f64> = set
-        .trajectories
-        .iter()
-        .filter_map(Trajectory::rps)
-        .collect();
-    rps.sort_by(f64::total_cmp);
-    let n = rps.len() as f64;
-    let share = |(i, r): (usize, &f64)| (*r, 100.0 * (i as f64 + 1.0) / n);
-    let plot = LinePlot {
-        title: "Spins of the flights".into(),
-        x_label: "spin (revolutions per second)".into(),
-        y_label: "flights with at most this spin (%)".into(),
-        log_y: false,
-        series: vec![LineSeries {
-            name: format!("{} flights with a known spin", rps.len()),
-            points: rps.iter().enumerate().map(share).collect(),
-        }],
-    };
-    line_plot(path, &plot)
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use super::candidate::{Candidate, Milestone, Stage};
 use super::config::DesignConfig;
 use super::polish::Polish;
 use crate::error::{Error, Result};
+#[cfg(feature = "native")]
 use crate::files;
 
 /// Version of the checkpoint's format.
@@ -60,6 +61,7 @@ impl SearchState {
     ///
     /// # Errors
     /// [`Error::Write`].
+    #[cfg(feature = "native")]
     pub fn save(&self, path: &Path, config: &DesignConfig) -> Result<()> {
         let file = File {
             checkpoint_version: CHECKPOINT_VERSION,
@@ -76,6 +78,7 @@ impl SearchState {
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] for another version, another configuration or a damaged file.
+    #[cfg(feature = "native")]
     pub fn load(path: &Path, config: &DesignConfig) -> Result<Self> {
         let bytes = files::read_bytes(path)?;
         let unreadable =

@@ -10,11 +10,11 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 use super::constraints::{Constraints, max_separation};
 use super::objective::Evaluation;
 use super::scp::{Cost, descend};
+use crate::concurrency;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::random_pattern;
@@ -40,15 +40,14 @@ pub(super) fn start_separation(dots: usize, demanded_rad: f64) -> f64 {
 
 /// The largest minimum angle between so many dots that was reached, radians.
 pub fn packed_separation(dots: usize) -> f64 {
-    (0..TRIES)
-        .into_par_iter()
-        .map(|stream| {
-            let mut rng = ChaCha8Rng::seed_from_u64(0);
-            rng.set_stream(stream);
-            let start = (0..dots).map(|_| random_direction(&mut rng)).collect();
-            packing(start)
-        })
-        .reduce(|| 0.0, f64::max)
+    concurrency::map_range(0..TRIES, |stream| {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        rng.set_stream(stream);
+        let start = (0..dots).map(|_| random_direction(&mut rng)).collect();
+        packing(start)
+    })
+    .into_iter()
+    .fold(0.0, f64::max)
 }
 
 /// Lets dots repel each other with energies `1 / d^k`, k doubling; their minimum angle then.
@@ -143,10 +142,11 @@ impl Constraints {
             );
             return Err(Error::argument("min_separation_rad", problem));
         }
-        let met = (0..TRIES)
-            .into_par_iter()
-            .map(|stream| self.missed_after_descent(dots, stream))
-            .find_any(|tried| !matches!(tried, Ok(Some(_))));
+        let met = concurrency::find_any(
+            0..TRIES,
+            |stream| self.missed_after_descent(dots, stream),
+            |tried| !matches!(tried, Ok(Some(_))),
+        );
         match met {
             Some(Ok(_)) => return Ok(()),
             Some(Err(error)) => return Err(error),

@@ -11,15 +11,13 @@
 //! descents says all that is needed to continue.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
-
-use rayon::prelude::*;
 
 use super::candidate::{Candidate, Milestone, Stage, sort_by_rate};
 use super::checkpoint::SearchState;
 use super::config::DesignConfig;
 use super::polish::{Polish, PolishStep};
 use super::work::{attempt, climb, rate, scout};
+use crate::concurrency::{self, Stopwatch};
 use crate::error::{Error, Result};
 
 /// Candidates that a round sends on to the last trial.
@@ -89,7 +87,7 @@ pub fn design(
         config,
         stop,
         observer,
-        clock: Instant::now(),
+        clock: Stopwatch::start(),
         before_s: state.elapsed_s,
         unfinished: Vec::new(),
     };
@@ -137,7 +135,7 @@ struct Search<'a> {
     config: &'a DesignConfig,
     stop: &'a AtomicBool,
     observer: &'a mut dyn DesignObserver,
-    clock: Instant,
+    clock: Stopwatch,
     before_s: f64,
     /// What a stopped round came to. It takes part in the last trial of this run; the state does without,
     /// so that a resumed search finds what one that was never stopped finds.
@@ -200,12 +198,11 @@ impl Search<'_> {
         let first = state.round * config.starts;
         while state.scouted.len() < config.starts && !self.stopped() {
             let from = first + state.scouted.len();
-            let to = (from + rayon::current_num_threads()).min(first + config.starts);
+            let to = (from + concurrency::threads()).min(first + config.starts);
             let pool = &state.pool;
-            let found: Result<Vec<_>> = (from..to)
-                .into_par_iter()
-                .map(|s| scout(config, pool, s, stop))
-                .collect();
+            let work = |s| scout(config, pool, s as usize, stop);
+            let found = concurrency::map_range(from as u64..to as u64, work);
+            let found: Result<Vec<_>> = found.into_iter().collect();
             self.keep(found?, &mut state.scouted);
             self.note(state, Stage::Scout)?;
         }
@@ -217,11 +214,9 @@ impl Search<'_> {
         let (config, stop) = (self.config, self.stop);
         while state.climbed.len() < chosen.len() && !self.stopped() {
             let from = state.climbed.len();
-            let to = (from + rayon::current_num_threads()).min(chosen.len());
-            let found: Result<Vec<_>> = chosen[from..to]
-                .par_iter()
-                .map(|c| climb(config, c, stop))
-                .collect();
+            let to = (from + concurrency::threads()).min(chosen.len());
+            let found = concurrency::map(&chosen[from..to], |c| climb(config, c, stop));
+            let found: Result<Vec<_>> = found.into_iter().collect();
             self.keep(found?, &mut state.climbed);
             self.note(state, Stage::Climb)?;
         }

@@ -18,6 +18,7 @@ pub mod kent;
 pub mod observed;
 pub mod paper;
 pub mod robust;
+#[cfg(feature = "native")]
 pub mod stream;
 
 pub use paper::{PaperConfig, PaperRecognizer};

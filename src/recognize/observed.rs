@@ -33,6 +33,7 @@ use nalgebra::Matrix2;
 
 use super::{DotUncertainty, ObservedDot};
 use crate::error::{Error, Result};
+#[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
 use crate::geometry::{Spherical, Vec3, tangent_frame};
@@ -96,6 +97,7 @@ pub fn image_axes(direction: &Vec3) -> [Vec3; 2] {
 ///
 /// # Errors
 /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+#[cfg(feature = "native")]
 pub fn read_csv(path: &Path, sigma_rad: f64) -> Result<Vec<ObservedFrame>> {
     ObservedReader::new(path, files::open(path)?, sigma_rad)?.collect()
 }

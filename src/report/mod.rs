@@ -6,14 +6,17 @@
 //! but for what tells times: the key `timing` of `report.json`, and `progress.png`.
 
 pub mod compare;
+#[cfg(feature = "plot")]
+mod compare_plots;
 mod job;
+#[cfg(feature = "plot")]
 pub mod plots;
 
 use std::path::Path;
-use std::time::Instant;
 
 use serde::Serialize;
 
+use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::polish::PolishStep;
 use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
@@ -21,7 +24,6 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
 use crate::pattern::PatternSummary;
-use crate::plot::stencil_views;
 use crate::recognize::RecognizerName;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
@@ -167,7 +169,7 @@ pub fn evaluate(
         PairRule::default(),
         RecognizerConfig::default(),
     )?;
-    let clock = Instant::now();
+    let clock = Stopwatch::start();
     let mut validation = validate_all(&table, config, evaluation, says)?;
     let mut timing = Timing {
         validation_s: clock.elapsed().as_secs_f64(),
@@ -175,14 +177,14 @@ pub fn evaluate(
             .iter()
             .map(|v| v.validation.us_per_identification)
             .collect(),
-        threads: rayon::current_num_threads(),
+        threads: concurrency::threads(),
         milestones: outcome.milestones.clone(),
         ..Timing::default()
     };
     for v in &mut validation {
         v.validation = v.validation.clone().untimed();
     }
-    let clock = Instant::now();
+    let clock = Stopwatch::start();
     let sensitivity = sweep(&table, config, evaluation, says)?;
     timing.sensitivity_s = clock.elapsed().as_secs_f64();
     let objective = ObjectiveRecord {
@@ -279,7 +281,8 @@ fn sweep(
 }
 
 impl DesignEvaluation {
-    /// Writes everything but the stencil to `dir`, each file whole or not at all.
+    /// Writes everything but the stencil to `dir`, each file whole or not at all; the plots where the crate
+    /// is built with the feature `plot`.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
@@ -290,14 +293,18 @@ impl DesignEvaluation {
         table.write_npz(&dir.join("table.npz"))?;
         let csv = sensitivity_csv(&self.report.sensitivity);
         files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
+        #[cfg(feature = "plot")]
         plots::write_all(dir, self, stencil)?;
+        #[cfg(not(feature = "plot"))]
+        let _ = stencil;
         let mut json = serde_json::to_string_pretty(&self.report)
             .map_err(|e| Error::Internal(format!("report as JSON: {e}")))?;
         json.push('\n');
         files::write_bytes(&dir.join("report.json"), json.as_bytes())
     }
 
-    /// Makes the stencil and writes it, with its picture, to `dir/stencil`.
+    /// Makes the stencil and writes it, with its picture where the crate is built with the feature `plot`, to
+    /// `dir/stencil`.
     ///
     /// # Errors
     /// As [`Stencil::build`] and [`Stencil::write`].
@@ -305,7 +312,11 @@ impl DesignEvaluation {
         let stencil = Stencil::build(self.table.pattern(), config)?;
         let dir = dir.join("stencil");
         stencil.write(&dir)?;
-        let title = format!("Stencil of pattern {}", &stencil.pattern_sha256()[..8]);
-        stencil_views(&dir.join("stencil.png"), &stencil, &title)
+        #[cfg(feature = "plot")]
+        {
+            let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
+            crate::plot::stencil_views(&dir.join("stencil.png"), &stencil, &title)?;
+        }
+        Ok(())
     }
 }

@@ -34,6 +34,7 @@ pub mod orientations;
 pub mod quatera;
 pub mod robust;
 pub mod simulate;
+#[cfg(feature = "native")]
 pub mod trajectories;
 pub mod windows;
 

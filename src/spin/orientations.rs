@@ -24,6 +24,7 @@ use std::path::Path;
 
 use super::{DEFAULT_CONFIDENCE, Measurement};
 use crate::error::Result;
+#[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Columns, Field, Table, TableRow, quoted};
 use crate::geometry::{Rotation, from_wxyz, to_wxyz};
@@ -102,6 +103,7 @@ impl Orientations {
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
         Self::read(path, files::open(path)?)
     }
@@ -132,6 +134,7 @@ impl Orientations {
     ///
     /// # Errors
     /// [`Error::Write`].
+    #[cfg(feature = "native")]
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         files::write_bytes(path, self.to_csv().as_bytes())
     }

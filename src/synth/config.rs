@@ -8,12 +8,10 @@ use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Result, require};
+use crate::error::{Error, Result, require};
 
 /// What the frame shows in the ball's place.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum, Hash,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Hash)]
 #[serde(rename_all = "kebab-case")]
 pub enum SynthKind {
     /// A ball with the pattern.
@@ -54,6 +52,22 @@ impl SynthKind {
         Self::Noise,
     ];
 
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Dotted => "dotted",
+            Self::OtherPattern => "other-pattern",
+            Self::Dotless => "dotless",
+            Self::LogoOnly => "logo-only",
+            Self::SeamsOnly => "seams-only",
+            Self::Fruit => "fruit",
+            Self::Lamp => "lamp",
+            Self::Wheel => "wheel",
+            Self::Speckled => "speckled",
+            Self::Noise => "noise",
+        }
+    }
+
     /// Whether the frame shows the pattern.
     pub fn has_pattern(self) -> bool {
         self == Self::Dotted
@@ -62,6 +76,18 @@ impl SynthKind {
     /// Whether the frame shows any ball or disc.
     pub fn has_ball(self) -> bool {
         self != Self::Noise
+    }
+}
+
+impl std::str::FromStr for SynthKind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|kind| kind.as_str() == name);
+        found.ok_or_else(|| {
+            let known = Self::ALL.map(Self::as_str).join(", ");
+            Error::argument("kind", format!("expected one of {known}, found {name:?}"))
+        })
     }
 }
 

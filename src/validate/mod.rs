@@ -17,10 +17,6 @@ mod sensitivity;
 mod steady;
 mod trial;
 
-use std::time::Instant;
-
-use rayon::prelude::*;
-
 pub use crate::stats::{Proportion, median};
 pub use by_name::{NamedValidation, run_named, validate_named};
 pub use protocol::{Noise, Protocol, ProtocolName};
@@ -30,6 +26,7 @@ pub use sensitivity::{
 pub use steady::CommonRandomTrials;
 pub use trial::{Trial, TrialGenerator, observed_frames};
 
+use crate::concurrency::{self, Stopwatch};
 use crate::error::{Error, Result};
 use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
@@ -120,22 +117,19 @@ pub fn run_trials<R: Recognizer>(
         ));
     }
     let chunks = samples.div_ceil(CHUNK);
-    let results = (0..chunks)
-        .into_par_iter()
-        .map(|chunk| {
-            let mut generator = TrialGenerator::new(pattern, *protocol, seed);
-            let mut trial = Trial::default();
-            let mut workspace = recognizer.workspace();
-            let mut answer = Identification::default();
-            let to = ((chunk + 1) * CHUNK).min(samples);
-            (chunk * CHUNK..to)
-                .map(|index| {
-                    generator.generate(index, &mut trial);
-                    judge(&trial, recognizer, protocol, &mut workspace, &mut answer)
-                })
-                .collect::<Vec<_>>()
-        })
-        .collect::<Vec<_>>();
+    let results = concurrency::map_range(0..chunks, |chunk| {
+        let mut generator = TrialGenerator::new(pattern, *protocol, seed);
+        let mut trial = Trial::default();
+        let mut workspace = recognizer.workspace();
+        let mut answer = Identification::default();
+        let to = ((chunk + 1) * CHUNK).min(samples);
+        (chunk * CHUNK..to)
+            .map(|index| {
+                generator.generate(index, &mut trial);
+                judge(&trial, recognizer, protocol, &mut workspace, &mut answer)
+            })
+            .collect::<Vec<_>>()
+    });
     Ok(results.into_iter().flatten().collect())
 }
 
@@ -152,7 +146,7 @@ pub fn judge<R: Recognizer>(
     if trial.real_dots() < protocol.min_dots.max(recognizer.min_dots()) {
         return TrialResult::Skipped;
     }
-    let start = Instant::now();
+    let start = Stopwatch::start();
     let outcome = recognizer.identify_into(&trial.dots, workspace, answer);
     let nanoseconds = start.elapsed().as_nanos() as u64;
     match outcome {

@@ -4,12 +4,10 @@ use super::blob::{BlobConfig, BlobDetector, BlobWorkspace};
 use super::detect::{DotDetection, DotDetector};
 use super::net::{CnnDetector, CnnWorkspace};
 use super::patch::Patch;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// A dot detector's name.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DetectorName {
     /// The trained net, the default.
@@ -38,6 +36,17 @@ impl DetectorName {
         Ok(match self {
             Self::Cnn => NamedDetector::Cnn(CnnDetector::built_in()?),
             Self::Blob => NamedDetector::Blob(Box::new(BlobDetector::new(BlobConfig::default()))),
+        })
+    }
+}
+
+impl std::str::FromStr for DetectorName {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|d| d.as_str() == name);
+        found.ok_or_else(|| {
+            Error::argument("detector", format!("expected cnn or blob, found {name:?}"))
         })
     }
 }

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use spindoe::error::{Error, Result};
 use spindoe::geometry::{Vec3, spiral_directions};
 use spindoe::pattern::Pattern;
 use spindoe::plot::*;
+use spindoe::{Error, Result};
 
 /// A folder for pictures, with what deletes it.
 fn folder() -> (PathBuf, tempfile::TempDir) {

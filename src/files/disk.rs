@@ -1,7 +1,4 @@
-//! Files: written whole or not at all (aside in the target's folder, then renamed), and CSV tables
-//! read row by row.
-
-pub(crate) mod csv;
+//! Files of the system: written whole or not at all, aside in the target's folder, then renamed.
 
 use std::fs;
 use std::io::{BufReader, Write};
