@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Examines stencils with tools that know nothing of the crate: trimesh, Manifold, admesh, PrusaSlicer.
+"""Examines stencils with tools that know nothing of the crate: trimesh, lib3mf, Manifold, admesh, PrusaSlicer.
 
     check_stencils.py DIR [--slicer N] [--jobs N] [--json FILE]
 
-DIR holds folders with half_a.stl, half_b.stl, stencil.json and pattern.csv, as
-`cargo run --example stencil_survey` leaves them. Needs trimesh, manifold3d, embreex, numpy, scipy;
-admesh and prusa-slicer where they are installed.
+DIR holds folders with half_a.stl, half_b.stl, stencil.3mf, stencil.json and pattern.csv, as the program
+stencil_survey leaves them. Needs trimesh, manifold3d, embreex, lib3mf, lxml, networkx, numpy, scipy; admesh
+and prusa-slicer where they are installed.
 
 For every stencil:
   solid      each half is watertight, wound consistently, one body, with the Euler characteristic that its
@@ -14,11 +14,12 @@ For every stencil:
              within 0.5 %. Engraved numbers are no part of the ideal solid: stencils with numbers may lack
              up to 2 % more.
   overlap    volume common to both halves, closed and opened by 2 to 100 degrees, and of either with the ball
-  rays       from the ball's centre along each dot of pattern.csv nothing is hit; 0.2 mm beside each hole, in
+  rays       from the ball's center along each dot of pattern.csv nothing is hit; 0.2 mm beside each hole, in
              eight directions, wall is hit
-  centres    circles fitted to the vertices of each throat, against pattern.csv
+  centers    circles fitted to the vertices of each throat, against pattern.csv
   admesh     no open edge, no flipped facet
-  slicer     PrusaSlicer's --info (the first N stencils only)
+  3mf        trimesh and lib3mf find two valid objects in millimeters, side by side, with the STL files' triangles
+  slicer     PrusaSlicer's --info of STL and 3MF (the first N stencils only)
 """
 
 import argparse
@@ -32,6 +33,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import lib3mf
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull
@@ -39,7 +41,7 @@ from scipy.stats import qmc
 
 OPENINGS_DEG = [0, 2, 5, 10, 15, 20, 30, 45, 60, 80, 100]
 MOST_OVERLAP_MM3 = 0.5
-MOST_CENTRE_MM = 0.02
+MOST_CENTER_MM = 0.02
 BESIDE_MM = 0.2
 VOLUME_TOLERANCE = 0.005
 ENGRAVING_ALLOWANCE = 0.02
@@ -53,6 +55,15 @@ def rotation(q):
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ])
+
+
+def read_pattern(path):
+    """Unit vectors of a pattern, with or without a header."""
+    with open(path) as file:
+        rows = [row for row in csv.reader(file) if row]
+    if rows[0][0].strip() == "x":
+        rows = rows[1:]
+    return np.array(rows, dtype=float)
 
 
 class Sizes:
@@ -79,7 +90,7 @@ def inside_hull(points, outline):
 
 
 def ideal(points, dots, is_a, s):
-    """Whether points lie in the ideal half, in its own frame (dome up, centre of the ball in 0)."""
+    """Whether points lie in the ideal half, in its own frame (dome up, center of the ball in 0)."""
     j, p = s.j, s.p
     x, y, z = points.T
     radius, flat = np.linalg.norm(points, axis=1), np.hypot(x, y)
@@ -181,7 +192,7 @@ def overlap(a, b):
     return 0.0 if common.is_empty else abs(common.volume)
 
 
-def centre_offset(vertices, d, s):
+def center_offset(vertices, d, s):
     """Distance on the ball between the dot `d` and the axis of the throat drilled for it, mm."""
     height = vertices @ d
     beside = vertices - height[:, None] * d
@@ -235,12 +246,44 @@ def slicer_manifold(path):
         and "edges_fixed" not in text and "degenerate_facets" not in text
 
 
+def threemf_faults(path, halves):
+    """What is wrong with a 3MF file that should hold `halves`, as trimesh and lib3mf read it."""
+    faults = []
+    scene = trimesh.load_scene(path)
+    parts = sorted(scene.dump(), key=lambda part: part.bounds[0][0])
+    if len(parts) != 2 or scene.units not in ("mm", "millimeter", "millimeters"):
+        return [f"3MF: trimesh finds {len(parts)} objects in {scene.units}"]
+    for part, half in zip(parts, halves):
+        if len(part.faces) != len(half.faces) or not part.is_watertight:
+            faults.append("3MF: trimesh finds other triangles than in the STL file")
+        if abs(part.volume - half.volume) > 1e-3 or np.abs(part.extents - half.extents).max() > 1e-4:
+            faults.append("3MF: trimesh finds another solid than in the STL file")
+    if parts[0].bounds[1][0] >= parts[1].bounds[0][0]:
+        faults.append("3MF: the halves overlap on the bed")
+    wrapper = lib3mf.get_wrapper()
+    model = wrapper.CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromFile(str(path))
+    if reader.GetWarningCount():
+        faults.append(f"3MF: lib3mf warns: {reader.GetWarning(0)}")
+    objects, found = model.GetMeshObjects(), []
+    while objects.MoveNext():
+        mesh = objects.GetCurrentMeshObject()
+        if not (mesh.IsValid() and mesh.IsManifoldAndOriented()):
+            faults.append(f"3MF: lib3mf finds {mesh.GetName()} invalid")
+        found.append(mesh.GetTriangleCount())
+    if found != [len(half.faces) for half in halves]:
+        faults.append(f"3MF: lib3mf finds objects of {found} triangles")
+    return faults
+
+
 def check(job):
     """Examines one folder; returns its figures and a list of faults."""
     folder, with_slicer = job
     info = json.loads((folder / "stencil.json").read_text())
     s = Sizes(info)
-    pattern = np.loadtxt(folder / "pattern.csv", delimiter=",", skiprows=1)
+    pattern = read_pattern(folder / "pattern.csv")
     pattern /= np.linalg.norm(pattern, axis=1)[:, None]
     dots = pattern @ rotation(info["rotation_pattern_to_stencil"]).T
     flipped = dots * [1, -1, -1]
@@ -271,6 +314,9 @@ def check(job):
             faults.append(f"{name}: admesh finds {bad} faults")
         if with_slicer and not slicer_manifold(path):
             faults.append(f"{name}: PrusaSlicer repairs it")
+    faults += threemf_faults(folder / "stencil.3mf", halves)
+    if with_slicer and not slicer_manifold(folder / "stencil.3mf"):
+        faults.append("3MF: PrusaSlicer repairs it")
     a = placed(halves[0], True, 0, s)
     row["overlap_mm3"] = 0.0
     for degrees in OPENINGS_DEG:
@@ -288,10 +334,10 @@ def check(job):
     row["blocked_rays"], row["missed_rays"] = blocked, missed
     if blocked or missed:
         faults.append(f"{blocked} holes are blocked, {missed} rays beside a hole meet no wall")
-    offsets = [centre_offset(whole.vertices, d, s) for d in dots]
-    row["centre_mm"] = max(o for o, _ in offsets)
-    if row["centre_mm"] > MOST_CENTRE_MM:
-        faults.append(f"a hole's centre is off by {row['centre_mm']:.3f} mm")
+    offsets = [center_offset(whole.vertices, d, s) for d in dots]
+    row["center_mm"] = max(o for o, _ in offsets)
+    if row["center_mm"] > MOST_CENTER_MM:
+        faults.append(f"a hole's center is off by {row['center_mm']:.3f} mm")
     if min(n for _, n in offsets) < 8:
         faults.append("a throat has too few vertices to be measured")
     return row, faults
@@ -346,7 +392,7 @@ def summarize(rows):
     print(f"greatest overlap with the ball: {max(r['ball_mm3'] for r in rows):.4f} mm^3")
     print(f"holes blocked: {sum(r['blocked_rays'] for r in rows)} of {sum(r['dots'] for r in rows)}; "
           f"rays beside holes that meet no wall: {sum(r['missed_rays'] for r in rows)}")
-    print(f"greatest offset of a hole's centre: {max(r['centre_mm'] for r in rows):.4f} mm")
+    print(f"greatest offset of a hole's center: {max(r['center_mm'] for r in rows):.4f} mm")
     print(f"triangles a half: median {np.median(both('triangles')):.0f}, most {both('triangles').max()}; "
           f"largest STL {both('bytes').max() / 1024:.0f} KiB")
     print(f"share of triangles under 1 degree: mean {100 * both('share_under_1_deg').mean():.3f} %, "

@@ -1,10 +1,16 @@
-//! Writing files whole or not at all: written aside in the target's folder, then renamed.
+//! Files: written whole or not at all (aside in the target's folder, then renamed), and CSV tables
+//! read row by row.
+
+pub(crate) mod csv;
 
 use std::fs;
-use std::io::Write;
-use std::path::Path;
+use std::io::{BufReader, Write};
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+
+/// Bytes asked of a file at once.
+const READ_BYTES: usize = 1 << 16;
 
 /// Creates `dir` and its parents.
 ///
@@ -27,6 +33,22 @@ pub fn create_writable_dir(dir: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Refuses a folder that holds `what` already, as one of `files` says: two must not mix in one. `advice`
+/// ends the message.
+///
+/// # Errors
+/// [`Error::Argument`] of the parameter `out`.
+pub(crate) fn refuse_taken(dir: &Path, files: &[&str], what: &str, advice: &str) -> Result<()> {
+    match files.iter().find(|name| dir.join(name).exists()) {
+        None => Ok(()),
+        Some(name) => {
+            let dir = dir.display();
+            let problem = format!("{dir} holds {what} already ({name}); {advice}");
+            Err(Error::argument("out", problem))
+        }
+    }
+}
+
 /// Writes what `fill` produces to `path`; the file appears whole or not at all.
 ///
 /// # Errors
@@ -35,16 +57,77 @@ pub fn write_atomic(
     path: &Path,
     fill: impl FnOnce(&mut fs::File) -> std::io::Result<()>,
 ) -> Result<()> {
-    let dir = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    let io = |e| Error::write(path, e);
-    let mut aside = builder().prefix(".spindoe-").tempfile_in(dir).map_err(io)?;
-    fill(aside.as_file_mut()).map_err(io)?;
-    aside.as_file_mut().flush().map_err(io)?;
-    aside.persist(path).map_err(|e| io(e.error))?;
-    Ok(())
+    let mut output = OutputFile::create(path)?;
+    fill(output.file.as_file_mut()).map_err(|e| Error::write(path, e))?;
+    output.finish()
+}
+
+/// A file that is written bit by bit and appears whole, at [`OutputFile::finish`], or not at all.
+/// What is no regular file (a pipe, a terminal, `/dev/stdout`) gets the bytes as they come.
+pub struct OutputFile {
+    path: PathBuf,
+    file: Target,
+}
+
+enum Target {
+    Aside(tempfile::NamedTempFile),
+    Direct(fs::File),
+}
+
+impl Target {
+    fn as_file_mut(&mut self) -> &mut fs::File {
+        match self {
+            Self::Aside(aside) => aside.as_file_mut(),
+            Self::Direct(file) => file,
+        }
+    }
+}
+
+impl OutputFile {
+    /// Begins the file `path`.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the system refuses.
+    pub fn create(path: &Path) -> Result<Self> {
+        let io = |e| Error::write(path, e);
+        let is_special = fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir());
+        let file = if is_special {
+            Target::Direct(fs::OpenOptions::new().write(true).open(path).map_err(io)?)
+        } else {
+            let dir = match path.parent() {
+                Some(p) if !p.as_os_str().is_empty() => p,
+                _ => Path::new("."),
+            };
+            Target::Aside(builder().prefix(".spindoe-").tempfile_in(dir).map_err(io)?)
+        };
+        Ok(Self {
+            path: path.to_path_buf(),
+            file,
+        })
+    }
+
+    /// Ends the file, which stands under its name from here on.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the system refuses.
+    pub fn finish(mut self) -> Result<()> {
+        let io = |e| Error::write(&self.path, e);
+        self.file.as_file_mut().flush().map_err(io)?;
+        if let Target::Aside(aside) = self.file {
+            aside.persist(&self.path).map_err(|e| io(e.error))?;
+        }
+        Ok(())
+    }
+}
+
+impl Write for OutputFile {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.file.as_file_mut().write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.as_file_mut().flush()
+    }
 }
 
 /// The permissions of an ordinary new file (temporary files are private by default); the user's
@@ -62,19 +145,6 @@ fn builder() -> tempfile::Builder<'static, 'static> {
     tempfile::Builder::new()
 }
 
-/// The line, counted from 1, on which a CSV record begins; `fallback` where its position is unknown. The
-/// reader's own count is one short after a line that ends in `\r\n`.
-pub(crate) fn line_of(bytes: &[u8], position: Option<&csv::Position>, fallback: u64) -> u64 {
-    let Some(position) = position else {
-        return fallback;
-    };
-    let mut at = (position.byte() as usize).min(bytes.len());
-    while matches!(bytes.get(at), Some(b'\r' | b'\n')) {
-        at += 1;
-    }
-    1 + bytes[..at].iter().filter(|&&b| b == b'\n').count() as u64
-}
-
 /// Writes bytes to `path`, whole or not at all.
 ///
 /// # Errors
@@ -83,10 +153,30 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write_atomic(path, |f| f.write_all(bytes))
 }
 
+/// Removes a file that need not be there.
+///
+/// # Errors
+/// [`Error::Write`] where the system refuses.
+pub fn remove_if_present(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(path, e)),
+        _ => Ok(()),
+    }
+}
+
 /// Reads a whole file.
 ///
 /// # Errors
 /// [`Error::Read`] where the system refuses.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|e| Error::read(path, e))
+}
+
+/// Opens a file to be read bit by bit.
+///
+/// # Errors
+/// [`Error::Read`] where the system refuses.
+pub fn open(path: &Path) -> Result<BufReader<fs::File>> {
+    let file = fs::File::open(path).map_err(|e| Error::read(path, e))?;
+    Ok(BufReader::with_capacity(READ_BYTES, file))
 }

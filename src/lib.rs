@@ -10,6 +10,7 @@
 //! # Stages
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
+//! [`pipeline`] (work on a stream) serves [`recognize`];
 //! [`stencil`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
 //! [`cli`] on top.
 //!
@@ -30,7 +31,7 @@
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
-//! # let pattern = spindoe::design::random_pattern(20, 0.3, &mut rng)?;
+//! # let pattern = spindoe::pattern::random_pattern(20, 0.3, &mut rng)?;
 //! // or: let pattern = Pattern::read_csv("pattern.csv".as_ref())?;
 //! let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
 //! let protocol = Protocol::standard(ProtocolName::Paper);
@@ -49,10 +50,12 @@ pub mod geometry;
 pub mod hash;
 mod npz;
 pub mod pattern;
+pub mod pipeline;
 pub mod plot;
 pub mod recognize;
 pub mod report;
 pub mod spin;
+pub mod stats;
 pub mod stencil;
 pub mod synth;
 pub mod validate;

@@ -1,6 +1,7 @@
 //! The command line: arguments in, library calls, words and files out.
 //!
-//! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
+//! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 3 done, but
+//! nothing could be answered; 1 anything else.
 
 /// Prints a line on standard output. Whoever reads may stop early (`| head`): then the command ends
 /// quietly; any other failure ends it with one line and exit code 1.
@@ -24,20 +25,20 @@ macro_rules! errln {
 mod compare;
 mod design;
 mod estimate;
+mod export;
 mod identify;
-mod progress;
+mod output;
 mod sensitivity;
 mod simulate;
 mod spin;
 mod stencil;
 mod synth;
 mod table;
-mod train;
 mod trajectories;
 mod validate;
 
-use std::io::Write;
-use std::path::Path;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -79,10 +80,10 @@ enum Command {
     Simulate(simulate::Arguments),
     /// Draw synthetic images of a ball with a pattern, with their truth: a data set, or a turning ball.
     Synth(Box<synth::Arguments>),
-    /// Train the dot detector on synthetic frames.
-    Train(train::Arguments),
+    /// Say where the dot detector is trained: in a program of its own.
+    Train(export::TrainArguments),
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
-    Export(train::ExportArguments),
+    Export(export::Arguments),
     /// Check and summarize flights with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
 }
@@ -105,15 +106,19 @@ pub fn main() -> ExitCode {
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Synth(arguments) => synth::run(&arguments),
-        Command::Train(arguments) => train::run(&arguments),
-        Command::Export(arguments) => train::export(&arguments),
+        Command::Train(arguments) => export::refuse_training(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             errln!("spindoe: {error}");
-            ExitCode::from(if error.is_usage() { 2 } else { 1 })
+            ExitCode::from(match error {
+                Error::NoAnswer { .. } => 3,
+                error if error.is_usage() => 2,
+                _ => 1,
+            })
         }
     }
 }
@@ -143,6 +148,33 @@ fn read_table(path: &Path) -> Result<HashTable> {
         let pattern = Pattern::from_csv(path, &bytes)?;
         HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())
     }
+}
+
+/// An input that is read bit by bit: a file, or standard input for `-`.
+struct Input {
+    /// As messages name it.
+    name: PathBuf,
+    reader: Box<dyn BufRead + Send>,
+}
+
+/// Opens a file to be read, or standard input for `-`.
+fn open_input(path: &Path) -> Result<Input> {
+    let (name, reader): (_, Box<dyn BufRead + Send>) = if path == Path::new("-") {
+        let stdin = BufReader::with_capacity(1 << 16, std::io::stdin());
+        (PathBuf::from("standard input"), Box::new(stdin))
+    } else {
+        (path.to_path_buf(), Box::new(files::open(path)?))
+    };
+    Ok(Input { name, reader })
+}
+
+/// What a failure to write on standard output comes to. Whoever reads may stop early (`| head`): then
+/// the command ends quietly.
+fn stdout_error(error: std::io::Error) -> Error {
+    if error.kind() == std::io::ErrorKind::BrokenPipe {
+        std::process::exit(0);
+    }
+    Error::write("standard output", error)
 }
 
 /// See `outln`.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::output::one_of;
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
@@ -24,7 +25,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// How the views are made.
-    #[arg(long, value_enum, default_value_t = ProtocolName::Paper)]
+    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Paper)]
     protocol: ProtocolName,
     /// Trials a point.
     #[arg(long, value_name = "N", default_value_t = 2_000)]

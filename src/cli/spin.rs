@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use crate::error::{Error, Result};
-use crate::geometry::Vec3;
+use crate::geometry::{Vec3, to_wxyz};
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
@@ -42,7 +42,8 @@ enum Method {
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Orientations: CSV with a header, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence
-    /// (seconds; quaternion scalar first, pattern to camera, empty where there is none).
+    /// (seconds; quaternion scalar first, pattern to camera, empty where there is none); - is
+    /// standard input.
     orientations: PathBuf,
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
@@ -137,9 +138,10 @@ impl Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     arguments.check()?;
-    let file = Orientations::read_csv(&arguments.orientations)?;
+    let input = super::open_input(&arguments.orientations)?;
+    let file = Orientations::read(&input.name, input.reader)?;
     let measurements = file.measurements();
-    let refused = |r: SpinRejection| r.in_file(&arguments.orientations);
+    let refused = |r: SpinRejection| r.in_file(&input.name);
     let options = DecayConfig {
         robust: arguments.robust_options(),
         window: arguments.window,
@@ -404,8 +406,6 @@ impl Found {
 
 /// A fit's fields, of a sequence of `frames` of which `orientations` are known.
 pub(super) fn fit_json(fit: &Fit, frames: usize, orientations: usize) -> serde_json::Value {
-    let q = fit.motion.orientation.into_inner();
-    let q = if q.w < 0.0 { -q } else { q };
     let mut json = vector_json(&fit.motion.spin);
     let std = fit.spin_covariance.as_ref().map(standard_deviations);
     json["std_rad_s"] = json!(std.map(|s| [s.x, s.y, s.z]));
@@ -419,7 +419,7 @@ pub(super) fn fit_json(fit: &Fit, frames: usize, orientations: usize) -> serde_j
     json["frames"] = frames.into();
     json["orientations"] = orientations.into();
     json["time_s"] = fit.motion.time_s.into();
-    json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
+    json["orientation_wxyz"] = json!(to_wxyz(&fit.motion.orientation));
     json
 }
 

@@ -1,15 +1,15 @@
 //! `spindoe stencil`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::Pattern;
 use crate::plot;
 use crate::stencil::coupon::coupon;
-use crate::stencil::{HoleSide, Stencil, StencilConfig, stl_bytes};
+use crate::stencil::{HalfName, HoleSide, Stencil, StencilConfig, stl_bytes};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -21,6 +21,9 @@ pub struct Arguments {
     /// Also write coupon.stl: rings with clearances of 0.0 to 0.5 mm, to print first.
     #[arg(long)]
     coupon: bool,
+    /// Replace a stencil that the folder holds already, with all its files.
+    #[arg(long)]
+    overwrite: bool,
     /// Leave the dots' numbers out.
     #[arg(long)]
     no_numbers: bool,
@@ -31,9 +34,21 @@ pub struct Arguments {
     sizes: Sizes,
 }
 
-/// Declares the sizes that can be set, each with the library's default.
+/// Names of the files that this command writes.
+const FILES: [&str; 6] = [
+    "half_a.stl",
+    "half_b.stl",
+    "stencil.3mf",
+    "stencil.json",
+    PICTURE,
+    COUPON,
+];
+const PICTURE: &str = "stencil.png";
+const COUPON: &str = "coupon.stl";
+
+/// Declares the sizes that can be set: flag, unit, and the library's field, converted where units differ.
 macro_rules! sizes {
-    ($($(#[doc = $doc:literal])+ $field:ident: $unit:literal,)+) => {
+    ($($(#[doc = $doc:literal])+ $flag:ident: $unit:literal => $field:ident $(. $convert:ident ())?,)+) => {
         /// Every size has the library's default.
         #[derive(Debug, Args)]
         #[command(next_help_heading = "Sizes")]
@@ -41,15 +56,15 @@ macro_rules! sizes {
             $(
                 $(#[doc = $doc])+
                 #[arg(long, value_name = $unit, allow_negative_numbers = true)]
-                $field: Option<f64>,
+                $flag: Option<f64>,
             )+
         }
 
         impl Sizes {
             /// Sets what was given.
             fn apply(&self, config: &mut StencilConfig) {
-                $(if let Some(value) = self.$field {
-                    config.$field = value;
+                $(if let Some(value) = self.$flag {
+                    config.$field = value $(. $convert ())?;
                 })+
             }
         }
@@ -59,39 +74,39 @@ macro_rules! sizes {
 sizes! {
     /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper
     /// [default: 40.0].
-    ball_diameter_mm: "MM",
+    ball_diameter_mm: "MM" => ball_diameter_mm,
     /// Gap between ball and shell, per side; print the coupon to find yours [default: 0.2].
-    clearance_mm: "MM",
+    clearance_mm: "MM" => clearance_mm,
     /// Thickness of the shell [default: 2.8].
-    wall_mm: "MM",
+    wall_mm: "MM" => wall_mm,
     /// Diameter of a dot on the ball [default: 4.0].
-    hole_diameter_mm: "MM",
+    hole_diameter_mm: "MM" => hole_diameter_mm,
     /// Length of a hole's throat at the ball, before it widens for the pen [default: 0.8].
-    throat_mm: "MM",
+    throat_mm: "MM" => throat_mm,
     /// Half-angle of the cone by which a hole widens outwards [default: 30].
-    taper_deg: "DEG",
-    /// Least material between holes, and between a hole and rim, hinge or tab [default: 0.8].
-    min_web_mm: "MM",
+    taper_deg: "DEG" => taper_rad.to_radians(),
+    /// Minimum material between holes, and between a hole and rim, hinge or tab [default: 0.8].
+    min_web_mm: "MM" => min_web_mm,
     /// Distance from the seam wanted for the dots' centers [default: 10].
-    seam_margin_deg: "DEG",
+    seam_margin_deg: "DEG" => seam_margin_rad.to_radians(),
     /// Gap between the two rims [default: 0.2].
-    seam_gap_mm: "MM",
+    seam_gap_mm: "MM" => seam_gap_mm,
     /// Nominal diameter of the hinge's screw [default: 3.0, M3].
-    screw_diameter_mm: "MM",
+    screw_diameter_mm: "MM" => screw_diameter_mm,
     /// By how much the hinge's bore is wider than its screw [default: 0.2].
-    bore_allowance_mm: "MM",
+    bore_allowance_mm: "MM" => bore_allowance_mm,
     /// Length of the hinge along its screw [default: 15].
-    hinge_length_mm: "MM",
+    hinge_length_mm: "MM" => hinge_length_mm,
     /// Gap between knuckles [default: 0.4].
-    knuckle_clearance_mm: "MM",
+    knuckle_clearance_mm: "MM" => knuckle_clearance_mm,
     /// Material around the screw's bore [default: 1.2].
-    knuckle_wall_mm: "MM",
+    knuckle_wall_mm: "MM" => knuckle_wall_mm,
     /// Reach of the thumb tab [default: 6].
-    tab_mm: "MM",
+    tab_mm: "MM" => tab_mm,
     /// Width of the printer's nozzle [default: 0.4].
-    nozzle_mm: "MM",
-    /// Greatest distance of a facet from the surface that it stands for [default: 0.02].
-    chord_error_mm: "MM",
+    nozzle_mm: "MM" => nozzle_mm,
+    /// Maximum distance of a facet from the surface that it stands for [default: 0.02].
+    chord_error_mm: "MM" => chord_error_mm,
 }
 
 impl Arguments {
@@ -109,18 +124,38 @@ impl Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let pattern = Pattern::read_csv(&arguments.pattern)?;
     let config = arguments.config();
+    let dir = &arguments.output;
+    if !arguments.overwrite {
+        refuse_taken(dir)?;
+    }
     let stencil = Stencil::build(&pattern, &config)?;
     let rings = arguments.coupon.then(|| coupon(&config)).transpose()?;
-    let dir = &arguments.output;
     stencil.write(dir)?;
-    if let Some(rings) = rings {
-        files::write_bytes(&dir.join("coupon.stl"), &stl_bytes(&rings)?)?;
+    let coupon = dir.join(COUPON);
+    match rings {
+        Some(rings) => files::write_bytes(&coupon, &stl_bytes(&rings)?)?,
+        // That of the stencil which was replaced.
+        None => files::remove_if_present(&coupon)?,
     }
     let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-    plot::stencil_views(&dir.join("stencil.png"), &stencil, &title)?;
+    plot::stencil_views(&dir.join(PICTURE), &stencil, &title)?;
     print_words(&stencil);
     outln!("written to {}", dir.display());
     Ok(())
+}
+
+/// Refuses a folder that holds a stencil already: files of two stencils must not mix in one.
+fn refuse_taken(dir: &Path) -> Result<()> {
+    match FILES.iter().find(|name| dir.join(name).exists()) {
+        None => Ok(()),
+        Some(name) => {
+            let problem = format!(
+                "{} holds a stencil already ({name}); choose another folder, or --overwrite it",
+                dir.display()
+            );
+            Err(Error::argument("out", problem))
+        }
+    }
 }
 
 fn print_words(stencil: &Stencil) {
@@ -132,14 +167,14 @@ fn print_words(stencil: &Stencil) {
         count(HoleSide::Both),
         stencil.seam().margin_rad.to_degrees()
     );
-    for (half, name) in stencil.halves().iter().zip(["A", "B"]) {
+    for (half, name) in stencil.halves().iter().zip(HalfName::BOTH) {
         outln!(
-            "half {name}: {} triangles, {:.0} mm^3",
+            "{name}: {} triangles, {:.0} mm^3",
             half.check.triangles,
             half.check.volume_mm3
         );
         if !half.unnumbered.is_empty() {
-            outln!("  no room for the numbers of dots {:?}", half.unnumbered);
+            outln!("  no place for the numbers of dots {:?}", half.unnumbered);
         }
     }
 }

@@ -79,33 +79,45 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Height over the horizontal distance from each flight's first point, by classes of spin.
-fn plot_flights(path: &Path, set: &TrajectorySet) -> Result<()> {
-    let class = |t: &Trajectory| {
-        let rps = t.rps().unwrap_or(0.0);
-        CLASSES.iter().filter(|limit| rps >= **limit).count()
-    };
+/// The trajectories that have points, by classes of spin with their names; unknown spins are a class
+/// of their own, where there are any.
+fn by_class(set: &TrajectorySet) -> Vec<(String, Vec<&Trajectory>)> {
+    let last = CLASSES.len();
     let name = |i: usize| match (i.checked_sub(1), CLASSES.get(i)) {
         (None, Some(high)) => format!("below {high} rps"),
         (Some(low), Some(high)) => format!("{} to {high}", CLASSES[low]),
         (Some(low), None) => format!("above {}", CLASSES[low]),
         (None, None) => String::new(),
     };
-    let flight = |t: &Trajectory| -> Vec<(f64, f64)> {
-        let start = t.points.first().map_or_else(Default::default, |p| p.1.xy());
-        let points = t.points.iter();
-        points
-            .map(|(_, p)| ((p.xy() - start).norm(), p.z))
+    let mut classes: Vec<_> = (0..=last).map(|i| (name(i), Vec::new())).collect();
+    let mut unknown = Vec::new();
+    for t in set.trajectories.iter().filter(|t| !t.points.is_empty()) {
+        match t.rps() {
+            Some(rps) => {
+                let class = CLASSES.iter().filter(|limit| rps >= **limit).count();
+                classes[class].1.push(t);
+            }
+            None => unknown.push(t),
+        }
+    }
+    if !unknown.is_empty() {
+        classes.push(("unknown".into(), unknown));
+    }
+    classes
+}
+
+/// Height over the horizontal distance from each trajectory's first point, by classes of spin.
+fn plot_flights(path: &Path, set: &TrajectorySet) -> Result<()> {
+    let way = |t: &Trajectory| -> Vec<(f64, f64)> {
+        let positions = || t.points.iter().map(|p| p.position_m);
+        let start = positions().next().unwrap_or_default().xy();
+        positions()
+            .map(|p| ((p.xy() - start).norm(), p.z))
             .collect()
     };
-    let groups = (0..=CLASSES.len()).map(|i| PathGroup {
-        name: name(i),
-        paths: set
-            .trajectories
-            .iter()
-            .filter(|t| class(t) == i && !t.points.is_empty())
-            .map(flight)
-            .collect(),
+    let groups = by_class(set).into_iter().map(|(name, members)| PathGroup {
+        name,
+        paths: members.into_iter().map(way).collect(),
     });
     let plot = PathPlot {
         title: format!("{} flights from the side", set.trajectories.len()),
@@ -137,4 +149,35 @@ fn plot_spins(path: &Path, set: &TrajectorySet) -> Result<()> {
         }],
     };
     line_plot(path, &plot)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Vec3;
+    use crate::spin::trajectories::TrajectoryPoint;
+
+    #[test]
+    fn unknown_spins_are_not_drawn_as_slow_ones() {
+        let trajectory = |number, rps: Option<f64>| Trajectory {
+            number,
+            spin: rps.map(|r| Vec3::x() * r * std::f64::consts::TAU),
+            points: vec![TrajectoryPoint {
+                time_s: 0.0,
+                position_m: Vec3::zeros(),
+                line: 1,
+            }],
+        };
+        let set = TrajectorySet {
+            trajectories: vec![trajectory(0, Some(5.0)), trajectory(1, None)],
+            without_file: Vec::new(),
+        };
+        let classes = by_class(&set);
+        let numbers = |i: usize| classes[i].1.iter().map(|t| t.number).collect::<Vec<_>>();
+        assert_eq!(
+            (classes[0].0.as_str(), numbers(0)),
+            ("below 20 rps", vec![0])
+        );
+        assert_eq!((classes[4].0.as_str(), numbers(4)), ("unknown", vec![1]));
+    }
 }

@@ -1,6 +1,6 @@
 //! The failure rate itself, made smooth: what a recognizer's trials say, as a cost with its gradient.
 //!
-//! A recognizer that knows the law of its views answers with the likeliest explanation, and is wrong with
+//! A recognizer that knows the distribution of its views answers with the likeliest explanation, and is wrong with
 //! the probability that the others hold. The mean over views of
 //!
 //! ```text
@@ -31,7 +31,7 @@ use crate::validate::{CommonRandomTrials, Protocol, Trial};
 const CERTAIN: f64 = 0.01;
 /// Explanations with less of a share than this are left out.
 const MIN_SHARE: f64 = 1e-3;
-/// Most explanations of a view that are followed.
+/// Maximum number of explanations of a view that are followed.
 const MAX_EXPLANATIONS: usize = 5;
 /// Half the difference that the derivative is taken over, radians: a tenth of the noise.
 const DIFFERENCE_RAD: f64 = 0.004;
@@ -49,7 +49,7 @@ pub struct SmoothRate<'a> {
     pub seed: u64,
     /// Their number.
     pub trials: u64,
-    /// Where set, nothing more is looked at and the figures mean nothing: what asked for them is to end.
+    /// Where set, nothing more is looked at and the values mean nothing: what asked for them is to end.
     pub stop: &'a AtomicBool,
 }
 
@@ -155,7 +155,7 @@ impl SmoothRate<'_> {
     ) -> (f64, Option<Doubt>) {
         scratch.views.generate(pattern, index, &mut scratch.trial);
         let (dots, answer) = (&scratch.trial.dots, &mut scratch.answer);
-        if dots.len() < self.protocol.min_dots.max(recognizer.min_dots()) {
+        if scratch.trial.real_dots() < self.protocol.min_dots.max(recognizer.min_dots()) {
             return (0.0, None);
         }
         if recognizer

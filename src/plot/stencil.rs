@@ -9,7 +9,7 @@ use super::canvas::{self, Area, Drawn, INK, LABEL, SMALL, picture, px, styled_te
 use super::solid::{Body, Frame, Paint, Rgb, View, render};
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
-use crate::stencil::{Mesh, Stencil, shapes};
+use crate::stencil::{HalfName, Mesh, Stencil, shapes};
 
 /// Width and height of [`stencil_views`]'s picture, pixels.
 pub const STENCIL_SIZE: (u32, u32) = (1500, 1080);
@@ -67,9 +67,9 @@ impl<'a> Scene<'a> {
         Self {
             stencil,
             placed: [
-                stencil.placed_half(0, 0.0),
-                stencil.placed_half(1, 0.0),
-                stencil.placed_half(1, opening),
+                stencil.placed_half(HalfName::A, 0.0),
+                stencil.placed_half(HalfName::B, 0.0),
+                stencil.placed_half(HalfName::B, opening),
             ],
             balls: [
                 (ball, paint(Rotation::identity(), Vec3::zeros())),

@@ -1,9 +1,7 @@
 //! Patterns side by side: the same trials, orientation bounds, separations, feature distances.
 //!
 //! All patterns see the same rotations and the same random numbers, trial by trial, so that a difference
-//! of rates is judged on pairs: by Newcombe's score interval for paired proportions (R. G. Newcombe,
-//! "Improved confidence intervals for the difference between binomial proportions based on paired data",
-//! Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any trial differs.
+//! of rates is judged on pairs ([`PairedDifference`]).
 
 use std::path::Path;
 
@@ -18,9 +16,8 @@ use crate::hash::HashTable;
 use crate::pattern::{Pattern, PatternSummary};
 use crate::plot::{BarChart, BarGroup, LinePlot, LineSeries, RateScale, bar_comparison, line_plot};
 use crate::recognize::RecognizerName;
-use crate::validate::{
-    Proportion, Protocol, ProtocolName, TrialResult, Validation, run_named, summarize,
-};
+use crate::stats::{PairedDifference, Pairs};
+use crate::validate::{Protocol, ProtocolName, TrialResult, Validation, run_named, summarize};
 
 /// Viewing directions in the plot of the orientation bound.
 const VIEWS: usize = 4_000;
@@ -36,7 +33,7 @@ pub struct Entry {
 
 /// What is measured without trials.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Figures {
+pub struct PatternMeasures {
     /// The pattern's name.
     pub name: String,
     /// SHA-256 of the dots.
@@ -45,7 +42,7 @@ pub struct Figures {
     pub summary: PatternSummary,
     /// Spread of the neighbors' distances.
     pub neighbors: NeighborSpread,
-    /// Each objective's figure, on the `sparse` protocol's views, where it can be worked out.
+    /// Each objective's value, on the `sparse` protocol's views, where it can be worked out.
     pub objectives: Vec<ObjectiveScore>,
     /// Mean distance from each feature of the table to the nearest other one, without unit.
     pub mean_feature_distance: f64,
@@ -58,7 +55,7 @@ pub struct Figures {
 pub struct ObjectiveScore {
     /// Its name.
     pub name: ObjectiveName,
-    /// Its figure.
+    /// Its value.
     pub value: f64,
 }
 
@@ -70,12 +67,12 @@ pub struct NeighborSpread {
     pub mean_rad: f64,
     /// Their standard deviation over their mean.
     pub relative_std: f64,
-    /// The least of them over their mean.
+    /// The minimum of them over their mean.
     pub relative_min: f64,
 }
 
 impl NeighborSpread {
-    /// The criterion's figures for a pattern.
+    /// The criterion's values for a pattern.
     pub fn of(pattern: &Pattern) -> Self {
         let dots = pattern.dots();
         let mut all = Vec::with_capacity(3 * dots.len());
@@ -96,81 +93,6 @@ impl NeighborSpread {
             mean_rad: mean,
             relative_std: variance.sqrt() / mean,
             relative_min: all.iter().copied().fold(f64::INFINITY, f64::min) / mean,
-        }
-    }
-}
-
-/// A difference of two rates over the same trials, with its 95 % interval.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct PairedDifference {
-    /// Trials judged for both.
-    pub trials: u64,
-    /// The rate less that of the first pattern.
-    pub difference: f64,
-    /// Lower end of the interval.
-    pub low: f64,
-    /// Upper end of the interval.
-    pub high: f64,
-}
-
-/// Trials judged for two patterns, by which of them passed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Pairs {
-    /// Both passed.
-    pub both: u64,
-    /// Only the one passed.
-    pub gained: u64,
-    /// Only the other, the reference, passed.
-    pub lost: u64,
-    /// Neither passed.
-    pub neither: u64,
-}
-
-impl PairedDifference {
-    /// The difference over these trials, with Newcombe's interval.
-    pub fn new(pairs: Pairs) -> Self {
-        let Pairs {
-            both,
-            gained,
-            lost,
-            neither,
-        } = pairs;
-        let trials = both + gained + lost + neither;
-        let (one, other) = (
-            Proportion::new(both + gained, trials),
-            Proportion::new(both + lost, trials),
-        );
-        let [a, b, c, d, n] = [both, gained, lost, neither, trials].map(|k| k as f64);
-        let margins = (a + b) * (c + d) * (a + c) * (b + d);
-        let product = a * d - b * c;
-        // The correlation of the two, corrected for continuity where it is positive.
-        let product = if product > 0.0 {
-            (product - 0.5 * n).max(0.0)
-        } else {
-            product
-        };
-        let phi = if margins > 0.0 {
-            product / margins.sqrt()
-        } else {
-            0.0
-        };
-        let width = |x: f64, y: f64| (x * x - 2.0 * phi * x * y + y * y).max(0.0).sqrt();
-        let difference = one.rate - other.rate;
-        Self {
-            trials,
-            difference,
-            low: difference - width(one.rate - one.low, other.high - other.rate),
-            high: difference + width(one.high - one.rate, other.rate - other.low),
-        }
-    }
-
-    /// Of a pattern against itself: none, beyond doubt.
-    pub fn with_itself(trials: u64) -> Self {
-        Self {
-            trials,
-            difference: 0.0,
-            low: 0.0,
-            high: 0.0,
         }
     }
 }
@@ -198,13 +120,13 @@ pub struct Comparison {
     pub samples: u64,
     /// Their seed.
     pub seed: u64,
-    /// Figures of each pattern.
-    pub patterns: Vec<Figures>,
+    /// What is measured of each pattern without trials.
+    pub patterns: Vec<PatternMeasures>,
     /// Rates, by recognizer, protocol and pattern.
     pub contests: Vec<Contest>,
 }
 
-fn figures(entry: &Entry) -> Result<Figures> {
+fn measures(entry: &Entry) -> Result<PatternMeasures> {
     let pattern = entry.table.pattern();
     let sparse = Protocol::standard(ProtocolName::Sparse);
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
@@ -218,7 +140,7 @@ fn figures(entry: &Entry) -> Result<Figures> {
         })
         .collect();
     let distances = entry.table.nearest_distances();
-    Ok(Figures {
+    Ok(PatternMeasures {
         name: entry.name.clone(),
         sha256: pattern.sha256(),
         summary: pattern.summary(),
@@ -261,7 +183,7 @@ fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> P
     PairedDifference::new(pairs)
 }
 
-/// Compares patterns on `samples` trials of every protocol, with both recognizers; `says` is told what
+/// Compares patterns on `samples` trials of every protocol, with both recognizers; `says` hears what
 /// is being measured.
 ///
 /// # Errors
@@ -278,7 +200,7 @@ pub fn compare(
         let problem = format!("expected at least two, found {found}");
         return Err(Error::argument("patterns", problem));
     }
-    let patterns: Result<Vec<_>> = entries.iter().map(figures).collect();
+    let patterns: Result<Vec<_>> = entries.iter().map(measures).collect();
     let mut contests = Vec::new();
     for &recognizer in recognizers {
         for name in ProtocolName::ALL {

@@ -17,7 +17,7 @@ use super::mesh::{Mesh, min_angle};
 const SHORT_MM: f64 = 0.002;
 /// Triangles with a smaller angle are slivers, radians (3 degrees).
 const SLIVER_RAD: f64 = 0.052;
-/// Most rounds; each stops early when nothing changes.
+/// Maximum rounds; each stops early when nothing changes.
 const ROUNDS: usize = 12;
 /// A triangle flatter than this has no side that it could be turned over from, mm.
 const FLAT_MM: f64 = 1e-4;
@@ -62,7 +62,7 @@ impl Work {
     /// One pass over all triangles; the number of changes.
     fn round(&mut self) -> usize {
         (0..self.triangles.len())
-            .filter(|&t| self.mend(t as u32))
+            .filter(|&t| self.fix(t as u32))
             .count()
     }
 
@@ -74,8 +74,8 @@ impl Work {
         t.map(|v| self.at(v))
     }
 
-    /// Improves triangle `t` if it is a sliver and can be mended.
-    fn mend(&mut self, t: u32) -> bool {
+    /// Improves triangle `t` if it is a sliver and can be fixed.
+    fn fix(&mut self, t: u32) -> bool {
         let Some(v) = self.triangles[t as usize] else {
             return false;
         };
@@ -140,7 +140,7 @@ impl Work {
             if new_height < FLAT_MM || (height > FLAT_MM && n.dot(&m) < 0.5) {
                 return false;
             }
-            // A needle must not beget a worse one.
+            // A needle must not become a worse one.
             if min_angle(&self.corners(moved)) < min_angle(&self.corners(old)).min(SLIVER_RAD) {
                 return false;
             }
@@ -164,7 +164,7 @@ impl Work {
     }
 
     /// Replaces edge `i` of triangle `t` by the other diagonal of its two triangles, if that widens
-    /// their least angle and keeps the surface.
+    /// their smallest angle and keeps the surface.
     fn flip(&mut self, t: u32, i: usize) -> bool {
         let Some(first) = self.triangles[t as usize] else {
             return false;
@@ -227,7 +227,7 @@ impl Work {
     }
 }
 
-/// Unit normal of a triangle (zero where it has none) and its least height, mm.
+/// Unit normal of a triangle (zero where it has none) and its smallest height, mm.
 fn normal(c: &[Vec3; 3]) -> (Vec3, f64) {
     let n = (c[1] - c[0]).cross(&(c[2] - c[0]));
     let longest = (0..3)

@@ -1,8 +1,9 @@
 //! The stencil's parameters, their defaults and their domains.
 
-use crate::error::{Error, Result};
+use crate::error::{Result, require};
 
-/// Parameters of a stencil. Lengths in millimetres, angles in degrees.
+/// Parameters of a stencil. Angles in radians; lengths in millimeters, the unit of the files it is
+/// written to.
 ///
 /// Clearances are modeled gaps: what a printer makes of them is measured with the coupon
 /// ([`super::coupon`]).
@@ -18,14 +19,14 @@ pub struct StencilConfig {
     pub hole_diameter_mm: f64,
     /// Length of the cylindrical throat at the ball before a hole widens, mm. Default 0.8.
     pub throat_mm: f64,
-    /// Half-angle of the cone by which a hole widens outwards, degrees. Default 30.
-    pub taper_deg: f64,
-    /// Least material between two holes, and between a hole and a rim, the hinge or the tab, mm.
+    /// Half-angle of the cone by which a hole widens outwards, radians. Default 30 degrees.
+    pub taper_rad: f64,
+    /// Minimum material between two holes, and between a hole and a rim, the hinge or the tab, mm.
     /// Default 0.8.
     pub min_web_mm: f64,
-    /// Dots' centers wanted at least this far from the seam, degrees. Default 10. Where no plane keeps
-    /// it, the plane that comes nearest is taken and holes pass through both rims.
-    pub seam_margin_deg: f64,
+    /// Wanted distance of the dots' centers from the seam, radians. Default 10 degrees. Where no plane
+    /// keeps it, the plane that comes nearest is taken and holes pass through both rims.
+    pub seam_margin_rad: f64,
     /// Gap between the two rims, square to their cone, mm. Default 0.2.
     pub seam_gap_mm: f64,
     /// Nominal diameter of the hinge's screw, mm. Default 3.0 (M3).
@@ -46,7 +47,7 @@ pub struct StencilConfig {
     pub numbers: bool,
     /// Width of the printer's nozzle, mm: no wall may be thinner. Default 0.4.
     pub nozzle_mm: f64,
-    /// Greatest distance of a facet from the surface that it stands for, mm. Default 0.02.
+    /// Maximum distance of a facet from the surface that it stands for, mm. Default 0.02.
     pub chord_error_mm: f64,
 }
 
@@ -58,9 +59,9 @@ impl Default for StencilConfig {
             wall_mm: 2.8,
             hole_diameter_mm: 4.0,
             throat_mm: 0.8,
-            taper_deg: 30.0,
+            taper_rad: 30f64.to_radians(),
             min_web_mm: 0.8,
-            seam_margin_deg: 10.0,
+            seam_margin_rad: 10f64.to_radians(),
             seam_gap_mm: 0.2,
             screw_diameter_mm: 3.0,
             bore_allowance_mm: 0.2,
@@ -90,7 +91,7 @@ impl StencilConfig {
     /// Radius of a hole `height_mm` from the ball's center along its axis, mm.
     pub fn hole_radius_mm(&self, height_mm: f64) -> f64 {
         let rise = height_mm - self.inner_radius_mm() - self.throat_mm;
-        0.5 * self.hole_diameter_mm + rise.max(0.0) * self.taper_deg.to_radians().tan()
+        0.5 * self.hole_diameter_mm + rise.max(0.0) * self.taper_rad.tan()
     }
 
     /// Radius of a hole at the outer end of its taper, mm.
@@ -98,7 +99,7 @@ impl StencilConfig {
         self.hole_radius_mm(self.outer_radius_mm())
     }
 
-    /// Least angle between two dots whose holes leave [`Self::min_web_mm`] between them, radians.
+    /// Minimum angle between two dots whose holes leave [`Self::min_web_mm`] between them, radians.
     pub fn min_separation_rad(&self) -> f64 {
         let angle = |radius: f64, hole: f64| {
             2.0 * ((hole + 0.5 * self.min_web_mm) / radius).min(1.0).asin()
@@ -111,46 +112,53 @@ impl StencilConfig {
     /// Checks every parameter's domain.
     ///
     /// # Errors
-    /// [`Error::Argument`] naming the parameter and what was expected.
+    /// [`crate::Error::Argument`] naming the parameter and what was expected.
     pub fn validate(&self) -> Result<()> {
         let r = 0.5 * self.ball_diameter_mm;
-        let domains = [
-            ("ball diameter", self.ball_diameter_mm, 20.0, 400.0, "mm"),
-            ("clearance", self.clearance_mm, 0.0, 0.1 * r, "mm"),
-            ("wall", self.wall_mm, 2.0 * self.nozzle_mm, 0.5 * r, "mm"),
-            ("hole diameter", self.hole_diameter_mm, 0.5, r, "mm"),
-            ("throat", self.throat_mm, 0.2, self.wall_mm, "mm"),
-            ("taper", self.taper_deg, 0.0, 60.0, "degrees"),
-            ("least web", self.min_web_mm, 0.2, 5.0, "mm"),
-            ("seam margin", self.seam_margin_deg, 0.0, 45.0, "degrees"),
-            ("seam gap", self.seam_gap_mm, 0.05, 1.0, "mm"),
-            ("screw diameter", self.screw_diameter_mm, 1.0, 8.0, "mm"),
-            ("bore allowance", self.bore_allowance_mm, 0.0, 1.0, "mm"),
-            ("hinge length", self.hinge_length_mm, 4.0, 1.2 * r, "mm"),
-            (
-                "knuckle clearance",
-                self.knuckle_clearance_mm,
-                0.1,
-                2.0,
-                "mm",
-            ),
-            ("knuckle wall", self.knuckle_wall_mm, 0.8, 5.0, "mm"),
-            ("tab", self.tab_mm, 2.0, 20.0, "mm"),
-            ("nozzle", self.nozzle_mm, 0.1, 1.2, "mm"),
-            ("chord error", self.chord_error_mm, 0.002, 0.005 * r, "mm"),
+        let lengths = [
+            ("ball_diameter_mm", self.ball_diameter_mm, 20.0, 400.0),
+            ("clearance_mm", self.clearance_mm, 0.0, 0.1 * r),
+            ("nozzle_mm", self.nozzle_mm, 0.1, 1.2),
+            ("wall_mm", self.wall_mm, 2.0 * self.nozzle_mm, 0.5 * r),
+            ("hole_diameter_mm", self.hole_diameter_mm, 0.5, r),
+            ("throat_mm", self.throat_mm, 0.2, self.wall_mm),
+            ("min_web_mm", self.min_web_mm, 0.2, 5.0),
+            ("seam_gap_mm", self.seam_gap_mm, 0.05, 1.0),
+            ("screw_diameter_mm", self.screw_diameter_mm, 1.0, 8.0),
+            ("bore_allowance_mm", self.bore_allowance_mm, 0.0, 1.0),
+            ("hinge_length_mm", self.hinge_length_mm, 4.0, 1.2 * r),
+            ("knuckle_clearance_mm", self.knuckle_clearance_mm, 0.1, 2.0),
+            ("knuckle_wall_mm", self.knuckle_wall_mm, 0.8, 5.0),
+            ("tab_mm", self.tab_mm, 2.0, 20.0),
+            ("chord_error_mm", self.chord_error_mm, 0.002, 0.005 * r),
         ];
-        for (name, value, low, high, unit) in domains {
-            if !(low..=high).contains(&value) {
-                return Err(Error::argument(
-                    name,
-                    format!("expected {low} to {high} {unit}, found {value}"),
-                ));
-            }
+        for (name, value, low, high) in lengths {
+            let expected = format!("{low} to {high} mm");
+            require((low..=high).contains(&value), name, &expected, value)?;
         }
-        if !(3..=9).contains(&self.knuckles) || self.knuckles.is_multiple_of(2) {
-            let problem = format!("expected 3, 5, 7 or 9, found {}", self.knuckles);
-            return Err(Error::argument("knuckles", problem));
+        for (name, radians, high_deg) in [
+            ("taper_rad", self.taper_rad, 60.0),
+            ("seam_margin_rad", self.seam_margin_rad, 45.0),
+        ] {
+            let degrees = degrees(radians);
+            let expected = format!("0 to {high_deg} degrees");
+            require(
+                (0.0..=high_deg).contains(&degrees),
+                name,
+                &expected,
+                degrees,
+            )?;
         }
-        Ok(())
+        require(
+            (3..=9).contains(&self.knuckles) && !self.knuckles.is_multiple_of(2),
+            "knuckles",
+            "3, 5, 7 or 9",
+            self.knuckles,
+        )
     }
+}
+
+/// An angle in degrees as a person wrote it: rounded to 1e-9, since radians hold few degrees exactly.
+pub(super) fn degrees(radians: f64) -> f64 {
+    (radians.to_degrees() * 1e9).round() / 1e9
 }

@@ -5,7 +5,7 @@
 //! in tenths of a millimetre: the lowest number whose ring takes the ball down to its equator without
 //! force is the clearance to use.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 
 use super::mesh::Mesh;
@@ -24,7 +24,7 @@ const GAP_MM: f64 = 4.0;
 /// The rings as one mesh, side by side on the bed z = 0, rounded to 32-bit floats.
 ///
 /// # Errors
-/// [`crate::Error::Argument`] where a parameter is outside its domain; [`crate::Error::Internal`] where a
+/// [`Error::Argument`] where a parameter is outside its domain; [`Error::Internal`] where a
 /// mesh fails its own checks.
 pub fn coupon(config: &StencilConfig) -> Result<Mesh> {
     config.validate()?;
@@ -68,12 +68,9 @@ fn ring(tenths: u32, config: &StencilConfig) -> Result<Mesh> {
     ];
     let sine = 0.5 * height / outer;
     let front = Vec3::new(0.0, -(1.0 - sine * sine).sqrt(), sine);
-    tools.extend(marks::digits_at(
-        &front,
-        0.5 * height,
-        tenths as usize,
-        &config,
-    ));
+    let digits = marks::digits_at(&front, 0.5 * height, tenths as usize, &config);
+    let thin = || Error::argument("wall_mm", "too thin for the rings' engraved clearance");
+    tools.extend(digits.ok_or_else(thin)?);
     let tools: Vec<_> = tools.iter().map(Solid::new).collect::<Result<_>>()?;
     let body = Solid::new(&shapes::sphere(outer, chord))?;
     Ok(clean::cleaned(&body.minus(&tools)?.mesh(), 0.2 * chord))

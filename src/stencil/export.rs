@@ -1,15 +1,14 @@
 //! The stencil's files: binary STL, 3MF and a JSON description.
 
-use std::io::Cursor;
 use std::path::Path;
 
 use serde_json::json;
-use threemf::model::{Build, Item, Metadata, Model, Object, Resources};
 
 use crate::error::{Error, Result};
 use crate::files;
 
-use super::{HoleSide, Mesh, Stencil};
+use super::config::degrees;
+use super::{HalfName, HoleSide, Mesh, Stencil, threemf};
 
 /// Gap between the two halves in the 3MF file, mm.
 const LAYOUT_GAP_MM: f64 = 5.0;
@@ -38,14 +37,14 @@ impl Stencil {
             files::write_bytes(&dir.join(name), &self.stl_bytes(&half.mesh)?)?;
         }
         files::write_bytes(&dir.join("stencil.3mf"), &self.threemf_bytes()?)?;
-        let mut text = serde_json::to_string_pretty(&self.description())
+        let mut text = serde_json::to_string_pretty(&self.description()?)
             .map_err(|e| Error::Internal(e.to_string()))?;
         text.push('\n');
         files::write_bytes(&dir.join("stencil.json"), text.as_bytes())
     }
 
-    /// What `stencil.json` holds: parameters, frames, where each dot lies, and each half's figures.
-    pub fn description(&self) -> serde_json::Value {
+    /// What `stencil.json` holds (angles in degrees): parameters, frames, where each dot lies, and what each half's check found.
+    pub fn description(&self) -> Result<serde_json::Value> {
         let q = self.layout.rotation.quaternion();
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
         let indices = |side: HoleSide| -> Vec<usize> {
@@ -73,7 +72,7 @@ impl Stencil {
                 "azimuth_deg": d.y.atan2(d.x).to_degrees(),
             })
         });
-        json!({
+        Ok(json!({
             "format_version": FORMAT_VERSION,
             "spindoe_version": env!("CARGO_PKG_VERSION"),
             "pattern_sha256": self.pattern_sha256,
@@ -84,18 +83,34 @@ impl Stencil {
             "seam": {
                 "normal_pattern_frame": self.layout.seam.normal.as_slice(),
                 "min_dot_latitude_deg": self.layout.seam.margin_rad.to_degrees(),
-                "wanted_deg": self.config.seam_margin_deg,
+                "wanted_deg": degrees(self.config.seam_margin_rad),
             },
-            "hinge_to_nearest_hole_mm": self.layout.room_mm,
+            "hinge_to_nearest_hole_mm": self.layout.clearance_mm,
             "dots_in_half_a": indices(HoleSide::A),
             "dots_in_half_b": indices(HoleSide::B),
             "dots_through_both_rims": indices(HoleSide::Both),
             "dots": dots.collect::<Vec<_>>(),
             "half_a": half(0),
             "half_b": half(1),
-            "parameters": self.config,
+            "parameters": self.parameters()?,
             "joint": self.joint,
-        })
+        }))
+    }
+
+    /// The configuration as files and the command give it: angles in degrees.
+    fn parameters(&self) -> Result<serde_json::Value> {
+        let internal = |e: serde_json::Error| Error::Internal(e.to_string());
+        let mut value = serde_json::to_value(&self.config).map_err(internal)?;
+        if let Some(fields) = value.as_object_mut() {
+            for (name, angle) in [
+                ("taper", self.config.taper_rad),
+                ("seam_margin", self.config.seam_margin_rad),
+            ] {
+                fields.remove(&format!("{name}_rad"));
+                fields.insert(format!("{name}_deg"), json!(degrees(angle)));
+            }
+        }
+        Ok(value)
     }
 
     /// A mesh as binary STL whose header names the pattern.
@@ -112,66 +127,24 @@ impl Stencil {
     /// One 3MF model with both halves as named objects, side by side.
     fn threemf_bytes(&self) -> Result<Vec<u8>> {
         let tag = &self.pattern_sha256[..8.min(self.pattern_sha256.len())];
-        let mut object = Vec::new();
-        let mut item = Vec::new();
         let mut x = 0.0;
-        for (i, half) in self.halves.iter().enumerate() {
-            let bounds = half.mesh.bounding_box();
-            let shift = x - bounds.min_mm[0];
+        let objects = HalfName::BOTH.map(|name| {
+            let mesh = &self.half(name).mesh;
+            let bounds = mesh.bounding_box();
+            let shift_mm = x - bounds.min_mm[0];
             x += bounds.max_mm[0] - bounds.min_mm[0] + LAYOUT_GAP_MM;
-            object.push(Object {
-                id: i + 1,
-                name: Some(format!("stencil {tag} half {}", ["A", "B"][i])),
-                mesh: Some(threemf_mesh(&half.mesh, shift)),
-                ..Object::default()
-            });
-            item.push(Item {
-                objectid: i + 1,
-                transform: None,
-                partnumber: None,
-            });
-        }
-        let model = Model {
-            metadata: vec![Metadata {
-                name: "Title".into(),
-                value: Some(format!("Ball stencil for pattern {}", self.pattern_sha256)),
-            }],
-            resources: Resources {
-                object,
-                basematerials: None,
-            },
-            build: Build { item },
-            ..Model::default()
-        };
-        let mut bytes = Cursor::new(Vec::new());
-        threemf::write(&mut bytes, model).map_err(|e| Error::Internal(e.to_string()))?;
-        Ok(bytes.into_inner())
+            threemf::Object {
+                name: format!("stencil {tag} {name}"),
+                mesh,
+                shift_mm,
+            }
+        });
+        let title = format!("Ball stencil for pattern {}", self.pattern_sha256);
+        threemf::package(&title, &objects)
     }
 }
 
-/// A mesh as the 3MF library holds it, moved along x by `shift_mm`.
-fn threemf_mesh(mesh: &Mesh, shift_mm: f64) -> threemf::Mesh {
-    let vertex = mesh.vertices.iter().map(|v| threemf::model::Vertex {
-        x: v.x + shift_mm,
-        y: v.y,
-        z: v.z,
-    });
-    let triangle = mesh.triangles.iter().map(|t| threemf::model::Triangle {
-        v1: t[0] as usize,
-        v2: t[1] as usize,
-        v3: t[2] as usize,
-    });
-    threemf::Mesh {
-        vertices: threemf::model::Vertices {
-            vertex: vertex.collect(),
-        },
-        triangles: threemf::model::Triangles {
-            triangle: triangle.collect(),
-        },
-    }
-}
-
-/// A mesh as binary STL, millimetres.
+/// A mesh as binary STL, millimeters.
 ///
 /// # Errors
 /// [`Error::Internal`] where the library fails.

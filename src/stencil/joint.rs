@@ -66,7 +66,7 @@ impl Joint {
     /// Lays out rims and hinge.
     ///
     /// # Errors
-    /// [`Error::Argument`] with the figure where a wall would be thinner than the nozzle, knuckles have no
+    /// [`Error::Argument`] with the value where a wall would be thinner than the nozzle, knuckles have no
     /// length, or the ball would not pass the inner lip.
     pub fn new(config: &StencilConfig) -> Result<Self> {
         let (inner, outer) = (config.inner_radius_mm(), config.outer_radius_mm());
@@ -78,7 +78,7 @@ impl Joint {
         let most = MAX_SNAP * 0.5 * config.ball_diameter_mm;
         if snap > most {
             return Err(Error::argument(
-                "screw diameter",
+                "screw_diameter_mm",
                 format!(
                     "the rim that its hinge needs narrows the ball's way by {snap:.2} mm, expected at \
                      most {most:.2} mm: take a thinner screw or more clearance"
@@ -118,18 +118,18 @@ impl Joint {
         let relieved = self.axis_mm - self.relief_mm(0.0, config) - config.inner_radius_mm();
         for (name, what, value, least) in [
             (
-                "wall",
+                "wall_mm",
                 "a rim's lip",
                 self.lip_thickness_mm,
                 config.nozzle_mm,
             ),
             (
-                "wall",
+                "wall_mm",
                 "the inner lip at the hinge",
                 relieved,
                 config.nozzle_mm,
             ),
-            ("hinge length", "a knuckle", self.knuckle_mm, 1.5),
+            ("hinge_length_mm", "a knuckle", self.knuckle_mm, 1.5),
         ] {
             if value < least {
                 return Err(Error::argument(

@@ -1,16 +1,18 @@
 //! How the stencil lies on the pattern: seam, hinge, and what each hole meets.
 //!
-//! The seam is the plane farthest from all dots along which hinge and tab find room; the hinge then goes
-//! where the holes leave it most. Distances between a hole and hinge or tab are measured from points on
-//! their surfaces to the hole's cone, which is taken to go on outside the shell as a cylinder: there the
-//! pen stands.
+//! The seam is the plane farthest from all dots along which hinge and tab keep clear of the holes; the
+//! hinge then goes where it is farthest from them. Distances between a hole and hinge or tab are measured
+//! from points on their surfaces to the hole's cone, which is taken to go on outside the shell as a
+//! cylinder: there the pen stands.
+
+use std::f64::consts::FRAC_PI_2;
 
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 
 use super::joint::Joint;
 use super::seam::{Seam, seam_candidates};
-use super::{StencilConfig, shapes};
+use super::{HalfName, StencilConfig, shapes};
 
 /// Hinge positions tried along a seam.
 const AZIMUTHS: usize = 120;
@@ -42,13 +44,8 @@ pub(super) struct Layout {
     pub dots: Vec<Vec3>,
     /// For each dot what its hole does to half A and to half B.
     pub cuts: Vec<[Cut; 2]>,
-    /// Least distance of a hole from hinge or tab, mm.
-    pub room_mm: f64,
-}
-
-/// Half a turn about x: half B between its own frame (dome up) and the stencil's.
-pub(super) fn turn_over(v: &Vec3) -> Vec3 {
-    Vec3::new(v.x, -v.y, -v.z)
+    /// Minimum distance of a hole from hinge or tab, mm.
+    pub clearance_mm: f64,
 }
 
 /// Outline of a hinge arm with its knuckle in the plane y = 0 of a half's own frame (dome up): x, z.
@@ -105,7 +102,7 @@ pub(super) fn tab_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
     points
 }
 
-/// Least distance of `points` from the hole of `dot`, mm; negative inside it.
+/// Minimum distance of `points` from the hole of `dot`, mm; negative inside it.
 fn distance_to_hole(dot: &Vec3, points: &[Vec3], config: &StencilConfig) -> f64 {
     let outer = config.outer_radius_mm();
     points
@@ -155,16 +152,17 @@ fn reaches(
 /// of the given thickness, mm, too thin to print.
 fn cut(
     dot: &Vec3,
-    is_a: bool,
+    name: HalfName,
     config: &StencilConfig,
     joint: &Joint,
 ) -> std::result::Result<Cut, f64> {
-    let lip = if is_a {
-        let edge = joint.cone_wide_mm.hypot(joint.lip_mm);
-        [edge, config.outer_radius_mm()]
-    } else {
-        let inner = config.inner_radius_mm();
-        [inner, inner + joint.lip_thickness_mm]
+    let inner = config.inner_radius_mm();
+    let lip = match name {
+        HalfName::A => [
+            joint.cone_wide_mm.hypot(joint.lip_mm),
+            config.outer_radius_mm(),
+        ],
+        HalfName::B => [inner, inner + joint.lip_thickness_mm],
     };
     let circles = reaches(dot, lip, config, joint);
     let web = circles.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
@@ -183,16 +181,19 @@ fn cut(
     }
 }
 
-/// Thickness of what the hole of `dot` (a half's own frame) leaves of that half's ledge, mm: infinite where
-/// it clearly misses or cuts the ledge, zero where it grazes it.
-fn ledge_web(dot: &Vec3, is_a: bool, config: &StencilConfig, joint: &Joint) -> f64 {
+/// Thickness of what the hole of `dot` (a half's own frame) leaves of that half's ledge, mm: infinite
+/// where it clearly misses or cuts the ledge, zero where it grazes it.
+fn ledge_web(dot: &Vec3, name: HalfName, config: &StencilConfig, joint: &Joint) -> f64 {
     let ledge = 2.0 * joint.lip_mm + joint.ledge_gap_mm;
-    let radii = if is_a {
-        let edge = joint.cone_narrow_mm + joint.half_gap_mm;
-        [config.inner_radius_mm(), edge.hypot(joint.lip_mm)]
-    } else {
-        let edge = joint.cone_wide_mm - joint.half_gap_mm;
-        [edge.hypot(joint.lip_mm), config.outer_radius_mm()]
+    let radii = match name {
+        HalfName::A => {
+            let edge = joint.cone_narrow_mm + joint.half_gap_mm;
+            [config.inner_radius_mm(), edge.hypot(joint.lip_mm)]
+        }
+        HalfName::B => {
+            let edge = joint.cone_wide_mm - joint.half_gap_mm;
+            [edge.hypot(joint.lip_mm), config.outer_radius_mm()]
+        }
     };
     let circles = reaches(dot, radii, config, joint);
     let above = |end: usize, by: f64| circles.iter().all(|c| c[end] - ledge > by);
@@ -207,7 +208,7 @@ fn ledge_web(dot: &Vec3, is_a: bool, config: &StencilConfig, joint: &Joint) -> f
     }
 }
 
-/// What one seam with one hinge position comes to.
+/// A seam with its best hinge position.
 struct Trial {
     layout: Layout,
     /// The thinnest web that a hole leaves at a rim and its dot, where one is too thin.
@@ -216,25 +217,61 @@ struct Trial {
     ledge_mm: f64,
 }
 
-/// Surfaces that holes must stay clear of.
+/// A surface that holes must stay clear of, as points within a cone about an axis.
+struct Obstacle {
+    points: Vec<Vec3>,
+    axis: Vec3,
+    /// Half angle of the cone, radians.
+    half_angle: f64,
+    /// Distance of the nearest point from the origin, mm.
+    nearest: f64,
+}
+
+impl Obstacle {
+    fn new(points: Vec<Vec3>, axis: Vec3) -> Self {
+        let angles = points.iter().map(|p| p.angle(&axis));
+        Self {
+            half_angle: angles.fold(0.0, f64::max),
+            nearest: points.iter().map(Vec3::norm).fold(f64::INFINITY, f64::min),
+            points,
+            axis,
+        }
+    }
+
+    /// Whether the hole of `dot` is certainly farther away than `distance`, mm: no point lies nearer to
+    /// the hole's axis than the near end of the cone.
+    fn is_beyond(&self, distance: f64, dot: &Vec3, config: &StencilConfig) -> bool {
+        let angle = (dot.angle(&self.axis) - self.half_angle).clamp(0.0, FRAC_PI_2);
+        self.nearest * angle.sin() - config.opening_radius_mm() > distance
+    }
+}
+
+/// Surfaces that holes must stay clear of: hinge, in a half's own frame, and tab, in the stencil's.
 struct Obstacles {
-    hinge: Vec<Vec3>,
-    tab: Vec<Vec3>,
+    hinge: Obstacle,
+    tab: Obstacle,
 }
 
 impl Obstacles {
-    /// Least distance of a hole from hinge or tab for dots in the stencil's frame, mm. Stops early below
+    fn new(config: &StencilConfig, joint: &Joint) -> Self {
+        Self {
+            hinge: Obstacle::new(hinge_points(config, joint), Vec3::x()),
+            tab: Obstacle::new(tab_points(config, joint), -Vec3::x()),
+        }
+    }
+
+    /// Minimum distance of a hole from hinge or tab for dots in the stencil's frame, mm. Stops early below
     /// `enough`.
-    fn room(&self, dots: &[Vec3], config: &StencilConfig, enough: f64) -> f64 {
+    fn clearance(&self, dots: &[Vec3], config: &StencilConfig, enough: f64) -> f64 {
         let mut least = f64::INFINITY;
-        for d in dots.iter().filter(|d| d.z.abs() < 0.85) {
-            let distance = if d.x > 0.0 {
-                let up = Vec3::new(d.x, d.y, d.z.abs());
-                distance_to_hole(&up, &self.hinge, config)
-            } else {
-                distance_to_hole(d, &self.tab, config)
-            };
-            least = least.min(distance);
+        for d in dots {
+            // The hinge's arms reach up on both sides of the seam.
+            let up = Vec3::new(d.x, d.y, d.z.abs());
+            for (dot, obstacle) in [(&up, &self.hinge), (d, &self.tab)] {
+                if !obstacle.is_beyond(least, dot, config) {
+                    least = least.min(distance_to_hole(dot, &obstacle.points, config));
+                }
+            }
             if least < enough {
                 break;
             }
@@ -260,27 +297,22 @@ fn try_seam(
         let rows = [x.transpose(), y.transpose(), seam.normal.transpose()];
         let turn = nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_rows(&rows));
         let dots: Vec<Vec3> = pattern.iter().map(|d| turn * d).collect();
-        let room = obstacles.room(&dots, config, best.0);
-        if room > best.0 {
-            best = (room, Rotation::from_rotation_matrix(&turn), dots);
+        let clearance = obstacles.clearance(&dots, config, best.0);
+        if clearance > best.0 {
+            best = (clearance, Rotation::from_rotation_matrix(&turn), dots);
         }
     }
-    let (room_mm, rotation, dots) = best;
+    let (clearance_mm, rotation, dots) = best;
     let mut thin: Option<(f64, usize)> = None;
     let mut cuts = Vec::with_capacity(dots.len());
     let mut ledge_mm = f64::INFINITY;
     for (i, d) in dots.iter().enumerate() {
-        let ledges = [
-            ledge_web(d, true, config, joint),
-            ledge_web(&turn_over(d), false, config, joint),
-        ];
-        ledge_mm = ledge_mm.min(ledges[0]).min(ledges[1]);
-        let both = [
-            cut(d, true, config, joint),
-            cut(&turn_over(d), false, config, joint),
-        ];
-        cuts.push(both.map(|c| {
-            c.unwrap_or_else(|web| {
+        let both = HalfName::BOTH.map(|name| (name, name.own_frame(d)));
+        for (name, own) in &both {
+            ledge_mm = ledge_mm.min(ledge_web(own, *name, config, joint));
+        }
+        cuts.push(both.map(|(name, own)| {
+            cut(&own, name, config, joint).unwrap_or_else(|web| {
                 if thin.is_none_or(|(least, _)| web < least) {
                     thin = Some((web, i));
                 }
@@ -294,7 +326,7 @@ fn try_seam(
             rotation,
             dots,
             cuts,
-            room_mm,
+            clearance_mm,
         },
         thin,
         ledge_mm,
@@ -302,21 +334,18 @@ fn try_seam(
 }
 
 impl Layout {
-    /// Lays seam and hinge out: of the planes that leave room for the hinge and no web too thin to print,
-    /// the one farthest from the dots. A plane where no hole leaves a sliver of a ledge goes first, unless
-    /// it comes nearer to the dots than the margin asked for and another does not.
+    /// Lays seam and hinge out: of the planes that keep holes clear of the hinge and leave no web too thin
+    /// to print, the one farthest from the dots. A plane where no hole leaves a sliver of a ledge goes
+    /// first, unless it comes nearer to the dots than the margin asked for and another does not.
     ///
     /// # Errors
-    /// [`Error::Argument`] with the figure of the best attempt where no plane will do.
+    /// [`Error::Argument`] with the value of the best attempt where no plane will do.
     pub fn choose(pattern: &[Vec3], config: &StencilConfig, joint: &Joint) -> Result<Self> {
-        let obstacles = Obstacles {
-            hinge: hinge_points(config, joint),
-            tab: tab_points(config, joint),
-        };
-        let mut roomiest = f64::NEG_INFINITY;
+        let obstacles = Obstacles::new(config, joint);
+        let mut clearest = f64::NEG_INFINITY;
         let mut thickest: Option<(f64, usize)> = None;
         let mut second: Option<Self> = None;
-        let far = |margin_rad: f64| margin_rad.to_degrees() >= config.seam_margin_deg;
+        let far = |margin_rad: f64| margin_rad >= config.seam_margin_rad;
         for seam in seam_candidates(pattern) {
             if let Some(second) =
                 second.take_if(|s| far(s.seam.margin_rad) && !far(seam.margin_rad))
@@ -327,8 +356,8 @@ impl Layout {
                 let normal = sign * seam.normal;
                 let seam = Seam { normal, ..seam };
                 let trial = try_seam(seam, pattern, config, joint, &obstacles);
-                roomiest = roomiest.max(trial.layout.room_mm);
-                if trial.layout.room_mm < config.min_web_mm {
+                clearest = clearest.max(trial.layout.clearance_mm);
+                if trial.layout.clearance_mm < config.min_web_mm {
                     continue;
                 }
                 if let Some(thin) = trial.thin {
@@ -347,18 +376,18 @@ impl Layout {
         }
         Err(match thickest {
             Some((web, dot)) => Error::argument(
-                "seam",
+                "seam_margin_rad",
                 format!(
-                    "whichever plane parts the halves, a hole lies too near a rim: at best that of dot \
-                     {dot} leaves {web:.2} mm, expected at least {} mm",
+                    "whichever plane parts the halves, a hole lies too near a rim: at best that of \
+                     dot {dot} leaves {web:.2} mm, expected at least {} mm",
                     config.min_web_mm
                 ),
             ),
             None => Error::argument(
-                "hinge",
+                "hinge_length_mm",
                 format!(
                     "wherever it lies, a hole goes through hinge or thumb tab: the best place leaves \
-                     {roomiest:.2} mm between them, expected at least {} mm",
+                     {clearest:.2} mm between them, expected at least {} mm",
                     config.min_web_mm
                 ),
             ),

@@ -3,7 +3,8 @@
 //! Digits are made of straight strokes, one nozzle pass or more wide, upright when the dome is up. A
 //! number goes where it keeps clear of holes, rims, hinge, tab and other numbers; a dot around which
 //! there is no such place stays without. Strokes of different directions end at different depths, so
-//! that no two of their faces coincide.
+//! that no two of their faces coincide. Beneath every stroke half of the wall, and at least the nozzle's
+//! width, stays whole.
 
 use crate::geometry::{Vec3, tangent_frame};
 
@@ -20,7 +21,11 @@ const GAP: f64 = 0.4;
 const STROKE: f64 = 0.2;
 /// Depth of the engraving as a fraction of the wall, and its bound, mm.
 const DEPTH: (f64, f64) = (0.2, 0.5);
-/// Least distance of a number from anything else, mm.
+/// The part of the wall that stays whole beneath the deepest stroke.
+const UNCUT: f64 = 0.5;
+/// A number that cannot be engraved as deep as this is left out, mm.
+const MIN_DEPTH_MM: f64 = 0.1;
+/// Minimum distance of a number from anything else, mm.
 const CLEAR_MM: f64 = 0.5;
 /// Distance of a number from holes that are not its own, if possible, mm: about twice that from its own.
 const APART_MM: f64 = 1.6;
@@ -122,6 +127,10 @@ pub(super) fn numbers(
     for (index, dot) in numbered {
         let digits = digits(*index);
         let (half_width, half_height) = half_extents(digits.len(), height, stroke);
+        let Some(ends) = Ends::new(half_width, config) else {
+            marks.left_out.push(*index);
+            continue;
+        };
         let free = |place: &Place, from_others: f64| {
             let corners = place.corners(radius);
             corners.iter().all(|c| c.z > lowest)
@@ -142,7 +151,7 @@ pub(super) fn numbers(
         match found {
             Some(place) => {
                 let size = (height, stroke);
-                marks.tools.extend(engraving(&place, &digits, size, config));
+                marks.tools.extend(engraving(&place, &digits, size, &ends));
                 taken.push(place);
             }
             None => marks.left_out.push(*index),
@@ -151,18 +160,45 @@ pub(super) fn numbers(
     marks
 }
 
-/// Cutting tools of a number `height` high at the direction `center`.
+/// Cutting tools of a number `height` high at the direction `center`; `None` where the wall is too thin.
 pub(super) fn digits_at(
     center: &Vec3,
     height: f64,
     number: usize,
     config: &StencilConfig,
-) -> Vec<Mesh> {
+) -> Option<Vec<Mesh>> {
     let digits = digits(number);
     let stroke = (STROKE * height).max(config.nozzle_mm);
     let (half_width, half_height) = half_extents(digits.len(), height, stroke);
     let place = Place::new(*center, half_width, half_height);
-    engraving(&place, &digits, (height, stroke), config)
+    let ends = Ends::new(half_width, config)?;
+    Some(engraving(&place, &digits, (height, stroke), &ends))
+}
+
+/// How deep strokes go: distances from the ball's center along the middle of the number, mm.
+struct Ends {
+    /// Where the tools begin, outside the shell.
+    top_mm: f64,
+    /// The shell's surface at the number's ends, which curve away from its middle.
+    surface_mm: f64,
+    /// Depth below it.
+    depth_mm: f64,
+}
+
+impl Ends {
+    /// For a number of this width; `None` where the wall is too thin for it.
+    fn new(half_width: f64, config: &StencilConfig) -> Option<Self> {
+        let radius = config.outer_radius_mm();
+        let sag = half_width.powi(2) / (2.0 * radius);
+        // In the middle the flat bottom lies deeper by the sag.
+        let limit = config.wall_mm - (UNCUT * config.wall_mm).max(config.nozzle_mm) - sag;
+        let depth_mm = (DEPTH.0 * config.wall_mm).min(DEPTH.1).min(limit);
+        (depth_mm >= MIN_DEPTH_MM).then_some(Self {
+            top_mm: radius + CLEAR_MM,
+            surface_mm: radius - sag,
+            depth_mm,
+        })
+    }
 }
 
 /// The decimal digits of a number.
@@ -212,18 +248,15 @@ fn engraving(
     place: &Place,
     digits: &[usize],
     (height, stroke): (f64, f64),
-    config: &StencilConfig,
+    ends: &Ends,
 ) -> Vec<Mesh> {
-    let depth = (DEPTH.0 * config.wall_mm).min(DEPTH.1);
-    let radius = config.outer_radius_mm();
-    let sag = place.half_width.powi(2) / (2.0 * radius);
     let (half, width) = (0.5 * stroke, WIDTH * height);
     let mut tools = Vec::new();
     let mut cut = |x: (f64, f64), y: (f64, f64), depth: f64| {
         let corners = [(x.0, y.0), (x.1, y.0), (x.1, y.1), (x.0, y.1)];
         let middle = (0.5 * (x.0 + x.1), 0.5 * (y.0 + y.1));
         let axes = [&place.right, &place.up];
-        let ends = [radius - sag - depth, radius + CLEAR_MM];
+        let ends = [ends.surface_mm - depth, ends.top_mm];
         tools.push(shapes::prism(&Vec3::zeros(), axes, &corners, middle, ends));
     };
     for (k, &digit) in digits.iter().enumerate() {
@@ -237,10 +270,10 @@ fn engraving(
                 Side::Low => (-top, half),
                 Side::All => (-top, top),
             };
-            cut((x - half, x + half), y, depth);
+            cut((x - half, x + half), y, ends.depth_mm);
         }
         // Slightly narrower and shallower than the upright strokes that they run into.
-        let (slim, shallow) = (0.9 * half, 0.9 * depth);
+        let (slim, shallow) = (0.9 * half, 0.9 * ends.depth_mm);
         for (on, y) in level.into_iter().zip([0.5 * height, 0.0, -0.5 * height]) {
             if on {
                 cut((left, left + width), (y - slim, y + slim), shallow);

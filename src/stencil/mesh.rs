@@ -1,4 +1,4 @@
-//! Triangle meshes of solids, and the proof that they bound one.
+//! Triangle meshes of solids, and the check that they bound one.
 //!
 //! A mesh is good when every directed edge has exactly one opposite (closed and consistently
 //! oriented), the triangles around each vertex form one fan, and the enclosed volume is positive. The
@@ -22,9 +22,9 @@ pub struct Mesh {
 /// An axis-aligned box, mm.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct BoundingBox {
-    /// Least x, y, z, mm.
+    /// Minimum x, y, z, mm.
     pub min_mm: [f64; 3],
-    /// Greatest x, y, z, mm.
+    /// Maximum x, y, z, mm.
     pub max_mm: [f64; 3],
 }
 
@@ -47,7 +47,7 @@ pub struct MeshCheck {
     pub euler_characteristic: i64,
     /// Enclosed volume, mm^3.
     pub volume_mm3: f64,
-    /// Least angle of a triangle, degrees.
+    /// Smallest angle of a triangle, degrees.
     pub min_angle_deg: f64,
 }
 
@@ -60,7 +60,7 @@ impl MeshCheck {
     /// Refuses anything but one closed, oriented body of positive volume.
     ///
     /// # Errors
-    /// [`Error::Internal`] naming `part` and the first figure that fails.
+    /// [`Error::Internal`] naming `part` and the first value that fails.
     pub fn require_solid(&self, part: &str) -> Result<()> {
         let fail = |what: String| Err(Error::Internal(format!("{part}: {what}")));
         if self.triangles == 0 {

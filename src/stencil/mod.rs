@@ -1,16 +1,38 @@
 //! The stencil: two printable half shells that close around a ball, with a hole for each dot.
 //!
 //! Method: the pattern is turned so that the great circle farthest from all dots ([`max_margin_seam`])
-//! along which hinge and thumb tab find room lies in the plane z = 0 of the *stencil frame*. The shell
-//! between two spheres is parted there into half A (z > 0) and half B (z < 0), whose rims overlap by a
-//! narrow band and meet in a cone ([`Joint`]); a tapered tool is subtracted for each dot by mesh
-//! booleans. A dot near the seam leaves matching holes in both rims. Slivers are removed, and each half
-//! is checked as one closed, oriented 2-manifold that does not cut itself and has exactly the expected
-//! holes, after rounding to the 32-bit floats of STL; it is handed over rim down.
+//! along which hinge and thumb tab keep clear of the holes lies in the plane z = 0 of the *stencil
+//! frame*. The shell between two spheres is parted there into half A (z > 0) and half B (z < 0), whose
+//! rims overlap by a narrow band and meet in a cone ([`Joint`]); a tapered tool is subtracted for each
+//! dot by mesh booleans. A dot near the seam leaves matching holes in both rims. Slivers are removed.
+//!
+//! Guarantees: each half is one closed, oriented 2-manifold that does not cut itself and has exactly the
+//! expected holes, after rounding to the 32-bit floats of STL. Not promised: that a printer keeps the
+//! modeled clearances ([`coupon`]).
+//!
+//! Units: angles in radians. Lengths are millimeters, as in the files that leave this module (STL, 3MF),
+//! and carry `_mm` in their names.
 //!
 //! Frames: `stencil = rotation * pattern`, origin at the ball's center, hinge towards +x with its axis
 //! along y, thumb tab towards -x. Half A is laid as it is; half B is turned by half a turn about x (y and
 //! z change sign). Both are then raised by the lip's height, so that the bed is z = 0.
+//!
+//! ```
+//! use spindoe::geometry::spiral_directions;
+//! use spindoe::pattern::Pattern;
+//! use spindoe::stencil::{Stencil, StencilConfig};
+//!
+//! # fn main() -> spindoe::Result<()> {
+//! let pattern = Pattern::new(spiral_directions(12).collect())?;
+//! let config = StencilConfig {
+//!     ball_diameter_mm: 40.3,
+//!     ..StencilConfig::default()
+//! };
+//! // Takes milliseconds; `Stencil::build` makes the solids.
+//! Stencil::check(&pattern, &config)?;
+//! # Ok(())
+//! # }
+//! ```
 
 mod clean;
 mod config;
@@ -24,6 +46,7 @@ mod parts;
 mod seam;
 pub mod shapes;
 mod solid;
+mod threemf;
 
 pub use config::StencilConfig;
 pub use export::stl_bytes;
@@ -34,13 +57,50 @@ pub use seam::{Seam, max_margin_seam};
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
-use layout::{Cut, Layout, turn_over};
+use layout::{Cut, Layout};
 use solid::Solid;
 
 /// How far cleaning may move the surface, as fractions of the chord error: tried in this order.
 const CLEANING: [f64; 3] = [0.2, 0.05, 0.005];
 /// Chord errors that are tried, as shares of the one asked for.
 const FINENESS: [f64; 4] = [1.0, 0.9, 0.8, 0.7];
+
+/// One of the two halves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HalfName {
+    /// The half with z > 0 in the stencil frame, the hinge's outer knuckles and the thumb tab.
+    A,
+    /// The half with z < 0.
+    B,
+}
+
+impl HalfName {
+    /// Both, in the order in which [`Stencil::halves`] holds them.
+    pub const BOTH: [Self; 2] = [Self::A, Self::B];
+
+    /// A point between the stencil's frame and this half's own (dome up): the same way there and back.
+    fn own_frame(self, v: &Vec3) -> Vec3 {
+        match self {
+            Self::A => *v,
+            Self::B => Vec3::new(v.x, -v.y, -v.z),
+        }
+    }
+
+    /// Whether the half holds a dot at `z` of the stencil frame.
+    fn holds(self, z: f64) -> bool {
+        (z > 0.0) == (self == Self::A)
+    }
+}
+
+impl std::fmt::Display for HalfName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::A => "half A",
+            Self::B => "half B",
+        })
+    }
+}
 
 /// In which half a dot's hole lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -63,7 +123,7 @@ pub struct Half {
     pub check: MeshCheck,
     /// Holes that lead through it: those of dots, and the bores of its knuckles.
     pub through_holes: usize,
-    /// Dots of this half beside whose hole there was no room for the number.
+    /// Dots of this half whose number found no place.
     pub unnumbered: Vec<usize>,
 }
 
@@ -78,29 +138,39 @@ pub struct Stencil {
     halves: [Half; 2],
 }
 
+/// What a stencil is made from: where everything lies, before any solid is built.
+struct Plan {
+    joint: Joint,
+    layout: Layout,
+}
+
+impl Plan {
+    fn new(pattern: &Pattern, config: &StencilConfig) -> Result<Self> {
+        config.validate()?;
+        let joint = Joint::new(config)?;
+        refuse_overlaps(pattern.dots(), config)?;
+        let layout = Layout::choose(pattern.dots(), config, &joint)?;
+        Ok(Self { joint, layout })
+    }
+}
+
 impl Stencil {
-    /// Refuses a pattern that leaves no room for the stencil's holes, rims, hinge or tab. Builds nothing,
+    /// Checks that a pattern leaves place for the stencil's holes, rims, hinge and tab. Builds nothing,
     /// which takes thousands of times longer.
     ///
     /// # Errors
     /// [`Error::Argument`] as [`Stencil::build`].
     pub fn check(pattern: &Pattern, config: &StencilConfig) -> Result<()> {
-        config.validate()?;
-        let joint = Joint::new(config)?;
-        refuse_overlaps(pattern.dots(), config)?;
-        Layout::choose(pattern.dots(), config, &joint).map(|_| ())
+        Plan::new(pattern, config).map(drop)
     }
 
     /// Designs the stencil of `pattern`.
     ///
     /// # Errors
     /// [`Error::Argument`] where a parameter is outside its domain or the geometry cannot work (with
-    /// the figure that fails); [`Error::Internal`] where a mesh fails its own checks.
+    /// the value that fails); [`Error::Internal`] where a mesh fails its own checks.
     pub fn build(pattern: &Pattern, config: &StencilConfig) -> Result<Self> {
-        config.validate()?;
-        let joint = Joint::new(config)?;
-        refuse_overlaps(pattern.dots(), config)?;
-        let layout = Layout::choose(pattern.dots(), config, &joint)?;
+        let Plan { joint, layout } = Plan::new(pattern, config)?;
         let sides = layout.dots.iter().zip(&layout.cuts).map(|(d, cuts)| {
             if !cuts.contains(&Cut::None) {
                 HoleSide::Both
@@ -111,8 +181,8 @@ impl Stencil {
             }
         });
         let sides = sides.collect();
-        let a = half(&layout, true, config, &joint)?;
-        let b = half(&layout, false, config, &joint)?;
+        let a = half(&layout, HalfName::A, config, &joint)?;
+        let b = half(&layout, HalfName::B, config, &joint)?;
         Ok(Self {
             config: config.clone(),
             joint,
@@ -148,9 +218,9 @@ impl Stencil {
         self.layout.seam
     }
 
-    /// Least distance between a dot's hole and hinge or tab, mm.
-    pub fn hinge_room_mm(&self) -> f64 {
-        self.layout.room_mm
+    /// Minimum distance between a dot's hole and hinge or tab, mm.
+    pub fn hinge_clearance_mm(&self) -> f64 {
+        self.layout.clearance_mm
     }
 
     /// For each dot, the half that holds its hole.
@@ -163,18 +233,27 @@ impl Stencil {
         &self.halves
     }
 
-    /// Half `i` (0 is A, 1 is B) where it stands in the stencil frame when half B is opened by
-    /// `opening_rad` about the hinge (0 is closed).
-    pub fn placed_half(&self, i: usize, opening_rad: f64) -> Mesh {
+    /// One half, rim down.
+    pub fn half(&self, name: HalfName) -> &Half {
+        let [a, b] = &self.halves;
+        match name {
+            HalfName::A => a,
+            HalfName::B => b,
+        }
+    }
+
+    /// A half where it stands in the stencil frame when half B is opened by `opening_rad` about the hinge
+    /// (0 is closed).
+    pub fn placed_half(&self, name: HalfName, opening_rad: f64) -> Mesh {
         let up = Vec3::new(0.0, 0.0, self.joint.lip_mm);
-        let mesh = &self.halves[i.min(1)].mesh;
-        if i == 0 {
+        let mesh = &self.half(name).mesh;
+        if name == HalfName::A {
             return mesh.mapped(|v| v - up);
         }
         // Half B's far side swings downwards.
         let turn = Rotation::from_axis_angle(&Vec3::y_axis(), -opening_rad);
         let hinge = Vec3::new(self.joint.axis_mm, 0.0, 0.0);
-        mesh.mapped(|v| turn * (turn_over(&(v - up)) - hinge) + hinge)
+        mesh.mapped(|v| turn * (HalfName::B.own_frame(&(v - up)) - hinge) + hinge)
     }
 
     /// SHA-256 of the pattern it draws.
@@ -195,7 +274,7 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
             let least = inner.min(outer);
             if least < config.min_web_mm {
                 return Err(Error::argument(
-                    "hole diameter",
+                    "hole_diameter_mm",
                     format!(
                         "the holes of dots {j} and {i} ({:.1} degrees apart) leave {least:.2} mm \
                          between them, expected at least {} mm",
@@ -210,30 +289,27 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
 }
 
 /// The numbers to engrave in one half, and its holes (both in its own frame).
-fn marks(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> marks::Marks {
-    let own = |d: &Vec3| if is_a { *d } else { turn_over(d) };
+fn marks(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) -> marks::Marks {
     let mut numbered = Vec::new();
     let mut holes = Vec::new();
     for (i, (dot, cuts)) in layout.dots.iter().zip(&layout.cuts).enumerate() {
-        if cuts[usize::from(!is_a)] != Cut::None {
-            holes.push(own(dot));
+        if cuts[name as usize] != Cut::None {
+            holes.push(name.own_frame(dot));
         }
-        if config.numbers && (dot.z > 0.0) == is_a {
-            numbered.push((i, own(dot)));
+        if config.numbers && name.holds(dot.z) {
+            numbered.push((i, name.own_frame(dot)));
         }
     }
     let mut obstacles = layout::hinge_points(config, joint);
-    if is_a {
+    if name == HalfName::A {
         obstacles.extend(layout::tab_points(config, joint));
     }
     marks::numbers(&numbered, &holes, &obstacles, config, joint)
 }
 
 /// Builds one half, lays it on the bed and checks it.
-fn half(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> Result<Half> {
-    let name = if is_a { "half A" } else { "half B" };
-    let own = |d: &Vec3| if is_a { *d } else { turn_over(d) };
-    let marks = marks(layout, is_a, config, joint);
+fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) -> Result<Half> {
+    let marks = marks(layout, name, config, joint);
     let up = Vec3::new(0.0, 0.0, joint.lip_mm);
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"
@@ -245,15 +321,15 @@ fn half(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> R
             chord_error_mm: fineness * config.chord_error_mm,
             ..config.clone()
         };
-        let part = parts::Half {
+        let part = parts::Shell {
             config: &tessellated,
             joint,
-            is_a,
+            name,
             holes: layout
                 .dots
                 .iter()
-                .map(own)
-                .zip(layout.cuts.iter().map(|c| c[usize::from(!is_a)]))
+                .map(|d| name.own_frame(d))
+                .zip(layout.cuts.iter().map(|c| c[name as usize]))
                 .collect(),
             marks: marks.tools.clone(),
         };
@@ -273,9 +349,9 @@ fn half(layout: &Layout, is_a: bool, config: &StencilConfig, joint: &Joint) -> R
 }
 
 /// The half with this mesh, if it is what it should be.
-fn checked(mesh: Mesh, name: &str, through_holes: usize) -> Result<Half> {
+fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
     let check = mesh.check();
-    check.require_solid(name)?;
+    check.require_solid(&name.to_string())?;
     if check.genus() != through_holes as i64 {
         return Err(Error::Internal(format!(
             "{name}: expected {through_holes} through-holes, found {}",

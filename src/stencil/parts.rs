@@ -13,7 +13,7 @@ use super::joint::Joint;
 use super::layout::{Cut, arm_outline};
 use super::mesh::Mesh;
 use super::solid::Solid;
-use super::{StencilConfig, shapes};
+use super::{HalfName, StencilConfig, shapes};
 
 /// Corners of the tab are rounded with this radius, mm.
 const TAB_CORNER_MM: f64 = 3.0;
@@ -25,20 +25,20 @@ const SLOT_FRACTION: f64 = 0.75;
 const BEYOND_MM: f64 = 1.0;
 
 /// What a half is made of.
-pub(super) struct Half<'a> {
+pub(super) struct Shell<'a> {
     /// Sizes.
     pub config: &'a StencilConfig,
     /// Sizes of rims and hinge.
     pub joint: &'a Joint,
-    /// Whether it is half A.
-    pub is_a: bool,
+    /// Which half it is.
+    pub name: HalfName,
     /// The dots in its own frame, and what their holes do to it.
     pub holes: Vec<(Vec3, Cut)>,
     /// Cutting tools of its engraved marks.
     pub marks: Vec<Mesh>,
 }
 
-impl Half<'_> {
+impl Shell<'_> {
     /// The finished solid, in its own frame.
     pub fn solid(&self) -> Result<Solid> {
         let config = self.config;
@@ -48,13 +48,13 @@ impl Half<'_> {
             .knuckles()
             .map(|(from, to)| self.knuckle(from, to))
             .collect();
-        if self.is_a {
+        if self.name == HalfName::A {
             added.push(self.tab());
         }
         let body = body.plus(&solids(&added)?)?;
         let mut tools = vec![shapes::sphere(config.inner_radius_mm(), chord), self.bore()];
         tools.extend(self.rim());
-        if !self.is_a {
+        if self.name == HalfName::B {
             tools.push(self.relief());
         }
         let cuts = self.holes.iter().filter(|(_, cut)| *cut != Cut::None);
@@ -71,7 +71,7 @@ impl Half<'_> {
 
     /// Extents along y of its knuckles.
     fn knuckles(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
-        let first = usize::from(!self.is_a);
+        let first = self.name as usize;
         (first..self.config.knuckles)
             .step_by(2)
             .map(|k| self.joint.knuckle_range(k, self.config))
@@ -97,7 +97,7 @@ impl Half<'_> {
     fn knuckle(&self, from: f64, to: f64) -> Mesh {
         let joint = self.joint;
         let mut outline = arm_outline(self.config, joint);
-        if !self.is_a {
+        if self.name == HalfName::B {
             let root = outline.iter().map(|p| p.0).fold(f64::INFINITY, f64::min);
             let left = joint.axis_mm - joint.knuckle_radius_mm;
             // Counter-clockwise: the knuckle's lower half, its right, the arm's top and root.
@@ -188,7 +188,7 @@ impl Half<'_> {
         let segments = shapes::circle_segments(outer, config.chord_error_mm);
         let (wide, narrow) = (joint.cone_wide_mm, joint.cone_narrow_mm);
         let gap = joint.half_gap_mm;
-        if self.is_a {
+        if self.name == HalfName::A {
             let outline = [
                 (-far, 0.0),
                 (-far, far),

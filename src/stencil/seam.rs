@@ -9,9 +9,9 @@ use crate::geometry::{Vec3, spiral_directions};
 
 /// Candidates nearer to each other than this count as one, radians.
 const SAME_RAD: f64 = 0.035;
-/// Most candidates that are handed on.
+/// Maximum number of candidates handed on.
 const MAX: usize = 300;
-/// Evenly spread planes added to the candidates, for patterns whose best planes leave no room for a
+/// Evenly spread planes added to the candidates, for patterns whose best planes leave no place for a
 /// hinge.
 const SPREAD: usize = 1000;
 
@@ -20,7 +20,7 @@ const SPREAD: usize = 1000;
 pub struct Seam {
     /// Unit normal in the pattern's frame; half A holds the dots with a positive product.
     pub normal: Vec3,
-    /// Least angle between a dot's direction and the seam plane, radians.
+    /// Minimum angle between a dot's direction and the seam plane, radians.
     pub margin_rad: f64,
 }
 
@@ -70,7 +70,7 @@ fn enumerate(dots: &[Vec3], consider: &mut dyn FnMut(Vec3)) {
     }
 }
 
-/// The great circle that maximizes the least angle to the directions `dots`.
+/// The great circle that maximizes the minimum angle to the directions `dots`.
 pub fn max_margin_seam(dots: &[Vec3]) -> Seam {
     let mut best = Seam {
         normal: Vec3::z(),

@@ -1,7 +1,7 @@
 //! The stencil on random patterns: closed halves with the right holes and volume, that open without
 //! touching; clear refusals; files that say what they hold.
 //!
-//! A thousand patterns go through other people's tools with `examples/stencil_survey.rs` and
+//! A thousand patterns go through other people's tools with `studies/src/bin/stencil_survey.rs` and
 //! `python/check_stencils.py`.
 
 use std::path::Path;
@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3, angle_between, random_direction, spiral_directions};
 use spindoe::pattern::Pattern;
 use spindoe::stencil::coupon::coupon;
-use spindoe::stencil::{Mesh, Stencil, StencilConfig, max_margin_seam, shapes};
+use spindoe::stencil::{HalfName, Mesh, Stencil, StencilConfig, max_margin_seam, shapes};
 
 /// `n` dots at least `separation_deg` apart, by rejection.
 fn random_pattern(n: usize, separation_deg: f64, seed: u64) -> Pattern {
@@ -56,7 +56,7 @@ fn crossings(mesh: &Mesh, origin: &Vec3, direction: &Vec3) -> usize {
 fn dome_volumes(stencil: &Stencil, i: usize) -> (f64, f64) {
     let (config, joint) = (stencil.config(), stencil.joint());
     let (inner, outer) = (config.inner_radius_mm(), config.outer_radius_mm());
-    let mesh = stencil.placed_half(i, 0.0);
+    let mesh = stencil.placed_half(HalfName::BOTH[i], 0.0);
     let up = if i == 0 { 1.0 } else { -1.0 };
     let low = (joint.arm_mm / outer + 0.02).max(joint.lip_mm / inner + 0.02);
     // Turned, so that no ray runs along the mesh's edges in the coordinate planes.
@@ -132,10 +132,10 @@ fn random_patterns_give_solids_that_open() {
 
 /// No vertex of half B lies in half A, closed or open.
 fn assert_halves_apart(stencil: &Stencil, seed: u64) {
-    let a = stencil.placed_half(0, 0.0);
+    let a = stencil.placed_half(HalfName::A, 0.0);
     let askew = Vec3::new(0.31, 0.17, 0.93).normalize();
     for opening_deg in [0.0f64, 8.0, 15.0, 30.0, 100.0] {
-        let b = stencil.placed_half(1, opening_deg.to_radians());
+        let b = stencil.placed_half(HalfName::B, opening_deg.to_radians());
         // Near the hinge, where they could touch.
         let reach = stencil.joint().axis_mm - 12.0;
         let near = b.vertices.iter().filter(|v| v.x > reach && v.z > -6.0);
@@ -152,7 +152,7 @@ fn assert_halves_apart(stencil: &Stencil, seed: u64) {
 /// From the ball's center the pattern's dots see out through the closed stencil; beside them is wall.
 fn assert_holes_lead_out(pattern: &Pattern, stencil: &Stencil, seed: u64) {
     let config = stencil.config();
-    let halves = [0, 1].map(|i| stencil.placed_half(i, 0.0));
+    let halves = HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0));
     let met = |d: &Vec3| -> usize {
         let center = Vec3::zeros();
         halves.iter().map(|h| crossings(h, &center, d)).sum()
@@ -258,7 +258,7 @@ fn geometry_that_cannot_work_is_refused_with_the_figure() {
                 throat_mm: 0.2,
                 ..d()
             },
-            "wall: expected",
+            "wall_mm: expected",
         ),
         (
             few.clone(),
@@ -285,7 +285,7 @@ fn geometry_that_cannot_work_is_refused_with_the_figure() {
                 chord_error_mm: f64::NAN,
                 ..d()
             },
-            "chord error: expected",
+            "chord_error_mm: expected",
         ),
         (
             few,
@@ -293,7 +293,7 @@ fn geometry_that_cannot_work_is_refused_with_the_figure() {
                 ball_diameter_mm: -40.0,
                 ..d()
             },
-            "ball diameter: expected",
+            "ball_diameter_mm: expected",
         ),
         // Holes all around: wherever the hinge lies it meets one.
         (
@@ -353,7 +353,7 @@ fn assert_both_halves_are_drawn(path: &Path) {
     let bytes = std::fs::read(path).unwrap();
     let decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     let mut reader = decoder.read_info().unwrap();
-    let mut pixels = vec![0; reader.output_buffer_size()];
+    let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
     let info = reader.next_frame(&mut pixels).unwrap();
     assert_eq!((info.width, info.height), spindoe::plot::STENCIL_SIZE);
     let share = |test: &dyn Fn(i32, i32, i32) -> bool| {
@@ -370,6 +370,170 @@ fn assert_both_halves_are_drawn(path: &Path) {
         orange > 0.1 && blue > 0.1 && cream > 0.01,
         "{orange} {blue} {cream}"
     );
+}
+
+/// The model of a 3MF file, at the path where every reader looks for it.
+fn model_part(path: &Path) -> String {
+    let mut archive = zip::ZipArchive::new(std::fs::File::open(path).unwrap()).unwrap();
+    let mut text = String::new();
+    let mut part = archive.by_name("3D/3dmodel.model").unwrap();
+    std::io::Read::read_to_string(&mut part, &mut text).unwrap();
+    text
+}
+
+#[test]
+fn a_stencil_is_replaced_only_on_demand_and_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    write_pattern(dir.path());
+    let first = spindoe(dir.path(), &["pattern.csv", "-o", "out", "--coupon"]);
+    assert!(first.status.success());
+    let half = dir.path().join("out/half_a.stl");
+    let before = std::fs::read(&half).unwrap();
+
+    let second = ["pattern.csv", "-o", "out", "--wall-mm", "3"];
+    let refused = spindoe(dir.path(), &second);
+    let words = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{words}");
+    assert!(words.contains("holds a stencil already"), "{words}");
+    assert_eq!(words.lines().count(), 1, "{words}");
+    assert!(before == std::fs::read(&half).unwrap());
+
+    let replaced = spindoe(dir.path(), &[&second[..], &["--overwrite"]].concat());
+    assert!(replaced.status.success());
+    assert!(before != std::fs::read(&half).unwrap());
+    assert!(
+        !dir.path().join("out/coupon.stl").exists(),
+        "the coupon of another wall is left"
+    );
+}
+
+/// Distance from `origin` to the first triangle of a mesh along a unit vector, mm.
+fn first_hit(mesh: &Mesh, origin: &Vec3, direction: &Vec3) -> f64 {
+    (0..mesh.triangles.len())
+        .filter_map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            let normal = (b - a).cross(&(c - a));
+            let along = normal.dot(direction);
+            let distance = normal.dot(&(a - origin)) / along;
+            let p = origin + distance * direction;
+            let within = [(a, b), (b, c), (c, a)]
+                .iter()
+                .all(|(s, t)| (t - s).cross(&(p - s)).dot(&normal) >= 0.0);
+            (along != 0.0 && within && distance > 0.0).then_some(distance)
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// The web asked for lies between the hinge and the holes near the poles of the halves too.
+#[test]
+fn the_hinge_keeps_clear_of_steep_dots() {
+    // Sizes at which the hinge's arms come within the web of a hole 58 degrees above the seam.
+    let config = StencilConfig {
+        ball_diameter_mm: 20.0,
+        clearance_mm: 0.57,
+        wall_mm: 2.28,
+        throat_mm: 0.4,
+        hole_diameter_mm: 6.4,
+        taper_rad: 4.3f64.to_radians(),
+        min_web_mm: 4.6,
+        screw_diameter_mm: 4.8,
+        knuckle_wall_mm: 0.9,
+        knuckle_clearance_mm: 1.7,
+        hinge_length_mm: 8.4,
+        nozzle_mm: 0.1,
+        numbers: false,
+        ..StencilConfig::default()
+    };
+    let (sin, cos) = 58.3f64.to_radians().sin_cos();
+    for turn_deg in [0.0, 30.0, 60.0] {
+        let turn = Rotation::from_axis_angle(&Vec3::z_axis(), f64::to_radians(turn_deg));
+        let dots = [
+            (cos, 0.0, sin),
+            (-cos, 0.0, sin),
+            (0.0, cos, -sin),
+            (0.0, -cos, -sin),
+        ];
+        let dots = dots.map(|(x, y, z)| turn * Vec3::new(x, y, z)).to_vec();
+        let stencil = Stencil::build(&Pattern::new(dots).unwrap(), &config).unwrap();
+        for half in HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0)) {
+            // What stands out of the shell is hinge or tab.
+            let outside = config.outer_radius_mm() + 0.05;
+            let edges = (0..half.triangles.len()).flat_map(|t| {
+                let [a, b, c] = half.corners(t);
+                [(a, b), (b, c), (c, a)]
+            });
+            let points =
+                edges.flat_map(|(a, b)| (0..20).map(move |i| a.lerp(&b, f64::from(i) / 20.0)));
+            for p in points.filter(|p| p.norm() > outside) {
+                for d in stencil.dots().iter().filter(|d| p.dot(d) > 0.0) {
+                    let height = p.dot(d);
+                    let hole = config.hole_radius_mm(height.min(config.outer_radius_mm()));
+                    let web = (p - height * d).norm() - hole;
+                    assert!(
+                        web > config.min_web_mm - 0.1,
+                        "turned by {turn_deg}: {web:.2} mm"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Wherever a number is engraved, half of the wall stays whole beneath it, on walls just thick enough for
+/// their rims too.
+#[test]
+fn engraving_leaves_half_of_the_wall() {
+    for (ball_diameter_mm, wall_mm) in [(20.0, 0.65), (20.0, 1.6), (40.0, 2.8)] {
+        let config = StencilConfig {
+            ball_diameter_mm,
+            wall_mm,
+            nozzle_mm: 0.1,
+            throat_mm: 0.2,
+            hole_diameter_mm: 2.5,
+            screw_diameter_mm: 1.0,
+            bore_allowance_mm: 0.0,
+            knuckle_wall_mm: 0.8,
+            knuckle_clearance_mm: 0.1,
+            hinge_length_mm: 11.0,
+            seam_gap_mm: 0.05,
+            ..StencilConfig::default()
+        };
+        let pattern = random_pattern(14, 30.0, 2);
+        let stencil = Stencil::build(&pattern, &config).unwrap();
+        let least = 0.5 * wall_mm;
+        for name in HalfName::BOTH {
+            let mesh = stencil.placed_half(name, 0.0);
+            let up = if name == HalfName::A { 1.0 } else { -1.0 };
+            let low = (stencil.joint().arm_mm / config.inner_radius_mm()).min(0.9);
+            let (mut engraved, mut thinnest) = (0, f64::INFINITY);
+            let askew = Rotation::from_euler_angles(0.3, 0.2, 0.1);
+            for d in spiral_directions(6000).map(|d| askew * d) {
+                let clear = stencil.dots().iter().all(|dot| {
+                    let edge = (config.opening_radius_mm() + 0.05) / config.inner_radius_mm();
+                    angle_between(dot, &d) > edge.asin()
+                });
+                if d.z * up < low || !clear {
+                    continue;
+                }
+                let start = config.inner_radius_mm() - config.clearance_mm;
+                let inner = start + first_hit(&mesh, &(start * d), &d);
+                let outer = inner + first_hit(&mesh, &((inner + 1e-6) * d), &d);
+                let wall = outer - inner;
+                thinnest = f64::min(thinnest, wall);
+                engraved += usize::from(wall < wall_mm - 0.08);
+            }
+            assert!(
+                thinnest > least - 0.03,
+                "{thinnest:.3} mm of {wall_mm} mm are left"
+            );
+            let numbers = stencil.half(name).unnumbered.len();
+            let dots = stencil.dots().iter().filter(|d| d.z * up > 0.0).count();
+            assert!(
+                numbers == dots || engraved > 3,
+                "{name}: nothing is engraved"
+            );
+        }
+    }
 }
 
 #[test]
@@ -428,9 +592,8 @@ fn the_command_writes_files_that_name_the_pattern() {
         assert_eq!(found["half"], if z > 0.0 { "a" } else { "b" });
     }
     assert_both_halves_are_drawn(&out.join("stencil.png"));
-    let model = std::fs::File::open(out.join("stencil.3mf")).unwrap();
-    let models = threemf::read(model).unwrap();
-    let objects = &models[0].resources.object;
+    let model = model_part(&out.join("stencil.3mf"));
+    let objects: Vec<&str> = model.split("<object ").skip(1).collect();
     assert_eq!(objects.len(), 2);
     for (i, name) in ["half_a", "half_b"].iter().enumerate() {
         let bytes = std::fs::read(out.join(format!("{name}.stl"))).unwrap();
@@ -440,9 +603,34 @@ fn the_command_writes_files_that_name_the_pattern() {
         stl.validate().unwrap();
         let expected = json[name]["check"]["triangles"].as_u64().unwrap() as usize;
         assert_eq!(stl.faces.len(), expected);
-        let mesh = objects[i].mesh.as_ref().unwrap();
-        assert_eq!(mesh.triangles.triangle.len(), expected);
-        assert!(objects[i].name.as_ref().unwrap().contains(&sha[..8]));
+        assert_eq!(objects[i].matches("<triangle ").count(), expected);
+        assert!(objects[i].contains(&format!("stencil {} half {}", &sha[..8], ["A", "B"][i])));
+        // The same corners in the same order, as 32-bit floats.
+        let vertices: Vec<[f32; 3]> = objects[i]
+            .split("<vertex ")
+            .skip(1)
+            .map(|v| {
+                let fields: Vec<f32> = v
+                    .split('"')
+                    .skip(1)
+                    .step_by(2)
+                    .take(3)
+                    .map(|f| f.parse().unwrap())
+                    .collect();
+                fields.try_into().unwrap()
+            })
+            .collect();
+        let corners = |face: &stl_io::IndexedTriangle| face.vertices.map(|k| stl.vertices[k].0);
+        for (face, text) in stl.faces.iter().zip(objects[i].split("<triangle ").skip(1)) {
+            let found: Vec<[f32; 3]> = text
+                .split('"')
+                .skip(1)
+                .step_by(2)
+                .take(3)
+                .map(|k| vertices[k.parse::<usize>().unwrap()])
+                .collect();
+            assert_eq!(corners(face).as_slice(), found);
+        }
     }
 }
 

@@ -69,7 +69,7 @@ pub struct Arguments {
     /// How dots are found.
     #[arg(long, value_enum, default_value_t = DetectorName::Cnn)]
     detector: DetectorName,
-    /// The net's weights, made by `spindoe train` [default: those built in].
+    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
     /// Draw every frame enlarged, with what was seen in it, and a contact sheet, into this folder.
@@ -126,6 +126,7 @@ const AT_ONCE: usize = 64;
 #[derive(Default)]
 struct Seen {
     names: Vec<String>,
+    paths: Vec<PathBuf>,
     times: Vec<Option<f64>>,
     frames: Vec<FrameEstimate>,
     /// Pictures for the overlays, with the corner at which each was cut out.
@@ -314,6 +315,7 @@ impl Arguments {
             .collect();
         for (frame, estimate, picture) in done? {
             seen.names.push(frame.name);
+            seen.paths.push(frame.path);
             seen.times.push(frame.time_s);
             seen.frames.push(estimate);
             seen.pictures.extend(picture);
@@ -329,13 +331,8 @@ impl Arguments {
             }
         }
         if let Some(path) = &self.times {
-            let table = input::read_times(path)?;
-            for (name, time) in seen.names.iter().zip(&mut seen.times) {
-                let known = table.get(name).copied().ok_or_else(|| {
-                    Error::input(path, "file", format!("expected a time of frame {name}"))
-                })?;
-                *time = Some(known);
-            }
+            let known = input::read_times(path)?.of_frames(&seen.paths)?;
+            seen.times = known.into_iter().map(Some).collect();
         }
         Ok(())
     }

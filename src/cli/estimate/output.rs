@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::{Arguments, Frame, Seen, Sequence};
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Rotation, Vec3, to_wxyz};
 use crate::spin::Fit;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::vision::FrameEstimate;
@@ -146,9 +146,7 @@ impl Report<'_> {
         }
         match &frame.outcome {
             Ok(pose) => {
-                let q = self.turned(&pose.rotation).into_inner();
-                let q = if q.w < 0.0 { -q } else { q };
-                json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
+                json["orientation_wxyz"] = json!(to_wxyz(&self.turned(&pose.rotation)));
                 json["matched"] = frame.matched().into();
                 json["residual_deg"] = pose.residual_rad.to_degrees().into();
                 json["residual_px"] = pose.residual_px.into();

@@ -83,6 +83,8 @@ struct PoseHypothesis {
 const GIVEN_OUTLINE: f64 = 0.01;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 const CLEAR: f64 = 0.9;
+/// More detections than either detector gives for a ball: room for as many is made beforehand.
+const EXPECTED_DOTS: usize = 256;
 
 impl<D: DotDetector> Estimator<D> {
     /// An estimator for balls with this pattern (that of a table: `table.pattern()`).
@@ -119,18 +121,23 @@ impl<D: DotDetector> Estimator<D> {
 
     /// A new workspace.
     pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
+        let mut identification = Identification::default();
+        identification.assignment.reserve(EXPECTED_DOTS);
+        let mut other = FrameEstimate::default();
+        other.dots.reserve(EXPECTED_DOTS);
+        other.assignment.reserve(EXPECTED_DOTS);
         EstimatorWorkspace {
             gray: GrayImage::default(),
-            other: FrameEstimate::default(),
-            others: Vec::new(),
+            other,
+            others: Vec::with_capacity(BallFinder::MAX_OTHERS),
             finder: BallFinder::new(self.config.circle),
             patch: Patch::default(),
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
-            identification: Identification::default(),
-            observed: Vec::new(),
-            indices: Vec::new(),
-            matches: Vec::new(),
+            identification,
+            observed: Vec::with_capacity(EXPECTED_DOTS),
+            indices: Vec::with_capacity(EXPECTED_DOTS),
+            matches: Vec::with_capacity(EXPECTED_DOTS),
             outline: None,
         }
     }
@@ -221,7 +228,9 @@ impl<D: DotDetector> Estimator<D> {
             FrameImage::Color(_) => &ws.gray,
         };
         out.dots.clear();
+        out.dots.reserve(EXPECTED_DOTS);
         out.assignment.clear();
+        out.assignment.reserve(EXPECTED_DOTS);
         if let Some(circle) = out.circle {
             let begun = Instant::now();
             ws.patch.cut_into(gray, &circle);

@@ -42,7 +42,7 @@ fn random_config(rng: &mut impl Rng) -> StencilConfig {
         clearance_mm: rng.random_range(0.05..0.4),
         wall_mm: rng.random_range(1.8..4.0),
         hole_diameter_mm: ball_diameter_mm * rng.random_range(0.04..0.14),
-        taper_deg: rng.random_range(0.0..40.0),
+        taper_rad: rng.random_range(0f64..40.0).to_radians(),
         screw_diameter_mm: [2.0, 2.5, 3.0, 4.0][rng.random_range(0..4)],
         hinge_length_mm: rng.random_range(9.0..20.0),
         knuckles: [3, 5][rng.random_range(0..2)],
@@ -85,7 +85,10 @@ fn main() -> Result<()> {
                 pattern.write_csv(&dir.join("pattern.csv"))?;
                 ("built".to_owned(), String::new())
             }
-            Err(Error::Argument { parameter: name, problem }) => (format!("refused: {name}"), problem.clone()),
+            Err(Error::Argument {
+                parameter: name,
+                problem,
+            }) => (format!("refused: {name}"), problem.clone()),
             Err(e) => ("failed".to_owned(), e.to_string()),
         };
         let (ball, hole) = (config.ball_diameter_mm, config.hole_diameter_mm);
