@@ -440,7 +440,7 @@ fn absurd_times_and_noise_come_to_an_end() {
             .map(|(m, &time_s)| Measurement { time_s, ..*m })
             .collect()
     };
-    for tiny in [1e-320_f64, 1e-300, 1e-12, 1e-9] {
+    for tiny in [1e-320, 1e-300, 1e-12, 1e-9f64] {
         for times in [
             vec![0.0, tiny, 1.0, 1.1],
             vec![0.0, 0.1, 0.1 + tiny.max(1e-9), 0.3],
