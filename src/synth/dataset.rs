@@ -12,7 +12,7 @@ use super::render::{Rendering, TrueDot};
 use super::scene::{Scene, SynthConfig};
 use super::sensor::Sensor;
 use crate::error::{Error, Result};
-use crate::geometry::{Vec3, to_wxyz};
+use crate::geometry::{Rotation, Vec3, to_wxyz};
 use crate::pattern::Pattern;
 use crate::vision::camera::Pixel;
 use crate::vision::image::RgbImage;

@@ -361,7 +361,8 @@ impl FrameTimes {
     /// frames.
     pub fn of_frames(&self, frames: &[PathBuf]) -> Result<Vec<f64>> {
         let mut taken: HashMap<usize, &Path> = HashMap::new();
-        let time = |frame: &PathBuf| {
+        let mut times = Vec::with_capacity(frames.len());
+        for frame in frames {
             let i = self.row_of(frame)?;
             let row = &self.rows[i];
             if let Some(other) = taken.insert(i, frame) {
@@ -370,9 +371,9 @@ impl FrameTimes {
                     format!("frame: names both {other} and {frame}: expected their folders too");
                 return Err(self.error(row.line, problem));
             }
-            Ok(row.time_s)
-        };
-        frames.iter().map(time).collect()
+            times.push(row.time_s);
+        }
+        Ok(times)
     }
 
     /// The row that names a frame most closely.
