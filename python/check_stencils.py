@@ -240,7 +240,9 @@ def check(job):
     folder, with_slicer = job
     info = json.loads((folder / "stencil.json").read_text())
     s = Sizes(info)
-    pattern = np.loadtxt(folder / "pattern.csv", delimiter=",", skiprows=1)
+    # With or without a header.
+    rows = (folder / "pattern.csv").read_text().splitlines()
+    pattern = np.loadtxt(rows, delimiter=",", skiprows=int("x" in rows[0]))
     pattern /= np.linalg.norm(pattern, axis=1)[:, None]
     dots = pattern @ rotation(info["rotation_pattern_to_stencil"]).T
     flipped = dots * [1, -1, -1]
