@@ -369,7 +369,9 @@ mod tests {
         impl Sink<usize> for Ask {
             type Error = String;
             fn take(&mut self, item: usize) -> Result<(), String> {
-                self.0.send(item).map_err(|e| e.to_string())
+                // Nobody asks for the last one.
+                let _ = self.0.send(item);
+                Ok(())
             }
         }
         let (answer, answers) = mpsc::channel();

@@ -41,9 +41,9 @@ use crate::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE};
 
 /// Most dots of a frame; far more than any pattern and its false dots show.
 pub const MAX_FRAME_DOTS: usize = 1 << 16;
-/// Frames whose names are remembered, to notice rows that stand apart from their frame's: 12 minutes
-/// at 350 frames per second, in 7 MB.
-pub const REMEMBERED_FRAMES: usize = 1 << 18;
+/// Frames whose names are remembered, to notice rows that stand apart from their frame's: 6 minutes
+/// at 350 frames per second, in 4 MB.
+pub const REMEMBERED_FRAMES: usize = 1 << 17;
 
 static COLUMNS: Columns<9> = Columns {
     names: [
