@@ -10,7 +10,7 @@
 //! # Stages
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
-//! [`stencil`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
+//! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
 //! [`cli`] on top.
 //!
 //! # Conventions
@@ -47,6 +47,7 @@ pub mod error;
 pub mod files;
 pub mod geometry;
 pub mod hash;
+pub mod mark;
 mod npz;
 pub mod pattern;
 pub mod plot;

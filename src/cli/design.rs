@@ -359,7 +359,7 @@ fn bound_goal(text: &str) -> std::result::Result<BoundSummary, String> {
 }
 
 /// Parses `X,Y,Z,DEG`.
-fn keep_out(text: &str) -> std::result::Result<KeepOut, String> {
+pub(super) fn keep_out(text: &str) -> std::result::Result<KeepOut, String> {
     let numbers: std::result::Result<Vec<f64>, _> =
         text.split(',').map(|n| n.trim().parse::<f64>()).collect();
     match numbers.as_deref() {

@@ -25,6 +25,7 @@ mod compare;
 mod design;
 mod estimate;
 mod identify;
+mod mark;
 mod progress;
 mod sensitivity;
 mod simulate;
@@ -73,6 +74,8 @@ enum Command {
     Estimate(Box<estimate::Arguments>),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
+    /// Mark a pattern on a ball without a stencil: paper lobes, stickers, files for plotters.
+    Mark(Box<mark::Arguments>),
     /// Estimate the spin from time-stamped orientations.
     Spin(spin::Arguments),
     /// Simulate orientations of a turning ball, with a known truth.
@@ -102,6 +105,7 @@ pub fn main() -> ExitCode {
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Estimate(arguments) => estimate::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
+        Command::Mark(arguments) => mark::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Synth(arguments) => synth::run(&arguments),
