@@ -31,7 +31,7 @@ const STICKER_GAP_MM: f64 = 7.0;
 const ROW_MM: f64 = 3.7;
 const COLUMN_MM: f64 = 26.0;
 /// Space between a map's rim and what is beside it, mm.
-const MAP_GAP_MM: f64 = 7.0;
+const MAP_GAP_MM: f64 = 10.0;
 /// Width of a sheet without bounds, mm.
 const SHEET_MM: f64 = 180.0;
 /// Width of lines, mm.
@@ -289,9 +289,9 @@ impl Map {
             let rim = self.radius * FRAC_PI_2;
             let shape = Shape::Line(vec![self.center, towards(rim)]);
             sheets.add(Item::new(Layer::Guides, shape));
-            let at = towards(rim + 0.6 * MAP_GAP_MM);
+            let at = towards(rim + 0.7 * MAP_GAP_MM);
             let y = at.y - 0.5 * TEXT_MM;
-            sheets.words(at.x, y, Anchor::Middle, (30 * k).to_string());
+            sheets.words(at.x, y, Anchor::Middle, format!("{} deg", 30 * k));
         }
         let belongs = |v: &Vec3| self.sign * v.z >= 0.0;
         for zone in &turned.keep_out {

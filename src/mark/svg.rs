@@ -57,9 +57,9 @@ fn document(drawing: &Drawing, page: &Page) -> Document {
     document
 }
 
-/// A coordinate to a tenth of a micrometer.
+/// A coordinate to a micrometer.
 fn rounded(mm: f64) -> f64 {
-    (mm * 1e4).round() / 1e4
+    (mm * 1e3).round() / 1e3
 }
 
 fn data(points: &[Point], height: f64) -> Data {
