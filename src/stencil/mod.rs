@@ -57,6 +57,7 @@ pub use seam::{Seam, max_margin_seam};
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
+use config::MIN_HOLE_MM;
 use layout::{Cut, Layout};
 use solid::Solid;
 
@@ -162,6 +163,23 @@ impl Stencil {
     /// [`Error::Argument`] as [`Stencil::build`].
     pub fn check(pattern: &Pattern, config: &StencilConfig) -> Result<()> {
         Plan::new(pattern, config).map(drop)
+    }
+
+    /// The largest hole diameter, in steps of 0.1 mm, with which the stencil of `pattern` is possible when
+    /// all else is as in `config`; `None` where there is none. Tries diameters one by one from the largest
+    /// that webs between holes allow, each as long as [`Stencil::check`].
+    pub fn largest_hole_mm(pattern: &Pattern, config: &StencilConfig) -> Option<f64> {
+        let most = widest_holes(pattern.dots(), config).min(0.5 * config.ball_diameter_mm);
+        let from = (10.0 * most + 1e-6).floor().max(0.0) as u32;
+        let to = (10.0 * MIN_HOLE_MM) as u32;
+        let diameters = (to..=from).rev().map(|tenths| f64::from(tenths) / 10.0);
+        let mut sized = diameters.map(|hole_diameter_mm| StencilConfig {
+            hole_diameter_mm,
+            ..config.clone()
+        });
+        sized
+            .find(|c| Self::check(pattern, c).is_ok())
+            .map(|c| c.hole_diameter_mm)
     }
 
     /// Designs the stencil of `pattern`.
@@ -277,15 +295,43 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
                     "hole_diameter_mm",
                     format!(
                         "the holes of dots {j} and {i} ({:.1} degrees apart) leave {least:.2} mm \
-                         between them, expected at least {} mm",
+                         between them, expected at least {} mm; {}",
                         angle.to_degrees(),
-                        config.min_web_mm
+                        config.min_web_mm,
+                        fitting(widest_holes(dots, config)),
                     ),
                 ));
             }
         }
     }
     Ok(())
+}
+
+/// The hole diameter at which the thinnest web between two holes is as thick as asked for, mm; negative
+/// where no hole is small enough.
+fn widest_holes(dots: &[Vec3], config: &StencilConfig) -> f64 {
+    // How much wider a hole is at its outer end.
+    let widening = 2.0 * config.opening_radius_mm() - config.hole_diameter_mm;
+    let mut widest = f64::INFINITY;
+    for (i, a) in dots.iter().enumerate() {
+        for b in &dots[..i] {
+            let chord = |radius: f64| 2.0 * radius * (0.5 * angle_between(a, b)).sin();
+            let inner = chord(config.inner_radius_mm());
+            let outer = chord(config.outer_radius_mm()) - widening;
+            widest = widest.min(inner.min(outer) - config.min_web_mm);
+        }
+    }
+    widest
+}
+
+/// Which holes fit, in words.
+fn fitting(hole_diameter_mm: f64) -> String {
+    let tenths = (10.0 * hole_diameter_mm + 1e-6).floor();
+    if tenths < 10.0 * MIN_HOLE_MM {
+        "no hole fits".to_owned()
+    } else {
+        format!("holes of at most {:.1} mm fit", 0.1 * tenths)
+    }
 }
 
 /// The numbers to engrave in one half, and its holes (both in its own frame).

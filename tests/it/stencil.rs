@@ -314,6 +314,73 @@ fn geometry_that_cannot_work_is_refused_with_the_figure() {
     }
 }
 
+/// The largest hole that a refusal names is possible, the next step is not.
+#[test]
+fn refusals_name_the_largest_hole_that_fits() {
+    for seed in 0..4 {
+        let pattern = random_pattern(16, 22.0, seed);
+        let with = |hole_diameter_mm: f64| StencilConfig {
+            hole_diameter_mm,
+            ..StencilConfig::default()
+        };
+        let largest = Stencil::largest_hole_mm(&pattern, &with(1.0)).unwrap();
+        Stencil::check(&pattern, &with(largest)).unwrap();
+        let above = Stencil::check(&pattern, &with(largest + 0.1)).expect_err("a larger hole fits");
+        // The diameter at which the thinnest web is just right, by bisection on the refusal.
+        let overlaps = |mm: f64| {
+            let words = Stencil::check(&pattern, &with(mm)).map_err(|e| e.to_string());
+            words.is_err_and(|w| w.contains("between them") && w.contains("holes of dots"))
+        };
+        let (mut fits, mut fails) = (0.5, 15.0);
+        while fails - fits > 1e-3 {
+            let middle = 0.5 * (fits + fails);
+            *(if overlaps(middle) {
+                &mut fails
+            } else {
+                &mut fits
+            }) = middle;
+        }
+        assert!(largest <= fits + 1e-3, "seed {seed}");
+        let words = Stencil::check(&pattern, &with(12.0))
+            .unwrap_err()
+            .to_string();
+        let named = format!("at most {:.1} mm fit", (10.0 * fits + 0.005).floor() / 10.0);
+        assert!(
+            words.contains(&named),
+            "seed {seed}: {words}; expected {named}; {above}"
+        );
+    }
+}
+
+#[test]
+fn holes_are_sized_by_the_pen_or_as_large_as_fits() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = write_pattern(dir.path());
+    let hole = |name: &str| -> f64 {
+        let text = std::fs::read_to_string(dir.path().join(name).join("stencil.json")).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        json["parameters"]["hole_diameter_mm"].as_f64().unwrap()
+    };
+    let pen = spindoe(
+        dir.path(),
+        &["pattern.csv", "-o", "pen", "--pen-diameter-mm", "2.5"],
+    );
+    assert!(pen.status.success());
+    assert!((hole("pen") - 2.9).abs() < 1e-12);
+    let auto = spindoe(
+        dir.path(),
+        &["pattern.csv", "-o", "auto", "--hole-diameter-mm", "auto"],
+    );
+    assert!(
+        auto.status.success(),
+        "{}",
+        String::from_utf8_lossy(&auto.stderr)
+    );
+    let largest = Stencil::largest_hole_mm(&pattern, &StencilConfig::default());
+    assert_eq!(Some(hole("auto")), largest);
+    assert!(hole("auto") > 4.0);
+}
+
 #[test]
 fn the_coupon_has_six_closed_rings() {
     let rings = coupon(&StencilConfig::default()).unwrap();
