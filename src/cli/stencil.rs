@@ -201,8 +201,9 @@ fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Erro
         Error::Argument { parameter, problem }
             if ["seam_margin_rad", "hinge_length_mm"].contains(&parameter.as_str()) =>
         {
-            let fits = Stencil::largest_hole_mm(pattern, config)
-                .map_or(String::new(), |mm| format!("; holes of at most {mm:.1} mm fit"));
+            let fits = Stencil::largest_hole_mm(pattern, config).map_or(String::new(), |mm| {
+                format!("; holes of at most {mm:.1} mm fit")
+            });
             Error::argument(parameter.as_str().to_owned(), problem + &fits)
         }
         other => other,
