@@ -38,6 +38,7 @@ mod clean;
 mod config;
 pub mod coupon;
 mod export;
+mod glyphs;
 mod joint;
 mod layout;
 mod marks;
@@ -51,6 +52,7 @@ mod threemf;
 pub use config::StencilConfig;
 pub use export::stl_bytes;
 pub use joint::Joint;
+pub use marks::DotNumber;
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
 pub use seam::{Seam, max_margin_seam};
 
@@ -124,6 +126,8 @@ pub struct Half {
     pub check: MeshCheck,
     /// Holes that lead through it: those of dots, and the bores of its knuckles.
     pub through_holes: usize,
+    /// Where the dots' numbers are engraved.
+    pub numbers: Vec<DotNumber>,
     /// Dots of this half whose number found no place.
     pub unnumbered: Vec<usize>,
 }
@@ -335,7 +339,12 @@ fn fitting(hole_diameter_mm: f64) -> String {
 }
 
 /// The numbers to engrave in one half, and its holes (both in its own frame).
-fn marks(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) -> marks::Marks {
+fn marks(
+    layout: &Layout,
+    name: HalfName,
+    config: &StencilConfig,
+    joint: &Joint,
+) -> Result<marks::Marks> {
     let mut numbered = Vec::new();
     let mut holes = Vec::new();
     for (i, (dot, cuts)) in layout.dots.iter().zip(&layout.cuts).enumerate() {
@@ -350,12 +359,16 @@ fn marks(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint)
     if name == HalfName::A {
         obstacles.extend(layout::tab_points(config, joint));
     }
-    marks::numbers(&numbered, &holes, &obstacles, config, joint)
+    let around = marks::Surroundings {
+        holes: &holes,
+        obstacles: &obstacles,
+    };
+    marks::numbers(&numbered, &around, config, joint)
 }
 
 /// Builds one half, lays it on the bed and checks it.
 fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) -> Result<Half> {
-    let marks = marks(layout, name, config, joint);
+    let marks = marks(layout, name, config, joint)?;
     let up = Vec3::new(0.0, 0.0, joint.lip_mm);
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"
@@ -389,6 +402,7 @@ fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) 
         }
     }
     outcome.map(|half| Half {
+        numbers: marks.numbers,
         unnumbered: marks.left_out,
         ..half
     })
@@ -411,6 +425,7 @@ fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
         mesh,
         check,
         through_holes,
+        numbers: Vec::new(),
         unnumbered: Vec::new(),
     })
 }
