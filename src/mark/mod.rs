@@ -22,6 +22,19 @@
 //! and up to `1 / cos(pi / lobes)` too long along its edges (3.5 % for 12 lobes, 0.9 % for 24).
 //!
 //! Units: angles in radians; lengths are millimeters, as in the files.
+//!
+//! ```
+//! use spindoe::geometry::spiral_directions;
+//! use spindoe::mark::{GoreConfig, MarkConfig, gores, svg_text};
+//! use spindoe::pattern::Pattern;
+//!
+//! # fn main() -> spindoe::Result<()> {
+//! let pattern = Pattern::new(spiral_directions(20).collect())?;
+//! let drawing = gores(&pattern, &MarkConfig::default(), &GoreConfig::default())?;
+//! assert!(svg_text(&drawing)[0].contains("</svg>"));
+//! # Ok(())
+//! # }
+//! ```
 
 mod axis;
 mod drawing;

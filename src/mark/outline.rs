@@ -110,13 +110,13 @@ pub(super) fn grown(outline: &[Point], by: f64) -> Vec<Point> {
         nalgebra::Vector2::new(edge.y, -edge.x).normalize()
     };
     let mut grown = Vec::new();
-    for i in 0..n {
+    for (i, corner) in outline.iter().enumerate() {
         let (before, after) = (normal(i + n - 1), normal(i));
         let sweep = before.perp(&after).atan2(before.dot(&after));
         let steps = (sweep.abs() / 0.2).ceil().max(1.0) as usize;
         for s in 0..=steps {
             let turn = nalgebra::Rotation2::new(sweep * s as f64 / steps as f64);
-            grown.push(outline[i] + by * (turn * before));
+            grown.push(corner + by * (turn * before));
         }
     }
     grown
