@@ -256,7 +256,7 @@ def threemf_faults(path, halves):
     for part, half in zip(parts, halves):
         if len(part.faces) != len(half.faces) or not part.is_watertight:
             faults.append("3MF: trimesh finds other triangles than in the STL file")
-        if abs(part.volume - half.volume) > 1e-3 or np.abs(part.extents - half.extents).max() > 1e-4:
+        if abs(part.volume / half.volume - 1) > 1e-6 or np.abs(part.extents - half.extents).max() > 1e-4:
             faults.append("3MF: trimesh finds another solid than in the STL file")
     if parts[0].bounds[1][0] >= parts[1].bounds[0][0]:
         faults.append("3MF: the halves overlap on the bed")

@@ -11,7 +11,7 @@
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
-//! [`stencil`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
+//! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
 //! [`cli`] on top.
 //!
 //! # Conventions
@@ -51,6 +51,8 @@ mod error;
 pub mod files;
 pub mod geometry;
 pub mod hash;
+#[cfg(feature = "mark")]
+pub mod mark;
 mod npz;
 pub mod pattern;
 #[cfg(feature = "native")]

@@ -29,6 +29,8 @@ mod estimate;
 #[cfg(feature = "vision")]
 mod export;
 mod identify;
+#[cfg(feature = "mark")]
+mod mark;
 mod output;
 mod sensitivity;
 mod simulate;
@@ -82,6 +84,9 @@ enum Command {
     Estimate(Box<estimate::Arguments>),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
+    /// Mark a pattern on a ball without a stencil: paper lobes, stickers, files for plotters.
+    #[cfg(feature = "mark")]
+    Mark(Box<mark::Arguments>),
     /// Estimate the spin from time-stamped orientations.
     Spin(spin::Arguments),
     /// Simulate orientations of a turning ball, with a known truth.
@@ -115,6 +120,8 @@ pub fn main() -> ExitCode {
         #[cfg(feature = "vision")]
         Command::Estimate(arguments) => estimate::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
+        #[cfg(feature = "mark")]
+        Command::Mark(arguments) => mark::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         #[cfg(feature = "vision")]

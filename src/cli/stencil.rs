@@ -29,8 +29,38 @@ pub struct Arguments {
     /// Number of interleaved knuckles of the hinge, odd [default: 3].
     #[arg(long, value_name = "N")]
     knuckles: Option<usize>,
+    /// Diameter of a dot on the ball, or auto for the largest that fits [default: 4.0].
+    #[arg(long, value_name = "MM|auto", value_parser = hole, allow_negative_numbers = true, help_heading = "Sizes")]
+    hole_diameter_mm: Option<Hole>,
+    /// Diameter of the pen's tip: makes holes 0.4 mm wider, so that it goes through.
+    #[arg(
+        long,
+        value_name = "MM",
+        conflicts_with = "hole_diameter_mm",
+        allow_negative_numbers = true,
+        help_heading = "Sizes"
+    )]
+    pen_diameter_mm: Option<f64>,
     #[command(flatten)]
     sizes: Sizes,
+}
+
+/// A hole's diameter.
+#[derive(Debug, Clone, Copy)]
+enum Hole {
+    /// The largest that fits.
+    Auto,
+    /// Millimeters.
+    Mm(f64),
+}
+
+/// Parses `MM` or `auto`.
+fn hole(text: &str) -> std::result::Result<Hole, String> {
+    if text == "auto" {
+        return Ok(Hole::Auto);
+    }
+    let number = text.parse().map(Hole::Mm);
+    number.map_err(|_| "expected millimeters or auto".to_owned())
 }
 
 /// Names of the files that this command writes.
@@ -78,8 +108,6 @@ sizes! {
     clearance_mm: "MM" => clearance_mm,
     /// Thickness of the shell [default: 2.8].
     wall_mm: "MM" => wall_mm,
-    /// Diameter of a dot on the ball [default: 4.0].
-    hole_diameter_mm: "MM" => hole_diameter_mm,
     /// Length of a hole's throat at the ball, before it widens for the pen [default: 0.8].
     throat_mm: "MM" => throat_mm,
     /// Half-angle of the cone by which a hole widens outwards [default: 30].
@@ -109,25 +137,48 @@ sizes! {
 }
 
 impl Arguments {
-    fn config(&self) -> StencilConfig {
+    fn config(&self, pattern: &Pattern) -> Result<StencilConfig> {
         let mut config = StencilConfig {
             numbers: !self.no_numbers,
             ..StencilConfig::default()
         };
         config.knuckles = self.knuckles.unwrap_or(config.knuckles);
         self.sizes.apply(&mut config);
-        config
+        if let Some(pen) = self.pen_diameter_mm {
+            if !(pen.is_finite() && pen > 0.0) {
+                let problem = format!("expected more than 0 mm, found {pen}");
+                return Err(Error::argument("pen_diameter_mm", problem));
+            }
+            config.hole_diameter_mm = StencilConfig::hole_for_pen_mm(pen);
+        }
+        match self.hole_diameter_mm {
+            None => {}
+            Some(Hole::Mm(diameter)) => config.hole_diameter_mm = diameter,
+            Some(Hole::Auto) => {
+                config.validate()?;
+                match Stencil::largest_hole_mm(pattern, &config) {
+                    Some(diameter) => config.hole_diameter_mm = diameter,
+                    // Why not even the smallest fits.
+                    None => {
+                        config.hole_diameter_mm = 0.5;
+                        Stencil::check(pattern, &config)?;
+                    }
+                }
+            }
+        }
+        Ok(config)
     }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let pattern = Pattern::read_csv(&arguments.pattern)?;
-    let config = arguments.config();
+    let config = arguments.config(&pattern)?;
     let dir = &arguments.output;
     if !arguments.overwrite {
         refuse_taken(dir)?;
     }
-    let stencil = Stencil::build(&pattern, &config)?;
+    let stencil = Stencil::build(&pattern, &config)
+        .map_err(|error| with_largest(error, &pattern, &config))?;
     let rings = arguments.coupon.then(|| coupon(&config)).transpose()?;
     stencil.write(dir)?;
     let coupon = dir.join(COUPON);
@@ -144,6 +195,21 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     print_words(&stencil);
     outln!("written to {}", dir.display());
     Ok(())
+}
+
+/// A refusal because a hole comes too near a rim or the hinge, with the largest hole that does not.
+fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Error {
+    match error {
+        Error::Argument { parameter, problem }
+            if ["seam_margin_rad", "hinge_length_mm"].contains(&parameter.as_str()) =>
+        {
+            let fits = Stencil::largest_hole_mm(pattern, config).map_or(String::new(), |mm| {
+                format!("; holes of at most {mm:.1} mm fit")
+            });
+            Error::argument(parameter.as_str().to_owned(), problem + &fits)
+        }
+        other => other,
+    }
 }
 
 /// Refuses a folder that holds a stencil already: files of two stencils must not mix in one.
@@ -163,7 +229,8 @@ fn refuse_taken(dir: &Path) -> Result<()> {
 fn print_words(stencil: &Stencil) {
     let count = |side| stencil.sides().iter().filter(|s| **s == side).count();
     outln!(
-        "{} holes in half A, {} in half B, {} through both rims; nearest dot {:.1} deg from the seam",
+        "holes of {} mm: {} in half A, {} in half B, {} through both rims; nearest dot {:.1} deg from the seam",
+        stencil.config().hole_diameter_mm,
         count(HoleSide::A),
         count(HoleSide::B),
         count(HoleSide::Both),

@@ -2,6 +2,11 @@
 
 use crate::error::{Result, require};
 
+/// Smallest hole that is made, mm.
+pub(super) const MIN_HOLE_MM: f64 = 0.5;
+/// Play of a pen's tip in its hole, per side, mm: printers draw holes too small.
+const PEN_PLAY_MM: f64 = 0.2;
+
 /// Parameters of a stencil. Angles in radians; lengths in millimeters, the unit of the files it is
 /// written to.
 ///
@@ -88,6 +93,12 @@ impl StencilConfig {
         self.inner_radius_mm() + self.wall_mm
     }
 
+    /// Diameter of the hole through which a pen's tip of `pen_diameter_mm` just goes, mm: 0.2 mm of play on
+    /// each side.
+    pub fn hole_for_pen_mm(pen_diameter_mm: f64) -> f64 {
+        pen_diameter_mm + 2.0 * PEN_PLAY_MM
+    }
+
     /// Radius of a hole `height_mm` from the ball's center along its axis, mm.
     pub fn hole_radius_mm(&self, height_mm: f64) -> f64 {
         let rise = height_mm - self.inner_radius_mm() - self.throat_mm;
@@ -120,7 +131,7 @@ impl StencilConfig {
             ("clearance_mm", self.clearance_mm, 0.0, 0.1 * r),
             ("nozzle_mm", self.nozzle_mm, 0.1, 1.2),
             ("wall_mm", self.wall_mm, 2.0 * self.nozzle_mm, 0.5 * r),
-            ("hole_diameter_mm", self.hole_diameter_mm, 0.5, r),
+            ("hole_diameter_mm", self.hole_diameter_mm, MIN_HOLE_MM, r),
             ("throat_mm", self.throat_mm, 0.2, self.wall_mm),
             ("min_web_mm", self.min_web_mm, 0.2, 5.0),
             ("seam_gap_mm", self.seam_gap_mm, 0.05, 1.0),

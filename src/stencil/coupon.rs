@@ -5,7 +5,7 @@
 //! in tenths of a millimetre: the lowest number whose ring takes the ball down to its equator without
 //! force is the clearance to use.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geometry::Vec3;
 
 use super::mesh::Mesh;
@@ -24,7 +24,7 @@ const GAP_MM: f64 = 4.0;
 /// The rings as one mesh, side by side on the bed z = 0, rounded to 32-bit floats.
 ///
 /// # Errors
-/// [`Error::Argument`] where a parameter is outside its domain; [`Error::Internal`] where a
+/// [`crate::Error::Argument`] where a parameter is outside its domain; [`crate::Error::Internal`] where a
 /// mesh fails its own checks.
 pub fn coupon(config: &StencilConfig) -> Result<Mesh> {
     config.validate()?;
@@ -61,17 +61,17 @@ fn ring(tenths: u32, config: &StencilConfig) -> Result<Mesh> {
     let segments = shapes::circle_segments(outer, chord);
     let below = [(-far, 0.0), (-far, far), (0.0, far), (0.0, 0.0)];
     let above = [(height, 0.0), (height, far), (far, far), (far, 0.0)];
-    let mut tools = vec![
+    let tools = [
         shapes::sphere(inner, chord),
         shapes::revolve(&Vec3::z(), &below, segments),
         shapes::revolve(&Vec3::z(), &above, segments),
     ];
     let sine = 0.5 * height / outer;
     let front = Vec3::new(0.0, -(1.0 - sine * sine).sqrt(), sine);
-    let digits = marks::digits_at(&front, 0.5 * height, tenths as usize, &config);
-    let thin = || Error::argument("wall_mm", "too thin for the rings' engraved clearance");
-    tools.extend(digits.ok_or_else(thin)?);
-    let tools: Vec<_> = tools.iter().map(Solid::new).collect::<Result<_>>()?;
+    let mut tools: Vec<_> = tools.iter().map(Solid::new).collect::<Result<_>>()?;
+    let words = marks::words_at(&front, 0.5 * height, &tenths.to_string(), &config)?;
+    let floor = Solid::new(&marks::floor(&config))?;
+    tools.push(Solid::new(&words)?.minus(&[floor])?);
     let body = Solid::new(&shapes::sphere(outer, chord))?;
     Ok(clean::cleaned(&body.minus(&tools)?.mesh(), 0.2 * chord))
 }

@@ -60,6 +60,7 @@ impl Stencil {
                 "file": HALF_FILES[i],
                 "check": h.check,
                 "through_holes": h.through_holes,
+                "numbers": h.numbers,
                 "unnumbered_dots": h.unnumbered,
                 "bounding_box": h.mesh.bounding_box(),
             })

@@ -38,6 +38,7 @@ mod clean;
 mod config;
 pub mod coupon;
 mod export;
+mod glyphs;
 mod joint;
 mod layout;
 mod marks;
@@ -51,12 +52,14 @@ mod threemf;
 pub use config::StencilConfig;
 pub use export::stl_bytes;
 pub use joint::Joint;
+pub use marks::DotNumber;
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
 pub use seam::{Seam, max_margin_seam};
 
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
+use config::MIN_HOLE_MM;
 use layout::{Cut, Layout};
 use solid::Solid;
 
@@ -123,6 +126,8 @@ pub struct Half {
     pub check: MeshCheck,
     /// Holes that lead through it: those of dots, and the bores of its knuckles.
     pub through_holes: usize,
+    /// Where the dots' numbers are engraved.
+    pub numbers: Vec<DotNumber>,
     /// Dots of this half whose number found no place.
     pub unnumbered: Vec<usize>,
 }
@@ -162,6 +167,23 @@ impl Stencil {
     /// [`Error::Argument`] as [`Stencil::build`].
     pub fn check(pattern: &Pattern, config: &StencilConfig) -> Result<()> {
         Plan::new(pattern, config).map(drop)
+    }
+
+    /// The largest hole diameter, in steps of 0.1 mm, with which the stencil of `pattern` is possible when
+    /// all else is as in `config`; `None` where there is none. Tries diameters one by one from the largest
+    /// that webs between holes allow, each as long as [`Stencil::check`].
+    pub fn largest_hole_mm(pattern: &Pattern, config: &StencilConfig) -> Option<f64> {
+        let most = widest_holes(pattern.dots(), config).min(0.5 * config.ball_diameter_mm);
+        let from = (10.0 * most + 1e-6).floor().max(0.0) as u32;
+        let to = (10.0 * MIN_HOLE_MM) as u32;
+        let diameters = (to..=from).rev().map(|tenths| f64::from(tenths) / 10.0);
+        let mut sized = diameters.map(|hole_diameter_mm| StencilConfig {
+            hole_diameter_mm,
+            ..config.clone()
+        });
+        sized
+            .find(|c| Self::check(pattern, c).is_ok())
+            .map(|c| c.hole_diameter_mm)
     }
 
     /// Designs the stencil of `pattern`.
@@ -277,9 +299,10 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
                     "hole_diameter_mm",
                     format!(
                         "the holes of dots {j} and {i} ({:.1} degrees apart) leave {least:.2} mm \
-                         between them, expected at least {} mm",
+                         between them, expected at least {} mm; {}",
                         angle.to_degrees(),
-                        config.min_web_mm
+                        config.min_web_mm,
+                        fitting(widest_holes(dots, config)),
                     ),
                 ));
             }
@@ -288,8 +311,40 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
     Ok(())
 }
 
+/// The hole diameter at which the thinnest web between two holes is as thick as asked for, mm; negative
+/// where no hole is small enough.
+fn widest_holes(dots: &[Vec3], config: &StencilConfig) -> f64 {
+    // How much wider a hole is at its outer end.
+    let widening = 2.0 * config.opening_radius_mm() - config.hole_diameter_mm;
+    let mut widest = f64::INFINITY;
+    for (i, a) in dots.iter().enumerate() {
+        for b in &dots[..i] {
+            let chord = |radius: f64| 2.0 * radius * (0.5 * angle_between(a, b)).sin();
+            let inner = chord(config.inner_radius_mm());
+            let outer = chord(config.outer_radius_mm()) - widening;
+            widest = widest.min(inner.min(outer) - config.min_web_mm);
+        }
+    }
+    widest
+}
+
+/// Which holes fit, in words.
+fn fitting(hole_diameter_mm: f64) -> String {
+    let tenths = (10.0 * hole_diameter_mm + 1e-6).floor();
+    if tenths < 10.0 * MIN_HOLE_MM {
+        "no hole fits".to_owned()
+    } else {
+        format!("holes of at most {:.1} mm fit", 0.1 * tenths)
+    }
+}
+
 /// The numbers to engrave in one half, and its holes (both in its own frame).
-fn marks(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) -> marks::Marks {
+fn marks(
+    layout: &Layout,
+    name: HalfName,
+    config: &StencilConfig,
+    joint: &Joint,
+) -> Result<marks::Marks> {
     let mut numbered = Vec::new();
     let mut holes = Vec::new();
     for (i, (dot, cuts)) in layout.dots.iter().zip(&layout.cuts).enumerate() {
@@ -304,12 +359,16 @@ fn marks(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint)
     if name == HalfName::A {
         obstacles.extend(layout::tab_points(config, joint));
     }
-    marks::numbers(&numbered, &holes, &obstacles, config, joint)
+    let around = marks::Surroundings {
+        holes: &holes,
+        obstacles: &obstacles,
+    };
+    marks::numbers(&numbered, &around, config, joint)
 }
 
 /// Builds one half, lays it on the bed and checks it.
 fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) -> Result<Half> {
-    let marks = marks(layout, name, config, joint);
+    let marks = marks(layout, name, config, joint)?;
     let up = Vec3::new(0.0, 0.0, joint.lip_mm);
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"
@@ -343,6 +402,7 @@ fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) 
         }
     }
     outcome.map(|half| Half {
+        numbers: marks.numbers,
         unnumbered: marks.left_out,
         ..half
     })
@@ -365,6 +425,7 @@ fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
         mesh,
         check,
         through_holes,
+        numbers: Vec::new(),
         unnumbered: Vec::new(),
     })
 }

@@ -11,6 +11,7 @@ use crate::geometry::Vec3;
 
 use super::joint::Joint;
 use super::layout::{Cut, arm_outline};
+use super::marks::floor;
 use super::mesh::Mesh;
 use super::solid::Solid;
 use super::{HalfName, StencilConfig, shapes};
@@ -34,7 +35,7 @@ pub(super) struct Shell<'a> {
     pub name: HalfName,
     /// The dots in its own frame, and what their holes do to it.
     pub holes: Vec<(Vec3, Cut)>,
-    /// Cutting tools of its engraved marks.
+    /// Prisms over its engraved marks, which end at the engraving's [`floor`].
     pub marks: Vec<Mesh>,
 }
 
@@ -59,8 +60,11 @@ impl Shell<'_> {
         }
         let cuts = self.holes.iter().filter(|(_, cut)| *cut != Cut::None);
         tools.extend(cuts.map(|(dot, _)| self.drill(dot)));
-        tools.extend(self.marks.iter().cloned());
-        body.minus(&solids(&tools)?)
+        let mut tools = solids(&tools)?;
+        if !self.marks.is_empty() {
+            tools.push(Solid::union(&solids(&self.marks)?)?.minus(&[Solid::new(&floor(config))?])?);
+        }
+        body.minus(&tools)
     }
 
     /// How many holes lead through the finished half: those of dots and of its knuckles.

@@ -3,6 +3,7 @@
 //! They are Manifold's (E. Lalish), in its pure-Rust port: results stay closed whatever coincides,
 //! because ties are broken by symbolic perturbation. This file is the only one that knows the library.
 
+use manifold_rust::linalg::Vec2;
 use manifold_rust::manifold::Manifold;
 use manifold_rust::types::{Error as ManifoldError, MeshGL64, OpType};
 
@@ -35,6 +36,26 @@ impl Solid {
         Self(Manifold::from_mesh_gl64(&gl)).checked("a building block")
     }
 
+    /// The prism over outlines in the plane (outer ones counter-clockwise, holes clockwise), from z = 0 to
+    /// `height`.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the engine fails.
+    pub fn extruded(outlines: &[Vec<(f64, f64)>], height: f64) -> Result<Self> {
+        let section = outlines
+            .iter()
+            .map(|outline| outline.iter().map(|&(x, y)| Vec2::new(x, y)).collect())
+            .collect();
+        Self(Manifold::extrude(
+            &section,
+            height,
+            0,
+            0.0,
+            Vec2::new(1.0, 1.0),
+        ))
+        .checked("a prism")
+    }
+
     /// Passes the solid on unless the library flagged an error.
     fn checked(self, what: &str) -> Result<Self> {
         match self.0.status() {
@@ -61,8 +82,17 @@ impl Solid {
     /// # Errors
     /// [`Error::Internal`] where the engine fails.
     pub fn plus(&self, others: &[Self]) -> Result<Self> {
-        let mut parts = vec![self.0.clone()];
-        parts.extend(others.iter().map(|s| s.0.clone()));
+        let mut parts = vec![self.clone()];
+        parts.extend_from_slice(others);
+        Self::union(&parts)
+    }
+
+    /// All of `parts` together.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the engine fails.
+    pub fn union(parts: &[Self]) -> Result<Self> {
+        let parts: Vec<_> = parts.iter().map(|s| s.0.clone()).collect();
         Self(Manifold::batch_boolean(&parts, OpType::Add)).checked("union")
     }
 

@@ -8,6 +8,7 @@ mod common;
 mod design;
 mod geometry;
 mod hash;
+mod mark;
 mod pattern;
 mod plot;
 mod recognize;

@@ -314,6 +314,121 @@ fn geometry_that_cannot_work_is_refused_with_the_figure() {
     }
 }
 
+/// The largest hole that a refusal names is possible, the next step is not.
+#[test]
+fn refusals_name_the_largest_hole_that_fits() {
+    for seed in 0..4 {
+        let pattern = random_pattern(16, 22.0, seed);
+        let with = |hole_diameter_mm: f64| StencilConfig {
+            hole_diameter_mm,
+            ..StencilConfig::default()
+        };
+        let largest = Stencil::largest_hole_mm(&pattern, &with(1.0)).unwrap();
+        Stencil::check(&pattern, &with(largest)).unwrap();
+        let above = Stencil::check(&pattern, &with(largest + 0.1)).expect_err("a larger hole fits");
+        // The diameter at which the thinnest web is just right, by bisection on the refusal.
+        let overlaps = |mm: f64| {
+            let words = Stencil::check(&pattern, &with(mm)).map_err(|e| e.to_string());
+            words.is_err_and(|w| w.contains("between them") && w.contains("holes of dots"))
+        };
+        let (mut fits, mut fails) = (0.5, 15.0);
+        while fails - fits > 1e-3 {
+            let middle = 0.5 * (fits + fails);
+            *(if overlaps(middle) {
+                &mut fails
+            } else {
+                &mut fits
+            }) = middle;
+        }
+        assert!(largest <= fits + 1e-3, "seed {seed}");
+        let words = Stencil::check(&pattern, &with(12.0))
+            .unwrap_err()
+            .to_string();
+        let named = format!("at most {:.1} mm fit", (10.0 * fits + 0.005).floor() / 10.0);
+        assert!(
+            words.contains(&named),
+            "seed {seed}: {words}; expected {named}; {above}"
+        );
+    }
+}
+
+#[test]
+fn holes_are_sized_by_the_pen_or_as_large_as_fits() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = write_pattern(dir.path());
+    let hole = |name: &str| -> f64 {
+        let text = std::fs::read_to_string(dir.path().join(name).join("stencil.json")).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        json["parameters"]["hole_diameter_mm"].as_f64().unwrap()
+    };
+    let pen = spindoe(
+        dir.path(),
+        &["pattern.csv", "-o", "pen", "--pen-diameter-mm", "2.5"],
+    );
+    assert!(pen.status.success());
+    assert!((hole("pen") - 2.9).abs() < 1e-12);
+    let auto = spindoe(
+        dir.path(),
+        &["pattern.csv", "-o", "auto", "--hole-diameter-mm", "auto"],
+    );
+    assert!(
+        auto.status.success(),
+        "{}",
+        String::from_utf8_lossy(&auto.stderr)
+    );
+    let largest = Stencil::largest_hole_mm(&pattern, &StencilConfig::default());
+    assert_eq!(Some(hole("auto")), largest);
+    assert!(hole("auto") > 4.0);
+}
+
+/// Every number lies nearer to its own hole than to any other, clearly so for almost all, and none of an
+/// even pattern is left out.
+#[test]
+fn numbers_lie_beside_their_own_holes() {
+    for (dots, hole_diameter_mm) in [(12, 4.0), (20, 4.0), (32, 2.5)] {
+        let askew = Rotation::from_euler_angles(0.4, 1.1, 0.2);
+        let pattern = Pattern::new(spiral_directions(dots).map(|d| askew * d).collect()).unwrap();
+        let config = StencilConfig {
+            hole_diameter_mm,
+            ..StencilConfig::default()
+        };
+        let stencil = Stencil::build(&pattern, &config).unwrap();
+        let (mut clearly, mut all) = (0, 0);
+        for name in HalfName::BOTH {
+            let half = stencil.half(name);
+            assert!(
+                half.unnumbered.is_empty(),
+                "{dots} dots: {:?}",
+                half.unnumbered
+            );
+            for number in &half.numbers {
+                let d = number.direction;
+                let at = if name == HalfName::A {
+                    d
+                } else {
+                    Vec3::new(d.x, -d.y, -d.z)
+                };
+                let distances: Vec<f64> = stencil.dots().iter().map(|o| (o - at).norm()).collect();
+                let own = distances[number.dot];
+                let others = distances
+                    .iter()
+                    .enumerate()
+                    .filter(|(i, _)| *i != number.dot);
+                let nearest = others.map(|(_, d)| *d).fold(f64::INFINITY, f64::min);
+                assert!(
+                    own < 0.96 * nearest,
+                    "{dots} dots, {}: {own} of {nearest}",
+                    number.dot
+                );
+                clearly += usize::from(own < 0.76 * nearest);
+                all += 1;
+            }
+        }
+        assert_eq!(all, dots);
+        assert!(10 * clearly >= 9 * all, "{dots} dots: {clearly} of {all}");
+    }
+}
+
 #[test]
 fn the_coupon_has_six_closed_rings() {
     let rings = coupon(&StencilConfig::default()).unwrap();
@@ -479,10 +594,10 @@ fn the_hinge_keeps_clear_of_steep_dots() {
     }
 }
 
-/// Wherever a number is engraved, half of the wall stays whole beneath it, on walls just thick enough for
-/// their rims too.
+/// Wherever a number is engraved, four fifths of the wall stay whole beneath it, on walls just thick
+/// enough for their rims too.
 #[test]
-fn engraving_leaves_half_of_the_wall() {
+fn engraving_leaves_four_fifths_of_the_wall() {
     for (ball_diameter_mm, wall_mm) in [(20.0, 0.65), (20.0, 1.6), (40.0, 2.8)] {
         let config = StencilConfig {
             ball_diameter_mm,
@@ -500,7 +615,7 @@ fn engraving_leaves_half_of_the_wall() {
         };
         let pattern = random_pattern(14, 30.0, 2);
         let stencil = Stencil::build(&pattern, &config).unwrap();
-        let least = 0.5 * wall_mm;
+        let least = (0.8 * wall_mm).max(wall_mm - 0.5);
         for name in HalfName::BOTH {
             let mesh = stencil.placed_half(name, 0.0);
             let up = if name == HalfName::A { 1.0 } else { -1.0 };
@@ -523,7 +638,7 @@ fn engraving_leaves_half_of_the_wall() {
                 engraved += usize::from(wall < wall_mm - 0.08);
             }
             assert!(
-                thinnest > least - 0.03,
+                thinnest > least - 0.045,
                 "{thinnest:.3} mm of {wall_mm} mm are left"
             );
             let numbers = stencil.half(name).unnumbered.len();

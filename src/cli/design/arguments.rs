@@ -352,6 +352,12 @@ struct Cone {
     keep_out: KeepOut,
 }
 
+/// Parses `X,Y,Z,DEG` into a cone.
+#[cfg(feature = "mark")]
+pub(in crate::cli) fn cone(text: &str) -> std::result::Result<KeepOut, String> {
+    keep_out(text).map(|cone| cone.keep_out)
+}
+
 /// Parses `X,Y,Z,DEG`.
 fn keep_out(text: &str) -> std::result::Result<Cone, String> {
     let numbers: std::result::Result<Vec<f64>, _> =

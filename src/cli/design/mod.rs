@@ -12,6 +12,8 @@ use crate::error::Result;
 use crate::report::{DesignEvaluation, DesignJob, EvaluationConfig, Start};
 
 pub use arguments::Arguments;
+#[cfg(feature = "mark")]
+pub(super) use arguments::cone;
 use progress::DesignProgress;
 
 /// The default folder's name; a number is added where it is taken.

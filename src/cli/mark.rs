@@ -1,0 +1,221 @@
+//! `spindoe mark`.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+
+use super::design::cone;
+use super::print_json;
+use crate::design::KeepOut;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::mark::{
+    Drawing, GoreConfig, MarkConfig, PageSize, PlotterConfig, StickerConfig, dxf_text, gores,
+    pdf_bytes, plotter_drawing, plotter_program, stickers, svg_text,
+};
+use crate::pattern::Pattern;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  spindoe mark pattern.csv --as gores -o lobes.pdf --page letter
+  spindoe mark pattern.csv --as gores -o lobes.dxf --lobes 24 --bleed-mm 1
+  spindoe mark pattern.csv --as stickers -o stickers.pdf --ball-diameter-mm 220 --dot-diameter-mm 18
+  spindoe mark pattern.csv --as plotter -o egg.svg
+  spindoe mark pattern.csv --as plotter -o ball.gcode --pen-diameter-mm 0.8")]
+pub struct Arguments {
+    /// The pattern, a CSV of unit vectors x,y,z.
+    pattern: PathBuf,
+    /// The way of marking.
+    #[arg(long = "as", value_enum, value_name = "WAY")]
+    way: Way,
+    /// The file to write; its ending chooses the format: .svg, .pdf or .dxf for gores and stickers, .svg
+    /// or .gcode for a plotter.
+    #[arg(short, long = "out", value_name = "FILE")]
+    output: PathBuf,
+    /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper.
+    #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
+    ball_diameter_mm: f64,
+    /// Diameter of a dot.
+    #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().dot_diameter_mm, allow_negative_numbers = true)]
+    dot_diameter_mm: f64,
+    /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in degrees. May
+    /// be repeated.
+    #[arg(long, value_name = "X,Y,Z,DEG", value_parser = cone, allow_hyphen_values = true)]
+    keep_out: Vec<KeepOut>,
+    /// Number of lobes, 12 to 24.
+    #[arg(long, value_name = "N", default_value_t = GoreConfig::default().lobes)]
+    lobes: usize,
+    /// How far color goes on beyond a cut.
+    #[arg(
+        long,
+        value_name = "MM",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    bleed_mm: f64,
+    /// Leave the dots' numbers beside the lobes out.
+    #[arg(long)]
+    no_numbers: bool,
+    /// Paper of a PDF.
+    #[arg(long, value_enum, default_value_t = Paper::A4)]
+    page: Paper,
+    /// Width of the plotter's pen on the ball.
+    #[arg(long, value_name = "MM", default_value_t = PlotterConfig::default().pen_diameter_mm, allow_negative_numbers = true)]
+    pen_diameter_mm: f64,
+    /// Motor steps of a turn of the ball, the width of the plotter's SVG.
+    #[arg(long, value_name = "N", default_value_t = PlotterConfig::default().steps_per_turn, allow_negative_numbers = true)]
+    steps_per_turn: f64,
+    /// Speed of the pen on the ball, for G-code.
+    #[arg(long, value_name = "MM/MIN", default_value_t = PlotterConfig::default().feed_mm_per_min, allow_negative_numbers = true)]
+    feed_mm_per_min: f64,
+    /// G-code that lifts the pen.
+    #[arg(long, value_name = "GCODE", default_value_t = PlotterConfig::default().pen_up)]
+    pen_up: String,
+    /// G-code that lowers the pen.
+    #[arg(long, value_name = "GCODE", default_value_t = PlotterConfig::default().pen_down)]
+    pen_down: String,
+    /// Time that the pen takes to move, seconds.
+    #[arg(long, value_name = "S", default_value_t = PlotterConfig::default().pen_delay_s, allow_negative_numbers = true)]
+    pen_delay_s: f64,
+    /// Print the file's note, which says how it lies on the ball, as one JSON object on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Ways of marking.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Way {
+    /// Flat lobes that cover the ball, for decal paper and vinyl cutters.
+    Gores,
+    /// Single dots to stick on, with maps of where each goes.
+    Stickers,
+    /// Longitude and latitude for a machine that turns the ball under a pen.
+    Plotter,
+}
+
+/// Paper sizes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Paper {
+    /// 210 x 297 mm.
+    A4,
+    /// 8.5 x 11 inches.
+    Letter,
+}
+
+/// File formats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Svg,
+    Pdf,
+    Dxf,
+    Gcode,
+}
+
+impl Format {
+    /// The format that a file's name asks for.
+    fn of(path: &Path, way: Way) -> Result<Self> {
+        let ending = path
+            .extension()
+            .and_then(|e| e.to_str())
+            .unwrap_or_default();
+        let format = match ending.to_ascii_lowercase().as_str() {
+            "svg" => Some(Self::Svg),
+            "pdf" if way != Way::Plotter => Some(Self::Pdf),
+            "dxf" if way != Way::Plotter => Some(Self::Dxf),
+            "gcode" | "nc" | "ngc" if way == Way::Plotter => Some(Self::Gcode),
+            _ => None,
+        };
+        format.ok_or_else(|| {
+            let expected = match way {
+                Way::Plotter => ".svg or .gcode",
+                _ => ".svg, .pdf or .dxf",
+            };
+            let problem = format!(
+                "expected a name that ends in {expected}, found {}",
+                path.display()
+            );
+            Error::argument("out", problem)
+        })
+    }
+}
+
+impl Arguments {
+    fn config(&self) -> MarkConfig {
+        MarkConfig {
+            ball_diameter_mm: self.ball_diameter_mm,
+            dot_diameter_mm: self.dot_diameter_mm,
+            keep_out: self.keep_out.clone(),
+        }
+    }
+
+    fn plotter(&self) -> PlotterConfig {
+        PlotterConfig {
+            pen_diameter_mm: self.pen_diameter_mm,
+            steps_per_turn: self.steps_per_turn,
+            feed_mm_per_min: self.feed_mm_per_min,
+            pen_up: self.pen_up.clone(),
+            pen_down: self.pen_down.clone(),
+            pen_delay_s: self.pen_delay_s,
+        }
+    }
+
+    /// Paper has bounds; other formats take one sheet.
+    fn page(&self, format: Format) -> PageSize {
+        match (format, self.page) {
+            (Format::Pdf, Paper::A4) => PageSize::A4,
+            (Format::Pdf, Paper::Letter) => PageSize::Letter,
+            _ => PageSize::Sheet,
+        }
+    }
+
+    fn drawing(&self, pattern: &Pattern, format: Format) -> Result<Drawing> {
+        let (config, page) = (self.config(), self.page(format));
+        match self.way {
+            Way::Gores => {
+                let lobes = GoreConfig {
+                    lobes: self.lobes,
+                    bleed_mm: self.bleed_mm,
+                    numbers: !self.no_numbers,
+                    page,
+                };
+                gores(pattern, &config, &lobes)
+            }
+            Way::Stickers => {
+                let sheet = StickerConfig {
+                    bleed_mm: self.bleed_mm,
+                    page,
+                };
+                stickers(pattern, &config, &sheet)
+            }
+            Way::Plotter => plotter_drawing(pattern, &config, &self.plotter()),
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let format = Format::of(&arguments.output, arguments.way)?;
+    let pattern = Pattern::read_csv(&arguments.pattern)?;
+    let drawing = arguments.drawing(&pattern, format)?;
+    let bytes = match format {
+        Format::Svg => svg_text(&drawing).concat().into_bytes(),
+        Format::Pdf => pdf_bytes(&drawing),
+        Format::Dxf => dxf_text(&drawing).into_bytes(),
+        Format::Gcode => {
+            plotter_program(&pattern, &arguments.config(), &arguments.plotter())?.into_bytes()
+        }
+    };
+    files::write_bytes(&arguments.output, &bytes)?;
+    if arguments.json {
+        return print_json(&drawing.note);
+    }
+    outln!("{}", drawing.title);
+    if format == Format::Pdf {
+        outln!(
+            "{} pages; print at 100 % and measure the check line",
+            drawing.pages.len()
+        );
+    }
+    outln!("written to {}", arguments.output.display());
+    Ok(())
+}

@@ -1,0 +1,177 @@
+//! Other ways to mark a ball than a stencil: paper lobes, stickers, and files for plotters.
+//!
+//! Each function turns a pattern into flat work:
+//!
+//! - [`gores`]: lobes of paper or vinyl that cover the ball, with their dots and cutting lines;
+//! - [`stickers`]: a sheet of numbered dots, and maps of where each goes;
+//! - [`plotter_drawing`] and [`plotter_program`]: longitude and latitude of the pen's way, for machines
+//!   that turn the ball under a pen.
+//!
+//! Drawings are written as SVG ([`svg_text`]), PDF ([`pdf_bytes`]) and DXF ([`dxf_text`]); every file says
+//! in a JSON note how its coordinates lie on the ball, so that a reader needs nothing else.
+//!
+//! Frames: `mark = rotation * pattern`, poles at +z and -z. The poles are turned to where no dot is: lobes
+//! end there, and plotters hold the ball there. Longitude runs from +x towards +y; drawings show the ball
+//! from outside, north up, east to the right.
+//!
+//! A dot of diameter `d` on a ball of radius `R` is the cap within the angle `asin(d / 2R)` of its
+//! center, as the stencil's hole draws it.
+//!
+//! Guarantees: dots lie where the pattern has them to 0.01 mm in the file (facets of outlines, rounding).
+//! Not promised: that paper stretches over a ball. A lobe is as long as the ball's meridian in its middle
+//! and up to `1 / cos(pi / lobes)` too long along its edges (3.5 % for 12 lobes, 0.9 % for 24).
+//!
+//! Units: angles in radians; lengths are millimeters, as in the files.
+//!
+//! ```
+//! use spindoe::geometry::spiral_directions;
+//! use spindoe::mark::{GoreConfig, MarkConfig, gores, svg_text};
+//! use spindoe::pattern::Pattern;
+//!
+//! # fn main() -> spindoe::Result<()> {
+//! let pattern = Pattern::new(spiral_directions(20).collect())?;
+//! let drawing = gores(&pattern, &MarkConfig::default(), &GoreConfig::default())?;
+//! assert!(svg_text(&drawing)[0].contains("</svg>"));
+//! # Ok(())
+//! # }
+//! ```
+
+mod axis;
+mod drawing;
+mod dxf;
+mod gores;
+mod outline;
+mod pdf;
+mod plotter;
+mod stickers;
+mod svg;
+
+pub use axis::{FreeAxis, free_axis};
+pub use drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape};
+pub use dxf::dxf_text;
+pub use gores::{GoreConfig, gores};
+pub use pdf::pdf_bytes;
+pub use plotter::{PlotterConfig, PlotterPath, plotter_drawing, plotter_paths, plotter_program};
+pub use stickers::{StickerConfig, stickers};
+pub use svg::svg_text;
+
+use serde_json::{Map, Value, json};
+
+use crate::design::KeepOut;
+use crate::error::{Error, Result, require};
+use crate::geometry::{Rotation, Vec3, angle_between};
+use crate::pattern::Pattern;
+
+/// The ball and what is to be marked on it.
+#[derive(Debug, Clone)]
+pub struct MarkConfig {
+    /// Diameter of the ball, mm. Default 40.0.
+    pub ball_diameter_mm: f64,
+    /// Diameter of a dot, mm. Default 4.0.
+    pub dot_diameter_mm: f64,
+    /// Zones without dots, in the pattern's frame, whose outlines are drawn. Default none.
+    pub keep_out: Vec<KeepOut>,
+}
+
+impl Default for MarkConfig {
+    fn default() -> Self {
+        Self {
+            ball_diameter_mm: 40.0,
+            dot_diameter_mm: 4.0,
+            keep_out: Vec::new(),
+        }
+    }
+}
+
+impl MarkConfig {
+    /// Radius of the ball, mm.
+    pub fn radius_mm(&self) -> f64 {
+        0.5 * self.ball_diameter_mm
+    }
+
+    /// Angle between a dot's center and its edge, radians.
+    pub fn dot_angle_rad(&self) -> f64 {
+        (self.dot_diameter_mm / self.ball_diameter_mm)
+            .min(1.0)
+            .asin()
+    }
+
+    /// Checks the sizes, and that the pattern's dots do not run into each other.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the parameter, and the largest dot that fits.
+    pub fn validate(&self, pattern: &Pattern) -> Result<()> {
+        let ball = self.ball_diameter_mm;
+        let inside = (10.0..=1000.0).contains(&ball);
+        require(inside, "ball_diameter_mm", "10 to 1000 mm", ball)?;
+        let dot = self.dot_diameter_mm;
+        let most = 0.5 * ball;
+        let inside = (0.2..=most).contains(&dot);
+        require(inside, "dot_diameter_mm", &format!("0.2 to {most} mm"), dot)?;
+        for (i, a) in pattern.dots().iter().enumerate() {
+            for (j, b) in pattern.dots()[..i].iter().enumerate() {
+                let angle = angle_between(a, b);
+                if angle <= 2.0 * self.dot_angle_rad() {
+                    let fits = (10.0 * ball * (0.5 * angle).sin()).floor() / 10.0;
+                    let problem = format!(
+                        "dots {j} and {i} ({:.1} degrees apart) would touch, found {dot}; at most \
+                         {fits} mm fit",
+                        angle.to_degrees()
+                    );
+                    return Err(Error::argument("dot_diameter_mm", problem));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Directions of a pattern turned into the frame of the marks.
+struct Turned {
+    rotation: Rotation,
+    dots: Vec<Vec3>,
+    keep_out: Vec<KeepOut>,
+}
+
+impl Turned {
+    fn new(pattern: &Pattern, config: &MarkConfig, rotation: Rotation) -> Self {
+        Self {
+            rotation,
+            dots: pattern.dots().iter().map(|d| rotation * d).collect(),
+            keep_out: config
+                .keep_out
+                .iter()
+                .map(|zone| KeepOut {
+                    axis: rotation * zone.axis,
+                    ..*zone
+                })
+                .collect(),
+        }
+    }
+
+    /// The note that every file carries: what it is, and how the ball lies.
+    fn note(&self, kind: &str, pattern: &Pattern, config: &MarkConfig) -> Map<String, Value> {
+        let q = self.rotation.quaternion();
+        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+        let note = json!({
+            "kind": kind,
+            "spindoe_version": env!("CARGO_PKG_VERSION"),
+            "pattern_sha256": pattern.sha256(),
+            "dots": pattern.len(),
+            "ball_diameter_mm": config.ball_diameter_mm,
+            "dot_diameter_mm": config.dot_diameter_mm,
+            "rotation_pattern_to_mark": {
+                "qw": sign * q.w, "qx": sign * q.i, "qy": sign * q.j, "qz": sign * q.k,
+            },
+        });
+        match note {
+            Value::Object(map) => map,
+            _ => Map::new(),
+        }
+    }
+}
+
+/// Longitude and latitude of a direction, radians.
+fn longitude_latitude(v: &Vec3) -> (f64, f64) {
+    (v.y.atan2(v.x), v.z.atan2(v.x.hypot(v.y)))
+}

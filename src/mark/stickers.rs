@@ -1,0 +1,365 @@
+//! Single dots to cut out and stick on, and where each goes.
+//!
+//! The first sheets hold the dots, each with its number. Two maps follow, seen from above either pole, in
+//! azimuthal equidistant projection (J. P. Snyder, "Map projections: a working manual", USGS 1395, 1987,
+//! section 25): with latitude `phi` and longitude `lambda`, a point of the northern map lies at
+//!
+//! `x = s R (pi/2 - phi) cos(lambda)`, `y = s R (pi/2 - phi) sin(lambda)`,
+//!
+//! and one of the southern map at `(s R (pi/2 + phi) cos(lambda), -s R (pi/2 + phi) sin(lambda))`, both
+//! seen from outside; `s` is the map's scale. Last comes a table: latitude, longitude, and the straight
+//! distances from each dot to three others, which a pair of dividers or a caliper lays off.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use serde_json::json;
+
+use crate::error::{Error, Result, require};
+use crate::geometry::Vec3;
+use crate::pattern::Pattern;
+
+use super::axis::free_axis;
+use super::drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape};
+use super::outline::{circle, circle_on_ball, facets};
+use super::{MarkConfig, Turned, longitude_latitude};
+
+/// Height of numbers and words, mm.
+const TEXT_MM: f64 = 2.4;
+/// Space around a sticker for its number, mm.
+const STICKER_GAP_MM: f64 = 7.0;
+/// Distance of a table's lines, and of its columns, mm.
+const ROW_MM: f64 = 3.7;
+const COLUMN_MM: f64 = 26.0;
+/// Space between a map's rim and what is beside it, mm.
+const MAP_GAP_MM: f64 = 10.0;
+/// Width of a sheet without bounds, mm.
+const SHEET_MM: f64 = 180.0;
+/// Width of lines, mm.
+const LINE_MM: f64 = 0.1;
+
+/// How the stickers are made.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StickerConfig {
+    /// How far a dot's color goes on beyond its cut, mm. Default 0.
+    pub bleed_mm: f64,
+    /// Sheets. Default one as large as it takes.
+    pub page: PageSize,
+}
+
+/// A sheet of the dots of `pattern`, and maps of where they go.
+///
+/// # Errors
+/// [`Error::Argument`] where a parameter is outside its domain.
+pub fn stickers(
+    pattern: &Pattern,
+    config: &MarkConfig,
+    stickers: &StickerConfig,
+) -> Result<Drawing> {
+    config.validate(pattern)?;
+    let inside = (0.0..=5.0).contains(&stickers.bleed_mm);
+    require(inside, "bleed_mm", "0 to 5 mm", stickers.bleed_mm)?;
+    let rotation = free_axis(pattern.dots()).rotation(0.0);
+    let turned = Turned::new(pattern, config, rotation);
+    let mut sheets = Sheets::new(stickers.page);
+    dots(pattern, config, stickers, &mut sheets)?;
+    let maps = maps(&turned, config, &mut sheets)?;
+    table(&turned, config, &mut sheets);
+    let mut note = turned.note("stickers", pattern, config);
+    note.insert("projection".into(), json!("azimuthal equidistant"));
+    note.insert("maps".into(), maps);
+    Ok(Drawing {
+        title: format!(
+            "Stickers of pattern {:.8} for a ball of {} mm",
+            pattern.sha256(),
+            config.ball_diameter_mm
+        ),
+        note,
+        pages: sheets.finish(),
+        line_mm: LINE_MM,
+    })
+}
+
+/// Blocks stacked from top to bottom, page by page. While they are stacked, y counts down from 0.
+struct Sheets {
+    size: PageSize,
+    width: f64,
+    height: f64,
+    pages: Vec<Vec<Item>>,
+    /// How far the last page is filled, mm.
+    used: f64,
+    /// The same for each page before.
+    filled: Vec<f64>,
+}
+
+impl Sheets {
+    fn new(size: PageSize) -> Self {
+        let [width, height] = size.usable_mm();
+        Self {
+            size,
+            width: width.min(SHEET_MM),
+            height,
+            pages: vec![Vec::new()],
+            used: 0.0,
+            filled: Vec::new(),
+        }
+    }
+
+    /// Room for a block of this height: the distance of its upper edge from the page's, mm.
+    fn block(&mut self, height: f64) -> f64 {
+        if self.used + height > self.height && self.used > 0.0 {
+            self.filled.push(self.used);
+            self.pages.push(Vec::new());
+            self.used = 0.0;
+        }
+        let top = self.used;
+        self.used += height;
+        top
+    }
+
+    /// Adds an item whose y counts from the page's upper edge, downwards negative.
+    fn add(&mut self, item: Item) {
+        if let Some(page) = self.pages.last_mut() {
+            page.push(item);
+        }
+    }
+
+    fn words(&mut self, x: f64, y: f64, anchor: Anchor, words: String) {
+        self.add(Item::words(Point::new(x, y), anchor, TEXT_MM, words));
+    }
+
+    /// Index of the page that is being filled.
+    fn page(&self) -> usize {
+        self.pages.len() - 1
+    }
+
+    /// Height of the drawable part of a page of which `used` is filled, mm.
+    fn drawable(&self, used: f64) -> f64 {
+        if self.height.is_finite() {
+            self.height
+        } else {
+            used
+        }
+    }
+
+    /// The pages, with y counted up from their lower edges.
+    fn finish(mut self) -> Vec<Page> {
+        self.filled.push(self.used);
+        let [left, bottom] = self.size.origin();
+        let pages = std::mem::take(&mut self.pages).into_iter();
+        pages
+            .zip(&self.filled)
+            .map(|(items, &used)| {
+                let height = self.drawable(used);
+                let shift = nalgebra::Vector2::new(left, bottom + height);
+                let items = items.into_iter().map(|item| moved(item, &shift)).collect();
+                self.size.page(items, [left + self.width, bottom + height])
+            })
+            .collect()
+    }
+}
+
+/// An item moved by `shift`.
+fn moved(item: Item, shift: &nalgebra::Vector2<f64>) -> Item {
+    let all = |points: Vec<Point>| points.into_iter().map(|p| p + shift).collect();
+    let shape = match item.shape {
+        Shape::Area(points) => Shape::Area(all(points)),
+        Shape::Loop(points) => Shape::Loop(all(points)),
+        Shape::Line(points) => Shape::Line(all(points)),
+        Shape::Text {
+            at,
+            anchor,
+            height_mm,
+            words,
+        } => Shape::Text {
+            at: at + shift,
+            anchor,
+            height_mm,
+            words,
+        },
+    };
+    Item { shape, ..item }
+}
+
+/// Rows of dots with their numbers beneath.
+fn dots(
+    pattern: &Pattern,
+    config: &MarkConfig,
+    stickers: &StickerConfig,
+    sheets: &mut Sheets,
+) -> Result<()> {
+    let size = config.dot_diameter_mm + 2.0 * stickers.bleed_mm;
+    let pitch = size + STICKER_GAP_MM;
+    let in_a_row = (sheets.width / pitch) as usize;
+    if in_a_row == 0 || pitch > sheets.height {
+        let fits = sheets.width.min(sheets.height) - STICKER_GAP_MM - 2.0 * stickers.bleed_mm;
+        let problem = format!("expected at most {fits:.0} mm on this page, found {size}");
+        return Err(Error::argument("dot_diameter_mm", problem));
+    }
+    let all: Vec<usize> = (0..pattern.len()).collect();
+    for row in all.chunks(in_a_row) {
+        let top = sheets.block(pitch);
+        for (column, &dot) in row.iter().enumerate() {
+            let center = Point::new((column as f64 + 0.5) * pitch, -top - 0.5 * size);
+            let color = circle(center, 0.5 * size);
+            let cut = circle(center, 0.5 * config.dot_diameter_mm);
+            sheets.add(Item::of_dot(Layer::Dots, dot, Shape::Area(color)));
+            sheets.add(Item::of_dot(Layer::Cut, dot, Shape::Loop(cut)));
+            let y = -top - size - 1.4 * TEXT_MM;
+            sheets.words(center.x, y, Anchor::Middle, dot.to_string());
+        }
+    }
+    Ok(())
+}
+
+/// Both maps, and where they lie.
+fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<serde_json::Value> {
+    let radius = config.radius_mm();
+    // The greatest of 1:1, 1:2, ... at which both stand side by side.
+    let room = 0.5 * sheets.width - MAP_GAP_MM;
+    let divisor = (FRAC_PI_2 * radius / (0.5 * room)).ceil().max(1.0);
+    let scale = 1.0 / divisor;
+    let rim = FRAC_PI_2 * radius * scale;
+    let height = 2.0 * (rim + MAP_GAP_MM) + 2.0 * ROW_MM;
+    if height > sheets.height {
+        return Err(Error::Internal("a map is higher than its page".to_owned()));
+    }
+    let top = sheets.block(height);
+    let legend = format!("Seen from above the poles, scale 1:{divisor}; longitude 0 to the right");
+    sheets.words(0.0, -top - ROW_MM, Anchor::Start, legend);
+    let mut places = Vec::new();
+    for (index, (sign, name)) in [(1.0, "north"), (-1.0, "south")].into_iter().enumerate() {
+        let center = Point::new(
+            (index as f64 + 0.5) * 0.5 * sheets.width,
+            -top - 2.0 * ROW_MM - MAP_GAP_MM - rim,
+        );
+        let map = Map {
+            center,
+            sign,
+            radius: radius * scale,
+        };
+        map.draw(turned, config, sheets);
+        places.push((name, center));
+    }
+    // Where the page's lower edge lies is known once it is full: places count from its upper edge.
+    let page = sheets.page();
+    let [left, bottom] = sheets.size.origin();
+    let places = places.into_iter().map(|(pole, center)| {
+        json!({
+            "page": page,
+            "pole": pole,
+            "scale": scale,
+            "x_mm": left + center.x,
+            "from_top_mm": -center.y + bottom,
+        })
+    });
+    Ok(places.collect())
+}
+
+/// One hemisphere.
+struct Map {
+    center: Point,
+    /// 1 for the northern one, -1 for the southern.
+    sign: f64,
+    /// Radius of the ball in the map, mm.
+    radius: f64,
+}
+
+impl Map {
+    fn place(&self, v: &Vec3) -> Point {
+        let (longitude, latitude) = longitude_latitude(v);
+        let r = self.radius * (FRAC_PI_2 - self.sign * latitude);
+        let (sin, cos) = longitude.sin_cos();
+        Point::new(self.center.x + r * cos, self.center.y + self.sign * r * sin)
+    }
+
+    fn draw(&self, turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) {
+        for k in 0..=6 {
+            let r = self.radius * FRAC_PI_2 * f64::from(k) / 6.0;
+            if k > 0 {
+                let shape = Shape::Loop(circle(self.center, r));
+                sheets.add(Item::new(Layer::Guides, shape));
+            }
+        }
+        for k in 0..12 {
+            let angle = TAU * f64::from(k) / 12.0;
+            let towards = |r: f64| {
+                let (sin, cos) = angle.sin_cos();
+                Point::new(self.center.x + r * cos, self.center.y + self.sign * r * sin)
+            };
+            let rim = self.radius * FRAC_PI_2;
+            let shape = Shape::Line(vec![self.center, towards(rim)]);
+            sheets.add(Item::new(Layer::Guides, shape));
+            let at = towards(rim + 0.7 * MAP_GAP_MM);
+            let y = at.y - 0.5 * TEXT_MM;
+            sheets.words(at.x, y, Anchor::Middle, format!("{} deg", 30 * k));
+        }
+        let belongs = |v: &Vec3| self.sign * v.z >= 0.0;
+        for zone in &turned.keep_out {
+            let points: Vec<Vec3> = circle_on_ball(&zone.axis, zone.half_angle_rad, 720).collect();
+            for pair in points.windows(2).filter(|p| p.iter().all(belongs)) {
+                let line = pair.iter().map(|v| self.place(v)).collect();
+                sheets.add(Item::new(Layer::KeepOut, Shape::Line(line)));
+            }
+        }
+        let facets = facets(0.5 * config.dot_diameter_mm);
+        for (dot, center) in turned.dots.iter().enumerate() {
+            if !belongs(center) {
+                continue;
+            }
+            let rim = circle_on_ball(center, config.dot_angle_rad(), facets);
+            let points = rim.map(|v| self.place(&v)).collect();
+            sheets.add(Item::of_dot(Layer::Dots, dot, Shape::Area(points)));
+            let at = self.place(center);
+            // At the map's rim dots are wider by pi / 2.
+            let beside = FRAC_PI_2 * self.radius * config.dot_angle_rad() + 0.5;
+            let y = at.y - 0.5 * TEXT_MM;
+            sheets.words(at.x + beside, y, Anchor::Start, dot.to_string());
+        }
+    }
+}
+
+/// Three dots from which all others are laid off: those that span the largest triangle.
+fn references(dots: &[Vec3]) -> Option<[usize; 3]> {
+    let n = dots.len();
+    let triples = (0..n).flat_map(|i| (0..i).flat_map(move |j| (0..j).map(move |k| [k, j, i])));
+    let area = |t: &[usize; 3]| {
+        let [a, b, c] = t.map(|i| dots[i]);
+        (b - a).cross(&(c - a)).norm()
+    };
+    triples.max_by(|a, b| area(a).total_cmp(&area(b)))
+}
+
+/// Latitudes, longitudes and straight distances.
+fn table(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) {
+    let Some(from) = references(&turned.dots) else {
+        return;
+    };
+    let names = from.map(|i| i.to_string());
+    let mut rows = vec![vec![
+        "dot".to_owned(),
+        "latitude, deg".to_owned(),
+        "longitude, deg".to_owned(),
+        format!("to dot {}, mm", names[0]),
+        format!("to dot {}, mm", names[1]),
+        format!("to dot {}, mm", names[2]),
+    ]];
+    for (dot, d) in turned.dots.iter().enumerate() {
+        let (longitude, latitude) = longitude_latitude(d);
+        let mut row = vec![
+            dot.to_string(),
+            format!("{:.2}", latitude.to_degrees()),
+            format!("{:.2}", longitude.rem_euclid(TAU).to_degrees()),
+        ];
+        let distances = from.map(|i| config.radius_mm() * (d - turned.dots[i]).norm());
+        row.extend(distances.map(|mm| format!("{mm:.2}")));
+        rows.push(row);
+    }
+    sheets.block(2.0 * ROW_MM);
+    for row in rows {
+        let y = -sheets.block(ROW_MM) - TEXT_MM;
+        for (k, cell) in row.into_iter().enumerate() {
+            let x = 8.0 + COLUMN_MM * k as f64;
+            sheets.words(x, y, Anchor::End, cell);
+        }
+    }
+}

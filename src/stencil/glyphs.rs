@@ -1,0 +1,145 @@
+//! Words as outlines of a real font: DejaVu Sans Condensed Bold, whose strokes are wider than a nozzle at
+//! the sizes used here, and whose 1 and 7 cannot be taken for ticks.
+
+use ttf_parser::{Face, OutlineBuilder};
+
+use crate::error::{Error, Result};
+
+/// Facets of a curve of the font, which spans about 45 degrees.
+const CURVE_FACETS: usize = 3;
+/// Space between characters beyond the font's own, as a fraction of their height.
+const TRACKING: f64 = 0.06;
+
+/// Words in the plane, their box centered at the origin, mm.
+pub(super) struct Words {
+    /// Outlines: outer ones counter-clockwise, holes clockwise.
+    pub outlines: Vec<Vec<(f64, f64)>>,
+    pub half_width: f64,
+    pub half_height: f64,
+}
+
+impl Words {
+    /// Sets `text` with capitals and digits `height` high.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the built-in font lacks a character.
+    pub fn new(text: &str, height: f64) -> Result<Self> {
+        let internal = |what: &str| Error::Internal(format!("built-in font: {what}"));
+        let face =
+            Face::parse(dejavu::sans_condensed::bold(), 0).map_err(|e| internal(&e.to_string()))?;
+        let capital = face
+            .glyph_index('H')
+            .and_then(|glyph| face.glyph_bounding_box(glyph))
+            .ok_or_else(|| internal("no capital H"))?;
+        let scale = height / f64::from(capital.y_max);
+        let mut pen = 0.0;
+        let mut outlines = Vec::new();
+        for c in text.chars() {
+            let missing = || internal(&format!("no {c:?}"));
+            let glyph = face.glyph_index(c).ok_or_else(missing)?;
+            let mut flat = Flattened {
+                scale,
+                shift: pen,
+                ..Flattened::default()
+            };
+            face.outline_glyph(glyph, &mut flat).ok_or_else(missing)?;
+            outlines.append(&mut flat.outlines);
+            let advance = face.glyph_hor_advance(glyph).ok_or_else(missing)?;
+            pen += scale * f64::from(advance) + TRACKING * height;
+        }
+        Ok(Self::centered(outlines))
+    }
+
+    fn centered(mut outlines: Vec<Vec<(f64, f64)>>) -> Self {
+        let (mut low, mut high) = ((f64::MAX, f64::MAX), (f64::MIN, f64::MIN));
+        for p in outlines.iter().flatten() {
+            low = (low.0.min(p.0), low.1.min(p.1));
+            high = (high.0.max(p.0), high.1.max(p.1));
+        }
+        let middle = (0.5 * (low.0 + high.0), 0.5 * (low.1 + high.1));
+        for outline in &mut outlines {
+            // The font's outer outlines turn clockwise.
+            outline.reverse();
+            for p in outline {
+                *p = (p.0 - middle.0, p.1 - middle.1);
+            }
+        }
+        Self {
+            outlines,
+            half_width: 0.5 * (high.0 - low.0),
+            half_height: 0.5 * (high.1 - low.1),
+        }
+    }
+}
+
+/// Outlines with curves as chords.
+#[derive(Default)]
+struct Flattened {
+    scale: f64,
+    shift: f64,
+    outlines: Vec<Vec<(f64, f64)>>,
+}
+
+impl Flattened {
+    fn add(&mut self, x: f64, y: f64) {
+        let point = (self.shift + self.scale * x, self.scale * y);
+        if let Some(outline) = self.outlines.last_mut() {
+            outline.push(point);
+        }
+    }
+
+    /// The last point, in the font's units.
+    fn last(&self) -> (f64, f64) {
+        let last = self.outlines.last().and_then(|o| o.last());
+        last.map_or((0.0, 0.0), |p| {
+            ((p.0 - self.shift) / self.scale, p.1 / self.scale)
+        })
+    }
+}
+
+impl OutlineBuilder for Flattened {
+    fn move_to(&mut self, x: f32, y: f32) {
+        self.outlines.push(Vec::new());
+        self.add(x.into(), y.into());
+    }
+
+    fn line_to(&mut self, x: f32, y: f32) {
+        self.add(x.into(), y.into());
+    }
+
+    fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
+        let a = self.last();
+        let (b, c) = ((f64::from(x1), f64::from(y1)), (f64::from(x), f64::from(y)));
+        for i in 1..=CURVE_FACETS {
+            let t = i as f64 / CURVE_FACETS as f64;
+            let s = 1.0 - t;
+            let mix = |a: f64, b: f64, c: f64| s * s * a + 2.0 * s * t * b + t * t * c;
+            self.add(mix(a.0, b.0, c.0), mix(a.1, b.1, c.1));
+        }
+    }
+
+    fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
+        let a = self.last();
+        let to = |x: f32, y: f32| (f64::from(x), f64::from(y));
+        let (b, c, d) = (to(x1, y1), to(x2, y2), to(x, y));
+        for i in 1..=CURVE_FACETS {
+            let t = i as f64 / CURVE_FACETS as f64;
+            let s = 1.0 - t;
+            let mix = |a: f64, b: f64, c: f64, d: f64| {
+                s * s * s * a + 3.0 * s * t * (s * b + t * c) + t * t * t * d
+            };
+            self.add(mix(a.0, b.0, c.0, d.0), mix(a.1, b.1, c.1, d.1));
+        }
+    }
+
+    fn close(&mut self) {
+        // The last point of a closed outline repeats the first.
+        if let Some(outline) = self.outlines.last_mut()
+            && outline.len() > 1
+            && let (Some(first), Some(last)) = (outline.first(), outline.last())
+            && (first.0 - last.0).hypot(first.1 - last.1) < 1e-9
+        {
+            outline.pop();
+        }
+    }
+}
