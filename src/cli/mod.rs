@@ -50,14 +50,14 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 
-/// Designs dot patterns for balls, proves them, and ships what is needed to use them.
+/// Designs dot patterns for balls, evaluates them, and ships what is needed to use them.
 #[derive(Debug, Parser)]
 #[command(name = "spindoe", version, about, max_term_width = 100)]
 struct Cli {
@@ -69,7 +69,7 @@ struct Cli {
 enum Command {
     /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a folder.
     Design(design::Arguments),
-    /// Measure how often a pattern's dots are identified rightly, by Monte Carlo.
+    /// Measure how often a pattern is identified correctly, by Monte Carlo.
     Validate(validate::Arguments),
     /// Compare patterns on the same trials, side by side.
     Compare(compare::Arguments),
@@ -77,9 +77,9 @@ enum Command {
     Sensitivity(sensitivity::Arguments),
     /// Make the hash table of a pattern, a NumPy archive.
     Table(table::Arguments),
-    /// Tell which dot is which from observed directions, and how the ball is turned.
+    /// Identify the dots of frames from their observed directions, and give the orientation.
     Identify(identify::Arguments),
-    /// Tell from images how the ball is turned, and how it spins.
+    /// Estimate orientations and the spin from images or videos.
     #[cfg(feature = "vision")]
     Estimate(Box<estimate::Arguments>),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
@@ -100,14 +100,19 @@ enum Command {
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
     #[cfg(feature = "vision")]
     Export(export::Arguments),
-    /// Check and summarize flights with known spins, in the format of the published set.
+    /// Check and summarize trajectories with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
 }
 
 /// Runs the command with the process' arguments.
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
+    let parsed = Cli::command().try_get_matches();
+    let parsed = parsed.and_then(|matches| {
+        let name = matches.subcommand_name().unwrap_or_default().to_owned();
+        Cli::from_arg_matches(&matches).map(|cli| (cli, name))
+    });
+    let (cli, name) = match parsed {
+        Ok(parsed) => parsed,
         Err(error) => return refuse(&error),
     };
     let done: Result<()> = match cli.command {
@@ -135,13 +140,42 @@ pub fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            errln!("spindoe: {error}");
+            errln!("spindoe: {}", words(&error, &name));
             ExitCode::from(match error {
                 Error::NoAnswer { .. } => 3,
                 error if error.is_usage() => 2,
                 _ => 1,
             })
         }
+    }
+}
+
+/// Parameters of the library whose flag is not their name in other letters.
+const FLAGS: [(&str, &str); 4] = [
+    ("exposure_s", "exposure-ms"),
+    ("image_px", "image-size"),
+    ("inverse_distance", "camera-distance-radii"),
+    ("max_rps", "max-spin-rps"),
+];
+
+/// The error in one line. A parameter that the command `name` takes is named by its flag.
+fn words(error: &Error, name: &str) -> String {
+    let Error::Argument { parameter, problem } = error else {
+        return error.to_string();
+    };
+    let library = parameter.as_str().trim_start_matches('-');
+    let special = FLAGS.iter().find(|(parameter, _)| *parameter == library);
+    let flag = special.map_or_else(
+        || library.replace("_rad", "_deg").replace('_', "-"),
+        |(_, flag)| (*flag).to_owned(),
+    );
+    let cli = Cli::command();
+    let command = cli.find_subcommand(name);
+    let known = command.is_some_and(|c| c.get_arguments().any(|a| a.get_long() == Some(&flag)));
+    if known {
+        format!("--{flag}: {problem}")
+    } else {
+        format!("{}: {problem}", library.replace('_', " "))
     }
 }
 

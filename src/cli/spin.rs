@@ -9,7 +9,9 @@ use crate::error::{Error, Result};
 use crate::geometry::{Vec3, to_wxyz};
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
-use crate::spin::decay::{DecayConfig, DecayFit, DecayOutcome, fit_decay};
+#[cfg(feature = "plot")]
+use crate::spin::decay::DecayFit;
+use crate::spin::decay::{DecayConfig, DecayOutcome, fit_decay};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig, standard_deviations};
@@ -23,8 +25,6 @@ const LISTED_BEYOND: f64 = 2.0;
 const PRIOR_SPREAD: f64 = 0.2;
 /// Residuals this many times larger than expected are worth a word.
 const SUSPICIOUS_NOISE: f64 = 3.0;
-/// Half-width of a 95 % interval in standard deviations.
-pub(super) const Z95: f64 = 1.96;
 /// Alternatives printed in words; `--json` has them all.
 const MAX_PRINTED: usize = 6;
 
@@ -281,6 +281,7 @@ pub(super) struct Found {
 
 impl Found {
     /// The decay for which there is evidence.
+    #[cfg(feature = "plot")]
     pub(super) fn decaying(&self) -> Option<&DecayFit> {
         match &self.decay.as_ref()?.outcome {
             DecayOutcome::Decaying(d) => Some(d),

@@ -2,11 +2,13 @@
 
 use std::path::Path;
 
-use super::spin::{Found, Z95, std_along};
+use super::spin::{Found, std_along};
 use crate::error::{Error, Result};
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use crate::spin::windows::WindowFit;
 
+/// Half-width of a 95 % interval in standard deviations.
+const Z95: f64 = 1.96;
 /// Sections of a plotted curve.
 const CURVE_POINTS: usize = 100;
 

@@ -57,40 +57,53 @@ impl SearchState {
         polish.map(|polish| &polish.at).or(found)
     }
 
+    /// The search as JSON.
+    ///
+    /// # Errors
+    /// [`Error::Internal`].
+    pub fn to_json(&self, config: &DesignConfig) -> Result<Vec<u8>> {
+        let file = File {
+            checkpoint_version: CHECKPOINT_VERSION,
+            config: config.clone(),
+            state: self.clone(),
+        };
+        serde_json::to_vec(&file).map_err(|e| Error::Internal(format!("checkpoint as JSON: {e}")))
+    }
+
     /// Writes the search, whole or not at all.
     ///
     /// # Errors
     /// [`Error::Write`].
     #[cfg(feature = "native")]
     pub fn save(&self, path: &Path, config: &DesignConfig) -> Result<()> {
-        let file = File {
-            checkpoint_version: CHECKPOINT_VERSION,
-            config: config.clone(),
-            state: self.clone(),
-        };
-        let text = serde_json::to_vec(&file)
-            .map_err(|e| Error::Internal(format!("checkpoint as JSON: {e}")))?;
-        files::write_bytes(path, &text)
+        files::write_bytes(path, &self.to_json(config)?)
     }
 
     /// Reads a search that was saved under the same configuration; more rounds, also of polishing, may be
     /// asked for.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Input`] for another version, another configuration or a damaged file.
+    /// [`Error::Read`], and those of [`SearchState::from_json`].
     #[cfg(feature = "native")]
     pub fn load(path: &Path, config: &DesignConfig) -> Result<Self> {
-        let bytes = files::read_bytes(path)?;
+        Self::from_json(path, &files::read_bytes(path)?, config)
+    }
+
+    /// As [`SearchState::load`], from the file's bytes; `path` only names the file in errors.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another version, another configuration or a damaged file.
+    pub fn from_json(path: &Path, bytes: &[u8], config: &DesignConfig) -> Result<Self> {
         let unreadable =
             |e: serde_json::Error| Error::input(path, "checkpoint", format!("cannot be read: {e}"));
         // The version first: another format may have other fields.
-        let Version { checkpoint_version } = serde_json::from_slice(&bytes).map_err(unreadable)?;
+        let Version { checkpoint_version } = serde_json::from_slice(bytes).map_err(unreadable)?;
         if checkpoint_version != CHECKPOINT_VERSION {
             let problem =
                 format!("expected version {CHECKPOINT_VERSION}, found {checkpoint_version}");
             return Err(Error::input(path, "checkpoint_version", problem));
         }
-        let file: File = serde_json::from_slice(&bytes).map_err(unreadable)?;
+        let file: File = serde_json::from_slice(bytes).map_err(unreadable)?;
         let mut same = file.config;
         same.rounds = config.rounds;
         same.polish = config.polish;

@@ -235,6 +235,7 @@ impl<'a> Row<'a> {
     }
 
     /// `N` finite numbers and nothing else.
+    #[cfg(feature = "native")]
     pub fn numbers<const N: usize>(&self) -> Option<[f64; N]> {
         let mut found = [0.0; N];
         if self.len() != N {
@@ -391,6 +392,7 @@ pub(crate) type Field<T> = std::result::Result<T, String>;
 
 impl<'a, const N: usize> TableRow<'a, N> {
     /// The line on which it begins, counted from 1.
+    #[cfg(feature = "vision")]
     pub fn line(&self) -> u64 {
         self.row.line()
     }

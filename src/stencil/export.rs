@@ -1,5 +1,6 @@
 //! The stencil's files: binary STL, 3MF and a JSON description.
 
+#[cfg(feature = "native")]
 use std::path::Path;
 
 use serde_json::json;
@@ -35,8 +36,8 @@ impl Stencil {
     #[cfg(feature = "native")]
     pub fn write(&self, dir: &Path) -> Result<()> {
         files::create_dir(dir)?;
-        for (half, name) in self.halves.iter().zip(HALF_FILES) {
-            files::write_bytes(&dir.join(name), &self.stl_bytes(&half.mesh)?)?;
+        for (half, name) in HalfName::BOTH.into_iter().zip(HALF_FILES) {
+            files::write_bytes(&dir.join(name), &self.half_stl_bytes(half)?)?;
         }
         files::write_bytes(&dir.join("stencil.3mf"), &self.threemf_bytes()?)?;
         let mut text = serde_json::to_string_pretty(&self.description()?)
@@ -116,9 +117,12 @@ impl Stencil {
         Ok(value)
     }
 
-    /// A mesh as binary STL whose header names the pattern.
-    fn stl_bytes(&self, mesh: &Mesh) -> Result<Vec<u8>> {
-        let mut bytes = stl_bytes(mesh)?;
+    /// A half as binary STL, millimeters, whose header names the pattern.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the mesh cannot be encoded.
+    pub fn half_stl_bytes(&self, name: HalfName) -> Result<Vec<u8>> {
+        let mut bytes = stl_bytes(&self.half(name).mesh)?;
         // 80 bytes: the hash takes 64 of them. A binary file must not begin with "solid".
         let header = format!("{STL_HEADER:<16}{:.64}", self.pattern_sha256);
         for (byte, &c) in bytes[..80].iter_mut().zip(header.as_bytes()) {
@@ -128,7 +132,10 @@ impl Stencil {
     }
 
     /// One 3MF model with both halves as named objects, side by side.
-    fn threemf_bytes(&self) -> Result<Vec<u8>> {
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the archive cannot be packed.
+    pub fn threemf_bytes(&self) -> Result<Vec<u8>> {
         let tag = &self.pattern_sha256[..8.min(self.pattern_sha256.len())];
         let mut x = 0.0;
         let objects = HalfName::BOTH.map(|name| {
