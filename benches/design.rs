@@ -7,21 +7,11 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use spindoe::Result;
-use spindoe::design::objective::Evaluation;
-use spindoe::design::scp::{Cost, descend};
-use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound, random_pattern};
-use spindoe::geometry::Vec3;
+use spindoe::design::scp::descend;
+use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
+use spindoe::pattern::random_pattern;
 use spindoe::validate::{Protocol, ProtocolName};
-
-struct Only(Objective);
-
-impl Cost for Only {
-    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        self.0.cost(dots)
-    }
-}
 
 fn design(c: &mut Criterion) {
     let constraints = Constraints::default();
@@ -49,11 +39,11 @@ fn design(c: &mut Criterion) {
     });
     let mut slow = c.benchmark_group("descent");
     slow.sample_size(10);
-    let paper = Only(Objective::for_protocol(ObjectiveName::MeanNn, &protocol));
+    let paper = Objective::for_protocol(ObjectiveName::MeanNn, &protocol);
     slow.bench_function("one step on mean-nn, all constraints", |b| {
         b.iter(|| descend(black_box(&pattern), &paper, &constraints, 1));
     });
-    let default = Only(Objective::default());
+    let default = Objective::default();
     slow.bench_function("one step on confusion, all constraints", |b| {
         b.iter(|| descend(black_box(&pattern), &default, &constraints, 1));
     });

@@ -10,8 +10,8 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
-    BallCircle, BallFinder, CircleConfig, DetectorName, DotDetector, Estimator, EstimatorConfig,
-    FrameEstimate, Patch,
+    BallCircle, BallFinder, CircleConfig, CnnDetector, DetectorName, DotDetector, Estimator,
+    EstimatorConfig, FrameEstimate, Patch,
 };
 
 fn synth(c: &mut Criterion) {
@@ -35,27 +35,12 @@ fn synth(c: &mut Criterion) {
     group.finish();
 }
 
-/// A frame in good light, as a user would arrange it.
-fn good() -> SynthConfig {
-    SynthConfig {
-        size_px: [60, 60],
-        fill: [0.9, 0.95],
-        dot_radius_rad: [0.08, 0.10],
-        max_arc_rad: 0.05,
-        max_shift_px: 0.5,
-        max_noise: 1.0,
-        bad_exposure: 0.0,
-        max_background: 0.2,
-        ..SynthConfig::default()
-    }
-}
-
 fn estimate(c: &mut Criterion) {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let Ok(pattern) = random_pattern(20, 0.35, &mut rng) else {
         return;
     };
-    let Ok(frame) = independent_frame(&pattern, &good(), 1, 0) else {
+    let Ok(frame) = independent_frame(&pattern, &SynthConfig::good(), 1, 0) else {
         return;
     };
     let gray = frame.image.to_gray();
@@ -70,6 +55,12 @@ fn estimate(c: &mut Criterion) {
     group.bench_function("cut", |b| {
         b.iter(|| patch.cut_into(black_box(&gray), &circle))
     });
+    if let Ok(net) = CnnDetector::built_in() {
+        let mut ws = net.workspace();
+        group.bench_function("net, a patch", |b| {
+            b.iter(|| net.cells(black_box(&patch), &mut ws)[0]);
+        });
+    }
     for name in DetectorName::ALL {
         let Ok(detector) = name.build() else { return };
         let (mut ws, mut dots) = (detector.workspace(), Vec::new());

@@ -1,44 +1,52 @@
-//! Designs a small pattern from a program of one's own, proves it and writes everything to a folder.
+//! Designs a small pattern from a program of one's own, evaluates it and writes everything to a folder.
 //!
 //! `cargo run --release --example design_pattern -- my-ball`
 
-use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use spindoe::Result;
 use spindoe::design::checkpoint::SearchState;
-use spindoe::design::{DesignConfig, DesignObserver, Stage, design};
-use spindoe::report::{EvaluationConfig, evaluate};
-use spindoe::stencil::StencilConfig;
+use spindoe::design::{DesignConfig, DesignObserver, Stage};
+use spindoe::report::{DesignJob, EvaluationConfig, JobObserver, Start};
 
-/// Prints the best rate after each piece of work.
-struct Talk;
+/// Prints the best rate after each piece of work, and what comes after the search.
+struct Printer;
 
-impl DesignObserver for Talk {
+impl DesignObserver for Printer {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
-        if let Some(best) = state.pool.first().and_then(|c| c.identity) {
+        if let Some(best) = state.best(stage).and_then(|c| c.identity) {
             println!("{stage:?}: best identity rate so far {best}");
         }
         Ok(())
     }
 }
 
+impl JobObserver for Printer {
+    fn step(&mut self, what: &str) {
+        println!("{what}");
+    }
+}
+
 fn main() -> Result<()> {
-    let dir = PathBuf::from(std::env::args().nth(1).unwrap_or("my-ball".into()));
-    let config = DesignConfig {
-        starts: 4,
-        samples: 2_000,
-        seed: 42,
-        ..DesignConfig::default()
+    let dir = std::env::args().nth(1).unwrap_or("my-ball".into());
+    let job = DesignJob {
+        config: DesignConfig {
+            starts: 4,
+            samples: 2_000,
+            seed: 42,
+            ..DesignConfig::default()
+        },
+        evaluation: EvaluationConfig::of_samples(2_000),
+        ..DesignJob::new(dir)
     };
     let never = AtomicBool::new(false);
-    let outcome = design(&config, &mut SearchState::default(), &never, &mut Talk)?;
-    let proof = EvaluationConfig::of_samples(2_000);
-    let command = "the example design_pattern".to_owned();
-    let proven = evaluate(&outcome, &config, &proof, command, &mut |_| ())?;
-    let stencil = StencilConfig::default();
-    proven.write(&dir, &stencil)?;
-    proven.write_stencil(&dir, &stencil)?;
-    println!("{}", dir.display());
+    let found = job.run(Start::Fresh, &never, &mut Printer)?;
+    for v in &found.report.validation {
+        println!(
+            "{} {}: {}",
+            v.recognizer, v.validation.protocol, v.validation.identity
+        );
+    }
+    println!("{}", job.dir.display());
     Ok(())
 }

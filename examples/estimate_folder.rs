@@ -48,7 +48,7 @@ fn main() -> spindoe::Result<()> {
         }
     }
     if let Some(times) = &times {
-        match estimate_spin(&estimator, &config, times, &frames) {
+        match estimate_spin(&config, times, &frames) {
             Ok(fit) => println!(
                 "{:.2} rps, spin {:?} rad/s",
                 fit.motion.rps(),

@@ -4,7 +4,7 @@
     spindoe export -o dots.onnx
     python3 python/detect_dots.py dots.onnx ball.png U V R
 
-U V R is the ball's circle in pixels (centre of the top-left pixel at 0, 0). Prints a dot a line: its pixel, standard
+U V R is the ball's circle in pixels (center of the top-left pixel at 0, 0). Prints a dot a line: its pixel, standard
 deviations along u and v, and the probability that it is a dot. The steps are those of src/vision/patch.rs and
 src/vision/net/detector.rs.
 """
@@ -45,7 +45,7 @@ def cut(image, u, v, r):
     return np.where(out > RIM * RADIUS, 0, patch).astype(np.float32)
 
 
-def detect(session, image, u, v, r, least=0.3):
+def detect(session, image, u, v, r, min_probability=0.3):
     """Rows of (u, v, deviation of u, deviation of v, probability), the most probable first."""
     patch = cut(image, u, v, r)[None, None]
     cells, probability = session.run(["cells", "probability"], {"patches": patch})
@@ -53,7 +53,7 @@ def detect(session, image, u, v, r, least=0.3):
     factor = float(session.get_modelmeta().custom_metadata_map["covariance_factor"])
     padded = np.pad(heat, 1, constant_values=-np.inf)
     shifts = [padded[i : i + 32, j : j + 32] for i in range(3) for j in range(3)]
-    peaks = np.argwhere((heat >= np.max(shifts, axis=0)) & (probability[0, 0] >= least))
+    peaks = np.argwhere((heat >= np.max(shifts, axis=0)) & (probability[0, 0] >= min_probability))
     found = []
     for i, j in sorted(peaks.tolist(), key=lambda ij: -heat[tuple(ij)]):
         column, row = 2 * j + 0.5 + du[i, j], 2 * i + 0.5 + dv[i, j]
@@ -70,9 +70,18 @@ def detect(session, image, u, v, r, least=0.3):
     ]
 
 
+def read_gray(path):
+    """The image's gray, values 0 to 1, of 8 or 16 bits."""
+    image = Image.open(path)
+    if image.mode.startswith("I"):
+        # Pillow reads gray of 16 bits as such; converted to RGB it would be cut off at 255.
+        return np.asarray(image, dtype=np.float64) / 65535
+    rgb = np.asarray(image.convert("RGB"), dtype=np.float64) / 255
+    return rgb @ [0.2126, 0.7152, 0.0722]
+
+
 def main(model, path, *circle):
-    rgb = np.asarray(Image.open(path).convert("RGB"), dtype=np.float64) / 255
-    gray = rgb @ [0.2126, 0.7152, 0.0722]
+    gray = read_gray(path)
     session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
     for dot in detect(session, gray, *map(float, circle)):
         print("u %.2f v %.2f  +- %.2f %.2f  p %.3f" % dot)

@@ -1,7 +1,8 @@
 //! The crate's one error type.
 //!
-//! Variants are grouped by what a caller can do about them: mend the input or the arguments
+//! Variants are grouped by what a caller can do about them: fix the input or the arguments
 //! ([`Error::is_usage`] is true, the command exits with 2), or nothing (everything else, exit 1).
+//! [`Error::NoAnswer`] stands apart: all went well, and nothing came of it (exit 3).
 //! Every message is one line that names the file or argument, the place in it, and what was expected.
 
 use std::borrow::Cow;
@@ -47,6 +48,14 @@ pub enum Error {
         path: PathBuf,
         /// The system's reason.
         source: std::io::Error,
+    },
+    /// The work is done, but none of the input could be answered.
+    #[error("{}: {reason}", path.display())]
+    NoAnswer {
+        /// The input.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
     },
     /// A set of points does not determine a rotation.
     #[error("degenerate geometry: {0}")]
@@ -111,7 +120,7 @@ impl Error {
                     | ErrorKind::UnexpectedEof
                     | ErrorKind::AlreadyExists
             ),
-            Self::Internal(_) => false,
+            Self::NoAnswer { .. } | Self::Internal(_) => false,
         }
     }
 }

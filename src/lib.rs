@@ -1,4 +1,4 @@
-//! Dot patterns for balls: designed, proven, shipped, and recognized.
+//! Dot patterns for balls: designed, evaluated, shipped, and recognized.
 //!
 //! A ball carries identical dots. Their arrangement identifies them (geometric hashing), which gives
 //! the ball's orientation in one camera image; a sequence of orientations gives its spin. This crate
@@ -10,6 +10,7 @@
 //! # Stages
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
+//! [`pipeline`] (work on a stream) serves [`recognize`];
 //! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
 //! [`cli`] on top.
 //!
@@ -30,7 +31,7 @@
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
-//! # let pattern = spindoe::design::random_pattern(20, 0.3, &mut rng)?;
+//! # let pattern = spindoe::pattern::random_pattern(20, 0.3, &mut rng)?;
 //! // or: let pattern = Pattern::read_csv("pattern.csv".as_ref())?;
 //! let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
 //! let protocol = Protocol::standard(ProtocolName::Paper);
@@ -41,22 +42,32 @@
 //! # }
 //! ```
 
+#[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod cli;
+mod concurrency;
 pub mod design;
-pub mod error;
+mod error;
 pub mod files;
 pub mod geometry;
 pub mod hash;
 pub mod mark;
 mod npz;
 pub mod pattern;
+#[cfg(feature = "native")]
+pub mod pipeline;
+#[cfg(feature = "plot")]
 pub mod plot;
 pub mod recognize;
+#[cfg(feature = "native")]
 pub mod report;
 pub mod spin;
+pub mod stats;
 pub mod stencil;
+#[cfg(feature = "vision")]
 pub mod synth;
 pub mod validate;
+#[cfg(feature = "vision")]
 pub mod vision;
 
-pub use error::{Error, Result};
+pub use error::{Error, Parameter, Result};

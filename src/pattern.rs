@@ -1,17 +1,21 @@
 //! A dot pattern: between 4 and 64 distinct unit vectors, and what can be said of it at a glance.
 //!
-//! On disk a pattern is a CSV file, one dot a row, `x,y,z`; a header line `x,y,z` is accepted. The row order is
-//! the dots' numbering. Lengths off 1 by more than [`LENGTH_TOLERANCE`] are refused, smaller deviations
-//! are normalized away.
+//! On disk a pattern is a CSV file, one dot a row, `x,y,z`. It is written without a header, as the
+//! published pattern is; one that says `x,y,z` is accepted. The row order is the dots' numbering.
+//! Lengths off 1 by more than [`LENGTH_TOLERANCE`] are refused, smaller deviations are normalized
+//! away.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
+use rand::Rng;
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
+#[cfg(feature = "native")]
 use crate::files;
-use crate::geometry::{Vec3, angle_between, spiral_directions};
+use crate::files::csv::{Format, Row, Rows};
+use crate::geometry::{Vec3, angle_between, random_direction, spiral_directions};
 
 /// Fewest dots of a pattern.
 pub const MIN_DOTS: usize = 4;
@@ -111,6 +115,7 @@ impl Pattern {
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
         Self::from_csv(path, &files::read_bytes(path)?)
     }
@@ -120,39 +125,30 @@ impl Pattern {
     /// # Errors
     /// [`Error::Input`] naming the line and what was expected there.
     pub fn from_csv(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let mut reader = csv::ReaderBuilder::new()
-            .has_headers(false)
-            .flexible(true)
-            .trim(csv::Trim::All)
-            .comment(Some(b'#'))
-            .from_reader(bytes);
+        let mut rows = Rows::new(path, bytes, Format::default());
         let mut dots = Vec::new();
         let mut lines = Vec::new();
-        for (row, record) in reader.records().enumerate() {
-            let record = record
-                .map_err(|e| Error::input(path, format!("row {}", row + 1), e.to_string()))?;
-            let line = files::line_of(bytes, record.position(), row as u64 + 1);
-            let numbers: Vec<_> = record.iter().map(str::parse::<f64>).collect();
-            let is_header = |names: [&str; 3]| {
-                record.len() == 3
-                    && record.iter().zip(names).all(|(field, name)| {
-                        field
-                            .trim_start_matches('\u{feff}')
-                            .eq_ignore_ascii_case(name)
-                    })
-            };
-            if row == 0 && is_header(["x", "y", "z"]) {
+        let mut is_first = true;
+        while let Some(row) = rows.next_row()? {
+            let is_header = is_first && is_header(&row);
+            is_first = false;
+            if is_header {
                 continue;
             }
-            match numbers.as_slice() {
-                [Ok(x), Ok(y), Ok(z)] => {
-                    dots.push(Vec3::new(*x, *y, *z));
-                    lines.push(line);
+            let mut numbers = row.fields().map(str::parse::<f64>);
+            match [(); 4].map(|()| numbers.next()) {
+                [Some(Ok(x)), Some(Ok(y)), Some(Ok(z)), None] => {
+                    if dots.len() == MAX_DOTS {
+                        let expected = format!("expected {MIN_DOTS} to {MAX_DOTS} dots");
+                        return Err(row.error(format!("{expected}, found more")));
+                    }
+                    dots.push(Vec3::new(x, y, z));
+                    lines.push(row.line());
                 }
                 _ => {
-                    let found = record.iter().collect::<Vec<_>>().join(",");
+                    let found = row.shown();
                     let problem = format!("expected three numbers x,y,z, found \"{found}\"");
-                    return Err(Error::input(path, format!("line {line}"), problem));
+                    return Err(row.error(problem));
                 }
             }
         }
@@ -164,9 +160,10 @@ impl Pattern {
         })
     }
 
-    /// The pattern as CSV text: a header and one dot a row, digits enough to read back the same bits.
+    /// The pattern as CSV text: one dot a row without a header, which the SpinDOE authors' reader does
+    /// not take; digits enough to read back the same bits.
     pub fn to_csv(&self) -> String {
-        let mut text = String::from("x,y,z\n");
+        let mut text = String::new();
         for d in &self.dots {
             // Writing to a String cannot fail.
             let _ = writeln!(text, "{},{},{}", d.x, d.y, d.z);
@@ -178,6 +175,7 @@ impl Pattern {
     ///
     /// # Errors
     /// [`Error::Write`].
+    #[cfg(feature = "native")]
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         files::write_bytes(path, self.to_csv().as_bytes())
     }
@@ -224,4 +222,49 @@ impl Pattern {
             mean_visible: n as f64 / 2.0,
         }
     }
+}
+
+/// Tries to place one dot at random apart from the others before all start afresh.
+const PLACEMENT_TRIES: usize = 2_000;
+/// Fresh starts before a demand counts as infeasible at random.
+const FRESH_STARTS: usize = 50;
+
+/// Random dots no nearer to each other than demanded.
+///
+/// # Errors
+/// [`Error::Argument`] where no such set was found: the demand is too dense.
+pub fn random_pattern<R: Rng>(
+    dots: usize,
+    min_separation_rad: f64,
+    rng: &mut R,
+) -> Result<Pattern> {
+    let bound = min_separation_rad.cos();
+    for _ in 0..FRESH_STARTS {
+        let mut placed: Vec<Vec3> = Vec::with_capacity(dots);
+        for _ in 0..PLACEMENT_TRIES {
+            let d = random_direction(rng);
+            if placed.iter().all(|p| p.dot(&d) < bound) {
+                placed.push(d);
+                if placed.len() == dots {
+                    return Pattern::new(placed);
+                }
+            }
+        }
+    }
+    Err(Error::argument(
+        "dots",
+        format!(
+            "{dots} dots at least {:.1} degrees apart do not fit on a ball at random; ask for fewer or nearer dots",
+            min_separation_rad.to_degrees()
+        ),
+    ))
+}
+
+/// Whether a row is the header that a pattern may have.
+fn is_header(row: &Row<'_>) -> bool {
+    row.len() == 3
+        && row
+            .fields()
+            .zip(["x", "y", "z"])
+            .all(|(field, name)| field.eq_ignore_ascii_case(name))
 }

@@ -4,11 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::output::one_of;
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
 use crate::recognize::RecognizerName;
-use crate::report::compare::{Comparison, Entry, PairedDifference, compare};
+use crate::report::compare::{Comparison, Entry, compare};
+use crate::stats::PairedDifference;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -31,7 +33,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Only this recognizer; by default both.
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), value_name = "RECOGNIZER")]
     recognizer: Option<RecognizerName>,
     /// Print one JSON object instead of words.
     #[arg(long)]
@@ -69,6 +71,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;
         json.push(b'\n');
         files::write_bytes(&dir.join("comparison.json"), &json)?;
+        #[cfg(feature = "plot")]
         found.write_plots(dir, &entries)?;
     }
     if arguments.json {
@@ -78,8 +81,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Names for tables and plots: short ones where they tell the inputs apart, else the paths; and of one
-/// path given twice the second is told by its place.
+/// Names for tables and plots: short ones where they differ, else the paths; of a path given twice the
+/// second has its place added.
 fn names(paths: &[PathBuf]) -> Vec<String> {
     let short: Vec<String> = paths.iter().map(|p| name(p)).collect();
     let count = |of: &str| short.iter().filter(|n| *n == of).count();
@@ -125,13 +128,13 @@ fn print_words(found: &Comparison) {
             &p.sha256[..12]
         );
         outln!(
-            "  separation {:.1} deg at least, {:.1} deg mean; {} dots in view from anywhere",
+            "  separation minimum {:.1} deg, mean {:.1} deg; {} dots in view from anywhere",
             deg(p.summary.min_separation_rad),
             deg(p.summary.mean_nearest_separation_rad),
             p.summary.min_visible
         );
         outln!(
-            "  three nearest neighbors: mean {:.1} deg, std {:.3} and least {:.3} of it (US 2023/0218952)",
+            "  three nearest neighbors: mean {:.1} deg, std {:.3} and minimum {:.3} of it (US 2023/0218952)",
             deg(p.neighbors.mean_rad),
             p.neighbors.relative_std,
             p.neighbors.relative_min
@@ -168,7 +171,7 @@ fn print_words(found: &Comparison) {
     }
 }
 
-/// A figure, or a dash where some direction has none: fewer than two dots in view leave the orientation
+/// A value, or a dash where some direction has none: fewer than two dots in view leave the orientation
 /// open.
 fn number_or_dash(value: f64) -> String {
     if value.is_finite() {

@@ -1,21 +1,25 @@
 //! `spindoe identify`: which dot is which, and how is the ball turned?
 
-use std::io::Write;
+use std::io::{BufWriter, Seek, Write};
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
 
-use super::print_json;
 use crate::error::{Error, Result};
-use crate::geometry::Rotation;
+use crate::files::OutputFile;
+use crate::files::csv::shown;
+use crate::geometry::to_wxyz;
 use crate::hash::HashTable;
-use crate::recognize::observed::{self, ObservedFrame};
+use crate::pipeline::Sink;
+use crate::recognize::observed::ObservedReader;
 use crate::recognize::robust::{RobustConfig, RobustRecognizer};
+use crate::recognize::stream::{FrameAnswer, RivalConfig, identify_frames, identify_with_rivals};
 use crate::recognize::{
-    Identification, Outcome, PaperRecognizer, Recognizer, RecognizerName, RecognizerRejection,
+    Identification, Outcome, PaperRecognizer, RecognizerName, RecognizerRejection,
 };
-use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::spin::orientations::{OrientationRow, OrientationWriter};
 use crate::validate::{Protocol, ProtocolName};
 
 #[derive(Debug, Args)]
@@ -32,17 +36,21 @@ false dots and noise are about as expected (--expect, --false-dots, --miss-proba
 the paper's recognizer is a share of votes and no probability. --json lists the rival poses of each frame:
 a pattern that looks like itself when turned has several of about the same confidence.
 
-Example:
-  spindoe identify --table table.npz dots.csv -o orientations.csv")]
+Answers leave as the frames come: a detector that writes to a pipe gets each frame's row when the next frame
+begins. A file of orientations appears whole or not at all, and so does the JSON object.
+
+Examples:
+  spindoe identify --table table.npz dots.csv -o orientations.csv
+  detector | spindoe identify --table table.npz -")]
 pub struct Arguments {
-    /// The observed dots.
+    /// The observed dots; - is standard input.
     #[arg(value_name = "DOTS.csv")]
     dots: PathBuf,
     /// The pattern's hash table (.npz), or the pattern (CSV of unit vectors x,y,z).
     #[arg(long, value_name = "TABLE.npz")]
     table: PathBuf,
     /// The recognizer that is asked.
-    #[arg(long, value_enum, default_value_t = RecognizerName::Robust)]
+    #[arg(long, value_parser = super::output::one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust)]
     recognizer: RecognizerName,
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
@@ -52,7 +60,7 @@ pub struct Arguments {
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     sigma_deg: Option<f64>,
     /// Expect misses, false dots and noise as in this validation protocol.
-    #[arg(long, value_enum, value_name = "PROTOCOL")]
+    #[arg(long, value_parser = super::output::one_of(&ProtocolName::ALL, ProtocolName::as_str), value_name = "PROTOCOL")]
     expect: Option<ProtocolName>,
     /// Expected number of false dots in a frame.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -73,54 +81,40 @@ pub struct Arguments {
     json: bool,
 }
 
-/// A frame and what came of it.
-struct Answer {
-    frame: ObservedFrame,
-    outcome: Outcome,
-    /// Other poses that explain the dots, likeliest first.
-    rivals: Vec<Identification>,
-}
-
-/// Rivals whose pose is less likely than this are not told.
-const MIN_RIVAL: f64 = 0.001;
-/// Most rivals that are told.
-const MAX_RIVALS: usize = 60;
 /// A rival with this part of the best one's probability makes a tie.
 const TIE: f64 = 0.5;
+/// Bytes written at once.
+const WRITE_BYTES: usize = 1 << 16;
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let table = super::read_table(&arguments.table)?;
-    let frames = observed::read_csv(&arguments.dots, arguments.sigma_rad(&table)?)?;
     if !(0.0..=1.0).contains(&arguments.min_confidence) {
         let problem = format!("expected 0 to 1, found {}", arguments.min_confidence);
         return Err(Error::argument("--min-confidence", problem));
     }
-    let mut answers = match arguments.recognizer {
-        RecognizerName::Paper => identify_paper(&PaperRecognizer::from_table(&table)?, frames),
+    let table = super::read_table(&arguments.table)?;
+    let config = arguments.config(&table)?;
+    let sigma_rad = arguments.sigma_rad(&table)?;
+    let input = super::open_input(&arguments.dots)?;
+    let frames = ObservedReader::new(&input.name, input.reader, sigma_rad)?;
+    let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
+    let mut outputs = Outputs::create(arguments)?;
+    match arguments.recognizer {
+        RecognizerName::Paper => {
+            let recognizer = PaperRecognizer::from_table(&table)?;
+            identify_frames(&recognizer, frames, threads, &mut outputs)?;
+        }
         RecognizerName::Robust => {
-            let config = arguments.config(&table)?;
-            identify_robust(&RobustRecognizer::new(table.pattern(), config)?, frames)
+            let recognizer = RobustRecognizer::new(table.pattern(), config)?;
+            let listed = RivalConfig::default();
+            let rivals = RivalConfig {
+                // Only JSON lists them; the first one shows a tie.
+                max_rivals: if arguments.json { listed.max_rivals } else { 1 },
+                ..listed
+            };
+            identify_with_rivals(&recognizer, rivals, frames, threads, &mut outputs)?;
         }
-    };
-    for answer in &mut answers {
-        let confidence = answer.identification().map(|found| found.confidence);
-        if confidence.is_some_and(|c| c < arguments.min_confidence) {
-            answer.outcome = Outcome::Unidentified(RecognizerRejection::NoHypothesis);
-        }
     }
-    let text = orientations_csv(&answers);
-    if let Some(path) = &arguments.output {
-        crate::files::write_bytes(path, text.as_bytes())?;
-    }
-    if arguments.json {
-        print_json(&to_json(arguments, &answers))?;
-    } else if arguments.output.is_none() {
-        std::io::stdout()
-            .write_all(text.as_bytes())
-            .map_err(|e| Error::write("standard output", e))?;
-    }
-    say(&arguments.dots, &answers);
-    Ok(())
+    outputs.finish(&input.name)
 }
 
 impl Arguments {
@@ -162,142 +156,241 @@ impl Arguments {
     }
 }
 
-fn identify_paper(recognizer: &PaperRecognizer<'_>, frames: Vec<ObservedFrame>) -> Vec<Answer> {
-    let mut workspace = recognizer.workspace();
-    frames
-        .into_iter()
-        .map(|frame| Answer {
-            outcome: recognizer.identify(&frame.dots, &mut workspace),
-            rivals: Vec::new(),
-            frame,
-        })
-        .collect()
+/// Where the answers go.
+struct Outputs<'a> {
+    arguments: &'a Arguments,
+    file: Option<OrientationWriter<BufWriter<OutputFile>>>,
+    stdout: Stdout,
+    tally: Tally,
 }
 
-fn identify_robust(recognizer: &RobustRecognizer, frames: Vec<ObservedFrame>) -> Vec<Answer> {
-    let mut workspace = recognizer.workspace();
-    frames
-        .into_iter()
-        .map(|frame| {
-            let outcome = recognizer.identify(&frame.dots, &mut workspace);
-            let mut rivals = Vec::new();
-            if matches!(outcome, Outcome::Identified(_)) {
-                let mut rival = Identification::default();
-                for rank in 1..=MAX_RIVALS {
-                    if !recognizer.explanation(rank, &workspace, &mut rival)
-                        || rival.pose_confidence < MIN_RIVAL
-                    {
-                        break;
-                    }
-                    rivals.push(rival.clone());
+/// What standard output gets.
+enum Stdout {
+    Nothing,
+    Orientations(OrientationWriter<BufWriter<std::io::Stdout>>),
+    Json(JsonFrames),
+}
+
+/// The JSON object, kept on disk until it is whole: half of one would be of no use.
+struct JsonFrames {
+    spool: BufWriter<std::fs::File>,
+    is_first: bool,
+}
+
+impl<'a> Outputs<'a> {
+    fn create(arguments: &'a Arguments) -> Result<Self> {
+        let file = arguments.output.as_deref().map(OutputFile::create);
+        let buffered = |file| OrientationWriter::new(BufWriter::with_capacity(WRITE_BYTES, file));
+        Ok(Self {
+            arguments,
+            file: file.transpose()?.map(buffered),
+            stdout: if arguments.json {
+                let spool = tempfile::tempfile().map_err(spool_error)?;
+                Stdout::Json(JsonFrames {
+                    spool: BufWriter::with_capacity(WRITE_BYTES, spool),
+                    is_first: true,
+                })
+            } else if arguments.output.is_none() {
+                let stdout = BufWriter::with_capacity(WRITE_BYTES, std::io::stdout());
+                Stdout::Orientations(OrientationWriter::new(stdout))
+            } else {
+                Stdout::Nothing
+            },
+            tally: Tally::default(),
+        })
+    }
+
+    /// Ends the outputs, and says what became of the frames.
+    fn finish(self, input: &Path) -> Result<()> {
+        if let (Some(writer), Some(path)) = (self.file, &self.arguments.output) {
+            let error = |e| Error::write(path, e);
+            let buffer = writer.finish().map_err(error)?;
+            let file = buffer.into_inner().map_err(|e| error(e.into_error()))?;
+            file.finish()?;
+        }
+        match self.stdout {
+            Stdout::Nothing => {}
+            Stdout::Orientations(writer) => {
+                writer.finish().map_err(super::stdout_error)?;
+            }
+            Stdout::Json(frames) => frames.print(self.arguments.recognizer, &self.tally)?,
+        }
+        self.tally.say(input)
+    }
+}
+
+impl Sink<FrameAnswer> for Outputs<'_> {
+    type Error = Error;
+
+    fn take(&mut self, mut answer: FrameAnswer) -> Result<()> {
+        let confidence = answer.identification().map(|found| found.confidence);
+        let is_doubtful = confidence.is_some_and(|c| c < self.arguments.min_confidence);
+        if is_doubtful {
+            answer.outcome = Outcome::Unidentified(RecognizerRejection::NoHypothesis);
+        }
+        self.tally.count(&answer, is_doubtful);
+        let row = row(&answer);
+        if let (Some(file), Some(path)) = (&mut self.file, &self.arguments.output) {
+            file.write(&row).map_err(|e| Error::write(path, e))?;
+        }
+        match &mut self.stdout {
+            Stdout::Nothing => Ok(()),
+            Stdout::Orientations(writer) => writer.write(&row).map_err(super::stdout_error),
+            Stdout::Json(frames) => frames.push(&answer),
+        }
+    }
+
+    /// Nothing waits here while the input is slow.
+    fn idle(&mut self) -> Result<()> {
+        if let (Some(file), Some(path)) = (&mut self.file, &self.arguments.output) {
+            file.flush().map_err(|e| Error::write(path, e))?;
+        }
+        if let Stdout::Orientations(writer) = &mut self.stdout {
+            writer.flush().map_err(super::stdout_error)?;
+        }
+        Ok(())
+    }
+}
+
+fn spool_error(error: std::io::Error) -> Error {
+    Error::write(std::env::temp_dir(), error)
+}
+
+impl JsonFrames {
+    fn push(&mut self, answer: &FrameAnswer) -> Result<()> {
+        let lead = if self.is_first { "{\"frames\":[" } else { "," };
+        self.is_first = false;
+        self.spool.write_all(lead.as_bytes()).map_err(spool_error)?;
+        serde_json::to_writer(&mut self.spool, &to_json(answer)).map_err(|e| spool_error(e.into()))
+    }
+
+    fn print(mut self, recognizer: RecognizerName, tally: &Tally) -> Result<()> {
+        let identified = tally.identified;
+        writeln!(
+            self.spool,
+            "],\"identified\":{identified},\"recognizer\":\"{recognizer}\"}}"
+        )
+        .map_err(spool_error)?;
+        let mut spool = self
+            .spool
+            .into_inner()
+            .map_err(|e| spool_error(e.into_error()))?;
+        spool.rewind().map_err(spool_error)?;
+        let mut stdout = std::io::stdout();
+        std::io::copy(&mut spool, &mut stdout).map_err(super::stdout_error)?;
+        stdout.flush().map_err(super::stdout_error)
+    }
+}
+
+/// Whether another pose is about as probable as the answer's.
+fn is_tied(answer: &FrameAnswer) -> bool {
+    let best = answer.identification().map(|found| found.pose_confidence);
+    let rival = answer.rivals.first().map(|r| r.pose_confidence);
+    matches!((best, rival), (Some(b), Some(r)) if r >= TIE * b)
+}
+
+/// A frame's row; the field of a time that is not known stays empty.
+fn row(answer: &FrameAnswer) -> OrientationRow {
+    let found = answer.identification();
+    OrientationRow {
+        frame: answer.frame.name.clone(),
+        time_s: answer.frame.time_or_name_s().unwrap_or(f64::NAN),
+        orientation: found.map(|f| f.rotation),
+        dots: Some(answer.frame.dots.len()),
+        matched: Some(found.map_or(0, Identification::matched)),
+        residual_rad: found.map(|f| f.residual_rad),
+        confidence: found.map(|f| f.confidence),
+    }
+}
+
+fn to_json(answer: &FrameAnswer) -> serde_json::Value {
+    let mut json = json!({
+        "frame": answer.frame.name,
+        "time_s": answer.frame.time_or_name_s(),
+        "dots": answer.frame.dots.len(),
+    });
+    match &answer.outcome {
+        Outcome::Identified(found) => {
+            json["orientation_wxyz"] = json!(to_wxyz(&found.rotation));
+            json["assignment"] = json!(found.assignment);
+            json["matched"] = found.matched().into();
+            json["residual_deg"] = found.residual_rad.to_degrees().into();
+            json["confidence"] = found.confidence.into();
+            json["pose_confidence"] = found.pose_confidence.into();
+            let rival = |r: &Identification| {
+                json!({
+                    "orientation_wxyz": to_wxyz(&r.rotation),
+                    "pose_confidence": r.pose_confidence,
+                })
+            };
+            json["rivals"] = answer.rivals.iter().map(rival).collect();
+        }
+        Outcome::Unidentified(rejection) => json["refusal"] = rejection.to_string().into(),
+    }
+    json
+}
+
+/// What became of the frames.
+#[derive(Default)]
+struct Tally {
+    frames: u64,
+    identified: u64,
+    tied: u64,
+    mirrored: u64,
+    doubtful: u64,
+    /// The first frame that was rejected, and why.
+    first_rejected: Option<(String, RecognizerRejection)>,
+}
+
+impl Tally {
+    fn count(&mut self, answer: &FrameAnswer, is_doubtful: bool) {
+        self.frames += 1;
+        self.doubtful += u64::from(is_doubtful);
+        self.tied += u64::from(is_tied(answer));
+        match answer.outcome {
+            Outcome::Identified(_) => self.identified += 1,
+            Outcome::Unidentified(rejection) => {
+                self.mirrored += u64::from(rejection == RecognizerRejection::Mirrored);
+                if !is_doubtful && self.first_rejected.is_none() {
+                    self.first_rejected = Some((answer.frame.name.clone(), rejection));
                 }
             }
-            Answer {
-                outcome,
-                rivals,
-                frame,
-            }
+        }
+    }
+
+    /// Says on standard error what became of the frames.
+    fn say(&self, input: &Path) -> Result<()> {
+        let path = input.display();
+        let (tied, mirrored) = (self.tied, self.mirrored);
+        errln!(
+            "{path}: {} of {} frames identified",
+            self.identified,
+            self.frames
+        );
+        if tied > 0 {
+            errln!(
+                "{path}: {tied} frames have another pose that explains them about as well (--json lists it): does the pattern look like itself when turned?"
+            );
+        }
+        if mirrored > 0 {
+            errln!(
+                "{path}: {mirrored} frames show the pattern's mirror image: is an axis of the image flipped (y points up, x right)?"
+            );
+        }
+        if self.identified > 0 {
+            return Ok(());
+        }
+        let mut reasons = Vec::new();
+        if self.doubtful > 0 {
+            let doubtful = self.doubtful;
+            reasons.push(format!("{doubtful} answers are below --min-confidence"));
+        }
+        if let Some((name, rejection)) = &self.first_rejected {
+            reasons.push(format!("frame {}: {rejection}", shown(name)));
+        }
+        Err(Error::NoAnswer {
+            path: input.to_path_buf(),
+            reason: format!("no frame is identified; {}", reasons.join("; ")),
         })
-        .collect()
-}
-
-/// A rotation's quaternion, scalar first and not negative.
-fn wxyz(rotation: &Rotation) -> [f64; 4] {
-    let q = rotation.into_inner();
-    let q = if q.w < 0.0 { -q } else { q };
-    [q.w, q.i, q.j, q.k]
-}
-
-impl Answer {
-    fn identification(&self) -> Option<&Identification> {
-        match &self.outcome {
-            Outcome::Identified(found) => Some(found),
-            Outcome::Unidentified(_) => None,
-        }
-    }
-
-    /// Whether another pose is about as likely as the answer's.
-    fn is_tied(&self) -> bool {
-        let best = self.identification().map(|found| found.pose_confidence);
-        let rival = self.rivals.first().map(|r| r.pose_confidence);
-        matches!((best, rival), (Some(b), Some(r)) if r >= TIE * b)
-    }
-
-    fn row(&self) -> OrientationRow {
-        let found = self.identification();
-        OrientationRow {
-            frame: self.frame.name.clone(),
-            time_s: self.frame.time_or_name_s().unwrap_or(f64::NAN),
-            orientation: found.map(|f| f.rotation),
-            dots: Some(self.frame.dots.len()),
-            matched: Some(found.map_or(0, Identification::matched)),
-            residual_rad: found.map(|f| f.residual_rad),
-            confidence: found.map(|f| f.confidence),
-        }
-    }
-
-    fn to_json(&self) -> serde_json::Value {
-        let mut json = json!({
-            "frame": self.frame.name,
-            "time_s": self.frame.time_or_name_s(),
-            "dots": self.frame.dots.len(),
-        });
-        match &self.outcome {
-            Outcome::Identified(found) => {
-                json["orientation_wxyz"] = json!(wxyz(&found.rotation));
-                json["assignment"] = json!(found.assignment);
-                json["matched"] = found.matched().into();
-                json["residual_deg"] = found.residual_rad.to_degrees().into();
-                json["confidence"] = found.confidence.into();
-                json["pose_confidence"] = found.pose_confidence.into();
-                let rival = |r: &Identification| {
-                    json!({
-                        "orientation_wxyz": wxyz(&r.rotation),
-                        "pose_confidence": r.pose_confidence,
-                    })
-                };
-                json["rivals"] = self.rivals.iter().map(rival).collect();
-            }
-            Outcome::Unidentified(refusal) => json["refusal"] = refusal.to_string().into(),
-        }
-        json
-    }
-}
-
-/// The orientations file; frames without a time leave its field empty.
-fn orientations_csv(answers: &[Answer]) -> String {
-    let rows = answers.iter().map(Answer::row).collect();
-    Orientations { rows }.to_csv()
-}
-
-fn to_json(arguments: &Arguments, answers: &[Answer]) -> serde_json::Value {
-    json!({
-        "recognizer": arguments.recognizer,
-        "frames": answers.iter().map(Answer::to_json).collect::<Vec<_>>(),
-        "identified": answers.iter().filter(|a| a.identification().is_some()).count(),
-    })
-}
-
-/// Says on standard error what became of the frames.
-fn say(path: &Path, answers: &[Answer]) {
-    let identified = answers.iter().filter(|a| a.identification().is_some());
-    let path = path.display();
-    errln!(
-        "{path}: {} of {} frames identified",
-        identified.count(),
-        answers.len()
-    );
-    let tied = answers.iter().filter(|a| a.is_tied()).count();
-    if tied > 0 {
-        errln!(
-            "{path}: {tied} frames have another pose that explains them about as well (--json lists it): does the pattern look like itself when turned?"
-        );
-    }
-    let mirrored = Outcome::Unidentified(RecognizerRejection::Mirrored);
-    let mirrored = answers.iter().filter(|a| a.outcome == mirrored).count();
-    if mirrored > 0 {
-        errln!(
-            "{path}: {mirrored} frames show the pattern's mirror image: is an axis of the image flipped (y points up, x right)?"
-        );
     }
 }

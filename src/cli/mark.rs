@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use super::design::keep_out;
+use super::design::{Cone, keep_out};
 use super::print_json;
-use crate::design::KeepOut;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::mark::{
@@ -42,7 +41,7 @@ pub struct Arguments {
     /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in degrees. May
     /// be repeated.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = keep_out, allow_hyphen_values = true)]
-    keep_out: Vec<KeepOut>,
+    keep_out: Vec<Cone>,
     /// Number of lobes, 12 to 24.
     #[arg(long, value_name = "N", default_value_t = GoreConfig::default().lobes)]
     lobes: usize,
@@ -145,7 +144,7 @@ impl Arguments {
         MarkConfig {
             ball_diameter_mm: self.ball_diameter_mm,
             dot_diameter_mm: self.dot_diameter_mm,
-            keep_out: self.keep_out.clone(),
+            keep_out: self.keep_out.iter().map(|cone| cone.keep_out).collect(),
         }
     }
 

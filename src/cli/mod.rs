@@ -1,6 +1,7 @@
 //! The command line: arguments in, library calls, words and files out.
 //!
-//! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
+//! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 3 done, but
+//! nothing could be answered; 1 anything else.
 
 /// Prints a line on standard output. Whoever reads may stop early (`| head`): then the command ends
 /// quietly; any other failure ends it with one line and exit code 1.
@@ -23,22 +24,29 @@ macro_rules! errln {
 
 mod compare;
 mod design;
+#[cfg(feature = "vision")]
 mod estimate;
+#[cfg(feature = "vision")]
+mod export;
 mod identify;
 mod mark;
-mod progress;
+mod output;
 mod sensitivity;
 mod simulate;
 mod spin;
+#[cfg(feature = "plot")]
+mod spin_plot;
 mod stencil;
+#[cfg(feature = "vision")]
 mod synth;
 mod table;
-mod train;
 mod trajectories;
+#[cfg(feature = "plot")]
+mod trajectories_plot;
 mod validate;
 
-use std::io::Write;
-use std::path::Path;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -71,6 +79,7 @@ enum Command {
     /// Tell which dot is which from observed directions, and how the ball is turned.
     Identify(identify::Arguments),
     /// Tell from images how the ball is turned, and how it spins.
+    #[cfg(feature = "vision")]
     Estimate(Box<estimate::Arguments>),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
@@ -81,11 +90,14 @@ enum Command {
     /// Simulate orientations of a turning ball, with a known truth.
     Simulate(simulate::Arguments),
     /// Draw synthetic images of a ball with a pattern, with their truth: a data set, or a turning ball.
+    #[cfg(feature = "vision")]
     Synth(Box<synth::Arguments>),
-    /// Train the dot detector on synthetic frames.
-    Train(train::Arguments),
+    /// Say where the dot detector is trained: in a program of its own.
+    #[cfg(feature = "vision")]
+    Train(export::TrainArguments),
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
-    Export(train::ExportArguments),
+    #[cfg(feature = "vision")]
+    Export(export::Arguments),
     /// Check and summarize flights with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
 }
@@ -103,21 +115,29 @@ pub fn main() -> ExitCode {
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
+        #[cfg(feature = "vision")]
         Command::Estimate(arguments) => estimate::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
         Command::Mark(arguments) => mark::run(&arguments),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        #[cfg(feature = "vision")]
         Command::Synth(arguments) => synth::run(&arguments),
-        Command::Train(arguments) => train::run(&arguments),
-        Command::Export(arguments) => train::export(&arguments),
+        #[cfg(feature = "vision")]
+        Command::Train(arguments) => export::refuse_training(&arguments),
+        #[cfg(feature = "vision")]
+        Command::Export(arguments) => export::run(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             errln!("spindoe: {error}");
-            ExitCode::from(if error.is_usage() { 2 } else { 1 })
+            ExitCode::from(match error {
+                Error::NoAnswer { .. } => 3,
+                error if error.is_usage() => 2,
+                _ => 1,
+            })
         }
     }
 }
@@ -147,6 +167,33 @@ fn read_table(path: &Path) -> Result<HashTable> {
         let pattern = Pattern::from_csv(path, &bytes)?;
         HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())
     }
+}
+
+/// An input that is read bit by bit: a file, or standard input for `-`.
+struct Input {
+    /// As messages name it.
+    name: PathBuf,
+    reader: Box<dyn BufRead + Send>,
+}
+
+/// Opens a file to be read, or standard input for `-`.
+fn open_input(path: &Path) -> Result<Input> {
+    let (name, reader): (_, Box<dyn BufRead + Send>) = if path == Path::new("-") {
+        let stdin = BufReader::with_capacity(1 << 16, std::io::stdin());
+        (PathBuf::from("standard input"), Box::new(stdin))
+    } else {
+        (path.to_path_buf(), Box::new(files::open(path)?))
+    };
+    Ok(Input { name, reader })
+}
+
+/// What a failure to write on standard output comes to. Whoever reads may stop early (`| head`): then
+/// the command ends quietly.
+fn stdout_error(error: std::io::Error) -> Error {
+    if error.kind() == std::io::ErrorKind::BrokenPipe {
+        std::process::exit(0);
+    }
+    Error::write("standard output", error)
 }
 
 /// See `outln`.

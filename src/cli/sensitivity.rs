@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::output::one_of;
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
-use crate::report::plots::sensitivity_plots;
 use crate::validate::{Protocol, ProtocolName, SensitivityConfig, sensitivity, sensitivity_csv};
 
 #[derive(Debug, Args)]
@@ -24,7 +24,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// How the views are made.
-    #[arg(long, value_enum, default_value_t = ProtocolName::Paper)]
+    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Paper)]
     protocol: ProtocolName,
     /// Trials a point.
     #[arg(long, value_name = "N", default_value_t = 2_000)]
@@ -69,7 +69,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     })?;
     let csv = sensitivity_csv(&points);
     files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
-    sensitivity_plots(dir, &points)?;
+    #[cfg(feature = "plot")]
+    crate::report::plots::sensitivity_plots(dir, &points)?;
     if arguments.json {
         return print_json(&points);
     }

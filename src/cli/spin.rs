@@ -1,20 +1,20 @@
 //! `spindoe spin`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use crate::error::{Error, Result};
-use crate::geometry::Vec3;
-use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
+use crate::geometry::{Vec3, to_wxyz};
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
-use crate::spin::decay::{DecayConfig, DecayFit, fit_decay};
+use crate::spin::decay::{DecayConfig, DecayFit, DecayOutcome, fit_decay};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig, standard_deviations};
-use crate::spin::windows::{WindowFit, spin_over_time};
+#[cfg(feature = "plot")]
+use crate::spin::windows::spin_over_time;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 
 /// Alternatives are listed up to this many times the largest spin that is searched.
@@ -24,9 +24,7 @@ const PRIOR_SPREAD: f64 = 0.2;
 /// Residuals this many times larger than expected are worth a word.
 const SUSPICIOUS_NOISE: f64 = 3.0;
 /// Half-width of a 95 % interval in standard deviations.
-const Z95: f64 = 1.96;
-/// Sections of a plotted curve.
-const CURVE_POINTS: usize = 100;
+pub(super) const Z95: f64 = 1.96;
 /// Alternatives printed in words; `--json` has them all.
 const MAX_PRINTED: usize = 6;
 
@@ -42,7 +40,8 @@ enum Method {
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Orientations: CSV with a header, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence
-    /// (seconds; quaternion scalar first, pattern to camera, empty where there is none).
+    /// (seconds; quaternion scalar first, pattern to camera, empty where there is none); - is
+    /// standard input.
     orientations: PathBuf,
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
@@ -60,11 +59,12 @@ pub struct Arguments {
     /// Noise of the orientations in degrees per axis, a first guess: the residuals correct it.
     #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
     sigma_deg: f64,
-    /// Take the spin to decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
-    /// orientation.
+    /// Look for a decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
+    /// orientation. Without evidence for a decay it is the constant spin.
     #[arg(long)]
     decay: bool,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
+    #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Orientations in a run, within which the spin is taken as constant; for --decay and --plot.
@@ -82,6 +82,13 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    fn draws(&self) -> bool {
+        #[cfg(feature = "plot")]
+        return self.plot.is_some();
+        #[cfg(not(feature = "plot"))]
+        return false;
+    }
+
     fn check(&self) -> Result<()> {
         let flags = [
             ("--max-spin-rps", Some(self.max_spin_rps)),
@@ -101,7 +108,7 @@ impl Arguments {
             let problem = format!("expected at least {MIN_FRAMES}, found {}", self.window);
             return Err(Error::argument("--window", problem));
         }
-        if self.method == Method::Quatera && (self.decay || self.plot.is_some()) {
+        if self.method == Method::Quatera && (self.decay || self.draws()) {
             let problem = "the paper's method has neither --decay nor --plot, expected robust";
             return Err(Error::argument("--method", problem));
         }
@@ -137,23 +144,25 @@ impl Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     arguments.check()?;
-    let file = Orientations::read_csv(&arguments.orientations)?;
+    let input = super::open_input(&arguments.orientations)?;
+    let file = Orientations::read(&input.name, input.reader)?;
     let measurements = file.measurements();
-    let refused = |r: SpinRejection| r.in_file(&arguments.orientations);
+    let refused = |r: SpinRejection| r.in_file(&input.name);
     let options = DecayConfig {
         robust: arguments.robust_options(),
         window: arguments.window,
+        ..DecayConfig::default()
     };
     let (fit, decay) = if arguments.decay {
-        let decay = fit_decay(&measurements, &options).map_err(refused)?;
-        (decay.start, Some(decay))
+        let outcome = fit_decay(&measurements, &options).map_err(refused)?;
+        (*outcome.start(), Some(outcome))
     } else {
         (arguments.fit(&measurements).map_err(refused)?, None)
     };
     // A decaying spin has its aliases only for as long as it may be taken as constant.
     let constant = match decay {
-        Some(_) => &measurements[..arguments.window],
-        None => &measurements,
+        Some(DecayOutcome::Decaying(_)) => &measurements[..arguments.window],
+        _ => &measurements[..],
     };
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
@@ -164,7 +173,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
         errln!(
             "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {} deg: is it one?",
-            if arguments.decay {
+            if matches!(decay, Some(DecayOutcome::Decaying(_))) {
                 "decaying"
             } else {
                 "constant"
@@ -180,9 +189,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         fit,
         decay: decay.map(|d| Decay::new(d, arguments)),
     };
+    #[cfg(feature = "plot")]
     if let Some(path) = &arguments.plot {
         let runs = spin_over_time(&measurements, options.window, &options.robust);
-        plot_over_time(path, &runs.map_err(refused)?, &found)?;
+        super::spin_plot::plot_over_time(path, &runs.map_err(refused)?, &found)?;
     }
     if arguments.json {
         return super::print_json(&found.to_json());
@@ -191,66 +201,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The spins of the runs with their intervals, and the fit to all of them.
-fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> Result<()> {
-    use std::f64::consts::TAU;
-    let points: Vec<ValuePoint> = runs
-        .iter()
-        .map(|r| {
-            let y = r.fit.motion.rps();
-            let half = Z95 * std_along(&r.fit).unwrap_or(0.0) / TAU;
-            ValuePoint {
-                x: r.time_s,
-                y,
-                low: y - half,
-                high: y + half,
-            }
-        })
-        .collect();
-    let ends = (points.first().map(|p| p.x), points.last().map(|p| p.x));
-    let (Some(first), Some(last)) = ends else {
-        return Err(Error::argument(
-            "--plot",
-            "no run of orientations shows a spin",
-        ));
-    };
-    let curve = |i: usize| {
-        let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
-        let rate = found.decay.as_ref().map(|d| d.fit.rate_at(t));
-        (t, rate.map_or(found.fit.motion.rps(), |r| r / TAU))
-    };
-    let name = match &found.decay {
-        Some(d) => format!(
-            "fit to all, c = {:.4} +- {:.4} /s",
-            d.fit.decay_per_s, d.fit.std_per_s
-        ),
-        None => "constant spin fitted to all".into(),
-    };
-    let plot = ValuePlot {
-        title: "Spin over time".into(),
-        x_label: "time (s)".into(),
-        y_label: "spin (revolutions per second)".into(),
-        values: vec![ValueSeries {
-            name: "runs of orientations, 95 % intervals".into(),
-            points,
-        }],
-        lines: vec![LineSeries {
-            name,
-            points: (0..=CURVE_POINTS).map(curve).collect(),
-        }],
-    };
-    value_curves(path, &plot)
-}
-
-/// A fitted decay and what theory expects, 1/s.
+/// What the orientations say of a decay, and what theory expects, 1/s.
 struct Decay {
-    fit: DecayFit,
+    outcome: DecayOutcome,
     creeping: f64,
     boundary_layer: f64,
 }
 
 impl Decay {
-    fn new(fit: DecayFit, arguments: &Arguments) -> Self {
+    fn new(outcome: DecayOutcome, arguments: &Arguments) -> Self {
         let ball = Ball {
             radius_m: 0.5e-3 * arguments.ball_diameter_mm,
             mass_kg: 1e-3 * arguments.ball_mass_g,
@@ -258,29 +217,43 @@ impl Decay {
         let air = Air::default();
         Self {
             creeping: creeping_decay(&ball, &air),
-            boundary_layer: boundary_layer_decay(&ball, &air, fit.start.motion.spin.norm()),
-            fit,
+            boundary_layer: boundary_layer_decay(&ball, &air, outcome.start().motion.spin.norm()),
+            outcome,
         }
     }
 
     fn to_json(&self) -> serde_json::Value {
-        let (low, high) = self.fit.interval_per_s;
+        let interval = self.outcome.interval_per_s();
+        let (decaying, ln_bayes_factor) = match &self.outcome {
+            DecayOutcome::Decaying(d) => (Some(d), Some(d.ln_bayes_factor)),
+            DecayOutcome::Constant(c) => (None, c.ln_bayes_factor),
+        };
         json!({
-            "c_per_s": self.fit.decay_per_s,
-            "std_per_s": self.fit.std_per_s,
-            "low_per_s": low,
-            "high_per_s": high,
+            "c_per_s": decaying.map(|d| d.decay_per_s),
+            "std_per_s": decaying.map(|d| d.std_per_s),
+            "low_per_s": interval.map(|i| i.low),
+            "high_per_s": interval.map(|i| i.high),
+            "ln_bayes_factor": ln_bayes_factor,
             "creeping_flow_per_s": self.creeping,
             "boundary_layer_per_s": self.boundary_layer,
         })
     }
 
     fn print(&self) {
-        let (low, high) = self.fit.interval_per_s;
-        outln!(
-            "  decay     c = {:.4} /s, 95 % interval [{low:.4}, {high:.4}]",
-            self.fit.decay_per_s
-        );
+        let interval = self.outcome.interval_per_s();
+        let within = interval.map(|i| format!("[{:.4}, {:.4}]", i.low, i.high));
+        match (&self.outcome, within) {
+            (DecayOutcome::Decaying(d), Some(within)) => outln!(
+                "  decay     c = {:.4} /s, 95 % interval {within}",
+                d.decay_per_s
+            ),
+            (_, Some(within)) => outln!(
+                "  decay     no evidence for one: the spin is constant (c, 95 % interval {within} /s)"
+            ),
+            (_, None) => {
+                outln!("  decay     left open by these orientations: the spin is taken as constant")
+            }
+        }
         outln!(
             "  theory    12 pi mu r / m = {:.5} /s (creeping flow); {:.4} /s with a boundary layer",
             self.creeping,
@@ -290,23 +263,31 @@ impl Decay {
 }
 
 /// Standard deviation of a fit's magnitude, rad/s.
-fn std_along(fit: &Fit) -> Option<f64> {
+pub(super) fn std_along(fit: &Fit) -> Option<f64> {
     let axis = unit(&fit.motion.spin);
     let covariance = fit.spin_covariance?;
     Some(axis.dot(&(covariance * axis)).max(0.0).sqrt())
 }
 
 /// Everything that is reported.
-struct Found {
+pub(super) struct Found {
     method: Method,
     frames: usize,
     orientations: usize,
-    fit: Fit,
+    pub(super) fit: Fit,
     alternatives: Vec<Alternative>,
     decay: Option<Decay>,
 }
 
 impl Found {
+    /// The decay for which there is evidence.
+    pub(super) fn decaying(&self) -> Option<&DecayFit> {
+        match &self.decay.as_ref()?.outcome {
+            DecayOutcome::Decaying(d) => Some(d),
+            DecayOutcome::Constant(_) => None,
+        }
+    }
+
     fn std_rad_s(&self) -> Option<Vec3> {
         self.fit.spin_covariance.as_ref().map(standard_deviations)
     }
@@ -381,8 +362,6 @@ impl Found {
 
 /// A fit's fields, of a sequence of `frames` of which `orientations` are known.
 pub(super) fn fit_json(fit: &Fit, frames: usize, orientations: usize) -> serde_json::Value {
-    let q = fit.motion.orientation.into_inner();
-    let q = if q.w < 0.0 { -q } else { q };
     let mut json = vector_json(&fit.motion.spin);
     let std = fit.spin_covariance.as_ref().map(standard_deviations);
     json["std_rad_s"] = json!(std.map(|s| [s.x, s.y, s.z]));
@@ -396,7 +375,7 @@ pub(super) fn fit_json(fit: &Fit, frames: usize, orientations: usize) -> serde_j
     json["frames"] = frames.into();
     json["orientations"] = orientations.into();
     json["time_s"] = fit.motion.time_s.into();
-    json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
+    json["orientation_wxyz"] = json!(to_wxyz(&fit.motion.orientation));
     json
 }
 

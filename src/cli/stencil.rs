@@ -7,7 +7,6 @@ use clap::Args;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::Pattern;
-use crate::plot;
 use crate::stencil::coupon::coupon;
 use crate::stencil::{HalfName, HoleSide, Stencil, StencilConfig, stl_bytes};
 
@@ -188,8 +187,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         // That of the stencil which was replaced.
         None => files::remove_if_present(&coupon)?,
     }
-    let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-    plot::stencil_views(&dir.join(PICTURE), &stencil, &title)?;
+    #[cfg(feature = "plot")]
+    {
+        let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
+        crate::plot::stencil_views(&dir.join(PICTURE), &stencil, &title)?;
+    }
     print_words(&stencil);
     outln!("written to {}", dir.display());
     Ok(())

@@ -3,34 +3,48 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
+use super::output::one_of;
 use super::simulate::vector;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::Vec3;
 use crate::hash::HashTable;
 use crate::pattern::Pattern;
-use crate::synth::SynthConfig;
 use crate::synth::dataset::{Sequence, SequenceConfig, independent_frame};
-use crate::synth::folder::{self, Origin, Written};
+use crate::synth::folder::{self, Masks, Origin, Written};
+use crate::synth::{SynthConfig, SynthKind};
 
-/// Most frames of a set.
+/// Maximum number of frames of a set.
 const MAX_FRAMES: usize = 1_000_000;
 /// Plain lines come no more often than this, seconds.
 const SILENCE_S: f64 = 5.0;
 
+/// Where the ranges of random frames start from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+enum Preset {
+    /// All conditions: any camera, light, background, motion and noise.
+    #[default]
+    All,
+    /// Good conditions: a ball of 60 pixels, sharp, well lit, in full view.
+    Good,
+}
+
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The folder then holds images/*.png, index.csv (for the SpinDOE authors' reader: image path, quaternion w,x,y,z, then
-u,v of each dot to be found), truth.json (everything known of every frame), contact_sheet.png, and for a sequence
-orientations.csv, which `spindoe spin` reads.
+The folder then holds images/*.png, index.csv (for the SpinDOE authors' reader: image path from the folder,
+quaternion w,x,y,z, then u,v of each dot to be found), truth.json (everything known of every frame),
+contact_sheet.png, and for a sequence orientations.csv, which `spindoe spin` reads.
 
 Examples:
   spindoe synth pattern.csv --out set --frames 5000
-  spindoe synth table.npz --out flight --sequence --frames 20 --rps 60 --size 64")]
+  spindoe synth pattern.csv --out easy --preset good
+  spindoe synth pattern.csv --out empty --kind dotless
+  spindoe synth table.npz --out clip --sequence --frames 20 --rps 60 --ball-px 60
+  spindoe synth table.npz --out live --sequence --image-size 1280x1024 --ball-px 60 --drift-px 400,-80")]
 pub struct Arguments {
     /// The pattern, CSV, or a hash table, NPZ.
     pattern: PathBuf,
@@ -43,6 +57,12 @@ pub struct Arguments {
     /// Seed.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+    /// The ranges from which frames are drawn; the flags below change them.
+    #[arg(long, value_enum, default_value_t)]
+    preset: Preset,
+    /// What is shown: the pattern's ball, or something without the pattern [default: dotted].
+    #[arg(long, value_parser = one_of(&SynthKind::ALL, SynthKind::as_str))]
+    kind: Option<SynthKind>,
     /// One ball that turns at a constant spin, instead of another ball, view and camera in every frame.
     #[arg(long)]
     sequence: bool,
@@ -57,8 +77,8 @@ pub struct Arguments {
     /// Spin, revolutions per second: one number, or LOW,HIGH [default: 0,150].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "RPS")]
     rps: Option<[f64; 2]>,
-    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random
-    /// where not given.
+    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at
+    /// random where not given.
     #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z", requires_all = ["sequence", "rps"])]
     axis: Option<Vec3>,
     /// Exposure of the sequence's frames in milliseconds; at random where not given.
@@ -69,34 +89,67 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     exposure_ms: Option<f64>,
-    /// Side of all images, pixels [default: 40 to 200, small ones likelier].
+    /// How far the ball moves over the sequence, U,V pixels; a tenth of its radius, at random, where not
+    /// given.
+    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "U,V", requires = "sequence")]
+    drift_px: Option<[f64; 2]>,
+    /// Side of all crops, pixels [default: 40 to 200, small ones likelier].
     #[arg(long, value_name = "PX", conflicts_with_all = ["min_size", "max_size"])]
     size: Option<usize>,
-    /// Least side, pixels.
+    /// Minimum side of the crops, pixels.
     #[arg(long, value_name = "PX")]
     min_size: Option<usize>,
-    /// Greatest side, pixels.
+    /// Maximum side of the crops, pixels.
     #[arg(long, value_name = "PX")]
     max_size: Option<usize>,
-    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball. [default: 2.3,7.4]
+    /// Diameter of the ball, pixels: one number, or LOW,HIGH; the crop's side follows from it.
+    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "PX")]
+    ball_px: Option<[f64; 2]>,
+    /// Whole frames of this size with the ball anywhere in them, WIDTHxHEIGHT pixels, instead of crops.
+    #[arg(long, value_parser = size, value_name = "WxH")]
+    image_size: Option<[usize; 2]>,
+    /// Distance of the camera in ball radii: one number, or LOW,HIGH [default: 6,60].
+    #[arg(
+        long,
+        alias = "camera-distance",
+        value_parser = range,
+        allow_hyphen_values = true,
+        value_name = "RADII"
+    )]
+    camera_distance_radii: Option<[f64; 2]>,
+    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default: 2.3,7.4].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
     dot_radius_deg: Option<[f64; 2]>,
-    /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number, or LOW,HIGH; one for a
-    /// ball. [default: 0.46,1.7]
+    /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number, or
+    /// LOW,HIGH; one for a ball [default: 0.23,1.7].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
-    misplacement_deg: Option<[f64; 2]>,
-    /// Probability of a logo.
+    placement_sigma_deg: Option<[f64; 2]>,
+    /// Probability of a logo [default: 0.7].
     #[arg(long, value_name = "P", allow_negative_numbers = true)]
-    logo: Option<f64>,
-    /// Greatest angle that a ball turns during the exposure, degrees.
+    logo_probability: Option<f64>,
+    /// Maximum angle that a ball turns during the exposure, degrees [default: 17].
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
-    max_blur_deg: Option<f64>,
-    /// All ranges, JSON, as `config` in truth.json; what is left out has its default, and the flags above win.
-    #[arg(long, value_name = "FILE")]
+    max_arc_deg: Option<f64>,
+    /// Flip all images left to right, as a selfie video is.
+    #[arg(long)]
+    mirrored: bool,
+    /// Write masks/*.png, too: white where the ball is seen.
+    #[arg(long)]
+    masks: bool,
+    /// All ranges, JSON, as `config` in truth.json; what is left out has its default, and the flags above
+    /// win.
+    #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     config: Option<PathBuf>,
     /// Print a summary as one JSON object instead of words.
     #[arg(long)]
     json: bool,
+}
+
+/// Columns and rows, as `1280x1024`.
+fn size(text: &str) -> std::result::Result<[usize; 2], String> {
+    let parts = text.split_once(['x', 'X']);
+    let numbers = parts.and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    numbers.ok_or_else(|| "expected WIDTHxHEIGHT, as 1280x1024".into())
 }
 
 /// A number, or two separated by a comma.
@@ -114,24 +167,37 @@ fn range(text: &str) -> std::result::Result<[f64; 2], String> {
 
 impl Arguments {
     fn synth_config(&self) -> Result<SynthConfig> {
-        let mut config = match &self.config {
-            Some(path) => serde_json::from_slice(&files::read_bytes(path)?)
+        let mut config: SynthConfig = match (&self.config, self.preset) {
+            (Some(path), _) => serde_json::from_slice(&files::read_bytes(path)?)
                 .map_err(|e| Error::input(path, "configuration", e.to_string()))?,
-            None => SynthConfig::default(),
+            (None, Preset::All) => SynthConfig::default(),
+            (None, Preset::Good) => SynthConfig::good(),
         };
+        if self.size.or(self.min_size).or(self.max_size).is_some() {
+            // The side of the crop is given: the ball's size follows from it, unless it is given, too.
+            config.ball_px = None;
+        }
         config.size_px[0] = self.size.or(self.min_size).unwrap_or(config.size_px[0]);
         config.size_px[1] = self.size.or(self.max_size).unwrap_or(config.size_px[1]);
+        config.kind = self.kind.unwrap_or(config.kind);
+        config.ball_px = self.ball_px.or(config.ball_px);
+        config.image_px = self.image_size.or(config.image_px);
         config.rps = self.rps.unwrap_or(config.rps);
+        if let Some(distance) = self.camera_distance_radii {
+            config.camera_distance_radii = distance;
+            config.parallel_share = 0.0;
+        }
         if let Some(radius) = self.dot_radius_deg {
             config.dot_radius_rad = radius.map(f64::to_radians);
         }
-        if let Some(sigma) = self.misplacement_deg {
-            config.misplacement_rad = sigma.map(f64::to_radians);
+        if let Some(sigma) = self.placement_sigma_deg {
+            config.placement_sigma_rad = sigma.map(f64::to_radians);
         }
-        config.logo_probability = self.logo.unwrap_or(config.logo_probability);
-        if let Some(arc) = self.max_blur_deg {
+        config.logo_probability = self.logo_probability.unwrap_or(config.logo_probability);
+        if let Some(arc) = self.max_arc_deg {
             config.max_arc_rad = arc.to_radians();
         }
+        config.mirrored |= self.mirrored;
         config.check()?;
         Ok(config)
     }
@@ -144,11 +210,11 @@ impl Arguments {
             (Some(axis), Some([low, high])) => {
                 if low != high {
                     let problem = "expected one number where --axis is given";
-                    return Err(Error::argument("--rps", problem));
+                    return Err(Error::argument("rps", problem));
                 }
                 let axis = axis
                     .try_normalize(0.0)
-                    .ok_or_else(|| Error::argument("--axis", "expected a vector that is not 0"))?;
+                    .ok_or_else(|| Error::argument("axis", "expected a vector that is not 0"))?;
                 Some((axis * (low * std::f64::consts::TAU)).into())
             }
             _ => None,
@@ -157,6 +223,7 @@ impl Arguments {
             fps: self.fps,
             spin,
             exposure_s: self.exposure_ms.map(|ms| 1e-3 * ms),
+            drift_px: self.drift_px,
         }))
     }
 }
@@ -165,10 +232,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.synth_config()?;
     let pattern = read_pattern(&arguments.pattern)?;
     let Arguments { frames, seed, .. } = *arguments;
-    if !(1..=MAX_FRAMES).contains(&frames) {
-        let problem = format!("expected 1 to {MAX_FRAMES}, found {frames}");
-        return Err(Error::argument("--frames", problem));
-    }
+    require(
+        (1..=MAX_FRAMES).contains(&frames),
+        "frames",
+        "1 to 1000000",
+        frames,
+    )?;
     let sequence_config = arguments.sequence_config()?;
     let sequence = sequence_config
         .map(|s| Sequence::random(&pattern, &config, &s, seed, frames))
@@ -188,7 +257,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(sequence) => sequence.frame(k),
         None => independent_frame(&pattern, &config, seed, k),
     };
-    let written = folder::write(&arguments.out, origin, frames, draw, |k| progress.show(k))?;
+    let masks = if arguments.masks {
+        Masks::Write
+    } else {
+        Masks::Omit
+    };
+    let shown = |k| progress.show(k);
+    let written = folder::write(&arguments.out, origin, frames, masks, draw, shown)?;
     progress.bar.finish_and_clear();
     let spin = sequence.map(|s| s.spin());
     summarize(arguments, &written, spin, clock.elapsed().as_secs_f64())
@@ -256,7 +331,7 @@ fn refuse_taken(dir: &Path) -> Result<()> {
                 "{} holds frames already ({name}); choose another folder",
                 dir.display()
             );
-            return Err(Error::argument("--out", problem));
+            return Err(Error::argument("out", problem));
         }
     }
     Ok(())

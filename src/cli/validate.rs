@@ -1,9 +1,10 @@
-//! `spindoe validate`: how often is a pattern identified rightly?
+//! `spindoe validate`: how often is a pattern identified correctly?
 
 use std::path::PathBuf;
 
 use clap::Args;
 
+use super::output::one_of;
 use super::{print_json, read_table};
 use crate::error::{Error, Result};
 use crate::files;
@@ -14,7 +15,7 @@ use crate::validate::{NamedValidation, Protocol, ProtocolName, observed_frames, 
 #[command(after_help = "\
 Protocols (a view is a rotation uniform on SO(3)):
   paper    all dots with z > 0, noise of 3 deg: the SpinDOE paper's own test
-  sparse   four of the dots with z > 1/3, noise of 3 deg: the hardest to tell apart
+  sparse   four of the dots with z > 1/3, noise of 3 deg: the hardest to identify
   clutter  noise of 5 deg, 20 % of the dots missed, two false dots
   image    noise of 1 px per axis on a ball of 30 px radius, 10 % missed, one false dot
 
@@ -28,7 +29,7 @@ pub struct Arguments {
     #[arg(value_name = "PATTERN_OR_TABLE")]
     input: PathBuf,
     /// How the views are made.
-    #[arg(long, value_enum, default_value_t = ProtocolName::Paper)]
+    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Paper)]
     protocol: ProtocolName,
     /// Number of trials.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
@@ -40,7 +41,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// The recognizer that is asked.
-    #[arg(long, value_enum, default_value_t = RecognizerName::Robust)]
+    #[arg(long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust)]
     recognizer: RecognizerName,
     /// Also write the views' dots to this file, as `spindoe identify` reads them; frames are named
     /// trial-0, trial-1, ..., skipped views are left out.

@@ -4,14 +4,15 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::candidate::{Candidate, Milestone, Stage};
 use super::config::DesignConfig;
 use super::polish::Polish;
-use super::search::{Candidate, Milestone};
 use crate::error::{Error, Result};
+#[cfg(feature = "native")]
 use crate::files;
 
 /// Version of the checkpoint's format.
-pub const CHECKPOINT_VERSION: u32 = 2;
+pub const CHECKPOINT_VERSION: u32 = 3;
 
 /// Where a search stands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -34,6 +35,11 @@ pub struct SearchState {
     pub missed: Option<String>,
 }
 
+#[derive(Deserialize)]
+struct Version {
+    checkpoint_version: u32,
+}
+
 #[derive(Serialize, Deserialize)]
 struct File {
     checkpoint_version: u32,
@@ -42,10 +48,20 @@ struct File {
 }
 
 impl SearchState {
+    /// The best pattern so far, in a stage: the polished one where it is of the best that the search has.
+    pub fn best(&self, stage: Stage) -> Option<&Candidate> {
+        let found = self.pool.first();
+        let polish = self.polish.as_ref().filter(|polish| {
+            stage == Stage::Polish || found.is_some_and(|best| best.dots == polish.from.dots)
+        });
+        polish.map(|polish| &polish.at).or(found)
+    }
+
     /// Writes the search, whole or not at all.
     ///
     /// # Errors
     /// [`Error::Write`].
+    #[cfg(feature = "native")]
     pub fn save(&self, path: &Path, config: &DesignConfig) -> Result<()> {
         let file = File {
             checkpoint_version: CHECKPOINT_VERSION,
@@ -57,19 +73,24 @@ impl SearchState {
         files::write_bytes(path, &text)
     }
 
-    /// Reads a search that was saved under the same configuration; more rounds, also of polishing, may be asked for.
+    /// Reads a search that was saved under the same configuration; more rounds, also of polishing, may be
+    /// asked for.
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] for another version, another configuration or a damaged file.
+    #[cfg(feature = "native")]
     pub fn load(path: &Path, config: &DesignConfig) -> Result<Self> {
         let bytes = files::read_bytes(path)?;
-        let file: File = serde_json::from_slice(&bytes)
-            .map_err(|e| Error::input(path, "checkpoint", format!("cannot be read: {e}")))?;
-        if file.checkpoint_version != CHECKPOINT_VERSION {
-            let found = file.checkpoint_version;
-            let problem = format!("expected version {CHECKPOINT_VERSION}, found {found}");
+        let unreadable =
+            |e: serde_json::Error| Error::input(path, "checkpoint", format!("cannot be read: {e}"));
+        // The version first: another format may have other fields.
+        let Version { checkpoint_version } = serde_json::from_slice(&bytes).map_err(unreadable)?;
+        if checkpoint_version != CHECKPOINT_VERSION {
+            let problem =
+                format!("expected version {CHECKPOINT_VERSION}, found {checkpoint_version}");
             return Err(Error::input(path, "checkpoint_version", problem));
         }
+        let file: File = serde_json::from_slice(&bytes).map_err(unreadable)?;
         let mut same = file.config;
         same.rounds = config.rounds;
         same.polish = config.polish;

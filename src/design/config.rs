@@ -1,11 +1,12 @@
-//! How a design is searched: every figure on which its result depends.
+//! How a design is searched: every value on which its result depends.
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use super::constraints::Constraints;
 use super::objective::bound::BoundSummary;
 use super::objective::{Objective, confusion};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::validate::{Protocol, ProtocolName};
 
@@ -75,28 +76,28 @@ impl DesignConfig {
     /// # Errors
     /// [`Error::Argument`] naming the parameter.
     pub fn check(&self) -> Result<()> {
-        if !(MIN_DOTS..=MAX_DOTS).contains(&self.dots) {
-            let problem = format!("expected {MIN_DOTS} to {MAX_DOTS}, found {}", self.dots);
-            return Err(Error::argument("dots", problem));
-        }
+        let dots = format!("{MIN_DOTS} to {MAX_DOTS}");
+        require(
+            (MIN_DOTS..=MAX_DOTS).contains(&self.dots),
+            "dots",
+            &dots,
+            self.dots,
+        )?;
         for (name, value) in [
             ("starts", self.starts as u64),
             ("rounds", self.rounds as u64),
-            ("steps", self.scout_steps.min(self.climb_steps)),
+            ("scout_steps", self.scout_steps),
+            ("climb_steps", self.climb_steps),
             ("samples", self.samples),
         ] {
-            if value == 0 {
-                return Err(Error::argument(name, "expected at least 1, found 0"));
-            }
+            require(value > 0, name, "at least 1", value)?;
         }
         for (name, weight) in [
-            ("bound weight", self.bound_weight),
-            ("basis weight", self.basis_weight),
+            ("bound_weight", self.bound_weight),
+            ("basis_weight", self.basis_weight),
         ] {
-            if !(weight >= 0.0 && weight.is_finite()) {
-                let problem = format!("expected a number not below 0, found {weight}");
-                return Err(Error::argument(name, problem));
-            }
+            let inside = weight >= 0.0 && weight.is_finite();
+            require(inside, name, "a number not below 0", weight)?;
         }
         if !self.objective.name().suits(self.dots) {
             let problem = format!(
@@ -113,22 +114,39 @@ impl DesignConfig {
     /// Seed of the trials of one stage of one round, or of the last trial's halvings.
     pub fn selection_seed(&self, round: usize, halving: usize) -> u64 {
         let stage = (round as u64) << 8 | halving as u64;
-        self.seed ^ (0x5e1e_c700 + (stage << 32))
+        self.trial_seed(0x5e1e_c700 + (stage << 32))
     }
 
     /// Seed of the trials of one step of one round of polishing.
-    pub(super) fn polish_seed(&self, round: usize, step: u64) -> u64 {
+    pub fn polish_seed(&self, round: usize, step: u64) -> u64 {
         let stage = (round as u64) << 8 | step;
-        self.seed ^ (0x9011_5400 + (stage << 32))
+        self.trial_seed(0x9011_5400 + (stage << 32))
     }
 
     /// Seed of the trials that show the progress; nothing is chosen by them.
-    pub(super) fn progress_seed(&self) -> u64 {
-        self.seed ^ 0x9406_4e00
+    pub fn progress_seed(&self) -> u64 {
+        self.trial_seed(0x9406_4e00)
     }
 
     /// Seed of the trials that are reported; never used before the winner is known.
     pub fn report_seed(&self) -> u64 {
-        self.seed ^ 0x4e90_4700
+        self.trial_seed(0x4e90_4700)
+    }
+
+    /// A seed for one purpose. A pattern that is improved was chosen by trials of its own, perhaps of a
+    /// design with the same seed: its digest enters, so that these trials are not drawn again.
+    fn trial_seed(&self, purpose: u64) -> u64 {
+        let salt = self.from.as_ref().map_or(0, |dots| {
+            let mut hasher = Sha256::new();
+            for c in dots.iter().flatten() {
+                hasher.update(c.to_le_bytes());
+            }
+            let digest = hasher.finalize();
+            digest
+                .iter()
+                .take(8)
+                .fold(0, |salt, &b| salt << 8 | u64::from(b))
+        });
+        self.seed ^ purpose ^ salt
     }
 }

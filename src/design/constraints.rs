@@ -1,4 +1,4 @@
-//! What a pattern must satisfy to be printed, drawn and read, as figures and as linear inequalities.
+//! What a pattern must satisfy to be printed, drawn and read, as values and as linear inequalities.
 //!
 //! A design works on the dots and, where a stencil's seam is to stay clear, on the seam's normal as one
 //! more unit vector. Every demand is written as `g(x) <= 0` in cosines or heights on the unit sphere:
@@ -8,8 +8,12 @@
 //!   `limit - p_i . v`,
 //! - seam, each dot: `sin(margin) - sign_i (p_i . normal)`, the dot stays on its side,
 //! - keep-out, each dot and cone: `p_i . axis - cos(half angle)`.
+//!
+//! A pattern that nobody can draw is none, so this module asks [`crate::stencil`] for two things: the seam
+//! of maximum margin, and whether a stencil is possible ([`Stencil::check`]). It is the one place where
+//! the design depends on the stencil.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::geometry::{Vec3, angle_between, spiral_directions};
 use crate::pattern::Pattern;
 use crate::stencil::{Stencil, StencilConfig, max_margin_seam};
@@ -33,13 +37,13 @@ pub struct KeepOut {
 /// What a pattern must satisfy.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Constraints {
-    /// Least angle between two dots, radians.
+    /// Minimum angle between two dots, radians.
     pub min_separation_rad: f64,
-    /// Fewest dots in view from any direction.
+    /// Minimum number of dots in view from any direction.
     pub min_visible: usize,
-    /// Least z of a dot that counts as in view.
+    /// Minimum z of a dot that counts as in view.
     pub visibility_limit: f64,
-    /// Least angle between a dot and the seam's great circle, radians; 0 demands nothing.
+    /// Minimum angle between a dot and the seam's great circle, radians; 0 demands nothing.
     pub seam_margin_rad: f64,
     /// Cones without dots.
     pub keep_out: Vec<KeepOut>,
@@ -79,7 +83,7 @@ impl Constraints {
     /// them can be promised.
     ///
     /// # Errors
-    /// [`Error::Argument`] with the nearest figure that might work.
+    /// [`Error::Argument`] with the nearest value that might work.
     pub fn check_demand(&self, dots: usize) -> Result<()> {
         let limit = max_separation(dots);
         if !(self.min_separation_rad >= 0.0 && self.min_separation_rad < limit) {
@@ -92,27 +96,23 @@ impl Constraints {
                 limit.to_degrees(),
                 self.min_separation_rad.to_degrees()
             );
-            return Err(Error::argument("least separation", problem));
+            return Err(Error::argument("min_separation_rad", problem));
         }
-        if self.min_visible > dots / 2 {
-            let problem = format!(
-                "expected at most {} of {dots} dots (opposite views share them), found {}",
-                dots / 2,
-                self.min_visible
-            );
-            return Err(Error::argument("least visible", problem));
-        }
+        let most = dots / 2;
+        let expected = format!("at most {most} of {dots} dots (opposite views share them)");
+        require(
+            self.min_visible <= most,
+            "min_visible",
+            &expected,
+            self.min_visible,
+        )?;
         let margin = self.seam_margin_rad.to_degrees();
-        if !(0.0..60.0).contains(&margin) {
-            let problem = format!("expected 0 to 60 degrees, found {margin}");
-            return Err(Error::argument("seam margin", problem));
-        }
+        let inside = (0.0..60.0).contains(&margin);
+        require(inside, "seam_margin_rad", "0 to 60 degrees", margin)?;
         for cone in &self.keep_out {
             let angle = cone.half_angle_rad.to_degrees();
-            if !(angle > 0.0 && angle < 90.0) {
-                let problem = format!("expected a half angle of 0 to 90 degrees, found {angle}");
-                return Err(Error::argument("keep-out", problem));
-            }
+            let inside = angle > 0.0 && angle < 90.0;
+            require(inside, "keep_out", "a half angle of 0 to 90 degrees", angle)?;
         }
         Ok(())
     }
@@ -123,7 +123,7 @@ impl Constraints {
         let deg = f64::to_degrees;
         if summary.min_separation_rad < self.min_separation_rad - ANGLE_TOLERANCE {
             let found = deg(summary.min_separation_rad);
-            return Some(format!("least separation {found:.2} deg"));
+            return Some(format!("minimum separation {found:.2} deg"));
         }
         let seen = pattern.min_visible(self.visibility_limit);
         if seen < self.min_visible {

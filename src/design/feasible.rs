@@ -10,48 +10,47 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 use super::constraints::{Constraints, max_separation};
 use super::objective::Evaluation;
 use super::scp::{Cost, descend};
-use super::start::random_pattern;
+use crate::concurrency;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
+use crate::pattern::random_pattern;
 
 /// Packings and descents that are tried.
 const TRIES: u64 = 6;
-/// Steps of a descent from one look at the demands to the next, and most looks.
+/// Steps of a descent from one check of the demands to the next, and the number of checks.
 const STEPS: u64 = 10;
-const LOOKS: usize = 8;
+const CHECKS: usize = 8;
 /// Steps of a packing at each sharpness, and how often that doubles.
 const PACKING_STEPS: usize = 150;
 const DOUBLINGS: i32 = 9;
-/// A step of a packing, as part of the least separation.
+/// A step of a packing, as part of the minimum separation.
 const PACKING_STEP: f64 = 0.1;
-/// Part of the densest packing's separation at which dots placed one by one at random still find room.
+/// Part of the densest packing's separation at which dots placed one by one at random still fit.
 const RANDOM_SHARE: f64 = 0.7;
 
 /// The separation with which a random start is placed: the demanded one, or what random dots can have.
-/// The descent mends the rest.
+/// The descent fixes the rest.
 pub(super) fn start_separation(dots: usize, demanded_rad: f64) -> f64 {
     demanded_rad.min(RANDOM_SHARE * max_separation(dots))
 }
 
-/// The largest least angle between so many dots that was reached, radians.
+/// The largest minimum angle between so many dots that was reached, radians.
 pub fn packed_separation(dots: usize) -> f64 {
-    (0..TRIES)
-        .into_par_iter()
-        .map(|stream| {
-            let mut rng = ChaCha8Rng::seed_from_u64(0);
-            rng.set_stream(stream);
-            let start = (0..dots).map(|_| random_direction(&mut rng)).collect();
-            packing(start)
-        })
-        .reduce(|| 0.0, f64::max)
+    concurrency::map_range(0..TRIES, |stream| {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        rng.set_stream(stream);
+        let start = (0..dots).map(|_| random_direction(&mut rng)).collect();
+        packing(start)
+    })
+    .into_iter()
+    .fold(0.0, f64::max)
 }
 
-/// Lets dots repel each other with energies `1 / d^k`, k doubling; their least angle then.
+/// Lets dots repel each other with energies `1 / d^k`, k doubling; their minimum angle then.
 fn packing(mut dots: Vec<Vec3>) -> f64 {
     let mut best = 0.0f64;
     for doubling in 0..DOUBLINGS {
@@ -97,8 +96,9 @@ fn min_distance(dots: &[Vec3]) -> f64 {
     least
 }
 
-/// The logarithm of the electrostatic energy of unit charges.
-struct Charges;
+/// The logarithm of the electrostatic energy of unit charges (the Thomson problem).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Charges;
 
 impl Cost for Charges {
     fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
@@ -126,7 +126,7 @@ impl Constraints {
     /// a few was found to satisfy.
     ///
     /// # Errors
-    /// [`Error::Argument`] with the nearest figure that was reached.
+    /// [`Error::Argument`] with the nearest value that was reached.
     pub fn check_feasible(&self, dots: usize) -> Result<()> {
         self.check_demand(dots)?;
         let reached = packed_separation(dots);
@@ -140,12 +140,13 @@ impl Constraints {
                 self.min_separation_rad.to_degrees(),
                 (10.0 * reached.to_degrees()).floor() / 10.0
             );
-            return Err(Error::argument("least separation", problem));
+            return Err(Error::argument("min_separation_rad", problem));
         }
-        let met = (0..TRIES)
-            .into_par_iter()
-            .map(|stream| self.missed_after_descent(dots, stream))
-            .find_any(|tried| !matches!(tried, Ok(Some(_))));
+        let met = concurrency::find_any(
+            0..TRIES,
+            |stream| self.missed_after_descent(dots, stream),
+            |tried| !matches!(tried, Ok(Some(_))),
+        );
         match met {
             Some(Ok(_)) => return Ok(()),
             Some(Err(error)) => return Err(error),
@@ -155,7 +156,7 @@ impl Constraints {
         let problem = format!(
             "no pattern of {dots} dots was found that meets all of them at once; what was reached: {missed}"
         );
-        Err(Error::argument("demands", problem))
+        Err(Error::argument("constraints", problem))
     }
 
     fn missed_after_descent(&self, dots: usize, stream: u64) -> Result<Option<String>> {
@@ -164,7 +165,7 @@ impl Constraints {
         let separation = start_separation(dots, self.min_separation_rad);
         let mut pattern = random_pattern(dots, separation, &mut rng)?;
         let mut missed = self.missed(&pattern);
-        for _ in 0..LOOKS {
+        for _ in 0..CHECKS {
             if missed.is_none() {
                 break;
             }

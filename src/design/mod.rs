@@ -12,6 +12,7 @@
 //! What is optimized against is not what a pattern is judged by: the objectives draw no trials, the
 //! trials that select are fresh in every round, and what is reported comes from seeds used nowhere else.
 
+mod candidate;
 pub mod checkpoint;
 mod config;
 pub mod constraints;
@@ -24,8 +25,9 @@ pub mod search;
 pub mod start;
 mod work;
 
+pub use crate::pattern::random_pattern;
+pub use candidate::{Candidate, Milestone, Stage};
 pub use config::DesignConfig;
 pub use constraints::{Constraints, KeepOut};
 pub use objective::{Objective, ObjectiveName, OrientationBound};
-pub use search::{Candidate, DesignObserver, DesignOutcome, Milestone, Stage, design};
-pub use start::random_pattern;
+pub use search::{DesignObserver, DesignOutcome, design};

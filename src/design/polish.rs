@@ -29,11 +29,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::{Deserialize, Serialize};
 
+use super::candidate::Candidate;
 use super::config::DesignConfig;
 use super::objective::Evaluation;
 use super::rate::SmoothRate;
 use super::scp::{Cost, Descent};
-use super::search::Candidate;
 use super::work::{DesignCost, candidate, results};
 use crate::error::Result;
 use crate::geometry::Vec3;

@@ -1,6 +1,6 @@
 //! The failure rate itself, made smooth: what a recognizer's trials say, as a cost with its gradient.
 //!
-//! A recognizer that knows the law of its views answers with the likeliest explanation, and is wrong with
+//! A recognizer that knows the distribution of its views answers with the likeliest explanation, and is wrong with
 //! the probability that the others hold. The mean over views of
 //!
 //! ```text
@@ -17,9 +17,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::prelude::*;
-
 use super::objective::Evaluation;
+use crate::concurrency;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 use crate::pattern::Pattern;
@@ -31,7 +30,7 @@ use crate::validate::{CommonRandomTrials, Protocol, Trial};
 const CERTAIN: f64 = 0.01;
 /// Explanations with less of a share than this are left out.
 const MIN_SHARE: f64 = 1e-3;
-/// Most explanations of a view that are followed.
+/// Maximum number of explanations of a view that are followed.
 const MAX_EXPLANATIONS: usize = 5;
 /// Half the difference that the derivative is taken over, radians: a tenth of the noise.
 const DIFFERENCE_RAD: f64 = 0.004;
@@ -49,7 +48,7 @@ pub struct SmoothRate<'a> {
     pub seed: u64,
     /// Their number.
     pub trials: u64,
-    /// Where set, nothing more is looked at and the figures mean nothing: what asked for them is to end.
+    /// Where set, nothing more is looked at and the values mean nothing: what asked for them is to end.
     pub stop: &'a AtomicBool,
 }
 
@@ -88,17 +87,15 @@ impl SmoothRate<'_> {
             .enumerate()
             .flat_map(|(i, d)| tangent_frame(d).map(|axis| (i, axis)))
             .collect();
-        let slopes: Result<Vec<f64>> = coordinates
-            .par_iter()
-            .map(|(i, axis)| {
-                if self.stop.load(Ordering::Relaxed) {
-                    return Ok(0.0);
-                }
-                let ahead = self.doubted(dots, *i, axis * DIFFERENCE_RAD, &doubts)?;
-                let behind = self.doubted(dots, *i, axis * -DIFFERENCE_RAD, &doubts)?;
-                Ok((ahead - behind) / (2.0 * DIFFERENCE_RAD * floored))
-            })
-            .collect();
+        let slopes = concurrency::map(&coordinates, |(i, axis)| {
+            if self.stop.load(Ordering::Relaxed) {
+                return Ok(0.0);
+            }
+            let ahead = self.doubted(dots, *i, axis * DIFFERENCE_RAD, &doubts)?;
+            let behind = self.doubted(dots, *i, axis * -DIFFERENCE_RAD, &doubts)?;
+            Ok((ahead - behind) / (2.0 * DIFFERENCE_RAD * floored))
+        });
+        let slopes: Result<Vec<f64>> = slopes.into_iter().collect();
         let mut gradient = vec![Vec3::zeros(); dots.len()];
         for ((i, axis), slope) in coordinates.iter().zip(slopes?) {
             gradient[*i] += axis * slope;
@@ -126,21 +123,19 @@ impl SmoothRate<'_> {
     fn survey(&self, dots: &[Vec3]) -> Result<(f64, Vec<Doubt>)> {
         let pattern = Pattern::new(dots.to_vec())?;
         let recognizer = RobustRecognizer::new(&pattern, self.protocol.recognizer_config())?;
-        let chunks = (self.trials as usize).div_ceil(CHUNK);
-        let found: Vec<(f64, Option<Doubt>)> = (0..chunks)
-            .into_par_iter()
-            .flat_map_iter(|chunk| {
-                let mut scratch = self.scratch(&recognizer);
-                let from = (chunk * CHUNK) as u64;
-                let to = if self.stop.load(Ordering::Relaxed) {
-                    from
-                } else {
-                    (from + CHUNK as u64).min(self.trials)
-                };
-                let look = |index| self.identify_trial(&pattern, &recognizer, index, &mut scratch);
-                (from..to).map(look).collect::<Vec<_>>()
-            })
-            .collect();
+        let size = CHUNK as u64;
+        let found = concurrency::map_range(0..self.trials.div_ceil(size), |chunk| {
+            let mut scratch = self.scratch(&recognizer);
+            let from = chunk * size;
+            let to = if self.stop.load(Ordering::Relaxed) {
+                from
+            } else {
+                (from + size).min(self.trials)
+            };
+            let identify = |index| self.identify_trial(&pattern, &recognizer, index, &mut scratch);
+            (from..to).map(identify).collect::<Vec<_>>()
+        });
+        let found: Vec<(f64, Option<Doubt>)> = found.into_iter().flatten().collect();
         let total = found.iter().map(|(failure, _)| failure).sum();
         Ok((total, found.into_iter().filter_map(|(_, d)| d).collect()))
     }
@@ -155,7 +150,7 @@ impl SmoothRate<'_> {
     ) -> (f64, Option<Doubt>) {
         scratch.views.generate(pattern, index, &mut scratch.trial);
         let (dots, answer) = (&scratch.trial.dots, &mut scratch.answer);
-        if dots.len() < self.protocol.min_dots.max(recognizer.min_dots()) {
+        if scratch.trial.real_dots() < self.protocol.min_dots.max(recognizer.min_dots()) {
             return (0.0, None);
         }
         if recognizer

@@ -30,7 +30,7 @@ use clarabel::solver::{
 use nalgebra::{DMatrix, DVector};
 
 use super::constraints::{Constraints, Row};
-use super::objective::Evaluation;
+use super::objective::{Evaluation, Objective};
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, tangent_frame};
 use crate::pattern::Pattern;
@@ -54,6 +54,12 @@ pub trait Cost: Sync {
     /// # Errors
     /// Where the dots are not finite.
     fn cost(&self, dots: &[Vec3]) -> Result<Evaluation>;
+}
+
+impl Cost for Objective {
+    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        Self::cost(self, dots)
+    }
 }
 
 /// The dots and the seam's normal, with the cost there.
@@ -344,7 +350,7 @@ impl Program {
 /// How far a descent goes.
 #[derive(Debug, Clone, Copy)]
 pub struct Descent<'a> {
-    /// Most convex programs.
+    /// Maximum number of convex programs.
     pub steps: u64,
     /// Trust radius at first, radians a tangent coordinate.
     pub first_radius: f64,

@@ -11,19 +11,14 @@
 //! descents says all that is needed to continue.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
-use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-
+use super::candidate::{Candidate, Milestone, Stage, sort_by_rate};
 use super::checkpoint::SearchState;
 use super::config::DesignConfig;
 use super::polish::{Polish, PolishStep};
 use super::work::{attempt, climb, rate, scout};
+use crate::concurrency::{self, Stopwatch};
 use crate::error::{Error, Result};
-use crate::geometry::Vec3;
-use crate::pattern::Pattern;
-use crate::validate::Proportion;
 
 /// Candidates that a round sends on to the last trial.
 const SENT_ON: usize = 3;
@@ -31,70 +26,6 @@ const SENT_ON: usize = 3;
 const POOL: usize = 12;
 /// Trials of a milestone, in units of the configuration's samples.
 const MILESTONE_VIEWS: u64 = 2;
-
-/// A pattern on its way through the search.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Candidate {
-    /// The start it came from, counted over all rounds.
-    pub start: usize,
-    /// The objective's figure at the start.
-    pub value_before: f64,
-    /// The objective's figure now.
-    pub value: f64,
-    /// The cost now: objective and bound.
-    pub cost: f64,
-    /// The demand that it misses, if any; such a candidate is never chosen.
-    pub missed: Option<String>,
-    /// Whether its orientation bound falls short of the goal; such a candidate stands behind all others.
-    pub short_of_goal: bool,
-    /// Identity rate over all trials so far, if it was tried.
-    pub identity: Option<Proportion>,
-    /// The dots.
-    pub dots: Vec<[f64; 3]>,
-}
-
-impl Candidate {
-    /// The pattern.
-    ///
-    /// # Errors
-    /// [`Error::Argument`] where the dots are none (only in a tampered checkpoint).
-    pub fn pattern(&self) -> Result<Pattern> {
-        Pattern::new(self.dots.iter().map(|d| Vec3::from(*d)).collect())
-    }
-
-    fn rate(&self) -> f64 {
-        self.identity.map_or(-1.0, |p| p.rate)
-    }
-}
-
-/// What a search is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Stage {
-    /// All starts of the round, a few steps each.
-    Scout,
-    /// The best quarter, to the end.
-    Climb,
-    /// Monte Carlo trials of the round's best.
-    Try,
-    /// The best of all rounds, with more and more trials.
-    Halve,
-    /// The winner, on the rate itself.
-    Polish,
-}
-
-/// The best so far, at some time.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Milestone {
-    /// Seconds since the search began, over all its runs.
-    pub elapsed_s: f64,
-    /// Rounds completed.
-    pub rounds: usize,
-    /// Rounds of polishing completed.
-    pub polished: usize,
-    /// The identity rate of the best candidate, always on the same trials, by which nothing is chosen.
-    pub identity: Proportion,
-}
 
 /// Follows a search; all methods are optional.
 pub trait DesignObserver {
@@ -156,7 +87,7 @@ pub fn design(
         config,
         stop,
         observer,
-        clock: Instant::now(),
+        clock: Stopwatch::start(),
         before_s: state.elapsed_s,
         unfinished: Vec::new(),
     };
@@ -204,7 +135,7 @@ struct Search<'a> {
     config: &'a DesignConfig,
     stop: &'a AtomicBool,
     observer: &'a mut dyn DesignObserver,
-    clock: Instant,
+    clock: Stopwatch,
     before_s: f64,
     /// What a stopped round came to. It takes part in the last trial of this run; the state does without,
     /// so that a resumed search finds what one that was never stopped finds.
@@ -255,7 +186,7 @@ impl Search<'_> {
         state.scouted.clear();
         state.climbed.clear();
         if let Some(best) = state.pool.first().cloned() {
-            self.milestone(state, &best)?;
+            self.milestone(state, &best, 0)?;
         }
         self.note(state, Stage::Try)?;
         Ok(true)
@@ -267,12 +198,11 @@ impl Search<'_> {
         let first = state.round * config.starts;
         while state.scouted.len() < config.starts && !self.stopped() {
             let from = first + state.scouted.len();
-            let to = (from + rayon::current_num_threads()).min(first + config.starts);
+            let to = (from + concurrency::threads()).min(first + config.starts);
             let pool = &state.pool;
-            let found: Result<Vec<_>> = (from..to)
-                .into_par_iter()
-                .map(|s| scout(config, pool, s, stop))
-                .collect();
+            let work = |s| scout(config, pool, s as usize, stop);
+            let found = concurrency::map_range(from as u64..to as u64, work);
+            let found: Result<Vec<_>> = found.into_iter().collect();
             self.keep(found?, &mut state.scouted);
             self.note(state, Stage::Scout)?;
         }
@@ -284,11 +214,9 @@ impl Search<'_> {
         let (config, stop) = (self.config, self.stop);
         while state.climbed.len() < chosen.len() && !self.stopped() {
             let from = state.climbed.len();
-            let to = (from + rayon::current_num_threads()).min(chosen.len());
-            let found: Result<Vec<_>> = chosen[from..to]
-                .par_iter()
-                .map(|c| climb(config, c, stop))
-                .collect();
+            let to = (from + concurrency::threads()).min(chosen.len());
+            let found = concurrency::map(&chosen[from..to], |c| climb(config, c, stop));
+            let found: Result<Vec<_>> = found.into_iter().collect();
             self.keep(found?, &mut state.climbed);
             self.note(state, Stage::Climb)?;
         }
@@ -304,7 +232,7 @@ impl Search<'_> {
         }
     }
 
-    /// The best of a round by their rates, after trials of those of least cost.
+    /// The best of a round by their rates, after trials of those of minimum cost.
     fn best_tried(
         &mut self,
         state: &mut SearchState,
@@ -330,14 +258,20 @@ impl Search<'_> {
         Ok(tried)
     }
 
-    fn milestone(&mut self, state: &mut SearchState, best: &Candidate) -> Result<()> {
+    /// Notes the rate of the best after a round of the search, or after so many of polishing it.
+    fn milestone(
+        &mut self,
+        state: &mut SearchState,
+        best: &Candidate,
+        polished: usize,
+    ) -> Result<()> {
         let config = self.config;
         let samples = MILESTONE_VIEWS * config.samples;
         let identity = rate(config, best, config.progress_seed(), samples)?;
         state.milestones.push(Milestone {
             elapsed_s: self.elapsed_s(),
             rounds: state.round,
-            polished: state.polish.as_ref().map_or(0, |p| p.steps.len()),
+            polished,
             identity,
         });
         Ok(())
@@ -383,22 +317,11 @@ impl Search<'_> {
             let Some(next) = polish.round(self.config, self.stop)? else {
                 return Ok(false);
             };
-            let at = next.at.clone();
+            let (at, rounds) = (next.at.clone(), next.steps.len());
             state.polish = Some(next);
-            self.milestone(state, &at)?;
+            self.milestone(state, &at, rounds)?;
             self.note(state, Stage::Polish)?;
         }
         Ok(true)
     }
-}
-
-/// Those that reach the goal first, of these the best rate first; ties by cost, then by start.
-fn sort_by_rate(candidates: &mut [Candidate]) {
-    candidates.sort_by(|a, b| {
-        a.short_of_goal
-            .cmp(&b.short_of_goal)
-            .then(b.rate().total_cmp(&a.rate()))
-            .then(a.cost.total_cmp(&b.cost))
-            .then(a.start.cmp(&b.start))
-    });
 }

@@ -8,15 +8,15 @@ use std::sync::atomic::AtomicBool;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::candidate::Candidate;
 use super::config::DesignConfig;
 use super::feasible::start_separation;
 use super::objective::{Evaluation, OrientationBound, basis};
 use super::scp::{Cost, Descent};
-use super::search::Candidate;
-use super::start::{move_dots, random_pattern};
+use super::start::move_dots;
 use crate::error::Result;
 use crate::geometry::{Vec3, random_direction};
-use crate::pattern::Pattern;
+use crate::pattern::{Pattern, random_pattern};
 use crate::recognize::robust::RobustRecognizer;
 use crate::validate::{Proportion, TrialResult, run_trials, summarize};
 
@@ -24,7 +24,7 @@ use crate::validate::{Proportion, TrialResult, run_trials, summarize};
 const SHAKE_RAD: f64 = 0.05;
 /// From the second round on, all starts but each of this number are made from the best so far.
 const FRESH_EVERY: usize = 4;
-/// Most dots of a good pattern that are put elsewhere to make a start of it.
+/// Maximum number of dots of a good pattern that are put elsewhere to make a start of it.
 const MAX_MOVED: usize = 4;
 
 /// The weighted sum that a descent lowers.
@@ -79,7 +79,7 @@ fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Res
     )
 }
 
-/// A pattern with its figures.
+/// A pattern with its values.
 pub(super) fn candidate(
     config: &DesignConfig,
     start: usize,

@@ -20,6 +20,7 @@ use zip::ZipWriter;
 use super::features::Basis;
 use super::table::{Arrays, FORMAT_VERSION, HashTable, TableMeta};
 use crate::error::{Error, Result};
+#[cfg(feature = "native")]
 use crate::files;
 use crate::geometry::Vec3;
 use crate::npz::{Archive, Checked, Problem, add_array, one_line, open, read_array};
@@ -36,6 +37,7 @@ impl HashTable {
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses; [`Error::Internal`] where the arrays cannot be packed.
+    #[cfg(feature = "native")]
     pub fn write_npz(&self, path: &Path) -> Result<()> {
         files::write_bytes(path, &self.to_npz()?)
     }
@@ -71,6 +73,7 @@ impl HashTable {
     /// # Errors
     /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the array and what is wrong
     /// with it.
+    #[cfg(feature = "native")]
     pub fn read_npz(path: &Path) -> Result<Self> {
         Self::from_npz(path, &files::read_bytes(path)?)
     }

@@ -95,7 +95,8 @@ pub struct TableMeta {
     pub format_version: u32,
     /// [`Pattern::sha256`] of the dots.
     pub pattern_sha256: String,
-    /// The recognizer's parameters.
+    /// The recognizer's parameters; files of version 0.1 spell the key `recogniser`.
+    #[serde(alias = "recogniser")]
     pub recognizer: RecognizerConfig,
     /// The rule by which pairs entered the table.
     pub pair_rule: PairRule,

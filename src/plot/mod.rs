@@ -11,6 +11,7 @@ mod bars;
 mod canvas;
 mod curves;
 mod features;
+#[cfg(feature = "vision")]
 mod overlay;
 mod recognition;
 mod solid;
@@ -24,6 +25,7 @@ pub use curves::{
     line_plot, rate_curves, reliability_plot, scatter_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
+#[cfg(feature = "vision")]
 pub use overlay::{
     OVERLAY_SIDE, OverlayDot, OverlayFrame, SHEET_FRAMES, contact_sheet, frame_overlay,
 };

@@ -1,15 +1,16 @@
 //! The Kent (Fisher-Bingham FB5) density on the unit sphere.
 //!
 //! `f(x) = exp(kappa g1.x + beta ((g2.x)^2 - (g3.x)^2)) / c(kappa, beta)` per steradian, with the
-//! orthonormal frame mean g1, major g2, minor g3, and (J. T. Kent, "The Fisher-Bingham distribution on
-//! the sphere", JRSS B 44, 1982, Eq. 2.3)
+//! orthonormal frame mean g1, major g2, minor g3, and (J. T. Kent, "The Fisher-Bingham distribution
+//! on the sphere", JRSS B 44, 1982, Eq. 2.3)
 //!
-//! `c = 2 pi sum_j G(j+1/2)/G(j+1) beta^(2j) (kappa/2)^(-2j-1/2) I_(2j+1/2)(kappa)`,  `0 <= 2 beta < kappa`.
+//! `c = 2 pi sum_j G(j+1/2)/G(j+1) beta^(2j) (kappa/2)^(-2j-1/2) I_(2j+1/2)(kappa)`, `0 <= 2 beta <
+//! kappa`.
 //!
-//! The series is summed relative to its first term, `4 pi sinh(kappa)/kappa`, whose logarithm is known
-//! in closed form. Each further term follows from the one before:
-//! `t_(j+1)/t_j = (j+1/2)/(j+1) (2 beta/kappa)^2 I_(2j+5/2)/I_(2j+1/2)`, where the ratios of successive
-//! Bessel functions `r_v = I_(v+1)/I_v` come from the recurrence `r_v = 1/(2(v+1)/kappa + r_(v+1))` run
+//! The series is summed relative to its first term, `4 pi sinh(kappa)/kappa`, whose logarithm is
+//! known in closed form. Each further term follows from the one before: `t_(j+1)/t_j =
+//! (j+1/2)/(j+1) (2 beta/kappa)^2 I_(2j+5/2)/I_(2j+1/2)`, where the ratios of successive Bessel
+//! functions `r_v = I_(v+1)/I_v` come from the recurrence `r_v = 1/(2(v+1)/kappa + r_(v+1))` run
 //! downwards, in which errors shrink (W. Gautschi, "Computational aspects of three-term recurrence
 //! relations", SIAM Review 9, 1967). All terms are positive and no term can overflow.
 
@@ -36,8 +37,8 @@ pub struct KentShape {
 }
 
 impl KentShape {
-    /// The shape with concentration `kappa` and ovalness `beta`, `0 <= 2 beta < kappa` (or both zero:
-    /// the uniform density).
+    /// The shape with concentration `kappa` and ovalness `beta`, `0 <= 2 beta < kappa` (or both
+    /// zero: the uniform density).
     ///
     /// # Errors
     /// [`Error::Argument`] naming the parameter outside its domain.
@@ -72,8 +73,8 @@ impl KentShape {
         self.ln_normalization
     }
 
-    /// Logarithm of the density (per steradian) at a direction given by its cosines with the frame's
-    /// mean, major and minor axis.
+    /// Logarithm of the density (per steradian) at a direction given by its cosines with the
+    /// frame's mean, major and minor axis.
     pub fn ln_density(&self, mean: f64, major: f64, minor: f64) -> f64 {
         self.kappa * mean + self.beta * (major * major - minor * minor) - self.ln_normalization
     }
@@ -89,8 +90,8 @@ pub struct KentDistribution {
 }
 
 impl KentDistribution {
-    /// The density around `mean`, drawn out along `major` and narrowed along `minor` (an orthonormal
-    /// frame of either hand).
+    /// The density around `mean`, drawn out along `major` and narrowed along `minor` (an
+    /// orthonormal frame of either hand).
     ///
     /// # Errors
     /// [`Error::Argument`] where the frame is not orthonormal, or `kappa`, `beta` are outside
@@ -241,7 +242,8 @@ mod tests {
 
     #[test]
     fn concentrated_limit_is_a_plane_gaussian() {
-        // c -> 2 pi e^kappa / sqrt((kappa - 2 beta)(kappa + 2 beta)) for large kappa (Kent, Eq. 2.5).
+        // c -> 2 pi e^kappa / sqrt((kappa - 2 beta)(kappa + 2 beta)) for large kappa (Kent, Eq.
+        // 2.5).
         let (kappa, beta) = (1e5, 3e4);
         let shape = KentShape::new(kappa, beta).expect("in the domain");
         let limit: f64 = kappa + (2.0 * PI / (kappa * kappa - 4.0 * beta * beta).sqrt()).ln();

@@ -7,7 +7,8 @@
 //! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
 //! - [`kent`]: the density that it scores with,
 //! - [`observed`]: the file of observed dots,
-//! - [`robust`]: the posterior over all explanations of the dots, the default.
+//! - [`robust`]: the posterior over all explanations of the dots, the default,
+//! - [`stream`]: frame after frame from an input without end, on all cores.
 
 use nalgebra::Matrix2;
 
@@ -17,13 +18,13 @@ pub mod kent;
 pub mod observed;
 pub mod paper;
 pub mod robust;
+#[cfg(feature = "native")]
+pub mod stream;
 
 pub use paper::{PaperConfig, PaperRecognizer};
 
 /// A recognizer's name, as written on the command line and in reports.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RecognizerName {
     /// The SpinDOE paper's algorithm, the baseline.
@@ -42,6 +43,23 @@ impl RecognizerName {
             Self::Paper => "paper",
             Self::Robust => "robust",
         }
+    }
+}
+
+impl std::str::FromStr for RecognizerName {
+    type Err = crate::error::Error;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .into_iter()
+            .find(|known| known.as_str() == name)
+            .ok_or_else(|| {
+                let known = Self::ALL.map(Self::as_str).join(", ");
+                crate::error::Error::argument(
+                    "recognizer",
+                    format!("expected one of {known}, found \"{name}\""),
+                )
+            })
     }
 }
 
@@ -160,8 +178,9 @@ pub trait Recognizer: Sync {
     /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
 
-    /// Identifies `dots` and writes the answer into `out`, whose memory is reused. The answer depends on
-    /// the dots alone, not on what the workspace saw before. A refusal leaves `out` in no useful state.
+    /// Identifies `dots` and writes the answer into `out`, whose memory is reused. The answer
+    /// depends on the dots alone, not on what the workspace saw before. A refusal leaves `out` in
+    /// no useful state.
     ///
     /// # Errors
     /// A [`RecognizerRejection`] that says why there is no answer.

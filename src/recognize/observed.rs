@@ -6,43 +6,63 @@
 //! frame,x,y,z[,time_s][,sigma_deg][,var_radial_deg2,cov_deg2,var_across_deg2]
 //! ```
 //!
-//! `frame` is any text, `x,y,z` the unit vector from the ball's center to the dot in the camera frame (x
-//! right, y up, z towards the camera). Optional are the frame's time in seconds, and how far off a dot may
-//! be: `sigma_deg`, the standard deviation along any one tangent axis, or a covariance in degrees squared,
-//! whose first axis points radially outward in the image (towards the limb, along growing angle from z)
-//! and whose second axis is `direction x first`, counter-clockwise as the camera sees it. For a dot
-//! exactly on the z axis the first axis is x. Empty fields mean that nothing is known.
+//! `frame` is any text, `x,y,z` the unit vector from the ball's center to the dot in the camera frame
+//! (x right, y up, z towards the camera). Optional are the frame's time in seconds, and how far off a
+//! dot may be: `sigma_deg`, the standard deviation along any one tangent axis, or a covariance in
+//! degrees squared, whose first axis points radially outward in the image (towards the limb, along
+//! growing angle from z) and whose second axis is `direction x first`, counter-clockwise as the
+//! camera sees it. For a dot exactly on the z axis the first axis is x. Empty fields mean that nothing
+//! is known.
 //!
-//! Guarantees: directions are finite and of unit length, covariances positive definite, no frame occurs
-//! twice; everything else is refused with the line and the field.
+//! [`ObservedReader`] yields frame after frame from any input, in memory that does not grow with the
+//! file. A frame is complete, and handed out, when a row of the next one or the end is read.
+//!
+//! Guarantees: directions are finite and of unit length, covariances positive definite, at most
+//! [`MAX_FRAME_DOTS`] dots in a frame, and no name among the [`REMEMBERED_FRAMES`] frames before it;
+//! everything else is refused with the line and the field. Beyond so many frames, names are
+//! remembered at random, so that a recording given twice is still refused within its first frames,
+//! while a single row astray may pass as a frame of its own.
 
 use std::collections::HashSet;
 use std::fmt::Write as _;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::BufRead;
 use std::path::Path;
 
 use nalgebra::Matrix2;
 
 use super::{DotUncertainty, ObservedDot};
 use crate::error::{Error, Result};
+#[cfg(feature = "native")]
 use crate::files;
+use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
 use crate::geometry::{Spherical, Vec3, tangent_frame};
 use crate::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE};
 
-const COLUMNS: [&str; 9] = [
-    "frame",
-    "x",
-    "y",
-    "z",
-    "time_s",
-    "sigma_deg",
-    "var_radial_deg2",
-    "cov_deg2",
-    "var_across_deg2",
-];
-/// How many of [`COLUMNS`] a file must have.
-const INDISPENSABLE: usize = 4;
+/// Most dots of a frame; far more than any pattern and its false dots show.
+pub const MAX_FRAME_DOTS: usize = 1 << 16;
+/// Frames whose names are remembered, to notice rows that stand apart from their frame's: 12 minutes
+/// at 350 frames per second, in 7 MB.
+pub const REMEMBERED_FRAMES: usize = 1 << 18;
+
+static COLUMNS: Columns<9> = Columns {
+    names: [
+        "frame",
+        "x",
+        "y",
+        "z",
+        "time_s",
+        "sigma_deg",
+        "var_radial_deg2",
+        "cov_deg2",
+        "var_across_deg2",
+    ],
+    required: 0..4,
+};
+/// Those of [`COLUMNS`] that make up a covariance.
+const COVARIANCE: std::ops::Range<usize> = 6..9;
 /// Dots nearer to the z axis than this (sine) have no outward direction.
-const CENTRE: f64 = 1e-12;
+const CENTER: f64 = 1e-12;
 
 /// The dots seen in one image.
 #[derive(Debug, Clone, PartialEq)]
@@ -65,70 +85,149 @@ impl ObservedFrame {
 
 /// Unit tangent vectors at a direction: outward in the image, and counter-clockwise across.
 pub fn image_axes(direction: &Vec3) -> [Vec3; 2] {
-    if direction.xy().norm() < CENTRE {
+    if direction.xy().norm() < CENTER {
         return [Vec3::x(), direction.cross(&Vec3::x())];
     }
     let outward = Spherical::from_direction(direction).jacobian().d_theta;
     [outward, direction.cross(&outward)]
 }
 
-/// Reads a file of observed dots. Dots of which no uncertainty is given get `sigma_rad` (radians, along
-/// one tangent axis).
+/// Reads a whole file of observed dots. Dots of which no uncertainty is given get `sigma_rad`
+/// (radians, along one tangent axis).
 ///
 /// # Errors
 /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+#[cfg(feature = "native")]
 pub fn read_csv(path: &Path, sigma_rad: f64) -> Result<Vec<ObservedFrame>> {
-    let bytes = files::read_bytes(path)?;
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_reader(bytes.as_slice());
-    let header = reader
-        .headers()
-        .map_err(|e| Error::input(path, "line 1", e.to_string()))?;
-    let columns = find_columns(header).map_err(|p| Error::input(path, "line 1", p))?;
-    let mut frames: Vec<ObservedFrame> = Vec::new();
-    let mut names = HashSet::new();
-    for (i, record) in reader.records().enumerate() {
-        let at = |line: u64, problem| Error::input(path, format!("line {line}"), problem);
-        let record = record.map_err(|e| {
-            let line = files::line_of(&bytes, e.position(), i as u64 + 2);
-            at(line, uneven(&e))
-        })?;
-        let line = files::line_of(&bytes, record.position(), i as u64 + 2);
-        let row = Row { record, columns };
-        let name = row.text(0).unwrap_or_default();
-        let time_s = row.number(4).map_err(|p| at(line, p))?;
-        let dot = row.dot(sigma_rad).map_err(|p| at(line, p))?;
-        match frames.last_mut().filter(|f| f.name == name) {
-            Some(frame) if frame.time_s == time_s => frame.dots.push(dot),
-            Some(_) => {
-                let problem = "time_s: expected one time for all dots of a frame";
-                return Err(at(line, problem.into()));
+    ObservedReader::new(path, files::open(path)?, sigma_rad)?.collect()
+}
+
+/// The frames of a file of observed dots, one by one. After an error there are no more.
+pub struct ObservedReader<R> {
+    table: Table<R, 9>,
+    sigma_rad: f64,
+    /// The frame whose rows are being read.
+    pending: Option<ObservedFrame>,
+    names: RecentNames,
+    ended: bool,
+}
+
+impl<R: BufRead> ObservedReader<R> {
+    /// Reads the header of `input`; `path` names it in errors. Dots of which no uncertainty is given
+    /// get `sigma_rad` (radians, along one tangent axis).
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::Input`] where a column is missing or occurs twice.
+    pub fn new(path: &Path, input: R, sigma_rad: f64) -> Result<Self> {
+        let table = Table::new(path, input, &COLUMNS)?;
+        let missing = COVARIANCE.clone().find(|&i| !table.has(i));
+        if let Some(i) = missing.filter(|_| COVARIANCE.clone().any(|i| table.has(i))) {
+            let missing = COLUMNS.names[i];
+            let problem = format!("{ALL_OR_NONE}, {missing} is missing");
+            return Err(table.header_error(problem));
+        }
+        Ok(Self {
+            table,
+            sigma_rad,
+            pending: None,
+            names: RecentNames::default(),
+            ended: false,
+        })
+    }
+
+    /// Reads on until a frame is complete.
+    fn read_frame(&mut self) -> Result<Option<ObservedFrame>> {
+        while let Some(row) = self.table.next_row()? {
+            let name = row.text(0).unwrap_or_default();
+            let time_s = row.number(4).map_err(|p| row.error(p))?;
+            let dot = dot(&row, self.sigma_rad).map_err(|p| row.error(p))?;
+            if let Some(frame) = self.pending.as_mut().filter(|f| f.name == name) {
+                if frame.time_s != time_s {
+                    return Err(row.error("time_s: expected one time for all dots of a frame"));
+                }
+                if frame.dots.len() == MAX_FRAME_DOTS {
+                    let problem = format!("expected at most {MAX_FRAME_DOTS} dots in a frame");
+                    return Err(row.error(problem));
+                }
+                frame.dots.push(dot);
+                continue;
             }
-            None if names.insert(name.to_owned()) => frames.push(ObservedFrame {
+            if !self.names.insert(name) {
+                let name = shown(name);
+                let problem = format!("frame: expected the rows of \"{name}\" to stand together");
+                return Err(row.error(problem));
+            }
+            let begun = ObservedFrame {
                 name: name.to_owned(),
                 time_s,
                 dots: vec![dot],
-            }),
-            None => {
-                let problem = format!("frame: expected the rows of \"{name}\" to stand together");
-                return Err(at(line, problem));
+            };
+            if let Some(complete) = self.pending.replace(begun) {
+                return Ok(Some(complete));
             }
         }
+        self.ended = true;
+        if self.pending.is_none() && self.names.is_empty() {
+            let problem = "expected at least one dot";
+            return Err(Error::input(self.table.path(), "file", problem));
+        }
+        Ok(self.pending.take())
     }
-    if frames.is_empty() {
-        return Err(Error::input(path, "file", "expected at least one dot"));
+}
+
+impl<R: BufRead> Iterator for ObservedReader<R> {
+    type Item = Result<ObservedFrame>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
+        let frame = self.read_frame();
+        self.ended |= frame.is_err();
+        frame.transpose()
     }
-    Ok(frames)
+}
+
+/// The names of the last frames, as hashes of 64 bits: two of a million names share one with a
+/// probability of 3e-8.
+#[derive(Default)]
+struct RecentNames {
+    hashes: HashSet<u64>,
+    /// The same hashes, where one that gives way to a new one is found.
+    places: Vec<u64>,
+}
+
+impl RecentNames {
+    /// Notes a name; whether it is new.
+    fn insert(&mut self, name: &str) -> bool {
+        // Keyed alike in every process, so that what is forgotten does not depend on chance.
+        let mut hasher = DefaultHasher::new();
+        name.hash(&mut hasher);
+        let hash = hasher.finish();
+        if !self.hashes.insert(hash) {
+            return false;
+        }
+        if self.places.len() < REMEMBERED_FRAMES {
+            self.places.push(hash);
+        } else {
+            let place = hash as usize % REMEMBERED_FRAMES;
+            self.hashes.remove(&self.places[place]);
+            self.places[place] = hash;
+        }
+        true
+    }
+
+    fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
 }
 
 /// The text of a file of observed dots, digits enough to read the directions back bit by bit.
 pub fn to_csv(frames: &[ObservedFrame]) -> String {
-    let mut text = COLUMNS.join(",");
+    let mut text = COLUMNS.names.join(",");
     text.push('\n');
     for frame in frames {
-        let name = csv_field(&frame.name);
+        let name = quoted(&frame.name);
         let time = frame.time_s.map_or(String::new(), |t| t.to_string());
         for dot in &frame.dots {
             let d = &dot.direction;
@@ -155,135 +254,150 @@ fn turned(covariance: &Matrix2<f64>, from: &[Vec3; 2], to: &[Vec3; 2]) -> Matrix
     turn * covariance * turn.transpose()
 }
 
-/// Where each of [`COLUMNS`] stands.
-fn find_columns(header: &csv::StringRecord) -> std::result::Result<[Option<usize>; 9], String> {
-    for name in COLUMNS {
-        if header.iter().filter(|h| *h == name).count() > 1 {
-            return Err(format!("column {name} occurs more than once"));
-        }
+const ALL_OR_NONE: &str =
+    "expected all of var_radial_deg2,cov_deg2,var_across_deg2 or none of them";
+
+/// The dot of a row.
+fn dot(row: &TableRow<'_, 9>, sigma_rad: f64) -> Field<ObservedDot> {
+    let mut direction = Vec3::zeros();
+    for axis in 0..3 {
+        let column = axis + 1;
+        let missing = || {
+            let name = COLUMNS.names[column];
+            format!("{name}: expected a number, found nothing")
+        };
+        direction[axis] = row.number(column)?.ok_or_else(missing)?;
     }
-    let places = COLUMNS.map(|name| header.iter().position(|h| h == name));
-    let missing = |range: std::ops::Range<usize>| range.clone().find(|&i| places[i].is_none());
-    if let Some(i) = missing(0..INDISPENSABLE) {
-        let found = header.iter().collect::<Vec<_>>().join(",");
+    let length = direction.norm();
+    if (length - 1.0).abs() > LENGTH_TOLERANCE {
         return Err(format!(
-            "expected a header with {} (frame,x,y,z), found \"{found}\"",
-            COLUMNS[i]
+            "x,y,z: expected a unit vector, found one of length {length:.6}"
         ));
     }
-    let covariance = 6..9;
-    if let Some(i) =
-        missing(covariance.clone()).filter(|_| covariance.clone().any(|i| places[i].is_some()))
-    {
-        let problem = "expected all of var_radial_deg2,cov_deg2,var_across_deg2 or none of them";
-        return Err(format!("{problem}, {} is missing", COLUMNS[i]));
+    if (length - 1.0).abs() > LENGTH_ROUNDING {
+        direction /= length;
     }
-    Ok(places)
+    let uncertainty = uncertainty(row, &direction, sigma_rad)?;
+    Ok(ObservedDot {
+        direction,
+        uncertainty,
+    })
 }
 
-/// A record's problem in words.
-fn uneven(error: &csv::Error) -> String {
-    match error.kind() {
-        csv::ErrorKind::UnequalLengths {
-            expected_len, len, ..
-        } => format!("expected {expected_len} fields as in the header, found {len}"),
-        _ => error.to_string(),
-    }
-}
-
-/// A line of the file.
-struct Row {
-    record: csv::StringRecord,
-    columns: [Option<usize>; 9],
-}
-
-impl Row {
-    fn text(&self, column: usize) -> Option<&str> {
-        self.columns[column]
-            .and_then(|c| self.record.get(c))
-            .filter(|f| !f.is_empty())
-    }
-
-    fn number(&self, column: usize) -> std::result::Result<Option<f64>, String> {
-        let Some(text) = self.text(column) else {
-            return Ok(None);
-        };
-        match text.parse::<f64>() {
-            Ok(x) if x.is_finite() => Ok(Some(x)),
-            _ => Err(format!(
-                "{}: expected a finite number, found \"{text}\"",
-                COLUMNS[column]
-            )),
-        }
-    }
-
-    fn dot(&self, sigma_rad: f64) -> std::result::Result<ObservedDot, String> {
-        let mut direction = Vec3::zeros();
-        for axis in 0..3 {
-            let missing = || format!("{}: expected a number, found nothing", COLUMNS[axis + 1]);
-            direction[axis] = self.number(axis + 1)?.ok_or_else(missing)?;
-        }
-        let length = direction.norm();
-        if (length - 1.0).abs() > LENGTH_TOLERANCE {
-            return Err(format!(
-                "x,y,z: expected a unit vector, found one of length {length:.6}"
-            ));
-        }
-        if (length - 1.0).abs() > LENGTH_ROUNDING {
-            direction /= length;
-        }
-        let uncertainty = self.uncertainty(&direction, sigma_rad)?;
-        Ok(ObservedDot {
-            direction,
-            uncertainty,
-        })
-    }
-
-    fn uncertainty(
-        &self,
-        direction: &Vec3,
-        sigma_rad: f64,
-    ) -> std::result::Result<DotUncertainty, String> {
-        let sigma = self.number(5)?;
-        let covariance = match [self.number(6)?, self.number(7)?, self.number(8)?] {
-            [None, None, None] => None,
-            [Some(radial), Some(mixed), Some(across)] => Some((radial, mixed, across)),
-            _ => {
-                return Err(
-                    "expected all of var_radial_deg2,cov_deg2,var_across_deg2 or none of them"
-                        .into(),
-                );
+/// How far off the dot of a row may be.
+fn uncertainty(row: &TableRow<'_, 9>, direction: &Vec3, sigma_rad: f64) -> Field<DotUncertainty> {
+    let sigma = row.number(5)?;
+    let covariance = match [row.number(6)?, row.number(7)?, row.number(8)?] {
+        [None, None, None] => None,
+        [Some(radial), Some(mixed), Some(across)] => Some((radial, mixed, across)),
+        _ => return Err(ALL_OR_NONE.into()),
+    };
+    match (sigma, covariance) {
+        (None, None) => Ok(DotUncertainty::Isotropic { sigma_rad }),
+        (Some(deg), None) if deg > 0.0 => Ok(DotUncertainty::Isotropic {
+            sigma_rad: deg.to_radians(),
+        }),
+        (Some(deg), None) => Err(format!(
+            "sigma_deg: expected a positive number, found {deg}"
+        )),
+        (None, Some((radial, mixed, across))) => {
+            if !(radial > 0.0 && across > 0.0 && radial * across > mixed * mixed) {
+                return Err(format!(
+                    "var_radial_deg2,cov_deg2,var_across_deg2: expected a positive definite covariance, found {radial},{mixed},{across}"
+                ));
             }
-        };
-        match (sigma, covariance) {
-            (None, None) => Ok(DotUncertainty::Isotropic { sigma_rad }),
-            (Some(deg), None) if deg > 0.0 => Ok(DotUncertainty::Isotropic {
-                sigma_rad: deg.to_radians(),
-            }),
-            (Some(deg), None) => Err(format!(
-                "sigma_deg: expected a positive number, found {deg}"
-            )),
-            (None, Some((radial, mixed, across))) => {
-                if !(radial > 0.0 && across > 0.0 && radial * across > mixed * mixed) {
-                    return Err(format!(
-                        "var_radial_deg2,cov_deg2,var_across_deg2: expected a positive definite covariance, found {radial},{mixed},{across}"
-                    ));
-                }
-                let rad2 = 1f64.to_radians().powi(2);
-                let image = Matrix2::new(radial, mixed, mixed, across) * rad2;
-                let covariance = turned(&image, &image_axes(direction), &tangent_frame(direction));
-                Ok(DotUncertainty::Tangent { covariance })
-            }
-            (Some(_), Some(_)) => Err("sigma_deg: expected it or a covariance, found both".into()),
+            let rad2 = 1f64.to_radians().powi(2);
+            let image = Matrix2::new(radial, mixed, mixed, across) * rad2;
+            let covariance = turned(&image, &image_axes(direction), &tangent_frame(direction));
+            Ok(DotUncertainty::Tangent { covariance })
         }
+        (Some(_), Some(_)) => Err("sigma_deg: expected it or a covariance, found both".into()),
     }
 }
 
-/// A field of text; quoted where CSV demands it.
-fn csv_field(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r', '#']) || text.trim() != text {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn reader(text: &str) -> ObservedReader<&[u8]> {
+        ObservedReader::new(Path::new("dots.csv"), text.as_bytes(), 0.1).unwrap()
+    }
+
+    #[test]
+    fn a_frame_is_handed_out_when_the_next_begins() {
+        /// Counts what is asked of it.
+        struct Lines<'a>(
+            std::str::SplitInclusive<'a, char>,
+            &'a std::cell::Cell<usize>,
+        );
+        impl std::io::Read for Lines<'_> {
+            fn read(&mut self, to: &mut [u8]) -> std::io::Result<usize> {
+                self.1.set(self.1.get() + 1);
+                let line = self.0.next().unwrap_or_default().as_bytes();
+                to[..line.len()].copy_from_slice(line);
+                Ok(line.len())
+            }
+        }
+        let text = "frame,x,y,z\na,1,0,0\na,0,1,0\nb,1,0,0\nb,0,1,0\nc,1,0,0\n";
+        let lines = std::cell::Cell::new(0);
+        let input = std::io::BufReader::new(Lines(text.split_inclusive('\n'), &lines));
+        let mut frames = ObservedReader::new(Path::new("dots.csv"), input, 0.1).unwrap();
+        assert_eq!(frames.next().unwrap().unwrap().dots.len(), 2);
+        assert_eq!(
+            lines.get(),
+            4,
+            "the header, two rows, and one of the next frame"
+        );
+        assert_eq!(frames.next().unwrap().unwrap().name, "b");
+        assert_eq!(lines.get(), 6);
+        assert_eq!(frames.next().unwrap().unwrap().name, "c");
+        assert!(frames.next().is_none() && frames.next().is_none());
+    }
+
+    #[test]
+    fn after_an_error_there_are_no_frames() {
+        let mut frames = reader("frame,x,y,z\na,1,0,0\nb,1,0,0\na,1,0,0\nc,1,0,0\nd,1,0,0\n");
+        assert_eq!(frames.next().unwrap().unwrap().name, "a");
+        let error = frames.next().unwrap().unwrap_err().to_string();
+        assert!(
+            error.contains("line 4: frame: expected the rows of \"a\""),
+            "{error}"
+        );
+        assert!(frames.next().is_none());
+    }
+
+    #[test]
+    fn names_are_remembered_in_bounded_memory() {
+        let mut names = RecentNames::default();
+        for i in 0..REMEMBERED_FRAMES {
+            assert!(names.insert(&i.to_string()));
+        }
+        // So far all of them.
+        for i in (0..REMEMBERED_FRAMES).step_by(101) {
+            assert!(!names.insert(&i.to_string()));
+        }
+        for i in REMEMBERED_FRAMES..4 * REMEMBERED_FRAMES {
+            assert!(names.insert(&i.to_string()));
+            assert!(names.hashes.len() <= REMEMBERED_FRAMES);
+        }
+        // A recording given twice is noticed soon.
+        let noticed = (0..).position(|i| !names.insert(&i.to_string())).unwrap();
+        assert!(noticed < 1000, "{noticed}");
+    }
+
+    #[test]
+    fn a_frame_without_end_is_refused() {
+        let rows = "a,1,0,0\n".repeat(MAX_FRAME_DOTS + 1);
+        let error = reader(&format!("frame,x,y,z\n{rows}"))
+            .next()
+            .unwrap()
+            .unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("line 65538: expected at most 65536 dots"),
+            "{error}"
+        );
     }
 }

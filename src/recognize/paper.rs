@@ -3,22 +3,22 @@
 //! 1. The first two observed dots, in the order given, span the basis `B = [d, d', d x d']`.
 //! 2. Each further dot d'' has the hash value `h = B^-1 d''`. Each of the k features of the table
 //!    nearest to it, with value `h_t`, basis b and dot t, votes for b with the score `p`.
-//! 3. The better half of the bases that were voted for is verified: the basis pair gives a rotation,
-//!    each observed dot is the rotated pattern's nearest dot, Kabsch over all dots refines the
-//!    rotation, and the root mean square angle that is left is the reprojection error.
-//! 4. The least reprojection error wins.
+//! 3. The better half of the bases that were voted for is verified: the basis pair gives a
+//!    rotation, each observed dot is the rotated pattern's nearest dot, Kabsch over all dots
+//!    refines the rotation, and the root mean square angle that is left is the reprojection error.
+//! 4. The smallest reprojection error wins.
 //!
 //! The score measures how well the point `x = B h_t` meets the dot d'' that it should be:
 //! `p = Kent(x/|x|; d'') N(|x|; 1, alpha) |det B|`. The Kent density speaks of the direction, the
 //! normal density of the length, and `|det B|` carries a density of points to one of hash values.
 //!
 //! Whether a basis adds up `p` or `ln p` is decisive, see [`VoteSum`]. The authors' published code
-//! adds up logarithms, and so does this recognizer unless told otherwise: a baseline must lose what
-//! the original loses.
+//! adds up logarithms, and so does this recognizer unless configured otherwise: a baseline must
+//! lose what the original loses.
 //!
-//! What it does not promise: the algorithm knows no false and no missed dots, so one false dot among
-//! the first two is fatal, two observed dots may be given the same index, and its confidence is not
-//! calibrated.
+//! What it does not promise: the algorithm knows no false and no missed dots, so one false dot
+//! among the first two is fatal, two observed dots may be given the same index, and its confidence
+//! is not calibrated.
 
 use std::num::NonZeroUsize;
 
@@ -46,9 +46,9 @@ const MIN_DOTS: usize = 3;
 pub enum VoteSum {
     /// The sum of `max(ln p, ln 1e-10)`, as in the authors' published code.
     ///
-    /// Poor votes are negative, but a dot that casts no vote at all counts nothing: the right basis,
-    /// met by many dots of which some are far off, can score below a wrong one that was met once. It
-    /// then falls out of the better half and is never verified.
+    /// Poor votes are negative, but a dot that casts no vote at all counts nothing: the right
+    /// basis, met by many dots of which some are far off, can score below a wrong one that was met
+    /// once. It then falls out of the better half and is never verified.
     LogDensity,
     /// The sum of `p`: votes only ever help, and the right basis rarely falls out.
     Density,
@@ -163,7 +163,8 @@ impl<'t> PaperRecognizer<'t> {
         &self.config
     }
 
-    /// `ln p` of the point `x` about the unit vector `mean`, in a basis of determinant `determinant`.
+    /// `ln p` of the point `x` about the unit vector `mean`, in a basis of determinant
+    /// `determinant`.
     fn ln_score(&self, x: &Vec3, mean: &Vec3, determinant: f64) -> f64 {
         let length = x.norm();
         // The Kent density needs the whole frame only where it is oval.
@@ -204,7 +205,8 @@ impl<'t> PaperRecognizer<'t> {
                 };
             }
         }
-        // Best first; ties in the order of the bases, so that the result does not depend on the tree.
+        // Best first; ties in the order of the bases, so that the result does not depend on the
+        // tree.
         let score = |b: &Basis| ws.scores[index(*b, n)];
         ws.voted
             .sort_unstable_by(|a, b| score(b).total_cmp(&score(a)).then(a.cmp(b)));
@@ -301,8 +303,8 @@ impl Recognizer for PaperRecognizer<'_> {
     }
 
     /// Alg. 2. Every dot is assigned. The confidence is the winner's share of the votes among the
-    /// verified bases (of `exp(score)` where logarithms are added up): in [0, 1] and larger where votes
-    /// agree, but **not calibrated**. The paper has none.
+    /// verified bases (of `exp(score)` where logarithms are added up): in [0, 1] and larger where
+    /// votes agree, but **not calibrated**. The paper has none.
     ///
     /// The workspace spares all allocations but those of the search tree, one short list a dot.
     fn identify_into(
@@ -354,8 +356,8 @@ fn nearest(directions: &[Vec3], dot: &Vec3) -> usize {
     best.0
 }
 
-/// Kabsch for two pairs of unit vectors, in closed form: the best rotation takes the bisector to the
-/// bisector and the normal to the normal. `None` where a pair lies on one line.
+/// Kabsch for two pairs of unit vectors, in closed form: the best rotation takes the bisector to
+/// the bisector and the normal to the normal. `None` where a pair lies on one line.
 fn rotation_from_pairs(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Rotation> {
     let matrix = nalgebra::Rotation3::from_matrix_unchecked(pair_rotation(from, to)?);
     Some(Rotation::from_rotation_matrix(&matrix))

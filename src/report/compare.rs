@@ -1,29 +1,19 @@
 //! Patterns side by side: the same trials, orientation bounds, separations, feature distances.
 //!
 //! All patterns see the same rotations and the same random numbers, trial by trial, so that a difference
-//! of rates is judged on pairs: by Newcombe's score interval for paired proportions (R. G. Newcombe,
-//! "Improved confidence intervals for the difference between binomial proportions based on paired data",
-//! Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any trial differs.
-
-use std::path::Path;
+//! of rates is judged on pairs ([`PairedDifference`]).
 
 use serde::Serialize;
 
-use super::plots::{point, success, success_name};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{Objective, ObjectiveName, OrientationBound};
 use crate::error::{Error, Result};
 use crate::geometry::angle_between;
 use crate::hash::HashTable;
 use crate::pattern::{Pattern, PatternSummary};
-use crate::plot::{BarChart, BarGroup, LinePlot, LineSeries, RateScale, bar_comparison, line_plot};
 use crate::recognize::RecognizerName;
-use crate::validate::{
-    Proportion, Protocol, ProtocolName, TrialResult, Validation, run_named, summarize,
-};
-
-/// Viewing directions in the plot of the orientation bound.
-const VIEWS: usize = 4_000;
+use crate::stats::{PairedDifference, Pairs};
+use crate::validate::{Protocol, ProtocolName, TrialResult, Validation, run_named, summarize};
 
 /// A pattern that takes part.
 #[derive(Debug)]
@@ -36,7 +26,7 @@ pub struct Entry {
 
 /// What is measured without trials.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Figures {
+pub struct PatternMeasures {
     /// The pattern's name.
     pub name: String,
     /// SHA-256 of the dots.
@@ -45,7 +35,7 @@ pub struct Figures {
     pub summary: PatternSummary,
     /// Spread of the neighbors' distances.
     pub neighbors: NeighborSpread,
-    /// Each objective's figure, on the `sparse` protocol's views, where it can be worked out.
+    /// Each objective's value, on the `sparse` protocol's views, where it can be worked out.
     pub objectives: Vec<ObjectiveScore>,
     /// Mean distance from each feature of the table to the nearest other one, without unit.
     pub mean_feature_distance: f64,
@@ -58,7 +48,7 @@ pub struct Figures {
 pub struct ObjectiveScore {
     /// Its name.
     pub name: ObjectiveName,
-    /// Its figure.
+    /// Its value.
     pub value: f64,
 }
 
@@ -70,12 +60,12 @@ pub struct NeighborSpread {
     pub mean_rad: f64,
     /// Their standard deviation over their mean.
     pub relative_std: f64,
-    /// The least of them over their mean.
+    /// The minimum of them over their mean.
     pub relative_min: f64,
 }
 
 impl NeighborSpread {
-    /// The criterion's figures for a pattern.
+    /// The criterion's values for a pattern.
     pub fn of(pattern: &Pattern) -> Self {
         let dots = pattern.dots();
         let mut all = Vec::with_capacity(3 * dots.len());
@@ -96,81 +86,6 @@ impl NeighborSpread {
             mean_rad: mean,
             relative_std: variance.sqrt() / mean,
             relative_min: all.iter().copied().fold(f64::INFINITY, f64::min) / mean,
-        }
-    }
-}
-
-/// A difference of two rates over the same trials, with its 95 % interval.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct PairedDifference {
-    /// Trials judged for both.
-    pub trials: u64,
-    /// The rate less that of the first pattern.
-    pub difference: f64,
-    /// Lower end of the interval.
-    pub low: f64,
-    /// Upper end of the interval.
-    pub high: f64,
-}
-
-/// Trials judged for two patterns, by which of them passed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Pairs {
-    /// Both passed.
-    pub both: u64,
-    /// Only the one passed.
-    pub gained: u64,
-    /// Only the other, the reference, passed.
-    pub lost: u64,
-    /// Neither passed.
-    pub neither: u64,
-}
-
-impl PairedDifference {
-    /// The difference over these trials, with Newcombe's interval.
-    pub fn new(pairs: Pairs) -> Self {
-        let Pairs {
-            both,
-            gained,
-            lost,
-            neither,
-        } = pairs;
-        let trials = both + gained + lost + neither;
-        let (one, other) = (
-            Proportion::new(both + gained, trials),
-            Proportion::new(both + lost, trials),
-        );
-        let [a, b, c, d, n] = [both, gained, lost, neither, trials].map(|k| k as f64);
-        let margins = (a + b) * (c + d) * (a + c) * (b + d);
-        let product = a * d - b * c;
-        // The correlation of the two, corrected for continuity where it is positive.
-        let product = if product > 0.0 {
-            (product - 0.5 * n).max(0.0)
-        } else {
-            product
-        };
-        let phi = if margins > 0.0 {
-            product / margins.sqrt()
-        } else {
-            0.0
-        };
-        let width = |x: f64, y: f64| (x * x - 2.0 * phi * x * y + y * y).max(0.0).sqrt();
-        let difference = one.rate - other.rate;
-        Self {
-            trials,
-            difference,
-            low: difference - width(one.rate - one.low, other.high - other.rate),
-            high: difference + width(one.high - one.rate, other.rate - other.low),
-        }
-    }
-
-    /// Of a pattern against itself: none, beyond doubt.
-    pub fn with_itself(trials: u64) -> Self {
-        Self {
-            trials,
-            difference: 0.0,
-            low: 0.0,
-            high: 0.0,
         }
     }
 }
@@ -198,13 +113,13 @@ pub struct Comparison {
     pub samples: u64,
     /// Their seed.
     pub seed: u64,
-    /// Figures of each pattern.
-    pub patterns: Vec<Figures>,
+    /// What is measured of each pattern without trials.
+    pub patterns: Vec<PatternMeasures>,
     /// Rates, by recognizer, protocol and pattern.
     pub contests: Vec<Contest>,
 }
 
-fn figures(entry: &Entry) -> Result<Figures> {
+fn measures(entry: &Entry) -> Result<PatternMeasures> {
     let pattern = entry.table.pattern();
     let sparse = Protocol::standard(ProtocolName::Sparse);
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
@@ -218,7 +133,7 @@ fn figures(entry: &Entry) -> Result<Figures> {
         })
         .collect();
     let distances = entry.table.nearest_distances();
-    Ok(Figures {
+    Ok(PatternMeasures {
         name: entry.name.clone(),
         sha256: pattern.sha256(),
         summary: pattern.summary(),
@@ -261,7 +176,7 @@ fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> P
     PairedDifference::new(pairs)
 }
 
-/// Compares patterns on `samples` trials of every protocol, with both recognizers; `says` is told what
+/// Compares patterns on `samples` trials of every protocol, with both recognizers; `says` hears what
 /// is being measured.
 ///
 /// # Errors
@@ -278,7 +193,7 @@ pub fn compare(
         let problem = format!("expected at least two, found {found}");
         return Err(Error::argument("patterns", problem));
     }
-    let patterns: Result<Vec<_>> = entries.iter().map(figures).collect();
+    let patterns: Result<Vec<_>> = entries.iter().map(measures).collect();
     let mut contests = Vec::new();
     for &recognizer in recognizers {
         for name in ProtocolName::ALL {
@@ -309,90 +224,4 @@ pub fn compare(
         patterns: patterns?,
         contests,
     })
-}
-
-impl Comparison {
-    /// Draws the failures of each recognizer (`compare_robust.png`, `compare_paper.png`) and the
-    /// orientation bound by viewing direction (`compare_bound.png`) into `dir`.
-    ///
-    /// # Errors
-    /// [`Error::Write`] where the system refuses.
-    pub fn write_plots(&self, dir: &Path, entries: &[Entry]) -> Result<()> {
-        for recognizer in RecognizerName::ALL {
-            let of: Vec<&Contest> = self
-                .contests
-                .iter()
-                .filter(|c| c.recognizer == recognizer)
-                .collect();
-            if !of.is_empty() {
-                self.draw_rates(
-                    &dir.join(format!("compare_{recognizer}.png")),
-                    recognizer,
-                    &of,
-                )?;
-            }
-        }
-        let series = entries
-            .iter()
-            .map(|c| {
-                let mut all =
-                    OrientationBound::default().by_direction(c.table.pattern().dots(), VIEWS);
-                all.retain(|b| b.is_finite());
-                all.sort_unstable_by(f64::total_cmp);
-                let points = all
-                    .iter()
-                    .enumerate()
-                    .map(|(i, b)| (100.0 * (i as f64 + 0.5) / all.len() as f64, *b))
-                    .collect();
-                LineSeries {
-                    name: c.name.clone(),
-                    points,
-                }
-            })
-            // A few dots may leave every direction without a bound.
-            .filter(|series| !series.points.is_empty())
-            .collect::<Vec<_>>();
-        if series.is_empty() {
-            return Ok(());
-        }
-        line_plot(
-            &dir.join("compare_bound.png"),
-            &LinePlot {
-                title: "Orientation error that the dots in view allow (Cramér-Rao)".into(),
-                x_label: "viewing directions, best first [%]".into(),
-                y_label: "bound [multiples of a dot's noise]".into(),
-                log_y: false,
-                series,
-            },
-        )
-    }
-
-    fn draw_rates(&self, path: &Path, recognizer: RecognizerName, of: &[&Contest]) -> Result<()> {
-        let groups = ProtocolName::ALL
-            .map(|name| {
-                let rates = of
-                    .iter()
-                    .filter(|c| c.validation.protocol == name)
-                    .map(|c| Some(point(0.0, success(name, &c.validation))))
-                    .collect();
-                BarGroup {
-                    name: format!("{name}: {}", success_name(name)),
-                    rates,
-                }
-            })
-            .to_vec();
-        bar_comparison(
-            path,
-            &BarChart {
-                title: format!(
-                    "Views not identified, of {} a protocol; recognizer {recognizer}",
-                    self.samples
-                ),
-                y_label: "failures".into(),
-                scale: RateScale::Failure,
-                series: self.patterns.iter().map(|p| p.name.clone()).collect(),
-                groups,
-            },
-        )
-    }
 }

@@ -1,17 +1,22 @@
-//! What a design leaves behind: the proof of the winner on fresh trials, and the folder with everything
-//! that a user or an estimator needs.
+//! What a design leaves behind: the evaluation of the winner on fresh trials, and the folder with
+//! everything that a user or an estimator needs. [`DesignJob`] does all of it.
 //!
 //! The folder holds `pattern.csv`, `table.npz`, `report.json`, `sensitivity.csv`, the plots and
 //! `stencil/`. For the same arguments every file repeats itself byte for byte, on any number of threads,
 //! but for what tells times: the key `timing` of `report.json`, and `progress.png`.
 
 pub mod compare;
+#[cfg(feature = "plot")]
+mod compare_plots;
+mod job;
+#[cfg(feature = "plot")]
 pub mod plots;
 
 use std::path::Path;
 
 use serde::Serialize;
 
+use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::polish::PolishStep;
 use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
@@ -19,7 +24,6 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
 use crate::pattern::PatternSummary;
-use crate::plot::stencil_views;
 use crate::recognize::RecognizerName;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
@@ -27,8 +31,10 @@ use crate::validate::{
     sensitivity_csv, validate_named,
 };
 
+pub use job::{CHECKPOINT, DesignJob, JobObserver, Start};
+
 /// Version of `report.json`.
-pub const REPORT_VERSION: u32 = 1;
+pub const REPORT_VERSION: u32 = 2;
 
 /// The seeds of a design: none is used for two purposes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -37,6 +43,10 @@ pub struct Seeds {
     pub search: u64,
     /// Of the first trials that chose among the candidates; further stages set higher bits.
     pub selection: u64,
+    /// Of the first trials of polishing; further ones set higher bits.
+    pub polish: u64,
+    /// Of the trials that show the progress, by which nothing is chosen.
+    pub progress: u64,
     /// Of the trials whose rates are reported.
     pub report: u64,
 }
@@ -76,8 +86,8 @@ pub struct DesignReport {
     pub format_version: u32,
     /// The version of this crate.
     pub spindoe_version: &'static str,
-    /// The command that repeats this design.
-    pub command: String,
+    /// The command that repeats this design, where a command made it.
+    pub command: Option<String>,
     /// How it was searched.
     pub config: DesignConfig,
     /// The seeds.
@@ -133,7 +143,7 @@ impl Default for EvaluationConfig {
     }
 }
 
-/// A design with its proof, ready to be written.
+/// A design with its evaluation, ready to be written.
 #[derive(Debug)]
 pub struct DesignEvaluation {
     /// The table, with the validation that it ships with.
@@ -142,74 +152,40 @@ pub struct DesignEvaluation {
     pub report: DesignReport,
 }
 
-/// Proves the winner of a search on the report's own trials; `says` is told what is being measured.
+/// Evaluates the winner of a search on the report's own trials; `says` hears what is being measured.
 ///
 /// # Errors
 /// As [`validate_named`].
 pub fn evaluate(
     outcome: &DesignOutcome,
     config: &DesignConfig,
-    proof: &EvaluationConfig,
-    command: String,
+    evaluation: &EvaluationConfig,
     says: &mut dyn FnMut(&str),
 ) -> Result<DesignEvaluation> {
     let best = &outcome.best;
     let pattern = &best.pattern()?;
-    let seed = config.report_seed();
     let mut table = HashTable::build(
         pattern.clone(),
         PairRule::default(),
         RecognizerConfig::default(),
     )?;
-    let clock = std::time::Instant::now();
-    let mut validation = Vec::new();
-    for recognizer in RecognizerName::ALL {
-        for name in ProtocolName::ALL {
-            says(&format!("validating: {name}, recognizer {recognizer}"));
-            let protocol = if name == config.protocol.name {
-                config.protocol
-            } else {
-                Protocol::standard(name)
-            };
-            validation.push(validate_named(
-                &table,
-                recognizer,
-                &protocol,
-                seed,
-                proof.samples,
-            )?);
-        }
-    }
+    let clock = Stopwatch::start();
+    let mut validation = validate_all(&table, config, evaluation, says)?;
     let mut timing = Timing {
         validation_s: clock.elapsed().as_secs_f64(),
         us_per_identification: validation
             .iter()
             .map(|v| v.validation.us_per_identification)
             .collect(),
-        threads: rayon::current_num_threads(),
+        threads: concurrency::threads(),
         milestones: outcome.milestones.clone(),
         ..Timing::default()
     };
     for v in &mut validation {
         v.validation = v.validation.clone().untimed();
     }
-    let clock = std::time::Instant::now();
-    let sweep = SensitivityConfig {
-        seed,
-        ..proof.sensitivity.clone()
-    };
-    let paper = Protocol::standard(ProtocolName::Paper);
-    let mut points = sensitivity(&table, &paper, &sweep, &mut |p| {
-        says(&format!(
-            "sensitivity: {} = {}, recognizer {}",
-            p.parameter.as_str(),
-            p.value,
-            p.result.recognizer
-        ));
-    })?;
-    for p in &mut points {
-        p.result.validation = p.result.validation.clone().untimed();
-    }
+    let clock = Stopwatch::start();
+    let sensitivity = sweep(&table, config, evaluation, says)?;
     timing.sensitivity_s = clock.elapsed().as_secs_f64();
     let objective = ObjectiveRecord {
         name: config.objective.name().to_string(),
@@ -222,13 +198,9 @@ pub fn evaluate(
     let report = DesignReport {
         format_version: REPORT_VERSION,
         spindoe_version: env!("CARGO_PKG_VERSION"),
-        command,
+        command: None,
         config: config.clone(),
-        seeds: Seeds {
-            search: config.seed,
-            selection: config.selection_seed(1, 0),
-            report: seed,
-        },
+        seeds: Seeds::of(config),
         stopped: outcome.stopped,
         starts: outcome.starts,
         finalists: outcome.finalists.clone(),
@@ -241,14 +213,76 @@ pub fn evaluate(
             dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
         },
         validation,
-        sensitivity: points,
+        sensitivity,
         timing,
     };
     Ok(DesignEvaluation { table, report })
 }
 
+impl Seeds {
+    fn of(config: &DesignConfig) -> Self {
+        Self {
+            search: config.seed,
+            selection: config.selection_seed(1, 0),
+            polish: config.polish_seed(0, 0),
+            progress: config.progress_seed(),
+            report: config.report_seed(),
+        }
+    }
+}
+
+/// Every recognizer in every protocol; that of the search with the search's own values.
+fn validate_all(
+    table: &HashTable,
+    config: &DesignConfig,
+    evaluation: &EvaluationConfig,
+    says: &mut dyn FnMut(&str),
+) -> Result<Vec<NamedValidation>> {
+    let (seed, samples) = (config.report_seed(), evaluation.samples);
+    let mut found = Vec::new();
+    for recognizer in RecognizerName::ALL {
+        for name in ProtocolName::ALL {
+            says(&format!("validating: {name}, recognizer {recognizer}"));
+            let protocol = if name == config.protocol.name {
+                config.protocol
+            } else {
+                Protocol::standard(name)
+            };
+            found.push(validate_named(table, recognizer, &protocol, seed, samples)?);
+        }
+    }
+    Ok(found)
+}
+
+/// The sensitivity sweeps in the `paper` protocol, without times.
+fn sweep(
+    table: &HashTable,
+    config: &DesignConfig,
+    evaluation: &EvaluationConfig,
+    says: &mut dyn FnMut(&str),
+) -> Result<Vec<SensitivityPoint>> {
+    let sweep = SensitivityConfig {
+        seed: config.report_seed(),
+        ..evaluation.sensitivity.clone()
+    };
+    let paper = Protocol::standard(ProtocolName::Paper);
+    let mut points = sensitivity(table, &paper, &sweep, &mut |p| {
+        says(&format!(
+            "sensitivity: {} = {}, recognizer {}",
+            p.parameter.as_str(),
+            p.value,
+            p.result.recognizer
+        ));
+    })?;
+    for p in &mut points {
+        p.result.validation = p.result.validation.clone().untimed();
+    }
+    Ok(points)
+}
+
 impl DesignEvaluation {
-    /// Writes everything but the stencil to `dir`, each file whole or not at all.
+    /// Writes everything but the stencil to `dir`, each file whole or not at all; the plots where the crate
+    /// is built with the feature `plot`.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
@@ -259,14 +293,18 @@ impl DesignEvaluation {
         table.write_npz(&dir.join("table.npz"))?;
         let csv = sensitivity_csv(&self.report.sensitivity);
         files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
+        #[cfg(feature = "plot")]
         plots::write_all(dir, self, stencil)?;
+        #[cfg(not(feature = "plot"))]
+        let _ = stencil;
         let mut json = serde_json::to_string_pretty(&self.report)
             .map_err(|e| Error::Internal(format!("report as JSON: {e}")))?;
         json.push('\n');
         files::write_bytes(&dir.join("report.json"), json.as_bytes())
     }
 
-    /// Makes the stencil and writes it, with its picture, to `dir/stencil`.
+    /// Makes the stencil and writes it, with its picture where the crate is built with the feature `plot`, to
+    /// `dir/stencil`.
     ///
     /// # Errors
     /// As [`Stencil::build`] and [`Stencil::write`].
@@ -274,7 +312,11 @@ impl DesignEvaluation {
         let stencil = Stencil::build(self.table.pattern(), config)?;
         let dir = dir.join("stencil");
         stencil.write(&dir)?;
-        let title = format!("Stencil of pattern {}", &stencil.pattern_sha256()[..8]);
-        stencil_views(&dir.join("stencil.png"), &stencil, &title)
+        #[cfg(feature = "plot")]
+        {
+            let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
+            crate::plot::stencil_views(&dir.join("stencil.png"), &stencil, &title)?;
+        }
+        Ok(())
     }
 }

@@ -1,27 +1,29 @@
 //! What theory says of a ball's loss of spin to the air.
 //!
-//! A thin shell of mass m and radius r has the moment of inertia `2/3 m r^2`. In creeping flow the air's
-//! torque is `8 pi mu r^3 w` (G. Kirchhoff, 1876; H. Lamb, "Hydrodynamics", 6th ed., sec. 334), with the
-//! dynamic viscosity mu, so that the spin decays as `exp(-c t)` with
+//! A thin shell of mass m and radius r has the moment of inertia `2/3 m r^2`. In creeping flow the
+//! air's torque is `8 pi mu r^3 w` (G. Kirchhoff, 1876; H. Lamb, "Hydrodynamics", 6th ed., sec.
+//! 334), with the dynamic viscosity mu, so that the spin decays as `exp(-c t)` with
 //!
 //! ```text
 //! c = 12 pi mu r / m
 //! ```
 //!
-//! For a table tennis ball (20 mm, 2.7 g; mu = 18.1 uPa s) that is 0.00505 /s: the paper's "about 0.005 /s"
-//! holds, if its nu is read as the dynamic viscosity (the kinematic one would not even have the unit).
+//! For a table tennis ball (20 mm, 2.7 g; mu = 18.1 uPa s) that is 0.00505 /s: the paper's "about
+//! 0.005 /s" holds, if its nu is read as the dynamic viscosity (the kinematic one would not even
+//! have the unit).
 //!
-//! The formula is far outside its range, however: it demands a Reynolds number `Re = w r^2 / nu` well below
-//! 1, and at 50 revolutions per second Re is 8400. There the torque is that of a laminar boundary layer,
+//! The formula is far outside its range, however: it demands a Reynolds number `Re = w r^2 / nu`
+//! well below 1, and at 50 revolutions per second Re is 8400. There the torque is that of a laminar
+//! boundary layer,
 //!
 //! ```text
 //! T = 1/2 rho w^2 r^5 (6.45 / sqrt(Re) + 32.1 / Re)
 //! ```
 //!
-//! (S. C. R. Dennis, S. N. Singh, D. B. Ingham, "The steady flow due to a rotating sphere at low and
-//! moderate Reynolds numbers", J. Fluid Mech. 101, 1980; the leading term is the layer's), which gives
-//! 0.063 /s at 50 and 0.087 /s at 100 revolutions per second, within the error of the paper's measured
-//! 0.091 +- 0.03 /s. The translation of the ball is left out in both.
+//! (S. C. R. Dennis, S. N. Singh, D. B. Ingham, "The steady flow due to a rotating sphere at low
+//! and moderate Reynolds numbers", J. Fluid Mech. 101, 1980; the leading term is the layer's),
+//! which gives 0.063 /s at 50 and 0.087 /s at 100 revolutions per second, within the error of the
+//! paper's measured 0.091 +- 0.03 /s. The translation of the ball is left out in both.
 
 /// A ball, as a thin shell.
 #[derive(Debug, Clone, Copy, PartialEq)]

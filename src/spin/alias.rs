@@ -1,21 +1,21 @@
-//! Aliases: other spins that the sampling cannot tell from the estimated one.
+//! Aliases: other spins that the sampling cannot distinguish from the estimated one.
 //!
-//! Turning about the same axis faster by `delta` (rad/s) changes the orientation at time `t_k` by the
-//! angle `delta (t_k - t)`. Nobody sees a difference where these are whole turns at all frames, that is
-//! where the spectral window of the sampling,
+//! Turning about the same axis faster by `delta` (rad/s) changes the orientation at time `t_k` by
+//! the angle `delta (t_k - t)`. Nobody sees a difference where these are whole turns at all frames,
+//! that is where the spectral window of the sampling,
 //!
 //! ```text
 //! W(delta) = | sum_k p_k exp(i delta t_k) | / sum_k p_k
 //! ```
 //!
-//! comes to 1 (J. D. Scargle, "Studies in astronomical time series analysis II", Astrophys. J. 263, 1982,
-//! appendix D; `p_k` is the probability that frame k is right). For even times `T` apart the peaks lie at
-//! `2 pi k / T`: with them go the faster spins of the same sense and, beyond half a turn, those about
-//! the reversed axis. Uneven times lower the peaks. Each peak is refined and its likelihood compared with
-//! that of the estimate.
+//! comes to 1 (J. D. Scargle, "Studies in astronomical time series analysis II", Astrophys. J. 263,
+//! 1982, appendix D; `p_k` is the probability that frame k is right). For even times `T` apart the
+//! peaks lie at `2 pi k / T`: with them go the faster spins of the same sense and, beyond half a
+//! turn, those about the reversed axis. Uneven times lower the peaks. Each peak is refined and its
+//! likelihood compared with that of the estimate.
 //!
-//! Not covered: where the ball turns by less than the noise between all frames (or by whole turns), its
-//! axis is not known, and whole turns about any axis would explain the same orientations. The
+//! Not covered: where the ball turns by less than the noise between all frames (or by whole turns),
+//! its axis is not known, and whole turns about any axis would explain the same orientations. The
 //! alternatives listed are then examples.
 
 use nalgebra::Complex;
@@ -27,7 +27,8 @@ use crate::geometry::{Rotation, Vec3};
 /// Steps of the scan over `delta` per reciprocal of the sequence's duration: fine enough that no
 /// orientation is off by more than 0.2 rad at the node next to a peak.
 const NODES_PER_CYCLE: f64 = 8.0;
-/// Least spectral window at a node that is worth a refinement. At a true tie's nearest node it is 0.98.
+/// Least spectral window at a node that is worth a refinement. At a true tie's nearest node it is
+/// 0.98.
 const MIN_WINDOW: f64 = 0.7;
 
 /// Frames times nodes of the scan, about; what would be more is judged by the leading frames alone.
@@ -45,8 +46,8 @@ pub struct AliasConfig {
 }
 
 impl Default for AliasConfig {
-    /// Up to 350 revolutions per second (twice the default of the estimators: one turn a frame at 350
-    /// frames per second), odds down to one in a thousand, 2 deg.
+    /// Up to 350 revolutions per second (twice the default of the estimators: one turn a frame at
+    /// 350 frames per second), odds down to one in a thousand, 2 deg.
     fn default() -> Self {
         Self {
             max_rps: 350.0,
@@ -66,12 +67,12 @@ pub struct Alternative {
     pub log_likelihood_ratio: f64,
 }
 
-/// The spins about the same axis that explain `measurements` nearly as well as `fit`, likeliest first,
-/// of equals the slower first.
+/// The spins about the same axis that explain `measurements` nearly as well as `fit`, likeliest
+/// first, of equals the slower first.
 ///
-/// Very long sequences are judged by their first frames only (thousands at even times): what these tell
-/// apart is apart, and what is left would need a spin more constant than any ball's. Where even three
-/// frames are so far apart that their aliases are beyond counting, none are listed.
+/// Very long sequences are judged by their first frames only (thousands at even times): what these
+/// tell apart is apart, and what is left would need a spin more constant than any ball's. Where
+/// even three frames are so far apart that their aliases are beyond counting, none are listed.
 pub fn alternatives(
     measurements: &[Measurement],
     fit: &Fit,
@@ -171,7 +172,8 @@ impl Window {
             .sum()
     }
 
-    /// Nodes of a scan from `low` to `high` (rad/s) where the window is high and higher than beside.
+    /// Nodes of a scan from `low` to `high` (rad/s) where the window is high and higher than
+    /// beside.
     fn peaks(&self, low: f64, high: f64) -> Vec<f64> {
         let step = std::f64::consts::TAU / (NODES_PER_CYCLE * self.duration);
         // No duration (fewer than two right frames): nothing can be compared.

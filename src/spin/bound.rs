@@ -1,4 +1,4 @@
-//! The Cramér-Rao bound: the least covariance that any unbiased estimate of the spin can have.
+//! The Cramér-Rao bound: the minimum covariance that any unbiased estimate of the spin can have.
 //!
 //! With the model of [`super::robust`] and known outliers, the Fisher information of (R0, w) from
 //! right orientations at times `t_k` with noise `sigma_k` per axis falls apart like the normal
@@ -16,9 +16,9 @@
 //!                                             S11 = sum |g_k|^2 / sigma_k^2
 //! ```
 //!
-//! (S. M. Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory", 1993, eq. 3.31, for
-//! Gaussian noise). Noise of a few degrees is small enough that the curvature of SO(3) changes this by
-//! `sigma^2 / 12`, a ten-thousandth.
+//! (S. M. Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory", 1993, eq. 3.31,
+//! for Gaussian noise). Noise of a few degrees is small enough that the curvature of SO(3) changes
+//! this by `sigma^2 / 12`, a ten-thousandth.
 
 use nalgebra::{Complex, Matrix3};
 
@@ -26,8 +26,13 @@ use super::Measurement;
 use super::refine::axis_and_rate;
 use crate::geometry::Vec3;
 
-/// Steps of the quadrature for [`SpinBound::probability_within`]; Simpson's rule is then exact to 1e-9.
+/// Steps of the quadrature for [`SpinBound::probability_within`]; Simpson's rule is then exact to
+/// 1e-9.
 const QUADRATURE_STEPS: usize = 256;
+
+/// A determinant below this share of what frames in all phases of a turn would give counts as 0:
+/// the turns between the frames are whole to within a millionth of their angle.
+const MIN_DETERMINANT: f64 = 1e-12;
 
 /// The bound on a spin's covariance.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -40,7 +45,8 @@ pub struct SpinBound {
 
 impl SpinBound {
     /// The bound for right orientations at `times_s` (seconds) with noise `sigmas_rad` per axis
-    /// (radians). `None` where they leave the spin open: fewer than two, or one of two turned whole.
+    /// (radians). `None` where they leave the spin open: fewer than two, or only whole turns
+    /// between all of them. Then any spin about another axis with as many turns is as good.
     pub fn new(spin: &Vec3, times_s: &[f64], sigmas_rad: &[f64]) -> Option<Self> {
         let (_, rate) = axis_and_rate(spin);
         let (mut s, mut st, mut stt) = (0.0, 0.0, 0.0);
@@ -64,8 +70,15 @@ impl SpinBound {
             c01 += turn.conj() * g * w;
             c11 += g.norm_sqr() * w;
         }
-        let along = s / (s * stt - st * st);
-        let across = s / (s * c11 - c01.norm_sqr());
+        let det_along = s * stt - st * st;
+        let det_across = s * c11 - c01.norm_sqr();
+        let open = MIN_DETERMINANT * s * stt;
+        // Not `<=`: it would let a NaN pass.
+        let determined = det_along > open && det_across > open;
+        if !determined {
+            return None;
+        }
+        let (along, across) = (s / det_along, s / det_across);
         let valid = |v: f64| v.is_finite() && v > 0.0;
         (valid(along) && valid(across)).then(|| Self {
             along_rad_s: along.sqrt(),
@@ -101,7 +114,7 @@ impl SpinBound {
 
     /// Probability that a Gaussian error with this covariance is shorter than `radius` (rad/s).
     ///
-    /// The two components across the axis have a Rayleigh law, which leaves one integral:
+    /// The two components across the axis have a Rayleigh distribution, which leaves one integral:
     /// `int N(x; 0, along^2) (1 - exp(-(radius^2 - x^2) / (2 across^2))) dx` over |x| < radius,
     /// done by Simpson's rule with `x = radius sin u`.
     pub fn probability_within(&self, radius: f64) -> f64 {

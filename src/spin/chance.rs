@@ -1,18 +1,19 @@
 //! How much agreement chance alone would bring about.
 //!
-//! Every pair of frames allows a handful of spins, so that a sequence has `sum over pairs (2 f T + 1)`
-//! hypotheses (`f` the largest spin in revolutions per second, `T` the pair's interval). Another frame that
-//! is anything at all agrees with one of them with the probability that a uniform rotation is within the
-//! angle r of a given one, `q = (r - sin r) / pi`, where r is the largest error that the mixture takes
-//! for noise; between the frames of the pair the prediction adds up to the frame's own variance. The
-//! expected number of hypotheses on which m of n frames agree by chance is thus about
+//! Every pair of frames allows a handful of spins, so that a sequence has `sum over pairs (2 f T +
+//! 1)` hypotheses (`f` the largest spin in revolutions per second, `T` the pair's interval).
+//! Another frame that is anything at all agrees with one of them with the probability that a
+//! uniform rotation is within the angle r of a given one, `q = (r - sin r) / pi`, where r is the
+//! largest error that the mixture takes for noise; between the frames of the pair the prediction
+//! adds up to the frame's own variance. The expected number of hypotheses on which m of n frames
+//! agree by chance is thus about
 //!
 //! ```text
 //! hypotheses * P(Binomial(n - 2, q) >= m - 2)
 //! ```
 //!
-//! (a number of false alarms, as in A. Desolneux, L. Moisan, J.-M. Morel, "Meaningful alignments", Int. J.
-//! Comput. Vision 40, 2000).
+//! (a number of false alarms, as in A. Desolneux, L. Moisan, J.-M. Morel, "Meaningful alignments",
+//! Int. J. Comput. Vision 40, 2000).
 
 use super::Measurement;
 use super::search::peak_gain;
@@ -20,8 +21,8 @@ use super::search::peak_gain;
 /// Radians; half of all rotations are within 2.31.
 const LARGEST_RADIUS: f64 = 2.31;
 
-/// Expected number of spins up to `max_rps` on which `agreeing` of the orientations agree by chance,
-/// with noise `sigma_rad` per axis.
+/// Expected number of spins up to `max_rps` on which `agreeing` of the orientations agree by
+/// chance, with noise `sigma_rad` per axis.
 pub(super) fn expected_by_chance(
     measurements: &[Measurement],
     agreeing: usize,

@@ -1,19 +1,19 @@
 //! The last refinement of a spin: directly on all dots of all frames.
 //!
-//! An orientation per frame, taken as equally uncertain about every axis, throws away which way its few
-//! visible dots left it loose. Here the motion is fitted to the dots themselves: dot `a` of the pattern is
-//! expected at `p = exp([w]x (t - t0)) R(t0) a`, and observed at an angle `e` from there (a vector in the
-//! tangent plane, two components of noise sigma each) with probability `p_right`, else anywhere on the
-//! visible half of the sphere, whose area is 2 pi. A rotation of the prediction by `x` moves the dot by
-//! `(I - p p^T) x` as a rotation vector, so that with the frame's Jacobian `J` of
-//! [`super::robust`]'s fit the information is
+//! An orientation per frame, taken as equally uncertain about every axis, throws away which way its
+//! few visible dots left it loose. Here the motion is fitted to the dots themselves: dot `a` of the
+//! pattern is expected at `p = exp([w]x (t - t0)) R(t0) a`, and observed at an angle `e` from there
+//! (a vector in the tangent plane, two components of noise sigma each) with probability `p_right`,
+//! else anywhere on the visible half of the sphere, whose area is 2 pi. A rotation of the
+//! prediction by `x` moves the dot by `(I - p p^T) x` as a rotation vector, so that with the
+//! frame's Jacobian `J` of [`super::robust`]'s fit the information is
 //!
 //! ```text
 //! sum over dots  p(right) J^T (I - p p^T) J / sigma^2
 //! ```
 //!
-//! It starts from a spin that is right but for noise, and goes to the nearest maximum of the likelihood: it
-//! neither looks for other spins nor changes which dot was taken for which.
+//! It starts from a spin that is right but for noise, and goes to the nearest maximum of the
+//! likelihood: it neither looks for other spins nor changes which dot was taken for which.
 
 use nalgebra::{Matrix3, Matrix6, SVector};
 
@@ -57,8 +57,8 @@ pub struct DotRefineConfig {
 }
 
 impl Default for DotRefineConfig {
-    /// 2 deg per axis (the paper's rotation by 3 deg about a random axis moves a dot by 1.7 deg per axis),
-    /// worth four degrees of freedom; nineteen dots in twenty right.
+    /// 2 deg per axis (the paper's rotation by 3 deg about a random axis moves a dot by 1.7 deg per
+    /// axis), worth four degrees of freedom; nineteen dots in twenty right.
     fn default() -> Self {
         Self {
             sigma_rad: 2f64.to_radians(),
@@ -70,8 +70,8 @@ impl Default for DotRefineConfig {
 
 /// Fits the motion to the dots, from the motion of `start`.
 ///
-/// The result's reference time is that of `start`; `inliers` counts the frames most of whose dots are
-/// right.
+/// The result's reference time is that of `start`; `inliers` counts the frames most of whose dots
+/// are right.
 ///
 /// # Errors
 /// A [`SpinRejection`] where a dot is not in the pattern, or fewer than three frames agree.

@@ -1,27 +1,29 @@
 //! Spin from time-stamped orientations: the last stage, and the one that meets the most nonsense.
 //!
-//! Some orientations are wrong by any angle (a misidentified pattern), some are missing, the times may
-//! be uneven, and a quaternion and its negative mean the same. Two estimators answer the same question:
+//! Some orientations are wrong by any angle (a misidentified pattern), some are missing, the times
+//! may be uneven, and a quaternion and its negative mean the same. Two estimators answer the same
+//! question:
 //!
 //! - [`quatera`]: the paper's, a regression in the plane of the quaternions with RANSAC before it
 //!   (T. Gossard et al., "SpinDOE", arXiv 2303.03879, Sec. II-D). The baseline.
-//! - [`robust`]: maximum likelihood on SO(3) under a mixture of noise and outliers, global over every
-//!   number of turns that may lie between two frames. The default.
+//! - [`robust`]: maximum likelihood on SO(3) under a mixture of noise and outliers, global over
+//!   every number of turns that may lie between two frames. The default.
 //!
-//! Frames and units: orientations map the pattern's frame to the camera's; a spin is a vector in the
-//! camera frame, rad/s, right-hand rule, such that
+//! Frames and units: orientations map the pattern's frame to the camera's; a spin is a vector in
+//! the camera frame, rad/s, right-hand rule, such that
 //!
 //! ```text
 //! R(t) = exp([w]x (t - t0)) R(t0)
 //! ```
 //!
-//! Around them: [`orientations`] is the file that they read, [`alias`] lists the spins that look alike at
-//! the given times, [`bound`] says what any estimator could reach; [`windows`] and [`decay`] (with the
-//! theory in [`air`]) follow a spin through a long flight; [`dots`] refines it on the dots themselves;
-//! [`simulate`] makes sequences with a known truth, and [`trajectories`] reads published flights.
+//! Around them: [`orientations`] is the file that they read, [`alias`] lists the spins that look
+//! alike at the given times, [`bound`] says what any estimator could reach; [`windows`] and
+//! [`decay`] (with the theory in [`air`]) follow a spin through a long sequence; [`dots`] refines
+//! it on the dots themselves; [`simulate`] makes sequences with a known truth, and [`trajectories`]
+//! reads the published ones.
 //!
-//! What no estimator can promise: to tell spins apart that look alike at the given times
-//! (their aliases).
+//! What no estimator can promise: to distinguish spins that look alike at the given times (their
+//! aliases).
 
 pub mod air;
 pub mod alias;
@@ -32,6 +34,7 @@ pub mod orientations;
 pub mod quatera;
 pub mod robust;
 pub mod simulate;
+#[cfg(feature = "native")]
 pub mod trajectories;
 pub mod windows;
 
@@ -47,9 +50,13 @@ use crate::geometry::{Rotation, Vec3};
 /// Fewest orientations that can show a spin and check it: two fix it, the third bears witness.
 pub const MIN_FRAMES: usize = 3;
 
-/// Most turns between successive orientations that the search goes through one by one: far more than
-/// any sampling can decide, and few enough to be done in a moment.
+/// Most turns between successive orientations that the search goes through one by one: far more
+/// than any sampling can decide, and few enough to be done in a moment.
 pub const MAX_TURNS: usize = 200;
+
+/// Minimum time between successive orientations, seconds: a million frames a second. Frames
+/// numbered in nanoseconds by mistake are closer.
+pub const MIN_INTERVAL_S: f64 = 1e-6;
 
 /// The probability that an orientation is right, where nothing is known of it.
 ///
@@ -154,18 +161,33 @@ pub enum SpinRejection {
          expected at most {MAX_TURNS} (are the times in seconds?)"
     )]
     Sparse {
-        /// The least interval between successive orientations, seconds.
+        /// The minimum interval between successive orientations, seconds.
         interval_s: f64,
         /// Turns possible within it.
         turns: f64,
         /// Largest spin searched, revolutions per second.
         max_rps: f64,
     },
-    /// The right orientations leave the rate of decay open.
-    #[error("the {inliers} orientations that agree leave the decay open, expected a longer flight")]
-    DecayOpen {
-        /// Orientations that count as right.
-        inliers: usize,
+    /// A setting is outside its domain.
+    #[error("{setting}: expected {expected}, found {value}")]
+    Setting {
+        /// The setting, named as its field.
+        setting: &'static str,
+        /// Its domain.
+        expected: &'static str,
+        /// What was found.
+        value: f64,
+    },
+    /// Two orientations follow each other faster than any camera takes them.
+    #[error(
+        "orientation {index}: {interval_s:e} s after the one before, expected at least \
+         {MIN_INTERVAL_S:e} s (are the times in seconds?)"
+    )]
+    Close {
+        /// Index of the later measurement, from 0.
+        index: usize,
+        /// Time since the one before, seconds.
+        interval_s: f64,
     },
     /// Too few of the orientations agree on any one spin.
     #[error(
@@ -184,20 +206,46 @@ pub enum SpinRejection {
 impl SpinRejection {
     /// The error to report where the measurements came from the file `path`.
     pub fn in_file(self, path: &std::path::Path) -> Error {
-        Error::input(path, "orientations", self.to_string())
+        match self {
+            Self::Setting { .. } => self.into(),
+            _ => Error::input(path, "orientations", self.to_string()),
+        }
     }
 }
 
 impl From<SpinRejection> for Error {
-    fn from(refusal: SpinRejection) -> Self {
-        Error::argument("orientations", refusal.to_string())
+    fn from(rejection: SpinRejection) -> Self {
+        match rejection {
+            SpinRejection::Setting {
+                setting,
+                expected,
+                value,
+            } => Error::argument(setting, format!("expected {expected}, found {value}")),
+            _ => Error::argument("orientations", rejection.to_string()),
+        }
     }
+}
+
+/// Checks a setting against its domain.
+fn require(
+    inside: bool,
+    setting: &'static str,
+    expected: &'static str,
+    value: f64,
+) -> Result<(), SpinRejection> {
+    let rejection = SpinRejection::Setting {
+        setting,
+        expected,
+        value,
+    };
+    if inside { Ok(()) } else { Err(rejection) }
 }
 
 /// Checks what every estimator relies on.
 ///
 /// # Errors
-/// The first violation: fewer than `needed` measurements, times not increasing, values out of domain.
+/// The first violation: fewer than `needed` measurements, times not increasing, values out of
+/// domain.
 pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), SpinRejection> {
     let mut before = f64::NEG_INFINITY;
     for (index, m) in measurements.iter().enumerate() {
@@ -205,13 +253,17 @@ pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), SpinReje
             let time_s = m.time_s;
             return Err(SpinRejection::Times { index, time_s });
         }
+        let interval_s = m.time_s - before;
+        if interval_s < MIN_INTERVAL_S {
+            return Err(SpinRejection::Close { index, interval_s });
+        }
         before = m.time_s;
         let unit = (m.orientation.coords.norm_squared() - 1.0).abs() < 1e-6;
         let problem = match m {
             _ if !unit => "expected a unit quaternion",
             _ if !(0.0..=1.0).contains(&m.confidence) => "expected a confidence between 0 and 1",
-            _ if !(m.sigma_scale > 0.0 && m.sigma_scale.is_finite()) => {
-                "expected a positive noise scale"
+            _ if !(1e-6..=1e6).contains(&m.sigma_scale) => {
+                "expected a noise scale between a millionth and a million"
             }
             _ => continue,
         };

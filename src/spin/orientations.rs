@@ -13,18 +13,21 @@
 //! the quaternion are indispensable; other columns may be missing or empty, and unknown ones are
 //! passed over.
 //!
+//! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
+//! file; [`OrientationWriter`] writes them likewise.
+//!
 //! Guarantees: what is read has finite numbers, unit quaternions and increasing times; everything
 //! else is refused with the line that is at fault.
 
-use std::fmt::Write as _;
+use std::io::{BufRead, Write};
 use std::path::Path;
 
-use nalgebra::Quaternion;
-
 use super::{DEFAULT_CONFIDENCE, Measurement};
-use crate::error::{Error, Result};
+use crate::error::Result;
+#[cfg(feature = "native")]
 use crate::files;
-use crate::geometry::Rotation;
+use crate::files::csv::{Columns, Field, Table, TableRow, quoted};
+use crate::geometry::{Rotation, from_wxyz, to_wxyz};
 
 /// Largest deviation of a quaternion's length from 1 that is normalized instead of refused: six
 /// decimals are kept by most writers, three by the most careless.
@@ -36,20 +39,22 @@ const SCALE_LIMIT: f64 = 2.0;
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
 /// The columns, in the order in which they are written.
-const COLUMNS: [&str; 10] = [
-    "frame",
-    "time_s",
-    "qw",
-    "qx",
-    "qy",
-    "qz",
-    "dots",
-    "matched",
-    "residual_deg",
-    "confidence",
-];
-/// How many of [`COLUMNS`] after the first a file must have: the time and the quaternion.
-const INDISPENSABLE: std::ops::Range<usize> = 1..6;
+static COLUMNS: Columns<10> = Columns {
+    names: [
+        "frame",
+        "time_s",
+        "qw",
+        "qx",
+        "qy",
+        "qz",
+        "dots",
+        "matched",
+        "residual_deg",
+        "confidence",
+    ],
+    // The time and the quaternion.
+    required: 1..6,
+};
 
 /// One frame of an orientations file.
 #[derive(Debug, Clone, PartialEq)]
@@ -98,67 +103,38 @@ impl Orientations {
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
-        let bytes = files::read_bytes(path)?;
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .comment(Some(b'#'))
-            .from_reader(bytes.as_slice());
-        let header = reader
-            .headers()
-            .map_err(|e| Error::input(path, "line 1", e.to_string()))?;
-        let columns = find_columns(header).map_err(|p| Error::input(path, "line 1", p))?;
-        let mut rows: Vec<OrientationRow> = Vec::new();
-        for (i, record) in reader.records().enumerate() {
-            let at = |line: u64, problem| Error::input(path, format!("line {line}"), problem);
-            let record = record.map_err(|e| {
-                let line = files::line_of(&bytes, e.position(), i as u64 + 2);
-                at(line, uneven(&e))
-            })?;
-            let line = files::line_of(&bytes, record.position(), i as u64 + 2);
-            let row = parse(&record, &columns).map_err(|problem| at(line, problem))?;
-            if let Some(before) = rows.last().filter(|r| r.time_s >= row.time_s) {
-                let problem = format!(
-                    "expected a time later than the {} s before it, found {} s",
-                    before.time_s, row.time_s
-                );
-                return Err(at(line, problem));
-            }
-            rows.push(row);
-        }
+        Self::read(path, files::open(path)?)
+    }
+
+    /// As [`Orientations::read_csv`], from any input; `path` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    pub fn read(path: &Path, input: impl BufRead) -> Result<Self> {
+        let rows = OrientationReader::new(path, input)?.collect::<Result<_>>()?;
         Ok(Self { rows })
     }
 
     /// The file's text; quaternions scalar first with `qw >= 0`, digits enough to read back the same
     /// bits.
     pub fn to_csv(&self) -> String {
-        let mut text = COLUMNS.join(",");
-        text.push('\n');
+        let mut text = Vec::new();
+        let mut writer = OrientationWriter::new(&mut text);
         for row in &self.rows {
-            let frame = quoted(&row.frame);
-            let quaternion = row.orientation.map_or(",,,".to_owned(), |r| {
-                let q = r.into_inner();
-                let q = if q.w < 0.0 { -q } else { q };
-                format!("{},{},{},{}", q.w, q.i, q.j, q.k)
-            });
-            // Writing to a String cannot fail.
-            let _ = writeln!(
-                text,
-                "{frame},{},{quaternion},{},{},{},{}",
-                optional(row.time_s.is_finite().then_some(row.time_s)),
-                optional(row.dots),
-                optional(row.matched),
-                optional(row.residual_rad.map(f64::to_degrees)),
-                optional(row.confidence),
-            );
+            // Writing to memory cannot fail.
+            let _ = writer.write(row);
         }
-        text
+        let _ = writer.finish();
+        String::from_utf8(text).unwrap_or_default()
     }
 
     /// Writes the file, whole or not at all.
     ///
     /// # Errors
     /// [`Error::Write`].
+    #[cfg(feature = "native")]
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         files::write_bytes(path, self.to_csv().as_bytes())
     }
@@ -201,115 +177,163 @@ impl Orientations {
     }
 }
 
-/// Where each of [`COLUMNS`] stands.
-fn find_columns(header: &csv::StringRecord) -> std::result::Result<[Option<usize>; 10], String> {
-    let places = COLUMNS.map(|name| header.iter().position(|h| h == name));
-    for name in COLUMNS {
-        if header.iter().filter(|h| *h == name).count() > 1 {
-            return Err(format!("column {name} occurs more than once"));
-        }
-    }
-    for i in INDISPENSABLE {
-        if places[i].is_none() {
-            let found = header.iter().collect::<Vec<_>>().join(",");
-            let missing = COLUMNS[i];
-            return Err(format!(
-                "expected a header with {missing} (frame,time_s,qw,qx,qy,qz,...), found \"{found}\""
-            ));
-        }
-    }
-    Ok(places)
+/// The rows of an orientations file, one by one. After an error there are no more.
+pub struct OrientationReader<R> {
+    table: Table<R, 10>,
+    /// Time of the row before, seconds.
+    time_s: f64,
+    ended: bool,
 }
 
-/// A record's problem in words.
-fn uneven(error: &csv::Error) -> String {
-    match error.kind() {
-        csv::ErrorKind::UnequalLengths {
-            expected_len, len, ..
-        } => format!("expected {expected_len} fields as in the header, found {len}"),
-        _ => error.to_string(),
+impl<R: BufRead> OrientationReader<R> {
+    /// Reads the header of `input`; `path` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::Input`] where a column is missing or occurs twice.
+    pub fn new(path: &Path, input: R) -> Result<Self> {
+        Ok(Self {
+            table: Table::new(path, input, &COLUMNS)?,
+            time_s: f64::NEG_INFINITY,
+            ended: false,
+        })
+    }
+
+    fn read_row(&mut self) -> Result<Option<OrientationRow>> {
+        let Some(row) = self.table.next_row()? else {
+            return Ok(None);
+        };
+        let parsed = parse(&row).map_err(|problem| row.error(problem))?;
+        if self.time_s >= parsed.time_s {
+            return Err(row.error(format!(
+                "expected a time later than the {} s before it, found {} s",
+                self.time_s, parsed.time_s
+            )));
+        }
+        self.time_s = parsed.time_s;
+        Ok(Some(parsed))
     }
 }
 
-fn parse(
-    record: &csv::StringRecord,
-    columns: &[Option<usize>; 10],
-) -> std::result::Result<OrientationRow, String> {
-    let field = |i: usize| {
-        columns[i]
-            .and_then(|c| record.get(c))
-            .filter(|f| !f.is_empty())
-    };
-    let number = |i: usize| match field(i) {
-        None => Ok(None),
-        Some(text) => match text.parse::<f64>() {
-            Ok(x) if x.is_finite() => Ok(Some(x)),
-            _ => Err(format!(
-                "{}: expected a finite number, found \"{text}\"",
-                COLUMNS[i]
-            )),
-        },
-    };
-    let count = |i: usize| match field(i).map(str::parse::<usize>) {
-        None => Ok(None),
-        Some(Ok(n)) => Ok(Some(n)),
-        Some(Err(_)) => Err(format!(
-            "{}: expected a whole number, found \"{}\"",
-            COLUMNS[i],
-            field(i).unwrap_or_default()
-        )),
-    };
-    let confidence = number(9)?;
+impl<R: BufRead> Iterator for OrientationReader<R> {
+    type Item = Result<OrientationRow>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
+        let row = self.read_row();
+        self.ended = !matches!(row, Ok(Some(_)));
+        row.transpose()
+    }
+}
+
+/// Writes an orientations file row by row; the header goes before the first one.
+pub struct OrientationWriter<W> {
+    to: W,
+    begun: bool,
+}
+
+impl<W: Write> OrientationWriter<W> {
+    /// Nothing is written yet.
+    pub fn new(to: W) -> Self {
+        Self { to, begun: false }
+    }
+
+    /// Writes a row; a quaternion scalar first with `qw >= 0`, digits enough to read back the same
+    /// bits.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub fn write(&mut self, row: &OrientationRow) -> std::io::Result<()> {
+        self.begin()?;
+        write!(self.to, "{},", quoted(&row.frame))?;
+        optional(&mut self.to, Some(row.time_s).filter(|t| t.is_finite()))?;
+        match &row.orientation {
+            Some(rotation) => {
+                let [w, x, y, z] = to_wxyz(rotation);
+                write!(self.to, ",{w},{x},{y},{z},")?;
+            }
+            None => self.to.write_all(b",,,,,")?,
+        }
+        optional(&mut self.to, row.dots)?;
+        self.to.write_all(b",")?;
+        optional(&mut self.to, row.matched)?;
+        self.to.write_all(b",")?;
+        optional(&mut self.to, row.residual_rad.map(f64::to_degrees))?;
+        self.to.write_all(b",")?;
+        optional(&mut self.to, row.confidence)?;
+        self.to.write_all(b"\n")
+    }
+
+    /// Hands on what is buffered.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub fn flush(&mut self) -> std::io::Result<()> {
+        self.to.flush()
+    }
+
+    /// Ends the file, which has a header even where it has no row.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub fn finish(mut self) -> std::io::Result<W> {
+        self.begin()?;
+        self.to.flush()?;
+        Ok(self.to)
+    }
+
+    fn begin(&mut self) -> std::io::Result<()> {
+        if !self.begun {
+            self.begun = true;
+            writeln!(self.to, "{}", COLUMNS.names.join(","))?;
+        }
+        Ok(())
+    }
+}
+
+fn optional(to: &mut impl Write, value: Option<impl std::fmt::Display>) -> std::io::Result<()> {
+    value.map_or(Ok(()), |v| write!(to, "{v}"))
+}
+
+fn parse(row: &TableRow<'_, 10>) -> Field<OrientationRow> {
+    let confidence = row.number(9)?;
     if let Some(c) = confidence.filter(|c| !(0.0..=1.0).contains(c)) {
         return Err(format!("confidence: expected 0 to 1, found {c}"));
     }
-    let residual_deg = number(8)?;
+    let residual_deg = row.number(8)?;
     if let Some(r) = residual_deg.filter(|r| *r < 0.0) {
         return Err(format!("residual_deg: expected 0 or more, found {r}"));
     }
+    let quaternion = [
+        row.number(2)?,
+        row.number(3)?,
+        row.number(4)?,
+        row.number(5)?,
+    ];
     Ok(OrientationRow {
-        frame: field(0).unwrap_or_default().to_owned(),
-        time_s: number(1)?.ok_or("time_s: expected a time in seconds, found nothing")?,
-        orientation: quaternion([number(2)?, number(3)?, number(4)?, number(5)?])?,
-        dots: count(6)?,
-        matched: count(7)?,
+        frame: row.text(0).unwrap_or_default().to_owned(),
+        time_s: row
+            .number(1)?
+            .ok_or("time_s: expected a time in seconds, found nothing")?,
+        orientation: orientation(quaternion)?,
+        dots: row.count(6)?,
+        matched: row.count(7)?,
         residual_rad: residual_deg.map(f64::to_radians),
         confidence,
     })
 }
 
 /// A unit quaternion from its fields w, x, y, z; all empty: none.
-fn quaternion(fields: [Option<f64>; 4]) -> std::result::Result<Option<Rotation>, String> {
-    let (w, x, y, z) = match fields {
-        [Some(w), Some(x), Some(y), Some(z)] => (w, x, y, z),
+fn orientation(fields: [Option<f64>; 4]) -> Field<Option<Rotation>> {
+    let wxyz = match fields {
+        [Some(w), Some(x), Some(y), Some(z)] => [w, x, y, z],
         [None, None, None, None] => return Ok(None),
         _ => return Err("expected all of qw,qx,qy,qz or none of them".into()),
     };
-    let q = Quaternion::new(w, x, y, z);
-    let length = q.norm();
-    if (length - 1.0).abs() <= LENGTH_TOLERANCE {
-        // Normalizing what is rounded only would change its bits.
-        let exact = (length - 1.0).abs() <= 4.0 * f64::EPSILON;
-        return Ok(Some(if exact {
-            Rotation::new_unchecked(q)
-        } else {
-            Rotation::new_normalize(q)
-        }));
-    }
-    Err(format!(
-        "qw,qx,qy,qz: expected a unit quaternion, found one of length {length:.6}"
-    ))
-}
-
-/// A field of text; quoted where CSV demands it.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r', '#']) || text.trim() != text {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
-}
-
-fn optional<T: std::fmt::Display>(value: Option<T>) -> String {
-    value.map_or(String::new(), |v| v.to_string())
+    from_wxyz(wxyz, LENGTH_TOLERANCE)
+        .map(Some)
+        .map_err(|length| {
+            format!("qw,qx,qy,qz: expected a unit quaternion, found one of length {length:.6}")
+        })
 }

@@ -1,26 +1,27 @@
-//! The paper's spin regression: QuateRA with RANSAC (T. Gossard et al., "SpinDOE", arXiv 2303.03879,
-//! Sec. II-D; M. Almeida et al., "QuateRA: the quaternion regression algorithm", J. Guid. Control Dyn.
-//! 43, 2020). The baseline, kept as it is; [`super::robust`] is the better estimator.
+//! The paper's spin regression: QuateRA with RANSAC (T. Gossard et al., "SpinDOE", arXiv
+//! 2303.03879, Sec. II-D; M. Almeida et al., "QuateRA: the quaternion regression algorithm", J.
+//! Guid. Control Dyn. 43, 2020). The baseline, kept as it is; [`super::robust`] is the better
+//! estimator.
 //!
 //! With a constant spin the quaternions `q(t) = exp(n phi(t) / 2) q0` lie in a plane through the
-//! origin of R^4: `q = cos(phi/2) u1 + sin(phi/2) u2` with `u2 = n u1`, hence `n = u2 u1*`, without a
-//! sign to be found by trial. The plane is spanned by the two leading eigenvectors of `sum q q^T`,
-//! which does not care about the quaternions' signs. Angles are `phi = 2 atan2(q.u2, q.u1)`,
+//! origin of R^4: `q = cos(phi/2) u1 + sin(phi/2) u2` with `u2 = n u1`, hence `n = u2 u1*`, without
+//! a sign to be found by trial. The plane is spanned by the two leading eigenvectors of `sum q
+//! q^T`, which does not care about the quaternions' signs. Angles are `phi = 2 atan2(q.u2, q.u1)`,
 //! unwrapped and regressed on time: the spin is `n dphi/dt`.
 //!
-//! RANSAC: the plane is fitted to short runs of successive frames; a frame whose distance
-//! `1 - |projection on the plane|` is below a threshold joins; the plane that at least three join and
+//! RANSAC: the plane is fitted to short runs of successive frames; a frame whose distance `1 -
+//! |projection on the plane|` is below a threshold joins; the plane that at least three join and
 //! with the least total distance wins.
 //!
-//! Known weaknesses, kept: a run must be free of outliers; a slow spin leaves the plane undetermined;
-//! any rotation about nearly the right axis counts as right, however wrong its angle; unwrapping is by
-//! rules of thumb.
+//! Known weaknesses, kept: a run must be free of outliers; a slow spin leaves the plane
+//! undetermined; any rotation about nearly the right axis counts as right, however wrong its angle;
+//! unwrapping is by rules of thumb.
 
 use nalgebra::{Matrix4, Vector4};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Fit, Measurement, Motion, SpinRejection, check};
+use super::{Fit, Measurement, Motion, SpinRejection, check, require};
 use crate::geometry::{Rotation, Vec3};
 
 /// Settings, by default those of the authors' published code.
@@ -53,6 +54,25 @@ impl Default for QuateraConfig {
     }
 }
 
+impl QuateraConfig {
+    /// Checks the domains of all settings.
+    ///
+    /// # Errors
+    /// [`SpinRejection::Setting`] naming the first that is outside.
+    pub fn check(&self) -> Result<(), SpinRejection> {
+        // One quaternion lies in many planes, and one angle on many lines.
+        let run = self.run as f64;
+        require(self.run >= 2, "run", "2 or more", run)?;
+        let iterations = self.iterations as f64;
+        require(self.iterations > 0, "iterations", "1 or more", iterations)?;
+        let threshold = self.threshold;
+        require(threshold > 0.0, "threshold", "a positive number", threshold)?;
+        let rps = self.max_rps;
+        let inside = rps > 0.0 && rps.is_finite();
+        require(inside, "max_rps", "a positive number", rps)
+    }
+}
+
 /// A coefficient of determination below this makes unwrapping try the other direction (authors').
 const GOOD_SCORE: f64 = 0.95;
 /// Rate (rad/s) over which the tolerance of the second unwrapping pass falls off (authors').
@@ -65,7 +85,7 @@ const MAX_TURNS: usize = 8;
 /// The baseline estimator with its working memory.
 #[derive(Debug, Clone)]
 pub struct QuateraEstimator {
-    options: QuateraConfig,
+    config: QuateraConfig,
     quaternions: Vec<Vector4<f64>>,
     members: Vec<bool>,
     best: Vec<bool>,
@@ -134,9 +154,9 @@ struct Line {
 
 impl QuateraEstimator {
     /// An estimator with these settings.
-    pub fn new(options: QuateraConfig) -> Self {
+    pub fn new(config: QuateraConfig) -> Self {
         Self {
-            options,
+            config,
             quaternions: Vec::new(),
             members: Vec::new(),
             best: Vec::new(),
@@ -156,25 +176,28 @@ impl QuateraEstimator {
     /// The spin of a sequence.
     ///
     /// # Errors
-    /// A [`SpinRejection`] where the measurements are invalid or too few (a run and three more), or where
-    /// RANSAC finds no plane, or unwrapping no permitted spin.
+    /// A [`SpinRejection`] where the settings or the measurements are invalid, or the measurements
+    /// are too few (a run and three more), or where RANSAC finds no plane, or unwrapping no
+    /// permitted spin.
     pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
-        check(measurements, self.options.run + self.options.joining)?;
+        self.config.check()?;
+        let needed = self.config.run.saturating_add(self.config.joining);
+        check(measurements, needed)?;
         self.quaternions.clear();
         self.quaternions
             .extend(measurements.iter().map(|m| m.orientation.coords));
-        let max_rps = self.options.max_rps;
-        let refusal = |agreeing| SpinRejection::NoConsensus {
+        let max_rps = self.config.max_rps;
+        let rejection = |agreeing| SpinRejection::NoConsensus {
             agreeing,
             frames: measurements.len(),
             max_rps,
         };
-        let none = refusal(0);
+        let none = rejection(0);
         let Some(plane) = self.ransac() else {
             return Err(none);
         };
         let inliers = self.best.iter().filter(|m| **m).count();
-        let unwrapped = refusal(inliers);
+        let unwrapped = rejection(inliers);
         self.times.clear();
         self.raw.clear();
         for ((m, q), member) in measurements.iter().zip(&self.quaternions).zip(&self.best) {
@@ -203,26 +226,26 @@ impl QuateraEstimator {
 
     /// The best plane; its members are left in `self.best`.
     fn ransac(&mut self) -> Option<Plane> {
-        let starts = self.quaternions.len() - self.options.run + 1;
-        let mut rng = ChaCha8Rng::seed_from_u64(self.options.seed);
+        let starts = self.quaternions.len() - self.config.run + 1;
+        let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
         let mut best: Option<(f64, Plane)> = None;
-        for i in 0..self.options.iterations.min(starts) {
-            let exhaustive = starts <= self.options.iterations;
+        for i in 0..self.config.iterations.min(starts) {
+            let exhaustive = starts <= self.config.iterations;
             let start = if exhaustive {
                 i
             } else {
                 rng.random_range(0..starts)
             };
-            let run = start..start + self.options.run;
+            let run = start..start + self.config.run;
             let plane = Plane::through(self.quaternions[run.clone()].iter());
             self.members.clear();
             let mut joined = 0;
             for (k, q) in self.quaternions.iter().enumerate() {
-                let joins = !run.contains(&k) && plane.distance(q) < self.options.threshold;
+                let joins = !run.contains(&k) && plane.distance(q) < self.config.threshold;
                 joined += usize::from(joins);
                 self.members.push(joins || run.contains(&k));
             }
-            if joined < self.options.joining {
+            if joined < self.config.joining {
                 continue;
             }
             let chosen = || self.quaternions.iter().zip(&self.members).filter(|x| *x.1);
@@ -238,7 +261,7 @@ impl QuateraEstimator {
 
     /// Unwraps in the likelier direction, in the other too where the line is poor.
     fn regress(&mut self) -> Option<Line> {
-        let limit = self.options.max_rps * std::f64::consts::TAU;
+        let limit = self.config.max_rps * std::f64::consts::TAU;
         self.sorted.clear();
         self.sorted
             .extend(self.raw.windows(2).map(|w| fold(w[1] - w[0])));

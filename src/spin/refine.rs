@@ -1,4 +1,5 @@
-//! The local part of the robust fit: expectation-maximization with Gauss-Newton steps on SO(3) x R^3.
+//! The local part of the robust fit: expectation-maximization with Gauss-Newton steps on SO(3) x
+//! R^3.
 //!
 //! Model: `R_k = exp([e_k]x) exp([w]x t_k) R_0`, `t_k` counted from the reference time, with
 //! `e_k ~ N(0, sigma^2 s_k^2 I)` with probability `p_k`, else uniform on SO(3). For a change of the
@@ -8,18 +9,18 @@
 //! Exp(w t) a + t J(w t) d,    J the left Jacobian of SO(3)
 //! ```
 //!
-//! (J. Sola, J. Deray, D. Atchuthan, "A micro Lie theory for state estimation in robotics",
-//! arXiv 1812.01537, eq. 143-145). Along the spin's axis this is `a + t d`. Across it, with vectors as
+//! (J. Sola, J. Deray, D. Atchuthan, "A micro Lie theory for state estimation in robotics", arXiv
+//! 1812.01537, eq. 143-145). Along the spin's axis this is `a + t d`. Across it, with vectors as
 //! complex numbers in a right-handed frame and `theta = |w| t`, it is
 //!
 //! ```text
 //! exp(i theta) a + g d,    g = t (exp(i theta) - 1) / (i theta) = t (sin theta + i (1 - cos theta)) / theta
 //! ```
 //!
-//! so that the 6 x 6 normal equations fall apart into a real and a complex 2 x 2 system. The weights
-//! are the posterior probabilities that the frames are right. While the parameters are still poor the
-//! variance of the prediction is added to the noise, and frames whose prediction is worth nothing wait:
-//! the fit grows from the two frames it started with to the whole sequence.
+//! so that the 6 x 6 normal equations fall apart into a real and a complex 2 x 2 system. The
+//! weights are the posterior probabilities that the frames are right. While the parameters are
+//! still poor the variance of the prediction is added to the noise, and frames whose prediction is
+//! worth nothing wait: the fit grows from the two frames it started with to the whole sequence.
 
 use std::f64::consts::TAU;
 
@@ -31,8 +32,8 @@ use crate::geometry::{Rotation, Vec3, tangent_frame};
 
 /// A prediction less certain than this (radians, per axis) is not linear any more: the frame waits.
 pub(super) const PREDICTION_LIMIT: f64 = 0.35;
-/// The noise is taken to be at most this many times what was expected: a mixture free to widen its noise
-/// calls anything right.
+/// The noise is taken to be at most this many times what was expected: a mixture free to widen its
+/// noise calls anything right.
 pub(super) const MAX_NOISE: f64 = 5.0;
 /// Steps while the fit grows. The reach multiplies by about `PREDICTION_LIMIT / sigma` in each.
 const GROWTH_STEPS: usize = 12;
@@ -43,7 +44,7 @@ const CONVERGED: f64 = 1e-4;
 /// Below this angle (radians) series replace quotients: the next term is below 1e-18.
 const SMALL_ANGLE: f64 = 1e-4;
 
-/// Knowledge of the noise: a scaled inverse chi-squared law for its variance.
+/// Knowledge of the noise: a scaled inverse chi-squared distribution for its variance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NoisePrior {
     /// Noise per axis, radians.

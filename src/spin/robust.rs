@@ -1,23 +1,24 @@
 //! Spin by maximum likelihood on SO(3), robust and global.
 //!
 //! Every spin that two of the frames allow (any number of turns between them, up to the permitted
-//! magnitude) is scored on all others; the best few are refined together with the orientation under a
-//! mixture of noise and uniform outliers; among those, the likeliest wins, and of equals the slowest.
+//! magnitude) is scored on all others; the best few are refined together with the orientation under
+//! a mixture of noise and uniform outliers; among those, the likeliest wins, and of equals the
+//! slowest.
 //!
-//! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen a
-//! sequence as long; a spin is only reported where more frames agree on it than chance would explain.
-//! Not guaranteed: a constant spin is taken for granted.
+//! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen
+//! a sequence as long; a spin is only reported where more frames agree on it than chance would
+//! explain. Not guaranteed: a constant spin is taken for granted.
 
 use nalgebra::Matrix3;
 
 use super::chance::expected_by_chance;
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
-use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check};
+use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check, require};
 use crate::geometry::Vec3;
 
-/// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then all
-/// at once.
+/// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then
+/// all at once.
 const QUICK_GAP: usize = 3;
 /// Widest gap between a pair's frames: beyond that there are only more turns to be wrong by.
 const WIDEST_GAP: usize = 30;
@@ -26,8 +27,8 @@ const WIDEST_GAP: usize = 30;
 const ENOUGH: f64 = 0.6;
 /// Frames that serve as a pair's first in one search; long sequences are sampled evenly.
 const MAX_STARTS: usize = 64;
-/// Of spins whose log posterior differs by less than this the slowest is chosen: odds of 20 to 1 are
-/// the least that counts as evidence.
+/// Of spins whose log posterior differs by less than this the slowest is chosen: odds of 20 to 1
+/// are the minimum that counts as evidence.
 pub(super) const TIE_MARGIN: f64 = 3.0;
 
 /// What is known of the spin's magnitude beforehand.
@@ -64,8 +65,8 @@ pub struct RobustSpinConfig {
 
 impl Default for RobustSpinConfig {
     /// 175 revolutions per second (the paper's limit: half a turn a frame at 350 frames per second)
-    /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes), which
-    /// counts for little: at half or twice that noise the residuals of ten frames prevail.
+    /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes),
+    /// which counts for little: at half or twice that noise the residuals of ten frames prevail.
     fn default() -> Self {
         Self {
             max_rps: 175.0,
@@ -77,10 +78,49 @@ impl Default for RobustSpinConfig {
     }
 }
 
+impl RobustSpinConfig {
+    /// Checks the domains of all settings.
+    ///
+    /// # Errors
+    /// [`SpinRejection::Setting`] naming the first that is outside.
+    pub fn check(&self) -> Result<(), SpinRejection> {
+        let positive = |x: f64| x > 0.0 && x.is_finite();
+        let rps = self.max_rps;
+        require(positive(rps), "max_rps", "a positive number", rps)?;
+        // More noise than that is no orientation, and would allow any number of turns.
+        let sigma = self.sigma_rad;
+        let inside = sigma > 0.0 && sigma <= std::f64::consts::FRAC_PI_2;
+        let degrees = sigma.to_degrees();
+        require(
+            inside,
+            "sigma_rad",
+            "more than 0 and at most 90 deg",
+            degrees,
+        )?;
+        // Infinite is a meaning of its own.
+        let degrees = self.sigma_degrees;
+        require(degrees > 0.0, "sigma_degrees", "a positive number", degrees)?;
+        let alarms = self.false_alarms;
+        require(
+            positive(alarms),
+            "false_alarms",
+            "a positive number",
+            alarms,
+        )?;
+        let Some(prior) = self.prior else {
+            return Ok(());
+        };
+        let inside = prior.rps >= 0.0 && prior.rps.is_finite();
+        require(inside, "prior_rps", "0 or more", prior.rps)?;
+        let std = prior.std_rps;
+        require(positive(std), "prior_std_rps", "a positive number", std)
+    }
+}
+
 /// The robust estimator with its working memory.
 #[derive(Debug, Clone)]
 pub struct RobustEstimator {
-    options: RobustSpinConfig,
+    config: RobustSpinConfig,
     seen: Vec<Seen>,
     shortlist: Shortlist,
     scratch: Vec<f64>,
@@ -90,9 +130,9 @@ pub struct RobustEstimator {
 
 impl RobustEstimator {
     /// An estimator with these settings.
-    pub fn new(options: RobustSpinConfig) -> Self {
+    pub fn new(config: RobustSpinConfig) -> Self {
         Self {
-            options,
+            config,
             seen: Vec::new(),
             shortlist: Shortlist::new(),
             scratch: Vec::new(),
@@ -102,8 +142,8 @@ impl RobustEstimator {
     }
 
     /// The settings.
-    pub fn options(&self) -> &RobustSpinConfig {
-        &self.options
+    pub fn config(&self) -> &RobustSpinConfig {
+        &self.config
     }
 
     /// For each measurement of the last successful fit, the probability that it is right.
@@ -114,8 +154,10 @@ impl RobustEstimator {
     /// The spin of a sequence.
     ///
     /// # Errors
-    /// A [`SpinRejection`] where the measurements are invalid, too few, or agree on nothing.
+    /// A [`SpinRejection`] where the settings or the measurements are invalid, or the measurements
+    /// are too few or agree on nothing.
     pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
+        self.config.check()?;
         check(measurements, MIN_FRAMES)?;
         self.check_spacing(measurements)?;
         let n = measurements.len();
@@ -142,21 +184,21 @@ impl RobustEstimator {
     fn check_spacing(&self, measurements: &[Measurement]) -> Result<(), SpinRejection> {
         let intervals = measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
         let interval_s = intervals.fold(f64::INFINITY, f64::min);
-        let turns = 2.0 * interval_s * self.options.max_rps;
+        let turns = 2.0 * interval_s * self.config.max_rps;
         if turns <= MAX_TURNS as f64 {
             return Ok(());
         }
         Err(SpinRejection::Sparse {
             interval_s,
             turns,
-            max_rps: self.options.max_rps,
+            max_rps: self.config.max_rps,
         })
     }
 
     fn prior(&self) -> NoisePrior {
         NoisePrior {
-            sigma_rad: self.options.sigma_rad,
-            degrees: self.options.sigma_degrees,
+            sigma_rad: self.config.sigma_rad,
+            degrees: self.config.sigma_degrees,
         }
     }
 
@@ -164,15 +206,15 @@ impl RobustEstimator {
         SpinRejection::NoConsensus {
             agreeing,
             frames,
-            max_rps: self.options.max_rps,
+            max_rps: self.config.max_rps,
         }
     }
 
     /// Offers the spins of all pairs with these gaps (in frames) to the shortlist.
     fn search(&mut self, measurements: &[Measurement], gaps: std::ops::RangeInclusive<usize>) {
         let settings = SearchConfig {
-            sigma_rad: self.options.sigma_rad,
-            max_spin: self.options.max_rps * std::f64::consts::TAU,
+            sigma_rad: self.config.sigma_rad,
+            max_spin: self.config.max_rps * std::f64::consts::TAU,
         };
         for gap in gaps {
             let starts = measurements.len() - gap;
@@ -180,7 +222,7 @@ impl RobustEstimator {
             for first in (0..starts).step_by(stride) {
                 let pair = (first, first + gap);
                 let interval = measurements[pair.1].time_s - measurements[pair.0].time_s;
-                if 2.0 * interval * self.options.max_rps > MAX_TURNS as f64 {
+                if 2.0 * interval * self.config.max_rps > MAX_TURNS as f64 {
                     continue;
                 }
                 judge_pair(
@@ -211,7 +253,7 @@ impl RobustEstimator {
                 continue;
             }
             self.candidates[i] = refine(measurements, h.pair, h.spin, &prior, &mut self.scratch)
-                .filter(|r| r.motion.rps() <= self.options.max_rps);
+                .filter(|r| r.motion.rps() <= self.config.max_rps);
         }
         self.choose()
     }
@@ -219,7 +261,7 @@ impl RobustEstimator {
     /// The likeliest candidate; of those as likely, the slowest.
     fn choose(&self) -> Option<Refined> {
         let worth = |r: &Refined| {
-            let prior = self.options.prior;
+            let prior = self.config.prior;
             r.log_likelihood + prior.map_or(0.0, |p| p.log_density(r.motion.rps()))
         };
         let found = || self.candidates.iter().flatten();
@@ -243,9 +285,8 @@ impl RobustEstimator {
         // One more pass from the optimum leaves its probabilities in place.
         super::refine::probabilities(measurements, &best.motion, &prior, &mut self.probabilities);
         let inliers = self.probabilities.iter().filter(|p| **p > 0.5).count();
-        let chance =
-            expected_by_chance(measurements, inliers, best.sigma_rad, self.options.max_rps);
-        if inliers < MIN_FRAMES || chance > self.options.false_alarms {
+        let chance = expected_by_chance(measurements, inliers, best.sigma_rad, self.config.max_rps);
+        if inliers < MIN_FRAMES || chance > self.config.false_alarms {
             return Err(self.no_consensus(inliers, measurements.len()));
         }
         let motion = rebase(&best.motion, measurements[0].time_s);
@@ -278,7 +319,7 @@ impl RobustEstimator {
             .map(|c| c.inverse())
         };
         let covariance = inverse(true).or_else(|| inverse(false))?;
-        // Student's law with d degrees of freedom has the variance d / (d - 2).
+        // Student's distribution with d degrees of freedom has the variance d / (d - 2).
         let widening = match best.degrees {
             d if d.is_finite() => d / (d - 2.0).max(1.0),
             _ => 1.0,

@@ -1,11 +1,11 @@
 //! The global part of the robust fit: which spins could it be at all?
 //!
-//! Two right orientations `a` then `b`, a time `T` apart, leave a discrete set of spins: with
-//! `R_b R_a^T = exp(phi [n]x)`, `phi` in [0, pi], they are `n (phi + 2 pi k) / T` for every whole `k`.
-//! Each that is within the permitted magnitude is a hypothesis, and is judged by the frames that did
-//! not make it. At time `t` it predicts an orientation whose variance per axis, to first order, is
-//! `sigma^2 ((1-u)^2 + u^2)` with `u = (t - t_a) / T`; the judged frame adds its own `sigma^2`. The
-//! score is the log-likelihood ratio of "right" to "stray", cut off at 0:
+//! Two right orientations `a` then `b`, a time `T` apart, leave a discrete set of spins: with `R_b
+//! R_a^T = exp(phi [n]x)`, `phi` in [0, pi], they are `n (phi + 2 pi k) / T` for every whole `k`.
+//! Each that is within the permitted magnitude is a hypothesis, and is judged by the frames that
+//! did not make it. At time `t` it predicts an orientation whose variance per axis, to first order,
+//! is `sigma^2 ((1-u)^2 + u^2)` with `u = (t - t_a) / T`; the judged frame adds its own `sigma^2`.
+//! The score is the log-likelihood ratio of "right" to "stray", cut off at 0:
 //!
 //! ```text
 //! sum_k max(0, ln( p N(e_k; 0, v_k I) / ((1-p) / 8 pi^2) )),   v_k = sigma^2 (1 + (1-u)^2 + u^2)
@@ -24,8 +24,8 @@ use crate::geometry::Vec3;
 /// Volume of SO(3) in the measure that is d^3(rotation vector) near the identity.
 pub(super) const ROTATION_VOLUME: f64 = 8.0 * PI * PI;
 
-/// Hypotheses kept for refinement. Aliases of the best one compete for places, so that there must be
-/// several; beyond this many a tie is of no use to anyone.
+/// Hypotheses kept for refinement. Aliases of the best one compete for places, so that there must
+/// be several; beyond this many a tie is of no use to anyone.
 pub(super) const KEPT: usize = 8;
 
 /// A hypothesis whose score trails the best by more than this (natural log units) is not refined:
@@ -123,8 +123,8 @@ pub(super) struct SearchConfig {
     pub max_spin: f64,
 }
 
-/// One frame as a hypothesis' pair sees it: `cos(x/2) a + sin(x/2) b` is the cosine of half the angle
-/// between the frame and a prediction that has turned by x since the pair's first frame.
+/// One frame as a hypothesis' pair sees it: `cos(x/2) a + sin(x/2) b` is the cosine of half the
+/// angle between the frame and a prediction that has turned by x since the pair's first frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
     half_time: f64,
@@ -151,7 +151,7 @@ pub(super) fn judge_pair(
     let radius = pair_radius(settings.sigma_rad, interval);
     let max_gain: f64 = seen.iter().map(|s| s.peak).sum();
     // The same error may push a permitted spin over the limit; refinement decides.
-    let limit = (settings.max_spin + radius) * interval;
+    let limit = settings.max_spin * interval + pair_radius(settings.sigma_rad, 1.0);
     let (fewest, most) = ((limit + phi) / TAU, (limit - phi) / TAU);
     for k in -(fewest.floor() as i64)..=(most.floor() as i64) {
         let rate = (phi + TAU * k as f64) / interval;
@@ -173,8 +173,8 @@ pub(super) fn judge_pair(
     }
 }
 
-/// Spins that a pair of frames this far apart (s) allows are the same within this radius (rad/s): they
-/// err by about `sqrt(2) sigma / interval` per axis.
+/// Spins that a pair of frames this far apart (s) allows are the same within this radius (rad/s):
+/// they err by about `sqrt(2) sigma / interval` per axis.
 pub(super) fn pair_radius(sigma_rad: f64, interval: f64) -> f64 {
     3.0 * std::f64::consts::SQRT_2 * sigma_rad / interval
 }

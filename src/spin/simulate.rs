@@ -1,12 +1,12 @@
 //! Simulated sequences of orientations: truth to test estimators against.
 //!
-//! A ball turns about a fixed axis, its rate constant or decaying as `|w|(t) = |w0| exp(-c t)`, so the
-//! angle turned since t0 is `|w0| (1 - exp(-c (t - t0))) / c`. Each measured orientation is
-//! `exp([e]x) R(t)` with `e ~ N(0, sigma^2 I)` per axis, in the camera frame; an outlier is a rotation
-//! uniform on SO(3). Times may jitter, frames may be dropped.
+//! A ball turns about a fixed axis, its rate constant or decaying as `|w|(t) = |w0| exp(-c t)`, so
+//! the angle turned since t0 is `|w0| (1 - exp(-c (t - t0))) / c`. Each measured orientation is
+//! `exp([e]x) R(t)` with `e ~ N(0, sigma^2 I)` per axis, in the camera frame; an outlier is a
+//! rotation uniform on SO(3). Times may jitter, frames may be dropped.
 //!
-//! Sequence number `i` of a seed is drawn from stream `i` of a ChaCha8 generator with that seed, so it
-//! is the same whichever thread draws it, and whatever others are drawn.
+//! Sequence number `i` of a seed is drawn from stream `i` of a ChaCha8 generator with that seed, so
+//! it is the same whichever thread draws it, and whatever others are drawn.
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

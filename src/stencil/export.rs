@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::json;
 
 use crate::error::{Error, Result};
+#[cfg(feature = "native")]
 use crate::files;
 
 use super::config::degrees;
@@ -31,6 +32,7 @@ impl Stencil {
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
+    #[cfg(feature = "native")]
     pub fn write(&self, dir: &Path) -> Result<()> {
         files::create_dir(dir)?;
         for (half, name) in self.halves.iter().zip(HALF_FILES) {

@@ -1,29 +1,33 @@
 //! Frames with their truth: independent ones, and sequences of one turning ball.
 //!
-//! Every frame is drawn from a generator of its own, seeded by the set's seed and the frame's number: it is the same whichever
-//! thread draws it, and whatever others are drawn. [`super::folder`] writes them to disk.
+//! Every frame is drawn from a generator of its own, seeded by the set's seed and the frame's number: it is the
+//! same whichever thread draws it, and whatever others are drawn. Frame `k` of a seed is the same scene for every
+//! pattern; only the dots differ. [`super::folder`] writes frames to disk.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::config::{SynthConfig, SynthKind};
+use super::occlusion::OccluderKind;
 use super::render::{Rendering, TrueDot};
-use super::scene::{Scene, SynthConfig};
+use super::scene::Scene;
 use super::sensor::Sensor;
-use crate::error::{Error, Result};
-use crate::geometry::{Rotation, Vec3};
+use super::view::Ellipse;
+use crate::error::{Error, Result, require};
+use crate::geometry::{Rotation, Vec3, to_wxyz};
 use crate::pattern::Pattern;
-use crate::vision::camera::Pixel;
+use crate::vision::camera::{Camera, Intrinsics, Pixel};
 use crate::vision::image::RgbImage;
 
 /// Time of a sequence's first frame, ns: so that all names have the same length for an hour.
 const FIRST_NS: u64 = 1_000_000_000_000;
-/// How far a sequence's ball may go off the crop's middle in all, over half the side.
-const WAY: f64 = 0.1;
+/// Maximum of a sequence's random drift over the ball's radius, along either axis.
+const MAX_DRIFT: f64 = 0.1;
 
 /// A ball seen again and again.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct SequenceConfig {
     /// Frames per second.
     pub fps: f64,
@@ -31,6 +35,9 @@ pub struct SequenceConfig {
     pub spin: Option<[f64; 3]>,
     /// Exposure, s; as drawn where not given.
     pub exposure_s: Option<f64>,
+    /// Way of the ball's center over the whole sequence, pixels (u, v); at random, a tenth of the radius at
+    /// most, where not given.
+    pub drift_px: Option<[f64; 2]>,
 }
 
 /// A dot's truth.
@@ -38,15 +45,21 @@ pub struct SequenceConfig {
 pub struct DotTruth {
     /// Its index in the pattern.
     pub index: usize,
-    /// Its middle as drawn, unit vector, camera frame.
+    /// Its middle as drawn, unit vector, view frame (see [`Rendering`]).
     pub direction: [f64; 3],
     /// Its middle in the image.
     pub pixel: Pixel,
     /// Its angular radius, radians.
     pub radius_rad: f64,
+    /// See [`TrueDot::facing`].
+    pub facing: f64,
     /// See [`TrueDot::contrast`].
     pub contrast: f64,
-    /// Whether a detector should find it: see [`TrueDot::is_visible`]; its middle must lie in the image, too.
+    /// See [`TrueDot::inside`].
+    pub inside: bool,
+    /// See [`TrueDot::occluded`].
+    pub occluded: bool,
+    /// Whether a detector should find it: see [`TrueDot::is_visible`].
     pub visible: bool,
 }
 
@@ -55,29 +68,48 @@ pub struct DotTruth {
 pub struct FrameTruth {
     /// The image's name within `images`.
     pub image: String,
+    /// What is shown.
+    pub kind: SynthKind,
     /// Time of mid-exposure, s, in a sequence.
     pub time_s: Option<f64>,
     /// Columns and rows.
     pub size: [usize; 2],
-    /// Orientation at mid-exposure, `w, x, y, z`, pattern to camera.
+    /// Orientation at mid-exposure, `w, x, y, z`, pattern to view frame (see [`Rendering`]).
     pub quaternion_wxyz: [f64; 4],
+    /// Orientation at mid-exposure, `w, x, y, z`, pattern to camera frame: the same for a ball on the optical
+    /// axis and for parallel rays.
+    pub camera_quaternion_wxyz: [f64; 4],
     /// Spin, camera frame, rad/s.
     pub spin_rad_s: [f64; 3],
     /// Exposure, s.
     pub exposure_s: f64,
-    /// The ball's center.
+    /// The center of the circle nearest to the ball's outline.
     pub center: Pixel,
-    /// The ball's radius, pixels.
+    /// The radius of that circle, pixels.
     pub radius_px: f64,
+    /// The ball's outline.
+    pub outline: Ellipse,
+    /// Where the ball's center is seen.
+    pub ball_center: Pixel,
+    /// The camera's intrinsics; none for parallel rays.
+    pub intrinsics: Option<Intrinsics>,
     /// Distance of the camera in ball radii; none for parallel rays.
     pub distance: Option<f64>,
-    /// Most that the surface moved during the exposure, pixels.
+    /// Maximum of the surface's motion during the exposure, pixels.
     pub blur_px: f64,
-    /// The logo's kind, if there is one.
+    /// The first logo's kind, if there is one.
     pub logo: Option<super::logo::LogoKind>,
-    /// The sensor's defocus, noise, gamma and compression.
+    /// What hides a part of the ball, if anything does.
+    pub occluder: Option<OccluderKind>,
+    /// Share of the outline that is within the image and not hidden.
+    pub rim_visible: f64,
+    /// Share of the ball's area that is within the image and not hidden.
+    pub area_visible: f64,
+    /// Whether the image is flipped left to right.
+    pub mirrored: bool,
+    /// The sensor's defocus, noise, tone and compression.
     pub sensor: Sensor,
-    /// The dots on the side that faces the camera.
+    /// The pattern's dots on the part of the ball in the camera's sight.
     pub dots: Vec<DotTruth>,
 }
 
@@ -86,6 +118,8 @@ pub struct FrameTruth {
 pub struct Frame {
     /// The image.
     pub image: RgbImage,
+    /// Share of each pixel that shows the ball, 0 to 255, row after row.
+    pub mask: Vec<u8>,
     /// What is known of it.
     pub truth: FrameTruth,
 }
@@ -127,7 +161,8 @@ pub fn frames(
         .collect()
 }
 
-/// One ball in a row of frames: it turns at a constant spin and moves a little across the crop.
+/// One ball in a row of frames: it turns at a constant spin and moves at a constant speed across the image.
+/// Camera, light and background stand still.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sequence {
     first: Scene,
@@ -142,7 +177,8 @@ impl Sequence {
     /// A random ball, seen `count` times.
     ///
     /// # Errors
-    /// [`Error::Argument`] where a configuration is out of its domain, or the exposure longer than the time between two frames.
+    /// [`Error::Argument`] where a configuration is out of its domain, or the exposure longer than the time
+    /// between two frames.
     pub fn random(
         pattern: &Pattern,
         config: &SynthConfig,
@@ -154,18 +190,22 @@ impl Sequence {
             fps,
             spin,
             exposure_s,
+            drift_px,
         } = *sequence;
-        if !(fps > 0.0 && fps.is_finite()) {
-            let problem = format!("expected a positive number, found {fps}");
-            return Err(Error::argument("fps", problem));
-        }
+        require(
+            fps > 0.0 && fps.is_finite(),
+            "fps",
+            "a positive number",
+            fps,
+        )?;
         let mut rng = frame_rng(seed, 0);
         let mut first = Scene::random(pattern, config, &mut rng)?;
         if let Some(spin) = spin {
             if spin.iter().any(|w| !w.is_finite()) {
                 return Err(Error::argument("spin", "expected three finite numbers"));
             }
-            // The arc that was drawn stays: an exposure fit for a slow ball would smear a fast one beyond recognition.
+            // The arc that was drawn stays: an exposure fit for a slow ball would smear a fast one beyond
+            // recognition.
             let arc = first.spin.norm() * first.exposure_s;
             first.spin = Vec3::from(spin);
             if arc > 0.0 && first.spin.norm() > 0.0 {
@@ -174,14 +214,20 @@ impl Sequence {
         }
         first.exposure_s = first.exposure_s.min(1.0 / fps);
         if let Some(exposure_s) = exposure_s {
-            if !(0.0..=1.0 / fps).contains(&exposure_s) {
-                let problem = format!("expected 0 to {} s, found {exposure_s}", 1.0 / fps);
-                return Err(Error::argument("exposure", problem));
-            }
+            let expected = format!("0 to {} s, the time between two frames", 1.0 / fps);
+            let inside = (0.0..=1.0 / fps).contains(&exposure_s);
+            require(inside, "exposure_s", &expected, exposure_s)?;
             first.exposure_s = exposure_s;
         }
-        let way = 0.5 * first.size[0] as f64 * WAY;
-        let drift_px = [0, 1].map(|_| way * rng.random_range(-1.0..1.0));
+        let way = MAX_DRIFT * first.circle.radius;
+        let random_px = [0, 1].map(|_| way * rng.random_range(-1.0..1.0));
+        let drift_px = drift_px.unwrap_or(random_px);
+        if drift_px.iter().any(|d| !d.is_finite()) {
+            return Err(Error::argument("drift_px", "expected two finite numbers"));
+        }
+        let speed = fps / count.max(2) as f64;
+        // What moves between frames moves during the exposure, too, and nothing else does.
+        first.shift_px = drift_px.map(|d| d * speed * first.exposure_s);
         Ok(Self {
             first,
             fps,
@@ -202,7 +248,7 @@ impl Sequence {
     /// [`Error::Internal`] where the compression fails.
     pub fn frame(&self, k: usize) -> Result<Frame> {
         let step = (1e9 * k as f64 / self.fps).round() as u64;
-        // The time that the name tells, to the nanosecond.
+        // The time that the name says, to the nanosecond.
         let since_s = step as f64 * 1e-9;
         let share = k as f64 / self.count.max(2) as f64 - 0.5;
         let mut scene = self.first.clone();
@@ -220,6 +266,7 @@ fn frame(scene: &Scene, image: String, time_s: Option<f64>) -> Result<Frame> {
     let truth = truth(scene, &rendering, image, time_s);
     Ok(Frame {
         image: rendering.image,
+        mask: rendering.mask,
         truth,
     })
 }
@@ -227,37 +274,45 @@ fn frame(scene: &Scene, image: String, time_s: Option<f64>) -> Result<Frame> {
 fn truth(scene: &Scene, seen: &Rendering, image: String, time_s: Option<f64>) -> FrameTruth {
     FrameTruth {
         image,
+        kind: seen.kind,
         time_s,
         size: scene.size,
-        quaternion_wxyz: wxyz(&seen.rotation),
+        quaternion_wxyz: to_wxyz(&seen.rotation),
+        camera_quaternion_wxyz: to_wxyz(&seen.camera_rotation),
         spin_rad_s: scene.spin.into(),
         exposure_s: scene.exposure_s,
         center: seen.circle.center,
         radius_px: seen.circle.radius,
-        distance: scene.distance,
+        outline: seen.outline,
+        ball_center: seen.center,
+        intrinsics: match seen.camera {
+            Camera::Perspective(intrinsics) => Some(intrinsics),
+            Camera::Orthographic | Camera::Near { .. } => None,
+        },
+        distance: seen.distance,
         blur_px: seen.blur_px,
-        logo: scene.surface.mark.as_ref().map(|m| m.logo.kind),
+        logo: scene.surface.marks.first().map(|m| m.logo.kind),
+        occluder: scene.occluder.as_ref().map(|o| o.kind),
+        rim_visible: seen.rim_visible,
+        area_visible: seen.area_visible,
+        mirrored: scene.mirrored,
         sensor: scene.sensor,
-        dots: seen.dots.iter().map(|d| dot_truth(d, scene.size)).collect(),
+        dots: seen.dots.iter().map(DotTruth::from).collect(),
     }
 }
 
-fn dot_truth(dot: &TrueDot, [width, height]: [usize; 2]) -> DotTruth {
-    let within = |x: f64, side: usize| (-0.5..=side as f64 - 0.5).contains(&x);
-    let Pixel { u, v } = dot.pixel;
-    DotTruth {
-        index: dot.index,
-        direction: dot.direction.into(),
-        pixel: dot.pixel,
-        radius_rad: dot.radius_rad,
-        contrast: dot.contrast,
-        visible: dot.is_visible() && within(u, width) && within(v, height),
+impl From<&TrueDot> for DotTruth {
+    fn from(dot: &TrueDot) -> Self {
+        Self {
+            index: dot.index,
+            direction: dot.direction.into(),
+            pixel: dot.pixel,
+            radius_rad: dot.radius_rad,
+            facing: dot.facing,
+            contrast: dot.contrast,
+            inside: dot.inside,
+            occluded: dot.occluded,
+            visible: dot.is_visible(),
+        }
     }
-}
-
-/// Scalar first, not negative.
-fn wxyz(rotation: &Rotation) -> [f64; 4] {
-    let q = rotation.quaternion();
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    [q.w, q.i, q.j, q.k].map(|c| sign * c)
 }

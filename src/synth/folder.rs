@@ -2,12 +2,15 @@
 //!
 //! A folder holds
 //! - `images/*.png`;
-//! - `index.csv`, as the SpinDOE authors' reader (`DotDataset`) takes it: no header; the image's path, the orientation as a
-//!   quaternion `w, x, y, z` (their regression's order; pattern to camera), then from the sixth column on the pixel positions
-//!   `u0, v0, u1, v1, ...` of the dots that a detector should find, so that rows differ in length. That reader cannot take rows
-//!   without dots: such frames are left out of the index, and are in the truth only;
+//! - `masks/*.png` where asked for: white where the ball is seen;
+//! - `index.csv`, as the SpinDOE authors' reader (`DotDataset`) takes it: no header; the image's path from the
+//!   folder, the orientation as a quaternion `w, x, y, z` (their regression's order; pattern to view frame), then
+//!   from the sixth column on the pixel positions `u0, v0, u1, v1, ...` of the dots that a detector should find, so
+//!   that rows differ in length. That reader cannot take rows without dots: such frames are left out
+//!   of the index, and are in the truth only;
 //! - `truth.json`: everything known of every frame ([`FrameTruth`]), with the seed, the configuration and the pattern;
-//! - `orientations.csv` for a sequence, as `spindoe spin` reads it; the images' names are nanoseconds then;
+//! - `orientations.csv` for a sequence, as `spindoe spin` reads it, pattern to camera frame; the images' names are
+//!   nanoseconds then;
 //! - `contact_sheet.png`: the first frames side by side.
 //!
 //! The index comes last: where it is, everything is.
@@ -19,15 +22,15 @@ use std::path::Path;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::config::SynthConfig;
 use super::dataset::{Frame, FrameTruth, SequenceConfig};
-use super::scene::SynthConfig;
-use crate::error::{Error, Result};
+use crate::error::{Result, require};
 use crate::files;
 use crate::vision::image::RgbImage;
 
 /// Version of the format of `truth.json`.
-pub const FORMAT_VERSION: u32 = 1;
-/// Frames drawn between two words of progress.
+pub const FORMAT_VERSION: u32 = 2;
+/// Frames drawn between two reports of progress.
 const CHUNK: usize = 64;
 /// Frames on the contact sheet.
 const SHOWN: usize = 36;
@@ -63,39 +66,46 @@ pub struct Truth {
     pub frames: Vec<FrameTruth>,
 }
 
+/// Whether masks are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Masks {
+    /// No masks.
+    #[default]
+    Omit,
+    /// A mask for each frame.
+    Write,
+}
+
 /// What was written.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Written {
     /// Frames.
     pub frames: usize,
-    /// Of these, frames in which no dot can be told: they are not in the index.
+    /// Of these, frames without any dot to be found: they are not in the index.
     pub without_dots: usize,
     /// Dots that a detector should find, over all frames.
     pub visible_dots: usize,
 }
 
-/// Draws `count` frames and writes them to `dir`; each file whole or not at all. `progress` is told how many are done.
+/// Draws `count` frames and writes them to `dir`; each file whole or not at all. `progress` learns how many are
+/// done.
 ///
 /// # Errors
-/// [`Error::Argument`] where the folder's name would break the index, [`Error::Write`] where the system refuses, or the error of
-/// `draw`.
+/// [`crate::Error::Write`] where the system refuses, or the error of `draw`.
 pub fn write(
     dir: &Path,
     origin: Origin,
     count: usize,
+    masks: Masks,
     draw: impl Fn(usize) -> Result<Frame> + Sync,
     mut progress: impl FnMut(usize),
 ) -> Result<Written> {
-    if dir.to_string_lossy().contains([',', '"', '\n', '\r']) {
-        // The authors' reader splits lines at commas, whatever is quoted.
-        let problem = format!(
-            "expected a folder without commas and quotes in its name, found {}",
-            dir.display()
-        );
-        return Err(Error::argument("out", problem));
-    }
     let images = dir.join("images");
     files::create_dir(&images)?;
+    let mask_dir = dir.join("masks");
+    if masks == Masks::Write {
+        files::create_dir(&mask_dir)?;
+    }
     let mut frames = Vec::with_capacity(count);
     let mut shown = Vec::new();
     for start in (0..count).step_by(CHUNK) {
@@ -104,6 +114,9 @@ pub fn write(
             .map(|k| {
                 let frame = draw(k)?;
                 frame.image.write_png(&images.join(&frame.truth.image))?;
+                if masks == Masks::Write {
+                    mask_image(&frame)?.write_png(&mask_dir.join(&frame.truth.image))?;
+                }
                 Ok(frame)
             })
             .collect::<Result<_>>()?;
@@ -133,9 +146,14 @@ pub fn write(
         let text = orientations(&truth.frames);
         files::write_bytes(&dir.join("orientations.csv"), text.as_bytes())?;
     }
-    let index = index(&images, &truth.frames);
+    let index = index(&truth.frames);
     files::write_bytes(&dir.join("index.csv"), index.as_bytes())?;
     Ok(summary(&truth.frames))
+}
+
+fn mask_image(frame: &Frame) -> Result<RgbImage> {
+    let values = frame.mask.iter().map(|m| [f32::from(*m) / 255.0; 3]);
+    RgbImage::new(frame.image.width(), frame.image.height(), values.collect())
 }
 
 fn visible(frame: &FrameTruth) -> usize {
@@ -154,7 +172,7 @@ fn summary(frames: &[FrameTruth]) -> Written {
 fn orientations(frames: &[FrameTruth]) -> String {
     let mut text = "frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence\n".to_owned();
     for frame in frames {
-        let [w, x, y, z] = frame.quaternion_wxyz;
+        let [w, x, y, z] = frame.camera_quaternion_wxyz;
         let seen = visible(frame);
         let stem = frame.image.trim_end_matches(".png");
         let time = frame.time_s.map_or(String::new(), |t| t.to_string());
@@ -163,12 +181,12 @@ fn orientations(frames: &[FrameTruth]) -> String {
     text
 }
 
-fn index(images: &Path, frames: &[FrameTruth]) -> String {
+fn index(frames: &[FrameTruth]) -> String {
     let mut text = String::new();
     for frame in frames.iter().filter(|f| visible(f) > 0) {
         let [w, x, y, z] = frame.quaternion_wxyz;
-        let path = images.join(&frame.image);
-        let _ = write!(text, "{},{w},{x},{y},{z}", path.display());
+        // With a slash on every system, so that a folder may be moved to any.
+        let _ = write!(text, "images/{},{w},{x},{y},{z}", frame.image);
         for dot in frame.dots.iter().filter(|d| d.visible) {
             let _ = write!(text, ",{:.4},{:.4}", dot.pixel.u, dot.pixel.v);
         }
@@ -177,25 +195,25 @@ fn index(images: &Path, frames: &[FrameTruth]) -> String {
     text
 }
 
-/// Images side by side, each enlarged or shrunk to a square; `cell` is its side with the gap, pixels.
+/// Images side by side, each enlarged or shrunk to fit into a square; `cell` is its side with the gap, pixels.
 ///
 /// # Errors
-/// [`Error::Argument`] where there is no image, or the cell no larger than the gap.
+/// [`crate::Error::Argument`] where there is no image, or the cell no larger than the gap.
 pub fn contact_sheet(images: &[RgbImage], cell: usize) -> Result<RgbImage> {
-    if cell <= GAP {
-        let problem = format!("expected more than {GAP} pixels, found {cell}");
-        return Err(Error::argument("cell", problem));
-    }
+    require(cell > GAP, "cell", "more pixels than the gap of 4", cell)?;
     let side = cell - GAP;
     let columns = (images.len() as f64).sqrt().ceil() as usize;
     let rows = images.len().div_ceil(columns.max(1));
     let (width, height) = (columns * cell, rows * cell);
     let mut values = vec![[0.0f32; 3]; width * height];
     for (k, image) in images.iter().enumerate() {
-        let enlarged = image.resized(side, side)?;
+        let scale = side as f64 / image.width().max(image.height()) as f64;
+        let scaled = |n: usize| ((n as f64 * scale).round() as usize).max(1);
+        let (w, h) = (scaled(image.width()), scaled(image.height()));
+        let resized = image.resized(w, h)?;
         let corner = (k / columns) * cell * width + (k % columns) * cell;
-        for (v, row) in enlarged.values().chunks_exact(side).enumerate() {
-            values[corner + v * width..][..side].copy_from_slice(row);
+        for (v, row) in resized.values().chunks_exact(w).enumerate() {
+            values[corner + v * width..][..w].copy_from_slice(row);
         }
     }
     RgbImage::new(width, height, values)

@@ -112,10 +112,13 @@ pub enum LogoKind {
     Badge,
     /// Round blobs that look like dots.
     Blobs,
+    /// Rim, hub and spokes; no ball's logo.
+    Wheel,
 }
 
 impl LogoKind {
-    const ALL: [Self; 6] = [
+    /// What a ball may carry.
+    const ON_BALLS: [Self; 6] = [
         Self::Text,
         Self::Arcs,
         Self::Ring,
@@ -124,9 +127,9 @@ impl LogoKind {
         Self::Blobs,
     ];
 
-    /// Any kind.
+    /// Any kind that a ball may carry.
     pub fn random<R: Rng + ?Sized>(rng: &mut R) -> Self {
-        Self::ALL[rng.random_range(0..Self::ALL.len())]
+        Self::ON_BALLS[rng.random_range(0..Self::ON_BALLS.len())]
     }
 }
 
@@ -165,6 +168,7 @@ impl Logo {
                     text(&mut shapes, [0.0, -0.7], 0.6, rng);
                 }
             }
+            LogoKind::Wheel => wheel(&mut shapes, rng),
             LogoKind::Blobs => {
                 for _ in 0..rng.random_range(1..=4) {
                     shapes.push(Shape::Disc {
@@ -306,6 +310,40 @@ fn stars<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
                 from: [x, 0.25],
                 to: [x + size * angle.cos(), 0.25 + size * angle.sin()],
                 half_width: 0.25 * size,
+            });
+        }
+    }
+}
+
+/// The azimuthal equidistant plane is a disc of radius 1, which the rim fills to its edge.
+fn wheel<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
+    let rim = rng.random_range(0.04..0.14);
+    shapes.push(Shape::Arc {
+        middle: [0.0, 0.0],
+        radius: 0.85 - rim,
+        start: 0.0,
+        sweep: TAU,
+        half_width: rim,
+    });
+    let hub = rng.random_range(0.05..0.2);
+    shapes.push(Shape::Disc {
+        middle: [0.0, 0.0],
+        radius: hub,
+    });
+    let spokes = rng.random_range(3..=12);
+    let half_width = rng.random_range(0.01..0.06);
+    let has_bolts = rng.random_bool(0.5);
+    for k in 0..spokes {
+        let (s, c) = (TAU * k as f32 / spokes as f32).sin_cos();
+        shapes.push(Shape::Stroke {
+            from: [0.0, 0.0],
+            to: [0.8 * c, 0.8 * s],
+            half_width,
+        });
+        if has_bolts {
+            shapes.push(Shape::Disc {
+                middle: [1.6 * hub * c, 1.6 * hub * s],
+                radius: 0.3 * hub,
             });
         }
     }

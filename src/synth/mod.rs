@@ -2,18 +2,52 @@
 //!
 //! A [`Scene`] says everything about a frame: the ball and what is drawn on it, light, camera, motion and noise. It is drawn
 //! at random ([`Scene::random`], as widely as [`SynthConfig`] allows) or set by hand, and [`Scene::render`] makes the image. The
-//! stages follow the light: the ball's surface with dots and logo ([`surface`]), shading and
-//! integration over the exposure ([`render`]), then the sensor ([`sensor`]): defocus, noise, gamma, compression.
+//! stages follow the light:
 //!
-//! Colors are linear light until the sensor's gamma.
+//! 1. the ball's [`surface`] with the dots of a [`pen`] and with [`logo`]s, under the [`light`];
+//! 2. the camera's [`view`] of it, integrated over the exposure ([`render`]), before a [`background`] and
+//!    behind what hides it ([`occlusion`]);
+//! 3. the [`sensor`]: defocus, noise, tone; and [`compression`].
+//!
+//! [`dataset`] makes sets and sequences, [`folder`] writes them. Colors are linear light until the sensor's encoding.
+//!
+//! The truth is exact for the scene. Not modeled: lens distortion, rolling shutters, shadows of the
+//! surroundings' own shapes, motion compensation of video, a spin that is not constant.
+//!
+//! ```
+//! use spindoe::geometry::spiral_directions;
+//! use spindoe::pattern::Pattern;
+//! use spindoe::synth::{SynthConfig, dataset::independent_frame};
+//!
+//! # fn main() -> spindoe::Result<()> {
+//! let pattern = Pattern::new(spiral_directions(20).collect())?;
+//! let frame = independent_frame(&pattern, &SynthConfig::good(), 7, 0)?;
+//! let to_find = frame.truth.dots.iter().filter(|d| d.visible).count();
+//! assert!(to_find > 0);
+//! # Ok(())
+//! # }
+//! ```
 
+pub mod background;
+mod canvas;
+mod color;
+pub mod compression;
+pub mod config;
 pub mod dataset;
 pub mod folder;
+pub mod light;
 pub mod logo;
+mod noise;
+pub mod occlusion;
+pub mod pen;
+mod random;
 pub mod render;
 pub mod scene;
 pub mod sensor;
 pub mod surface;
+pub mod view;
 
+pub use color::Color;
+pub use config::{SynthConfig, SynthKind};
 pub use render::{Rendering, TrueDot};
-pub use scene::{Scene, SynthConfig};
+pub use scene::Scene;

@@ -17,7 +17,7 @@ pub struct NamedValidation {
 }
 
 /// Runs all trials with the recognizer of that name, made from `table`, and returns the results in
-/// their order. The paper's recognizer takes its parameters from the table; the robust one is told the
+/// their order. The paper's recognizer takes its parameters from the table; the robust one gets the
 /// protocol's rates ([`Protocol::recognizer_config`]).
 ///
 /// # Errors

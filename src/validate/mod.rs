@@ -4,7 +4,8 @@
 //! moves each by noise, drops some, adds false ones, and shuffles the list. Two successes are counted,
 //! each with its Wilson 95 % interval: *identity* (every real dot has its own index and every false dot
 //! none) and *orientation* (error under 20 degrees, the failure threshold of the SpinDOE paper). Views
-//! with fewer dots than the protocol needs are counted apart.
+//! with fewer real dots than the protocol or the recognizer needs are counted apart, however many false
+//! dots they have.
 //!
 //! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums are
 //! taken in the order of the trials: the result is the same on any number of threads.
@@ -13,23 +14,19 @@ pub mod bound;
 mod by_name;
 mod protocol;
 mod sensitivity;
-mod statistics;
 mod steady;
 mod trial;
 
-use std::time::Instant;
-
-use rayon::prelude::*;
-
+pub use crate::stats::{Proportion, median};
 pub use by_name::{NamedValidation, run_named, validate_named};
 pub use protocol::{Noise, Protocol, ProtocolName};
 pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
 };
-pub use statistics::{Proportion, median};
 pub use steady::CommonRandomTrials;
 pub use trial::{Trial, TrialGenerator, observed_frames};
 
+use crate::concurrency::{self, Stopwatch};
 use crate::error::{Error, Result};
 use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
@@ -52,9 +49,9 @@ pub struct Validation {
     pub sigma_deg: f64,
     /// The seed of the trials.
     pub seed: u64,
-    /// Trials whose view had too few dots to be an identification.
+    /// Trials whose view had too few real dots to be an identification.
     pub skipped: u64,
-    /// Every dot rightly identified, every false dot left out.
+    /// Every dot correctly identified, every false dot left out.
     pub identity: Proportion,
     /// Orientation error under 20 degrees.
     pub orientation: Proportion,
@@ -62,7 +59,7 @@ pub struct Validation {
     pub mean_error_deg: f64,
     /// Median orientation error of the orientation successes, degrees.
     pub median_error_deg: f64,
-    /// Mean time of one identification on one thread, microseconds. The only figure here that a
+    /// Mean time of one identification on one thread, microseconds. The only value here that a
     /// second run does not repeat, hence not part of what is shipped: see [`Validation::untimed`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub us_per_identification: Option<f64>,
@@ -72,7 +69,7 @@ pub struct Validation {
 }
 
 impl Validation {
-    /// The same figures without the time, so that the same seed gives the same bytes.
+    /// The same values without the time, so that the same seed gives the same bytes.
     #[must_use]
     pub fn untimed(mut self) -> Self {
         self.us_per_identification = None;
@@ -114,25 +111,25 @@ pub fn run_trials<R: Recognizer>(
 ) -> Result<Vec<TrialResult>> {
     protocol.check()?;
     if samples == 0 {
-        return Err(Error::argument("samples", "expected at least 1 trial"));
+        return Err(Error::argument(
+            "samples",
+            "expected at least 1 trial, found 0",
+        ));
     }
     let chunks = samples.div_ceil(CHUNK);
-    let results = (0..chunks)
-        .into_par_iter()
-        .map(|chunk| {
-            let mut generator = TrialGenerator::new(pattern, *protocol, seed);
-            let mut trial = Trial::default();
-            let mut workspace = recognizer.workspace();
-            let mut answer = Identification::default();
-            let to = ((chunk + 1) * CHUNK).min(samples);
-            (chunk * CHUNK..to)
-                .map(|index| {
-                    generator.generate(index, &mut trial);
-                    judge(&trial, recognizer, protocol, &mut workspace, &mut answer)
-                })
-                .collect::<Vec<_>>()
-        })
-        .collect::<Vec<_>>();
+    let results = concurrency::map_range(0..chunks, |chunk| {
+        let mut generator = TrialGenerator::new(pattern, *protocol, seed);
+        let mut trial = Trial::default();
+        let mut workspace = recognizer.workspace();
+        let mut answer = Identification::default();
+        let to = ((chunk + 1) * CHUNK).min(samples);
+        (chunk * CHUNK..to)
+            .map(|index| {
+                generator.generate(index, &mut trial);
+                judge(&trial, recognizer, protocol, &mut workspace, &mut answer)
+            })
+            .collect::<Vec<_>>()
+    });
     Ok(results.into_iter().flatten().collect())
 }
 
@@ -145,10 +142,11 @@ pub fn judge<R: Recognizer>(
     workspace: &mut R::Workspace,
     answer: &mut Identification,
 ) -> TrialResult {
-    if trial.dots.len() < protocol.min_dots.max(recognizer.min_dots()) {
+    // False dots make no view of one that shows too little.
+    if trial.real_dots() < protocol.min_dots.max(recognizer.min_dots()) {
         return TrialResult::Skipped;
     }
-    let start = Instant::now();
+    let start = Stopwatch::start();
     let outcome = recognizer.identify_into(&trial.dots, workspace, answer);
     let nanoseconds = start.elapsed().as_nanos() as u64;
     match outcome {

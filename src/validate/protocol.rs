@@ -1,12 +1,10 @@
 //! The four protocols by which views are made.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::recognize::robust::{NoiseShape, RobustConfig};
 
 /// A protocol's name.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ProtocolName {
     /// All dots with z > 0, noise of 3 degrees (SpinDOE Sec. IV-A).
@@ -20,7 +18,7 @@ pub enum ProtocolName {
 }
 
 impl ProtocolName {
-    /// All protocols, in the order of difficulty's telling.
+    /// All protocols, from the easiest to the hardest to read.
     pub const ALL: [Self; 4] = [Self::Paper, Self::Sparse, Self::Clutter, Self::Image];
 
     /// As written on the command line.
@@ -31,6 +29,23 @@ impl ProtocolName {
             Self::Clutter => "clutter",
             Self::Image => "image",
         }
+    }
+}
+
+impl std::str::FromStr for ProtocolName {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|known| known.as_str() == name)
+            .ok_or_else(|| {
+                let known = Self::ALL.map(Self::as_str).join(", ");
+                Error::argument(
+                    "protocol",
+                    format!("expected one of {known}, found \"{name}\""),
+                )
+            })
     }
 }
 
@@ -74,12 +89,12 @@ pub struct Protocol {
     pub miss_probability: f64,
     /// False dots, uniform on the visible cap.
     pub false_dots: usize,
-    /// Views with fewer dots are skipped, and counted.
+    /// Views with fewer real dots are skipped, and counted.
     pub min_dots: usize,
 }
 
 impl Protocol {
-    /// The protocol of that name with its standard figures.
+    /// The protocol of that name with its standard values.
     pub fn standard(name: ProtocolName) -> Self {
         let degrees = |d: f64| Noise::RandomAxis {
             sigma_rad: d.to_radians(),
@@ -154,35 +169,27 @@ impl Protocol {
         }
     }
 
-    /// Checks the domains of all figures.
+    /// Checks the domains of all values.
     ///
     /// # Errors
-    /// [`Error::Argument`] naming the figure.
+    /// [`Error::Argument`] naming the parameter.
     pub fn check(&self) -> Result<()> {
         let sigma = self.sigma_rad();
-        if !(0.0..=std::f64::consts::PI).contains(&sigma) {
-            return Err(Error::argument(
-                "sigma-deg",
-                format!("expected 0 to 180 degrees, found {}", sigma.to_degrees()),
-            ));
-        }
-        if !(0.0..1.0).contains(&self.miss_probability) {
-            return Err(Error::argument(
-                "miss probability",
-                format!("expected [0, 1), found {}", self.miss_probability),
-            ));
-        }
-        if !(-1.0..1.0).contains(&self.visibility_limit) {
-            return Err(Error::argument(
-                "visibility limit",
-                format!("expected a z in [-1, 1), found {}", self.visibility_limit),
-            ));
-        }
-        Ok(())
+        let inside = (0.0..=std::f64::consts::PI).contains(&sigma);
+        require(inside, "sigma_rad", "0 to 180 degrees", sigma.to_degrees())?;
+        let (miss, limit) = (self.miss_probability, self.visibility_limit);
+        require(
+            (0.0..1.0).contains(&miss),
+            "miss_probability",
+            "[0, 1)",
+            miss,
+        )?;
+        let inside = (-1.0..1.0).contains(&limit);
+        require(inside, "visibility_limit", "a z in [-1, 1)", limit)
     }
 
     /// The robust recognizer's expectations that go with this protocol: what a user who knows the
-    /// camera would tell it: rates, the number of false dots that every view has, and the shape of the
+    /// camera would state: rates, the number of false dots that every view has, and the shape of the
     /// noise; never which dots are false or missed.
     pub fn recognizer_config(&self) -> RobustConfig {
         let detection_probability = match self.dots_given {

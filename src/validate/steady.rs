@@ -1,25 +1,22 @@
-//! Views on steady random numbers: a small change of the pattern makes a small change of every view.
+//! Views on common random numbers: a small change of the pattern makes a small change of every view.
 //!
 //! A [`TrialGenerator`](super::TrialGenerator) draws for the dots in view only, one after the other: a dot
 //! that comes into view shifts all numbers after it, and the view becomes another. Here every dot has its
-//! draws whether it is seen or not, and the dots that are given are those with the least of their random
-//! keys. The views have the protocol's law all the same. They serve differences between neighboring
+//! draws whether it is seen or not, and the dots that are given are those of the smallest random keys. The
+//! views have the protocol's distribution all the same. They serve differences between neighboring
 //! patterns; rates are measured elsewhere.
 
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use rand::RngExt;
 
 use super::protocol::Protocol;
-use super::trial::{Trial, displaced, false_dot};
-use crate::geometry::random_rotation;
+use super::trial::{Draws, Trial};
 use crate::pattern::Pattern;
 use crate::recognize::ObservedDot;
 
 /// Makes trials of a protocol that follow the pattern.
 #[derive(Debug, Clone)]
 pub struct CommonRandomTrials {
-    protocol: Protocol,
-    rng: ChaCha8Rng,
+    draws: Draws,
     keyed: Vec<Keyed>,
 }
 
@@ -36,23 +33,21 @@ impl CommonRandomTrials {
     /// A generator of the trials that belong to `seed`.
     pub fn new(protocol: Protocol, seed: u64) -> Self {
         Self {
-            protocol,
-            rng: ChaCha8Rng::seed_from_u64(seed),
+            draws: Draws::new(protocol, seed),
             keyed: Vec::new(),
         }
     }
 
     /// Makes trial number `index` of a pattern, whatever was made before.
     pub fn generate(&mut self, pattern: &Pattern, index: u64, trial: &mut Trial) {
-        self.rng.set_stream(index);
-        self.rng.set_word_pos(0);
-        let (rng, p, keyed) = (&mut self.rng, &self.protocol, &mut self.keyed);
-        trial.rotation = random_rotation(rng);
+        let (draws, keyed) = (&mut self.draws, &mut self.keyed);
+        let p = draws.protocol;
+        trial.rotation = draws.begin(index);
         keyed.clear();
         for (j, dot) in pattern.dots().iter().enumerate() {
             let q = trial.rotation * dot;
-            let dot = displaced(&q, &p.noise, rng);
-            let (key, luck) = (rng.random(), rng.random::<f64>());
+            let dot = draws.displaced(&q);
+            let (key, luck) = (draws.rng.random(), draws.rng.random::<f64>());
             if q.z > p.visibility_limit {
                 keyed.push(Keyed {
                     key,
@@ -63,25 +58,20 @@ impl CommonRandomTrials {
             }
         }
         let by_key = |a: &Keyed, b: &Keyed| a.key.total_cmp(&b.key);
-        if let Some(most) = p.dots_given {
+        if p.dots_given.is_some() {
             keyed.sort_unstable_by(by_key);
-            keyed.truncate(if keyed.len() < most { 0 } else { most });
+            keyed.truncate(draws.given_of(keyed.len()));
         }
         keyed.retain(|k| !k.missed);
         for _ in 0..p.false_dots {
             keyed.push(Keyed {
-                dot: false_dot(p, rng),
-                key: rng.random(),
+                dot: draws.false_dot(),
+                key: draws.rng.random(),
                 truth: None,
                 missed: false,
             });
         }
         keyed.sort_unstable_by(by_key);
-        trial.dots.clear();
-        trial.truth.clear();
-        for k in keyed.iter() {
-            trial.dots.push(k.dot);
-            trial.truth.push(k.truth);
-        }
+        trial.fill(keyed.iter().map(|k| (k.dot, k.truth)));
     }
 }

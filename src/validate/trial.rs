@@ -14,7 +14,7 @@ use crate::pattern::Pattern;
 use crate::recognize::observed::ObservedFrame;
 use crate::recognize::{DotUncertainty, ObservedDot};
 
-/// Least standard deviation told to a recognizer, radians: noise-free trials must not divide by zero.
+/// Minimum standard deviation given to a recognizer, radians: noise-free trials must not divide by zero.
 const MIN_SIGMA_RAD: f64 = 1e-4;
 /// Nearest to the limb, in z, that a back-projected dot's uncertainty is linearized.
 const LIMB_Z: f64 = 0.1;
@@ -31,12 +31,75 @@ pub struct Trial {
     given: Vec<(ObservedDot, Option<u16>)>,
 }
 
+impl Trial {
+    /// Dots that are the pattern's.
+    pub fn real_dots(&self) -> usize {
+        self.truth.iter().flatten().count()
+    }
+
+    /// Takes over what is given to the recognizer, in this order.
+    pub(super) fn fill(&mut self, given: impl Iterator<Item = (ObservedDot, Option<u16>)>) {
+        self.dots.clear();
+        self.truth.clear();
+        for (dot, index) in given {
+            self.dots.push(dot);
+            self.truth.push(index);
+        }
+    }
+}
+
+/// The random numbers of a protocol's trials: each trial has a stream of its own.
+#[derive(Debug, Clone)]
+pub(super) struct Draws {
+    pub protocol: Protocol,
+    pub rng: ChaCha8Rng,
+}
+
+impl Draws {
+    pub fn new(protocol: Protocol, seed: u64) -> Self {
+        Self {
+            protocol,
+            rng: ChaCha8Rng::seed_from_u64(seed),
+        }
+    }
+
+    /// Goes to trial number `index`, wherever it was, and draws its rotation.
+    pub fn begin(&mut self, index: u64) -> Rotation {
+        self.rng.set_stream(index);
+        self.rng.set_word_pos(0);
+        random_rotation(&mut self.rng)
+    }
+
+    /// The dot as measured, with the uncertainty that a careful estimator would state.
+    pub fn displaced(&mut self, q: &Vec3) -> ObservedDot {
+        displaced(q, &self.protocol.noise, &mut self.rng)
+    }
+
+    /// A dot that is none: uniform on the visible cap.
+    pub fn false_dot(&mut self) -> ObservedDot {
+        let direction = random_direction_above(&mut self.rng, self.protocol.visibility_limit);
+        ObservedDot {
+            direction,
+            uncertainty: uncertainty(&direction, &self.protocol.noise),
+        }
+    }
+
+    /// How many of so many visible dots the protocol gives: fewer than it asks for is no view of it, and
+    /// the trial is skipped.
+    pub fn given_of(&self, visible: usize) -> usize {
+        match self.protocol.dots_given {
+            Some(given) if visible < given => 0,
+            Some(given) => given,
+            None => visible,
+        }
+    }
+}
+
 /// Makes trials of a protocol.
 #[derive(Debug, Clone)]
 pub struct TrialGenerator<'p> {
     pattern: &'p Pattern,
-    protocol: Protocol,
-    rng: ChaCha8Rng,
+    draws: Draws,
 }
 
 impl<'p> TrialGenerator<'p> {
@@ -44,49 +107,41 @@ impl<'p> TrialGenerator<'p> {
     pub fn new(pattern: &'p Pattern, protocol: Protocol, seed: u64) -> Self {
         Self {
             pattern,
-            protocol,
-            rng: ChaCha8Rng::seed_from_u64(seed),
+            draws: Draws::new(protocol, seed),
         }
     }
 
     /// Makes trial number `index`, whatever was made before.
     pub fn generate(&mut self, index: u64, trial: &mut Trial) {
-        self.rng.set_stream(index);
-        self.rng.set_word_pos(0);
-        let rng = &mut self.rng;
-        let p = &self.protocol;
-        trial.rotation = random_rotation(rng);
-        let given = &mut trial.given;
+        let draws = &mut self.draws;
+        let p = draws.protocol;
+        trial.rotation = draws.begin(index);
+        let mut given = std::mem::take(&mut trial.given);
         given.clear();
         for (j, dot) in self.pattern.dots().iter().enumerate() {
             let q = trial.rotation * dot;
             if q.z > p.visibility_limit {
-                given.push((displaced(&q, &p.noise, rng), Some(j as u16)));
+                given.push((draws.displaced(&q), Some(j as u16)));
             }
         }
-        if let Some(most) = p.dots_given {
-            given.shuffle(rng);
-            // Fewer than the protocol gives is no view of it: the trial is skipped.
-            given.truncate(if given.len() < most { 0 } else { most });
+        if p.dots_given.is_some() {
+            given.shuffle(&mut draws.rng);
+            given.truncate(draws.given_of(given.len()));
         }
         if p.miss_probability > 0.0 {
-            given.retain(|_| rng.random::<f64>() >= p.miss_probability);
+            given.retain(|_| draws.rng.random::<f64>() >= p.miss_probability);
         }
         for _ in 0..p.false_dots {
-            given.push((false_dot(p, rng), None));
+            given.push((draws.false_dot(), None));
         }
-        given.shuffle(rng);
-        trial.dots.clear();
-        trial.truth.clear();
-        for &(dot, index) in given.iter() {
-            trial.dots.push(dot);
-            trial.truth.push(index);
-        }
+        given.shuffle(&mut draws.rng);
+        trial.fill(given.iter().copied());
+        trial.given = given;
     }
 }
 
-/// The views of a validation as a detector would hand them over, named `trial-0`, `trial-1`, ...; views
-/// with too few dots for the protocol are left out.
+/// The views of a validation as a detector would give them, named `trial-0`, `trial-1`, ...; views
+/// with too few real dots for the protocol are left out.
 pub fn observed_frames(
     pattern: &Pattern,
     protocol: &Protocol,
@@ -97,7 +152,7 @@ pub fn observed_frames(
     let mut trial = Trial::default();
     let mut frame = |index: u64| {
         generator.generate(index, &mut trial);
-        (trial.dots.len() >= protocol.min_dots).then(|| ObservedFrame {
+        (trial.real_dots() >= protocol.min_dots).then(|| ObservedFrame {
             name: format!("trial-{index}"),
             time_s: None,
             dots: trial.dots.clone(),
@@ -106,17 +161,8 @@ pub fn observed_frames(
     (0..samples).filter_map(&mut frame).collect()
 }
 
-/// A dot that is none: uniform on the visible cap.
-pub(super) fn false_dot(protocol: &Protocol, rng: &mut ChaCha8Rng) -> ObservedDot {
-    let direction = random_direction_above(rng, protocol.visibility_limit);
-    ObservedDot {
-        direction,
-        uncertainty: uncertainty(&direction, &protocol.noise),
-    }
-}
-
-/// The dot as measured, with the uncertainty that a careful estimator would state.
-pub(super) fn displaced(q: &Vec3, noise: &Noise, rng: &mut ChaCha8Rng) -> ObservedDot {
+/// The dot as measured, with its uncertainty.
+fn displaced(q: &Vec3, noise: &Noise, rng: &mut ChaCha8Rng) -> ObservedDot {
     let direction = match *noise {
         Noise::RandomAxis { sigma_rad } => {
             let axis = Unit::new_unchecked(random_direction(rng));

@@ -1,8 +1,14 @@
 //! From pixels on the ball's image to directions from its center, and back.
 //!
-//! Without intrinsics the projection is orthographic: with the circle's center `c` and radius `r` in pixels,
-//! the dot at pixel `p` lies in the direction `x = (u - c_u) / r`, `y = -(v - c_v) / r`,
-//! `z = sqrt(1 - x^2 - y^2)`. With intrinsics it is that of a pinhole camera. The ball's center then lies at the
+//! Without intrinsics the camera looks at the ball's center from a distance of `1 / k` ball radii. With the outline's center
+//! `c` and radius `r` in pixels, the direction `(x, y, z)` is seen at
+//!
+//! ```text
+//! u = c_u + r s x,   v = c_v - r s y,   s = sqrt(1 - k^2) / (1 - k z)
+//! ```
+//!
+//! since the outline is where `z = k`. Parallel rays are `k = 0`. A camera at 12 radii moves a dot at half the radius by 4 %
+//! of it. With intrinsics the projection is that of a pinhole camera. The ball's center then lies at the
 //! distance `d = R / sin(alpha)`, for the half angle `alpha` under which the ball is seen, and a ray `q` meets the sphere at
 //! its nearer intersection.
 //!
@@ -16,7 +22,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 use crate::recognize::{DotUncertainty, ObservedDot};
 
@@ -62,6 +68,11 @@ pub enum Camera {
     /// Along parallel rays: right for a ball that is small against its distance.
     #[default]
     Orthographic,
+    /// From a known distance, straight at the ball.
+    Near {
+        /// Ball radii over the distance from the camera to the ball's center, in [0, 1).
+        inverse_distance: f64,
+    },
     /// Through a pinhole.
     Perspective(Intrinsics),
 }
@@ -75,7 +86,8 @@ pub struct BallView {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Projection {
-    Orthographic,
+    /// Straight at the ball, from 1 / `inverse_distance` radii; parallel rays for 0.
+    Central { inverse_distance: f64 },
     Perspective {
         intrinsics: Intrinsics,
         /// View frame to camera frame.
@@ -101,7 +113,14 @@ impl BallView {
             return Err(Error::argument("circle", problem));
         }
         let projection = match *camera {
-            Camera::Orthographic => Projection::Orthographic,
+            Camera::Orthographic => Projection::Central {
+                inverse_distance: 0.0,
+            },
+            Camera::Near { inverse_distance } => {
+                let inside = (0.0..1.0).contains(&inverse_distance);
+                require(inside, "inverse_distance", "0 to 1", inverse_distance)?;
+                Projection::Central { inverse_distance }
+            }
             Camera::Perspective(k) => Self::perspective(k, &circle)?,
         };
         Ok(Self { circle, projection })
@@ -137,7 +156,7 @@ impl BallView {
     /// The rotation from the view frame to the camera's frame.
     pub fn to_camera(&self) -> Rotation {
         match self.projection {
-            Projection::Orthographic => Rotation::identity(),
+            Projection::Central { .. } => Rotation::identity(),
             Projection::Perspective { to_camera, .. } => to_camera,
         }
     }
@@ -145,19 +164,39 @@ impl BallView {
     /// Least z, in the view frame, that is in sight: 0, or under perspective the ball's radius over its distance.
     pub fn horizon(&self) -> f64 {
         match self.projection {
-            Projection::Orthographic => 0.0,
+            Projection::Central { inverse_distance } => inverse_distance,
             Projection::Perspective { distance, .. } => 1.0 / distance,
         }
+    }
+
+    /// d(pixel of a direction)/d(ball radii over the camera's distance), pixels; `None` where the distance follows from the
+    /// intrinsics.
+    pub fn by_inverse_distance(&self, direction: &Vec3) -> Option<Vector2<f64>> {
+        let Projection::Central {
+            inverse_distance: k,
+        } = self.projection
+        else {
+            return None;
+        };
+        let root = (1.0 - k * k).sqrt();
+        let depth = 1.0 - k * direction.z;
+        let rate = root * direction.z / (depth * depth) - k / (root * depth);
+        Some(Vector2::new(direction.x, -direction.y) * (self.circle.radius * rate))
     }
 
     /// Where a direction (unit vector, view frame) lies in the image, seen or not.
     pub fn project(&self, direction: &Vec3) -> Pixel {
         let BallCircle { center, radius } = self.circle;
         match self.projection {
-            Projection::Orthographic => Pixel {
-                u: center.u + radius * direction.x,
-                v: center.v - radius * direction.y,
-            },
+            Projection::Central {
+                inverse_distance: k,
+            } => {
+                let scale = radius * (1.0 - k * k).sqrt() / (1.0 - k * direction.z);
+                Pixel {
+                    u: center.u + scale * direction.x,
+                    v: center.v - scale * direction.y,
+                }
+            }
             Projection::Perspective {
                 intrinsics: k,
                 to_camera,
@@ -176,11 +215,11 @@ impl BallView {
     /// outline are laid on it; `None` for those farther out.
     pub fn direction(&self, pixel: Pixel) -> Option<Vec3> {
         match self.projection {
-            Projection::Orthographic => {
+            Projection::Central { inverse_distance } => {
                 let BallCircle { center, radius } = self.circle;
                 let x = (pixel.u - center.u) / radius;
                 let y = (center.v - pixel.v) / radius;
-                on_sphere(x, y)
+                on_sphere(x, y, inverse_distance)
             }
             Projection::Perspective {
                 intrinsics,
@@ -225,9 +264,13 @@ impl BallView {
     /// d(pixel)/d(direction), 2 x 3.
     pub fn jacobian(&self, direction: &Vec3) -> Matrix2x3<f64> {
         match self.projection {
-            Projection::Orthographic => {
-                let r = self.circle.radius;
-                Matrix2x3::new(r, 0.0, 0.0, 0.0, -r, 0.0)
+            Projection::Central {
+                inverse_distance: k,
+            } => {
+                let depth = 1.0 - k * direction.z;
+                let r = self.circle.radius * (1.0 - k * k).sqrt() / depth;
+                let (x, y) = (direction.x * k / depth, direction.y * k / depth);
+                Matrix2x3::new(r, 0.0, r * x, 0.0, -r, -r * y)
             }
             Projection::Perspective {
                 intrinsics: k,
@@ -256,13 +299,22 @@ fn ray(k: &Intrinsics, pixel: Pixel) -> Vec3 {
     Vec3::new((pixel.u - k.cx) / k.fx, (k.cy - pixel.v) / k.fy, -1.0)
 }
 
-fn on_sphere(x: f64, y: f64) -> Option<Vec3> {
+/// The direction seen at `(x, y)` radii from the outline's center, from a camera at `1 / k` radii.
+///
+fn on_sphere(x: f64, y: f64, k: f64) -> Option<Vec3> {
     let at = Vector2::new(x, y);
     let out = at.norm();
     if !out.is_finite() || out > 1.0 + BEYOND_LIMB {
         return None;
     }
     let held = at / out.max(1.0);
-    let z = (1.0 - held.norm_squared()).max(0.0).sqrt();
-    Some(Vec3::new(held.x, held.y, z))
+    // (x, y) = a (1 - k z) with a = held / sqrt(1 - k^2), and x^2 + y^2 + z^2 = 1: a quadratic in z, whose
+    // larger root faces the camera.
+    let a = held / (1.0 - k * k).sqrt();
+    let a2 = a.norm_squared();
+    let denominator = 1.0 + k * k * a2;
+    let root = (1.0 - a2 * (1.0 - k * k)).max(0.0).sqrt();
+    let z = (k * a2 + root) / denominator;
+    let flat = a * (1.0 - k * z);
+    Vec3::new(flat.x, flat.y, z).try_normalize(0.0)
 }

@@ -8,9 +8,9 @@ use super::patch::Patch;
 /// A dot found in an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DotDetection {
-    /// Its centre in the image.
+    /// Its center in the image.
     pub pixel: Pixel,
-    /// Covariance of the centre (u, v), px^2.
+    /// Covariance of the center (u, v), px^2.
     pub covariance: Matrix2<f64>,
     /// Probability that it is a dot, in [0, 1].
     pub confidence: f64,
@@ -24,6 +24,7 @@ pub trait DotDetector: Sync {
     /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
 
-    /// Finds the dots of a ball and writes them into `out`, the most confident first. None is an answer too.
+    /// Finds the dots of a ball and writes them into `out`, the most confident first. None is an answer
+    /// too; a detector that exists cannot fail.
     fn detect_into(&self, patch: &Patch, ws: &mut Self::Workspace, out: &mut Vec<DotDetection>);
 }

@@ -2,15 +2,12 @@
 
 use super::blob::{BlobConfig, BlobDetector, BlobWorkspace};
 use super::detect::{DotDetection, DotDetector};
-use super::net::CnnDetector;
-use super::net::detector::Peak;
+use super::net::{CnnDetector, CnnWorkspace};
 use super::patch::Patch;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// A dot detector's name.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DetectorName {
     /// The trained net, the default.
@@ -31,14 +28,25 @@ impl DetectorName {
         }
     }
 
-    /// The detector with its default settings.
+    /// The detector with its default configuration.
     ///
     /// # Errors
     /// [`Error::Internal`](crate::Error::Internal) where this crate was built with damaged weights.
     pub fn build(self) -> Result<NamedDetector> {
         Ok(match self {
             Self::Cnn => NamedDetector::Cnn(CnnDetector::built_in()?),
-            Self::Blob => NamedDetector::Blob(BlobDetector::new(BlobConfig::default())),
+            Self::Blob => NamedDetector::Blob(Box::new(BlobDetector::new(BlobConfig::default()))),
+        })
+    }
+}
+
+impl std::str::FromStr for DetectorName {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|d| d.as_str() == name);
+        found.ok_or_else(|| {
+            Error::argument("detector", format!("expected cnn or blob, found {name:?}"))
         })
     }
 }
@@ -55,37 +63,39 @@ pub enum NamedDetector {
     /// See [`CnnDetector`].
     Cnn(CnnDetector),
     /// See [`BlobDetector`].
-    Blob(BlobDetector),
+    Blob(Box<BlobDetector>),
 }
 
-/// Working memory of a [`NamedDetector`].
-#[derive(Debug)]
-pub enum NamedWorkspace {
-    /// Of a [`CnnDetector`].
-    Cnn(Vec<Peak>),
-    /// Of a [`BlobDetector`].
-    Blob(Box<BlobWorkspace>),
+/// Working memory of a [`NamedDetector`]. It serves any of them: the buffers of a detector are made when
+/// it is first used with the workspace.
+#[derive(Debug, Default)]
+pub struct NamedWorkspace {
+    cnn: Option<CnnWorkspace>,
+    blob: Option<Box<BlobWorkspace>>,
 }
 
 impl DotDetector for NamedDetector {
     type Workspace = NamedWorkspace;
 
     fn workspace(&self) -> NamedWorkspace {
+        let mut ws = NamedWorkspace::default();
         match self {
-            Self::Cnn(detector) => NamedWorkspace::Cnn(detector.workspace()),
-            Self::Blob(detector) => NamedWorkspace::Blob(Box::new(detector.workspace())),
+            Self::Cnn(detector) => ws.cnn = Some(detector.workspace()),
+            Self::Blob(detector) => ws.blob = Some(Box::new(detector.workspace())),
         }
+        ws
     }
 
     fn detect_into(&self, patch: &Patch, ws: &mut NamedWorkspace, out: &mut Vec<DotDetection>) {
-        match (self, ws) {
-            (Self::Blob(detector), NamedWorkspace::Blob(ws)) => {
+        match self {
+            Self::Cnn(detector) => {
+                let ws = ws.cnn.get_or_insert_with(|| detector.workspace());
                 detector.detect_into(patch, ws, out);
             }
-            (Self::Cnn(detector), NamedWorkspace::Cnn(ws)) => detector.detect_into(patch, ws, out),
-            // A workspace of another detector: one of its own, at the cost of making it.
-            (detector, ws) => {
-                *ws = detector.workspace();
+            Self::Blob(detector) => {
+                let ws = ws
+                    .blob
+                    .get_or_insert_with(|| Box::new(detector.workspace()));
                 detector.detect_into(patch, ws, out);
             }
         }

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use image::{DynamicImage, ImageFormat, ImageReader, imageops};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, ImageResult, imageops};
 
 use crate::error::{Error, Result};
 use crate::files;
@@ -59,6 +59,12 @@ impl GrayImage {
             height,
             values,
         }
+    }
+
+    /// Makes room for as many pixels.
+    pub(crate) fn reserve(&mut self, pixels: usize) {
+        self.values
+            .reserve(pixels.saturating_sub(self.values.len()));
     }
 
     /// Columns.
@@ -173,8 +179,8 @@ impl RgbImage {
             let problem = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
             return Err(refuse(problem));
         }
-        let decoded = image::load_from_memory(bytes)
-            .map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
+        let decoded =
+            decode_upright(bytes).map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
         Self::from_decoded(&decoded).map_err(|e| refuse(e.to_string()))
     }
 
@@ -278,8 +284,9 @@ impl RgbImage {
     }
 
     /// Gray along the color in which the middle differs most plainly from the corners (their means' difference), from 0 to 1: a ball
-    /// as bright as what is behind it, but of another color, stands out. `None` where the two are alike.
-    pub fn to_contrast(&self) -> Option<GrayImage> {
+    /// as bright as what is behind it, but of another color, stands out. Says whether there is such a color; where there is none,
+    /// `gray` stays as it is.
+    pub(crate) fn to_contrast_into(&self, gray: &mut GrayImage) -> bool {
         let (width, height) = (self.width as f32, self.height as f32);
         let (mut middle, mut corners) = ([0.0f32; 4], [0.0f32; 4]);
         for (i, c) in self.values.iter().enumerate() {
@@ -295,13 +302,13 @@ impl RgbImage {
             }
         }
         if middle[3] == 0.0 || corners[3] == 0.0 {
-            return None;
+            return false;
         }
         let axis: [f32; 3] =
             std::array::from_fn(|k| middle[k] / middle[3] - corners[k] / corners[3]);
         let length = axis.iter().map(|x| x * x).sum::<f32>().sqrt();
         if length < MIN_CONTRAST {
-            return None;
+            return false;
         }
         let along = |c: &[f32; 3]| (c[0] * axis[0] + c[1] * axis[1] + c[2] * axis[2]) / length;
         // Values along a unit vector span at most the cube's diagonal, either way.
@@ -309,11 +316,10 @@ impl RgbImage {
             .values
             .iter()
             .map(|c| (0.5 + 0.5 * along(c)).clamp(0.0, 1.0));
-        Some(GrayImage {
-            width: self.width,
-            height: self.height,
-            values: values.collect(),
-        })
+        (gray.width, gray.height) = (self.width, self.height);
+        gray.values.clear();
+        gray.values.extend(values);
+        true
     }
 
     /// Eight bits a channel, red, green, blue, row after row: what PNG encoders take.
@@ -323,4 +329,14 @@ impl RgbImage {
             .flat_map(|c| c.map(|x| (255.0 * x.clamp(0.0, 1.0) + 0.5) as u8))
             .collect()
     }
+}
+
+/// The image as the camera's EXIF data want it seen.
+fn decode_upright(bytes: &[u8]) -> ImageResult<DynamicImage> {
+    let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format()?;
+    let mut decoder = reader.into_decoder()?;
+    let orientation = decoder.orientation()?;
+    let mut decoded = DynamicImage::from_decoder(decoder)?;
+    decoded.apply_orientation(orientation);
+    Ok(decoded)
 }

@@ -1,18 +1,22 @@
 //! Images as people have them: files, folders, videos, in the order in which they were taken.
 //!
-//! Folders are read for files with the ending of an image. Everything is sorted by number and not by letter: runs of digits
-//! compare as numbers, so that "3333333" comes before "103333323". Times: a file's stem as an integer is nanoseconds
-//! (SpinDOE's convention); a video's frames have their own. Videos are decoded by `ffmpeg`, which must be installed.
+//! Folders are read for files with the ending of an image. Everything is sorted by number and not by
+//! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images and
+//! videos that say that the camera was turned are turned upright. Times: a file's stem as an integer is
+//! nanoseconds (SpinDOE's convention); a video's frames have their own; [`read_times`] reads others from
+//! a table. Videos are decoded by `ffmpeg`, which must be installed, to 8 bits a color.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use super::image::{MAX_PIXELS, RgbImage};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::files::csv::{Columns, Table, shown};
 
 /// Endings of image files, lower case.
 const IMAGES: [&str; 10] = [
@@ -73,6 +77,8 @@ pub enum Source {
 pub struct InputFrame {
     /// The file's stem, or the video's with the frame's number.
     pub name: String,
+    /// The file; a video's frame is named as if it were a file beside the video.
+    pub path: PathBuf,
     /// Seconds, where the name says it.
     pub time_s: Option<f64>,
     /// The picture.
@@ -140,6 +146,7 @@ pub fn read_frames(
             visit(InputFrame {
                 time_s: time_of_stem(&name),
                 name,
+                path: path.clone(),
                 image: RgbImage::read(path)?,
             })?;
             Ok(Vec::new())
@@ -152,11 +159,15 @@ fn read_video(
     path: &Path,
     visit: &mut dyn FnMut(InputFrame) -> Result<()>,
 ) -> Result<Vec<Option<f64>>> {
+    // A name with a colon would be taken for a protocol.
+    let mut file = OsString::from("file:");
+    file.push(path);
+    // Deeper video would come as 16-bit pictures.
     let mut child = Command::new("ffmpeg")
         .args(["-nostdin", "-hide_banner", "-i"])
-        .arg(path)
+        .arg(file)
         .args(["-map", "0:v:0", "-vf", "showinfo", "-fps_mode", "passthrough"])
-        .args(["-f", "image2pipe", "-c:v", "ppm", "-"])
+        .args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "-"])
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -181,12 +192,13 @@ fn read_video(
                 Ok(Some(image)) => {
                     count += 1;
                     let name = format!("{name}_{count:06}");
-                    let time_s = None;
-                    if let Err(e) = visit(InputFrame {
+                    let frame = InputFrame {
+                        path: path.with_file_name(&name),
                         name,
-                        time_s,
+                        time_s: None,
                         image,
-                    }) {
+                    };
+                    if let Err(e) = visit(frame) {
                         break Err(e);
                     }
                 }
@@ -277,45 +289,134 @@ fn token(from: &mut impl Read) -> Option<String> {
     (!word.is_empty()).then_some(word)
 }
 
-/// Reads a table of times: CSV with the header `frame,time_s`, `frame` a file's name with or without ending.
+static COLUMNS: Columns<2> = Columns {
+    names: ["frame", "time_s"],
+    required: 0..2,
+};
+
+/// Reads a table of times: CSV with the header `frame,time_s`; see [`FrameTimes`].
 ///
 /// # Errors
-/// [`Error::Read`], or [`Error::Input`] naming the line.
-pub fn read_times(path: &Path) -> Result<HashMap<String, f64>> {
-    let bytes = files::read_bytes(path)?;
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_reader(bytes.as_slice());
-    let header = reader
-        .headers()
-        .map_err(|e| Error::input(path, "line 1", e.to_string()))?;
-    let column = |name: &str| header.iter().position(|h| h == name);
-    let (Some(frame), Some(time)) = (column("frame"), column("time_s")) else {
-        return Err(Error::input(
-            path,
-            "line 1",
-            "expected a header with frame,time_s",
-        ));
+/// [`Error::Read`], or [`Error::Input`] naming the line: for what is no time, and for a frame that
+/// occurs twice.
+pub fn read_times(path: &Path) -> Result<FrameTimes> {
+    let mut table = Table::new(path, files::open(path)?, &COLUMNS)?;
+    let mut found = FrameTimes {
+        path: path.to_path_buf(),
+        rows: Vec::new(),
+        by_name: HashMap::new(),
     };
-    let mut times = HashMap::new();
-    for (i, record) in reader.records().enumerate() {
-        let record = record.map_err(|e| {
-            let line = files::line_of(&bytes, e.position(), i as u64 + 2);
-            Error::input(path, format!("line {line}"), e.to_string())
-        })?;
-        let line = files::line_of(&bytes, record.position(), i as u64 + 2);
-        let text = record.get(time).unwrap_or_default();
-        match text.parse::<f64>() {
-            Ok(t) if t.is_finite() => {
-                let name = record.get(frame).unwrap_or_default();
-                times.insert(name.to_owned(), t);
-                times.entry(stem(Path::new(name))).or_insert(t);
+    while let Some(row) = table.next_row()? {
+        let frame = row.text(0).unwrap_or_default();
+        let mut folders = components(Path::new(frame));
+        let Some(name) = folders.pop() else {
+            return Err(row.error("frame: expected a name, found nothing"));
+        };
+        let time_s = row.number(1).map_err(|problem| row.error(problem))?;
+        let Some(time_s) = time_s else {
+            return Err(row.error("time_s: expected seconds, found nothing"));
+        };
+        let same = found.by_name.entry(name).or_default();
+        if let Some(&before) = same.iter().find(|&&i| found.rows[i].folders == folders) {
+            let (frame, before) = (shown(frame), found.rows[before].line);
+            let problem = format!("frame: \"{frame}\" occurs on line {before} already");
+            return Err(row.error(problem));
+        }
+        same.push(found.rows.len());
+        found.rows.push(TimeRow {
+            line: row.line(),
+            folders,
+            time_s,
+        });
+    }
+    Ok(found)
+}
+
+/// The times of frames, by their names.
+///
+/// A row names a frame by its file's name, with or without the ending, and by as many of the folders
+/// before it as it gives: `7`, `7.png` and `left/7.png` all name `run/left/7.png`. Of several such
+/// rows the one that gives most folders counts. Frames of a video `film.mkv` are named
+/// `film_000001`, `film_000002` and so on.
+#[derive(Debug, Clone)]
+pub struct FrameTimes {
+    path: PathBuf,
+    rows: Vec<TimeRow>,
+    /// Rows by the last component of their names.
+    by_name: HashMap<String, Vec<usize>>,
+}
+
+#[derive(Debug, Clone)]
+struct TimeRow {
+    line: u64,
+    folders: Vec<String>,
+    time_s: f64,
+}
+
+impl FrameTimes {
+    /// The time of each frame, seconds; frames by [`InputFrame::path`].
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a frame that no row names, or two alike, and for a row that names two
+    /// frames.
+    pub fn of_frames(&self, frames: &[PathBuf]) -> Result<Vec<f64>> {
+        let mut taken: HashMap<usize, &Path> = HashMap::new();
+        let mut times = Vec::with_capacity(frames.len());
+        for frame in frames {
+            let i = self.row_of(frame)?;
+            let row = &self.rows[i];
+            if let Some(other) = taken.insert(i, frame) {
+                let (frame, other) = (frame.display(), other.display());
+                let problem =
+                    format!("frame: names both {other} and {frame}: expected their folders too");
+                return Err(self.error(row.line, problem));
             }
-            _ => {
-                let problem = format!("time_s: expected seconds, found \"{text}\"");
-                return Err(Error::input(path, format!("line {line}"), problem));
+            times.push(row.time_s);
+        }
+        Ok(times)
+    }
+
+    /// The row that names a frame most closely.
+    fn row_of(&self, frame: &Path) -> Result<usize> {
+        let mut folders = components(frame);
+        let name = folders.pop().unwrap_or_default();
+        let stem = stem(frame);
+        let names = [Some(&name), Some(&stem).filter(|s| **s != name)];
+        let rows = names
+            .into_iter()
+            .flatten()
+            .filter_map(|n| self.by_name.get(n))
+            .flatten()
+            .copied();
+        let mut naming: Vec<usize> = rows
+            .filter(|&i| folders.ends_with(&self.rows[i].folders))
+            .collect();
+        naming.sort_by_key(|&i| std::cmp::Reverse(self.rows[i].folders.len()));
+        let frame = frame.display();
+        match naming[..] {
+            [] => {
+                let problem = format!("expected a time of frame {frame}");
+                Err(Error::input(&self.path, "file", problem))
             }
+            [a, b, ..] if self.rows[a].folders.len() == self.rows[b].folders.len() => {
+                let (a, b) = (self.rows[a].line, self.rows[b].line);
+                let problem = format!("frame: names {frame}, as does line {}", a.min(b));
+                Err(self.error(a.max(b), problem))
+            }
+            [i, ..] => Ok(i),
         }
     }
-    Ok(times)
+
+    fn error(&self, line: u64, problem: String) -> Error {
+        Error::input(&self.path, format!("line {line}"), problem)
+    }
+}
+
+/// The folders and the name of a path, without what leads nowhere.
+fn components(path: &Path) -> Vec<String> {
+    let component = |c| match c {
+        Component::CurDir => None,
+        other => Some(other.as_os_str().to_string_lossy().into_owned()),
+    };
+    path.components().filter_map(component).collect()
 }

@@ -4,8 +4,8 @@
 //! one scale and brightness whatever the camera; a detector finds the dots ([`detect`], by name [`detector`]: the trained [`net`], or the classical [`blob`]); [`camera`] lays
 //! them on the sphere with their uncertainty; the recognizer tells which is which, and the orientation is
 //! refined on the dots that it accepts. [`estimator`] does all
-//! that for a frame, and lets the frames of a flight help each other. [`synth`] draws frames with a known truth, on which [`train`]
-//! makes the net.
+//! that for a frame, and lets the frames of a flight help each other. [`synth`] draws frames with a known truth, on which the
+//! workspace's `spindoe-train` makes the net.
 //!
 //! Pixels: u right, v down, the center of the top-left pixel at (0, 0). Camera frame: x right, y up, z from the
 //! ball towards the camera.
@@ -20,7 +20,6 @@ pub mod image;
 pub mod input;
 pub mod net;
 pub mod patch;
-pub mod train;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};

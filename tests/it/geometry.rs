@@ -1,7 +1,7 @@
 //! Rotations and directions against closed forms and brute force.
 
 use nalgebra::Matrix3;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spindoe::Error;
 use spindoe::geometry::*;
@@ -42,6 +42,103 @@ fn kabsch_recovers_noise_free_rotations_from_two_points_on() {
             assert!(rotation_angle(&found, &truth) < 1e-6);
         }
     }
+}
+
+/// Sets of directions about a random one, `separation` radians wide, and the same ones turned.
+fn narrow(n: usize, separation: f64, truth: &Rotation, rng: &mut ChaCha8Rng) -> [Vec<Vec3>; 2] {
+    let center = random_direction(rng);
+    let [e1, e2] = tangent_frame(&center);
+    let turn = std::f64::consts::TAU / n as f64;
+    let from = (0..n).map(|i| {
+        let (s, c) = (turn * i as f64 + 0.3).sin_cos();
+        let (s_half, c_half) = (0.5 * separation).sin_cos();
+        center * c_half + (e1 * c + e2 * s) * s_half
+    });
+    let from: Vec<Vec3> = from.collect();
+    let to = from.iter().map(|p| truth * p).collect();
+    [from, to]
+}
+
+#[test]
+fn kabsch_is_as_exact_as_the_separation_allows() {
+    let mut rng = rng();
+    for exponent in 0..=8 {
+        let separation = 10f64.powi(-exponent);
+        for n in [2, 3, 7] {
+            for _ in 0..100 {
+                let truth = random_rotation(&mut rng);
+                let [from, to] = narrow(n, separation, &truth, &mut rng);
+                let found = kabsch(&from, &to, None).expect("determined");
+                // Each coordinate is rounded by 1.1e-16: over the separation, that is the angle's.
+                let error = rotation_angle(&found, &truth);
+                assert!(
+                    error < 2e-15 / separation + 1e-11,
+                    "{n} directions {separation:e} apart: {error:e}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn kabsch_refuses_directions_too_close_to_tell_apart() {
+    let mut rng = rng();
+    for separation in [1e-10, 1e-12, 1e-15] {
+        for n in [2, 3, 7] {
+            let truth = random_rotation(&mut rng);
+            let [from, to] = narrow(n, separation, &truth, &mut rng);
+            let refused = kabsch(&from, &to, None);
+            assert!(
+                matches!(refused, Err(Error::Degenerate(_))),
+                "{separation:e}: {refused:?}"
+            );
+            // Nearly opposite directions lie on one line too.
+            let opposite = |v: &[Vec3]| -> Vec<Vec3> {
+                let signed = |(i, p): (usize, &Vec3)| if i % 2 == 0 { *p } else { -p };
+                v.iter().enumerate().map(signed).collect()
+            };
+            let refused = kabsch(&opposite(&from), &opposite(&to), None);
+            assert!(matches!(refused, Err(Error::Degenerate(_))), "{refused:?}");
+        }
+    }
+}
+
+#[test]
+fn kabsch_maximizes_among_all_rotations_of_noisy_close_directions() {
+    // The residual is larger than the separation: no rotation fits, and one fits best.
+    let mut rng = rng();
+    for separation in [1.0, 1e-2, 1e-3, 1e-4] {
+        let truth = random_rotation(&mut rng);
+        let [from, mut to] = narrow(5, separation, &truth, &mut rng);
+        for p in &mut to {
+            *p = (*p + random_direction(&mut rng) * (0.3 * separation)).normalize();
+        }
+        let residual = |r: &Rotation| -> f64 {
+            let pairs = from.iter().zip(&to);
+            pairs.map(|(a, b)| (b - r * a).norm_squared()).sum()
+        };
+        let found = kabsch(&from, &to, None).expect("determined");
+        let least = residual(&found);
+        for _ in 0..2000 {
+            let scale = separation.powf(rng.random::<f64>() * 2.0);
+            let turn = random_direction(&mut rng) * (scale * rng.random::<f64>());
+            let other = Rotation::from_scaled_axis(turn) * found;
+            assert!(residual(&other) >= least * (1.0 - 1e-9), "{separation:e}");
+        }
+    }
+}
+
+#[test]
+fn kabsch_does_not_care_for_the_scale_of_its_weights() {
+    let mut rng = rng();
+    let truth = random_rotation(&mut rng);
+    let from: Vec<Vec3> = (0..4).map(|_| random_direction(&mut rng)).collect();
+    let to: Vec<Vec3> = from.iter().map(|p| truth * p).collect();
+    for scale in [1e-200, 1e-9, 1.0, 1e200] {
+        let found = kabsch(&from, &to, Some(&[scale; 4])).expect("determined");
+        assert!(rotation_angle(&found, &truth) < 1e-9, "{scale:e}");
+    }
+    assert!(kabsch(&from, &to, Some(&[0.0; 4])).is_err());
 }
 
 #[test]

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use spindoe::error::{Error, Result};
 use spindoe::geometry::{Vec3, spiral_directions};
 use spindoe::pattern::Pattern;
 use spindoe::plot::*;
+use spindoe::{Error, Result};
 
 /// A folder for pictures, with what deletes it.
 fn folder() -> (PathBuf, tempfile::TempDir) {
@@ -30,7 +30,7 @@ fn check(name: &str, size: (u32, u32), ink: f64, draw: impl Fn(&Path) -> Result<
     let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes))
         .read_info()
         .unwrap();
-    let mut pixels = vec![0; reader.output_buffer_size()];
+    let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
     let info = reader.next_frame(&mut pixels).unwrap();
     assert_eq!((info.width, info.height), size);
     assert_eq!(pixels.len(), size.0 as usize * size.1 as usize * 3);

@@ -468,7 +468,7 @@ fn assert_both_halves_are_drawn(path: &Path) {
     let bytes = std::fs::read(path).unwrap();
     let decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     let mut reader = decoder.read_info().unwrap();
-    let mut pixels = vec![0; reader.output_buffer_size()];
+    let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
     let info = reader.next_frame(&mut pixels).unwrap();
     assert_eq!((info.width, info.height), spindoe::plot::STENCIL_SIZE);
     let share = |test: &dyn Fn(i32, i32, i32) -> bool| {

@@ -7,30 +7,24 @@ use crate::common::{done, random_pattern, spindoe};
 use nalgebra::Quaternion;
 use spindoe::geometry::{Rotation, Vec3, angle_between};
 use spindoe::pattern::Pattern;
-use spindoe::synth::dataset::{frame_rng, frames, independent_frame};
-use spindoe::synth::folder::{self, Origin, Truth};
-use spindoe::synth::scene::{Background, Light};
+use spindoe::synth::background::Background;
+use spindoe::synth::compression::Compression;
+use spindoe::synth::dataset::{Sequence, SequenceConfig, frame_rng, frames, independent_frame};
+use spindoe::synth::folder::{self, Masks, Origin, Truth};
+use spindoe::synth::light::Light;
+use spindoe::synth::pen::Spot;
 use spindoe::synth::sensor::Sensor;
-use spindoe::synth::surface::Spot;
-use spindoe::synth::{Scene, SynthConfig};
+use spindoe::synth::{Rendering, Scene, SynthConfig, SynthKind};
 use spindoe::vision::image::RgbImage;
-use spindoe::vision::{BallCircle, Pixel};
-
-const SENSOR: Sensor = Sensor {
-    defocus_px: 0.0,
-    gain: 1.0,
-    read_noise: 0.0,
-    shot_noise: 0.0,
-    color_noise: 0.0,
-    gamma: 1.0,
-    has_color: true,
-    jpeg_quality: None,
-};
+use spindoe::vision::{BallCircle, Camera, Intrinsics, Pixel};
 
 /// A ball of 60 px radius before black, evenly lit, at rest, through a perfect camera, with dots of 12 degrees.
 fn plain_scene(pattern: &Pattern) -> Scene {
     let config = SynthConfig {
         stains: false,
+        seam_probability: 0.0,
+        logo_probability: 0.0,
+        occlusion_share: 0.0,
         ..SynthConfig::default()
     };
     let mut scene = Scene::random(pattern, &config, &mut frame_rng(5, 0)).unwrap();
@@ -39,28 +33,16 @@ fn plain_scene(pattern: &Pattern) -> Scene {
         center: Pixel { u: 69.3, v: 70.6 },
         radius: 60.0,
     };
-    scene.distance = None;
+    scene.camera = Camera::Orthographic;
     scene.spin = Vec3::zeros();
     scene.shift_px = [0.0; 2];
     scene.surface.ball = [0.9; 3];
     scene.surface.ink = [0.0; 3];
-    scene.surface.mark = None;
-    let spot = |dot: &Vec3| Spot {
-        middle: *dot,
-        radius: 12f64.to_radians(),
-        softness: 0.02,
-        darkness: 1.0,
-    };
+    let spot = |dot: &Vec3| Spot::round(*dot, 12f64.to_radians(), 0.02, 1.0);
     scene.surface.dots = pattern.dots().iter().map(|d| Some(spot(d))).collect();
-    scene.light = Light {
-        ambient: 1.0,
-        diffuse: 0.0,
-        from: Vec3::z(),
-        gloss: 0.0,
-        sharpness: 1.0,
-    };
+    scene.light = Light::even([1.0; 3]);
     scene.background = Background::plain([0.0; 3]);
-    scene.sensor = SENSOR;
+    scene.sensor = Sensor::PERFECT;
     scene
 }
 
@@ -146,7 +128,9 @@ fn truth_says_where_dots_are() {
 fn the_outline_is_the_circle() {
     for distance in [None, Some(6.0)] {
         let mut scene = plain_scene(&six());
-        scene.distance = distance;
+        if let Some(distance) = distance {
+            scene = scene.with_camera_at(distance);
+        }
         let dark = image(&scene);
         scene.background = Background::plain([1.0; 3]);
         let bright = image(&scene);
@@ -169,8 +153,7 @@ fn the_outline_is_the_circle() {
 fn perspective_is_that_of_a_pinhole() {
     // A pinhole at the distance D sees the point p of the unit ball under the tangent p_x / (D - p_z), and the outline
     // under 1 / sqrt(D^2 - 1).
-    let mut scene = plain_scene(&six());
-    scene.distance = Some(4.0);
+    let mut scene = plain_scene(&six()).with_camera_at(4.0);
     scene.rotation = Rotation::from_euler_angles(0.3, 0.5, 0.1);
     let found = scene.render().unwrap();
     assert!(!found.dots.is_empty());
@@ -218,10 +201,10 @@ fn blur_is_the_mean_over_the_exposure() {
 }
 
 #[test]
-fn hands_err_as_much_as_asked() {
+fn placement_errors_have_the_stated_deviation() {
     let pattern = random_pattern(20, 1);
     let config = SynthConfig {
-        misplacement_rad: [0.03; 2],
+        placement_sigma_rad: [0.03; 2],
         left_out: 0.1,
         ..SynthConfig::default()
     };
@@ -247,10 +230,10 @@ fn noise_has_the_stated_variance() {
         gain: 0.5,
         read_noise: 0.02,
         shot_noise: 0.002,
-        ..SENSOR
+        ..Sensor::PERFECT
     };
     let light = vec![[0.9f32; 3]; 100 * 100];
-    let image = sensor.take(&light, [100, 100], 4).unwrap();
+    let image = sensor.take(light, [100, 100], 4).unwrap();
     let values: Vec<f64> = image.values().iter().map(|c| f64::from(c[2])).collect();
     let mean = values.iter().sum::<f64>() / 1e4;
     let variance = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 1e4;
@@ -299,16 +282,14 @@ fn threads_do_not_matter() {
         let draw = |k| independent_frame(&pattern, &config, 7, k);
         pool.build()
             .unwrap()
-            .install(|| folder::write(dir.path(), origin.clone(), 20, draw, |_| {}))
+            .install(|| folder::write(dir.path(), origin.clone(), 20, Masks::Write, draw, |_| {}))
             .unwrap();
         let mut all = BTreeMap::new();
         contents(dir.path(), dir.path(), &mut all);
-        // The index names the folder, which is another each time.
-        let index = String::from_utf8(all.remove("index.csv").unwrap()).unwrap();
-        let index = index.replace(&dir.path().display().to_string(), "");
-        (all, index)
+        all
     });
-    assert_eq!(written[0].0.len(), 22);
+    // Images, masks, the index, the truth, the contact sheet.
+    assert_eq!(written[0].len(), 43);
     assert!(written[0] == written[1], "files differ");
     let again = frames(&pattern, &config, 7, 3).unwrap();
     let other = frames(&pattern, &config, 8, 3).unwrap();
@@ -348,18 +329,22 @@ fn the_index_suits_the_authors_reader() {
     assert!(words.contains("30 frames"), "{words}");
     let truth: Truth =
         serde_json::from_slice(&std::fs::read(dir.path().join("set/truth.json")).unwrap()).unwrap();
-    assert_eq!((truth.format_version, truth.origin.seed), (1, 3));
+    assert_eq!((truth.format_version, truth.origin.seed), (2, 3));
     assert_eq!(truth.origin.pattern_sha256, pattern.sha256());
     let text = std::fs::read_to_string(dir.path().join("set/index.csv")).unwrap();
     // DotDataset: columns 1 to 4 the quaternion, from 5 on pairs x, y until the row ends.
-    for (line, frame) in text.lines().zip(&truth.frames) {
+    let indexed = truth
+        .frames
+        .iter()
+        .filter(|f| f.dots.iter().any(|d| d.visible));
+    for (line, frame) in text.lines().zip(indexed) {
         let fields: Vec<&str> = line.split(',').collect();
         let numbers: Vec<f64> = fields[1..].iter().map(|f| f.parse().unwrap()).collect();
         assert!(
             numbers.len() >= 6 && numbers.len().is_multiple_of(2),
             "{line}"
         );
-        let image = RgbImage::read(&dir.path().join(fields[0])).unwrap();
+        let image = RgbImage::read(&dir.path().join("set").join(fields[0])).unwrap();
         let [width, height] = frame.size;
         assert_eq!((image.width(), image.height()), (width, height));
         let q = Quaternion::new(numbers[0], numbers[1], numbers[2], numbers[3]);
@@ -384,7 +369,11 @@ fn the_index_suits_the_authors_reader() {
             }
         }
     }
-    assert_eq!(text.lines().count(), 30);
+    let with_dots = truth
+        .frames
+        .iter()
+        .filter(|f| f.dots.iter().any(|d| d.visible));
+    assert_eq!(text.lines().count(), with_dots.count());
     assert!(
         RgbImage::read(&dir.path().join("set/contact_sheet.png"))
             .unwrap()
@@ -455,11 +444,37 @@ fn refuses_what_it_cannot_use() {
     let at = dir.path();
     std::fs::write(at.join("bad.json"), "{\"spin\": 3}").unwrap();
     std::fs::create_dir_all(at.join("taken/images")).unwrap();
-    let cases: [(&[&str], &str); 9] = [
+    let cases: [(&[&str], &str); 14] = [
         (&["nothing.csv", "--out", "o"], "nothing.csv"),
-        (&["pattern.csv", "--out", "o", "--frames", "0"], "--frames"),
+        (&["pattern.csv", "--out", "o", "--frames", "0"], "frames"),
         (&["pattern.csv", "--out", "taken"], "taken"),
-        (&["pattern.csv", "--out", "a,b"], "comma"),
+        (&["pattern.csv", "--out", "o", "--kind", "cube"], "--kind"),
+        (
+            &["pattern.csv", "--out", "o", "--preset", "best"],
+            "--preset",
+        ),
+        (
+            &["pattern.csv", "--out", "o", "--image-size", "1280"],
+            "--image-size",
+        ),
+        (
+            &["pattern.csv", "--out", "o", "--image-size", "8x8"],
+            "16 to 8192",
+        ),
+        (
+            &["pattern.csv", "--out", "o", "--ball-px", "-3"],
+            "8 to 4096",
+        ),
+        (
+            &[
+                "pattern.csv",
+                "--out",
+                "o",
+                "--camera-distance-radii",
+                "1,9",
+            ],
+            "1.5 to 1000000",
+        ),
         (
             &["pattern.csv", "--out", "o", "--config", "bad.json"],
             "bad.json",
@@ -493,4 +508,279 @@ fn refuses_what_it_cannot_use() {
         );
     }
     assert!(!at.join("o/index.csv").exists());
+}
+
+/// The light and the unit ball by a ray of its own: the pinhole at the origin, the ball's center at `center`, camera frame (x
+/// right, y up, z towards the camera). None where the ray misses.
+fn cast(k: &Intrinsics, center: &Vec3, u: f64, v: f64) -> Option<Vec3> {
+    let ray = Vec3::new((u - k.cx) / k.fx, -(v - k.cy) / k.fy, -1.0);
+    // |s ray - center|^2 = 1
+    let (a, b, c) = (
+        ray.dot(&ray),
+        -2.0 * ray.dot(center),
+        center.dot(center) - 1.0,
+    );
+    let root = b * b - 4.0 * a * c;
+    (root >= 0.0).then(|| ray * ((-b - root.sqrt()) / (2.0 * a)) - center)
+}
+
+/// Where the ball's center lies, from what the truth says: its pixel and its distance.
+fn center_of(frame: &Rendering) -> (Intrinsics, Vec3) {
+    let Camera::Perspective(k) = frame.camera else {
+        panic!("a pinhole was asked for");
+    };
+    let Pixel { u, v } = frame.center;
+    let ray = Vec3::new((u - k.cx) / k.fx, -(v - k.cy) / k.fy, -1.0);
+    (k, ray.normalize() * frame.distance.unwrap())
+}
+
+#[test]
+fn truth_agrees_with_rays_cast_by_hand() {
+    let pattern = random_pattern(20, 9);
+    let config = SynthConfig {
+        parallel_share: 0.0,
+        cut_share: 0.0,
+        occlusion_share: 0.0,
+        camera_distance_radii: [3.0, 30.0],
+        max_off_axis_rad: 0.6,
+        ..SynthConfig::default()
+    };
+    let mut near_the_edge = 0;
+    for k in 0..60 {
+        let mut scene = Scene::random(&pattern, &config, &mut frame_rng(21, k)).unwrap();
+        (scene.spin, scene.shift_px) = (Vec3::zeros(), [0.0; 2]);
+        let frame = scene.render().unwrap();
+        let (camera, center) = center_of(&frame);
+        let hit = |p: Pixel| cast(&camera, &center, p.u, p.v);
+        // The outline: within, every ray meets the ball; beyond, none does.
+        let grown = |t: f64, factor: f64| {
+            let Pixel { u, v } = frame.outline.point(t);
+            let Pixel { u: a, v: b } = frame.outline.center;
+            Pixel {
+                u: a + factor * (u - a),
+                v: b + factor * (v - b),
+            }
+        };
+        for i in 0..48 {
+            let t = f64::from(i) * std::f64::consts::TAU / 48.0;
+            assert!(hit(grown(t, 1.0 - 1e-6)).is_some(), "frame {k}: {t} rad");
+            assert!(hit(grown(t, 1.0 + 1e-6)).is_none(), "frame {k}: {t} rad");
+        }
+        // The mask: whole pixels of the ball and of what is behind.
+        let [width, _] = scene.size;
+        for (i, shown) in frame.mask.iter().enumerate() {
+            let (u, v) = ((i % width) as f64, (i / width) as f64);
+            let corners = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
+            let met = corners.map(|(a, b)| cast(&camera, &center, u + a, v + b).is_some());
+            if met == [true; 4] {
+                assert_eq!(*shown, 255, "frame {k}: ({u}, {v})");
+            }
+        }
+        // The dots: the ray through each pixel meets the ball at its middle; all others are on the far side.
+        let mut listed = vec![false; pattern.len()];
+        for dot in &frame.dots {
+            listed[dot.index] = true;
+            let spot = scene.surface.dots[dot.index].unwrap();
+            let n = scene.rotation * spot.middle;
+            let met = hit(dot.pixel).expect("a dot on the ball");
+            assert!((met - n).norm() < 1e-5, "frame {k}: {met:?}, {n:?}");
+            let cosine = n.dot(&(-center - n).normalize());
+            assert!((dot.facing - cosine).abs() < 1e-9);
+            near_the_edge += usize::from(cosine < 0.12);
+            assert!(cosine >= 0.12 || !dot.is_visible(), "edge-on: {dot:?}");
+            // The view frame's z leads from the ball's center to the camera.
+            assert!((dot.direction.z - n.dot(&-center.normalize())).abs() < 1e-9);
+        }
+        for (index, spot) in scene.surface.dots.iter().enumerate() {
+            if let (Some(spot), false) = (spot, listed[index]) {
+                let n = scene.rotation * spot.middle;
+                assert!(
+                    n.dot(&(-center - n)) <= 0.0,
+                    "frame {k}: dot {index} is in sight"
+                );
+            }
+        }
+        let turned = frame.rotation.inverse() * Vec3::z();
+        let towards = frame.camera_rotation.inverse() * -center.normalize();
+        assert!((turned - towards).norm() < 1e-9);
+    }
+    assert!(
+        near_the_edge > 10,
+        "only {near_the_edge} dots near the horizon"
+    );
+}
+
+#[test]
+fn nothing_moves_in_an_exposure_of_no_time() {
+    let pattern = random_pattern(20, 2);
+    let config = SynthConfig::default();
+    let sequence = |exposure_s, drift| SequenceConfig {
+        fps: 100.0,
+        spin: Some([200.0, 100.0, 50.0]),
+        exposure_s: Some(exposure_s),
+        drift_px: Some(drift),
+    };
+    let frame = |exposure_s, drift| {
+        Sequence::random(&pattern, &config, &sequence(exposure_s, drift), 4, 10)
+            .unwrap()
+            .frame(5)
+            .unwrap()
+    };
+    let (still, fast) = (frame(0.0, [0.0; 2]), frame(0.0, [40.0, 30.0]));
+    assert_eq!(still.truth.blur_px, 0.0);
+    // At half of the sequence the ball is where it stood: not a pixel differs.
+    assert_eq!(still.image, fast.image);
+    // 50 px in ten frames of 10 ms are 5 px in an exposure of 10 ms, besides the arc.
+    let open = frame(0.01, [40.0, 30.0]);
+    let arc_px = open.truth.blur_px - 5.0;
+    let turned_only = frame(0.01, [0.0; 2]).truth.blur_px;
+    assert!(turned_only > 0.0 && (arc_px - turned_only).abs() < 1e-9);
+}
+
+#[test]
+fn the_scene_is_the_same_for_every_pattern() {
+    let config = SynthConfig::default();
+    for k in 0..20 {
+        let scene =
+            |dots| Scene::random(&random_pattern(dots, 3), &config, &mut frame_rng(11, k)).unwrap();
+        let (few, mut many) = (scene(8), scene(32));
+        // Other placement errors, too, change the dots only.
+        assert_eq!(many.surface.dots.len(), 32);
+        many.surface.dots.clone_from(&few.surface.dots);
+        assert!(few == many, "frame {k}");
+    }
+    let other = Scene::random(&random_pattern(8, 3), &config, &mut frame_rng(11, 20)).unwrap();
+    let again = Scene::random(&random_pattern(8, 3), &config, &mut frame_rng(11, 21)).unwrap();
+    assert!(other.rotation != again.rotation && other.noise_seed != again.noise_seed);
+}
+
+#[test]
+fn negatives_have_no_dots_to_find() {
+    let pattern = random_pattern(20, 3);
+    for kind in SynthKind::ALL {
+        let config = SynthConfig {
+            kind,
+            size_px: [50, 60],
+            ..SynthConfig::default()
+        };
+        let frames = frames(&pattern, &config, 3, 8).unwrap();
+        let dots: usize = frames.iter().map(|f| f.truth.dots.len()).sum();
+        assert_eq!(dots > 0, kind.has_pattern(), "{kind:?}: {dots} dots");
+        assert!(frames.iter().all(|f| f.truth.kind == kind));
+        let shown = frames.iter().any(|f| f.mask.iter().any(|m| *m > 0));
+        assert_eq!(shown, kind.has_ball(), "{kind:?}");
+    }
+}
+
+#[test]
+fn what_hides_the_ball_is_counted() {
+    let pattern = random_pattern(20, 3);
+    let open = SynthConfig {
+        occlusion_share: 0.0,
+        cut_share: 0.0,
+        ..SynthConfig::default()
+    };
+    let hidden = SynthConfig {
+        occlusion_share: 1.0,
+        cut_share: 1.0,
+        ..SynthConfig::default()
+    };
+    let (mut occluded, mut outside) = (0, 0);
+    for k in 0..60 {
+        let render = |config| {
+            let scene = Scene::random(&pattern, config, &mut frame_rng(12, k)).unwrap();
+            (scene.render().unwrap(), scene.size)
+        };
+        let (frame, [width, height]) = render(&hidden);
+        assert!(
+            (0.0..1.0).contains(&frame.rim_visible),
+            "{}",
+            frame.rim_visible
+        );
+        assert!(frame.area_visible <= 1.0);
+        for dot in &frame.dots {
+            let Pixel { u, v } = dot.pixel;
+            let inside =
+                u >= -0.5 && v >= -0.5 && u <= width as f64 - 0.5 && v <= height as f64 - 0.5;
+            assert_eq!(dot.inside, inside);
+            assert!(!dot.is_visible() || (inside && !dot.occluded));
+            outside += usize::from(!dot.inside);
+            occluded += usize::from(dot.occluded);
+            if inside && frame.blur_px < 1.0 {
+                // The mask is the share of the pixel that shows the ball.
+                let at = v.round().clamp(0.0, height as f64 - 1.0) as usize * width
+                    + u.round().clamp(0.0, width as f64 - 1.0) as usize;
+                assert!(!dot.occluded || frame.mask[at] < 255, "frame {k}: {dot:?}");
+            }
+        }
+        let (free, _) = render(&open);
+        if free.outline.half_axes_px[0] + 4.0 < 0.42 * render(&open).1[0] as f64 {
+            assert_eq!(free.rim_visible, 1.0, "frame {k}");
+        }
+    }
+    assert!(
+        occluded > 10 && outside > 10,
+        "{occluded} hidden, {outside} outside"
+    );
+}
+
+#[test]
+fn mirrored_images_are_flipped() {
+    let pattern = random_pattern(20, 3);
+    let mut scene =
+        Scene::random(&pattern, &SynthConfig::default(), &mut frame_rng(13, 1)).unwrap();
+    scene.sensor = Sensor::PERFECT;
+    let [width, _] = scene.size;
+    let plain = scene.render().unwrap();
+    scene.mirrored = true;
+    let mirrored = scene.render().unwrap();
+    for (i, value) in plain.image.values().iter().enumerate() {
+        let at = (i / width) * width + (width - 1 - i % width);
+        assert_eq!(mirrored.image.values()[at], *value);
+        assert_eq!(mirrored.mask[at], plain.mask[i]);
+    }
+    for (a, b) in plain.dots.iter().zip(&mirrored.dots) {
+        assert!((a.pixel.u + b.pixel.u - (width as f64 - 1.0)).abs() < 1e-9);
+        assert_eq!(a.direction, b.direction);
+    }
+}
+
+#[test]
+fn video_blocks_lose_no_more_than_half_a_step_in_energy() {
+    // An orthonormal transform keeps the sum of squares, and a coefficient is off by 2/3 of a step at most.
+    let image = RgbImage::new(
+        37,
+        29,
+        (0..37 * 29)
+            .map(|i| [((i * 7919) % 256) as f32 / 255.0; 3])
+            .collect(),
+    )
+    .unwrap();
+    for (qp, step) in [(4.0, 1.0), (22.0, 8.0), (34.0, 32.0)] {
+        let coded = Compression::Video { qp }.apply(image.clone()).unwrap();
+        let pairs = image.values().iter().zip(coded.values());
+        let squares: f32 = pairs.map(|(a, b)| (255.0 * (a[1] - b[1])).powi(2)).sum();
+        let rms = (squares / (37.0 * 29.0)).sqrt();
+        // Rounding to eight bits adds a little.
+        assert!(rms < 0.67 * step + 0.5, "QP {qp}: {rms} of 255");
+        assert!(rms > 0.15 * step, "QP {qp}: {rms} of 255");
+    }
+}
+
+#[test]
+fn presets_stay_within_their_bounds() {
+    SynthConfig::default().check().unwrap();
+    SynthConfig::good().check().unwrap();
+    let pattern = random_pattern(20, 3);
+    for frame in frames(&pattern, &SynthConfig::good(), 2, 40).unwrap() {
+        let truth = &frame.truth;
+        let [a, b] = truth.outline.half_axes_px;
+        assert!((a * b).sqrt() > 29.5 && (a * b).sqrt() < 30.6, "{a}, {b}");
+        assert!(
+            truth
+                .distance
+                .is_none_or(|d| (6.0 - 1e-6..=60.0 + 1e-6).contains(&d))
+        );
+        assert!(truth.rim_visible == 1.0 && truth.occluder.is_none());
+    }
 }

@@ -53,8 +53,33 @@ fn views_with_too_few_dots_are_counted_apart() {
     assert_eq!(v.skipped + v.identity.trials, v.samples);
 }
 
+#[test]
+fn false_dots_make_no_view_of_too_few_real_ones() {
+    // From behind, the two false dots and at most one of the pattern's are seen.
+    let pattern = Pattern::read_csv(&four_dots()).expect("pattern");
+    let protocol = Protocol::standard(ProtocolName::Clutter);
+    let mut generator = TrialGenerator::new(&pattern, protocol, 3);
+    let mut trial = Trial::default();
+    let mut too_few = 0;
+    for index in 0..1000 {
+        generator.generate(index, &mut trial);
+        assert!(trial.real_dots() + 2 == trial.dots.len());
+        too_few += u64::from(trial.real_dots() < 3);
+    }
+    assert!(too_few > 400, "{too_few}");
+    let recognizer = RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
+    let v = validate(&pattern, &recognizer, &protocol, 3, 1000).expect("valid");
+    assert_eq!(v.skipped, too_few);
+    let frames = observed_frames(&pattern, &protocol, 3, 1000);
+    assert_eq!(frames.len() as u64, 1000 - too_few);
+}
+
 fn four_dots() -> std::path::PathBuf {
-    let path = std::env::temp_dir().join(format!("spindoe-four-{}.csv", std::process::id()));
+    let path = std::env::temp_dir().join(format!(
+        "spindoe-four-{}-{:?}.csv",
+        std::process::id(),
+        std::thread::current().id()
+    ));
     std::fs::write(&path, "x,y,z\n0,0,1\n0,0.6,0.8\n0.6,0,0.8\n-0.28,0,0.96\n").expect("written");
     path
 }

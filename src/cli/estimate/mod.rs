@@ -1,6 +1,8 @@
 //! `spindoe estimate`: from images to orientations, and with times to the spin.
 
 mod output;
+#[cfg(feature = "plot")]
+mod overlay;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -8,12 +10,14 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 
+use super::output::one_of;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::Pattern;
-use crate::plot::{self, OverlayFrame};
 use crate::spin::{Fit, SpinRejection};
-use crate::vision::estimator::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
+use crate::vision::estimator::{
+    CameraModel, SequenceConfig, SequenceSummary, estimate_spin, track_sequence,
+};
 use crate::vision::input::{self, InputFrame};
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
@@ -22,11 +26,6 @@ use crate::vision::{
     Intrinsics, NamedDetector, Pixel, RgbImage,
 };
 use output::Report;
-
-/// Frames are drawn whole up to this side, pixels; of larger ones the ball's surroundings.
-const WHOLE: usize = 320;
-/// Half a side of what is drawn around a ball, in radii.
-const AROUND: f64 = 1.4;
 
 /// The camera frame that orientations are written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -67,12 +66,13 @@ pub struct Arguments {
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     output: Option<PathBuf>,
     /// How dots are found.
-    #[arg(long, value_enum, default_value_t = DetectorName::Cnn)]
+    #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
     detector: DetectorName,
-    /// The net's weights, made by `spindoe train` [default: those built in].
+    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
     /// Draw every frame enlarged, with what was seen in it, and a contact sheet, into this folder.
+    #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
     /// The ball's outline in all frames: center and radius in pixels [default: it is found].
@@ -83,7 +83,16 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     circle: Vec<f64>,
-    /// The camera's focal lengths and principal point in pixels [default: parallel rays].
+    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays [default: it is
+    /// estimated with the orientation].
+    #[arg(
+        long,
+        value_name = "D",
+        conflicts_with = "intrinsics",
+        allow_negative_numbers = true
+    )]
+    camera_distance_radii: Option<f64>,
+    /// The camera's focal lengths and principal point in pixels: the distance then follows from the ball's size.
     #[arg(
         long,
         value_name = "FX,FY,CX,CY",
@@ -126,6 +135,7 @@ const AT_ONCE: usize = 64;
 #[derive(Default)]
 struct Seen {
     names: Vec<String>,
+    paths: Vec<PathBuf>,
     times: Vec<Option<f64>>,
     frames: Vec<FrameEstimate>,
     /// Pictures for the overlays, with the corner at which each was cut out.
@@ -142,6 +152,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let pattern = super::read_table(&arguments.table)?.pattern().clone();
     let estimator = arguments.estimator(&pattern)?;
     let circle = arguments.circle()?;
+    #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
         files::create_writable_dir(dir)?;
     }
@@ -164,7 +175,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                     &mut workspace,
                 )
             };
-            let spin = estimate_spin(&estimator, &config, &times, &seen.frames);
+            let spin = estimate_spin(&config, &times, &seen.frames);
             Some(Sequence { told, spin })
         }
         Some(times) if times.len() > 1 => {
@@ -173,8 +184,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         _ => None,
     };
+    #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
-        draw(dir, &estimator, &seen)?;
+        overlay::draw(dir, &estimator, &seen)?;
     }
     let report = Report {
         arguments,
@@ -211,14 +223,21 @@ impl Arguments {
                 return Err(Error::argument(name, problem));
             }
         }
-        let camera = match self.intrinsics[..] {
-            [] => Camera::Orthographic,
-            [fx, fy, cx, cy] if fx > 0.0 && fy > 0.0 => {
-                Camera::Perspective(Intrinsics { fx, fy, cx, cy })
+        let camera = match (&self.intrinsics[..], self.camera_distance_radii) {
+            ([], None) => CameraModel::default(),
+            ([], Some(distance)) if distance > 1.0 => CameraModel::Known(Camera::Near {
+                inverse_distance: 1.0 / distance,
+            }),
+            ([], Some(distance)) => {
+                let problem = format!("expected more than 1 ball radius, found {distance}");
+                return Err(Error::argument("camera_distance_radii", problem));
+            }
+            (&[fx, fy, cx, cy], _) if fx > 0.0 && fy > 0.0 => {
+                CameraModel::Known(Camera::Perspective(Intrinsics { fx, fy, cx, cy }))
             }
             _ => {
                 let problem = "expected FX,FY,CX,CY with positive focal lengths";
-                return Err(Error::argument("--intrinsics", problem));
+                return Err(Error::argument("intrinsics", problem));
             }
         };
         let config = EstimatorConfig {
@@ -304,16 +323,19 @@ impl Arguments {
                 |workspace, frame| {
                     let mut estimate = FrameEstimate::default();
                     estimator.estimate_frame(&frame.image, circle, None, workspace, &mut estimate);
-                    let shown = self.overlay.is_some();
-                    let picture = shown
-                        .then(|| picture(&frame.image, &estimate))
+                    #[cfg(feature = "plot")]
+                    let picture = (self.overlay.is_some())
+                        .then(|| overlay::picture(&frame.image, &estimate))
                         .transpose()?;
+                    #[cfg(not(feature = "plot"))]
+                    let picture = None;
                     Ok((frame, estimate, picture))
                 },
             )
             .collect();
         for (frame, estimate, picture) in done? {
             seen.names.push(frame.name);
+            seen.paths.push(frame.path);
             seen.times.push(frame.time_s);
             seen.frames.push(estimate);
             seen.pictures.extend(picture);
@@ -329,81 +351,9 @@ impl Arguments {
             }
         }
         if let Some(path) = &self.times {
-            let table = input::read_times(path)?;
-            for (name, time) in seen.names.iter().zip(&mut seen.times) {
-                let known = table.get(name).copied().ok_or_else(|| {
-                    Error::input(path, "file", format!("expected a time of frame {name}"))
-                })?;
-                *time = Some(known);
-            }
+            let known = input::read_times(path)?.of_frames(&seen.paths)?;
+            seen.times = known.into_iter().map(Some).collect();
         }
         Ok(())
     }
-}
-
-/// What is drawn of a frame, and the corner at which it is cut out.
-fn picture(image: &RgbImage, estimate: &FrameEstimate) -> Result<(RgbImage, usize, usize)> {
-    let whole = image.width().max(image.height()) <= WHOLE;
-    match estimate.circle {
-        Some(circle) if !whole => {
-            let corner = |x: f64| (x - AROUND * circle.radius).max(0.0) as usize;
-            let side = (2.0 * AROUND * circle.radius).ceil() as usize + 1;
-            let left = corner(circle.center.u).min(image.width() - 1);
-            let top = corner(circle.center.v).min(image.height() - 1);
-            Ok((image.part(left, top, side, side)?, left, top))
-        }
-        _ => Ok((image.clone(), 0, 0)),
-    }
-}
-
-/// Draws all frames, and the sheets.
-fn draw(dir: &std::path::Path, estimator: &Estimator<NamedDetector>, seen: &Seen) -> Result<()> {
-    let mut frames = Vec::new();
-    for (k, frame) in seen.frames.iter().enumerate() {
-        let (image, left, top) = &seen.pictures[k];
-        let place = |p: Pixel| Pixel {
-            u: p.u - *left as f64,
-            v: p.v - *top as f64,
-        };
-        let drawn = OverlayFrame {
-            name: seen.names[k].clone(),
-            words: output::words(frame),
-            refused: frame.pose().is_none(),
-            image: image.clone(),
-            outline: frame.circle.map(|c| (place(c.center), c.radius)),
-            dots: (frame.dots.iter().zip(&frame.assignment))
-                .map(|(dot, name)| plot::OverlayDot {
-                    pixel: place(dot.pixel),
-                    confidence: dot.confidence,
-                    named: name.is_some(),
-                })
-                .collect(),
-            expected: (estimator.expected_dots(frame).into_iter())
-                .map(|(number, pixel, z)| (number, place(pixel), z))
-                .collect(),
-        };
-        plot::frame_overlay(&dir.join(file_name(k, &drawn.name)), &drawn)?;
-        frames.push(drawn);
-    }
-    for (k, sheet) in frames.chunks(plot::SHEET_FRAMES).enumerate() {
-        let name = match k {
-            0 => "contact_sheet.png".to_owned(),
-            k => format!("contact_sheet_{}.png", k + 1),
-        };
-        plot::contact_sheet(&dir.join(name), sheet)?;
-    }
-    Ok(())
-}
-
-/// A file name in the frames' order, whatever signs a frame's name has.
-fn file_name(index: usize, name: &str) -> String {
-    let safe: String = name
-        .chars()
-        .take(80)
-        .map(|c| match c {
-            c if c.is_alphanumeric() || "-_.".contains(c) => c,
-            _ => '_',
-        })
-        .collect();
-    format!("{index:05}_{safe}.png")
 }

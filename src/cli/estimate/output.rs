@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::{Arguments, Frame, Seen, Sequence};
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Rotation, Vec3, to_wxyz};
 use crate::spin::Fit;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::vision::FrameEstimate;
@@ -146,15 +146,17 @@ impl Report<'_> {
         }
         match &frame.outcome {
             Ok(pose) => {
-                let q = self.turned(&pose.rotation).into_inner();
-                let q = if q.w < 0.0 { -q } else { q };
-                json["orientation_wxyz"] = json!([q.w, q.i, q.j, q.k]);
+                json["orientation_wxyz"] = json!(to_wxyz(&self.turned(&pose.rotation)));
                 json["matched"] = frame.matched().into();
                 json["residual_deg"] = pose.residual_rad.to_degrees().into();
                 json["residual_px"] = pose.residual_px.into();
                 json["confidence"] = pose.confidence.into();
                 json["pose_confidence"] = pose.pose_confidence.into();
                 json["hinted"] = pose.hinted.into();
+                if let Some(distance) = pose.distance {
+                    json["inverse_distance"] = distance.inverse_distance.into();
+                    json["inverse_distance_sigma"] = distance.sigma.into();
+                }
             }
             Err(rejection) => json["refusal"] = rejection.to_string().into(),
         }

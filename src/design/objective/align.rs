@@ -4,14 +4,11 @@ use nalgebra::Matrix3;
 
 use crate::geometry::Vec3;
 
-/// Most Gauss-Newton steps; two or three settle most starts from a pair's rotation.
+/// Maximum number of Gauss-Newton steps; two or three settle most starts from a pair's rotation.
 const STEPS: usize = 10;
 /// A step shorter than this (radians) ends the iteration: convergence being quadratic, the rotation then
 /// is right to its square, and the distance to the fourth power.
 const SETTLED: f64 = 1e-4;
-
-/// A first step that promises more than this times the limit is not followed.
-const SLACK: f64 = 1.5;
 
 /// The best rotation of some dots onto others.
 #[derive(Debug, Clone, Copy)]
@@ -23,8 +20,7 @@ pub struct Alignment {
 }
 
 /// Least squares by Gauss-Newton from `start`: `argmin_R sum |seen_i - R other_i|^2`, with dots given by
-/// index. Close to the start's valley only; the caller starts from a pair's rotation. `None` where the
-/// squared distance turns out to be well above `most`, or the dots leave the rotation open.
+/// index. The caller starts from a pair's rotation. `None` where the dots leave the rotation open.
 ///
 /// The information matrix is `R (sum I - p p^T) R^T`: its inverse is taken once, in the others' frame.
 pub fn align(
@@ -32,26 +28,18 @@ pub fn align(
     seen: &[usize],
     other: &[usize],
     start: &Matrix3<f64>,
-    most: f64,
 ) -> Option<Alignment> {
     let count = seen.len() as f64;
     let moment: Matrix3<f64> = other.iter().map(|&c| dots[c] * dots[c].transpose()).sum();
     let inverse = (Matrix3::identity() * count - moment).try_inverse()?;
     let mut rotation = *start;
-    for step in 0..STEPS {
+    for _ in 0..STEPS {
         let mut gradient = Vec3::zeros();
-        let mut product = 0.0;
         for (&a, &c) in seen.iter().zip(other) {
             let q = rotation * dots[c];
             gradient += q.cross(&dots[a]);
-            product += q.dot(&dots[a]);
         }
         let turn = rotation * (inverse * rotation.tr_mul(&gradient));
-        // What this step promises; to first order, hence with some slack.
-        let promised = 2.0 * (count - product) - gradient.dot(&turn);
-        if step == 0 && promised > SLACK * most {
-            return None;
-        }
         rotation = cayley(&turn) * rotation;
         if turn.norm_squared() < SETTLED * SETTLED {
             break;

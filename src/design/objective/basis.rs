@@ -3,7 +3,7 @@
 //! It takes the first two dots it is given for its basis. Where they are near to each other or to
 //! opposite, noise throws the hash values of all others far off, and the right basis gets no votes. Of
 //! its failures on three patterns of 20 dots (10 000 `paper` views each) nine in ten were of that kind,
-//! and the share of failures fell with the basis' sine about as `exp(-6 sin^2)`. The figure is the mean of
+//! and the share of failures fell with the basis' sine about as `exp(-6 sin^2)`. The value is the mean of
 //! that over the pairs a view may begin with,
 //!
 //! ```text

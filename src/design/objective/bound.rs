@@ -3,7 +3,7 @@
 //! With known correspondences and Gaussian noise of sigma a tangent axis, the dots in view give the
 //! information `H(v) = sum_i s_i(v) (I - p_i p_i^T)`, and no unbiased estimate of the rotation has a mean
 //! squared error below `sigma^2 tr H(v)^-1` (S. M. Kay, "Fundamentals of Statistical Signal Processing:
-//! Estimation Theory", 1993, eq. 3.31). The figures here are for sigma = 1: root mean square error in
+//! Estimation Theory", 1993, eq. 3.31). The values here are for sigma = 1: root mean square error in
 //! units of the dots' noise.
 
 use nalgebra::Matrix3;
@@ -17,7 +17,7 @@ const WORST_POWER: i32 = 8;
 /// Which directions and dots count.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct OrientationBound {
-    /// Least z of a visible dot.
+    /// Minimum z of a visible dot.
     pub visibility_limit: f64,
     /// Width in z over which a dot fades at the limit, in the smooth cost.
     pub softness: f64,

@@ -8,7 +8,7 @@
 //!   rate worked out instead of drawn, and the default: see `docs/objectives.md` for how well each
 //!   objective predicts what is measured.
 //!
-//! All are handed to the optimizer as a cost to be minimized, the logarithm of the figure (with its sign
+//! All are handed to the optimizer as a cost to be minimized, the logarithm of the value (with its sign
 //! turned where larger is better): scales then do not matter, and a step is a relative change.
 
 pub mod align;
@@ -16,10 +16,11 @@ pub mod basis;
 pub mod bound;
 pub mod confusion;
 mod erfc;
+mod lookalikes;
 pub mod mean_nn;
 pub mod whitened;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::{Spherical, Vec3};
 use crate::validate::Protocol;
 
@@ -28,13 +29,13 @@ pub use confusion::Confusion;
 pub use mean_nn::MeanNearestNeighbor;
 pub use whitened::WhitenedNearestNeighbor;
 
-/// A figure of a pattern, with its derivative.
+/// A value of a pattern, with its derivative.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evaluation {
-    /// The figure.
+    /// The value.
     pub value: f64,
     /// Derivative with respect to each dot's coordinates (x, y, z). Only its part in the dot's tangent
-    /// plane has a meaning; the rest depends on how the figure is written off the sphere.
+    /// plane has a meaning; the rest depends on how the value is written off the sphere.
     pub gradient: Vec<Vec3>,
 }
 
@@ -53,16 +54,7 @@ impl Evaluation {
 
 /// What a descent works on.
 #[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    Hash,
-    Default,
-    serde::Serialize,
-    serde::Deserialize,
-    clap::ValueEnum,
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ObjectiveName {
@@ -89,19 +81,41 @@ impl ObjectiveName {
         }
     }
 
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::MeanNn => "mean-nn",
+            Self::WhitenedNn => "whitened-nn",
+            Self::Confusion => "confusion",
+        }
+    }
+
     /// Whether it can be worked out for so many dots.
     pub fn suits(self, dots: usize) -> bool {
         self != Self::Confusion || dots <= confusion::MAX_DOTS
     }
 }
 
+impl std::str::FromStr for ObjectiveName {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|known| known.as_str() == name)
+            .ok_or_else(|| {
+                let known = Self::ALL.map(Self::as_str).join(", ");
+                Error::argument(
+                    "objective",
+                    format!("expected one of {known}, found \"{name}\""),
+                )
+            })
+    }
+}
+
 impl std::fmt::Display for ObjectiveName {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(match self {
-            Self::MeanNn => "mean-nn",
-            Self::WhitenedNn => "whitened-nn",
-            Self::Confusion => "confusion",
-        })
+        f.pad(self.as_str())
     }
 }
 
@@ -126,7 +140,7 @@ impl Default for Objective {
 impl Objective {
     /// The objective of that name for the noise and the visibility of a protocol.
     pub fn for_protocol(name: ObjectiveName, protocol: &Protocol) -> Self {
-        // Without noise nothing is confused; a hundredth of a degree keeps the figures finite.
+        // Without noise nothing is confused; a hundredth of a degree keeps the values finite.
         let sigma_rad = protocol.tangent_sigma_rad().max(2e-4);
         match name {
             ObjectiveName::MeanNn => Self::MeanNn(MeanNearestNeighbor::default()),
@@ -148,12 +162,12 @@ impl Objective {
         }
     }
 
-    /// Whether larger figures are better.
+    /// Whether larger values are better.
     pub fn larger_is_better(&self) -> bool {
         !matches!(self, Self::Confusion(_))
     }
 
-    /// The figure itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of sigma) or
+    /// The value itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of sigma) or
     /// a failure rate (`confusion`).
     ///
     /// # Errors
@@ -166,13 +180,13 @@ impl Objective {
         }
     }
 
-    /// The cost to be minimized: the figure's logarithm, sign turned where larger is better.
+    /// The cost to be minimized: the value's logarithm, sign turned where larger is better.
     ///
     /// # Errors
-    /// As [`Objective::figure`].
+    /// As [`Objective::evaluate_at`].
     pub fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
         let mut at = self.evaluate_at(dots)?;
-        // A figure of exactly 0 (no match at all within reach) has no logarithm.
+        // A value of exactly 0 (no match at all within reach) has no logarithm.
         let floored = at.value.max(1e-12);
         let sign = if self.larger_is_better() { -1.0 } else { 1.0 };
         at.gradient.iter_mut().for_each(|g| *g *= sign / floored);

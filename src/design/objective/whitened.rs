@@ -10,7 +10,7 @@
 //!
 //! To first order this is the Mahalanobis distance of the two hash values under the covariance that
 //! noise of unit variance in all dots gives them; unlike the plain distance it cannot be raised by nearly
-//! singular bases, and all six orders of three dots tell the same. The figure is the mean over all
+//! singular bases, and all six orders of three dots say the same. The value is the mean over all
 //! triples of the distance to the nearest other triple, in units of sigma.
 //!
 //! Nearest neighbors are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`), and
@@ -34,7 +34,7 @@ const TINY: f64 = 1e-9;
 /// The objective's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct WhitenedNearestNeighbor {
-    /// Noise of a dot, radians per tangent axis: the unit of the figure.
+    /// Noise of a dot, radians per tangent axis: the unit of the value.
     pub sigma_rad: f64,
 }
 
@@ -90,7 +90,7 @@ impl WhitenedNearestNeighbor {
                     let [i, j, _] = *triple;
                     let [k, l, _] = *other;
                     let start = pair_rotation([&dots[k], &dots[l]], [&dots[i], &dots[j]])?;
-                    Some((other, align(dots, triple, other, &start, f64::INFINITY)?))
+                    Some((other, align(dots, triple, other, &start)?))
                 })
                 .min_by(|(_, a), (_, b)| a.distance_squared.total_cmp(&b.distance_squared));
             count += 1.0;

@@ -1,24 +1,27 @@
-//! What the robust recognizer is told of the images, and how far it searches.
+//! What the robust recognizer expects of the images, and how far it searches.
 
-use crate::error::{Error, Result};
+use crate::error::{Result, require};
 
 /// How the displacements of real dots are distributed, for a given covariance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NoiseShape {
-    /// Gaussian, with one dot in ten from a Gaussian twice as wide: hands and detectors err with
-    /// heavier tails than one Gaussian has.
+    /// A mixture of two Gaussians: nine dots in ten with the given covariance `C`, one in ten from
+    /// a Gaussian twice as wide. Hands and detectors err with heavier tails than one Gaussian has.
+    /// At the Mahalanobis distance `u` it has `0.9 exp(-u^2 / 2) + 0.1 / 4 exp(-u^2 / 8)` times the
+    /// Gaussian's density at 0.
     Gaussian,
-    /// A rotation about an axis uniform on the sphere by a normal angle, as the SpinDOE paper makes its
-    /// noise. With the standard deviation `s` per tangent axis the displacement `s u` has
-    /// `sqrt(pi / 6) / u erfc(u / sqrt 6)` times the Gaussian's density at 0: peaked, with heavy tails.
+    /// A rotation about an axis uniform on the sphere by a normal angle, as the SpinDOE paper makes
+    /// its noise. With the standard deviation `s` per tangent axis the displacement `s u` has
+    /// `sqrt(pi / 6) / u erfc(u / sqrt 6)` times the Gaussian's density at 0: peaked, with heavy
+    /// tails.
     RandomAxis,
 }
 
 /// What the recognizer expects of the images.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RobustConfig {
-    /// Least z of a dot that can be seen (camera frame, ball of radius 1).
+    /// Minimum z of a dot that can be seen (camera frame, ball of radius 1).
     pub visibility_limit: f64,
     /// Probability that a dot well inside the visible cap is detected.
     pub detection_probability: f64,
@@ -36,8 +39,8 @@ pub struct RobustConfig {
 }
 
 impl Default for RobustConfig {
-    /// z > 0 visible, 90 % detected, half a false dot a view, one view in five of something else, noise of
-    /// a detector, at most 64 pairs.
+    /// z > 0 visible, 90 % detected, half a false dot a view, one view in five of something else,
+    /// noise of a detector, at most 64 pairs.
     fn default() -> Self {
         Self {
             visibility_limit: 0.0,
@@ -55,26 +58,21 @@ impl RobustConfig {
     /// Checks the domains of all parameters.
     ///
     /// # Errors
-    /// [`Error::Argument`] naming the parameter.
+    /// [`Error::Argument`](crate::Error::Argument) naming the parameter.
     pub fn check(&self) -> Result<()> {
-        let open_unit = |x: f64| x > 0.0 && x < 1.0;
-        let fail =
-            |name: &'static str, what: &str| Err(Error::argument(name, format!("expected {what}")));
-        if !(-1.0..1.0).contains(&self.visibility_limit) {
-            return fail("visibility_limit", "a z in [-1, 1)");
-        }
-        if !open_unit(self.detection_probability) {
-            return fail("detection_probability", "a probability in (0, 1)");
-        }
-        if !(self.expected_false_dots > 0.0 && self.expected_false_dots.is_finite()) {
-            return fail("expected_false_dots", "a positive number");
-        }
-        if !open_unit(self.null_prior) {
-            return fail("null_prior", "a probability in (0, 1)");
-        }
-        if self.passes == 0 {
-            return fail("passes", "at least 1");
-        }
+        let is_probability = |x: f64| x > 0.0 && x < 1.0;
+        let z = self.visibility_limit;
+        let inside = (-1.0..1.0).contains(&z);
+        require(inside, "visibility_limit", "a z in [-1, 1)", z)?;
+        let p = self.detection_probability;
+        let expected = "a probability in (0, 1)";
+        require(is_probability(p), "detection_probability", expected, p)?;
+        let mean = self.expected_false_dots;
+        let inside = mean > 0.0 && mean.is_finite();
+        require(inside, "expected_false_dots", "a positive number", mean)?;
+        let p = self.null_prior;
+        require(is_probability(p), "null_prior", expected, p)?;
+        require(self.passes > 0, "passes", "1 or more", self.passes)?;
         Ok(())
     }
 }

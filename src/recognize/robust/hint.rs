@@ -1,9 +1,9 @@
 //! What is known of the orientation before the dots are looked at.
 //!
-//! With the probability `1 - wrong` the true rotation is `exp([e]x) R_hint` with `e ~ N(0, C)` in the camera
-//! frame; otherwise any rotation is as likely as any other. The evidence of an explanation whose own
-//! rotation has the covariance `H^-1` is multiplied by this prior's density over the uniform one,
-//! `(1 - wrong) 8 pi^2 N(e; 0, C + H^-1) + wrong`.
+//! With the probability `1 - wrong` the true rotation is `exp([e]x) R_hint` with `e ~ N(0, C)` in
+//! the camera frame; otherwise any rotation is as likely as any other. The evidence of an
+//! explanation whose own rotation has the covariance `H^-1` is multiplied by this prior's density
+//! over the uniform one, `(1 - wrong) 8 pi^2 N(e; 0, C + H^-1) + wrong`.
 
 use std::f64::consts::{PI, TAU};
 
@@ -73,7 +73,9 @@ impl Prior {
     /// rotation's own.
     pub fn ln_ratio(&self, rotation: &Matrix3<f64>, information: Option<&Matrix3<f64>>) -> f64 {
         let moved = Rotation3::from_matrix_unchecked(rotation * self.rotation.transpose());
-        let e = moved.scaled_axis();
+        // By the quaternion: the logarithm of a matrix is lost at half a turn, where it is
+        // symmetric.
+        let e = Rotation::from_rotation_matrix(&moved).scaled_axis();
         let own = information.and_then(|h| h.try_inverse());
         let covariance = own.map_or(self.covariance, |own| self.covariance + own);
         let Some(factor) = covariance.cholesky() else {
@@ -83,5 +85,33 @@ impl Prior {
         let distance = e.dot(&factor.solve(&e));
         let peak = 8.0 * PI * PI / (TAU.powf(1.5) * root_det);
         ((1.0 - self.wrong) * peak * (-0.5 * distance).exp() + self.wrong).ln()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Vec3, random_direction, random_rotation};
+    use rand::SeedableRng;
+
+    /// The prior at rotations that are known angles off, against the density written out.
+    #[test]
+    fn the_prior_is_its_density_up_to_half_a_turn() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let sigma = 0.8;
+        for angle in [0.0, 1e-9, 0.3, 2.0, 3.0, PI - 1e-6, PI - 1e-9, PI] {
+            for axis in [Vec3::x(), Vec3::y(), Vec3::z(), random_direction(&mut rng)] {
+                let rotation = random_rotation(&mut rng);
+                let prior = Prior::new(&Hint::isotropic(rotation, sigma)).expect("a covariance");
+                let moved = Rotation::from_scaled_axis(axis * angle) * rotation;
+                let found = prior.ln_ratio(moved.to_rotation_matrix().matrix(), None);
+                let normal = (-0.5 * (angle / sigma).powi(2)).exp() / (TAU.sqrt() * sigma).powi(3);
+                let expected = (0.95 * 8.0 * PI * PI * normal + 0.05).ln();
+                assert!(
+                    (found - expected).abs() < 1e-6,
+                    "{angle} about {axis}: {found}, expected {expected}"
+                );
+            }
+        }
     }
 }

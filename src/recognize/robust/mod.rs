@@ -1,34 +1,36 @@
 //! The robust recognizer: the rotation that the whole set of dots supports best.
 //!
 //! # Search
-//! Pairs of observed dots, the best conditioned first, are laid on every ordered pair of pattern dots of
-//! similar angle. Each such rotation is screened; what comes near the best is refined by
-//! Gauss-Newton on its inliers and scored by the full model ([`RobustConfig`] holds its parameters). A
-//! pass over one pair has seen every explanation in which both of its dots are real. The pairs are
-//! disjoint as long as that is possible: an explanation that `k` such passes have not seen leaves out
-//! `k` dots at least, and that bounds its worth. The search stops when the best explanation so far is
-//! beyond doubt, or when what has not been seen cannot be better.
+//! Pairs of observed dots, the best conditioned first, are laid on every ordered pair of pattern
+//! dots of similar angle. Each such rotation is screened; what comes near the best is refined by
+//! Gauss-Newton on its inliers and scored by the full model ([`RobustConfig`] holds its
+//! parameters). A pass over one pair has seen every explanation in which both of its dots are real.
+//! The pairs are disjoint as long as that is possible: an explanation that `k` such passes have not
+//! seen leaves out `k` dots at least, and that bounds its worth. The search stops when the best
+//! explanation so far is beyond doubt, or when what has not been seen cannot be better.
 //!
 //! # Confidence
-//! The best explanation's share of the evidence of all that were found, of their near alternatives, of
-//! the mirrored pattern, and of "these are not the pattern's dots". A pattern with symmetries has several
-//! poses of one evidence: the confidence is then low, and [`RobustRecognizer::explanation`] gives them all.
+//! The best explanation's share of the evidence of all that were found, of their near alternatives,
+//! of the mirrored pattern, and of "these are not the pattern's dots". A pattern with symmetries
+//! has several poses of one evidence: the confidence is then low, and
+//! [`RobustRecognizer::explanation`] gives them all.
 //!
 //! # Rotation
-//! What is reported is the most likely rotation for the assignment, with the dots weighted by the law of
-//! their noise ([`NoiseShape`]): least squares for a Gaussian; for the peaked noise of the paper's
-//! protocols a quarter better than least squares, whose bound is then none.
+//! What is reported is the most likely rotation for the assignment, with the dots weighted by the
+//! distribution of their noise ([`NoiseShape`]): least squares for a Gaussian; for the peaked noise
+//! of the paper's protocols a quarter better than least squares, whose bound is then none.
 //!
 //! # Mirrored images
-//! A view that the search leaves in doubt is searched again as in a mirror. Where the mirrored pattern is
-//! beyond doubt, [`RecognizerRejection::Mirrored`] says so: an axis of the image is flipped.
+//! A view that the search leaves in doubt is searched again as in a mirror. Where the mirrored
+//! pattern is beyond doubt, [`RecognizerRejection::Mirrored`] says so: an axis of the image is
+//! flipped.
 //!
 //! # Hint
 //! A prior orientation ([`Hint`]) is tried before the search. It makes two dots enough; a wrong one
 //! costs one refinement, and the search follows.
 //!
-//! What it does not do: evaluate that no better explanation exists. See the validation for how often the
-//! best one found is the right one.
+//! What it does not do: show that no better explanation exists. See the validation for how often
+//! the best one found is the right one.
 
 mod config;
 mod hint;
@@ -100,11 +102,12 @@ impl RobustRecognizer {
         &self.config
     }
 
-    /// As [`Recognizer::identify_into`], knowing roughly how the ball is turned. The rotation in the
-    /// answer is what the dots say; the hint only helps to tell which dot is which.
+    /// As [`Recognizer::identify_into`], knowing roughly how the ball is turned. The rotation in
+    /// the answer is what the dots say; the hint only helps to decide which dot is which.
     ///
     /// # Errors
-    /// A [`RecognizerRejection`]; [`RecognizerRejection::Degenerate`] also for a hint whose covariance is none.
+    /// A [`RecognizerRejection`]; [`RecognizerRejection::Degenerate`] also for a hint whose
+    /// covariance is none.
     pub fn identify_hinted(
         &self,
         dots: &[ObservedDot],
@@ -116,9 +119,9 @@ impl RobustRecognizer {
         self.identify_with(dots, Some(prior), ws, out)
     }
 
-    /// Writes the explanation of this rank (0 the best) of the view that `ws` saw last into `out`, with its
-    /// own probability; `false` if the search found fewer. Explanations differ in their rotation; the
-    /// search remembers what came near the best, not everything.
+    /// Writes the explanation of this rank (0 the best) of the view that `ws` saw last into `out`,
+    /// with its own probability; `false` if the search found fewer. Explanations differ in their
+    /// rotation; the search remembers what came near the best, not everything.
     pub fn explanation(&self, rank: usize, ws: &RobustWorkspace, out: &mut Identification) -> bool {
         let found = ws.found.ranked(rank);
         if let Some(explanation) = found {
@@ -127,9 +130,10 @@ impl RobustRecognizer {
         found.is_some()
     }
 
-    /// The explanation to which `rotation` leads, written into `out`: how well a pose explains the dots that
-    /// one believes in for other reasons. Returns its log-evidence against "these are not the pattern's
-    /// dots"; `None` if hardly any dot supports it. Its confidence is that among what it leads to alone.
+    /// The explanation to which `rotation` leads, written into `out`: how well a pose explains the
+    /// dots that one believes in for other reasons. Returns its log-evidence against "these are not
+    /// the pattern's dots"; `None` if hardly any dot supports it. Its confidence is that among what
+    /// it leads to alone.
     pub fn evidence_near(
         &self,
         dots: &[ObservedDot],

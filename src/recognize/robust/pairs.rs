@@ -1,8 +1,8 @@
 //! The pattern as every ordered pair of its dots sees it.
 //!
-//! Two directions a, b span the frame x = (a + b)/|a + b|, z = a x b/|a x b|, y = z x x. A rotation that
-//! lays an observed pair on a pattern pair takes the one frame to the other: in these frames the other
-//! dots can be compared as they are, and nothing has to be rotated.
+//! Two directions a, b span the frame x = (a + b)/|a + b|, z = a x b/|a x b|, y = z x x. A rotation
+//! that lays an observed pair on a pattern pair takes the one frame to the other: in these frames
+//! the other dots can be compared as they are, and nothing has to be rotated.
 
 use nalgebra::Matrix3;
 use wide::f32x4;

@@ -1,9 +1,9 @@
 //! The explanations found, and what they are worth against each other and against "this is not the
 //! pattern".
 //!
-//! Explanations are kept one for each rotation: nearby rotations share their assignments but for a few
-//! dots, and those are summed up by [`Refined::ln_alternatives`]. A view of something else has as many dots
-//! as a view of the pattern has on average (Poisson), uniform on the visible cap.
+//! Explanations are kept one for each rotation: nearby rotations share their assignments but for a
+//! few dots, and those are summed up by [`Refined::ln_alternatives`]. A view of something else has
+//! as many dots as a view of the pattern has on average (Poisson), uniform on the visible cap.
 
 use nalgebra::Matrix3;
 
@@ -12,7 +12,8 @@ use super::refine::Refined;
 
 /// Rotations nearer than this (radians) are one explanation.
 const ONE_ROTATION: f64 = 0.12;
-/// ln of the prior odds that a view is mirrored: a flipped axis is noticed, and then mended for good.
+/// ln of the prior odds that a view is mirrored: a flipped axis is noticed, and then fixed for
+/// good.
 pub(super) const MIRROR_LN_ODDS: f64 = -3.0;
 /// A start nearer to an explanation than this (radians) would lead there again.
 const KNOWN_ROTATION: f64 = 0.08;
@@ -189,8 +190,8 @@ impl Found {
             .any(|e| overlap(&e.refined.rotation, rotation) > near)
     }
 
-    /// The posterior probabilities of an explanation among all that were found, a view of something else,
-    /// and `ln_others`.
+    /// The posterior probabilities of an explanation among all that were found, a view of something
+    /// else, and `ln_others`.
     pub fn confidence(
         &self,
         of: &Explanation,

@@ -1,4 +1,5 @@
-//! From a rough rotation to an explanation: assignment and Gauss-Newton in turns, then the evidence.
+//! From a rough rotation to an explanation: assignment and Gauss-Newton in turns, then the
+//! evidence.
 //!
 //! For an assignment `A` of observed to pattern dots the log-likelihood ratio against "all dots are
 //! false" is
@@ -7,8 +8,9 @@
 //! S(R, A) = sum_matched ln( d_j N(o_i; q_j, C_i) / rho ) + sum_unmatched ln(1 - d_j)
 //! ```
 //!
-//! and the evidence of `A` is `S` at its best rotation plus Laplace's factor for the rotations around
-//! it, `(2 pi)^(3/2) / (8 pi^2 sqrt(det H))`, with `H` the information matrix and a uniform prior.
+//! and the evidence of `A` is `S` at its best rotation plus Laplace's factor for the rotations
+//! around it, `(2 pi)^(3/2) / (8 pi^2 sqrt(det H))`, with `H` the information matrix and a uniform
+//! prior.
 
 use std::f64::consts::{PI, TAU};
 
@@ -71,7 +73,7 @@ struct Link {
     pattern_dot: u16,
 }
 
-/// An explanation's figures; its assignment is left in [`Refiner::assignment`].
+/// An explanation's values; its assignment is left in [`Refiner::assignment`].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Refined {
     pub rotation: Matrix3<f64>,
@@ -130,8 +132,8 @@ impl Refiner {
         &self.assignment
     }
 
-    /// Refines a rotation on its inliers; `None` if too few dots support it, or if it has not settled
-    /// and its log-evidence is far below `least`.
+    /// Refines a rotation on its inliers; `None` if too few dots support it, or if it has not
+    /// settled and its log-evidence is far below `least`.
     pub fn refine(&mut self, view: &View<'_>, start: &Start, least: f64) -> Option<Refined> {
         let &View {
             model,
@@ -171,8 +173,8 @@ impl Refiner {
         None
     }
 
-    /// The most likely rotation near `rotation` for a given assignment: the dots are weighted by how peaked
-    /// their noise is.
+    /// The most likely rotation near `rotation` for a given assignment: the dots are weighted by
+    /// how peaked their noise is.
     pub fn polish(
         &mut self,
         view: &View<'_>,
@@ -217,10 +219,10 @@ impl Refiner {
                 if dot.direction.dot(q) < min_cosine {
                     continue;
                 }
-                let Some(core) = model.ln_kernel(dot.distance_squared(q) * narrow) else {
+                let Some(kernel) = model.ln_kernel(dot.distance_squared(q) * narrow) else {
                     continue;
                 };
-                let gain = dot.ln_peak - widened + core + self.worth[j];
+                let gain = dot.ln_peak - widened + kernel + self.worth[j];
                 if gain > MIN_GAIN {
                     self.links.push(Link {
                         gain,
@@ -301,9 +303,10 @@ impl Refiner {
 
     /// ln of the evidence of all assignments near this rotation over the chosen one's.
     ///
-    /// Each dot's other matches are weighed as if it were alone (a match that is taken costs its holder's
-    /// gain); the dots meet in the prior of how many are left out: the product of the dots' polynomials
-    /// `left_out x + matched` has in `x^k` the weight of all assignments that leave out `k`.
+    /// Each dot's other matches are weighed as if it were alone (a match that is taken costs its
+    /// holder's gain); the dots meet in the prior of how many are left out: the product of the
+    /// dots' polynomials `left_out x + matched` has in `x^k` the weight of all assignments that
+    /// leave out `k`.
     fn ln_alternatives(&mut self, view: &View<'_>, information: &Matrix3<f64>) -> Option<f64> {
         let model = view.model;
         let covariance = information.cholesky()?.inverse();
@@ -332,7 +335,8 @@ impl Refiner {
         Some(total.ln() - model.false_count(self.left_out()))
     }
 
-    /// Weights of leaving dot `i` out and of matching it with anything, where what was chosen has 1.
+    /// Weights of leaving dot `i` out and of matching it with anything, where what was chosen has
+    /// 1.
     fn alternatives(
         &self,
         view: &View<'_>,
@@ -380,8 +384,8 @@ impl Refiner {
             .map_or(0.0, |l| l.gain.max(0.0))
     }
 
-    /// One Gauss-Newton step on the assigned dots, reweighted for the core's tails: the information matrix
-    /// and the moved rotation.
+    /// One Gauss-Newton step on the assigned dots, reweighted for the kernel's tails: the
+    /// information matrix and the moved rotation.
     fn step(
         &self,
         view: &View<'_>,
@@ -400,7 +404,8 @@ impl Refiner {
             let d2 = residual[0] * residual[0] + residual[1] * residual[1];
             let weight = view.model.weight(d2 / ratio, max_weight);
             for (u, r) in dot.axes.iter().zip(residual) {
-                // A small rotation w moves q by w x q, and the whitened displacement u.q by w.(q x u).
+                // A small rotation w moves q by w x q, and the whitened displacement u.q by w.(q x
+                // u).
                 let row = q.cross(u);
                 let square = row * row.transpose();
                 information += square;
@@ -432,8 +437,8 @@ impl Leverage {
         }
     }
 
-    /// What the evidence gains, beyond the dot's own gain, when the rotation is fitted without it: the
-    /// dot's pull, weighted as in the fit, is gone.
+    /// What the evidence gains, beyond the dot's own gain, when the rotation is fitted without it:
+    /// the dot's pull, weighted as in the fit, is gone.
     fn without(&self, model: &Model) -> f64 {
         let weight = model.weight(self.residual.norm_squared(), SEARCH_WEIGHT);
         let left = Matrix2::identity() - self.hat * weight;
@@ -452,8 +457,8 @@ impl Leverage {
         let after = total
             .try_inverse()
             .map_or(r.norm_squared(), |i| r.dot(&(i * r)));
-        let core = |d2: f64| model.ln_kernel(d2).unwrap_or(0.0);
-        core(after) - core(r.norm_squared()) - 0.5 * total.determinant().ln()
+        let kernel = |d2: f64| model.ln_kernel(d2).unwrap_or(0.0);
+        kernel(after) - kernel(r.norm_squared()) - 0.5 * total.determinant().ln()
     }
 }
 

@@ -1,9 +1,10 @@
 //! The screening: a quick score of every way to lay one observed pair on the pattern.
 //!
-//! The score is the log-likelihood ratio of the model with four simplifications: single precision; the
-//! core as three straight lines; visibility as straight lines; and no exclusion (two observed dots may
-//! take one pattern dot). The variance of each dot is widened by what the error of the pair's two dots
-//! does to it. A hypothesis is given up as soon as the dots left cannot lift it to where it would be kept.
+//! The score is the log-likelihood ratio of the model with four simplifications: single precision;
+//! the kernel as three straight lines; visibility as straight lines; and no exclusion (two observed
+//! dots may take one pattern dot). The variance of each dot is widened by what the error of the
+//! pair's two dots does to it. A hypothesis is given up as soon as the dots left cannot lift it to
+//! where it would be kept.
 
 use nalgebra::Matrix3;
 use wide::f32x4;
@@ -89,7 +90,7 @@ impl ScreenModel {
         (detected, share * self.ln_missed)
     }
 
-    /// The greatest of the core's lines at `h`.
+    /// The greatest of the kernel's lines at `h`.
     #[inline(always)]
     fn ln_kernel(&self, h: f32x4) -> f32x4 {
         let [a, b, c] = self.lines.map(|[at, slope]| h * slope + at);
@@ -111,8 +112,8 @@ impl Screen {
         &self.kept
     }
 
-    /// Scores every way to lay the observed dots `a` and `b` on pattern dots of similar angle. `bias` is the
-    /// logarithm of the prior for each.
+    /// Scores every way to lay the observed dots `a` and `b` on pattern dots of similar angle.
+    /// `bias` is the logarithm of the prior for each.
     pub fn run(
         &mut self,
         model: &ScreenModel,
@@ -138,8 +139,9 @@ impl Screen {
         for index in pairs.between(low, high) {
             let misfit = (pairs.pair(index).cosine.clamp(-1.0, 1.0).acos() - observed) / spread;
             let prior = bias.as_ref().map_or(0.0, |b| b(index));
-            let own =
-                (own + prior) as f32 + self.pair_core(model, misfit as f32) + 2.0 * model.max_worth;
+            let own = (own + prior) as f32
+                + self.pair_kernel(model, misfit as f32)
+                + 2.0 * model.max_worth;
             let Some(score) = self.score(model, pairs.in_frame(index), view, own, threshold) else {
                 continue;
             };
@@ -149,7 +151,7 @@ impl Screen {
     }
 
     /// What the misfit of the pair itself costs: each of its dots takes its share.
-    fn pair_core(&self, model: &ScreenModel, misfit: f32) -> f32 {
+    fn pair_kernel(&self, model: &ScreenModel, misfit: f32) -> f32 {
         2.0 * model
             .ln_kernel(f32x4::splat(-0.25 * misfit * misfit))
             .to_array()[0]

@@ -10,7 +10,8 @@ use super::screen::Screen;
 use crate::geometry::Rotation;
 use crate::recognize::{ObservedDot, RecognizerRejection};
 
-/// Pairs nearer to parallel or opposite than this sine leave the rotation too uncertain to start from.
+/// Pairs nearer to parallel or opposite than this sine leave the rotation too uncertain to start
+/// from.
 const MIN_SINE: f64 = 0.15;
 /// Nats by which the best explanation must lead every rival and "null" to end the search early.
 const DOUBT: f64 = 9.0;
@@ -22,10 +23,11 @@ const HOPELESS: f64 = 16.0;
 const UNSEEN: f64 = 4.0;
 /// Fewer dots than this leave the choice among hypotheses to the hint.
 const FEW: usize = 4;
-/// Most passes over the mirrored view: a flipped axis shows in every frame, and need not in the hardest.
+/// Most passes over the mirrored view: a flipped axis shows in every frame, and need not in the
+/// hardest.
 const MIRROR_PASSES: usize = 6;
-/// Observed dots that a new workspace has room for; more of them make it grow.
-const ROOM: usize = 64;
+/// Observed dots for which a new workspace has the capacity; more of them make it grow.
+const CAPACITY: usize = 64;
 
 /// Scratch memory of [`RobustRecognizer`].
 #[derive(Debug, Default)]
@@ -50,13 +52,13 @@ struct ObservedPair {
 impl RobustWorkspace {
     pub(super) fn with_capacity_for(pairs: &PatternPairs, pattern: usize) -> Self {
         Self {
-            dots: Vec::with_capacity(ROOM),
-            pairs: Vec::with_capacity(ROOM * ROOM / 2),
-            used: Vec::with_capacity(ROOM),
-            screen: Screen::with_capacity_for(ROOM, pairs.row()),
-            refiner: Refiner::with_capacity_for(ROOM, pattern),
-            found: Found::with_capacity_for(ROOM),
-            mirrored: Found::with_capacity_for(ROOM),
+            dots: Vec::with_capacity(CAPACITY),
+            pairs: Vec::with_capacity(CAPACITY * CAPACITY / 2),
+            used: Vec::with_capacity(CAPACITY),
+            screen: Screen::with_capacity_for(CAPACITY, pairs.row()),
+            refiner: Refiner::with_capacity_for(CAPACITY, pattern),
+            found: Found::with_capacity_for(CAPACITY),
+            mirrored: Found::with_capacity_for(CAPACITY),
         }
     }
 
@@ -139,7 +141,8 @@ impl RobustRecognizer {
                 widening: prior.widening(&ws.dots),
             };
             self.refine(&start, Some(prior), f64::NEG_INFINITY, ws);
-            // Whatever the dots are, chance explains them so well near one given rotation hardly ever.
+            // Whatever the dots are, chance explains them so well near one given rotation hardly
+            // ever.
             let null = self.null.ln_evidence(ws.dots.len());
             let best = ws.found.best();
             let beyond_doubt = best.is_some_and(|b| b.refined.ln_evidence - null > DOUBT);
@@ -164,6 +167,7 @@ impl RobustRecognizer {
     fn passes(&self, most: usize, prior: Option<&Prior>, ws: &mut RobustWorkspace) {
         // The best conceivable explanation matches every dot perfectly.
         let mut unseen: f64 = ws.dots.iter().map(|d| d.most).sum();
+        let mut left_out = 0;
         for _ in 0..most {
             let Some((pair, disjoint)) = ws.next_pair() else {
                 return;
@@ -171,7 +175,10 @@ impl RobustRecognizer {
             self.pass(pair, prior, ws);
             if disjoint {
                 unseen -= ws.dots[pair[0]].most.min(ws.dots[pair[1]].most);
+                left_out += 1;
             }
+            // So many false dots may be likelier than Poisson's distribution has it.
+            let unseen = unseen + self.model.max_false_count(left_out);
             if self.settled(pair, unseen, ws) {
                 return;
             }
@@ -256,8 +263,8 @@ impl RobustRecognizer {
         refined.ln_evidence > least
     }
 
-    /// Whether the search may end after a pass over the pair. `unseen` bounds the log-likelihood ratio
-    /// of what no pass has seen, but for the share of rotations.
+    /// Whether the search may end after a pass over the pair. `unseen` bounds the log-likelihood
+    /// ratio of what no pass has seen, but for the share of rotations.
     fn settled(&self, [a, b]: [usize; 2], unseen: f64, ws: &RobustWorkspace) -> bool {
         let Some(best) = ws.found.best() else {
             return false;

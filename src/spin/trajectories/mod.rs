@@ -1,37 +1,51 @@
-//! Flights of balls with known spin, in the format of the published SpinDOE set.
+//! Trajectories of balls with known spin, in the format of the published SpinDOE set.
 //!
-//! A folder with `index.csv` (header `traj_file,x_spin,y_spin,z_spin`; a number and a spin vector in rad/s
-//! per flight) and a file `NNN.csv` for each, rows `t;x;y;z` in seconds and metres without a header. The
-//! frame is the publisher's: z points up, and it is not the camera frame of this crate.
+//! A folder with `index.csv` (header `traj_file,x_spin,y_spin,z_spin`; a number and a spin vector in
+//! rad/s per trajectory) and a file `NNN.csv` for each, rows `t;x;y;z` in seconds and metres without a
+//! header. The frame is the publisher's: z points up, and it is not the camera frame of this crate.
 //!
-//! What cannot be read as numbers is an error. What can be read but not be believed (times that stand
-//! still, gaps, jumps, spins beyond the sampling's reach, holes in the numbering) is listed as an
-//! [`Oddity`]: real recordings have them, and a reader should know.
+//! What cannot be read as numbers is an error, and so are two files of one number (`1.csv` and
+//! `001.csv`). What can be read but not be believed (times that stand still, gaps, jumps, spins beyond
+//! the sampling's reach, holes in the numbering) is listed as an [`Oddity`]: real recordings have
+//! them, and a reader should know.
 
 mod oddities;
 
 pub use oddities::{Limits, Oddity};
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::files;
+use crate::files::csv::{Format, Rows};
 use crate::geometry::Vec3;
 use crate::validate::median;
 
 /// The index's header.
 const INDEX_HEADER: [&str; 4] = ["traj_file", "x_spin", "y_spin", "z_spin"];
 
-/// A flight.
+/// Where a ball was at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrajectoryPoint {
+    /// Time, seconds.
+    pub time_s: f64,
+    /// Position, metres, in the publisher's frame.
+    pub position_m: Vec3,
+    /// The point's line in its file, counted from 1.
+    pub line: u64,
+}
+
+/// The trajectory of a ball.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trajectory {
     /// Its number, which is also its file's name.
     pub number: u32,
     /// Spin, rad/s, in the publisher's frame; `None` where the index has none.
     pub spin: Option<Vec3>,
-    /// Times (s) and positions (m), in the order of the file.
-    pub points: Vec<(f64, Vec3)>,
+    /// Where it was when, in the order of the file.
+    pub points: Vec<TrajectoryPoint>,
 }
 
 impl Trajectory {
@@ -43,45 +57,52 @@ impl Trajectory {
     /// Time from the first to the last point, seconds.
     pub fn duration_s(&self) -> f64 {
         match (self.points.first(), self.points.last()) {
-            (Some(first), Some(last)) => last.0 - first.0,
+            (Some(first), Some(last)) => last.time_s - first.time_s,
             _ => 0.0,
         }
     }
 
-    /// Speeds between successive points, m/s, with the index of the later one; only where time goes on.
-    fn speeds(&self) -> impl Iterator<Item = (usize, f64)> {
-        self.points.windows(2).enumerate().filter_map(|(i, w)| {
-            let interval = w[1].0 - w[0].0;
-            (interval > 0.0).then(|| (i + 1, (w[1].1 - w[0].1).norm() / interval))
+    /// Times between successive points, seconds, with the later one.
+    fn intervals(&self) -> impl Iterator<Item = (&TrajectoryPoint, f64)> {
+        let interval = |w: &[TrajectoryPoint]| w[1].time_s - w[0].time_s;
+        self.points.windows(2).map(move |w| (&w[1], interval(w)))
+    }
+
+    /// Speeds between successive points, m/s, with the later one; only where time goes on.
+    fn speeds(&self) -> impl Iterator<Item = (&TrajectoryPoint, f64)> {
+        self.points.windows(2).filter_map(|w| {
+            let interval = w[1].time_s - w[0].time_s;
+            let way = (w[1].position_m - w[0].position_m).norm();
+            (interval > 0.0).then(|| (&w[1], way / interval))
         })
     }
 }
 
-/// All flights of a folder, in order of number.
+/// All trajectories of a folder, in order of number.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TrajectorySet {
-    /// The flights.
+    /// The trajectories.
     pub trajectories: Vec<Trajectory>,
     /// Numbers in the index without a file, with their spins (rad/s).
     pub without_file: Vec<(u32, Vec3)>,
 }
 
-/// Figures that describe a set.
+/// Values that describe a set.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Summary {
-    /// Flights.
+    /// Trajectories.
     pub trajectories: usize,
-    /// Points of all flights.
+    /// Points of all trajectories.
     pub points: usize,
-    /// Fewest, median and most points of a flight.
+    /// Fewest, median and most points of a trajectory.
     pub points_each: [f64; 3],
-    /// Shortest, median and longest flight, seconds.
+    /// Shortest, median and longest trajectory, seconds.
     pub duration_s: [f64; 3],
     /// Median interval between points, seconds.
     pub interval_s: f64,
     /// Median speed, m/s.
     pub speed_m_s: f64,
-    /// Least, median and largest spin, revolutions per second.
+    /// Smallest, median and largest spin, revolutions per second.
     pub rps: [f64; 3],
 }
 
@@ -94,18 +115,15 @@ impl TrajectorySet {
         let mut spins = read_index(&dir.join("index.csv"))?;
         let mut trajectories = Vec::new();
         for (number, path) in numbered_files(dir)? {
-            let at = spins.iter().position(|s| s.0 == number);
             trajectories.push(Trajectory {
                 number,
-                spin: at.map(|i| spins.swap_remove(i).1),
+                spin: spins.remove(&number),
                 points: read_points(&path)?,
             });
         }
-        trajectories.sort_by_key(|t| t.number);
-        spins.sort_by_key(|s| s.0);
         Ok(Self {
             trajectories,
-            without_file: spins,
+            without_file: spins.into_iter().collect(),
         })
     }
 
@@ -128,8 +146,9 @@ impl TrajectorySet {
         }
         for t in &self.trajectories {
             let mut text = String::new();
-            for (time, p) in &t.points {
-                let [t, x, y, z] = [*time, p.x, p.y, p.z].map(decimal);
+            for point in &t.points {
+                let p = &point.position_m;
+                let [t, x, y, z] = [point.time_s, p.x, p.y, p.z].map(decimal);
                 let _ = writeln!(text, "{t};{x};{y};{z}");
             }
             let path = dir.join(format!("{:03}.csv", t.number));
@@ -138,10 +157,10 @@ impl TrajectorySet {
         files::write_bytes(&dir.join("index.csv"), index.as_bytes())
     }
 
-    /// Figures that describe the set; zeros for an empty one.
+    /// Values that describe the set; zeros for an empty one.
     pub fn summary(&self) -> Summary {
         let all = || self.trajectories.iter();
-        let intervals = all().flat_map(|t| t.points.windows(2).map(|w| w[1].0 - w[0].0));
+        let intervals = all().flat_map(|t| t.intervals().map(|i| i.1));
         Summary {
             trajectories: self.trajectories.len(),
             points: all().map(|t| t.points.len()).sum(),
@@ -158,7 +177,7 @@ impl TrajectorySet {
     }
 }
 
-/// Least, median and largest; zeros for none.
+/// Smallest, median and largest; zeros for none.
 fn spread(mut values: Vec<f64>) -> [f64; 3] {
     let middle = median(&mut values);
     match (values.first(), values.last()) {
@@ -177,85 +196,92 @@ fn decimal(x: f64) -> String {
     }
 }
 
-/// The files of a folder whose names are numbers.
-fn numbered_files(dir: &Path) -> Result<Vec<(u32, PathBuf)>> {
+/// The files of a folder whose names are numbers, in their order.
+fn numbered_files(dir: &Path) -> Result<BTreeMap<u32, PathBuf>> {
     let entries = std::fs::read_dir(dir).map_err(|e| Error::read(dir, e))?;
-    let mut found = Vec::new();
+    let mut found: BTreeMap<u32, PathBuf> = BTreeMap::new();
     for entry in entries {
         let path = entry.map_err(|e| Error::read(dir, e))?.path();
-        let stem = path.file_stem().and_then(|s| s.to_str());
+        let stem = path
+            .file_stem()
+            .and_then(|s| s.to_str())
+            .unwrap_or_default();
         let is_csv = path.extension().is_some_and(|e| e == "csv");
-        if let Some(number) = stem.filter(|_| is_csv).and_then(|s| s.parse().ok()) {
-            found.push((number, path));
+        let is_numbered = !stem.is_empty() && stem.bytes().all(|b| b.is_ascii_digit());
+        if !(is_csv && is_numbered) {
+            continue;
         }
+        let Ok(number) = stem.parse() else {
+            let problem = format!("expected a number of at most {}", u32::MAX);
+            return Err(Error::input(&path, "name", problem));
+        };
+        if let Some(other) = found.get(&number) {
+            // Folders are listed in no particular order, messages are not.
+            let (first, second) = if *other < path {
+                (other, &path)
+            } else {
+                (&path, other)
+            };
+            let first = first.file_name().unwrap_or_default().to_string_lossy();
+            let problem = format!("is trajectory {number}, and so is {first}");
+            return Err(Error::input(second, "name", problem));
+        }
+        found.insert(number, path);
     }
     Ok(found)
 }
 
-fn read_index(path: &Path) -> Result<Vec<(u32, Vec3)>> {
-    let rows = read_rows(path, b',')?;
-    let header = rows.first().map(|r| r.1.as_slice()).unwrap_or_default();
-    if header != INDEX_HEADER {
-        let problem = format!(
-            "expected the header \"{}\", found \"{}\"",
-            INDEX_HEADER.join(","),
-            header.join(",")
-        );
-        return Err(Error::input(path, "line 1", problem));
-    }
-    let mut spins: Vec<(u32, Vec3)> = Vec::new();
-    for (line, fields) in &rows[1..] {
-        let at = |problem: String| Error::input(path, format!("line {line}"), problem);
-        let number = fields.first().and_then(|f| f.parse::<u32>().ok());
-        let spin = fields.get(1..).and_then(numbers::<3>);
-        let (Some(number), Some([x, y, z])) = (number, spin) else {
-            let found = fields.join(",");
-            return Err(at(format!(
-                "expected a number and a spin x,y,z, found \"{found}\""
-            )));
-        };
-        if spins.iter().any(|s| s.0 == number) {
-            return Err(at(format!("number {number} occurs twice")));
+fn read_index(path: &Path) -> Result<BTreeMap<u32, Vec3>> {
+    let mut rows = Rows::new(path, files::open(path)?, format(b','));
+    let expected = INDEX_HEADER.join(",");
+    match rows.next_row()? {
+        Some(header) if header.fields().eq(INDEX_HEADER) => {}
+        Some(header) => {
+            let found = header.shown();
+            let problem = format!("expected the header \"{expected}\", found \"{found}\"");
+            return Err(header.error(problem));
         }
-        spins.push((number, Vec3::new(x, y, z)));
+        None => {
+            let problem = format!("expected the header \"{expected}\", found nothing");
+            return Err(Error::input(path, "line 1", problem));
+        }
+    }
+    let mut spins = BTreeMap::new();
+    while let Some(row) = rows.next_row()? {
+        let number = row.get(0).and_then(|f| f.parse::<u32>().ok());
+        let (Some(number), Some([_, x, y, z])) = (number, row.numbers()) else {
+            let found = row.shown();
+            let problem = format!("expected a number and a spin x,y,z, found \"{found}\"");
+            return Err(row.error(problem));
+        };
+        if spins.insert(number, Vec3::new(x, y, z)).is_some() {
+            return Err(row.error(format!("number {number} occurs twice")));
+        }
     }
     Ok(spins)
 }
 
-fn read_points(path: &Path) -> Result<Vec<(f64, Vec3)>> {
-    let point = |(line, fields): &(u64, Vec<String>)| match numbers::<4>(fields) {
-        Some([t, x, y, z]) => Ok((t, Vec3::new(x, y, z))),
-        None => {
-            let problem = format!("expected numbers t;x;y;z, found \"{}\"", fields.join(";"));
-            Err(Error::input(path, format!("line {line}"), problem))
-        }
-    };
-    read_rows(path, b';')?.iter().map(point).collect()
-}
-
-/// `N` finite numbers and nothing else.
-fn numbers<const N: usize>(fields: &[String]) -> Option<[f64; N]> {
-    let parsed = fields
-        .iter()
-        .map(|f| f.parse().ok().filter(|x: &f64| x.is_finite()));
-    parsed.collect::<Option<Vec<f64>>>()?.try_into().ok()
-}
-
-/// The fields of each row, with its line.
-fn read_rows(path: &Path, delimiter: u8) -> Result<Vec<(u64, Vec<String>)>> {
-    let bytes = files::read_bytes(path)?;
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .delimiter(delimiter)
-        .trim(csv::Trim::All)
-        .from_reader(bytes.as_slice());
-    let mut rows = Vec::new();
-    for (i, record) in reader.records().enumerate() {
-        let record =
-            record.map_err(|e| Error::input(path, format!("row {}", i + 1), e.to_string()))?;
-        let line = files::line_of(&bytes, record.position(), i as u64 + 1);
-        rows.push((line, record.iter().map(str::to_owned).collect()));
+fn read_points(path: &Path) -> Result<Vec<TrajectoryPoint>> {
+    let mut rows = Rows::new(path, files::open(path)?, format(b';'));
+    let mut points = Vec::new();
+    while let Some(row) = rows.next_row()? {
+        let Some([time_s, x, y, z]) = row.numbers() else {
+            let found = row.shown();
+            return Err(row.error(format!("expected numbers t;x;y;z, found \"{found}\"")));
+        };
+        points.push(TrajectoryPoint {
+            time_s,
+            position_m: Vec3::new(x, y, z),
+            line: row.line(),
+        });
     }
-    Ok(rows)
+    Ok(points)
+}
+
+/// The set's files have no comments.
+fn format(delimiter: u8) -> Format {
+    Format {
+        delimiter,
+        comments: false,
+    }
 }

@@ -1,6 +1,9 @@
-//! What is odd about a set of flights.
+//! What is odd about a set of trajectories.
 
-use super::{Trajectory, TrajectorySet};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
+use super::{Trajectory, TrajectoryPoint, TrajectorySet};
 use crate::validate::median;
 
 /// What is plausible.
@@ -12,11 +15,11 @@ pub struct Limits {
     pub max_speed: f64,
     /// Largest distance of a position from the origin, m.
     pub max_distance: f64,
-    /// Least height z, m; a lower point means that the ball has missed the table.
+    /// Minimum height z, m; a lower point means that the ball has missed the table.
     pub min_height: f64,
-    /// Longest interval between points, in median intervals of the flight.
+    /// Longest interval between points, in median intervals of the trajectory.
     pub max_gap: f64,
-    /// Fewest points.
+    /// Minimum number of points.
     pub min_points: usize,
 }
 
@@ -36,7 +39,7 @@ impl Default for Limits {
     }
 }
 
-/// Something in a set that a user should know of. Rows count from 1, as editors do.
+/// Something in a set that a user should know of. Lines count from 1, as editors do.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Oddity {
@@ -60,7 +63,7 @@ pub enum Oddity {
         /// The number.
         number: u32,
     },
-    /// Two flights have exactly the same spin.
+    /// Two trajectories have exactly the same spin.
     #[error("{number:03}.csv has exactly the spin of {other:03}.csv")]
     SameSpin {
         /// The later number.
@@ -71,7 +74,7 @@ pub enum Oddity {
     /// A spin beyond the limit.
     #[error("{number:03}.csv: {rps:.1} rps, expected at most {limit:.0}")]
     Spin {
-        /// The flight.
+        /// The trajectory.
         number: u32,
         /// Its spin.
         rps: f64,
@@ -81,7 +84,7 @@ pub enum Oddity {
     /// Few points.
     #[error("{number:03}.csv: {points} points, expected at least {limit}")]
     Short {
-        /// The flight.
+        /// The trajectory.
         number: u32,
         /// Its points.
         points: usize,
@@ -93,20 +96,20 @@ pub enum Oddity {
         "{number:03}.csv, line {line}: {interval_s:.3} s after the line before, expected more than 0"
     )]
     Time {
-        /// The flight.
+        /// The trajectory.
         number: u32,
-        /// The row.
-        line: usize,
-        /// Time since the row before, seconds.
+        /// The line.
+        line: u64,
+        /// Time since the line before, seconds.
         interval_s: f64,
     },
     /// A gap in time.
     #[error("{number:03}.csv, line {line}: a gap of {interval_s:.3} s, {intervals:.1} intervals")]
     Gap {
-        /// The flight.
+        /// The trajectory.
         number: u32,
-        /// The row after the gap.
-        line: usize,
+        /// The line after the gap.
+        line: u64,
         /// Its length, seconds.
         interval_s: f64,
         /// Its length in median intervals.
@@ -117,11 +120,11 @@ pub enum Oddity {
         "{number:03}.csv, line {line}: {speed:.1} m/s since the line before, expected at most {limit:.0}"
     )]
     Speed {
-        /// The flight.
+        /// The trajectory.
         number: u32,
-        /// The row after the jump.
-        line: usize,
-        /// Speed from the row before, m/s.
+        /// The line after the jump.
+        line: u64,
+        /// Speed from the line before, m/s.
         speed: f64,
         /// The limit, m/s.
         limit: f64,
@@ -129,11 +132,11 @@ pub enum Oddity {
     /// Positions below the table.
     #[error("{number:03}.csv, line {line}: below the table, later down to {height:.3} m")]
     Below {
-        /// The flight.
+        /// The trajectory.
         number: u32,
-        /// The first such row.
-        line: usize,
-        /// Least height of the flight, m.
+        /// The first such line.
+        line: u64,
+        /// Minimum height of the trajectory, m.
         height: f64,
     },
     /// A position far away.
@@ -141,10 +144,10 @@ pub enum Oddity {
         "{number:03}.csv, line {line}: {distance:.2} m from the origin, expected at most {limit:.0}"
     )]
     Position {
-        /// The flight.
+        /// The trajectory.
         number: u32,
-        /// The row.
-        line: usize,
+        /// The line.
+        line: u64,
         /// Distance from the origin, m.
         distance: f64,
         /// The limit, m.
@@ -165,40 +168,48 @@ impl TrajectorySet {
     pub fn oddities(&self, limits: &Limits) -> Vec<Oddity> {
         let mut found = self.set_oddities();
         for t in &self.trajectories {
-            flight_oddities(t, limits, &mut found);
+            trajectory_oddities(t, limits, &mut found);
         }
         found
     }
 
     fn set_oddities(&self) -> Vec<Oddity> {
         let mut found = Vec::new();
-        let mut next = 0;
+        // The number that is expected next; none after the last that there is.
+        let mut next = Some(0);
         for t in &self.trajectories {
-            if t.number > next {
-                let (first, last) = (next, t.number - 1);
+            if let Some(first) = next.filter(|n| t.number > *n) {
+                let last = t.number - 1;
                 found.push(Oddity::Hole { first, last });
             }
-            next = t.number + 1;
+            next = t.number.checked_add(1);
         }
         for &(number, _) in &self.without_file {
             found.push(Oddity::NoFile { number });
         }
-        for (i, t) in self.trajectories.iter().enumerate() {
+        // Zeros of either sign are the same spin, and nothing else has two patterns of bits.
+        let mut first_with = HashMap::new();
+        for t in &self.trajectories {
             let number = t.number;
-            if t.spin.is_none() {
+            let Some(spin) = t.spin else {
                 found.push(Oddity::NoSpin { number });
-            }
-            let same = |o: &&Trajectory| o.spin.is_some() && o.spin == t.spin;
-            if let Some(o) = self.trajectories[..i].iter().find(same) {
-                let other = o.number;
-                found.push(Oddity::SameSpin { number, other });
+                continue;
+            };
+            match first_with.entry([spin.x, spin.y, spin.z].map(|c| (c + 0.0).to_bits())) {
+                Entry::Occupied(first) => {
+                    let other = *first.get();
+                    found.push(Oddity::SameSpin { number, other });
+                }
+                Entry::Vacant(place) => {
+                    place.insert(number);
+                }
             }
         }
         found
     }
 }
 
-fn flight_oddities(t: &Trajectory, limits: &Limits, found: &mut Vec<Oddity>) {
+fn trajectory_oddities(t: &Trajectory, limits: &Limits, found: &mut Vec<Oddity>) {
     let number = t.number;
     if let Some(rps) = t.rps().filter(|r| *r > limits.max_rps) {
         let limit = limits.max_rps;
@@ -212,10 +223,9 @@ fn flight_oddities(t: &Trajectory, limits: &Limits, found: &mut Vec<Oddity>) {
             limit,
         });
     }
-    let intervals = || t.points.windows(2).map(|w| w[1].0 - w[0].0).enumerate();
-    let typical = median(&mut intervals().map(|i| i.1).collect::<Vec<_>>());
-    for (i, interval_s) in intervals() {
-        let line = i + 2;
+    let typical = median(&mut t.intervals().map(|i| i.1).collect::<Vec<_>>());
+    for (point, interval_s) in t.intervals() {
+        let line = point.line;
         if interval_s <= 0.0 {
             found.push(Oddity::Time {
                 number,
@@ -233,8 +243,8 @@ fn flight_oddities(t: &Trajectory, limits: &Limits, found: &mut Vec<Oddity>) {
             });
         }
     }
-    for (i, speed) in t.speeds().filter(|s| s.1 > limits.max_speed) {
-        let (line, limit) = (i + 1, limits.max_speed);
+    for (point, speed) in t.speeds().filter(|s| s.1 > limits.max_speed) {
+        let (line, limit) = (point.line, limits.max_speed);
         found.push(Oddity::Speed {
             number,
             line,
@@ -242,19 +252,21 @@ fn flight_oddities(t: &Trajectory, limits: &Limits, found: &mut Vec<Oddity>) {
             limit,
         });
     }
-    if let Some(i) = t.points.iter().position(|p| p.1.z < limits.min_height) {
-        let height = t.points.iter().map(|p| p.1.z).fold(f64::INFINITY, f64::min);
-        let line = i + 1;
+    let heights = || t.points.iter().map(|p| p.position_m.z);
+    let below = |p: &&TrajectoryPoint| p.position_m.z < limits.min_height;
+    if let Some(first) = t.points.iter().find(below) {
+        let height = heights().fold(f64::INFINITY, f64::min);
+        let line = first.line;
         found.push(Oddity::Below {
             number,
             line,
             height,
         });
     }
-    for (i, (_, p)) in t.points.iter().enumerate() {
-        let (distance, limit) = (p.norm(), limits.max_distance);
+    for p in &t.points {
+        let (distance, limit) = (p.position_m.norm(), limits.max_distance);
         if distance > limit {
-            let line = i + 1;
+            let line = p.line;
             found.push(Oddity::Position {
                 number,
                 line,

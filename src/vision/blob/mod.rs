@@ -129,6 +129,8 @@ impl BlobDetector {
     fn candidates(ws: &mut BlobWorkspace) {
         let most = ws.response.iter().copied().fold(0.0, f32::max);
         ws.candidates.clear();
+        // No two peaks are neighbors.
+        ws.candidates.reserve(SIZE * SIZE / 4);
         for row in 1..SIZE - 1 {
             for column in 1..SIZE - 1 {
                 let i = row * SIZE + column;
@@ -180,6 +182,7 @@ impl DotDetector for BlobDetector {
         self.respond(ws);
         Self::candidates(ws);
         ws.blobs.clear();
+        ws.blobs.reserve(MAX_BLOBS);
         for &(_, i) in &ws.candidates {
             let start = ((i % SIZE) as f64, (i / SIZE) as f64);
             let sigma = f64::from(SIGMAS[usize::from(ws.scale[i])]);
@@ -195,6 +198,7 @@ impl DotDetector for BlobDetector {
             }
         }
         ws.contrasts.clear();
+        ws.contrasts.reserve(MAX_BLOBS);
         let clear = |b: &&Blob| b.signal_to_noise > self.config.signal_to_noise && b.depth > 0.4;
         ws.contrasts
             .extend(ws.blobs.iter().filter(clear).map(|b| b.contrast));

@@ -144,8 +144,6 @@ const LARGE: f64 = 320.0;
 /// A whole outline of this support ends the search where smaller images are left for balls below this part of
 /// its radius only.
 const SETTLED: (f64, f64) = (0.7, 0.8);
-/// Other circles that are worth a look.
-const OTHERS: usize = 4;
 /// An outline with this support is taken without looking for others with edges of either sign.
 const WHOLE: f64 = 0.9;
 /// The outline is fitted where the radius is at most this many pixels, which is fine enough: there a pixel is the mean of
@@ -163,6 +161,8 @@ pub struct BallFinder {
     config: CircleConfig,
     /// Half size, quarter size, ...
     halves: Vec<GrayImage>,
+    /// What stands out in color.
+    contrast: GrayImage,
     votes: Votes,
     centers: Vec<Center>,
     unrolled: Unrolled,
@@ -178,6 +178,9 @@ pub fn find_ball(image: &GrayImage, config: &CircleConfig) -> Result<BallFit, No
 }
 
 impl BallFinder {
+    /// Other circles that are worth trying, at most: see [`BallFinder::others`].
+    pub const MAX_OTHERS: usize = 4;
+
     /// A finder with these settings.
     pub fn new(config: CircleConfig) -> Self {
         Self {
@@ -201,24 +204,30 @@ impl BallFinder {
     /// # Errors
     /// A [`NoBall`] that says why there is none.
     pub fn find_in_color(&mut self, gray: &GrayImage, color: &RgbImage) -> Result<BallFit, NoBall> {
+        // Before it is known whether it is needed: a later frame of this size finds its memory.
+        self.contrast.reserve(gray.values().len());
         let in_gray = self.find(gray);
         if in_gray.is_ok_and(|b| b.support >= WHOLE && b.visible >= WHOLE) {
             return in_gray;
         }
-        let Some(contrast) = color.to_contrast() else {
-            return in_gray;
+        let mut contrast = std::mem::take(&mut self.contrast);
+        let found = if color.to_contrast_into(&mut contrast) {
+            let in_color = self.search(&contrast);
+            self.best().ok_or(()).or(in_color).or(in_gray)
+        } else {
+            in_gray
         };
-        let in_color = self.search(&contrast);
-        self.best().ok_or(()).or(in_color).or(in_gray)
+        self.contrast = contrast;
+        found
     }
 
     /// Other circles of the last search, the best first: what the ball may be where the one found shows no dots that can be told.
     pub fn others(&self) -> impl Iterator<Item = BallFit> + '_ {
         let best = self.best();
-        let tried = self.found.iter().take(OTHERS + 1);
+        let tried = self.found.iter().take(Self::MAX_OTHERS + 1);
         tried
             .filter(move |f| best.is_none_or(|b| b.circle != f.circle))
-            .take(OTHERS)
+            .take(Self::MAX_OTHERS)
             .copied()
     }
 
@@ -233,6 +242,7 @@ impl BallFinder {
         }
         let most = self.config.max_radius * longer;
         self.halve(image, most);
+        self.reserve(image);
         let mut support = self.vote(image, most, &[Polarity::Brighter, Polarity::Darker]);
         // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
         if self.best().is_none_or(|b| b.support < WHOLE) {
@@ -242,8 +252,7 @@ impl BallFinder {
                 (a, b) => a.or(b),
             };
         }
-        self.found
-            .sort_by(|a, b| completeness(b).total_cmp(&completeness(a)));
+        sort_by_completeness(&mut self.found);
         self.best().ok_or(match support {
             Some(support) => NoBall::NoCircle { support },
             None => NoBall::NoContrast,
@@ -300,6 +309,17 @@ impl BallFinder {
             let (done, rest) = self.halves.split_at_mut(level);
             done.last().unwrap_or(image).halve_into(&mut rest[0]);
         }
+    }
+
+    /// Makes room for whatever a search of an image of this size may meet.
+    fn reserve(&mut self, image: &GrayImage) {
+        self.votes.reserve(image.values().len());
+        // Every center of every size and polarity may give a circle, in gray and in color.
+        let circles = 2 * 3 * CENTRES.1 * (self.halves.len() + 1);
+        let circles = circles.saturating_sub(self.found.len());
+        self.found.reserve(circles);
+        self.centers
+            .reserve(CENTRES.1.saturating_sub(self.centers.len()));
     }
 
     fn level<'a>(&'a self, image: &'a GrayImage, level: usize) -> &'a GrayImage {
@@ -412,6 +432,16 @@ impl BallFinder {
 /// the ball that bears them.
 fn score(fit: &BallFit) -> f64 {
     completeness(fit) * (fit.contrast.abs() * fit.circle.radius).sqrt()
+}
+
+/// Sorts circles, the most whole first; equal ones keep their order. Insertion needs no memory, which a
+/// library's stable sort would, and the circles are few.
+fn sort_by_completeness(found: &mut [BallFit]) {
+    for i in 1..found.len() {
+        let this = completeness(&found[i]);
+        let at = found[..i].partition_point(|f| completeness(f) >= this);
+        found[at..=i].rotate_right(1);
+    }
 }
 
 /// How much of a circle is there to be seen.

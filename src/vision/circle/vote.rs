@@ -33,6 +33,15 @@ pub(super) struct Votes {
 }
 
 impl Votes {
+    /// Makes room for images of as many pixels.
+    pub fn reserve(&mut self, pixels: usize) {
+        self.gradients
+            .reserve(pixels.saturating_sub(self.gradients.len()));
+        for numbers in [&mut self.lengths, &mut self.counts, &mut self.smooth] {
+            numbers.reserve(pixels.saturating_sub(numbers.len()));
+        }
+    }
+
     /// Casts all votes: for centers uphill of edges (`sign` 1, balls brighter than what is behind them), downhill (-1), or
     /// both (0).
     pub fn cast(&mut self, image: &GrayImage, sign: f64) {

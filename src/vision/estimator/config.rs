@@ -1,15 +1,83 @@
 //! What the estimator expects of images.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::recognize::robust::{NoiseShape, RobustConfig};
 use crate::vision::camera::Camera;
 use crate::vision::circle::CircleConfig;
 
+/// How far the camera is: what is known before the dots are seen, or estimated from them.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct CameraDistance {
+    /// Expected value of the ball radii over the distance from the camera to the ball's center.
+    pub inverse_distance: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
+
+impl Default for CameraDistance {
+    /// Cameras from some 6 ball radii to infinity.
+    fn default() -> Self {
+        Self {
+            inverse_distance: 0.07,
+            sigma: 0.05,
+        }
+    }
+}
+
+/// What is known of the camera.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub enum CameraModel {
+    /// Neither its intrinsics nor its distance: the distance is estimated with the orientation.
+    Unknown(CameraDistance),
+    /// All that is needed.
+    Known(Camera),
+}
+
+impl CameraModel {
+    /// The largest inverse distance that an estimate may have: the ball fills 35 degrees of the view.
+    pub(super) const MAX_INVERSE_DISTANCE: f64 = 0.3;
+
+    /// The cameras under which dots are identified, the likeliest first.
+    pub(super) fn hypotheses(&self) -> impl Iterator<Item = Camera> + use<> {
+        let cameras = match *self {
+            Self::Known(camera) => [Some(camera), None, None],
+            Self::Unknown(CameraDistance {
+                inverse_distance,
+                sigma,
+            }) => {
+                let near = |steps: f64| {
+                    let at = inverse_distance + steps * sigma;
+                    let inverse_distance = at.clamp(0.0, Self::MAX_INVERSE_DISTANCE);
+                    Some(Camera::Near { inverse_distance })
+                };
+                // A hypothesis serves some 0.03 to either side.
+                match sigma > 0.02 {
+                    true => [near(0.0), near(1.2), near(-1.1)],
+                    false => [near(0.0), None, None],
+                }
+            }
+        };
+        cameras.into_iter().flatten()
+    }
+}
+
+impl Default for CameraModel {
+    fn default() -> Self {
+        Self::Unknown(CameraDistance::default())
+    }
+}
+
+impl From<Camera> for CameraModel {
+    fn from(camera: Camera) -> Self {
+        Self::Known(camera)
+    }
+}
+
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct EstimatorConfig {
-    /// How the camera projects.
-    pub camera: Camera,
+    /// What is known of the camera.
+    pub camera: CameraModel,
     /// What is accepted as a ball.
     pub circle: CircleConfig,
     /// What the recognizer expects of the dots that are likely enough.
@@ -27,13 +95,13 @@ pub struct EstimatorConfig {
 }
 
 impl Default for EstimatorConfig {
-    /// Parallel rays; dots from z = 0.2, 85 % of them detected, one false dot a frame (a logo); drawn to
+    /// A camera at an unknown distance; dots from z = 0.2, 85 % of them detected, one false dot a frame (a logo); drawn to
     /// 1.2 deg; detections likelier dots than not, then those down to 0.15, with 1.5 false dots more. A pose is told
     /// where it is likelier right than wrong: the spin's estimator weighs each by its probability, and a user
     /// who wants fewer wrong ones asks for more.
     fn default() -> Self {
         Self {
-            camera: Camera::Orthographic,
+            camera: CameraModel::default(),
             circle: CircleConfig::default(),
             recognizer: RobustConfig {
                 visibility_limit: 0.2,
@@ -60,6 +128,23 @@ impl EstimatorConfig {
     /// [`Error::Argument`] naming the setting.
     pub fn check(&self) -> Result<()> {
         self.recognizer.check()?;
+        if let CameraModel::Unknown(prior) = self.camera {
+            let inside =
+                (0.0..=CameraModel::MAX_INVERSE_DISTANCE).contains(&prior.inverse_distance);
+            require(
+                inside,
+                "inverse_distance",
+                "0 to 0.3",
+                prior.inverse_distance,
+            )?;
+            let positive = prior.sigma > 0.0 && prior.sigma.is_finite();
+            require(
+                positive,
+                "inverse_distance_sigma",
+                "a positive number",
+                prior.sigma,
+            )?;
+        }
         let fail =
             |name: &'static str, what: &str| Err(Error::argument(name, format!("expected {what}")));
         let is_probability = |p: f64| (0.0..=1.0).contains(&p);

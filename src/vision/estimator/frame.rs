@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use nalgebra::Matrix3;
 
+use super::config::CameraDistance;
 use crate::geometry::Rotation;
 use crate::recognize::RecognizerRejection;
 use crate::vision::camera::BallCircle;
@@ -47,6 +48,8 @@ pub struct Pose {
     pub residual_rad: f64,
     /// Root mean square distance of the named dots from the projected pattern, pixels.
     pub residual_px: f64,
+    /// How far the camera is, where that was estimated.
+    pub distance: Option<CameraDistance>,
     /// Whether a hint was given.
     pub hinted: bool,
 }
@@ -102,6 +105,15 @@ impl std::fmt::Display for FrameRejection {
     }
 }
 
+/// The ball's outline before the dots correct it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outline {
+    /// The circle.
+    pub circle: BallCircle,
+    /// Covariance of the center's u and v and the radius, px^2.
+    pub covariance: Matrix3<f64>,
+}
+
 /// How long the stages of a frame took.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Timings {
@@ -116,7 +128,9 @@ pub struct Timings {
 /// Everything seen in a frame. Its memory is reused from frame to frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameEstimate {
-    /// The ball's outline, corrected by the dots where the frame is told; `None` where there is no ball.
+    /// The ball's outline as given or found; `None` where there is no ball.
+    pub outline: Option<Outline>,
+    /// That outline, corrected by the dots where the frame has a pose.
     pub circle: Option<BallCircle>,
     /// The outline as fitted; `None` where it was given or there is none.
     pub fit: Option<BallFit>,
@@ -128,18 +142,28 @@ pub struct FrameEstimate {
     pub outcome: std::result::Result<Pose, FrameRejection>,
     /// Time taken.
     pub timings: Timings,
+    /// The camera's distance as the other frames of the sequence know it.
+    pub(super) known_distance: Option<CameraDistance>,
+    /// Runs of the recognizer on other outlines of this frame.
+    pub(super) earlier_attempts: usize,
+    /// Those and the runs on this outline: each had its chance to be right by accident.
+    pub(super) attempts: usize,
 }
 
 impl Default for FrameEstimate {
     /// Nothing looked at.
     fn default() -> Self {
         Self {
+            outline: None,
             circle: None,
             fit: None,
             dots: Vec::new(),
             assignment: Vec::new(),
             outcome: Err(FrameRejection::NotProcessed),
             timings: Timings::default(),
+            known_distance: None,
+            earlier_attempts: 0,
+            attempts: 0,
         }
     }
 }

@@ -18,8 +18,8 @@ mod frame;
 mod refine;
 mod sequence;
 
-pub use config::EstimatorConfig;
-pub use frame::{FrameEstimate, FrameImage, FrameRejection, Pose, Timings};
+pub use config::{CameraDistance, CameraModel, EstimatorConfig};
+pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 
 use std::time::Instant;
@@ -38,7 +38,7 @@ use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorks
 use crate::recognize::{
     DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
 };
-use refine::{Match, Refiner};
+use refine::{Match, Prior, Refiner};
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
 #[derive(Debug, Clone)]
@@ -68,21 +68,37 @@ pub struct EstimatorWorkspace<W> {
     observed: Vec<ObservedDot>,
     indices: Vec<usize>,
     matches: Vec<Match>,
-    /// The outline before the dots corrected it, and its covariance.
-    outline: Option<(BallCircle, Matrix3<f64>)>,
 }
 
 /// A recognizer's answer in terms of detections.
+#[derive(Debug, Clone, Copy)]
 struct PoseHypothesis {
+    /// Pattern to view frame.
     rotation: Rotation,
+    /// The camera under which the dots were identified.
+    camera: Camera,
     confidence: f64,
     pose_confidence: f64,
+}
+
+impl PoseHypothesis {
+    /// The best of several attempts has more chances to be good by accident: its odds are divided by their number.
+    fn discounted(self, attempts: usize) -> Self {
+        let less = |p: f64| p / (p + (1.0 - p) * attempts.max(1) as f64);
+        Self {
+            confidence: less(self.confidence),
+            pose_confidence: less(self.pose_confidence),
+            ..self
+        }
+    }
 }
 
 /// Standard deviations of a given outline: of its center and radius, in radii.
 const GIVEN_OUTLINE: f64 = 0.01;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 const CLEAR: f64 = 0.9;
+/// More detections than either detector gives for a ball: room for as many is made beforehand.
+const EXPECTED_DOTS: usize = 256;
 
 impl<D: DotDetector> Estimator<D> {
     /// An estimator for balls with this pattern (that of a table: `table.pattern()`).
@@ -119,19 +135,23 @@ impl<D: DotDetector> Estimator<D> {
 
     /// A new workspace.
     pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
+        let mut identification = Identification::default();
+        identification.assignment.reserve(EXPECTED_DOTS);
+        let mut other = FrameEstimate::default();
+        other.dots.reserve(EXPECTED_DOTS);
+        other.assignment.reserve(EXPECTED_DOTS);
         EstimatorWorkspace {
             gray: GrayImage::default(),
-            other: FrameEstimate::default(),
-            others: Vec::new(),
+            other,
+            others: Vec::with_capacity(BallFinder::MAX_OTHERS),
             finder: BallFinder::new(self.config.circle),
             patch: Patch::default(),
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
-            identification: Identification::default(),
-            observed: Vec::new(),
-            indices: Vec::new(),
-            matches: Vec::new(),
-            outline: None,
+            identification,
+            observed: Vec::with_capacity(EXPECTED_DOTS),
+            indices: Vec::with_capacity(EXPECTED_DOTS),
+            matches: Vec::with_capacity(EXPECTED_DOTS),
         }
     }
 
@@ -154,9 +174,15 @@ impl<D: DotDetector> Estimator<D> {
         let mut other = std::mem::take(&mut ws.other);
         ws.others.clear();
         ws.others.extend(ws.finder.others());
+        other.attempts = 0;
         for k in 0..ws.others.len() {
             let fit = ws.others[k];
+            other.outline = Some(Outline {
+                circle: fit.circle,
+                covariance: fit.covariance,
+            });
             (other.circle, other.fit) = (Some(fit.circle), Some(fit));
+            other.earlier_attempts = out.attempts.max(other.attempts);
             other.outcome = Err(FrameRejection::NotProcessed);
             self.find_dots(image, ws, &mut other);
             self.estimate_pose(hint, ws, &mut other);
@@ -191,7 +217,12 @@ impl<D: DotDetector> Estimator<D> {
         out.outcome = Err(FrameRejection::NotProcessed);
         out.timings = Timings::default();
         out.fit = None;
-        out.circle = circle.copied();
+        (out.earlier_attempts, out.attempts) = (0, 0);
+        out.known_distance = None;
+        out.outline = circle.map(|&circle| Outline {
+            circle,
+            covariance: Matrix3::from_diagonal_element((GIVEN_OUTLINE * circle.radius).powi(2)),
+        });
         if circle.is_none() {
             let found = match image {
                 FrameImage::Gray(gray) => ws.finder.find(gray),
@@ -199,12 +230,16 @@ impl<D: DotDetector> Estimator<D> {
             };
             match found {
                 Ok(fit) => {
-                    out.circle = Some(fit.circle);
+                    out.outline = Some(Outline {
+                        circle: fit.circle,
+                        covariance: fit.covariance,
+                    });
                     out.fit = Some(fit);
                 }
                 Err(why) => out.outcome = Err(FrameRejection::NoBall(why)),
             }
         }
+        out.circle = out.outline.map(|o| o.circle);
         out.timings.locate = begun.elapsed();
         self.find_dots(image, ws, out);
     }
@@ -221,7 +256,9 @@ impl<D: DotDetector> Estimator<D> {
             FrameImage::Color(_) => &ws.gray,
         };
         out.dots.clear();
+        out.dots.reserve(EXPECTED_DOTS);
         out.assignment.clear();
+        out.assignment.reserve(EXPECTED_DOTS);
         if let Some(circle) = out.circle {
             let begun = Instant::now();
             ws.patch.cut_into(gray, &circle);
@@ -232,25 +269,25 @@ impl<D: DotDetector> Estimator<D> {
         out.assignment.resize(out.dots.len(), None);
     }
 
-    /// Tells the orientation from the dots of a frame that was looked at; again, with another hint, as often as wanted.
+    /// Estimates the orientation from the detected dots of a frame; again, with another hint, as often as wanted: the
+    /// answer depends on the detections, the outline as found, and the hint alone.
     pub fn estimate_pose(
         &self,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
-        let Some(circle) = out.fit.map(|f| f.circle).or(out.circle) else {
+        let Some(outline) = out.outline else {
             return;
         };
         let begun = Instant::now();
-        let covariance = out.fit.map_or(
-            Matrix3::from_diagonal_element((GIVEN_OUTLINE * circle.radius).powi(2)),
-            |f| f.covariance,
-        );
-        ws.outline = Some((circle, covariance));
-        out.outcome = self.identify_dots(circle, hint, ws, out);
+        out.outcome = self.identify_dots(&outline, hint, ws, out);
+        if out.outcome.is_err() {
+            out.circle = Some(outline.circle);
+            out.assignment.fill(None);
+        }
         if let (Err(rejection), Some(fit)) = (&mut out.outcome, &out.fit) {
-            let edge_width = fit.edge_width / circle.radius;
+            let edge_width = fit.edge_width / outline.circle.radius;
             if edge_width > self.config.max_blur {
                 *rejection = FrameRejection::TooBlurred { edge_width };
             }
@@ -258,50 +295,56 @@ impl<D: DotDetector> Estimator<D> {
         out.timings.identify = begun.elapsed();
     }
 
+    /// Identifies under each hypothesis of the camera's distance, at first the likely detections, then all, until a pose is clear.
     fn identify_dots(
         &self,
-        circle: BallCircle,
+        outline: &Outline,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> std::result::Result<Pose, FrameRejection> {
-        let Ok(view) = BallView::new(&self.config.camera, circle) else {
-            return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
-        };
-        let hint = hint.map(|h| in_view(h, &view));
         let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
             Err(FrameRejection::NotProcessed);
-        for pass in 0..self.recognizers.len() {
-            let told = self.recognize(pass, &view, hint.as_ref(), ws, &out.dots);
-            let better = match (&best, &told) {
-                (Err(_), _) => true,
-                (Ok(best), Ok(told)) => told.pose_confidence > best.pose_confidence,
-                (Ok(_), Err(_)) => false,
-            };
-            if better {
-                out.assignment.fill(None);
-                for (&i, name) in ws.indices.iter().zip(&ws.identification.assignment) {
-                    out.assignment[i] = told.is_ok().then_some(*name).flatten();
+        let mut attempts = out.earlier_attempts;
+        'search: for pass in 0..self.recognizers.len() {
+            for camera in self.camera_of(out).hypotheses() {
+                let Ok(view) = BallView::new(&camera, outline.circle) else {
+                    return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
+                };
+                let hint = hint.map(|h| in_view(h, &view));
+                attempts += 1;
+                let found = self.recognize(pass, camera, &view, hint.as_ref(), ws, &out.dots);
+                let better = match (&best, &found) {
+                    (Err(_), _) => true,
+                    (Ok(best), Ok(found)) => found.pose_confidence > best.pose_confidence,
+                    (Ok(_), Err(_)) => false,
+                };
+                if better {
+                    out.assignment.fill(None);
+                    for (&i, name) in ws.indices.iter().zip(&ws.identification.assignment) {
+                        out.assignment[i] = found.is_ok().then_some(*name).flatten();
+                    }
+                    best = found;
                 }
-                best = told;
-            }
-            if best.as_ref().is_ok_and(|b| b.pose_confidence >= CLEAR) {
-                break;
+                if best.is_ok_and(|b| b.pose_confidence >= CLEAR) {
+                    break 'search;
+                }
             }
         }
-        let told = best?;
-        if told.pose_confidence < self.config.min_confidence {
-            out.assignment.fill(None);
-            let pose_confidence = told.pose_confidence;
+        out.attempts = attempts;
+        let best = best?.discounted(attempts);
+        if best.pose_confidence < self.config.min_confidence {
+            let pose_confidence = best.pose_confidence;
             return Err(FrameRejection::Ambiguous { pose_confidence });
         }
-        self.refine(&told, hint.is_some(), ws, out)
+        self.refine(&best, outline, hint.is_some(), ws, out)
     }
 
     /// One run of the recognizer over the detections that are likely enough for this pass.
     fn recognize(
         &self,
         pass: usize,
+        camera: Camera,
         view: &BallView,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -329,18 +372,19 @@ impl<D: DotDetector> Estimator<D> {
         }
         let recognizer = &self.recognizers[pass];
         let (observed, found) = (&ws.observed, &mut ws.identification);
-        let told = match hint {
+        let identified = match hint {
             Some(hint) => recognizer.identify_hinted(observed, hint, &mut ws.recognizer, found),
             None => recognizer.identify_into(observed, &mut ws.recognizer, found),
         };
-        told.map_err(|refusal| match refusal {
+        identified.map_err(|rejection| match rejection {
             RecognizerRejection::TooFewDots { found, needed } => {
                 FrameRejection::TooFewDots { found, needed }
             }
-            refusal => FrameRejection::Recognizer(refusal),
+            rejection => FrameRejection::Recognizer(rejection),
         })?;
         Ok(PoseHypothesis {
             rotation: found.rotation,
+            camera,
             confidence: found.confidence,
             pose_confidence: found.pose_confidence,
         })
@@ -348,24 +392,22 @@ impl<D: DotDetector> Estimator<D> {
 
     fn refine(
         &self,
-        told: &PoseHypothesis,
+        hypothesis: &PoseHypothesis,
+        outline: &Outline,
         hinted: bool,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> std::result::Result<Pose, FrameRejection> {
-        let open = FrameRejection::Recognizer(RecognizerRejection::Degenerate);
-        let (circle, covariance) = ws.outline.ok_or(open)?;
+        let prior = Prior {
+            outline: (outline.circle, outline.covariance),
+            camera: self.camera_of(out),
+            start: hypothesis.camera,
+        };
         let names = self.pattern.dots();
         let refined = self
             .refiner
-            .refine(
-                names,
-                (circle, covariance),
-                &told.rotation,
-                out,
-                &mut ws.matches,
-            )
-            .ok_or(open)?;
+            .refine(names, &prior, &hypothesis.rotation, out, &mut ws.matches)
+            .ok_or(FrameRejection::Recognizer(RecognizerRejection::Degenerate))?;
         out.circle = Some(*refined.view.circle());
         let turn = refined.view.to_camera();
         let matrix = turn.to_rotation_matrix();
@@ -373,12 +415,35 @@ impl<D: DotDetector> Estimator<D> {
         Ok(Pose {
             rotation: turn * refined.rotation,
             covariance: matrix * refined.covariance * matrix.transpose(),
-            confidence: told.confidence,
-            pose_confidence: told.pose_confidence,
+            confidence: hypothesis.confidence,
+            pose_confidence: hypothesis.pose_confidence,
             residual_rad: refined.residual_rad,
             residual_px: refined.residual_px,
+            distance: refined.distance,
             hinted,
         })
+    }
+
+    /// What is known of the camera for a frame.
+    fn camera_of(&self, frame: &FrameEstimate) -> CameraModel {
+        match (self.config.camera, frame.known_distance) {
+            (CameraModel::Unknown(_), Some(distance)) => CameraModel::Unknown(distance),
+            (camera, _) => camera,
+        }
+    }
+
+    /// The view of a frame's ball: under the distance of its pose where that was estimated.
+    fn view(&self, frame: &FrameEstimate) -> Option<BallView> {
+        let camera = match (frame.pose().and_then(|p| p.distance), self.config.camera) {
+            (Some(distance), _) => Camera::Near {
+                inverse_distance: distance.inverse_distance,
+            },
+            (None, CameraModel::Known(camera)) => camera,
+            (None, CameraModel::Unknown(prior)) => Camera::Near {
+                inverse_distance: prior.inverse_distance,
+            },
+        };
+        BallView::new(&camera, frame.circle?).ok()
     }
 
     /// The direction (camera frame) of each named dot, with its name.
@@ -386,9 +451,7 @@ impl<D: DotDetector> Estimator<D> {
         &'a self,
         frame: &'a FrameEstimate,
     ) -> impl Iterator<Item = (u16, Vec3)> + 'a {
-        let view = frame
-            .circle
-            .and_then(|circle| BallView::new(&self.config.camera, circle).ok());
+        let view = self.view(frame);
         let named = frame.dots.iter().zip(&frame.assignment);
         named.filter_map(move |(dot, name)| {
             let view = view?;
@@ -399,10 +462,7 @@ impl<D: DotDetector> Estimator<D> {
 
     /// Where the pattern's dots in sight are expected in a frame that is told: number, pixel and z.
     pub fn expected_dots(&self, frame: &FrameEstimate) -> Vec<(u16, super::Pixel, f64)> {
-        let (Some(pose), Some(circle)) = (frame.pose(), frame.circle) else {
-            return Vec::new();
-        };
-        let Ok(view) = BallView::new(&self.config.camera, circle) else {
+        let (Some(pose), Some(view)) = (frame.pose(), self.view(frame)) else {
             return Vec::new();
         };
         let to_view = view.to_camera().inverse() * pose.rotation;
@@ -413,8 +473,8 @@ impl<D: DotDetector> Estimator<D> {
             .collect()
     }
 
-    /// How the camera projects.
-    pub fn camera(&self) -> &Camera {
+    /// What is known of the camera.
+    pub fn camera(&self) -> &CameraModel {
         &self.config.camera
     }
 }

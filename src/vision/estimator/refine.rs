@@ -1,13 +1,14 @@
 //! The orientation that fits the named dots best in the image, with the outline's error taken into account.
 //!
-//! Parameters are a turn `R -> exp([x]x) R` and a change of the outline `(u, v, r)`, for which the fit of the outline
-//! is a Gaussian prior. With the residual `e = p - project(R d)` and the covariance `S = S_detector + s^2 J T T^T J^T` (the
+//! Parameters are a turn `R -> exp([x]x) R`, a change of the outline `(u, v, r)`, for which the fit of the outline
+//! is a Gaussian prior, and where the camera's distance is unknown, ball radii over that distance, with a prior of its own. With the residual `e = p - project(R d)` and the covariance `S = S_detector + s^2 J T T^T J^T` (the
 //! hand's error `s` in the tangent plane `T`), each dot has the weight of Student's law with `nu` degrees of freedom,
 //! `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA
 //! 84, 1989).
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2};
 
+use super::config::{CameraDistance, CameraModel};
 use super::{EstimatorConfig, FrameEstimate};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::vision::camera::{BallCircle, BallView, Camera, Pixel};
@@ -16,14 +17,14 @@ use crate::vision::camera::{BallCircle, BallView, Camera, Pixel};
 const STEPS: usize = 12;
 /// A shorter step, radians, ends the iteration.
 const CONVERGED: f64 = 1e-5;
-/// Degrees of freedom of the dots' law: hands and detectors err with heavy tails.
+/// Degrees of freedom of the dots' distribution: hands and detectors err with heavy tails.
 const DEGREES: f64 = 5.0;
 /// A detection nearer to an expected dot than this many standard deviations takes its name.
 const TAKEN_UP: f64 = 3.0;
 /// One farther off than this loses it.
 const DROPPED: f64 = 5.0;
-/// Fewest named dots that fix an orientation.
-const FEWEST: usize = 2;
+/// Minimum number of named dots that fix an orientation.
+const MIN_MATCHES: usize = 2;
 
 /// A detection and its name.
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +38,8 @@ pub(super) struct Refined {
     pub view: BallView,
     pub rotation: Rotation,
     pub covariance: Matrix3<f64>,
+    /// Ball radii over the camera's distance, where that is estimated.
+    pub distance: Option<CameraDistance>,
     pub residual_rad: f64,
     pub residual_px: f64,
 }
@@ -44,7 +47,6 @@ pub(super) struct Refined {
 /// The refinement's settings.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Refiner {
-    camera: Camera,
     hand2: f64,
     min_depth: f64,
     dot_confidence: f64,
@@ -54,13 +56,23 @@ pub(super) struct Refiner {
 struct State {
     view: BallView,
     rotation: Rotation,
-    information: SMatrix<f64, 6, 6>,
+    information: SMatrix<f64, 7, 7>,
+}
+
+/// What is known before the dots are fitted.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Prior {
+    /// The outline, and the covariance of its u, v and radius.
+    pub outline: (BallCircle, Matrix3<f64>),
+    /// What is known of the camera.
+    pub camera: CameraModel,
+    /// Where the search for the distance starts: the camera under which the dots are identified.
+    pub start: Camera,
 }
 
 impl Refiner {
     pub fn new(config: &EstimatorConfig) -> Self {
         Self {
-            camera: config.camera,
             hand2: config.placement_sigma_rad.powi(2),
             // What the recognizer does not see is still there to be named.
             min_depth: 0.7 * config.recognizer.visibility_limit,
@@ -72,7 +84,7 @@ impl Refiner {
     pub fn refine(
         &self,
         names: &[Vec3],
-        outline: (BallCircle, Matrix3<f64>),
+        prior: &Prior,
         rotation: &Rotation,
         frame: &mut FrameEstimate,
         matches: &mut Vec<Match>,
@@ -85,9 +97,9 @@ impl Refiner {
                 name: (*name)?,
             })
         }));
-        let mut state = self.fit(names, &outline, rotation, frame, matches)?;
+        let mut state = self.fit(names, prior, rotation, frame, matches)?;
         if self.rename(names, &state, frame, matches) {
-            state = self.fit(names, &outline, &state.rotation, frame, matches)?;
+            state = self.fit(names, prior, &state.rotation, frame, matches)?;
         }
         frame.assignment.fill(None);
         let (mut angles, mut distances) = (0.0, 0.0);
@@ -106,6 +118,13 @@ impl Refiner {
             view: state.view,
             rotation: state.rotation,
             covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            distance: match prior.camera {
+                CameraModel::Unknown(_) => Some(CameraDistance {
+                    inverse_distance: state.view.horizon(),
+                    sigma: covariance[(6, 6)].max(0.0).sqrt(),
+                }),
+                CameraModel::Known(_) => None,
+            },
             residual_rad: (angles / count).sqrt(),
             residual_px: (distances / count).sqrt(),
         })
@@ -114,33 +133,51 @@ impl Refiner {
     fn fit(
         &self,
         names: &[Vec3],
-        (circle, covariance): &(BallCircle, Matrix3<f64>),
+        prior: &Prior,
         rotation: &Rotation,
         frame: &FrameEstimate,
         matches: &[Match],
     ) -> Option<State> {
-        if matches.len() < FEWEST {
+        if matches.len() < MIN_MATCHES {
             return None;
         }
-        let prior = covariance.try_inverse()?;
+        let (circle, covariance) = &prior.outline;
+        let of_outline = covariance.try_inverse()?;
+        let mut camera = prior.start;
         let mut state = State {
-            view: BallView::new(&self.camera, *circle).ok()?,
+            view: BallView::new(&camera, *circle).ok()?,
             rotation: *rotation,
             information: SMatrix::zeros(),
         };
         for _ in 0..STEPS {
-            let mut information = SMatrix::<f64, 6, 6>::zeros();
-            let mut gradient = SVector::<f64, 6>::zeros();
-            information.fixed_view_mut::<3, 3>(3, 3).copy_from(&prior);
-            let now = state.view.circle();
+            let mut information = SMatrix::<f64, 7, 7>::zeros();
+            let mut gradient = SVector::<f64, 7>::zeros();
+            information
+                .fixed_view_mut::<3, 3>(3, 3)
+                .copy_from(&of_outline);
+            let now = *state.view.circle();
             let moved = offset(circle.center, now.center);
             let back = Vec3::new(moved.x, moved.y, circle.radius - now.radius);
-            gradient.fixed_rows_mut::<3>(3).copy_from(&(prior * back));
+            gradient
+                .fixed_rows_mut::<3>(3)
+                .copy_from(&(of_outline * back));
+            match prior.camera {
+                CameraModel::Unknown(known) => {
+                    information[(6, 6)] = known.sigma.powi(-2);
+                    gradient[6] =
+                        (known.inverse_distance - state.view.horizon()) / known.sigma.powi(2);
+                }
+                // No dot depends on it: it stays where it is.
+                CameraModel::Known(_) => information[(6, 6)] = 1.0,
+            }
             for m in matches {
                 let dot = &frame.dots[m.detection];
                 let expected = state.rotation * names[usize::from(m.name)];
-                let (by_parameters, inverse, residual) =
+                let (mut by_parameters, inverse, residual) =
                     self.residual(&state.view, &expected, dot.pixel, &dot.covariance)?;
+                if matches!(prior.camera, CameraModel::Known(_)) {
+                    by_parameters.column_mut(6).fill(0.0);
+                }
                 let distance = residual.dot(&(inverse * residual));
                 let weight = (DEGREES + 2.0) / (DEGREES + distance);
                 let weighted = by_parameters.transpose() * inverse * weight;
@@ -158,7 +195,13 @@ impl Refiner {
                 },
                 radius: now.radius + step[5],
             };
-            state.view = BallView::new(&self.camera, changed).ok()?;
+            if let CameraModel::Unknown(_) = prior.camera {
+                let at = state.view.horizon() + step[6];
+                camera = Camera::Near {
+                    inverse_distance: at.clamp(0.0, CameraModel::MAX_INVERSE_DISTANCE),
+                };
+            }
+            state.view = BallView::new(&camera, changed).ok()?;
             state.information = information;
             if step.norm() < CONVERGED {
                 break;
@@ -167,21 +210,21 @@ impl Refiner {
         Some(state)
     }
 
-    /// Derivative by (turn, outline), inverse covariance, and residual of a dot.
+    /// Derivative by (turn, outline, inverse distance), inverse covariance, and residual of a dot.
     fn residual(
         &self,
         view: &BallView,
         expected: &Vec3,
         pixel: Pixel,
         covariance: &Matrix2<f64>,
-    ) -> Option<(SMatrix<f64, 2, 6>, Matrix2<f64>, Vector2<f64>)> {
+    ) -> Option<(SMatrix<f64, 2, 7>, Matrix2<f64>, Vector2<f64>)> {
         let by_direction: Matrix2x3<f64> = view.jacobian(expected);
         let tangent = Matrix3::identity() - expected * expected.transpose();
         let hand = by_direction * tangent * by_direction.transpose() * self.hand2;
         let inverse = (covariance + hand).try_inverse()?;
         let at = view.project(expected);
         let BallCircle { center, radius } = *view.circle();
-        let mut by_parameters = SMatrix::<f64, 2, 6>::zeros();
+        let mut by_parameters = SMatrix::<f64, 2, 7>::zeros();
         // d(R d) = x cross R d.
         by_parameters
             .fixed_view_mut::<2, 3>(0, 0)
@@ -192,6 +235,9 @@ impl Refiner {
         by_parameters
             .fixed_view_mut::<2, 1>(0, 5)
             .copy_from(&(offset(at, center) / radius));
+        if let Some(rate) = view.by_inverse_distance(expected) {
+            by_parameters.fixed_view_mut::<2, 1>(0, 6).copy_from(&rate);
+        }
         Some((by_parameters, inverse, offset(pixel, at)))
     }
 

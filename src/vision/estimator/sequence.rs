@@ -7,12 +7,17 @@
 
 use nalgebra::Matrix3;
 
+use super::config::{CameraDistance, CameraModel};
 use super::{Estimator, EstimatorWorkspace, FrameEstimate};
 use crate::recognize::robust::Hint;
-use crate::spin::dots::{DotFrame, DotRefineConfig, SeenDot, refine_on_dots};
 use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 use crate::vision::detect::DotDetector;
+
+/// Frames whose camera distance is farther off the median than this many standard deviations have no say in the mean.
+const OUTLYING: f64 = 4.0;
+/// Smallest standard deviation of the shared ball radii over the camera's distance: the ball moves in depth.
+const MIN_DISTANCE_SIGMA: f64 = 0.003;
 
 /// How frames of a sequence help each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,6 +74,7 @@ pub fn track_sequence<D: DotDetector>(
 ) -> SequenceSummary {
     let told = |frames: &[FrameEstimate]| frames.iter().filter(|f| f.pose().is_some()).count();
     let alone = told(frames);
+    share_distance(estimator, config, frames, ws);
     let mut fitter = RobustEstimator::new(config.spin);
     let mut around = Vec::new();
     for _ in 0..config.rounds {
@@ -105,6 +111,60 @@ pub fn track_sequence<D: DotDetector>(
     SequenceSummary {
         alone,
         together: told(frames),
+    }
+}
+
+/// Estimates all frames anew with the camera distance that they agree on.
+///
+/// A camera keeps its focal length `f` (pixels), and a ball of the radius `r` pixels is then at `1 / k` ball radii with
+/// `k = sin(atan(r / f))`. Each frame with a pose gives `1 / f = k / (r sqrt(1 - k^2))` with a variance; their mean, weighted by
+/// the inverse variance and without those far off, gives every frame its `k`.
+fn share_distance<D: DotDetector>(
+    estimator: &Estimator<D>,
+    config: &SequenceConfig,
+    frames: &mut [FrameEstimate],
+    ws: &mut EstimatorWorkspace<D::Workspace>,
+) {
+    let inverse_focal = |frame: &FrameEstimate| {
+        let pose = frame
+            .pose()
+            .filter(|p| p.pose_confidence >= config.trusted)?;
+        let (distance, circle) = (pose.distance?, frame.circle?);
+        let k = distance.inverse_distance;
+        let root = (1.0 - k * k).sqrt();
+        // d(1/f)/dk = 1 / (r root^3).
+        let sigma = distance.sigma / (circle.radius * root.powi(3));
+        Some((k / (circle.radius * root), sigma))
+    };
+    let known: Vec<(f64, f64)> = frames.iter().filter_map(inverse_focal).collect();
+    if known.len() < MIN_FRAMES {
+        return;
+    }
+    let mut values: Vec<f64> = known.iter().map(|k| k.0).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let median = values[values.len() / 2];
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (value, sigma) in &known {
+        if (value - median).abs() < OUTLYING * sigma {
+            sum += value / (sigma * sigma);
+            weights += 1.0 / (sigma * sigma);
+        }
+    }
+    if weights == 0.0 {
+        return;
+    }
+    let (mean, sigma) = (sum / weights, weights.recip().sqrt());
+    for frame in frames.iter_mut() {
+        let Some(outline) = frame.outline else {
+            continue;
+        };
+        let ratio = (outline.circle.radius * mean).max(0.0);
+        let inverse_distance = (ratio / ratio.hypot(1.0)).min(CameraModel::MAX_INVERSE_DISTANCE);
+        frame.known_distance = Some(CameraDistance {
+            inverse_distance,
+            sigma: (outline.circle.radius * sigma).max(MIN_DISTANCE_SIGMA),
+        });
+        estimator.estimate_pose(None, ws, frame);
     }
 }
 
@@ -171,12 +231,14 @@ fn predict(config: &SequenceConfig, fit: &Fit, around: &[Measurement], time_s: f
     }
 }
 
-/// The spin of a sequence, refined on the dots of the frames that agree with it.
+/// The spin of a sequence, from the orientations of its frames.
+///
+/// It is not refined on the dots of all frames: those of one frame share the errors of its outline and of the camera's
+/// distance, so that taking them as independent makes the covariance too small and the spin no better.
 ///
 /// # Errors
 /// A [`SpinRejection`] where too few frames are told, or they agree on nothing.
-pub fn estimate_spin<D: DotDetector>(
-    estimator: &Estimator<D>,
+pub fn estimate_spin(
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &[FrameEstimate],
@@ -193,31 +255,5 @@ pub fn estimate_spin<D: DotDetector>(
                 .map(|p| measurement(*t, p.rotation, p.pose_confidence))
         })
         .collect();
-    let mut fitter = RobustEstimator::new(config.spin);
-    let fit = fitter.fit(&measurements)?;
-    let agreeing: Vec<_> = poses()
-        .zip(fitter.inlier_probabilities())
-        .filter(|(_, p)| **p > 0.5)
-        .map(|((t, frame), _)| DotFrame {
-            time_s: *t,
-            dots: estimator
-                .named_directions(frame)
-                .map(|(dot, direction)| SeenDot {
-                    dot: usize::from(dot),
-                    direction,
-                })
-                .collect(),
-        })
-        .collect();
-    if agreeing.len() < MIN_FRAMES {
-        return Ok(fit);
-    }
-    // A refinement that fails leaves the fit to the orientations, which stands by itself.
-    let refined = refine_on_dots(
-        estimator.pattern(),
-        &agreeing,
-        &fit,
-        &DotRefineConfig::default(),
-    );
-    Ok(refined.unwrap_or(fit))
+    RobustEstimator::new(config.spin).fit(&measurements)
 }

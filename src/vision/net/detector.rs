@@ -1,35 +1,36 @@
 //! From the net's cells to dots.
 //!
-//! A cell whose heat is not below that of its eight neighbours is a peak. It says where the dot lies, to a fraction of a
-//! pixel, and with which covariance; a second peak for the same dot is dropped.
+//! A cell whose heat is not below that of its eight neighbors is a peak. It says where the dot lies, to
+//! a fraction of a pixel, and with which covariance; a second peak for the same dot is dropped.
 
-use burn::tensor::{Device, Tensor, TensorData};
 use nalgebra::Matrix2;
 
 use super::graph::{CELLS, CHANNELS, Channel};
-use super::model::{Net, floats};
+use super::network::{Activations, Network};
 use super::weights::{Calibration, Weights};
 use crate::error::{Error, Result};
 use crate::vision::detect::{DotDetection, DotDetector};
-use crate::vision::patch::{Patch, SIZE};
+use crate::vision::patch::Patch;
 
 /// Peaks nearer to a stronger one than this, in the patch's values, are the same dot's.
 const SAME_DOT: f64 = 2.0;
+/// No two peaks are neighbors, so that there are no more than this.
+const MAX_PEAKS: usize = CELLS.div_ceil(2) * CELLS.div_ceil(2);
 /// Bounds of ln a and ln c: standard deviations between 1/50 and 12 of the patch's values.
 const LN_RANGE: [f32; 2] = [-2.5, 4.0];
 
 /// How the net is read.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CnnConfig {
-    /// Least probability of a dot that is given out.
-    pub least_confidence: f64,
+    /// Smallest probability of a dot that is given out.
+    pub min_confidence: f64,
 }
 
 impl Default for CnnConfig {
     /// 0.1: whoever uses the dots decides with which probability.
     fn default() -> Self {
         Self {
-            least_confidence: 0.1,
+            min_confidence: 0.1,
         }
     }
 }
@@ -37,10 +38,25 @@ impl Default for CnnConfig {
 /// The dot detector.
 #[derive(Debug, Clone)]
 pub struct CnnDetector {
-    net: Net,
-    device: Device,
+    network: Network,
     calibration: Calibration,
     config: CnnConfig,
+}
+
+/// Working memory of a [`CnnDetector`], one a thread. It serves any of them.
+#[derive(Debug, Clone)]
+pub struct CnnWorkspace {
+    activations: Activations,
+    peaks: Vec<Peak>,
+}
+
+impl Default for CnnWorkspace {
+    fn default() -> Self {
+        Self {
+            activations: Activations::default(),
+            peaks: Vec::with_capacity(MAX_PEAKS),
+        }
+    }
 }
 
 impl CnnDetector {
@@ -57,49 +73,41 @@ impl CnnDetector {
     /// # Errors
     /// [`Error::Argument`] where the weights do not fit the net or the configuration is out of its domain.
     pub fn new(weights: &Weights, config: CnnConfig) -> Result<Self> {
-        if !(0.0..=1.0).contains(&config.least_confidence) {
-            let problem = format!("expected 0 to 1, found {}", config.least_confidence);
-            return Err(Error::argument("least_confidence", problem));
+        if !(0.0..=1.0).contains(&config.min_confidence) {
+            let problem = format!("expected 0 to 1, found {}", config.min_confidence);
+            return Err(Error::argument("min_confidence", problem));
         }
-        let device = Device::flex();
         Ok(Self {
-            net: Net::new(&weights.layers, &device)?,
-            device,
+            network: Network::new(&weights.layers)?,
             calibration: weights.meta.calibration,
             config,
         })
     }
 
     /// The net's raw cells for a patch: [`CHANNELS`] x [`CELLS`] x [`CELLS`].
-    ///
-    /// # Errors
-    /// [`Error::Internal`] where burn fails.
-    pub fn cells(&self, patch: &Patch) -> Result<Vec<f32>> {
-        let data = TensorData::new(patch.values().to_vec(), [1, 1, SIZE, SIZE]);
-        floats(self.net.forward(Tensor::from_data(data, &self.device)))
+    pub fn cells<'w>(&self, patch: &Patch, ws: &'w mut CnnWorkspace) -> &'w [f32] {
+        self.network.forward(patch, &mut ws.activations)
     }
 }
 
 impl DotDetector for CnnDetector {
-    type Workspace = Vec<Peak>;
+    type Workspace = CnnWorkspace;
 
-    fn workspace(&self) -> Self::Workspace {
-        Vec::new()
+    fn workspace(&self) -> CnnWorkspace {
+        CnnWorkspace::default()
     }
 
-    fn detect_into(&self, patch: &Patch, peaks: &mut Vec<Peak>, out: &mut Vec<DotDetection>) {
-        out.clear();
-        let Ok(cells) = self.cells(patch) else {
-            return;
-        };
+    fn detect_into(&self, patch: &Patch, ws: &mut CnnWorkspace, out: &mut Vec<DotDetection>) {
+        let cells = self.network.forward(patch, &mut ws.activations);
         find_peaks(
-            &cells,
+            cells,
             &self.calibration,
-            self.config.least_confidence,
-            peaks,
+            self.config.min_confidence,
+            &mut ws.peaks,
         );
         let area = patch.step() * patch.step();
-        out.extend(peaks.iter().map(|peak| DotDetection {
+        out.clear();
+        out.extend(ws.peaks.iter().map(|peak| DotDetection {
             pixel: patch.to_image(peak.column, peak.row),
             covariance: peak.covariance * area,
             confidence: peak.confidence,
@@ -122,8 +130,8 @@ pub struct Peak {
     pub confidence: f64,
 }
 
-/// The middle of a cell in the patch, along one axis.
-pub fn cell_middle(cell: usize) -> f64 {
+/// The center of a cell in the patch, along one axis.
+pub fn cell_center(cell: usize) -> f64 {
     2.0 * cell as f64 + 0.5
 }
 
@@ -131,7 +139,7 @@ pub fn cell_middle(cell: usize) -> f64 {
 pub fn find_peaks(
     cells: &[f32],
     calibration: &Calibration,
-    least_confidence: f64,
+    min_confidence: f64,
     peaks: &mut Vec<Peak>,
 ) {
     peaks.clear();
@@ -142,12 +150,18 @@ pub fn find_peaks(
                 continue;
             }
             let peak = read_peak(cells, row, column, calibration);
-            if peak.confidence >= least_confidence {
+            if peak.confidence >= min_confidence {
                 peaks.push(peak);
             }
         }
     }
-    peaks.sort_by(|a, b| b.heat.total_cmp(&a.heat));
+    // A stable sort would allocate; of equal heats the first cell comes first.
+    peaks.sort_unstable_by(|a, b| {
+        let heat = b.heat.total_cmp(&a.heat);
+        let row = || a.row.total_cmp(&b.row);
+        heat.then_with(row)
+            .then_with(|| a.column.total_cmp(&b.column))
+    });
     let mut kept = 0;
     for i in 0..peaks.len() {
         let peak = peaks[i];
@@ -162,7 +176,7 @@ pub fn find_peaks(
     peaks.truncate(kept);
 }
 
-/// Of equal neighbours the first counts.
+/// Of equal neighbors the first counts.
 fn is_peak(cells: &[f32], row: usize, column: usize) -> bool {
     let here = cells[row * CELLS + column];
     let rows = row.saturating_sub(1)..(row + 2).min(CELLS);
@@ -182,8 +196,8 @@ fn read_peak(cells: &[f32], row: usize, column: usize, calibration: &Calibration
     let inverse = Matrix2::new(1.0 / a, 0.0, -b / (a * c), 1.0 / c);
     let heat = f64::from(value(Channel::Heat));
     Peak {
-        column: cell_middle(column) + f64::from(value(Channel::Column)),
-        row: cell_middle(row) + f64::from(value(Channel::Row)),
+        column: cell_center(column) + f64::from(value(Channel::Column)),
+        row: cell_center(row) + f64::from(value(Channel::Row)),
         covariance: inverse * inverse.transpose() * calibration.covariance_factor,
         heat,
         confidence: 1.0 / (1.0 + (-calibration.slope * heat - calibration.offset).exp()),

@@ -1,9 +1,10 @@
 //! The net as an ONNX file, for estimators in Python or C++.
 //!
-//! Input `patches`: float (n, 1, 64, 64), cut and scaled as [`crate::vision::patch`] says. Outputs: `cells`, float
-//! (n, 6, 32, 32), whose channels are those of [`Channel`](super::graph::Channel), and `probability`, float (n, 1, 32, 32), the calibrated
-//! probability of a dot. The calibration also stands in the model's metadata. Messages are those of the ONNX specification
-//! (onnx.proto, IR version 8, operator set 13); only the fields in use are written.
+//! Input `patches`: float (n, 1, 64, 64), cut and scaled as [`crate::vision::patch`] says. Outputs: `cells`,
+//! float (n, 6, 32, 32), whose channels are those of [`Channel`](super::graph::Channel), and `probability`,
+//! float (n, 1, 32, 32), the calibrated probability of a dot. The calibration also stands in the model's
+//! metadata. Messages are those of the ONNX specification (onnx.proto, IR version 8, operator set 13);
+//! only the fields in use are written.
 
 use prost::Message;
 
@@ -82,11 +83,11 @@ fn add_step(nodes: &mut Vec<Node>, k: usize, step: &Step) {
         Step::Convolve {
             convolution,
             of,
-            rectify,
+            relu,
         } => {
             let c = CONVOLUTIONS[convolution];
             let (kernel, stride, pad) = (c.kernel as i64, c.stride as i64, (c.kernel / 2) as i64);
-            let raw = if rectify {
+            let raw = if relu {
                 format!("{out}_raw")
             } else {
                 out.clone()
@@ -103,11 +104,11 @@ fn add_step(nodes: &mut Vec<Node>, k: usize, step: &Step) {
                 Attribute::ints("pads", &[pad; 4]),
             ];
             nodes.push(node);
-            if rectify {
+            if relu {
                 nodes.push(Node::new("Relu", &[raw], &out));
             }
         }
-        Step::Enlarge { of } => {
+        Step::Upsample { of } => {
             let inputs = [value(of), String::new(), "double".into()];
             let mut node = Node::new("Resize", &inputs, &out);
             node.attribute = vec![
@@ -135,6 +136,9 @@ fn add_probability(nodes: &mut Vec<Node>, initializers: &mut Vec<Tensor>, weight
     nodes.push(Node::new("Add", &named(&["scaled", "offset"]), "odds"));
     nodes.push(Node::new("Sigmoid", &named(&["odds"]), "probability"));
 }
+
+// onnx.proto is of the second version of the language, where repeated numbers are not packed unless it
+// says so: strict readers refuse packed ones.
 
 #[derive(Clone, PartialEq, Message)]
 struct Model {
@@ -221,7 +225,7 @@ struct Attribute {
     name: String,
     #[prost(bytes = "vec", tag = "4")]
     s: Vec<u8>,
-    #[prost(int64, repeated, tag = "8")]
+    #[prost(int64, repeated, packed = "false", tag = "8")]
     ints: Vec<i64>,
     /// 3: a string, 7: integers.
     #[prost(int32, tag = "20")]
@@ -250,7 +254,7 @@ impl Attribute {
 
 #[derive(Clone, PartialEq, Message)]
 struct Tensor {
-    #[prost(int64, repeated, tag = "1")]
+    #[prost(int64, repeated, packed = "false", tag = "1")]
     dims: Vec<i64>,
     #[prost(int32, tag = "2")]
     data_type: i32,
@@ -340,5 +344,19 @@ impl ValueInfo {
                 }),
             }),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn repeated_numbers_are_not_packed() {
+        // A field's number times 8, plus 0 for a plain integer; packed ones would have 2 and a length.
+        let tensor = Tensor::integers("", &[5, 6]);
+        assert!(tensor.encode_to_vec().starts_with(&[8, 2]));
+        let ints = Attribute::ints("", &[3, 4]).encode_to_vec();
+        assert!(ints.windows(4).any(|w| w == [64, 3, 64, 4]), "{ints:?}");
     }
 }

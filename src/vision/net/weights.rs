@@ -1,7 +1,7 @@
 //! The net's numbers and what is known of them, as a NumPy archive.
 //!
-//! Arrays: `convolution_00_weight` f32 (outputs, inputs, kernel, kernel), `convolution_00_bias` f32 (outputs,), and so on in the
-//! order of [`CONVOLUTIONS`]; `meta` u8 (k,), UTF-8 JSON of [`WeightsMeta`].
+//! Arrays: `convolution_00_weight` f32 (outputs, inputs, kernel, kernel), `convolution_00_bias` f32
+//! (outputs,), and so on in the order of [`CONVOLUTIONS`]; `meta` u8 (k,), UTF-8 JSON of [`WeightsMeta`].
 
 use std::io::Cursor;
 use std::path::Path;

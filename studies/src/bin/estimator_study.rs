@@ -52,7 +52,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{count} frames, seed {seed}, {path}\n");
     for (name, config) in [
         ("all conditions", SynthConfig::default()),
-        ("good conditions at 60 px", good()),
+        ("good conditions at 60 px", SynthConfig::good()),
     ] {
         println!("# {name}\n");
         let mut judged: Vec<Vec<Judged>> = vec![Vec::new(); DetectorName::ALL.len()];
@@ -69,25 +69,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     Ok(())
-}
-
-/// What a user would arrange: light enough, exposures short against the spin, ordinary dots, a background
-/// darker than the ball.
-fn good() -> SynthConfig {
-    SynthConfig {
-        size_px: [60, 60],
-        fill: [0.85, 1.0],
-        dot_radius_rad: [0.07, 0.11],
-        misplacement_rad: [0.008, 0.02],
-        max_arc_rad: 0.1,
-        max_shift_px: 1.0,
-        defocus_px: [0.2, 0.8],
-        max_noise: 2.0,
-        bad_exposure: 0.0,
-        max_background: 0.3,
-        distance: [15.0, 60.0],
-        ..SynthConfig::default()
-    }
 }
 
 fn run(

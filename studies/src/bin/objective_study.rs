@@ -1,11 +1,11 @@
 //! The study that chose the default objective: how well does each objective predict the failure rate
 //! that is measured?
 //!
-//! `cargo run --release --example objective_study -- [OUT_DIR] [PATTERNS] [TRIALS]`
+//! `cargo run --release -p spindoe-studies --bin objective_study -- [OUT_DIR] [PATTERNS] [TRIALS]`
 //!
 //! Patterns of 20 dots in three groups: random ones; random ones after a few descent steps on an
-//! objective that takes turns (good patterns are what a search must tell apart); and, among the last,
-//! those below the median failure rate. For each group the rank correlation (Spearman) of each figure with
+//! objective that takes turns (good patterns are what a search must distinguish); and, among the last,
+//! those below the median failure rate. For each group the rank correlation (Spearman) of each value with
 //! the measured failures of the `sparse` protocol, and a scatter plot. 95 % intervals are Fisher's, with
 //! the variance 1.06 / (n - 3) of rank correlations (E. C. Fieller, H. O. Hartley, E. S. Pearson, "Tests
 //! for rank correlation coefficients I", Biometrika 44, 1957).
@@ -15,12 +15,10 @@ use std::path::PathBuf;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use spindoe::design::objective::Evaluation;
-use spindoe::design::scp::{Cost, descend};
-use spindoe::design::{Constraints, Objective, ObjectiveName, random_pattern};
-use spindoe::geometry::Vec3;
+use spindoe::design::scp::descend;
+use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
-use spindoe::pattern::Pattern;
+use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::plot::{LinePlot, LineSeries, scatter_plot};
 use spindoe::recognize::RecognizerName;
 use spindoe::validate::{Protocol, ProtocolName, validate_named};
@@ -30,22 +28,14 @@ use spindoe::{Error, Result};
 const PATTERN_SEED: u64 = 2_026_001;
 const TRIAL_SEED: u64 = 2_026_002;
 
-struct Only(Objective);
-
-impl Cost for Only {
-    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        self.0.cost(dots)
-    }
-}
-
-/// One pattern's figures, in the order of [`NAMES`], and its failure rate.
+/// One pattern's values, in the order of [`NAMES`], and its failure rate.
 struct Row {
-    figures: [f64; 4],
+    values: [f64; 4],
     failures: f64,
     descended: bool,
 }
 
-const NAMES: [&str; 4] = ["mean-nn", "whitened-nn", "confusion", "least separation"];
+const NAMES: [&str; 4] = ["mean-nn", "whitened-nn", "confusion", "minimum separation"];
 
 fn pattern(index: usize, protocol: &Protocol) -> Result<(Pattern, bool)> {
     let mut rng = ChaCha8Rng::seed_from_u64(PATTERN_SEED);
@@ -56,7 +46,7 @@ fn pattern(index: usize, protocol: &Protocol) -> Result<(Pattern, bool)> {
         return Ok((start, false));
     }
     let name = ObjectiveName::ALL[index / 2 % 3];
-    let objective = Only(Objective::for_protocol(name, protocol));
+    let objective = Objective::for_protocol(name, protocol);
     let constraints = Constraints {
         min_separation_rad: separation,
         min_visible: 4,
@@ -70,21 +60,21 @@ fn pattern(index: usize, protocol: &Protocol) -> Result<(Pattern, bool)> {
 fn row(index: usize, trials: u64) -> Result<Row> {
     let protocol = Protocol::standard(ProtocolName::Sparse);
     let (pattern, descended) = pattern(index, &protocol)?;
-    let figure = |name| -> Result<f64> {
+    let value = |name| -> Result<f64> {
         let found = Objective::for_protocol(name, &protocol).evaluate_at(pattern.dots())?;
         Ok(found.value)
     };
-    let figures = [
-        figure(ObjectiveName::MeanNn)?,
-        figure(ObjectiveName::WhitenedNn)?,
-        figure(ObjectiveName::Confusion)?,
+    let values = [
+        value(ObjectiveName::MeanNn)?,
+        value(ObjectiveName::WhitenedNn)?,
+        value(ObjectiveName::Confusion)?,
         pattern.summary().min_separation_rad.to_degrees(),
     ];
     let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
     let robust = RecognizerName::Robust;
     let found = validate_named(&table, robust, &protocol, TRIAL_SEED, trials)?;
     Ok(Row {
-        figures,
+        values,
         failures: 1.0 - found.validation.identity.rate,
         descended,
     })
@@ -119,19 +109,19 @@ fn spearman(a: &[f64], b: &[f64]) -> f64 {
 fn report(name: &str, rows: &[&Row]) {
     let failures: Vec<f64> = rows.iter().map(|r| r.failures).collect();
     println!("{name}: {} patterns", rows.len());
-    for (k, figure) in NAMES.iter().enumerate() {
-        let figures: Vec<f64> = rows.iter().map(|r| r.figures[k]).collect();
-        let r = spearman(&figures, &failures);
+    for (k, value) in NAMES.iter().enumerate() {
+        let values: Vec<f64> = rows.iter().map(|r| r.values[k]).collect();
+        let r = spearman(&values, &failures);
         let half = 1.96 * (1.06 / (rows.len() as f64 - 3.0)).sqrt();
         let (low, high) = ((r.atanh() - half).tanh(), (r.atanh() + half).tanh());
-        println!("  {figure:<17} {r:+.3} [{low:+.3}, {high:+.3}]");
+        println!("  {value:<17} {r:+.3} [{low:+.3}, {high:+.3}]");
     }
 }
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let dir = PathBuf::from(arguments.next().unwrap_or("docs".into()));
-    let mut number = |name: &str, default: usize| -> Result<usize> {
+    let mut number = |name: &'static str, default: usize| -> Result<usize> {
         arguments.next().map_or(Ok(default), |text| {
             text.parse()
                 .map_err(|_| Error::argument(name, format!("expected a number, found \"{text}\"")))
@@ -151,27 +141,27 @@ fn main() -> Result<()> {
     let descended = of(&|r| r.descended);
     report("descended", &descended);
     let mut failures: Vec<f64> = descended.iter().map(|r| r.failures).collect();
-    let median = spindoe::validate::median(&mut failures);
+    let median = spindoe::stats::median(&mut failures);
     report(
         "descended, better half",
         &of(&|r| r.descended && r.failures < median),
     );
-    for (k, figure) in NAMES.iter().enumerate() {
+    for (k, value) in NAMES.iter().enumerate() {
         let series =
             [("random", false), ("after some descent", true)].map(|(name, kind)| LineSeries {
                 name: name.into(),
                 points: rows
                     .iter()
                     .filter(|r| r.descended == kind)
-                    .map(|r| (r.figures[k], 100.0 * r.failures))
+                    .map(|r| (r.values[k], 100.0 * r.failures))
                     .collect(),
             });
-        let path = dir.join(format!("objective_{}.png", figure.replace(' ', "_")));
+        let path = dir.join(format!("objective_{}.png", value.replace(' ', "_")));
         scatter_plot(
             &path,
             &LinePlot {
-                title: format!("Does {figure} predict failures? {count} patterns of 20 dots"),
-                x_label: (*figure).into(),
+                title: format!("Does {value} predict failures? {count} patterns of 20 dots"),
+                x_label: (*value).into(),
                 y_label: format!("failures, sparse protocol, of {trials} [%]"),
                 log_y: false,
                 series: series.to_vec(),

@@ -1,6 +1,6 @@
 //! The table of the targets: five patterns of 20 dots on the same trials of a seed that nothing else uses.
 //!
-//! `cargo run --release --example targets_table -- OUT_DIR OURS.csv [PUBLISHED.csv] [TRIALS]`
+//! `cargo run --release -p spindoe-studies --bin targets_table -- OUT_DIR OURS.csv [PUBLISHED.csv] [TRIALS]`
 //!
 //! Beside ours and the published pattern it makes, and leaves in `OUT_DIR`:
 //!
@@ -18,47 +18,21 @@ use std::path::{Path, PathBuf};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use spindoe::design::objective::{Evaluation, MeanNearestNeighbor};
+use spindoe::design::feasible::Charges;
+use spindoe::design::objective::MeanNearestNeighbor;
 use spindoe::design::scp::{Cost, descend};
-use spindoe::design::{Constraints, Objective, OrientationBound, random_pattern};
-use spindoe::geometry::Vec3;
+use spindoe::design::{Constraints, Objective, OrientationBound};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
-use spindoe::pattern::Pattern;
+use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::recognize::RecognizerName;
-use spindoe::validate::{Proportion, Protocol, ProtocolName, TrialResult, run_named, summarize};
+use spindoe::stats::Proportion;
+use spindoe::validate::{Protocol, ProtocolName, TrialResult, run_named, summarize};
 use spindoe::{Error, Result};
 
 /// Seeds: of the patterns, and of the trials. Neither is used by any design.
 const PATTERN_SEED: u64 = 2_026_003;
 const TRIAL_SEED: u64 = 20_261_123;
 const DOTS: usize = 20;
-
-/// The electrostatic energy of unit charges.
-struct Charges;
-
-impl Cost for Charges {
-    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        let mut value = 0.0;
-        let mut gradient = vec![Vec3::zeros(); dots.len()];
-        for (i, a) in dots.iter().enumerate() {
-            for (j, b) in dots.iter().enumerate().filter(|(j, _)| *j != i) {
-                let away = a - b;
-                let distance = away.norm().max(1e-9);
-                value += if j < i { distance.recip() } else { 0.0 };
-                gradient[i] -= away / distance.powi(3);
-            }
-        }
-        Ok(Evaluation { value, gradient })
-    }
-}
-
-struct PaperObjective(Objective);
-
-impl Cost for PaperObjective {
-    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        self.0.cost(dots)
-    }
-}
 
 /// The descent of least cost from some random starts.
 fn best_of<C: Cost>(
@@ -92,7 +66,7 @@ fn made() -> Result<[(&'static str, Pattern); 3]> {
         ..Constraints::default()
     };
     let mut rng = ChaCha8Rng::seed_from_u64(PATTERN_SEED);
-    let paper = PaperObjective(Objective::MeanNn(MeanNearestNeighbor::default()));
+    let paper = Objective::MeanNn(MeanNearestNeighbor::default());
     Ok([
         ("random", random_pattern(DOTS, 0.0, &mut rng)?),
         ("spread", best_of(&Charges, &free, 8, 300)?),
@@ -179,7 +153,7 @@ fn percent(p: &Proportion) -> String {
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let mut path = |name: &str| {
+    let mut path = |name: &'static str| {
         let missing =
             || Error::argument(name, "expected OUT_DIR OURS.csv [PUBLISHED.csv] [TRIALS]");
         arguments.next().map(PathBuf::from).ok_or_else(missing)

@@ -4,7 +4,8 @@ use std::process::Command;
 
 use spindoe::geometry::Vec3;
 use spindoe::pattern::Pattern;
-use spindoe::report::compare::{NeighborSpread, PairedDifference, Pairs};
+use spindoe::report::compare::NeighborSpread;
+use spindoe::stats::{PairedDifference, Pairs};
 
 fn of(both: u64, gained: u64, lost: u64, neither: u64) -> PairedDifference {
     PairedDifference::new(Pairs {

@@ -7,6 +7,9 @@ use std::process::{Command, Stdio};
 
 use crate::common::{done, spindoe};
 use serde_json::Value;
+use spindoe::geometry::Vec3;
+use spindoe::hash::HashTable;
+use spindoe::pattern::Pattern;
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
@@ -64,7 +67,8 @@ fn refused(dir: &Path, arguments: &[&str], needle: &str) {
 fn bad_patterns_are_refused_with_file_and_line() {
     let shop = workshop();
     let dir = shop.path();
-    let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
+    let plain = fs::read_to_string(dir.join("pattern.csv")).unwrap();
+    let good = format!("x,y,z\n{plain}");
     let with_line = |line: usize, text: &str| {
         let mut lines: Vec<_> = good.lines().collect();
         lines[line - 1] = text;
@@ -118,13 +122,18 @@ fn headers_must_say_x_y_z_and_windows_line_ends_keep_the_count() {
     let shop = workshop();
     let dir = shop.path();
     let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
-    fs::write(dir.join("swapped.csv"), good.replacen("x,y,z", "y,x,z", 1)).unwrap();
+    assert_eq!(
+        good.lines().count(),
+        20,
+        "written as published, without a header"
+    );
+    fs::write(dir.join("swapped.csv"), format!("y,x,z\n{good}")).unwrap();
     refused(
         dir,
         &["validate", "swapped.csv"],
         "swapped.csv: line 1: expected three numbers",
     );
-    let windows = good.replace('\n', "\r\n");
+    let windows = format!("x,y,z\n{good}").replace('\n', "\r\n");
     fs::write(dir.join("windows.csv"), &windows).unwrap();
     done(dir, &["table", "windows.csv", "-o", "w.npz"]);
     let mut lines: Vec<_> = windows.split("\r\n").collect();
@@ -218,8 +227,16 @@ fn a_symmetric_pattern_has_tied_poses() {
         "--min-confidence",
         "0.5",
     ];
-    let csv = done(dir.path(), &arguments);
+    let output = crate::common::spindoe(dir.path(), &arguments);
+    let csv = String::from_utf8(output.stdout).unwrap();
     assert!(csv.lines().nth(1).unwrap().starts_with("a,,,,,"), "{csv}");
+    // Nothing is identified, which has an exit code of its own.
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(3), "{words}");
+    assert!(
+        words.contains("1 answers are below --min-confidence"),
+        "{words}"
+    );
 }
 
 #[test]
@@ -249,11 +266,11 @@ fn bad_arguments_are_refused_by_name() {
     validate(&["--samples", "0"], "samples: expected at least 1 trial");
     validate(
         &["--sigma-deg", "-1"],
-        "sigma-deg: expected 0 to 180 degrees, found -1",
+        "expected 0 to 180 degrees, found -1",
     );
     validate(
         &["--sigma-deg", "NaN"],
-        "sigma-deg: expected 0 to 180 degrees",
+        "expected 0 to 180 degrees, found NaN",
     );
     validate(
         &["--samples", "many"],
@@ -269,18 +286,12 @@ fn bad_arguments_are_refused_by_name() {
         (["--dots", "3"], "dots: expected 4 to 64, found 3"),
         (["--starts", "0"], "starts: expected at least 1"),
         (["--samples", "0"], "samples: expected at least 1"),
-        (
-            ["--min-separation-deg", "70"],
-            "least separation: expected 0 to 49.0",
-        ),
+        (["--min-separation-deg", "70"], "expected 0 to 49.0 degrees"),
         (
             ["--min-separation-deg", "NaN"],
-            "least separation: expected 0 to 49.0",
+            "expected 0 to 49.0 degrees",
         ),
-        (
-            ["--min-visible", "11"],
-            "least visible: expected at most 10 of 20 dots",
-        ),
+        (["--min-visible", "11"], "expected at most 10 of 20 dots"),
         (["--hole-diameter-mm", "-1"], "diameter"),
         (
             ["--hole-diameter-mm", "18"],
@@ -288,7 +299,7 @@ fn bad_arguments_are_refused_by_name() {
         ),
         (
             ["--seam-margin-deg", "-1"],
-            "seam margin: expected 0 to 60 degrees, found -1",
+            "expected 0 to 60 degrees, found -1",
         ),
         (
             ["--keep-out", "0,0,0,10"],
@@ -296,12 +307,12 @@ fn bad_arguments_are_refused_by_name() {
         ),
         (
             ["--keep-out", "0,0,1,95"],
-            "keep-out: expected a half angle of 0 to 90",
+            "expected a half angle of 0 to 90",
         ),
         (["--hole-diameter-mm", "16"], "holes of at most 15.3 mm fit"),
         (
             ["--basis-weight", "-1"],
-            "basis weight: expected a number not below 0",
+            "expected a number not below 0, found -1",
         ),
         (
             ["--bound-goal", "0.6"],
@@ -439,9 +450,13 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
     assert_eq!(a, b);
     assert_eq!(a["validation"].as_array().unwrap().len(), 8);
     assert_eq!(a["stopped"], false);
+    assert_eq!(a["format_version"], 2);
     // No seed serves two ends.
-    let seeds = ["search", "selection", "report"].map(|k| a["seeds"][k].as_u64().unwrap());
-    assert!(seeds[0] != seeds[1] && seeds[1] != seeds[2] && seeds[0] != seeds[2]);
+    let names = ["search", "selection", "polish", "progress", "report"];
+    let mut seeds = names.map(|k| a["seeds"][k].as_u64().unwrap()).to_vec();
+    seeds.sort_unstable();
+    seeds.dedup();
+    assert_eq!(seeds.len(), names.len());
 }
 
 #[test]
@@ -518,4 +533,61 @@ fn the_reported_command_repeats_a_design_from_an_awkward_path() {
     );
     let read = |out: &str| fs::read(dir.path().join(out).join("pattern.csv")).unwrap();
     assert_eq!(read("a"), read("b"));
+}
+
+#[test]
+fn the_reported_command_repeats_a_design_with_keep_out_cones_and_resumes_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let few = [
+        "design",
+        "--dots",
+        "8",
+        "--starts",
+        "2",
+        "--samples",
+        "20",
+        "--min-visible",
+        "0",
+        "--seam-margin-deg",
+        "0",
+    ];
+    // An axis whose bits change when it is normalized twice, and an angle whose bits change on the way to
+    // radians and back.
+    let cone = ["--keep-out", "0.3,-0.7,1.9,25.7"];
+    let axis = Vec3::new(0.3, -0.7, 1.9).normalize();
+    assert!(axis.normalize() != axis || 25.7f64.to_radians().to_degrees() != 25.7);
+    done(dir.path(), &[&few[..], &cone[..], &["--out", "a"]].concat());
+    let report: Value =
+        serde_json::from_slice(&fs::read(dir.path().join("a/report.json")).unwrap()).unwrap();
+    let command = report["command"].as_str().unwrap();
+    assert!(
+        command.contains("--keep-out 0.3,-0.7,1.9,25.7"),
+        "{command}"
+    );
+    let words: Vec<&str> = command.split(' ').skip(1).collect();
+    done(dir.path(), &[&words[..], &["--out", "b"]].concat());
+    let read = |out: &str| fs::read(dir.path().join(out).join("pattern.csv")).unwrap();
+    assert_eq!(read("a"), read("b"));
+    // The same command continues what the first one left.
+    done(
+        dir.path(),
+        &[&words[..], &["--out", "a", "--resume"]].concat(),
+    );
+    assert_eq!(read("a"), read("b"));
+}
+
+#[test]
+fn the_shipped_tables_load() {
+    let designs = Path::new(env!("CARGO_MANIFEST_DIR")).join("designs");
+    let mut tables = 0;
+    for entry in fs::read_dir(designs).unwrap() {
+        let dir = entry.unwrap().path();
+        if dir.is_dir() {
+            let table = HashTable::read_npz(&dir.join("table.npz")).unwrap();
+            let pattern = Pattern::read_csv(&dir.join("pattern.csv")).unwrap();
+            assert_eq!(table.pattern(), &pattern, "{}", dir.display());
+            tables += 1;
+        }
+    }
+    assert!(tables >= 6, "{tables}");
 }

@@ -1,6 +1,8 @@
 //! `spindoe identify`: the same views, by file, get the same answers; bad files get one line and exit 2.
 
 use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Command, Stdio};
 
 use crate::common::{done, spindoe};
 use serde_json::Value;
@@ -251,4 +253,114 @@ fn bad_files_are_refused_in_one_line() {
         assert_eq!(output.status.code(), Some(2), "{flag} {value}: {words}");
         assert!(words.contains(flag), "{flag} {value}: {words}");
     }
+}
+
+/// The files of observed dots and orientations, and a table, of `samples` views.
+fn dumped(dir: &std::path::Path, protocol: &str, samples: &str) {
+    let view = ["validate", "table.npz", "--protocol", protocol];
+    let dump = ["--samples", samples, "--dump", "dots.csv"];
+    done(dir, &[&view[..], &dump].concat());
+}
+
+#[test]
+fn an_answer_leaves_before_the_input_ends() {
+    let dir = workshop();
+    dumped(dir.path(), "paper", "3");
+    let text = fs::read_to_string(dir.path().join("dots.csv")).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args(["identify", "--table", "table.npz", "-"])
+        .current_dir(dir.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    let mut answers = BufReader::new(child.stdout.take().unwrap()).lines();
+    // Up to the first row of the second frame, which completes the first one.
+    let second = text.find("\ntrial-1,").unwrap() + 1;
+    let row = second + text[second..].find('\n').unwrap() + 1;
+    input.write_all(&text.as_bytes()[..row]).unwrap();
+    input.flush().unwrap();
+    assert!(answers.next().unwrap().unwrap().starts_with("frame,time_s"));
+    assert!(answers.next().unwrap().unwrap().starts_with("trial-0,"));
+    // Only now the rest.
+    input.write_all(&text.as_bytes()[row..]).unwrap();
+    drop(input);
+    let rest: Vec<String> = answers.map(Result::unwrap).collect();
+    assert_eq!(rest.len(), 2);
+    assert!(rest[1].starts_with("trial-2,"));
+    assert!(child.wait().unwrap().success());
+}
+
+#[test]
+fn answers_are_the_same_on_any_number_of_threads_and_from_any_input() {
+    let dir = workshop();
+    dumped(dir.path(), "clutter", "2500");
+    for format in [&["--json"][..], &[]] {
+        let run = |threads: &str, input: &str| {
+            let stdin = fs::File::open(dir.path().join("dots.csv")).unwrap();
+            let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+                .args(["identify", "--table", "table.npz", input])
+                .args(format)
+                .env("RAYON_NUM_THREADS", threads)
+                .stdin(stdin)
+                .current_dir(dir.path())
+                .output()
+                .unwrap();
+            assert!(output.status.success(), "{output:?}");
+            output.stdout
+        };
+        let one = run("1", "dots.csv");
+        assert!(one.len() > 100_000);
+        assert!(one == run("2", "dots.csv"), "two threads");
+        assert!(one == run("7", "-"), "seven threads, standard input");
+    }
+}
+
+#[test]
+fn an_error_far_down_leaves_no_file_and_the_rows_before_it() {
+    let dir = workshop();
+    dumped(dir.path(), "paper", "200");
+    let path = dir.path().join("dots.csv");
+    let mut text = fs::read_to_string(&path).unwrap();
+    let line = text.lines().count() + 1;
+    text += "trial-7,1,0,0,,,,,\n";
+    fs::write(&path, text).unwrap();
+    let to = |flags: &[&str]| {
+        let arguments = [&["identify", "--table", "table.npz", "dots.csv"], flags].concat();
+        let output = spindoe(dir.path(), &arguments);
+        let words = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{words}");
+        assert_eq!(words.lines().count(), 1, "{words}");
+        let expected = format!("line {line}: frame: expected the rows of \"trial-7\"");
+        assert!(words.contains(&expected), "{words}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    assert_eq!(to(&["-o", "out.csv"]), "");
+    assert!(!dir.path().join("out.csv").exists());
+    assert_eq!(to(&["--json"]), "", "half an object is none");
+    let rows = to(&[]);
+    assert!(rows.lines().nth(1).unwrap().starts_with("trial-0,"));
+    assert!(rows.lines().last().unwrap().starts_with("trial-19"));
+}
+
+#[test]
+fn a_file_in_which_nothing_is_identified_exits_with_3() {
+    let dir = workshop();
+    fs::write(
+        dir.path().join("few.csv"),
+        "frame,x,y,z\na,1,0,0\nb,0,1,0\n",
+    )
+    .unwrap();
+    let arguments = ["identify", "--table", "table.npz", "few.csv", "-o", "o.csv"];
+    let output = spindoe(dir.path(), &arguments);
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(3), "{words}");
+    assert!(
+        words.contains("few.csv: no frame is identified; frame a: "),
+        "{words}"
+    );
+    let rows = fs::read_to_string(dir.path().join("o.csv")).unwrap();
+    assert_eq!(rows.lines().count(), 3, "{rows}");
 }

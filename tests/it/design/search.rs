@@ -39,14 +39,6 @@ fn small(seed: u64) -> DesignConfig {
     }
 }
 
-struct Only(Objective);
-
-impl Cost for Only {
-    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        self.0.cost(dots)
-    }
-}
-
 #[test]
 fn a_descent_goes_down_and_keeps_every_demand() {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
@@ -69,7 +61,7 @@ fn a_descent_goes_down_and_keeps_every_demand() {
             constraints.missed(&start).is_some(),
             "the start says nothing"
         );
-        let found = descend(&start, &Only(objective), &constraints, 40).unwrap();
+        let found = descend(&start, &objective, &constraints, 40).unwrap();
         assert_eq!(constraints.missed(&found), None);
         let cost = |p: &Pattern| objective.cost(p.dots()).unwrap().value;
         assert!(cost(&found) < cost(&start) - 0.03, "{}", objective.name());
@@ -194,17 +186,95 @@ fn the_same_seed_finds_the_same_pattern() {
     let taken = found.polish.iter().any(|step| step.taken);
     assert_eq!(taken, found.best != found.finalists[0]);
     assert_eq!(found.polish.len(), 2);
-    // No stage of any round shares its seed with another, or with the report.
-    let config = small(1);
-    let mut seeds: Vec<u64> = (0..50)
-        .flat_map(|round| (0..5).map(move |halving| (round, halving)))
-        .map(|(round, halving)| config.selection_seed(round, halving))
-        .chain([config.report_seed(), config.seed])
+}
+
+/// All seeds of a search of fifty rounds.
+fn seeds(config: &DesignConfig) -> Vec<u64> {
+    let mut seeds = vec![config.seed, config.progress_seed(), config.report_seed()];
+    for round in 0..50 {
+        seeds.extend((0..5).map(|halving| config.selection_seed(round, halving)));
+        seeds.extend((0..24).map(|step| config.polish_seed(round, step)));
+    }
+    seeds
+}
+
+#[test]
+fn no_seed_serves_two_ends() {
+    let from_random = small(1);
+    let improved = |seed| DesignConfig {
+        from: Some(dots_of(&crate::common::random_pattern(10, seed))),
+        ..small(1)
+    };
+    // The same design with the same seed, once from random starts and once from each of two patterns: but
+    // for that of the starts itself, no seed is used twice.
+    let mut all = seeds(&from_random);
+    all.extend(&seeds(&improved(8))[1..]);
+    all.extend(&seeds(&improved(9))[1..]);
+    let count = all.len();
+    all.sort_unstable();
+    all.dedup();
+    assert_eq!(all.len(), count);
+}
+
+fn dots_of(pattern: &Pattern) -> Vec<[f64; 3]> {
+    pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect()
+}
+
+/// Notes the stages, and the best pattern at each.
+#[derive(Default)]
+struct Recorder {
+    seen: Vec<(Stage, Vec<[f64; 3]>)>,
+}
+
+impl DesignObserver for Recorder {
+    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
+        let best = state.best(stage).map(|c| c.dots.clone());
+        self.seen.push((stage, best.unwrap_or_default()));
+        Ok(())
+    }
+}
+
+#[test]
+fn a_polished_search_resumes_with_more_rounds() {
+    let mut config = DesignConfig {
+        rounds: 1,
+        polish: 2,
+        ..small(3)
+    };
+    let go = AtomicBool::new(false);
+    let mut state = SearchState::default();
+    design(&config, &mut state, &go, &mut ()).unwrap();
+    config.rounds = 3;
+    let mut recorder = Recorder::default();
+    let found = design(&config, &mut state, &go, &mut recorder).unwrap();
+    // Milestones go up, and those of a round of the search are not polished.
+    let at: Vec<_> = found
+        .milestones
+        .iter()
+        .map(|m| (m.rounds, m.polished))
         .collect();
-    let count = seeds.len();
-    seeds.sort_unstable();
-    seeds.dedup();
-    assert_eq!(seeds.len(), count);
+    assert_eq!(
+        &at[..5],
+        &[(1, 0), (1, 1), (1, 2), (2, 0), (3, 0)],
+        "{at:?}"
+    );
+    assert!(at.is_sorted() && at[5..].iter().all(|m| m.1 > 0), "{at:?}");
+    // While the search goes on, a pattern that it finds is not hidden by the polishing of an older one.
+    let pool: Vec<_> = state.pool.iter().map(|c| &c.dots).collect();
+    let polished = state.polish.as_ref().map(|p| (&p.from.dots, &p.at.dots));
+    for (stage, best) in &recorder.seen {
+        if *stage == Stage::Polish {
+            assert_eq!(Some(best), polished.map(|p| p.1));
+        }
+    }
+    let best = &state.best(Stage::Try).unwrap().dots;
+    let of_first = polished.filter(|p| p.0 == pool[0]).map_or(pool[0], |p| p.1);
+    assert_eq!(best, of_first);
+    // With another pattern ahead in the pool, it is the best; polishing goes on with its own.
+    state.pool.rotate_left(1);
+    assert_eq!(state.best(Stage::Scout).unwrap().dots, state.pool[0].dots);
+    let polish = state.polish.as_ref().unwrap();
+    assert_eq!(state.best(Stage::Polish), Some(&polish.at));
 }
 
 /// Stops the search after some pieces of work.
@@ -298,7 +368,7 @@ fn a_stopped_search_keeps_its_best() {
 fn a_given_pattern_is_improved() {
     let from = crate::common::random_pattern(10, 8);
     let config = DesignConfig {
-        from: Some(from.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
+        from: Some(dots_of(&from)),
         ..small(5)
     };
     let found = run(&config, 2);

@@ -25,8 +25,8 @@ fn observed(direction: Vec3) -> ObservedDot {
     }
 }
 
-/// Indices and directions of the dots above `z > limit`, shuffled, each turned by N(0, sigma) about an
-/// axis at random.
+/// Indices and directions of the dots above `z > limit`, shuffled, each turned by N(0, sigma) about
+/// an axis at random.
 fn view(
     pattern: &Pattern,
     r: &Rotation,

@@ -188,8 +188,9 @@ fn the_search_finds_what_brute_force_finds() {
                     }
                 }
             }
-            // The same pose, settled a little elsewhere, is no other answer; and among poses that are
-            // hardly better than "these are not the pattern's dots" the search is not held to the best.
+            // The same pose, settled a little elsewhere, is no other answer; and among poses that
+            // are hardly better than "these are not the pattern's dots" the search is not held to
+            // the best.
             let same = rotation_angle(&best.1, &answer) < 0.2;
             let slack = if best.0 > 4.0 { 0.5 } else { 1.0 };
             assert!(
@@ -216,6 +217,44 @@ fn tied(robust: &RobustRecognizer, dots: &[ObservedDot]) -> (f64, usize) {
 }
 
 #[test]
+fn absurd_uncertainties_are_refused_without_a_panic() {
+    use nalgebra::Matrix2;
+    let pattern = crate::common::random_pattern(20, 9);
+    let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
+    let mut ws = robust.workspace();
+    let mut out = Identification::default();
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let values: [f64; 10] = [
+        1e-320, 1e-200, 1e-40, 1e-16, 1e-6, 0.717, 0.9, 1e3, 1e40, 1e300,
+    ];
+    for (a, b) in values.iter().flat_map(|a| values.map(move |b| (*a, b))) {
+        for mixed in [0.0, 0.999 * (a * b).sqrt(), f64::NAN] {
+            let mut dots = view(&pattern, &random_rotation(&mut rng));
+            dots[0].uncertainty = DotUncertainty::Tangent {
+                covariance: Matrix2::new(a, mixed, mixed, b),
+            };
+            let answer = robust.identify_into(&dots, &mut ws, &mut out);
+            // Standard deviations between a nanoradian and a radian are taken, others are not.
+            let half = 0.5 * (a + b);
+            let determinant = a * b - mixed * mixed;
+            let largest = half + (half * half - determinant).max(0.0).sqrt();
+            let outside = determinant / largest < 1e-18 || largest > 1.0;
+            if outside || mixed.is_nan() {
+                assert_eq!(
+                    answer,
+                    Err(RecognizerRejection::Degenerate),
+                    "{a} {mixed} {b}"
+                );
+            } else if answer.is_ok() {
+                assert!((0.0..=1.0).contains(&out.confidence), "{out:?}");
+            }
+            dots[0] = dot(dots[0].direction, a);
+            let _ = robust.identify_into(&dots, &mut ws, &mut out);
+        }
+    }
+}
+
+#[test]
 fn a_symmetric_pattern_yields_all_its_poses_and_no_confidence() {
     let corners = |signs: &[[f64; 3]]| signs.iter().map(|s| Vec3::from(*s).normalize()).collect();
     let mut cube = Vec::new();
@@ -233,7 +272,8 @@ fn a_symmetric_pattern_yields_all_its_poses_and_no_confidence() {
     for (points, order) in [(tetrahedron, 12), (cube, 24), (dodecahedron, 60)] {
         let pattern = Pattern::new(corners(&points)).unwrap();
         let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
-        // All dots, as if the ball were glass: what is seen from one side may have fewer symmetries.
+        // All dots, as if the ball were glass: what is seen from one side may have fewer
+        // symmetries.
         let truth = random_rotation(&mut rng);
         let config = RobustConfig {
             visibility_limit: -0.999,

@@ -127,8 +127,8 @@ fn missing_frames_bring_aliases_nearer() {
 
 #[test]
 fn a_start_beside_the_maximum_finds_the_same_aliases() {
-    // The spin of a whole flight is not quite the maximum of its first frames; across the axis of a slow
-    // spin the difference is many degrees, and hundreds of rad/s for its alias.
+    // The spin of a whole flight is not quite the maximum of its first frames; across the axis of a
+    // slow spin the difference is many degrees, and hundreds of rad/s for its alias.
     for i in 0..50 {
         let sequence = Scenario::default().sequence((3.0, 8.0), 67, i);
         let truth = Fit {

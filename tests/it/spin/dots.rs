@@ -1,4 +1,5 @@
-//! The refinement of a spin on all dots of all frames: better than orientations alone, and honest about it.
+//! The refinement of a spin on all dots of all frames: better than orientations alone, and honest
+//! about it.
 
 use std::f64::consts::TAU;
 
@@ -17,8 +18,8 @@ const FPS: f64 = 350.0;
 /// Noise of a dot per tangential axis, radians.
 const SIGMA: f64 = 0.035;
 
-/// Ten frames of identified dots, at most `most` of those the camera sees; a share of them has the wrong
-/// identity.
+/// Ten frames of identified dots, at most `most` of those the camera sees; a share of them has the
+/// wrong identity.
 fn views(pattern: &Pattern, truth: &Motion, most: usize, wrong: f64, seed: u64) -> Vec<DotFrame> {
     let mut rng = stream(seed, 1);
     let times = (0..FRAMES).map(|k| k as f64 / FPS);

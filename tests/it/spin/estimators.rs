@@ -1,5 +1,6 @@
-//! Both spin estimators on simulated sequences: exactness, signs, rates against what the Cramér-Rao bound
-//! allows, stated uncertainties, refusals. A fast sample of what `examples/spin_targets.rs` measures in full.
+//! Both spin estimators on simulated sequences: exactness, signs, rates against what the Cramér-Rao
+//! bound allows, stated uncertainties, refusals. A fast sample of what `examples/spin_targets.rs`
+//! measures in full.
 
 use std::f64::consts::TAU;
 
@@ -39,8 +40,8 @@ fn motion(spin: Vec3, seed: u64) -> Motion {
 
 #[test]
 fn the_sign_follows_from_the_definition() {
-    // A quarter turn about +z takes the pattern's x to the camera's y: R(t) = exp([w]x t) R(0), with
-    // rotation matrices written down by hand, not by the library.
+    // A quarter turn about +z takes the pattern's x to the camera's y: R(t) = exp([w]x t) R(0),
+    // with rotation matrices written down by hand, not by the library.
     let matrix = |angle: f64| {
         let (s, c) = angle.sin_cos();
         nalgebra::Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
@@ -215,7 +216,8 @@ fn rates_and_errors_reach_the_bound() {
     ] {
         let s = sample(&standard, rps, seed, 2000);
         assert!(s.right.low > 0.995, "{rps:?}: {}", s.right);
-        // Six thousand squared components: standard error 1.8 %, and the mean square is twice the RMS.
+        // Six thousand squared components: standard error 1.8 %, and the mean square is twice the
+        // RMS.
         assert!((s.ratio - 1.0).abs() < 0.10, "{rps:?}: {}", s.ratio);
         assert!(
             (s.normalized - 1.0).abs() < 0.09,
@@ -353,6 +355,117 @@ fn a_prior_decides_between_aliases() {
         "{}",
         fit.motion.rps()
     );
+}
+
+#[test]
+fn whole_turns_between_all_frames_leave_the_bound_open() {
+    // One turn in 0.02 s, two frames that far apart: any axis fits. Three in step are no better.
+    let spin = Vec3::z() * (50.0 * TAU);
+    assert_eq!(SpinBound::new(&spin, &[0.0, 0.02], &[0.035; 2]), None);
+    assert_eq!(SpinBound::new(&spin, &[1.0, 1.02, 1.06], &[0.035; 3]), None);
+    // A third frame out of step fixes it, and so does another spin.
+    let found = SpinBound::new(&spin, &[0.0, 0.005, 0.02], &[0.035; 3]).unwrap();
+    assert!(found.across_rad_s < 20.0, "{found:?}");
+    assert!(SpinBound::new(&(spin * 1.1), &[0.0, 0.02], &[0.035; 2]).is_some());
+    assert_eq!(SpinBound::new(&spin, &[0.0], &[0.035]), None);
+    assert_eq!(SpinBound::new(&spin, &[0.0, 0.0], &[0.035; 2]), None);
+    assert_eq!(SpinBound::new(&spin, &[0.0, f64::NAN], &[0.035; 2]), None);
+}
+
+#[test]
+fn settings_outside_their_domain_are_refused_at_once() {
+    let good = exact(&motion(Vec3::x() * 100.0, 2), 10);
+    let setting = |answer: Result<Fit, SpinRejection>| match answer {
+        Err(SpinRejection::Setting { setting, .. }) => setting,
+        other => panic!("{other:?}"),
+    };
+    let standard = RobustSpinConfig::default();
+    let robust = |c: RobustSpinConfig| setting(RobustEstimator::new(c).fit(&good));
+    for sigma_rad in [
+        0.0,
+        -1.0,
+        f64::NAN,
+        f64::INFINITY,
+        2.0,
+        4294967296f64.to_radians(),
+    ] {
+        let config = RobustSpinConfig {
+            sigma_rad,
+            ..standard
+        };
+        assert_eq!(robust(config), "sigma_rad");
+    }
+    for max_rps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert_eq!(
+            robust(RobustSpinConfig {
+                max_rps,
+                ..standard
+            }),
+            "max_rps"
+        );
+    }
+    let prior = Some(MagnitudePrior {
+        rps: 50.0,
+        std_rps: 0.0,
+    });
+    assert_eq!(
+        robust(RobustSpinConfig { prior, ..standard }),
+        "prior_std_rps"
+    );
+    let standard = QuateraConfig::default();
+    let quatera = |c: QuateraConfig| setting(QuateraEstimator::new(c).fit(&good[..1]));
+    for run in [0, 1] {
+        let config = QuateraConfig {
+            run,
+            joining: 0,
+            ..standard
+        };
+        assert_eq!(quatera(config), "run");
+    }
+    let huge = QuateraConfig {
+        run: usize::MAX,
+        ..standard
+    };
+    let answer = QuateraEstimator::new(huge).fit(&good);
+    assert!(matches!(answer, Err(SpinRejection::TooFewFrames { .. })));
+}
+
+#[test]
+fn absurd_times_and_noise_come_to_an_end() {
+    let base = exact(&motion(Vec3::x() * 100.0, 2), 10);
+    let started = std::time::Instant::now();
+    let at = |times: &[f64]| -> Vec<Measurement> {
+        let pairs = base.iter().zip(times);
+        pairs
+            .map(|(m, &time_s)| Measurement { time_s, ..*m })
+            .collect()
+    };
+    for tiny in [1e-320_f64, 1e-300, 1e-12, 1e-9] {
+        for times in [
+            vec![0.0, tiny, 1.0, 1.1],
+            vec![0.0, 0.1, 0.1 + tiny.max(1e-9), 0.3],
+        ] {
+            let answer = robust(&at(&times));
+            assert!(
+                matches!(answer, Err(SpinRejection::Close { .. })),
+                "{answer:?}"
+            );
+        }
+    }
+    for times in [
+        vec![-1e308, 0.0, 0.01, 0.02, 1e308],
+        vec![0.0, 1e-3, 2e-3, 1e300, 1.1e300],
+        vec![0.0, 1e-6, 2e-6, 3e-6],
+        vec![0.0, 1e300, 1.1e300],
+    ] {
+        if let Ok(fit) = robust(&at(&times)) {
+            assert!(fit.motion.spin.norm().is_finite(), "{fit:?}");
+        }
+    }
+    let mut loud = base.clone();
+    loud.iter_mut().for_each(|m| m.sigma_scale = 1e6);
+    assert!(robust(&loud).is_err());
+    assert!(started.elapsed().as_secs() < 20, "{:?}", started.elapsed());
 }
 
 #[test]

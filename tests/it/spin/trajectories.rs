@@ -230,3 +230,53 @@ fn the_command_reports_plots_and_refuses() {
         "{message}"
     );
 }
+
+/// A folder of one trajectory, with blank lines in its file.
+fn gappy(dir: &Path, name: &str) {
+    let write = |name: &str, text: &str| std::fs::write(dir.join(name), text).unwrap();
+    write("index.csv", "traj_file,x_spin,y_spin,z_spin\n");
+    let rows = (0..12).map(|i| format!("\r\n{:.3};0;0;0.3\r\n", 0.007 * f64::from(i)));
+    write(name, &rows.collect::<String>());
+}
+
+#[test]
+fn oddities_name_lines_as_an_editor_counts() {
+    let dir = tempfile::tempdir().unwrap();
+    gappy(dir.path(), "000.csv");
+    let path = dir.path().join("000.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    // The sixth point stands on line 12.
+    std::fs::write(&path, text.replace("0.035;0;", "0.028;0;")).unwrap();
+    let set = TrajectorySet::read_dir(dir.path()).unwrap();
+    let found = set.oddities(&Limits::default());
+    let stands_still = |o: &&Oddity| matches!(o, Oddity::Time { line: 12, .. });
+    assert_eq!(found.iter().filter(stands_still).count(), 1, "{found:?}");
+}
+
+#[test]
+fn two_files_of_one_number_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    gappy(dir.path(), "1.csv");
+    gappy(dir.path(), "001.csv");
+    let error = TrajectorySet::read_dir(dir.path()).unwrap_err().to_string();
+    assert!(
+        error.contains("1.csv: name: is trajectory 1, and so is 001.csv"),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_largest_number_does_not_overflow() {
+    let dir = tempfile::tempdir().unwrap();
+    gappy(dir.path(), &format!("{}.csv", u32::MAX));
+    let set = TrajectorySet::read_dir(dir.path()).unwrap();
+    let last = u32::MAX - 1;
+    let hole = Oddity::Hole { first: 0, last };
+    assert_eq!(set.oddities(&Limits::default())[0], hole);
+    gappy(dir.path(), &format!("{}.csv", u64::from(u32::MAX) + 1));
+    let error = TrajectorySet::read_dir(dir.path()).unwrap_err().to_string();
+    assert!(
+        error.contains("expected a number of at most 4294967295"),
+        "{error}"
+    );
+}

@@ -1,21 +1,21 @@
-//! The dot detector: its weights as a file, its numbers against ONNX Runtime, its dots against the truth, its training.
+//! The dot detector: its weights as a file, its numbers against ONNX Runtime, its dots against the truth.
 
 use std::path::Path;
 use std::process::Command;
-use std::sync::atomic::AtomicBool;
 
 use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::{Rendering, Scene, SynthConfig};
 use spindoe::vision::net::graph::CONVOLUTIONS;
 use spindoe::vision::net::{CnnDetector, Weights, onnx};
 use spindoe::vision::patch::Patch;
-use spindoe::vision::train::{Checkpoint, TrainConfig, TrainObserver, train};
 use spindoe::vision::{DotDetection, DotDetector};
 
 /// Frames in good light, without logos, of balls at least 50 pixels wide.
 fn easy() -> SynthConfig {
     SynthConfig {
+        ball_px: None,
         size_px: [60, 80],
+        seam_probability: 0.0,
         logo_probability: 0.0,
         stains: false,
         max_arc_rad: 0.03,
@@ -23,7 +23,7 @@ fn easy() -> SynthConfig {
         max_noise: 0.5,
         bad_exposure: 0.0,
         dot_radius_rad: [0.07, 0.10],
-        ..SynthConfig::default()
+        ..SynthConfig::good()
     }
 }
 
@@ -97,11 +97,12 @@ fn onnx_runtime_gives_the_same_cells() {
     }
     let weights = Weights::built_in().unwrap();
     let detector = CnnDetector::built_in().unwrap();
+    let mut ws = detector.workspace();
     let (mut patches, mut cells) = (Vec::new(), Vec::new());
     for frame in frames(&SynthConfig::default(), 12) {
         let patch = Patch::cut(&frame.image.to_gray(), &frame.circle);
         patches.extend(patch.values().iter().flat_map(|x| x.to_le_bytes()));
-        let out = detector.cells(&patch).unwrap();
+        let out = detector.cells(&patch, &mut ws);
         cells.extend(out.iter().flat_map(|x| x.to_le_bytes()));
     }
     let dir = tempfile::tempdir().unwrap();
@@ -148,96 +149,28 @@ fn weights_read_back_and_damage_is_named() {
     assert_eq!(weights.layers.len(), CONVOLUTIONS.len());
 }
 
-/// Keeps the last checkpoint.
-struct Keep(Option<Checkpoint>);
-
-impl TrainObserver for Keep {
-    fn checkpoint(&mut self, checkpoint: &Checkpoint) -> spindoe::Result<()> {
-        self.0 = Some(checkpoint.clone());
-        Ok(())
-    }
-}
-
-fn short() -> TrainConfig {
-    TrainConfig {
-        steps: 8,
-        batch: 4,
-        judge_every: 4,
-        judge_frames: 6,
-        seed: 3,
-        ..TrainConfig::default()
-    }
-}
-
 #[test]
-fn a_resumed_training_ends_as_one_without_a_break() {
-    let stop = AtomicBool::new(false);
-    let mut whole = Keep(None);
-    train(&short(), None, &stop, &mut whole).unwrap();
-    // The rate depends on the number of steps: the same training, stopped at its first checkpoint.
-    struct StopAtFirst<'a>(Keep, &'a AtomicBool);
-    impl TrainObserver for StopAtFirst<'_> {
-        fn checkpoint(&mut self, checkpoint: &Checkpoint) -> spindoe::Result<()> {
-            self.1.store(true, std::sync::atomic::Ordering::Relaxed);
-            self.0.checkpoint(checkpoint)
-        }
-    }
-    let mut first = StopAtFirst(Keep(None), &stop);
-    train(&short(), None, &stop, &mut first).unwrap();
+fn the_command_exports_and_says_where_training_is() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("checkpoint.zip");
-    first.0.0.unwrap().write(&path).unwrap();
-    let from = Checkpoint::read(&path, &short()).unwrap();
-    assert_eq!(from.state.step, 4);
-    let mut rest = Keep(None);
-    train(&short(), Some(from), &AtomicBool::new(false), &mut rest).unwrap();
-    let [whole, rest] = [whole, rest].map(|k| k.0.unwrap());
-    assert_eq!(whole.state, rest.state);
-    assert!(whole.layers().unwrap() == rest.layers().unwrap());
-    let other = TrainConfig { seed: 4, ..short() };
-    let told = Checkpoint::read(&path, &other).unwrap_err().to_string();
-    assert!(told.contains("same options"), "{told}");
-}
-
-#[test]
-fn the_command_trains_exports_and_refuses() {
-    let dir = tempfile::tempdir().unwrap();
-    let flags = "train --out net --steps 2 --batch 2 --judge-every 2 --judge-frames 2";
-    let flags: Vec<&str> = flags.split(' ').collect();
-    crate::common::done(dir.path(), &flags);
-    for name in ["dots.npz", "dots.onnx", "training.json", "checkpoint.zip"] {
-        assert!(dir.path().join("net").join(name).exists(), "{name}");
-    }
-    crate::common::done(
-        dir.path(),
-        &["export", "-o", "mine.onnx", "--weights", "net/dots.npz"],
-    );
-    let made = std::fs::read(dir.path().join("mine.onnx")).unwrap();
-    assert_eq!(
-        made,
-        std::fs::read(dir.path().join("net/dots.onnx")).unwrap()
-    );
-    let again = crate::common::spindoe(dir.path(), &flags);
-    assert_eq!(again.status.code(), Some(2));
-    let words = String::from_utf8_lossy(&again.stderr).into_owned();
-    assert!(
-        words.contains("holds a detector already") && words.lines().count() == 1,
-        "{words}"
-    );
-    for wrong in [
-        "train --out other --steps 0",
-        "train --out other --learning-rate -1",
-        "train --out missing --resume",
-        "export -o a.onnx --weights net/dots.onnx",
+    let weights = Weights::built_in().unwrap();
+    weights.write(&dir.path().join("mine.npz")).unwrap();
+    crate::common::done(dir.path(), &["export", "-o", "dots.onnx"]);
+    let mine = ["export", "-o", "mine.onnx", "--weights", "mine.npz"];
+    crate::common::done(dir.path(), &mine);
+    let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    assert_eq!(read("mine.onnx"), read("dots.onnx"));
+    for (wrong, expected) in [
+        ("export -o a.onnx --weights dots.onnx", "dots.onnx"),
+        ("train", "spindoe-train"),
+        ("train --out net --steps 3 --resume", "spindoe-train"),
+        ("train --help", "spindoe-train"),
     ] {
         let words: Vec<&str> = wrong.split(' ').collect();
-        let told = crate::common::spindoe(dir.path(), &words);
-        assert_eq!(told.status.code(), Some(2), "{wrong}");
-        assert_eq!(
-            told.stderr.iter().filter(|b| **b == b'\n').count(),
-            1,
-            "{wrong}"
-        );
+        let refused = crate::common::spindoe(dir.path(), &words);
+        assert_eq!(refused.status.code(), Some(2), "{wrong}");
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(said.contains(expected), "{wrong}: {said}");
+        assert_eq!(said.lines().count(), 1, "{wrong}: {said}");
     }
-    assert!(!dir.path().join("a.onnx").exists() && !dir.path().join("other").exists());
+    assert!(!dir.path().join("a.onnx").exists() && !dir.path().join("net").exists());
 }

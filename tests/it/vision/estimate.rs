@@ -18,7 +18,7 @@ use spindoe::vision::{
 
 fn estimator(pattern: &Pattern, camera: Camera) -> Estimator<NamedDetector> {
     let config = EstimatorConfig {
-        camera,
+        camera: camera.into(),
         ..EstimatorConfig::default()
     };
     Estimator::new(pattern, config, DetectorName::Cnn.build().expect("weights"))
@@ -117,7 +117,7 @@ fn frames_of_a_flight_help_each_other() {
     assert!(told.together > told.alone, "{told:?}");
     let pose = frames[5].pose().expect("told by the others");
     assert!(pose.hinted && pose.rotation.angle_to(&truth(times[5])).to_degrees() < 10.0);
-    let fit = estimate_spin(&estimator, &config, &times, &frames).expect("a spin");
+    let fit = estimate_spin(&config, &times, &frames).expect("a spin");
     assert!(
         (fit.motion.spin - spin).norm() < 0.03 * spin.norm(),
         "{fit:?}"
@@ -356,8 +356,7 @@ fn published_frames_are_explained_by_one_spin() {
         spindoe::vision::input::read_frames(source, &mut visit).expect("it reads");
     }
     let alone = frames.iter().filter(|f| f.pose().is_some()).count();
-    let fit =
-        estimate_spin(&estimator, &SequenceConfig::default(), &times, &frames).expect("a spin");
+    let fit = estimate_spin(&SequenceConfig::default(), &times, &frames).expect("a spin");
     let off = |(t, f): (&f64, &FrameEstimate)| {
         let pose = f.pose()?;
         Some(pose.rotation.angle_to(&fit.motion.at(*t)).to_degrees())

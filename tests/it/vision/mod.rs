@@ -1,6 +1,8 @@
 //! Tests of the stage `vision`.
 
+mod allocation;
 mod camera;
 mod circle;
 mod detector;
 mod estimate;
+mod input;

@@ -1,40 +1,53 @@
-//! `spindoe train` and `spindoe export`: the dot detector made, and given to other programs.
+//! `spindoe-train`: makes the dot detector of `spindoe`.
+//!
+//! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use clap::Args;
+use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-
-use super::design::stop_on_interrupt;
-use super::print_json;
-use crate::error::{Error, Result};
-use crate::files;
-use crate::vision::net::{Weights, onnx};
-use crate::vision::train::{Checkpoint, TrainConfig, TrainObserver, TrainProgress, Trained, train};
+use spindoe::vision::net::{Weights, onnx};
+use spindoe::vision::patch::RADIUS;
+use spindoe::{Error, Result, files};
+use spindoe_train::{
+    Checkpoint, Score, TrainConfig, TrainObserver, TrainProgress, Trained, test, train,
+};
 
 /// The checkpoint within the folder.
 const CHECKPOINT: &str = "checkpoint.zip";
 /// The weights within the folder.
 const WEIGHTS: &str = "dots.npz";
 /// Plain lines come no more often than this, seconds.
-const SILENCE_S: f64 = 10.0;
+const MIN_LINE_INTERVAL_S: f64 = 10.0;
 
-#[derive(Debug, Args)]
-#[command(after_help = "\
+/// Trains the dot detector on synthetic frames.
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    max_term_width = 100,
+    after_help = "\
 Frames are drawn by the synthetic ball spinner while the net learns. The folder then holds dots.npz (the
 weights, for `spindoe estimate --weights`), dots.onnx and training.json; while training goes on, checkpoint.zip.
 
 Ctrl-C ends the training and keeps the best weights so far; --resume goes on from the last checkpoint.
 
 Examples:
-  spindoe train --out my-detector
-  spindoe train --out my-detector --steps 40000 --resume")]
-pub struct Arguments {
+  spindoe-train --out my-detector
+  spindoe-train --out my-detector --steps 40000 --resume"
+)]
+struct Arguments {
     /// The folder to write to.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "score")]
+    out: Option<PathBuf>,
+    /// Train nothing: score these weights on the test set.
+    #[arg(long, value_name = "WEIGHTS.npz", conflicts_with_all = ["out", "resume"])]
+    score: Option<PathBuf>,
     /// Seed of the first weights and of all frames.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -47,13 +60,13 @@ pub struct Arguments {
     /// Highest learning rate.
     #[arg(long, value_name = "RATE", default_value_t = TrainConfig::default().learning_rate, allow_negative_numbers = true)]
     learning_rate: f64,
-    /// Steps between judgements on frames of another seed; each leaves a checkpoint.
-    #[arg(long, value_name = "N", default_value_t = TrainConfig::default().judge_every)]
-    judge_every: u64,
-    /// Frames of a judgement.
-    #[arg(long, value_name = "N", default_value_t = TrainConfig::default().judge_frames)]
-    judge_frames: usize,
-    /// Judgements without a better net after which training ends.
+    /// Steps between evaluations on frames of other seeds; each leaves a checkpoint.
+    #[arg(long, value_name = "N", default_value_t = TrainConfig::default().eval_every)]
+    eval_every: u64,
+    /// Frames of each of the three sets: one picks the best weights, one calibrates, one is reported.
+    #[arg(long, value_name = "N", default_value_t = TrainConfig::default().eval_frames)]
+    eval_frames: usize,
+    /// Evaluations without a better net after which training ends.
     #[arg(long, value_name = "N", default_value_t = TrainConfig::default().patience)]
     patience: usize,
     /// Go on from the checkpoint in --out.
@@ -71,8 +84,8 @@ impl Arguments {
             steps: self.steps,
             batch: self.batch,
             learning_rate: self.learning_rate,
-            judge_every: self.judge_every,
-            judge_frames: self.judge_frames,
+            eval_every: self.eval_every,
+            eval_frames: self.eval_frames,
             patience: self.patience,
             ..TrainConfig::default()
         }
@@ -81,23 +94,59 @@ impl Arguments {
     /// The command that repeats this training, whatever the defaults of other versions.
     fn command(&self) -> String {
         format!(
-            "spindoe train --seed {} --steps {} --batch {} --learning-rate {} --judge-every {} \
-             --judge-frames {} --patience {}",
+            "spindoe-train --seed {} --steps {} --batch {} --learning-rate {} --eval-every {} \
+             --eval-frames {} --patience {}",
             self.seed,
             self.steps,
             self.batch,
             self.learning_rate,
-            self.judge_every,
-            self.judge_frames,
+            self.eval_every,
+            self.eval_frames,
             self.patience
         )
     }
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) if error.use_stderr() => {
+            // The first paragraph is the error itself; usage and tips follow.
+            let text = error.to_string();
+            let first = text.split("\n\n").next().unwrap_or_default();
+            let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
+            let line = line.strip_prefix("error: ").unwrap_or(&line);
+            return fail(&format!("{line} (see --help)"), 2);
+        }
+        Err(help) => help.exit(),
+    };
+    match run(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => fail(&error.to_string(), if error.is_usage() { 2 } else { 1 }),
+    }
+}
+
+fn fail(problem: &str, code: u8) -> ExitCode {
+    // Where nobody listens, the exit code says it.
+    let _ = writeln!(std::io::stderr(), "spindoe-train: {problem}");
+    ExitCode::from(code)
+}
+
+fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config();
     config.check()?;
-    let dir = &arguments.out;
+    if let Some(path) = &arguments.score {
+        let score = test(&config, &Weights::read(path)?)?;
+        let words = if arguments.json {
+            json!(score).to_string()
+        } else {
+            describe(&score)
+        };
+        return print(&words);
+    }
+    let Some(dir) = &arguments.out else {
+        return Err(Error::argument("--out", "expected a folder"));
+    };
     let path = dir.join(CHECKPOINT);
     let from = if arguments.resume {
         Some(Checkpoint::read(&path, &config)?)
@@ -114,20 +163,30 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     trained.weights.meta.command = arguments.command();
     let outcome = write(dir, &config, &trained, clock.elapsed().as_secs_f64())?;
     if arguments.json {
-        return print_json(&outcome);
+        return print(&outcome.to_string());
     }
-    let score = &trained.score;
-    outln!(
-        "{} steps; of {} dots on {} frames {:.2} % found, {:.3} false a frame, median error {:.2} % of the radius",
+    print(&format!(
+        "{} steps; {}\n{}",
         trained.steps,
+        describe(&trained.score),
+        dir.display()
+    ))
+}
+
+/// A score in words.
+fn describe(score: &Score) -> String {
+    format!(
+        "of {} dots on {} frames {:.2} % found, {:.3} false a frame, median error {:.2} % of the radius",
         score.dots,
         score.frames,
         100.0 * score.recall(),
         score.false_peaks as f64 / score.frames as f64,
-        100.0 * score.median_error / crate::vision::patch::RADIUS,
-    );
-    outln!("{}", dir.display());
-    Ok(())
+        100.0 * score.median_error / RADIUS,
+    )
+}
+
+fn print(words: &str) -> Result<()> {
+    writeln!(std::io::stdout(), "{words}").map_err(|e| Error::write("standard output", e))
 }
 
 fn write(
@@ -205,22 +264,23 @@ impl TrainObserver for Progress {
         let first = *self.first.get_or_insert(progress.step);
         let samples = (progress.step - first) * self.batch as u64;
         let rate = samples as f64 / self.began.elapsed().as_secs_f64();
-        let judged = progress.score.map_or(String::new(), |s| {
+        let evaluated = progress.score.map_or(String::new(), |s| {
             format!(
-                "; judged: {:.2} % of the dots found, {:.2} % of the finds right",
+                "; evaluated: {:.2} % of the dots found, {:.2} % of the peaks correct",
                 100.0 * s.recall(),
                 100.0 * s.precision()
             )
         });
         let what = format!(
-            "step {}: heat loss {:.3}, position loss {:.3}, {rate:.0} patches/s{judged}",
+            "step {}: heat loss {:.3}, position loss {:.3}, {rate:.0} patches/s{evaluated}",
             progress.step, progress.heat_loss, progress.position_loss,
         );
         self.bar.set_position(progress.step);
         if !self.bar.is_hidden() {
             self.bar.set_message(what);
-        } else if self.said.elapsed().as_secs_f64() > SILENCE_S {
-            errln!("{what}");
+        } else if self.said.elapsed().as_secs_f64() > MIN_LINE_INTERVAL_S {
+            // Whoever does not listen misses nothing that is not in the files.
+            let _ = writeln!(std::io::stderr(), "{what}");
             self.said = Instant::now();
         }
         Ok(())
@@ -231,22 +291,15 @@ impl TrainObserver for Progress {
     }
 }
 
-#[derive(Debug, Args)]
-pub struct ExportArguments {
-    /// Where to write the net, ONNX.
-    #[arg(short, long, value_name = "FILE.onnx")]
-    out: PathBuf,
-    /// Weights made by `spindoe train`; by default those built in.
-    #[arg(long, value_name = "WEIGHTS.npz")]
-    weights: Option<PathBuf>,
-}
-
-pub fn export(arguments: &ExportArguments) -> Result<()> {
-    let weights = match &arguments.weights {
-        Some(path) => Weights::read(path)?,
-        None => Weights::built_in()?,
-    };
-    files::write_bytes(&arguments.out, &onnx::to_onnx(&weights))?;
-    outln!("{}", arguments.out.display());
-    Ok(())
+/// A flag that is set by Ctrl-C; the second Ctrl-C ends the process.
+fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .map_err(|e| Error::Internal(format!("Ctrl-C cannot be caught: {e}")))?;
+    Ok(stop)
 }

@@ -12,15 +12,15 @@ use serde::{Deserialize, Serialize};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
-use super::TrainConfig;
-use crate::error::{Error, Result};
-use crate::files;
-use crate::vision::net::graph::CONVOLUTIONS;
-use crate::vision::net::model::Net;
-use crate::vision::net::weights::{Layer, Weights};
+use spindoe::vision::net::graph::CONVOLUTIONS;
+use spindoe::vision::net::weights::{Layer, Weights};
+use spindoe::{Error, Result, files};
+
+use crate::TrainConfig;
+use crate::model::Net;
 
 /// Largest entry read.
-const MOST_BYTES: u64 = 64 << 20;
+const MAX_BYTES: u64 = 64 << 20;
 
 /// Where a training stands.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -29,7 +29,7 @@ pub struct State {
     pub step: u64,
     /// The best net's F1.
     pub best_f1: f64,
-    /// Judgements since.
+    /// Evaluations since.
     pub since_best: usize,
 }
 
@@ -46,7 +46,7 @@ pub struct Checkpoint {
 }
 
 /// A net and its optimizer as they were.
-pub(super) struct Restored {
+pub(crate) struct Restored {
     pub net: Net,
     pub optimizer: ModuleOptimizer,
 }
@@ -58,7 +58,7 @@ struct Head {
 }
 
 impl Checkpoint {
-    pub(super) fn of(
+    pub(crate) fn of(
         config: &TrainConfig,
         net: &Net,
         optimizer: &ModuleOptimizer,
@@ -78,7 +78,7 @@ impl Checkpoint {
         })
     }
 
-    pub(super) fn restore(&self, net: Net, optimizer: ModuleOptimizer) -> Result<Restored> {
+    pub(crate) fn restore(&self, net: Net, optimizer: ModuleOptimizer) -> Result<Restored> {
         let refuse = |e: &dyn std::fmt::Display| {
             Error::argument("checkpoint", format!("not that of this net: {e}"))
         };
@@ -99,7 +99,7 @@ impl Checkpoint {
     /// [`Error::Argument`] where the checkpoint is not that of this net.
     pub fn layers(&self) -> Result<Vec<Layer>> {
         let blank = CONVOLUTIONS.map(|c| Layer {
-            weight: vec![0.0; c.outputs * c.inputs * c.kernel * c.kernel],
+            weight: vec![0.0; c.weights()],
             bias: vec![0.0; c.outputs],
         });
         let net = Net::new(&blank, &Device::flex())?;
@@ -155,7 +155,7 @@ impl Checkpoint {
         let mut entry = |name: &str| -> Result<Vec<u8>> {
             let file = zip.by_name(name).map_err(|e| refuse(name, &e))?;
             let mut bytes = Vec::new();
-            file.take(MOST_BYTES)
+            file.take(MAX_BYTES)
                 .read_to_end(&mut bytes)
                 .map_err(|e| refuse(name, &e))?;
             Ok(bytes)

@@ -5,8 +5,8 @@
 //!
 //! `-(1 - p)^2 ln p` where a dot's own cell is, `-(1 - y)^4 p^2 ln(1 - p)` elsewhere,
 //!
-//! summed and divided by the number of dots. Cells where nobody can say whether a dot is to be seen (at the limb, under a logo)
-//! count nothing.
+//! summed and divided by the number of dots. Cells where nobody can say whether a dot is to be seen (at the
+//! limb, under a logo) count nothing.
 //!
 //! Position and its uncertainty are learned together, from the cells about each dot, as the negative logarithm of a Student
 //! density with 4 degrees of freedom in two dimensions, `3 ln(1 + |L e|^2 / 4) - ln a - ln c`: heavy tails, so that a few dots far off
@@ -15,7 +15,7 @@
 use burn::tensor::Tensor;
 use burn::tensor::activation::log_sigmoid;
 
-use crate::vision::net::graph::Channel;
+use spindoe::vision::net::graph::Channel;
 
 /// Weight of the positions beside the heat map.
 const POSITION_WEIGHT: f32 = 0.25;

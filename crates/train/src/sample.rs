@@ -1,20 +1,22 @@
 //! From synthetic frames to batches.
 //!
-//! Every frame is drawn from its own generator, seeded by the training's seed and the frame's number, with a pattern of its
-//! own: the net must know dots, not a pattern. A frame gives several patches: its circle is moved by what a fit
-//! errs, and the patch is turned or mirrored at random (a mirrored pattern is a pattern too).
+//! Every frame is drawn from its own generator, seeded by the training's seed and the frame's number, with
+//! a pattern of its own: the net must know dots, not a pattern. A frame gives several patches: its circle
+//! is moved by what a fit errs, and the patch is turned or mirrored at random (a mirrored pattern is a
+//! pattern too).
 
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::design::random_pattern;
-use crate::error::Result;
-use crate::synth::{Rendering, Scene, SynthConfig};
-use crate::vision::camera::{BallCircle, Pixel};
-use crate::vision::net::detector::cell_middle;
-use crate::vision::net::graph::CELLS;
-use crate::vision::patch::{MIDDLE, Patch, SIZE};
+use spindoe::Result;
+use spindoe::design::random_pattern;
+use spindoe::synth::{Rendering, Scene, SynthConfig};
+use spindoe::vision::GrayImage;
+use spindoe::vision::camera::{BallCircle, Pixel};
+use spindoe::vision::net::detector::cell_center;
+use spindoe::vision::net::graph::CELLS;
+use spindoe::vision::patch::{MIDDLE, Patch, SIZE};
 
 /// Deviation of a dot's Gaussian in the heat map, in the patch's values (paper, Sec. III-A: 1.5 px at 60 x 60).
 const HEAT_SIGMA: f64 = 1.5;
@@ -22,7 +24,7 @@ const HEAT_SIGMA: f64 = 1.5;
 const NEAR: f64 = 2.4;
 /// Radius about a dot of which nobody can say, in the patch's values, where the heat counts nothing.
 const BLIND: f64 = 4.0;
-/// Relative deviations of a fitted circle's centre and radius.
+/// Relative deviations of a fitted circle's center and radius.
 const CIRCLE_SIGMA: f64 = 0.012;
 /// Share of the circles that are three times as far off.
 const BAD_CIRCLES: f64 = 0.1;
@@ -48,7 +50,7 @@ pub struct Sample {
 /// Draws a frame with a pattern of its own.
 ///
 /// # Errors
-/// [`crate::Error::Argument`] where the configuration is out of its domain.
+/// [`spindoe::Error::Argument`] where the configuration is out of its domain.
 pub fn random_frame(config: &SynthConfig, rng: &mut ChaCha8Rng) -> Result<Rendering> {
     let dots = rng.random_range(12..=30);
     let most = 1.3 / f64::from(dots).sqrt();
@@ -79,10 +81,17 @@ pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> Sample {
         .iter()
         .map(|dot| PatchDot {
             at: patch.from_image(dot.pixel),
-            certain: dot.is_visible(),
+            // Beyond the image's edge there is nothing to find a dot by.
+            certain: dot.is_visible() && is_inside(&gray, dot.pixel),
         })
         .collect();
     Sample { patch, dots }
+}
+
+/// Whether a position lies on one of the image's pixels.
+fn is_inside(image: &GrayImage, at: Pixel) -> bool {
+    let within = |x: f64, pixels: usize| (-0.5..pixels as f64 - 0.5).contains(&x);
+    within(at.u, image.width()) && within(at.v, image.height())
 }
 
 /// One of the eight symmetries of a square.
@@ -186,7 +195,7 @@ impl Batch {
 
     /// Fills a cell's position, and gives its weight as a cell without a dot of its own.
     fn target(&mut self, start: usize, row: usize, column: usize, dots: &[PatchDot]) -> f32 {
-        let (u, v) = (cell_middle(column), cell_middle(row));
+        let (u, v) = (cell_center(column), cell_center(row));
         let distance = |dot: &PatchDot| (dot.at.u - u).hypot(dot.at.v - v);
         let nearest = dots
             .iter()

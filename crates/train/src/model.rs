@@ -1,7 +1,7 @@
-//! The net as burn runs it.
+//! The net as burn runs it, with gradients.
 //!
-//! burn's flex backend works in this process on the CPU. [`Net`] serves training and inference alike: on a plain device it
-//! keeps no gradients.
+//! burn's flex backend works in this process on the CPU. The layers and how they are joined are those of
+//! [`spindoe::vision::net::graph`]; `spindoe` runs the same net without burn, and a test holds both together.
 
 use burn::module::{Module, Param};
 use burn::nn::PaddingConfig2d;
@@ -13,9 +13,9 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 use rand_distr::{Distribution, Normal};
 
-use super::graph::{CONVOLUTIONS, Channel, STEPS, Step};
-use super::weights::Layer;
-use crate::error::{Error, Result};
+use spindoe::vision::net::graph::{CONVOLUTIONS, Channel, STEPS, Step};
+use spindoe::vision::net::weights::Layer;
+use spindoe::{Error, Result};
 
 /// Log odds with which an untrained net expects a dot in a cell.
 const FIRST_HEAT: f32 = -4.0;
@@ -34,8 +34,7 @@ impl Net {
     pub fn new(layers: &[Layer], device: &Device) -> Result<Self> {
         let fits = layers.len() == CONVOLUTIONS.len()
             && std::iter::zip(layers, &CONVOLUTIONS).all(|(layer, c)| {
-                layer.weight.len() == c.outputs * c.inputs * c.kernel * c.kernel
-                    && layer.bias.len() == c.outputs
+                layer.weight.len() == c.weights() && layer.bias.len() == c.outputs
             });
         if !fits {
             return Err(Error::argument("weights", "expected those of this net"));
@@ -70,8 +69,7 @@ impl Net {
             let gain = if i == last { 0.1 } else { 1.0 };
             let normal = Normal::new(0.0, gain * (2.0 / fan).sqrt())
                 .map_err(|e| Error::Internal(e.to_string()))?;
-            let count = c.outputs * c.inputs * c.kernel * c.kernel;
-            let weight = (0..count).map(|_| normal.sample(rng)).collect();
+            let weight = (0..c.weights()).map(|_| normal.sample(rng)).collect();
             let mut bias = vec![0.0; c.outputs];
             if i == last {
                 bias[Channel::Heat as usize] = FIRST_HEAT;
@@ -99,7 +97,7 @@ impl Net {
             .collect()
     }
 
-    /// Patches (n, 1, side, side) to cells (n, [`CHANNELS`](super::graph::CHANNELS), side / 2, side / 2).
+    /// Patches (n, 1, side, side) to cells (n, [`CHANNELS`](spindoe::vision::net::graph::CHANNELS), side / 2, side / 2).
     pub fn forward(&self, patches: Tensor<4>) -> Tensor<4> {
         let mut values = vec![patches];
         for step in STEPS {
@@ -107,12 +105,12 @@ impl Net {
                 Step::Convolve {
                     convolution,
                     of,
-                    rectify,
+                    relu: rectified,
                 } => {
                     let out = self.convolutions[convolution].forward(values[of].clone());
-                    if rectify { relu(out) } else { out }
+                    if rectified { relu(out) } else { out }
                 }
-                Step::Enlarge { of } => {
+                Step::Upsample { of } => {
                     let double = InterpolateOptions::new(InterpolateMode::Nearest)
                         .with_scale_factor([2.0, 2.0]);
                     interpolate(values[of].clone(), double)

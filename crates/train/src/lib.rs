@@ -1,12 +1,16 @@
-//! Training the dot detector on synthetic frames.
+//! Training the dot detector of `spindoe` on synthetic frames.
 //!
-//! AdamW (I. Loshchilov, F. Hutter, ICLR 2019) with a rise and a cosine fall of the learning rate, on frames that are drawn while
-//! the net learns and never seen twice. Every so often the net is judged on frames of another seed; the best
-//! weights are kept, and training ends early when they have not been bettered for long. At the end the weights are
-//! calibrated on those frames ([`score`]).
+//! AdamW (I. Loshchilov, F. Hutter, ICLR 2019) with a linear warm-up and a cosine decay of the learning
+//! rate, on frames that are drawn while the net learns and never seen twice. Every so often the net is
+//! evaluated; the best weights are kept, and training ends early when they have not been bettered for long.
 //!
-//! A run is a function of its configuration. Its checkpoint holds the net, the optimizer's moments and the position in the
-//! sequence of frames, so that a resumed run goes on as if it had not been ended.
+//! Four sets of frames, drawn with four seeds ([`FrameSet`]), keep apart what must not be mixed: one is
+//! trained on, one picks the best weights, one calibrates them ([`score`]), and one gives the score that is
+//! reported.
+//!
+//! A run is a function of its configuration on processors with the same instructions. Its checkpoint holds
+//! the net, the optimizer's moments and the position in the sequence of frames, so that a resumed run goes
+//! on as if it had not been ended.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -19,16 +23,17 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
-use crate::synth::SynthConfig;
-use crate::synth::dataset::frame_rng;
-use crate::vision::net::graph::CELLS;
-use crate::vision::net::model::{Net, floats};
-use crate::vision::net::weights::{Calibration, FORMAT_VERSION, Weights, WeightsMeta};
-use crate::vision::patch::SIZE;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::frame_rng;
+use spindoe::vision::net::graph::CELLS;
+use spindoe::vision::net::network::{Activations, Network};
+use spindoe::vision::net::weights::{Calibration, FORMAT_VERSION, Layer, Weights, WeightsMeta};
+use spindoe::vision::patch::SIZE;
+use spindoe::{Error, Result};
 
 pub mod checkpoint;
 pub mod loss;
+pub mod model;
 pub mod sample;
 pub mod score;
 
@@ -36,14 +41,38 @@ pub use checkpoint::Checkpoint;
 pub use score::Score;
 
 use loss::{Loss, Targets};
+use model::{Net, floats};
 use sample::{Batch, Sample, Symmetry, random_frame};
+use score::MatchedPeak;
 
 /// Batches drawn ahead of the net.
 const AHEAD: usize = 4;
-/// Samples judged at once.
-const JUDGED_AT_ONCE: usize = 50;
-/// Mixed into the seed for the frames that the net is judged on.
-const JUDGE_SEED: u64 = 0x6a75_6467_6500;
+
+/// What frames are drawn for. Each purpose has a seed, so that no set shares a frame with another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameSet {
+    /// The net learns from them.
+    Train,
+    /// They pick the best weights.
+    Validation,
+    /// Probabilities and covariances are calibrated on them.
+    Calibration,
+    /// The score that is reported comes from them, and nothing else does.
+    Test,
+}
+
+impl FrameSet {
+    /// The seed of the set's frames in a training with this seed.
+    pub fn seed(self, training: u64) -> u64 {
+        training
+            ^ match self {
+                Self::Train => 0,
+                Self::Validation => 0x7661_6c69_6461_7465,
+                Self::Calibration => 0x6361_6c69_6272_6174,
+                Self::Test => 0x7265_706f_7274_6564,
+            }
+    }
+}
 
 /// How the net is trained.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -55,36 +84,36 @@ pub struct TrainConfig {
     /// Samples a step.
     pub batch: usize,
     /// Samples that one frame gives.
-    pub samples_a_frame: usize,
+    pub samples_per_frame: usize,
     /// Highest learning rate.
     pub learning_rate: f64,
     /// Steps over which the rate rises from 0.
-    pub rise: u64,
+    pub warmup_steps: u64,
     /// AdamW's weight decay.
     pub weight_decay: f32,
-    /// Steps between judgements.
-    pub judge_every: u64,
-    /// Frames that the net is judged on.
-    pub judge_frames: usize,
-    /// Judgements without a better net after which training ends.
+    /// Steps between evaluations.
+    pub eval_every: u64,
+    /// Frames of each of the three sets that the net is evaluated on.
+    pub eval_frames: usize,
+    /// Evaluations without a better net after which training ends.
     pub patience: usize,
     /// What frames are like.
     pub synth: SynthConfig,
 }
 
 impl Default for TrainConfig {
-    /// 12 000 steps of 32 samples, two from a frame; judged on 500 frames every 500 steps.
+    /// 12 000 steps of 32 samples, two from a frame; evaluated on 500 frames every 500 steps.
     fn default() -> Self {
         Self {
             seed: 0,
             steps: 12_000,
             batch: 32,
-            samples_a_frame: 2,
+            samples_per_frame: 2,
             learning_rate: 2e-3,
-            rise: 300,
+            warmup_steps: 300,
             weight_decay: 1e-4,
-            judge_every: 500,
-            judge_frames: 500,
+            eval_every: 500,
+            eval_frames: 500,
             patience: 12,
             synth: SynthConfig {
                 // Larger balls are shrunk to the patch anyway.
@@ -104,9 +133,9 @@ impl TrainConfig {
         for (name, value) in [
             ("steps", self.steps),
             ("batch", self.batch as u64),
-            ("samples_a_frame", self.samples_a_frame as u64),
-            ("judge_every", self.judge_every),
-            ("judge_frames", self.judge_frames as u64),
+            ("samples_per_frame", self.samples_per_frame as u64),
+            ("eval_every", self.eval_every),
+            ("eval_frames", self.eval_frames as u64),
             ("patience", self.patience as u64),
         ] {
             if value == 0 {
@@ -115,26 +144,26 @@ impl TrainConfig {
         }
         if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
             let problem = format!("expected a positive number, found {}", self.learning_rate);
-            return Err(Error::argument("learning rate", problem));
+            return Err(Error::argument("learning_rate", problem));
         }
         Ok(())
     }
 
     /// The learning rate of a step.
     pub fn rate_at(&self, step: u64) -> f64 {
-        let rise = ((step + 1) as f64 / self.rise.max(1) as f64).min(1.0);
+        let warmup = ((step + 1) as f64 / self.warmup_steps.max(1) as f64).min(1.0);
         let done = (step as f64 / self.steps as f64).min(1.0);
-        self.learning_rate * rise * 0.5 * (1.0 + (std::f64::consts::PI * done).cos())
+        self.learning_rate * warmup * 0.5 * (1.0 + (std::f64::consts::PI * done).cos())
     }
 
     /// The samples of a step.
     fn batch_at(&self, step: u64) -> Result<Batch> {
-        let frames = self.batch.div_ceil(self.samples_a_frame) as u64;
+        let frames = self.batch.div_ceil(self.samples_per_frame) as u64;
         let made: Result<Vec<Vec<(Sample, Symmetry)>>> = (step * frames..(step + 1) * frames)
             .map(|frame| {
-                let mut rng = frame_rng(self.seed, frame);
+                let mut rng = frame_rng(FrameSet::Train.seed(self.seed), frame);
                 let rendering = random_frame(&self.synth, &mut rng)?;
-                Ok((0..self.samples_a_frame)
+                Ok((0..self.samples_per_frame)
                     .map(|_| {
                         let sample = sample::sample(&rendering, &mut rng);
                         (sample, Symmetry::random(&mut rng))
@@ -149,12 +178,12 @@ impl TrainConfig {
         Ok(batch)
     }
 
-    /// The frames that the net is judged on.
-    fn judge_set(&self) -> Result<Vec<Sample>> {
-        (0..self.judge_frames as u64)
+    /// A set of samples that the net does not learn from.
+    fn samples(&self, set: FrameSet) -> Result<Vec<Sample>> {
+        (0..self.eval_frames as u64)
             .into_par_iter()
             .map(|frame| {
-                let mut rng = frame_rng(self.seed ^ JUDGE_SEED, frame);
+                let mut rng = frame_rng(set.seed(self.seed), frame);
                 let rendering = random_frame(&self.synth, &mut rng)?;
                 Ok(sample::sample(&rendering, &mut rng))
             })
@@ -171,7 +200,7 @@ pub struct TrainProgress {
     pub heat_loss: f64,
     /// Mean of the positions' loss since the last report.
     pub position_loss: f64,
-    /// The last judgement.
+    /// The last evaluation, on the validation set.
     pub score: Option<Score>,
 }
 
@@ -185,7 +214,7 @@ pub trait TrainObserver {
         Ok(())
     }
 
-    /// Called after each judgement with all that is needed to continue.
+    /// Called after each evaluation with all that is needed to continue.
     ///
     /// # Errors
     /// Whatever the observer meets; it ends the training.
@@ -201,7 +230,7 @@ impl TrainObserver for () {}
 pub struct Trained {
     /// The best weights, calibrated.
     pub weights: Weights,
-    /// Their score, at a probability of one half.
+    /// Their score on the test set, at a probability of one half.
     pub score: Score,
     /// Steps done.
     pub steps: u64,
@@ -220,7 +249,6 @@ pub fn train(
     observer: &mut dyn TrainObserver,
 ) -> Result<Trained> {
     config.check()?;
-    let judge_set = config.judge_set()?;
     let mut trainer = Trainer::new(config, from)?;
     let first = trainer.state.step;
     let (send, batches) = sync_channel(AHEAD);
@@ -233,9 +261,9 @@ pub fn train(
                 }
             }
         });
-        trainer.run(batches, &judge_set, stop, observer)
+        trainer.run(batches, stop, observer)
     })?;
-    trainer.finish(&judge_set)
+    trainer.finish()
 }
 
 /// What a run needs besides its configuration.
@@ -245,6 +273,8 @@ struct Trainer<'a> {
     net: Net,
     optimizer: ModuleOptimizer,
     state: checkpoint::State,
+    validation: Vec<Sample>,
+    calibration: Vec<Sample>,
     /// The best net's numbers.
     best: Option<Weights>,
 }
@@ -266,6 +296,8 @@ impl<'a> Trainer<'a> {
             net,
             optimizer,
             state: checkpoint::State::default(),
+            validation: config.samples(FrameSet::Validation)?,
+            calibration: config.samples(FrameSet::Calibration)?,
             best: None,
         };
         if let Some(from) = from {
@@ -279,7 +311,6 @@ impl<'a> Trainer<'a> {
     fn run(
         &mut self,
         batches: Receiver<Result<Batch>>,
-        judge_set: &[Sample],
         stop: &AtomicBool,
         observer: &mut dyn TrainObserver,
     ) -> Result<()> {
@@ -289,8 +320,8 @@ impl<'a> Trainer<'a> {
             let [heat, position] = self.step(&batch?)?;
             sums = [sums[0] + heat, sums[1] + position];
             let step = self.state.step;
-            if step.is_multiple_of(self.config.judge_every) || step == self.config.steps {
-                score = Some(self.judge(judge_set)?);
+            if step.is_multiple_of(self.config.eval_every) || step == self.config.steps {
+                score = Some(self.evaluate()?);
                 observer.checkpoint(&self.checkpoint()?)?;
             }
             if step.is_multiple_of(REPORT_EVERY) {
@@ -336,24 +367,24 @@ impl<'a> Trainer<'a> {
         Ok([number(heat)?, number(position)?])
     }
 
-    /// Judges the net, and keeps its numbers where they are the best so far.
-    fn judge(&mut self, judge_set: &[Sample]) -> Result<Score> {
-        let net = self.net.valid();
-        let judged = judge(&net, judge_set, &Calibration::default())?;
-        let calibration = score::calibrate(&judged);
-        let judged = judge(&net, judge_set, &calibration)?;
-        let score = score::score(&judged, judge_set, 0.5);
+    /// Calibrates the net and evaluates it, and keeps its numbers where they are the best so far.
+    fn evaluate(&mut self) -> Result<Score> {
+        let layers = self.net.valid().layers()?;
+        let matched = match_all(&layers, &self.calibration, &Calibration::default())?;
+        let calibration = score::calibrate(&matched);
+        let matched = match_all(&layers, &self.validation, &calibration)?;
+        let score = score::score(&matched, &self.validation, 0.5);
         if self.best.is_none() || score.f1() > self.state.best_f1 {
             self.state.best_f1 = score.f1();
             self.state.since_best = 0;
             self.best = Some(Weights {
-                layers: net.layers()?,
+                layers,
                 meta: WeightsMeta {
                     format_version: FORMAT_VERSION,
                     calibration,
                     command: String::new(),
                     frames: self.state.step * self.config.batch as u64
-                        / self.config.samples_a_frame as u64,
+                        / self.config.samples_per_frame as u64,
                 },
             });
         } else {
@@ -372,37 +403,71 @@ impl<'a> Trainer<'a> {
         )
     }
 
-    fn finish(mut self, judge_set: &[Sample]) -> Result<Trained> {
+    fn finish(mut self) -> Result<Trained> {
         if self.best.is_none() {
-            self.judge(judge_set)?;
+            self.evaluate()?;
         }
         let Some(weights) = self.best else {
             let problem = "stopped before the net had learned anything";
             return Err(Error::argument("train", problem));
         };
-        let net = Net::new(&weights.layers, &Device::flex())?;
-        let judged = judge(&net, judge_set, &weights.meta.calibration)?;
         Ok(Trained {
-            score: score::score(&judged, judge_set, 0.5),
+            score: test(self.config, &weights)?,
             weights,
             steps: self.state.step,
         })
     }
 }
 
-/// Runs a net on samples and judges its peaks.
-fn judge(net: &Net, samples: &[Sample], calibration: &Calibration) -> Result<Vec<score::Judged>> {
-    let device = Device::flex();
-    let mut judged = Vec::new();
-    for some in samples.chunks(JUDGED_AT_ONCE) {
-        let values: Vec<f32> = some
-            .iter()
-            .flat_map(|s| s.patch.values())
-            .copied()
-            .collect();
-        let patches = TensorData::new(values, [some.len(), 1, SIZE, SIZE]);
-        let cells = floats(net.forward(Tensor::from_data(patches, &device)))?;
-        judged.extend(score::judge(&cells, some, calibration));
+/// The score of weights on the test set of a training with this configuration, at a probability of one half.
+///
+/// # Errors
+/// [`Error::Argument`] where the configuration is out of its domain or the weights do not fit the net.
+pub fn test(config: &TrainConfig, weights: &Weights) -> Result<Score> {
+    config.check()?;
+    let samples = config.samples(FrameSet::Test)?;
+    let matched = match_all(&weights.layers, &samples, &weights.meta.calibration)?;
+    Ok(score::score(&matched, &samples, 0.5))
+}
+
+/// Runs a net on samples, as `spindoe` will run it, and matches its peaks with their dots.
+fn match_all(
+    layers: &[Layer],
+    samples: &[Sample],
+    calibration: &Calibration,
+) -> Result<Vec<MatchedPeak>> {
+    let network = Network::new(layers)?;
+    let mut activations = Activations::default();
+    let mut matched = Vec::new();
+    for sample in samples {
+        let cells = network.forward(&sample.patch, &mut activations);
+        score::match_peaks(cells, sample, calibration, &mut matched);
     }
-    Ok(judged)
+    Ok(matched)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sets_share_no_frame() {
+        let config = TrainConfig {
+            eval_frames: 3,
+            ..TrainConfig::default()
+        };
+        let sets = [
+            FrameSet::Train,
+            FrameSet::Validation,
+            FrameSet::Calibration,
+            FrameSet::Test,
+        ];
+        let samples: Vec<Sample> = sets
+            .iter()
+            .flat_map(|&set| config.samples(set).expect("frames"))
+            .collect();
+        for (i, a) in samples.iter().enumerate() {
+            assert!(samples[..i].iter().all(|b| a.patch != b.patch), "{i}");
+        }
+    }
 }

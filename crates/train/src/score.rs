@@ -1,24 +1,25 @@
 //! How good a net is on frames that it was not trained on, and what its numbers mean.
 //!
-//! A peak is right where a dot lies within [`MATCH`] of it, each dot claimed by one peak, the hottest. The probability of a peak
-//! is fitted as a logistic function of its heat by maximum likelihood (J. Platt, 1999); the covariances' factor is that which
-//! makes the median squared Mahalanobis length of the errors that of two Gaussian dimensions, `2 ln 2`.
+//! A peak is correct where a dot lies within [`MATCH`] of it; a dot is claimed by one peak, the hottest. The
+//! probability of a peak is fitted as a logistic function of its heat by maximum likelihood (J. Platt,
+//! 1999). The covariances' factor is that which makes the median squared Mahalanobis length of the errors
+//! that of two Gaussian dimensions, `2 ln 2`.
 
-use super::sample::Sample;
-use crate::vision::net::detector::{Peak, find_peaks};
-use crate::vision::net::graph::{CELLS, CHANNELS};
-use crate::vision::net::weights::Calibration;
+use spindoe::vision::net::detector::{Peak, find_peaks};
+use spindoe::vision::net::weights::Calibration;
+
+use crate::sample::Sample;
 
 /// Largest distance of a peak to its dot, in the patch's values.
 pub const MATCH: f64 = 3.0;
-/// Peaks fainter than this are not looked at when the calibration is fitted.
-const FAINTEST: f64 = 0.01;
+/// Peaks less likely than this are left out when the calibration is fitted.
+const MIN_PROBABILITY: f64 = 0.01;
 /// Newton steps of the logistic fit; it has converged after ten.
 const NEWTON_STEPS: usize = 30;
 
 /// A peak, and whether a dot is there.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Judged {
+pub struct MatchedPeak {
     /// The peak.
     pub peak: Peak,
     /// Its dot's position minus its own (columns, rows), where there is one.
@@ -58,43 +59,44 @@ impl Score {
     }
 }
 
-/// Judges all peaks of a batch's cells. Peaks at dots of which nobody can say are left out.
-pub fn judge(cells: &[f32], samples: &[Sample], calibration: &Calibration) -> Vec<Judged> {
+/// Matches all peaks of one sample's cells with its dots, and appends them to `matched`. Peaks at dots of
+/// which nobody can say are left out.
+pub fn match_peaks(
+    cells: &[f32],
+    sample: &Sample,
+    calibration: &Calibration,
+    matched: &mut Vec<MatchedPeak>,
+) {
     let mut peaks = Vec::new();
-    let mut judged = Vec::new();
-    for (cells, sample) in cells.chunks_exact(CHANNELS * CELLS * CELLS).zip(samples) {
-        find_peaks(cells, calibration, 0.0, &mut peaks);
-        let mut claimed = vec![false; sample.dots.len()];
-        for peak in &peaks {
-            let distance = |i: usize| {
-                (sample.dots[i].at.u - peak.column).hypot(sample.dots[i].at.v - peak.row)
-            };
-            let nearest = (0..sample.dots.len())
-                .filter(|&i| !claimed[i] && distance(i) < MATCH)
-                .min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
-            let error = match nearest {
-                Some(i) => {
-                    claimed[i] = true;
-                    let dot = sample.dots[i];
-                    if !dot.certain {
-                        continue;
-                    }
-                    Some([dot.at.u - peak.column, dot.at.v - peak.row])
+    find_peaks(cells, calibration, 0.0, &mut peaks);
+    let mut claimed = vec![false; sample.dots.len()];
+    for peak in peaks {
+        let distance =
+            |i: usize| (sample.dots[i].at.u - peak.column).hypot(sample.dots[i].at.v - peak.row);
+        let nearest = (0..sample.dots.len())
+            .filter(|&i| !claimed[i] && distance(i) < MATCH)
+            .min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+        let error = match nearest {
+            Some(i) => {
+                claimed[i] = true;
+                let dot = sample.dots[i];
+                if !dot.certain {
+                    continue;
                 }
-                None => None,
-            };
-            judged.push(Judged { peak: *peak, error });
-        }
+                Some([dot.at.u - peak.column, dot.at.v - peak.row])
+            }
+            None => None,
+        };
+        matched.push(MatchedPeak { peak, error });
     }
-    judged
 }
 
-/// The score at a least probability.
-pub fn score(judged: &[Judged], samples: &[Sample], least_confidence: f64) -> Score {
+/// The score of peaks with at least the given probability.
+pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_confidence: f64) -> Score {
     let shown = || {
-        judged
+        matched
             .iter()
-            .filter(|j| j.peak.confidence >= least_confidence)
+            .filter(|j| j.peak.confidence >= min_confidence)
     };
     let mut errors: Vec<f64> = shown()
         .filter_map(|j| j.error.map(|[u, v]| u.hypot(v)))
@@ -112,11 +114,11 @@ pub fn score(judged: &[Judged], samples: &[Sample], least_confidence: f64) -> Sc
     }
 }
 
-/// Fits the calibration to peaks that were judged with the default one.
-pub fn calibrate(judged: &[Judged]) -> Calibration {
-    let seen: Vec<&Judged> = judged
+/// Fits the calibration to peaks that were read with the default one.
+pub fn calibrate(matched: &[MatchedPeak]) -> Calibration {
+    let seen: Vec<&MatchedPeak> = matched
         .iter()
-        .filter(|j| j.peak.confidence > FAINTEST)
+        .filter(|j| j.peak.confidence > MIN_PROBABILITY)
         .collect();
     let (mut slope, mut offset) = (1.0, 0.0);
     for _ in 0..NEWTON_STEPS {

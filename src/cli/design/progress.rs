@@ -1,78 +1,51 @@
-//! How `spindoe design` shows its search, and keeps it on disk while it runs.
+//! How `spindoe design` shows its search, and divides a budget.
 
-use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressStyle};
-
+use super::Arguments;
+use crate::cli::output::Progress;
 use crate::design::checkpoint::SearchState;
 use crate::design::{DesignConfig, DesignObserver, Stage};
 use crate::error::Result;
+use crate::report::JobObserver;
 
-/// The search's checkpoint within the folder.
-pub(super) const CHECKPOINT: &str = "search.json";
-
-/// Shows a search: a bar on a terminal, plain lines elsewhere; and keeps it on disk.
-pub(super) struct Progress<'a> {
+/// Shows a design, and says when its budget ends.
+pub(super) struct DesignProgress<'a> {
     config: &'a DesignConfig,
-    dir: &'a Path,
-    budget: Option<Duration>,
-    bar: ProgressBar,
-    /// The dots of the pattern on disk.
-    saved: Option<Vec<[f64; 3]>>,
-    said: Instant,
+    arguments: &'a Arguments,
+    line: Progress,
     /// When the round at hand began, in seconds of the search.
     round_began_s: f64,
 }
 
-/// Plain lines come no more often than this, seconds.
-const SILENCE_S: f64 = 2.0;
+/// Steps of the bar.
+const STEPS: u64 = 1000;
+/// Plain lines come no more often than this.
+const SILENCE: Duration = Duration::from_secs(2);
 /// Part of a budget after which no round of the search is begun; the rest is for the last trial,
-/// polishing and the proof.
+/// polishing and the evaluation.
 const SEARCH_SHARE: f64 = 0.7;
 /// Part of a budget after which no round of polishing is begun.
 const POLISH_SHARE: f64 = 0.9;
 
-impl<'a> Progress<'a> {
-    pub fn new(
-        config: &'a DesignConfig,
-        dir: &'a Path,
-        budget: Option<Duration>,
-        state: &SearchState,
-    ) -> Self {
-        let bar = ProgressBar::new(1000);
-        // The template is a constant; were it wrong, the default style would do.
-        if let Ok(style) =
-            ProgressStyle::with_template("{bar:25} {elapsed} gone, {eta} left  {msg}")
-        {
-            bar.set_style(style);
-        }
+impl<'a> DesignProgress<'a> {
+    pub fn new(config: &'a DesignConfig, arguments: &'a Arguments) -> Self {
+        let template = "{bar:25} {elapsed} gone, {eta} left  {msg}";
         Self {
             config,
-            dir,
-            budget,
-            bar,
-            saved: None,
-            said: Instant::now(),
-            round_began_s: state.elapsed_s,
-        }
-    }
-
-    pub fn say(&self, what: &str) {
-        if self.bar.is_hidden() {
-            errln!("{what}");
-        } else {
-            self.bar.set_message(what.to_owned());
+            arguments,
+            line: Progress::new(STEPS, template, SILENCE),
+            round_began_s: 0.0,
         }
     }
 
     pub fn finish(&self) {
-        self.bar.finish_and_clear();
+        self.line.finish();
     }
 
     /// Share of the search that is done, in [0, 1].
     fn share(&self, state: &SearchState, stage: Stage) -> f64 {
-        if let Some(budget) = self.budget {
+        if let Some(budget) = self.arguments.budget {
             return (state.elapsed_s / budget.as_secs_f64()).min(1.0);
         }
         let starts = self.config.starts as f64;
@@ -92,7 +65,8 @@ impl<'a> Progress<'a> {
 
     /// Whether something that takes so long ends before this share of the budget.
     fn time_for(&self, state: &SearchState, seconds: f64, share: f64) -> bool {
-        self.budget
+        self.arguments
+            .budget
             .is_none_or(|budget| state.elapsed_s + seconds < share * budget.as_secs_f64())
     }
 
@@ -119,36 +93,38 @@ impl<'a> Progress<'a> {
         };
         format!("{what}; {} identity: {best}", self.config.protocol.name)
     }
+}
 
-    /// Time left by the share that is done, in words; empty while there is nothing to go by.
-    fn left(&self, state: &SearchState, share: f64) -> String {
-        if share < 0.02 {
-            return String::new();
-        }
-        let left = state.elapsed_s * (1.0 - share) / share;
-        format!("; {left:.0} s left of the search")
+/// Time left by the share that is done, in words; empty while there is nothing to go by.
+fn left(elapsed_s: f64, share: f64) -> String {
+    if share < 0.02 {
+        return String::new();
+    }
+    let left = elapsed_s * (1.0 - share) / share;
+    format!("; {left:.0} s left of the search")
+}
+
+impl JobObserver for DesignProgress<'_> {
+    fn begins(&mut self, state: &SearchState) {
+        self.round_began_s = state.elapsed_s;
+    }
+
+    fn step(&mut self, what: &str) {
+        self.line.say(what);
+    }
+
+    fn command(&self, searched: &DesignConfig) -> Option<String> {
+        Some(self.arguments.command(searched))
     }
 }
 
-impl DesignObserver for Progress<'_> {
+impl DesignObserver for DesignProgress<'_> {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
-        state.save(&self.dir.join(CHECKPOINT), self.config)?;
-        let polished = state.polish.as_ref().map(|p| &p.at);
-        if let Some(best) = polished.or(state.pool.first())
-            && self.saved.as_ref() != Some(&best.dots)
-        {
-            best.pattern()?.write_csv(&self.dir.join("pattern.csv"))?;
-            self.saved = Some(best.dots.clone());
-        }
         let share = self.share(state, stage);
-        self.bar.set_position((1000.0 * share) as u64);
         let what = self.words(state, stage);
-        if !self.bar.is_hidden() {
-            self.bar.set_message(what);
-        } else if self.said.elapsed().as_secs_f64() > SILENCE_S {
-            errln!("{what}{}", self.left(state, share));
-            self.said = Instant::now();
-        }
+        let done = (STEPS as f64 * share) as u64;
+        let elapsed_s = state.elapsed_s;
+        self.line.show(done, &what, || left(elapsed_s, share));
         Ok(())
     }
 

@@ -1,35 +1,24 @@
-//! `spindoe design`: the main job.
+//! The arguments of `spindoe design`, and the command that repeats a design.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 
-use super::print_json;
-use super::progress::{CHECKPOINT, Progress};
-use crate::design::checkpoint::SearchState;
+use crate::cli::output::one_of;
 use crate::design::feasible::packed_separation;
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{
-    Constraints, DesignConfig, DesignOutcome, KeepOut, Objective, ObjectiveName, design,
-};
-use crate::error::{Error, Result};
-use crate::files;
+use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName};
+use crate::error::{Error, Result, require};
 use crate::geometry::Vec3;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
-use crate::report::{DesignEvaluation, EvaluationConfig, evaluate};
 use crate::stencil::StencilConfig;
 use crate::validate::{Noise, Protocol, ProtocolName};
-
-/// The default folder's name; a number is added where it is taken.
-const FOLDER: &str = "spindoe-design";
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Random starts descend on the objective under the constraints; the best are tried by Monte Carlo, the
-winner is polished on the measured rate itself, and proven on trials of seeds that nothing else has used.
+winner is polished on the measured rate itself, and evaluated on trials of seeds that nothing else has used.
 The folder then holds pattern.csv, table.npz, report.json, sensitivity.csv, plots and stencil/.
 
 Ctrl-C ends the search and finishes with the best so far; --resume continues a search that was ended or
@@ -60,12 +49,12 @@ pub struct Arguments {
     polish: Option<usize>,
     /// Begin rounds until this time is spent, for instance 90s, 30m or 2h.
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
-    budget: Option<Duration>,
+    pub(super) budget: Option<Duration>,
     /// Continue the search that was left in --out.
     #[arg(long, requires = "out")]
-    resume: bool,
+    pub(super) resume: bool,
     /// What a descent works on; by default confusion, for more than 24 dots whitened-nn.
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = one_of(&ObjectiveName::ALL, ObjectiveName::as_str), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
@@ -84,29 +73,29 @@ pub struct Arguments {
     /// Further descent steps of the best quarter of the starts.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().climb_steps)]
     climb_steps: u64,
-    /// Monte Carlo trials a candidate, again for each protocol of the winner's proof, and a fifth of
+    /// Monte Carlo trials a candidate, again for each protocol of the winner's evaluation, and a fifth of
     /// it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
     /// The views to optimize for.
-    #[arg(long, value_enum, default_value_t = ProtocolName::Sparse)]
+    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Sparse)]
     protocol: ProtocolName,
     /// Improve this pattern instead of starting at random.
     #[arg(long, value_name = "PATTERN.csv", conflicts_with = "dots")]
     from: Option<PathBuf>,
-    /// Least angle between two dots, degrees; by default what the stencil's holes need, at least 18.
+    /// Minimum angle between two dots, degrees; by default what the stencil's holes need, at least 18.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     min_separation_deg: Option<f64>,
-    /// Fewest dots in view from any direction; by default 3 in 10 of them.
+    /// Minimum number of dots in view from any direction; by default 3 in 10 of them.
     #[arg(long, value_name = "N")]
     min_visible: Option<usize>,
-    /// Least angle between a dot and the stencil's seam, degrees; 0 leaves the seam to itself. By
+    /// Minimum angle between a dot and the stencil's seam, degrees; 0 leaves the seam to itself. By
     /// default 10, less for more than 24 dots.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     seam_margin_deg: Option<f64>,
     /// A cone without dots, such as a logo: its axis and half angle in degrees. May be repeated.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = keep_out, allow_hyphen_values = true)]
-    keep_out: Vec<KeepOut>,
+    keep_out: Vec<Cone>,
     /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6: measure yours.
     #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
     ball_diameter_mm: f64,
@@ -139,10 +128,10 @@ pub struct Arguments {
     blur: f64,
     /// The folder to write to; by default spindoe-design, with a number where that is taken.
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub(super) out: Option<PathBuf>,
     /// Print the report as one JSON object on standard output.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Dots of the published SpinDOE pattern, and its orientation bound.
@@ -160,11 +149,11 @@ const NO_GOAL: BoundSummary = BoundSummary {
 const MAX_ROUNDS: usize = 1 << 32;
 /// Part of a blur's length that counts as error of a dot's center, per axis.
 const BLUR_SHARE: f64 = 0.125;
-/// Least separation whatever the holes, degrees: nearer dots merge in a small image.
+/// Minimum separation whatever the holes, degrees: nearer dots merge in a small image.
 const MIN_SEPARATION_DEG: f64 = 18.0;
 
 impl Arguments {
-    fn config(&self) -> Result<DesignConfig> {
+    pub(super) fn config(&self) -> Result<DesignConfig> {
         let from = match &self.from {
             Some(path) => Some(Pattern::read_csv(path)?),
             None => None,
@@ -188,7 +177,7 @@ impl Arguments {
                 min_separation_rad: self.min_separation_deg().to_radians(),
                 min_visible: self.min_visible.unwrap_or(3 * dots / 10),
                 seam_margin_rad: self.seam_margin_deg(dots).to_radians(),
-                keep_out: self.keep_out.clone(),
+                keep_out: self.keep_out.iter().map(|c| c.keep_out).collect(),
                 stencil: Some(self.stencil()),
                 ..Constraints::default()
             },
@@ -218,8 +207,8 @@ impl Arguments {
         })
     }
 
-    /// Refuses holes so large that the dots do not find room, in millimetres, which is what was asked for.
-    fn check_holes(&self, config: &DesignConfig) -> Result<()> {
+    /// Refuses holes so large that the dots do not fit, in millimetres, which is what was asked for.
+    pub(super) fn check_holes(&self, config: &DesignConfig) -> Result<()> {
         // Other numbers of dots are refused as such.
         if self.min_separation_deg.is_some() || !(MIN_DOTS..=MAX_DOTS).contains(&config.dots) {
             return Ok(());
@@ -250,7 +239,7 @@ impl Arguments {
             asked.ball_diameter_mm,
             reached.to_degrees(),
         );
-        Err(Error::argument("hole-diameter-mm", problem))
+        Err(Error::argument("hole_diameter_mm", problem))
     }
 
     fn seam_margin_deg(&self, dots: usize) -> f64 {
@@ -270,14 +259,12 @@ impl Arguments {
         } = &mut protocol.noise
         {
             for (name, value, least) in [
-                ("ball-pixels", self.ball_pixels, 4.0),
-                ("pixel-noise", self.pixel_noise, 0.0),
+                ("ball_pixels", self.ball_pixels, 4.0),
+                ("pixel_noise", self.pixel_noise, 0.0),
                 ("blur", self.blur, 0.0),
             ] {
-                if !(value.is_finite() && value >= least) {
-                    let problem = format!("expected at least {least} pixels, found {value}");
-                    return Err(Error::argument(name, problem));
-                }
+                let expected = format!("at least {least} pixels");
+                require(value.is_finite() && value >= least, name, &expected, value)?;
             }
             *radius_px = 0.5 * self.ball_pixels;
             *sigma_px = self.pixel_noise.hypot(BLUR_SHARE * self.blur);
@@ -285,7 +272,7 @@ impl Arguments {
         Ok(protocol)
     }
 
-    fn stencil(&self) -> StencilConfig {
+    pub(super) fn stencil(&self) -> StencilConfig {
         StencilConfig {
             ball_diameter_mm: self.ball_diameter_mm,
             hole_diameter_mm: self.hole_diameter_mm,
@@ -294,7 +281,7 @@ impl Arguments {
     }
 
     /// The command that repeats this design, whatever the defaults of other versions.
-    fn command(&self, config: &DesignConfig) -> String {
+    pub(super) fn command(&self, config: &DesignConfig) -> String {
         let mut words = vec!["spindoe design".to_owned()];
         let mut add = |flag: &str, value: String| words.push(format!("--{flag} {value}"));
         match &self.from {
@@ -321,14 +308,13 @@ impl Arguments {
             self.seam_margin_deg(config.dots).to_string(),
         );
         for cone in &self.keep_out {
-            let (a, deg) = (cone.axis, cone.half_angle_rad.to_degrees());
-            add("keep-out", format!("{},{},{},{deg}", a.x, a.y, a.z));
+            add("keep-out", cone.given.map(|x| x.to_string()).join(","));
         }
         add("ball-diameter-mm", self.ball_diameter_mm.to_string());
         add("hole-diameter-mm", self.hole_diameter_mm.to_string());
         if self.protocol == ProtocolName::Image {
-            add("ball-pixels", self.ball_pixels.to_string());
-            add("pixel-noise", self.pixel_noise.to_string());
+            add("ball_pixels", self.ball_pixels.to_string());
+            add("pixel_noise", self.pixel_noise.to_string());
             add("blur", self.blur.to_string());
         }
         words.join(" ")
@@ -358,142 +344,30 @@ fn bound_goal(text: &str) -> std::result::Result<BoundSummary, String> {
     }
 }
 
+/// A cone without dots, with the numbers that it was given by: the command in the report repeats them,
+/// since an axis that is normalized twice may differ in its last bit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::cli) struct Cone {
+    given: [f64; 4],
+    pub(in crate::cli) keep_out: KeepOut,
+}
+
 /// Parses `X,Y,Z,DEG`.
-pub(super) fn keep_out(text: &str) -> std::result::Result<KeepOut, String> {
+pub(in crate::cli) fn keep_out(text: &str) -> std::result::Result<Cone, String> {
     let numbers: std::result::Result<Vec<f64>, _> =
         text.split(',').map(|n| n.trim().parse::<f64>()).collect();
-    match numbers.as_deref() {
-        Ok([x, y, z, deg]) => Vec3::new(*x, *y, *z)
-            .try_normalize(1e-9)
-            .filter(|axis| axis.iter().all(|c| c.is_finite()))
-            .map(|axis| KeepOut {
-                axis,
-                half_angle_rad: deg.to_radians(),
-            })
-            .ok_or_else(|| "expected an axis that is not zero".to_owned()),
-        _ => Err("expected four numbers X,Y,Z,DEG".to_owned()),
-    }
-}
-
-pub fn run(arguments: &Arguments) -> Result<()> {
-    let config = arguments.config()?;
-    let stencil = arguments.stencil();
-    stencil.validate()?;
-    arguments.check_holes(&config)?;
-    config.check()?;
-    let dir = match &arguments.out {
-        Some(dir) => dir.clone(),
-        None => free_folder(),
+    let Ok(&[x, y, z, deg]) = numbers.as_deref() else {
+        return Err("expected four numbers X,Y,Z,DEG".to_owned());
     };
-    let mut state = if arguments.resume {
-        SearchState::load(&dir.join(CHECKPOINT), &config)?
-    } else {
-        refuse_taken(&dir)?;
-        SearchState::default()
-    };
-    files::create_writable_dir(&dir)?;
-    let stop = stop_on_interrupt()?;
-    let clock = Instant::now();
-    let mut progress = Progress::new(&config, &dir, arguments.budget, &state);
-    let outcome = design(&config, &mut state, &stop, &mut progress)?;
-    let search_s = clock.elapsed().as_secs_f64();
-    if outcome.stopped {
-        progress.say("stopped: finishing with the best so far; Ctrl-C again leaves at once");
-    }
-    let searched = DesignConfig {
-        rounds: state.round.max(1),
-        polish: outcome.polish.len(),
-        ..config.clone()
-    };
-    let proof = EvaluationConfig::of_samples(config.samples);
-    let command = arguments.command(&searched);
-    let mut proven = evaluate(&outcome, &searched, &proof, command, &mut |what| {
-        progress.say(what);
-    })?;
-    proven.report.timing.search_s = search_s;
-    progress.say("drawing the plots");
-    proven.write(&dir, &stencil)?;
-    progress.say("making the stencil");
-    proven.write_stencil(&dir, &stencil)?;
-    progress.finish();
-    if arguments.json {
-        return print_json(&proven.report);
-    }
-    print_words(&proven, &outcome, clock.elapsed().as_secs_f64());
-    outln!("{}", dir.display());
-    Ok(())
-}
-
-/// The first of `spindoe-design`, `spindoe-design-2`, ... that does not exist.
-fn free_folder() -> PathBuf {
-    let numbered = (2..).map(|k| PathBuf::from(format!("{FOLDER}-{k}")));
-    std::iter::once(PathBuf::from(FOLDER))
-        .chain(numbered)
-        .find(|p| !p.exists())
-        .unwrap_or_else(|| PathBuf::from(FOLDER))
-}
-
-/// Refuses a folder that holds a design already: two designs must not mix in one.
-fn refuse_taken(dir: &Path) -> Result<()> {
-    for name in ["pattern.csv", "report.json", CHECKPOINT] {
-        if dir.join(name).exists() {
-            let problem = format!(
-                "{} holds a design already ({name}); choose another folder, or --resume it",
-                dir.display()
-            );
-            return Err(Error::argument("out", problem));
-        }
-    }
-    Ok(())
-}
-
-/// A flag that the first Ctrl-C sets; the second leaves at once.
-pub(super) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
+    let axis = Vec3::new(x, y, z)
+        .try_normalize(1e-9)
+        .filter(|axis| axis.iter().all(|c| c.is_finite()))
+        .ok_or("expected an axis that is not zero")?;
+    Ok(Cone {
+        given: [x, y, z, deg],
+        keep_out: KeepOut {
+            axis,
+            half_angle_rad: deg.to_radians(),
+        },
     })
-    .map_err(|e| Error::Internal(format!("Ctrl-C cannot be caught: {e}")))?;
-    Ok(stop)
-}
-
-fn print_words(proven: &DesignEvaluation, outcome: &DesignOutcome, seconds: f64) {
-    let report = &proven.report;
-    let summary = &report.pattern.summary;
-    outln!(
-        "{} dots, least separation {:.1} deg, {} to be seen from anywhere; best of {} starts; {seconds:.1} s",
-        summary.dots,
-        summary.min_separation_rad.to_degrees(),
-        summary.min_visible,
-        outcome.starts,
-    );
-    outln!(
-        "{:<9} {:<8} {:>29} {:>29} {:>11}",
-        "protocol",
-        "recog.",
-        "identity [95 %]",
-        "orientation [95 %]",
-        "mean error"
-    );
-    for v in &report.validation {
-        let found = &v.validation;
-        outln!(
-            "{:<9} {:<8} {:>29} {:>29} {:>7.3} deg",
-            found.protocol,
-            v.recognizer,
-            found.identity.to_string(),
-            found.orientation.to_string(),
-            found.mean_error_deg,
-        );
-    }
-    if let Some(first) = report.validation.first() {
-        outln!(
-            "{} trials each, on seed {}, which the search never saw.",
-            first.validation.samples,
-            report.seeds.report
-        );
-    }
 }

@@ -1,0 +1,55 @@
+//! burn's forward pass and that of `spindoe` are the same function.
+#![allow(clippy::unwrap_used)]
+
+use burn::tensor::{Device, Tensor, TensorData};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use spindoe::synth::SynthConfig;
+use spindoe::vision::net::Weights;
+use spindoe::vision::net::network::{Activations, Network};
+use spindoe::vision::net::weights::Layer;
+use spindoe::vision::patch::SIZE;
+use spindoe_train::model::{Net, floats};
+use spindoe_train::sample::{Sample, random_frame, sample};
+
+fn samples(count: u64) -> Vec<Sample> {
+    (0..count)
+        .map(|k| {
+            let mut rng = ChaCha8Rng::seed_from_u64(1_000 + k);
+            let frame = random_frame(&SynthConfig::default(), &mut rng).unwrap();
+            sample(&frame, &mut rng)
+        })
+        .collect()
+}
+
+/// The largest difference of any cell.
+fn difference(layers: &[Layer], samples: &[Sample]) -> f32 {
+    let device = Device::flex();
+    let net = Net::new(layers, &device).unwrap();
+    let network = Network::new(layers).unwrap();
+    let mut activations = Activations::default();
+    let mut worst = 0f32;
+    for sample in samples {
+        let data = TensorData::new(sample.patch.values().to_vec(), [1, 1, SIZE, SIZE]);
+        let expected = floats(net.forward(Tensor::from_data(data, &device))).unwrap();
+        let found = network.forward(&sample.patch, &mut activations);
+        assert_eq!(found.len(), expected.len());
+        for (a, b) in found.iter().zip(&expected) {
+            worst = worst.max((a - b).abs());
+        }
+    }
+    worst
+}
+
+#[test]
+fn both_give_the_same_cells() {
+    let samples = samples(12);
+    let built_in = difference(&Weights::built_in().unwrap().layers, &samples);
+    assert!(built_in < 1e-4, "{built_in:.1e}");
+    for seed in 0..3 {
+        let layers = Net::random_layers(&mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
+        let random = difference(&layers, &samples[..3]);
+        assert!(random < 1e-4, "{random:.1e}");
+    }
+    println!("built-in weights: cells differ by at most {built_in:.1e}");
+}

@@ -1,0 +1,94 @@
+//! `spindoe design`: the main job.
+
+mod arguments;
+mod progress;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use super::output::stop_on_interrupt;
+use super::print_json;
+use crate::error::Result;
+use crate::report::{DesignEvaluation, DesignJob, EvaluationConfig, Start};
+
+pub use arguments::Arguments;
+pub(super) use arguments::{Cone, keep_out};
+use progress::DesignProgress;
+
+/// The default folder's name; a number is added where it is taken.
+const FOLDER: &str = "spindoe-design";
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let config = arguments.config()?;
+    arguments.stencil().validate()?;
+    arguments.check_holes(&config)?;
+    let job = DesignJob {
+        evaluation: EvaluationConfig::of_samples(config.samples),
+        config,
+        stencil: arguments.stencil(),
+        dir: arguments.out.clone().unwrap_or_else(free_folder),
+    };
+    let start = if arguments.resume {
+        Start::Resume
+    } else {
+        Start::Fresh
+    };
+    let stop = stop_on_interrupt()?;
+    let clock = Instant::now();
+    let mut progress = DesignProgress::new(&job.config, arguments);
+    let found = job.run(start, &stop, &mut progress)?;
+    progress.finish();
+    if arguments.json {
+        return print_json(&found.report);
+    }
+    print_words(&found, clock.elapsed().as_secs_f64());
+    outln!("{}", job.dir.display());
+    Ok(())
+}
+
+/// The first of `spindoe-design`, `spindoe-design-2`, ... that does not exist.
+fn free_folder() -> PathBuf {
+    let numbered = (2..).map(|k| PathBuf::from(format!("{FOLDER}-{k}")));
+    std::iter::once(PathBuf::from(FOLDER))
+        .chain(numbered)
+        .find(|p| !p.exists())
+        .unwrap_or_else(|| PathBuf::from(FOLDER))
+}
+
+fn print_words(found: &DesignEvaluation, seconds: f64) {
+    let report = &found.report;
+    let summary = &report.pattern.summary;
+    outln!(
+        "{} dots, minimum separation {:.1} deg, {} to be seen from anywhere; best of {} starts; {seconds:.1} s",
+        summary.dots,
+        summary.min_separation_rad.to_degrees(),
+        summary.min_visible,
+        report.starts,
+    );
+    outln!(
+        "{:<9} {:<8} {:>29} {:>29} {:>11}",
+        "protocol",
+        "recog.",
+        "identity [95 %]",
+        "orientation [95 %]",
+        "mean error"
+    );
+    for v in &report.validation {
+        let rates = &v.validation;
+        outln!(
+            "{:<9} {:<8} {:>29} {:>29} {:>7.3} deg",
+            rates.protocol,
+            v.recognizer,
+            rates.identity.to_string(),
+            rates.orientation.to_string(),
+            rates.mean_error_deg,
+        );
+    }
+    if let Some(first) = report.validation.first() {
+        outln!(
+            "{} trials each, on seed {}, which the search never used.",
+            first.validation.samples,
+            report.seeds.report
+        );
+    }
+}

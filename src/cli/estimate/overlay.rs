@@ -1,0 +1,83 @@
+//! The overlays of `spindoe estimate`: every frame with what was seen in it.
+
+use std::path::Path;
+
+use super::{Seen, output};
+use crate::error::Result;
+use crate::plot::{self, OverlayFrame};
+use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel, RgbImage};
+
+/// Frames are drawn whole up to this side, pixels; of larger ones the ball's surroundings.
+const WHOLE: usize = 320;
+/// Half a side of what is drawn around a ball, in radii.
+const AROUND: f64 = 1.4;
+
+/// What is drawn of a frame, and the corner at which it is cut out.
+pub(super) fn picture(
+    image: &RgbImage,
+    estimate: &FrameEstimate,
+) -> Result<(RgbImage, usize, usize)> {
+    let whole = image.width().max(image.height()) <= WHOLE;
+    match estimate.circle {
+        Some(circle) if !whole => {
+            let corner = |x: f64| (x - AROUND * circle.radius).max(0.0) as usize;
+            let side = (2.0 * AROUND * circle.radius).ceil() as usize + 1;
+            let left = corner(circle.center.u).min(image.width() - 1);
+            let top = corner(circle.center.v).min(image.height() - 1);
+            Ok((image.part(left, top, side, side)?, left, top))
+        }
+        _ => Ok((image.clone(), 0, 0)),
+    }
+}
+
+/// Draws all frames, and the sheets.
+pub(super) fn draw(dir: &Path, estimator: &Estimator<NamedDetector>, seen: &Seen) -> Result<()> {
+    let mut frames = Vec::new();
+    for (k, frame) in seen.frames.iter().enumerate() {
+        let (image, left, top) = &seen.pictures[k];
+        let place = |p: Pixel| Pixel {
+            u: p.u - *left as f64,
+            v: p.v - *top as f64,
+        };
+        let drawn = OverlayFrame {
+            name: seen.names[k].clone(),
+            words: output::words(frame),
+            refused: frame.pose().is_none(),
+            image: image.clone(),
+            outline: frame.circle.map(|c| (place(c.center), c.radius)),
+            dots: (frame.dots.iter().zip(&frame.assignment))
+                .map(|(dot, name)| plot::OverlayDot {
+                    pixel: place(dot.pixel),
+                    confidence: dot.confidence,
+                    named: name.is_some(),
+                })
+                .collect(),
+            expected: (estimator.expected_dots(frame).into_iter())
+                .map(|(number, pixel, z)| (number, place(pixel), z))
+                .collect(),
+        };
+        plot::frame_overlay(&dir.join(file_name(k, &drawn.name)), &drawn)?;
+        frames.push(drawn);
+    }
+    for (k, sheet) in frames.chunks(plot::SHEET_FRAMES).enumerate() {
+        let name = match k {
+            0 => "contact_sheet.png".to_owned(),
+            k => format!("contact_sheet_{}.png", k + 1),
+        };
+        plot::contact_sheet(&dir.join(name), sheet)?;
+    }
+    Ok(())
+}
+
+/// A file name in the frames' order, whatever signs a frame's name has.
+fn file_name(index: usize, name: &str) -> String {
+    let safe: String = name
+        .chars()
+        .take(80)
+        .map(|c| match c {
+            c if c.is_alphanumeric() || "-_.".contains(c) => c,
+            _ => '_',
+        })
+        .collect();
+    format!("{index:05}_{safe}.png")
+}

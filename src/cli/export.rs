@@ -1,0 +1,44 @@
+//! `spindoe export`: the dot detector given to other programs. `spindoe train` says where it is made.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::error::{Error, Result};
+use crate::files;
+use crate::vision::net::{Weights, onnx};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Where to write the net, ONNX.
+    #[arg(short, long, value_name = "FILE.onnx")]
+    out: PathBuf,
+    /// Weights made by `spindoe-train` (.npz); by default those built in.
+    #[arg(long, value_name = "WEIGHTS.npz")]
+    weights: Option<PathBuf>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let weights = match &arguments.weights {
+        Some(path) => Weights::read(path)?,
+        None => Weights::built_in()?,
+    };
+    files::write_bytes(&arguments.out, &onnx::to_onnx(&weights))?;
+    outln!("{}", arguments.out.display());
+    Ok(())
+}
+
+#[derive(Debug, Args)]
+#[command(disable_help_flag = true)]
+pub struct TrainArguments {
+    /// Those of the training program.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+    any: Vec<OsString>,
+}
+
+pub fn refuse_training(_arguments: &TrainArguments) -> Result<()> {
+    let problem = "training is a program of its own, built from this project's source: \
+                   cargo run --release -p spindoe-train -- --out DIR";
+    Err(Error::argument("train", problem))
+}

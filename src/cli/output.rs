@@ -1,0 +1,85 @@
+//! What the commands share: values chosen by name, progress, interruption.
+
+use std::str::FromStr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::error::{Error, Result};
+
+/// A parser of one of `all` by the name that `name` gives it; the help lists the names.
+pub(super) fn one_of<T>(
+    all: &'static [T],
+    name: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T>
+where
+    T: Copy + Send + Sync + FromStr<Err = Error> + 'static,
+{
+    PossibleValuesParser::new(all.iter().map(|value| name(*value)))
+        .try_map(|name| name.parse::<T>())
+}
+
+/// A flag that the first Ctrl-C sets; the second leaves at once.
+pub(super) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .map_err(|e| Error::Internal(format!("Ctrl-C cannot be caught: {e}")))?;
+    Ok(stop)
+}
+
+/// The progress of long work: a bar on a terminal, plain lines elsewhere.
+pub(super) struct Progress {
+    bar: ProgressBar,
+    said: Instant,
+    silence: Duration,
+}
+
+impl Progress {
+    /// Work of `length` steps. `template` is indicatif's; plain lines come no more often than once in
+    /// `silence`.
+    pub fn new(length: u64, template: &str, silence: Duration) -> Self {
+        let bar = ProgressBar::new(length);
+        // Templates are constants; were one wrong, the default style would do.
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        Self {
+            bar,
+            said: Instant::now(),
+            silence,
+        }
+    }
+
+    /// Steps done, and what to say of them; a plain line adds what `more` returns.
+    pub fn show(&mut self, done: u64, what: &str, more: impl FnOnce() -> String) {
+        self.bar.set_position(done);
+        if !self.bar.is_hidden() {
+            self.bar.set_message(what.to_owned());
+        } else if self.said.elapsed() > self.silence {
+            errln!("{what}{}", more());
+            self.said = Instant::now();
+        }
+    }
+
+    /// Says what is being done now, at once.
+    pub fn say(&self, what: &str) {
+        if self.bar.is_hidden() {
+            errln!("{what}");
+        } else {
+            self.bar.set_message(what.to_owned());
+        }
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}

@@ -1,0 +1,62 @@
+//! The plot of `spindoe spin --plot`: the spin over time.
+
+use std::path::Path;
+
+use super::spin::{Found, Z95, std_along};
+use crate::error::{Error, Result};
+use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
+use crate::spin::windows::WindowFit;
+
+/// Sections of a plotted curve.
+const CURVE_POINTS: usize = 100;
+
+/// The spins of the runs with their intervals, and the fit to all of them.
+pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> Result<()> {
+    use std::f64::consts::TAU;
+    let points: Vec<ValuePoint> = runs
+        .iter()
+        .map(|r| {
+            let y = r.fit.motion.rps();
+            let half = Z95 * std_along(&r.fit).unwrap_or(0.0) / TAU;
+            ValuePoint {
+                x: r.time_s,
+                y,
+                low: y - half,
+                high: y + half,
+            }
+        })
+        .collect();
+    let ends = (points.first().map(|p| p.x), points.last().map(|p| p.x));
+    let (Some(first), Some(last)) = ends else {
+        return Err(Error::argument(
+            "plot",
+            "no run of orientations shows a spin",
+        ));
+    };
+    let curve = |i: usize| {
+        let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
+        let rate = found.decaying().map(|d| d.rate_at(t));
+        (t, rate.map_or(found.fit.motion.rps(), |r| r / TAU))
+    };
+    let name = match found.decaying() {
+        Some(d) => format!(
+            "fit to all, c = {:.4} +- {:.4} /s",
+            d.decay_per_s, d.std_per_s
+        ),
+        None => "constant spin fitted to all".into(),
+    };
+    let plot = ValuePlot {
+        title: "Spin over time".into(),
+        x_label: "time (s)".into(),
+        y_label: "spin (revolutions per second)".into(),
+        values: vec![ValueSeries {
+            name: "runs of orientations, 95 % intervals".into(),
+            points,
+        }],
+        lines: vec![LineSeries {
+            name,
+            points: (0..=CURVE_POINTS).map(curve).collect(),
+        }],
+    };
+    value_curves(path, &plot)
+}

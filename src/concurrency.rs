@@ -1,0 +1,76 @@
+//! Work spread over the processor's threads, and the clock.
+//!
+//! With the feature `native` items are worked on in parallel by rayon, and times are those of the
+//! system's monotonic clock. Without it, as in a browser, items are worked on one after another and
+//! every time is zero. Results are in the order of the items either way.
+
+use std::ops::Range;
+use std::time::Duration;
+
+#[cfg(feature = "native")]
+use rayon::prelude::*;
+
+/// Items that are worked on at the same time.
+pub(crate) fn threads() -> usize {
+    #[cfg(feature = "native")]
+    return rayon::current_num_threads();
+    #[cfg(not(feature = "native"))]
+    return 1;
+}
+
+/// The results of `work` on every item.
+pub(crate) fn map<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
+    #[cfg(feature = "native")]
+    return items.par_iter().map(work).collect();
+    #[cfg(not(feature = "native"))]
+    return items.iter().map(work).collect();
+}
+
+/// The results of `work` on every number of the range.
+pub(crate) fn map_range<R: Send>(
+    range: Range<u64>,
+    work: impl Fn(u64) -> R + Sync + Send,
+) -> Vec<R> {
+    #[cfg(feature = "native")]
+    return range.into_par_iter().map(work).collect();
+    #[cfg(not(feature = "native"))]
+    return range.map(work).collect();
+}
+
+/// Some result of `work` on a number of the range that meets the condition; which one depends on the
+/// threads.
+pub(crate) fn find_any<R: Send>(
+    range: Range<u64>,
+    work: impl Fn(u64) -> R + Sync + Send,
+    condition: impl Fn(&R) -> bool + Sync + Send,
+) -> Option<R> {
+    #[cfg(feature = "native")]
+    return range.into_par_iter().map(work).find_any(condition);
+    #[cfg(not(feature = "native"))]
+    return range.map(work).find(condition);
+}
+
+/// Time since its start.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stopwatch {
+    #[cfg(feature = "native")]
+    start: std::time::Instant,
+}
+
+impl Stopwatch {
+    /// Starts now.
+    pub fn start() -> Self {
+        Self {
+            #[cfg(feature = "native")]
+            start: std::time::Instant::now(),
+        }
+    }
+
+    /// Time since the start; zero without a clock.
+    pub fn elapsed(&self) -> Duration {
+        #[cfg(feature = "native")]
+        return self.start.elapsed();
+        #[cfg(not(feature = "native"))]
+        return Duration::ZERO;
+    }
+}

@@ -1,0 +1,83 @@
+//! What a search handles: patterns with what is known of them, its stages, and its milestones.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::Result;
+use crate::geometry::Vec3;
+use crate::pattern::Pattern;
+use crate::stats::Proportion;
+
+/// A pattern on its way through the search.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// The start it came from, counted over all rounds.
+    pub start: usize,
+    /// The objective's value at the start.
+    pub value_before: f64,
+    /// The objective's value now.
+    pub value: f64,
+    /// The cost now: objective and bound.
+    pub cost: f64,
+    /// The demand that it misses, if any; such a candidate is never chosen.
+    pub missed: Option<String>,
+    /// Whether its orientation bound falls short of the goal; such a candidate stands behind all others.
+    pub short_of_goal: bool,
+    /// Identity rate over all trials so far, if it was tried.
+    pub identity: Option<Proportion>,
+    /// The dots.
+    pub dots: Vec<[f64; 3]>,
+}
+
+impl Candidate {
+    /// The pattern.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] where the dots are none (only in a tampered checkpoint).
+    pub fn pattern(&self) -> Result<Pattern> {
+        Pattern::new(self.dots.iter().map(|d| Vec3::from(*d)).collect())
+    }
+
+    fn rate(&self) -> f64 {
+        self.identity.map_or(-1.0, |p| p.rate)
+    }
+}
+
+/// What a search is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Stage {
+    /// All starts of the round, a few steps each.
+    Scout,
+    /// The best quarter, to the end.
+    Climb,
+    /// Monte Carlo trials of the round's best.
+    Try,
+    /// The best of all rounds, with more and more trials.
+    Halve,
+    /// The winner, on the rate itself.
+    Polish,
+}
+
+/// The best so far, at some time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Milestone {
+    /// Seconds since the search began, over all its runs.
+    pub elapsed_s: f64,
+    /// Rounds of the search completed.
+    pub rounds: usize,
+    /// Rounds of polishing that this pattern has had; 0 after a round of the search.
+    pub polished: usize,
+    /// The identity rate of the best candidate, always on the same trials, by which nothing is chosen.
+    pub identity: Proportion,
+}
+
+/// Those that reach the goal first, of these the best rate first; ties by cost, then by start.
+pub(super) fn sort_by_rate(candidates: &mut [Candidate]) {
+    candidates.sort_by(|a, b| {
+        a.short_of_goal
+            .cmp(&b.short_of_goal)
+            .then(b.rate().total_cmp(&a.rate()))
+            .then(a.cost.total_cmp(&b.cost))
+            .then(a.start.cmp(&b.start))
+    });
+}

@@ -1,0 +1,100 @@
+//! The plots of a comparison of patterns.
+
+use std::path::Path;
+
+use super::compare::{Comparison, Contest, Entry};
+use super::plots::{point, success, success_name};
+use crate::design::OrientationBound;
+use crate::error::Result;
+use crate::plot::{BarChart, BarGroup, LinePlot, LineSeries, RateScale, bar_comparison, line_plot};
+use crate::recognize::RecognizerName;
+use crate::validate::ProtocolName;
+
+/// Viewing directions in the plot of the orientation bound.
+const VIEWS: usize = 4_000;
+
+impl Comparison {
+    /// Draws the failures of each recognizer (`compare_robust.png`, `compare_paper.png`) and the
+    /// orientation bound by viewing direction (`compare_bound.png`) into `dir`.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the system refuses.
+    pub fn write_plots(&self, dir: &Path, entries: &[Entry]) -> Result<()> {
+        for recognizer in RecognizerName::ALL {
+            let of: Vec<&Contest> = self
+                .contests
+                .iter()
+                .filter(|c| c.recognizer == recognizer)
+                .collect();
+            if !of.is_empty() {
+                self.draw_rates(
+                    &dir.join(format!("compare_{recognizer}.png")),
+                    recognizer,
+                    &of,
+                )?;
+            }
+        }
+        let series = entries
+            .iter()
+            .map(|c| {
+                let mut all =
+                    OrientationBound::default().by_direction(c.table.pattern().dots(), VIEWS);
+                all.retain(|b| b.is_finite());
+                all.sort_unstable_by(f64::total_cmp);
+                let points = all
+                    .iter()
+                    .enumerate()
+                    .map(|(i, b)| (100.0 * (i as f64 + 0.5) / all.len() as f64, *b))
+                    .collect();
+                LineSeries {
+                    name: c.name.clone(),
+                    points,
+                }
+            })
+            // A few dots may leave every direction without a bound.
+            .filter(|series| !series.points.is_empty())
+            .collect::<Vec<_>>();
+        if series.is_empty() {
+            return Ok(());
+        }
+        line_plot(
+            &dir.join("compare_bound.png"),
+            &LinePlot {
+                title: "Orientation error that the dots in view allow (Cramér-Rao)".into(),
+                x_label: "viewing directions, best first [%]".into(),
+                y_label: "bound [multiples of a dot's noise]".into(),
+                log_y: false,
+                series,
+            },
+        )
+    }
+
+    fn draw_rates(&self, path: &Path, recognizer: RecognizerName, of: &[&Contest]) -> Result<()> {
+        let groups = ProtocolName::ALL
+            .map(|name| {
+                let rates = of
+                    .iter()
+                    .filter(|c| c.validation.protocol == name)
+                    .map(|c| Some(point(0.0, success(name, &c.validation))))
+                    .collect();
+                BarGroup {
+                    name: format!("{name}: {}", success_name(name)),
+                    rates,
+                }
+            })
+            .to_vec();
+        bar_comparison(
+            path,
+            &BarChart {
+                title: format!(
+                    "Views not identified, of {} a protocol; recognizer {recognizer}",
+                    self.samples
+                ),
+                y_label: "failures".into(),
+                scale: RateScale::Failure,
+                series: self.patterns.iter().map(|p| p.name.clone()).collect(),
+                groups,
+            },
+        )
+    }
+}

@@ -1,0 +1,182 @@
+//! A whole design: the search, the evaluation of its winner, and the folder that it leaves.
+//!
+//! While it runs, the folder holds `search.json`, from which a stopped or killed search continues, and
+//! `pattern.csv`, the best so far. At the end it holds all that [`DesignEvaluation`] writes, and the
+//! stencil. A job that is stopped finishes with the best so far.
+//!
+//! What it does not do: stop by itself. Budgets belong to the observer ([`DesignObserver::another_round`]).
+//!
+//! ```no_run
+//! use std::sync::atomic::AtomicBool;
+//!
+//! use spindoe::report::{DesignJob, Start};
+//!
+//! # fn main() -> spindoe::Result<()> {
+//! let job = DesignJob::new("my-ball");
+//! let found = job.run(Start::Fresh, &AtomicBool::new(false), &mut ())?;
+//! println!("{}", found.report.validation[0].validation.identity);
+//! # Ok(())
+//! # }
+//! ```
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use super::{DesignEvaluation, EvaluationConfig, evaluate};
+use crate::design::checkpoint::SearchState;
+use crate::design::{DesignConfig, DesignObserver, Stage, design};
+use crate::error::Result;
+use crate::files;
+use crate::stencil::StencilConfig;
+
+/// The search's checkpoint within the folder.
+pub const CHECKPOINT: &str = "search.json";
+/// The pattern within the folder.
+const PATTERN: &str = "pattern.csv";
+
+/// What is to be designed, and where to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DesignJob {
+    /// The search.
+    pub config: DesignConfig,
+    /// What is measured about its winner.
+    pub evaluation: EvaluationConfig,
+    /// The stencil.
+    pub stencil: StencilConfig,
+    /// The folder.
+    pub dir: PathBuf,
+}
+
+/// Where a job begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Start {
+    /// At the beginning, in a folder that holds no design.
+    Fresh,
+    /// Where the search in the folder was left; more rounds, also of polishing, may be asked for.
+    Resume,
+}
+
+/// Follows a job; all methods are optional.
+pub trait JobObserver: DesignObserver {
+    /// The search begins, or goes on, from this state.
+    fn begins(&mut self, _state: &SearchState) {}
+
+    /// What the job does now, in words.
+    fn step(&mut self, _what: &str) {}
+
+    /// The command that repeats the search as it came out, for the report; `None` where there is none.
+    fn command(&self, _searched: &DesignConfig) -> Option<String> {
+        None
+    }
+}
+
+impl JobObserver for () {}
+
+impl DesignJob {
+    /// The default design in this folder.
+    pub fn new(dir: impl Into<PathBuf>) -> Self {
+        Self {
+            config: DesignConfig::default(),
+            evaluation: EvaluationConfig::default(),
+            stencil: StencilConfig::default(),
+            dir: dir.into(),
+        }
+    }
+
+    /// Searches, evaluates and writes everything. Setting `stop` ends the search after the work at hand.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for a parameter outside its domain, a folder that is taken, or where no
+    /// pattern was found; [`crate::Error::Input`] for a checkpoint of another search;
+    /// [`crate::Error::Write`] where the system refuses; those of the observer.
+    pub fn run(
+        &self,
+        start: Start,
+        stop: &AtomicBool,
+        observer: &mut dyn JobObserver,
+    ) -> Result<DesignEvaluation> {
+        self.stencil.validate()?;
+        self.config.check()?;
+        let mut state = self.state(start)?;
+        files::create_writable_dir(&self.dir)?;
+        let clock = Instant::now();
+        observer.begins(&state);
+        let mut keeper = Keeper {
+            job: self,
+            observer,
+            saved: None,
+        };
+        let outcome = design(&self.config, &mut state, stop, &mut keeper)?;
+        let search_s = clock.elapsed().as_secs_f64();
+        if outcome.stopped {
+            observer.step("stopped: finishing with the best so far; Ctrl-C again leaves at once");
+        }
+        let searched = DesignConfig {
+            rounds: state.round.max(1),
+            polish: outcome.polish.len(),
+            ..self.config.clone()
+        };
+        let command = observer.command(&searched);
+        let mut found = evaluate(&outcome, &searched, &self.evaluation, &mut |what| {
+            observer.step(what);
+        })?;
+        found.report.command = command;
+        found.report.timing.search_s = search_s;
+        observer.step("drawing the plots");
+        found.write(&self.dir, &self.stencil)?;
+        observer.step("making the stencil");
+        found.write_stencil(&self.dir, &self.stencil)?;
+        Ok(found)
+    }
+
+    fn state(&self, start: Start) -> Result<SearchState> {
+        match start {
+            Start::Resume => SearchState::load(&self.dir.join(CHECKPOINT), &self.config),
+            Start::Fresh => {
+                files::refuse_taken(
+                    &self.dir,
+                    &[PATTERN, "report.json", CHECKPOINT],
+                    "a design",
+                    "choose another folder, or --resume it",
+                )?;
+                Ok(SearchState::default())
+            }
+        }
+    }
+}
+
+/// Keeps a search on disk before its observer hears of it.
+struct Keeper<'a> {
+    job: &'a DesignJob,
+    observer: &'a mut dyn JobObserver,
+    /// The dots of the pattern on disk.
+    saved: Option<Vec<[f64; 3]>>,
+}
+
+impl Keeper<'_> {
+    fn path(&self, name: &str) -> PathBuf {
+        Path::join(&self.job.dir, name)
+    }
+}
+
+impl DesignObserver for Keeper<'_> {
+    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
+        state.save(&self.path(CHECKPOINT), &self.job.config)?;
+        if let Some(best) = state.best(stage)
+            && self.saved.as_ref() != Some(&best.dots)
+        {
+            best.pattern()?.write_csv(&self.path(PATTERN))?;
+            self.saved = Some(best.dots.clone());
+        }
+        self.observer.progress(state, stage)
+    }
+
+    fn another_round(&mut self, state: &SearchState) -> bool {
+        self.observer.another_round(state)
+    }
+
+    fn another_polish(&mut self, state: &SearchState) -> bool {
+        self.observer.another_polish(state)
+    }
+}

@@ -1,0 +1,205 @@
+//! Small statistics that several stages share: rates with intervals, differences of paired rates, quantiles.
+//!
+//! - [`Proportion`]: Wilson's score interval (E. B. Wilson, "Probable inference, the law of succession,
+//!   and statistical inference", J. Am. Stat. Assoc. 22, 1927),
+//! - [`PairedDifference`]: Newcombe's score interval for paired proportions (R. G. Newcombe, "Improved
+//!   confidence intervals for the difference between binomial proportions based on paired data",
+//!   Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any trial differs,
+//! - [`median`] and [`quantile`] of a sample.
+//!
+//! Intervals have their nominal coverage for independent trials only.
+//!
+//! ```
+//! use spindoe::stats::Proportion;
+//!
+//! let rate = Proportion::new(8, 10);
+//! assert!(rate.low < 0.8 && 0.8 < rate.high);
+//! ```
+
+/// The two-sided 95 % quantile of the standard normal distribution.
+const Z95: f64 = 1.959_963_984_540_054;
+
+/// Successes of independent trials, with the Wilson 95 % interval of the rate.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Proportion {
+    /// Successful trials.
+    pub successes: u64,
+    /// All trials.
+    pub trials: u64,
+    /// `successes / trials`; 0 for no trials.
+    pub rate: f64,
+    /// Lower end of the 95 % interval.
+    pub low: f64,
+    /// Upper end of the 95 % interval.
+    pub high: f64,
+}
+
+impl Proportion {
+    /// Rate and interval of `successes` out of `trials`. No trials say nothing: [0, 1].
+    pub fn new(successes: u64, trials: u64) -> Self {
+        if trials == 0 {
+            return Self {
+                successes,
+                trials,
+                rate: 0.0,
+                low: 0.0,
+                high: 1.0,
+            };
+        }
+        let n = trials as f64;
+        let p = successes as f64 / n;
+        let z2 = Z95 * Z95;
+        let center = (p + z2 / (2.0 * n)) / (1.0 + z2 / n);
+        let half = Z95 / (1.0 + z2 / n) * (p * (1.0 - p) / n + z2 / (4.0 * n * n)).sqrt();
+        Self {
+            successes,
+            trials,
+            rate: p,
+            low: if successes == 0 { 0.0 } else { center - half },
+            high: if successes == trials {
+                1.0
+            } else {
+                center + half
+            },
+        }
+    }
+}
+
+impl std::fmt::Display for Proportion {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{:.2} % [{:.2}, {:.2}]",
+            100.0 * self.rate,
+            100.0 * self.low,
+            100.0 * self.high
+        )
+    }
+}
+
+/// A difference of two rates over the same trials, with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct PairedDifference {
+    /// Trials judged for both.
+    pub trials: u64,
+    /// The rate less that of the first pattern.
+    pub difference: f64,
+    /// Lower end of the interval.
+    pub low: f64,
+    /// Upper end of the interval.
+    pub high: f64,
+}
+
+/// Trials judged for two patterns, by which of them passed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Pairs {
+    /// Both passed.
+    pub both: u64,
+    /// Only the one passed.
+    pub gained: u64,
+    /// Only the other, the reference, passed.
+    pub lost: u64,
+    /// Neither passed.
+    pub neither: u64,
+}
+
+impl PairedDifference {
+    /// The difference over these trials, with Newcombe's interval.
+    pub fn new(pairs: Pairs) -> Self {
+        let Pairs {
+            both,
+            gained,
+            lost,
+            neither,
+        } = pairs;
+        let trials = both + gained + lost + neither;
+        let (one, other) = (
+            Proportion::new(both + gained, trials),
+            Proportion::new(both + lost, trials),
+        );
+        let [a, b, c, d, n] = [both, gained, lost, neither, trials].map(|k| k as f64);
+        let margins = (a + b) * (c + d) * (a + c) * (b + d);
+        let product = a * d - b * c;
+        // The correlation of the two, corrected for continuity where it is positive.
+        let product = if product > 0.0 {
+            (product - 0.5 * n).max(0.0)
+        } else {
+            product
+        };
+        let phi = if margins > 0.0 {
+            product / margins.sqrt()
+        } else {
+            0.0
+        };
+        let width = |x: f64, y: f64| (x * x - 2.0 * phi * x * y + y * y).max(0.0).sqrt();
+        let difference = one.rate - other.rate;
+        Self {
+            trials,
+            difference,
+            low: difference - width(one.rate - one.low, other.high - other.rate),
+            high: difference + width(one.high - one.rate, other.rate - other.low),
+        }
+    }
+
+    /// Of a pattern against itself: none, beyond doubt.
+    pub fn with_itself(trials: u64) -> Self {
+        Self {
+            trials,
+            difference: 0.0,
+            low: 0.0,
+            high: 0.0,
+        }
+    }
+}
+
+/// The median (mean of the middle two for an even number; 0 for none). Reorders its input.
+pub fn median(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    let mid = values.len() / 2;
+    match values {
+        [] => 0.0,
+        _ if values.len() % 2 == 1 => values[mid],
+        _ => 0.5 * (values[mid - 1] + values[mid]),
+    }
+}
+
+/// The quantile `q` in [0, 1] of values in ascending order, interpolated between neighbors (definition 7
+/// of R. J. Hyndman, Y. Fan, "Sample quantiles in statistical packages", Am. Stat. 50, 1996, which NumPy
+/// uses too); 0 for none.
+pub fn quantile(sorted: &[f64], q: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else {
+        return 0.0;
+    };
+    let at = q.clamp(0.0, 1.0) * last as f64;
+    let (below, above) = (at.floor() as usize, at.ceil() as usize);
+    sorted[below] + (at - at.floor()) * (sorted[above] - sorted[below])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wilson_matches_published_values() {
+        // statsmodels: proportion_confint(8, 10, method="wilson")
+        let p = Proportion::new(8, 10);
+        assert!((p.low - 0.490_162_47).abs() < 1e-7, "{p:?}");
+        assert!((p.high - 0.943_317_8).abs() < 1e-7, "{p:?}");
+        // The rule of three, in Wilson's form: z^2 / (n + z^2).
+        let z2 = Z95 * Z95;
+        assert!((Proportion::new(0, 100).high - z2 / (100.0 + z2)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn quantiles_are_those_of_numpy() {
+        // numpy.quantile([1, 2, 4, 8], [0.1, 0.5, 0.9])
+        let values = [1.0, 2.0, 4.0, 8.0];
+        for (q, expected) in [(0.0, 1.0), (0.1, 1.3), (0.5, 3.0), (0.9, 6.8), (1.0, 8.0)] {
+            assert!((quantile(&values, q) - expected).abs() < 1e-12, "{q}");
+        }
+        assert_eq!(quantile(&[], 0.5), 0.0);
+        assert_eq!(median(&mut values.clone()), 3.0);
+        assert_eq!(median(&mut [3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&mut []), 0.0);
+    }
+}

@@ -1,0 +1,274 @@
+//! The ball as a grid of rays: what each ray meets, how it is lit, and the paint on it.
+//!
+//! The grid covers the ball's box in the image only, so that the cost grows with the ball's area. What a ray meets and
+//! how it is lit does not change while the ball turns; the paint does.
+
+use super::color::Color;
+use super::pen::Spot;
+use super::scene::Scene;
+use super::surface::{Mark, Seam};
+use super::view::View;
+use crate::geometry::{Rotation, Vec3};
+use crate::vision::camera::Pixel;
+
+/// Balls of a smaller radius, pixels, have three rays along a pixel; others have two.
+const SMALL_PX: f64 = 25.0;
+
+/// The rays that may meet the ball, `fine` x `fine` a pixel.
+pub(super) struct Canvas {
+    fine: usize,
+    /// The box's first column and row, pixels; it may begin outside the image.
+    corner: [isize; 2],
+    columns: usize,
+    rows: usize,
+    /// Pixels a radian, at most, on the ball's near side.
+    reach_px: f64,
+    towards: Vec3,
+    horizon: f64,
+    /// Normals where a ray meets the ball, camera frame; 0 elsewhere.
+    normals: Vec<[f32; 3]>,
+    hit: Vec<bool>,
+    /// Factor on the albedo, and highlight.
+    shade: Vec<[Color; 2]>,
+    albedo: Vec<Color>,
+}
+
+/// Light and coverage of the ball on the image's pixels, summed over rays.
+pub(super) struct Exposure {
+    pub light: Vec<Color>,
+    pub covered: Vec<f32>,
+}
+
+impl Canvas {
+    /// The rays to a scene's ball; none where it lies outside the image all through the exposure.
+    pub fn new(scene: &Scene, view: &View) -> Self {
+        let fine = if scene.circle.radius < SMALL_PX { 3 } else { 2 };
+        let outline = view.outline();
+        let half = outline.half_axes_px[0];
+        let [start, end]: [[isize; 2]; 2] = {
+            let Pixel { u, v } = outline.center;
+            let range = |x: f64, side: usize, shift: f64| {
+                let beyond = 0.5 * shift.abs() + 1.0;
+                let low = (x - half - 1.0).max(-beyond).floor();
+                let high = (x + half + 2.0).min(side as f64 + beyond).ceil();
+                [low as isize, high.max(low) as isize]
+            };
+            let us = range(u, scene.size[0], scene.shift_px[0]);
+            let vs = range(v, scene.size[1], scene.shift_px[1]);
+            [[us[0], vs[0]], [us[1], vs[1]]]
+        };
+        let columns = (end[0] - start[0]) as usize * fine;
+        let rows = (end[1] - start[1]) as usize * fine;
+        let distance = view.distance();
+        let near = distance.map_or(1.0, |d| ((d + 1.0) / (d - 1.0)).sqrt());
+        let mut canvas = Self {
+            fine,
+            corner: start,
+            columns,
+            rows,
+            reach_px: 1.1 * near * half,
+            towards: view.towards(),
+            horizon: distance.map_or(0.0, |d| 1.0 / d),
+            normals: vec![[0.0; 3]; columns * rows],
+            hit: vec![false; columns * rows],
+            shade: vec![[[0.0; 3]; 2]; columns * rows],
+            albedo: vec![[0.0; 3]; columns * rows],
+        };
+        for row in 0..rows {
+            for column in 0..columns {
+                let pixel = Pixel {
+                    u: canvas.position(column, 0),
+                    v: canvas.position(row, 1),
+                };
+                if let Some(n) = view.normal(pixel) {
+                    let at = row * columns + column;
+                    canvas.hit[at] = true;
+                    canvas.normals[at] = [n.x as f32, n.y as f32, n.z as f32];
+                    canvas.shade[at] = scene.light.at(&n, view.facing(&n), &canvas.towards);
+                }
+            }
+        }
+        canvas
+    }
+
+    /// Position of a ray's column (axis 0) or row (1) in the image.
+    fn position(&self, ray: usize, axis: usize) -> f64 {
+        (ray as f64 + 0.5) / self.fine as f64 - 0.5 + self.corner[axis] as f64
+    }
+
+    /// An exposure of nothing.
+    pub fn blank([width, height]: [usize; 2]) -> Exposure {
+        Exposure {
+            light: vec![[0.0; 3]; width * height],
+            covered: vec![0.0; width * height],
+        }
+    }
+
+    /// Adds the painted ball, moved by `shift` pixels, with the given weight.
+    pub fn add(
+        &self,
+        shift: [f64; 2],
+        weight: f32,
+        [width, height]: [usize; 2],
+        sum: &mut Exposure,
+    ) {
+        let weight = weight / (self.fine * self.fine) as f32;
+        // The shift in whole rays, and the pixel of each ray.
+        let places = |rays: usize, axis: usize, side: usize| -> Vec<Option<usize>> {
+            let moved = (shift[axis] * self.fine as f64).round() as isize;
+            (0..rays as isize)
+                .map(|ray| {
+                    let pixel = self.corner[axis] + (ray + moved).div_euclid(self.fine as isize);
+                    usize::try_from(pixel).ok().filter(|p| *p < side)
+                })
+                .collect()
+        };
+        let us = places(self.columns, 0, width);
+        let vs = places(self.rows, 1, height);
+        for (row, v) in vs.iter().enumerate() {
+            let Some(v) = v else { continue };
+            for (column, u) in us.iter().enumerate() {
+                let at = row * self.columns + column;
+                let (true, Some(u)) = (self.hit[at], u) else {
+                    continue;
+                };
+                let [factor, gloss] = self.shade[at];
+                let to = v * width + u;
+                sum.covered[to] += weight;
+                for (k, total) in sum.light[to].iter_mut().enumerate() {
+                    *total += weight * (self.albedo[at][k] * factor[k] + gloss[k]);
+                }
+            }
+        }
+    }
+
+    /// Paints the surface, turned, over all rays.
+    pub fn paint(&mut self, scene: &Scene, view: &View, rotation: &Rotation) {
+        let surface = &scene.surface;
+        self.albedo.fill(surface.ball);
+        for seam in &surface.seams {
+            self.paint_seam(seam, rotation);
+        }
+        for mark in &surface.marks {
+            self.paint_mark(mark, view, rotation);
+        }
+        for stain in &surface.stains {
+            self.paint_spot(stain, surface.stain_color, view, rotation);
+        }
+        for spot in surface.dots.iter().flatten().chain(&surface.strangers) {
+            self.paint_spot(spot, surface.ink, view, rotation);
+        }
+    }
+
+    fn paint_seam(&mut self, seam: &Seam, rotation: &Rotation) {
+        let axis = single(&(rotation * seam.axis));
+        let half_width = seam.half_width as f32;
+        for (albedo, n) in self.albedo.iter_mut().zip(&self.normals) {
+            let off = part(n, &axis).abs();
+            // The edge fades over a third of the width.
+            let covered = seam.strength * (3.0 * (1.0 - off / half_width)).clamp(0.0, 1.0);
+            if covered > 0.0 {
+                cover(albedo, seam.color, covered);
+            }
+        }
+    }
+
+    fn paint_spot(&mut self, spot: &Spot, ink: Color, view: &View, rotation: &Rotation) {
+        let middle = rotation * spot.middle;
+        let Some([us, vs]) = self.window(&middle, spot.reach(), view) else {
+            return;
+        };
+        let m = single(&middle);
+        let [long, short] = spot.axes.map(|a| single(&(rotation * a)));
+        let low = (spot.radius + spot.softness).cos() as f32;
+        let inner = (spot.radius - spot.softness).max(0.0).cos() as f32;
+        let scale = 1.0 / (inner - low).max(1e-6);
+        let is_round = spot.elongation == 0.0 && spot.streaks.depth == 0.0;
+        let bound = spot.reach().cos() as f32;
+        let streaks = spot.streaks;
+        let frequency = streaks.frequency / spot.radius.max(1e-6) as f32;
+        for row in vs {
+            for column in us.clone() {
+                let at = row * self.columns + column;
+                let n = &self.normals[at];
+                let cos = part(n, &m);
+                if cos <= bound {
+                    continue;
+                }
+                let mut covered = spot.darkness;
+                if is_round {
+                    covered *= ((cos - low) * scale).clamp(0.0, 1.0);
+                } else {
+                    let (a, b) = (part(n, &long), part(n, &short));
+                    let square = (a * a + b * b).max(1e-12);
+                    // To second order, 1 - cos is half the angle's square: a stretched radius divides it.
+                    let stretch = 1.0 + spot.elongation * (a * a - b * b) / square;
+                    let cos = 1.0 - (1.0 - cos) / (stretch * stretch);
+                    let streak = 0.5 + 0.5 * (frequency * b + streaks.phase).sin();
+                    covered *= ((cos - low) * scale).clamp(0.0, 1.0);
+                    covered *= 1.0 - streaks.depth * streak;
+                }
+                cover(&mut self.albedo[at], ink, covered);
+            }
+        }
+    }
+
+    fn paint_mark(&mut self, mark: &Mark, view: &View, rotation: &Rotation) {
+        let middle = rotation * mark.middle;
+        // The corners of the square in which it is drawn.
+        let reach = std::f64::consts::SQRT_2 * mark.radius;
+        let Some([us, vs]) = self.window(&middle, reach, view) else {
+            return;
+        };
+        let m = single(&middle);
+        let axes = mark.axes.map(|a| single(&(rotation * a)));
+        let low = reach.min(3.0).cos() as f32;
+        for row in vs {
+            for column in us.clone() {
+                let at = row * self.columns + column;
+                let n = &self.normals[at];
+                let along = part(n, &m);
+                if along > low && self.hit[at] {
+                    let covered = mark.ink_at(along, axes.map(|a| part(n, &a)));
+                    cover(&mut self.albedo[at], mark.color, covered);
+                }
+            }
+        }
+    }
+
+    /// Columns and rows of rays that may meet the cap of the given angular radius; `None` where the cap is out of sight.
+    fn window(
+        &self,
+        middle: &Vec3,
+        angle: f64,
+        view: &View,
+    ) -> Option<[std::ops::Range<usize>; 2]> {
+        // The cosine falls by no more than the angle.
+        if middle.dot(&self.towards) < self.horizon - angle {
+            return None;
+        }
+        let at = view.project(middle);
+        let reach = self.reach_px * angle.min(2.0) + 1.0;
+        let range = |x: f64, axis: usize, count: usize| {
+            let ray = |x: f64| (x + 0.5 - self.corner[axis] as f64) * self.fine as f64;
+            let low = ray(x - reach).max(0.0) as usize;
+            let high = (ray(x + reach).max(0.0) as usize + 1).min(count);
+            low.min(high)..high
+        };
+        Some([range(at.u, 0, self.columns), range(at.v, 1, self.rows)])
+    }
+}
+
+fn cover(albedo: &mut Color, ink: Color, share: f32) {
+    for (a, ink) in albedo.iter_mut().zip(ink) {
+        *a += share * (ink - *a);
+    }
+}
+
+fn single(v: &Vec3) -> [f32; 3] {
+    [v.x as f32, v.y as f32, v.z as f32]
+}
+
+fn part(n: &[f32; 3], v: &[f32; 3]) -> f32 {
+    n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+}

@@ -1,0 +1,186 @@
+//! What hides a part of the ball: fingers, a hand, a bat, a net.
+//!
+//! Shapes are signed distances in the image, in ball radii about the outline's center, x right and y down. A finger, hand or
+//! bat comes from one side to a given depth; a net lies before the whole ball.
+
+use std::f32::consts::TAU;
+
+use rand::{Rng, RngExt};
+use serde::{Deserialize, Serialize};
+
+use super::color::{Color, near, scaled};
+use super::config::SynthConfig;
+use super::random::between_f32;
+
+/// What hides a part of the ball.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OccluderKind {
+    /// A finger.
+    Finger,
+    /// Several fingers.
+    Hand,
+    /// The blade of a bat.
+    Bat,
+    /// A net with its tape.
+    Net,
+}
+
+/// Something before the ball.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Occluder {
+    /// What it is.
+    pub kind: OccluderKind,
+    /// Its color, linear light.
+    pub color: Color,
+    shapes: Vec<Shape>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Shape {
+    Capsule {
+        from: [f32; 2],
+        to: [f32; 2],
+        half_width: f32,
+    },
+    Disc {
+        middle: [f32; 2],
+        radius: f32,
+    },
+    /// Threads along two directions below a line, the tape, which is a band.
+    Net {
+        along: [f32; 2],
+        spacing: f32,
+        half_width: f32,
+        tape: [f32; 2],
+    },
+}
+
+impl Shape {
+    /// Signed distance, negative inside.
+    fn distance(&self, [x, y]: [f32; 2]) -> f32 {
+        match *self {
+            Self::Capsule {
+                from,
+                to,
+                half_width,
+            } => {
+                let (d, q) = (
+                    [to[0] - from[0], to[1] - from[1]],
+                    [x - from[0], y - from[1]],
+                );
+                let length = (d[0] * d[0] + d[1] * d[1]).max(1e-9);
+                let along = ((d[0] * q[0] + d[1] * q[1]) / length).clamp(0.0, 1.0);
+                (q[0] - along * d[0]).hypot(q[1] - along * d[1]) - half_width
+            }
+            Self::Disc { middle, radius } => (x - middle[0]).hypot(y - middle[1]) - radius,
+            Self::Net {
+                along: [c, s],
+                spacing,
+                half_width,
+                tape: [start, end],
+            } => {
+                let (a, b) = (c * x + s * y, c * y - s * x);
+                let thread =
+                    |p: f32| (p / spacing - (p / spacing).round()).abs() * spacing - half_width;
+                let mesh = thread(a).min(thread(b)).max(start - b);
+                mesh.min((start - b).max(b - end))
+            }
+        }
+    }
+}
+
+impl Occluder {
+    /// A random one.
+    pub(super) fn random<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> Self {
+        let (sin, cos) = (TAU * rng.random::<f32>()).sin_cos();
+        // How far it reaches over the diameter; the tip is then at 1 - 2 depth from the center.
+        let tip = 1.0 - 2.0 * between_f32([0.0, config.max_occlusion], rng);
+        let place =
+            |along: f32, across: f32| [cos * along - sin * across, sin * along + cos * across];
+        let skin = skin(rng);
+        let brightness = rng.random_range(0.3..1.1f32);
+        let (kind, color, shapes) = match rng.random_range(0..4) {
+            0 => {
+                let half_width = rng.random_range(0.2..0.5);
+                let across = rng.random_range(-0.7..0.7);
+                let shape = Shape::Capsule {
+                    from: place(tip + half_width, across),
+                    to: place(6.0, across + rng.random_range(-2.0..2.0)),
+                    half_width,
+                };
+                (OccluderKind::Finger, skin, vec![shape])
+            }
+            1 => {
+                let half_width = rng.random_range(0.18..0.35f32);
+                let middle = rng.random_range(-0.5..0.5f32);
+                let fingers = rng.random_range(2..=4);
+                let shapes = (0..fingers)
+                    .map(|k| {
+                        let off = k as f32 - 0.5 * (fingers - 1) as f32;
+                        let across = middle + 2.15 * half_width * off;
+                        let short = rng.random_range(0.0..0.5f32);
+                        Shape::Capsule {
+                            from: place(tip + half_width + short, across),
+                            to: place(5.0, 1.2 * across),
+                            half_width,
+                        }
+                    })
+                    .collect();
+                (OccluderKind::Hand, skin, shapes)
+            }
+            2 => {
+                let radius = rng.random_range(1.5..5.0);
+                let shape = Shape::Disc {
+                    middle: place(tip + radius, rng.random_range(-0.4..0.4)),
+                    radius,
+                };
+                let base = match rng.random_range(0..3) {
+                    0 => [0.5, 0.03, 0.03],
+                    1 => [0.02, 0.02, 0.02],
+                    _ => [0.5, 0.3, 0.12],
+                };
+                (OccluderKind::Bat, near(base, 0.3, rng), vec![shape])
+            }
+            _ => {
+                let (s, c) = rng.random_range(-0.4..0.4f32).sin_cos();
+                let spacing = rng.random_range(0.25..0.7);
+                let start = rng.random_range(-1.5..1.0);
+                let shape = Shape::Net {
+                    along: [c, s],
+                    spacing,
+                    half_width: spacing * rng.random_range(0.03..0.1),
+                    tape: [start, start + rng.random_range(0.0..0.35)],
+                };
+                let base = [rng.random_range(0.02..0.7f32); 3];
+                (OccluderKind::Net, near(base, 0.15, rng), vec![shape])
+            }
+        };
+        Self {
+            kind,
+            color: scaled(color, brightness),
+            shapes,
+        }
+    }
+
+    /// How much of a pixel of the given side (ball radii) about a point is hidden, in [0, 1], and the light that is seen instead.
+    pub fn at(&self, point: [f32; 2], pixel: f32) -> (f32, Color) {
+        let nearest = self
+            .shapes
+            .iter()
+            .map(|s| s.distance(point))
+            .fold(f32::INFINITY, f32::min);
+        let covered = (0.5 - nearest / pixel).clamp(0.0, 1.0);
+        // Round things are darker at their edge.
+        let shade = match self.kind {
+            OccluderKind::Finger | OccluderKind::Hand => 0.55 + (-2.0 * nearest).clamp(0.0, 0.45),
+            OccluderKind::Bat | OccluderKind::Net => 1.0,
+        };
+        (covered, scaled(self.color, shade))
+    }
+}
+
+fn skin<R: Rng + ?Sized>(rng: &mut R) -> Color {
+    let light = rng.random_range(0.08..0.75f32);
+    near([light, 0.62 * light, 0.45 * light], 0.12, rng)
+}

@@ -1,0 +1,85 @@
+//! The net on the CPU: one patch at a time, on the calling thread, without allocating.
+//!
+//! [`Network`] holds the weights and is shared; [`Activations`] holds all intermediate values, one set a
+//! thread. Nothing can fail once both exist.
+
+use fearless_simd::{Level, Simd, dispatch};
+
+use super::convolution::{FeatureMap, PackedConvolution};
+use super::graph::{CELLS, CHANNELS, CONVOLUTIONS, STEPS, Step, shapes};
+use super::weights::Layer;
+use crate::error::{Error, Result};
+use crate::vision::patch::{Patch, SIZE};
+
+/// The net's weights, ready to run.
+#[derive(Debug, Clone)]
+pub struct Network {
+    level: Level,
+    convolutions: Vec<PackedConvolution>,
+}
+
+/// All intermediate values of the net and its cells.
+#[derive(Debug, Clone)]
+pub struct Activations {
+    values: Vec<FeatureMap>,
+    cells: Vec<f32>,
+}
+
+impl Default for Activations {
+    fn default() -> Self {
+        Self {
+            values: shapes(SIZE).map(FeatureMap::new).into(),
+            cells: vec![0.0; CHANNELS * CELLS * CELLS],
+        }
+    }
+}
+
+impl Network {
+    /// A net of the given numbers, in the order of [`CONVOLUTIONS`]. The fastest instructions that this
+    /// processor has are chosen here.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the numbers do not fit the graph.
+    pub fn new(layers: &[Layer]) -> Result<Self> {
+        let fits = layers.len() == CONVOLUTIONS.len()
+            && std::iter::zip(layers, &CONVOLUTIONS).all(|(layer, c)| {
+                layer.weight.len() == c.weights() && layer.bias.len() == c.outputs
+            });
+        if !fits {
+            return Err(Error::argument("weights", "expected those of this net"));
+        }
+        let convolutions = std::iter::zip(CONVOLUTIONS, layers)
+            .map(|(c, layer)| PackedConvolution::new(c, layer))
+            .collect();
+        Ok(Self {
+            level: Level::new(),
+            convolutions,
+        })
+    }
+
+    /// The cells of a patch: [`CHANNELS`] x [`CELLS`] x [`CELLS`].
+    pub fn forward<'a>(&self, patch: &Patch, activations: &'a mut Activations) -> &'a [f32] {
+        let Activations { values, cells } = activations;
+        values[0].set_gray(patch.values());
+        dispatch!(self.level, simd => self.run(simd, values));
+        values[STEPS.len()].write_planes(cells);
+        cells
+    }
+
+    #[inline(always)]
+    fn run<S: Simd>(&self, simd: S, values: &mut [FeatureMap]) {
+        for (k, step) in STEPS.iter().enumerate() {
+            let (before, after) = values.split_at_mut(k + 1);
+            let out = &mut after[0];
+            match *step {
+                Step::Convolve {
+                    convolution,
+                    of,
+                    relu,
+                } => self.convolutions[convolution].run(simd, relu, &before[of], out),
+                Step::Upsample { of } => out.upsample(&before[of]),
+                Step::Add { a, b } => out.add(&before[a], &before[b]),
+            }
+        }
+    }
+}

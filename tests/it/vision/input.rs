@@ -1,0 +1,165 @@
+//! Images, videos and tables of times as people have them.
+
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use image::{DynamicImage, ImageFormat, Rgb, RgbImage as Buffer};
+use spindoe::vision::RgbImage;
+use spindoe::vision::input::{Source, read_frames, read_times};
+
+/// The times of `frames` by the table `text`, or what is said of it.
+fn times(text: &str, frames: &[&str]) -> Result<Vec<f64>, String> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("times.csv");
+    std::fs::write(&path, text).unwrap();
+    let frames: Vec<PathBuf> = frames.iter().map(PathBuf::from).collect();
+    read_times(&path)
+        .and_then(|t| t.of_frames(&frames))
+        .map_err(|e| e.to_string())
+}
+
+fn refused(text: &str, frames: &[&str], expected: &str) {
+    let problem = times(text, frames).unwrap_err();
+    assert!(problem.contains(expected), "{problem}");
+    assert_eq!(problem.lines().count(), 1);
+}
+
+#[test]
+fn frames_of_two_folders_keep_their_times() {
+    let text = "frame,time_s\nleft/7.png,0.5\nright/7.png,0.25\n8,1\n";
+    let frames = ["run/left/7.png", "run/right/7.png", "run/right/8.png"];
+    assert_eq!(times(text, &frames).unwrap(), [0.5, 0.25, 1.0]);
+    // What gives more folders goes before what gives fewer, in any order.
+    let text = "time_s,frame\n1,7\n2,./b/7\n3,film_000002\n";
+    let frames = ["a/7.png", "b/7.png", "clips/film_000002"];
+    assert_eq!(times(text, &frames).unwrap(), [1.0, 2.0, 3.0]);
+}
+
+#[test]
+fn times_that_are_not_clear_are_refused() {
+    let one = ["a/7.png"];
+    refused(
+        "frame,time_s\n7.png,1\n",
+        &["a/7.png", "b/7.png"],
+        "line 2: frame: names both a/7.png and b/7.png",
+    );
+    refused(
+        "frame,time_s\n7,1\n\n7,1\n",
+        &one,
+        "line 4: frame: \"7\" occurs on line 2 already",
+    );
+    refused(
+        "frame,time_s\n7,1\n./7,2\n",
+        &one,
+        "line 3: frame: \"./7\" occurs on line 2",
+    );
+    refused(
+        "frame,time_s\n7,1\n7.png,2\n",
+        &one,
+        "line 3: frame: names a/7.png, as does line 2",
+    );
+    refused(
+        "frame,time_s\n8,1\n",
+        &one,
+        "file: expected a time of frame a/7.png",
+    );
+    refused(
+        "frame,time_s\n7,soon\n",
+        &one,
+        "line 2: time_s: expected a finite number, found \"soon\"",
+    );
+    refused(
+        "frame,time_s\n7,\n",
+        &one,
+        "line 2: time_s: expected seconds",
+    );
+    refused("frame,time_s\n,1\n", &one, "line 2: frame: expected a name");
+    refused(
+        "frame,seconds\n",
+        &one,
+        "line 1: expected a header with time_s",
+    );
+}
+
+/// A wide image, red on the left, as a JPEG that asks to be turned by `orientation` (EXIF).
+fn turned_jpeg(orientation: u8) -> Vec<u8> {
+    let color = |x, _| {
+        if x < 16 {
+            Rgb([255, 0, 0])
+        } else {
+            Rgb([0, 0, 255])
+        }
+    };
+    let mut jpeg = Cursor::new(Vec::new());
+    DynamicImage::from(Buffer::from_fn(32, 16, color))
+        .write_to(&mut jpeg, ImageFormat::Jpeg)
+        .unwrap();
+    // One entry of TIFF, big-endian: tag 0x0112, one number of 16 bits.
+    let tiff = [
+        b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".as_slice(),
+        &[orientation, 0, 0, 0, 0, 0, 0],
+    ]
+    .concat();
+    let length = (2 + 6 + tiff.len()) as u16;
+    let jpeg = jpeg.into_inner();
+    [
+        &jpeg[..2],
+        b"\xff\xe1",
+        &length.to_be_bytes(),
+        b"Exif\0\0",
+        &tiff,
+        &jpeg[2..],
+    ]
+    .concat()
+}
+
+#[test]
+fn images_are_turned_as_the_camera_says() {
+    let path = Path::new("photo.jpg");
+    let at = |image: &RgbImage, u: f64, v: f64| image.sample(u, v);
+    let plain = RgbImage::decode(path, &turned_jpeg(1)).unwrap();
+    assert_eq!((plain.width(), plain.height()), (32, 16));
+    assert!(at(&plain, 3.0, 8.0)[0] > 0.9);
+    // 6: the camera was turned, and the left side of what is stored is the top.
+    let upright = RgbImage::decode(path, &turned_jpeg(6)).unwrap();
+    assert_eq!((upright.width(), upright.height()), (16, 32));
+    assert!(at(&upright, 8.0, 3.0)[0] > 0.9 && at(&upright, 8.0, 28.0)[2] > 0.9);
+}
+
+#[test]
+fn deep_videos_and_names_with_a_colon_are_read() {
+    if Command::new("ffmpeg").arg("-version").output().is_err() {
+        crate::common::skipped("ffmpeg is not installed");
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    for (format, name) in [("gray16le", "deep.mkv"), ("yuv420p10le", "ten:bits.mkv")] {
+        let path = dir.path().join(name);
+        let made = Command::new("ffmpeg")
+            .args([
+                "-f",
+                "lavfi",
+                "-i",
+                "color=red:size=32x16:rate=100:duration=0.03",
+            ])
+            .args(["-pix_fmt", format, "-c:v", "ffv1"])
+            .arg(format!("file:{}", path.display()))
+            .output()
+            .unwrap();
+        assert!(made.status.success(), "{made:?}");
+        let mut seen = Vec::new();
+        let mut visit = |frame: spindoe::vision::input::InputFrame| {
+            seen.push((
+                frame.path.clone(),
+                frame.image.width(),
+                frame.image.height(),
+            ));
+            Ok(())
+        };
+        let times = read_frames(&Source::Video(path.clone()), &mut visit).unwrap();
+        assert_eq!(times.len(), 3, "{name}");
+        let stem = name.strip_suffix(".mkv").unwrap();
+        assert_eq!(seen[1], (dir.path().join(format!("{stem}_000002")), 32, 16));
+    }
+}
