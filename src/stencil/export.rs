@@ -1,5 +1,6 @@
 //! The stencil's files: binary STL, 3MF and a JSON description.
 
+#[cfg(feature = "native")]
 use std::path::Path;
 
 use serde_json::json;
