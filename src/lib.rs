@@ -20,14 +20,13 @@
 //! camera's. All that is random is seeded, and the same seed gives the same bytes on any number of
 //! threads.
 //!
-//! # Example
-//! How often is a pattern identified rightly?
+//! # Examples
+//! How often is a pattern identified correctly?
 //!
 //! ```
-//! use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
-//! use spindoe::pattern::Pattern;
 //! use spindoe::recognize::RecognizerName;
-//! use spindoe::validate::{Protocol, ProtocolName, validate_named};
+//! use spindoe::validate::validate_named;
+//! use spindoe::{HashTable, Pattern, PairRule, Protocol, ProtocolName, RecognizerConfig};
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
@@ -41,6 +40,91 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! Which dots are these, and what is the orientation?
+//!
+//! ```
+//! use spindoe::{DotUncertainty, ObservedDot, Outcome, Recognizer, RobustConfig, RobustRecognizer};
+//!
+//! # fn main() -> spindoe::Result<()> {
+//! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
+//! # let pattern = spindoe::pattern::random_pattern(20, 0.3, &mut rng)?;
+//! # let truth = spindoe::geometry::random_rotation(&mut rng);
+//! let recognizer = RobustRecognizer::new(&pattern, RobustConfig::default())?;
+//! let mut workspace = recognizer.workspace();
+//! // Unit vectors in the camera frame, here made from a known orientation.
+//! let dots: Vec<ObservedDot> = pattern.dots().iter().map(|dot| truth * dot)
+//!     .filter(|direction| direction.z > 0.2)
+//!     .map(|direction| ObservedDot {
+//!         direction,
+//!         uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.03 },
+//!     })
+//!     .collect();
+//! let Outcome::Identified(found) = recognizer.identify(&dots, &mut workspace) else {
+//!     panic!("the dots are those of the pattern");
+//! };
+//! assert!(found.rotation.angle_to(&truth) < 0.01 && found.confidence > 0.99);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! What is the spin?
+//!
+//! ```
+//! use spindoe::{Measurement, Rotation, SpinConfig, SpinEstimator, Vec3};
+//!
+//! let spin = Vec3::new(0.0, 120.0, 30.0); // rad/s
+//! let orientations: Vec<Measurement> = (0..10)
+//!     .map(|k| f64::from(k) / 350.0)
+//!     .map(|time_s| Measurement::new(time_s, Rotation::from_scaled_axis(spin * time_s)))
+//!     .collect();
+//! let fit = SpinEstimator::new(SpinConfig::default()).fit(&orientations).expect("a spin");
+//! assert!((fit.motion.spin - spin).norm() < 0.1);
+//! ```
+//!
+//! A stencil to print, in memory:
+//!
+//! ```
+//! use spindoe::stencil::HalfName;
+//! use spindoe::{Pattern, Stencil, StencilConfig};
+//!
+//! # fn main() -> spindoe::Result<()> {
+//! # let text = include_bytes!("../designs/dots12/pattern.csv");
+//! let pattern = Pattern::from_csv("pattern.csv".as_ref(), text)?;
+//! let stencil = Stencil::build(&pattern, &StencilConfig::default())?;
+//! assert!(stencil.half_stl_bytes(HalfName::A)?.len() > 84);
+//! # Ok(())
+//! # }
+//! ```
+//!
+#![cfg_attr(
+    feature = "vision",
+    doc = r#"
+From an image to the orientation (feature `vision`):
+
+```
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::independent_frame;
+use spindoe::vision::DetectorName;
+use spindoe::{Estimator, EstimatorConfig, FrameEstimate, Pattern};
+
+# fn main() -> spindoe::Result<()> {
+# let text = include_bytes!("../designs/dots20/pattern.csv");
+let pattern = Pattern::from_csv("pattern.csv".as_ref(), text)?;
+let estimator = Estimator::new(&pattern, EstimatorConfig::default(), DetectorName::Cnn.build()?)?;
+let mut workspace = estimator.workspace();
+let mut estimate = FrameEstimate::default();
+let frame = independent_frame(&pattern, &SynthConfig::good(), 1, 0)?;
+estimator.estimate_frame(&frame.image, None, None, &mut workspace, &mut estimate);
+match &estimate.outcome {
+    Ok(pose) => println!("{} with probability {}", pose.rotation, pose.pose_confidence),
+    Err(rejection) => println!("no answer: {rejection}"),
+}
+# Ok(())
+# }
+```
+"#
+)]
 
 #[cfg(feature = "cli")]
 #[doc(hidden)]
@@ -71,4 +155,19 @@ pub mod validate;
 #[cfg(feature = "vision")]
 pub mod vision;
 
+pub use design::{Constraints, DesignConfig, KeepOut, ObjectiveName};
 pub use error::{Error, Parameter, Result};
+pub use geometry::{Rotation, Vec3};
+pub use hash::{HashTable, PairRule, RecognizerConfig};
+pub use pattern::Pattern;
+pub use recognize::robust::{Hint, RobustConfig, RobustRecognizer};
+pub use recognize::{DotUncertainty, Identification, ObservedDot, Outcome, Recognizer};
+#[cfg(feature = "native")]
+pub use report::DesignJob;
+pub use spin::robust::{RobustEstimator as SpinEstimator, RobustSpinConfig as SpinConfig};
+pub use spin::{Fit as SpinFit, Measurement, Motion};
+pub use stats::Proportion;
+pub use stencil::{Stencil, StencilConfig};
+pub use validate::{Protocol, ProtocolName, Validation};
+#[cfg(feature = "vision")]
+pub use vision::{Estimator, EstimatorConfig, FrameEstimate, Pose};

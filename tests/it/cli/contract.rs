@@ -122,11 +122,11 @@ fn headers_must_say_x_y_z_and_windows_line_ends_keep_the_count() {
     let shop = workshop();
     let dir = shop.path();
     let good = fs::read_to_string(dir.join("pattern.csv")).unwrap();
-    assert_eq!(
-        good.lines().count(),
-        20,
-        "written as published, without a header"
-    );
+    // Written as published, without a header: every line is a dot.
+    let numbers = good
+        .lines()
+        .all(|l| l.split(',').all(|x| x.parse::<f64>().is_ok()));
+    assert!(numbers, "{good}");
     fs::write(dir.join("swapped.csv"), format!("y,x,z\n{good}")).unwrap();
     refused(
         dir,
