@@ -112,7 +112,7 @@ impl Axis {
 
     /// Lets the lower end of a logarithmic axis stand for zero, and says so there.
     fn with_zero(mut self) -> Self {
-        // Room for the label beneath the next tick's.
+        // Space for the label beneath the next tick's.
         self.low -= 0.08 * (self.high - self.low);
         let least = self.low + 0.05 * (self.high - self.low);
         self.ticks.retain(|t| *t > least);
@@ -194,7 +194,7 @@ pub(super) fn rate_axis(
     Ok(if least == 0.0 { axis.with_zero() } else { axis })
 }
 
-/// Least and greatest of `values`.
+/// Minimum and maximum of `values`.
 fn span(name: &str, values: impl Iterator<Item = f64>) -> Result<(f64, f64)> {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for v in values {
@@ -229,7 +229,8 @@ pub(super) fn significant(value: f64) -> String {
     trimmed(format!("{value:.decimals$}"))
 }
 
-/// A rate as a number of percent, with enough decimals that neither 0 nor 100 is shown for anything else.
+/// A rate as a number of percent, with enough decimals that neither 0 nor 100 is shown for anything
+/// else.
 pub(super) fn percent(rate: f64) -> String {
     let value = 100.0 * rate;
     let rest = value.min(100.0 - value);

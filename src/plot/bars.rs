@@ -1,4 +1,4 @@
-//! Rates side by side: groups of bars with intervals.
+//! Bar charts of rates, in groups, with intervals.
 
 use std::path::Path;
 
@@ -71,8 +71,8 @@ impl BarChart {
 /// Draws groups of bars with 95 % whiskers and the rates above them.
 ///
 /// # Errors
-/// [`Error::Argument`] for no rates at all, a group without a place for each series, or rates outside
-/// their intervals or [0, 1]; [`Error::Write`] where the file cannot be written.
+/// [`Error::Argument`] for no rates at all, a group without a place for each series, or rates
+/// outside their intervals or [0, 1]; [`Error::Write`] where the file cannot be written.
 pub fn bar_comparison(path: &Path, plot: &BarChart) -> Result<()> {
     let mut y = rate_axis("rates", plot.scale, &plot.points()?)?;
     if plot.scale == RateScale::Success {

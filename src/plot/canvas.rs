@@ -1,4 +1,5 @@
-//! What all plots share: a picture in memory, text, marks, legends, axes, and the way to a file.
+//! The parts that all plots share: a picture in memory, text, marks, legends, axes, and writing the
+//! file.
 //!
 //! Pictures are drawn at [`SCALE`] times their size and averaged down, which smooths the edges of
 //! everything alike. Lengths in this module and its users are in drawn pixels: [`px`] converts.
@@ -30,7 +31,8 @@ pub(super) const INK: RGBColor = RGBColor(38, 38, 38);
 /// Color of grid lines.
 pub(super) const GRID: RGBColor = RGBColor(226, 226, 226);
 
-/// The Okabe-Ito colors (without yellow, too pale on white): told apart by color-blind readers too.
+/// The Okabe-Ito colors (without yellow, too pale on white): distinguishable by color-blind readers
+/// too.
 const PALETTE: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -143,7 +145,7 @@ pub(super) fn bold(size: f64) -> FontDesc<'static> {
     (FONT, size * f64::from(SCALE), FontStyle::Bold).into_font()
 }
 
-/// `text` set in `font`, cut short where it is wider than `room` drawn pixels.
+/// `text` set in `font`, cut short where it is wider than `available` drawn pixels.
 pub(super) fn fitted(text: &str, font: &FontDesc<'_>, room: i32) -> String {
     let width = |t: &str| font.box_size(t).map_or(0, |b| b.0 as i32);
     let mut fitted = text.to_owned();
@@ -229,7 +231,8 @@ pub(super) enum Sign {
 /// A legend's line: the width used, and its entries with their offsets (drawn pixels).
 type LegendLine<'a> = (i32, Vec<(i32, &'a Sign, String)>);
 
-/// Writes a legend on top of `area`, in as many lines as it needs, and returns what is left beneath.
+/// Writes a legend on top of `area`, in as many lines as it needs, and returns what is left
+/// beneath.
 pub(super) fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Drawn<Area<'a>> {
     let room = area.dim_in_pixel().0 as i32 - px(40.0);
     let mut lines: Vec<LegendLine<'_>> = Vec::new();

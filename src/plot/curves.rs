@@ -1,4 +1,5 @@
-//! Rates over a parameter with their intervals, plain line plots, and predicted against observed rates.
+//! Rates over a parameter with their intervals, plain line plots, and predicted against observed
+//! rates.
 
 use std::path::Path;
 
@@ -154,8 +155,8 @@ pub fn reliability_plot(path: &Path, plot: &ReliabilityPlot) -> Result<()> {
 /// Draws lines through points.
 ///
 /// # Errors
-/// [`Error::Argument`] for no points at all, numbers that are not finite, or on a logarithmic axis not
-/// positive; [`Error::Write`] where the file cannot be written.
+/// [`Error::Argument`] for no points at all, numbers that are not finite, or on a logarithmic axis
+/// not positive; [`Error::Write`] where the file cannot be written.
 pub fn line_plot(path: &Path, plot: &LinePlot) -> Result<()> {
     draw_points(path, plot, true)
 }

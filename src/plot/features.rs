@@ -71,7 +71,7 @@ pub fn feature_plot(
 /// Distances with what is needed to color and count them.
 struct Distances<'a> {
     values: &'a [f64],
-    /// Least distance that is told apart from zero.
+    /// Minimum distance that is distinguished from zero.
     floor: f64,
     mean: f64,
     median: f64,
@@ -221,7 +221,8 @@ fn draw_color_bar(area: &Area<'_>, distances: &Distances<'_>) -> Drawn {
 /// Counts the distances in bins that are equally wide on a logarithmic axis.
 fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -> Drawn {
     let sorted = sorted(distances.values.iter().map(|d| d.max(distances.floor)));
-    // A handful of extreme distances would squeeze the rest: they are counted in the outermost bins.
+    // A handful of extreme distances would squeeze the rest: they are counted in the outermost
+    // bins.
     let low = quantile(&sorted, 0.002).min(distances.mean.max(distances.floor));
     let high = quantile(&sorted, 0.998).max(distances.mean);
     let x = Axis::logarithmic(low / 1.1, high.max(low * 1.2) * 1.1, Unit::Plain);
@@ -257,8 +258,9 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
     Ok(())
 }
 
-/// The viridis color map (S. van der Walt, N. Smith, 2015; public domain), interpolated between eight
-/// of its colors and without its palest end, hard to see on white; `part` is clamped to [0, 1].
+/// The viridis color map (S. van der Walt, N. Smith, 2015; public domain), interpolated between
+/// eight of its colors and without its palest end, hard to see on white; `part` is clamped to [0,
+/// 1].
 fn viridis(part: f64) -> RGBColor {
     const COLOURS: [[f64; 3]; 8] = [
         [68.0, 1.0, 84.0],

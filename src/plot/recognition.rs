@@ -1,4 +1,4 @@
-//! Views of the ball side by side: what was seen, where the dots truly were, and what was answered.
+//! Views of the ball side by side: the observed dots, the true dots and the answer.
 
 use std::path::Path;
 
@@ -30,9 +30,9 @@ const ANSWER: usize = 1;
 /// One view of a ball.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecognitionView {
-    /// What there is to say of it; set in several lines.
+    /// Its caption, set in several lines.
     pub caption: String,
-    /// Least z at which a dot was seen.
+    /// Minimum z at which a dot was seen.
     pub visibility_limit: f64,
     /// Observed directions, camera frame.
     pub observed: Vec<Vec3>,
@@ -42,8 +42,8 @@ pub struct RecognitionView {
     pub answer: Option<Rotation>,
 }
 
-/// Draws views of the ball as the camera has them (x right, y up), each with the observed dots and with
-/// the pattern's visible dots under the true and under the answered orientation.
+/// Draws views of the ball as the camera has them (x right, y up), each with the observed dots and
+/// with the pattern's visible dots under the true and under the answered orientation.
 ///
 /// # Errors
 /// [`Error::Argument`] for no views; [`Error::Write`] where the file cannot be written.

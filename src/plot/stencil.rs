@@ -1,4 +1,4 @@
-//! The stencil in pictures: both halves as they are printed, open around the ball, and closed.
+//! Pictures of the stencil: both halves as printed, open around the ball, and closed.
 
 use std::path::Path;
 
@@ -114,7 +114,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The closed stencil seen onto a dome (`up` is 1 for half A, -1 for half B), its dots numbered.
+    /// The closed stencil seen onto a dome (`up` is 1 for half A, -1 for half B), its dots
+    /// numbered.
     fn onto(&'a self, up: f64, caption: &'a str) -> Panel<'a> {
         let dots = || self.stencil.dots().iter().enumerate();
         let count = dots().filter(|(_, d)| d.z * up > 0.0).count();
@@ -128,8 +129,9 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Draws both halves as printed, the stencil open around the ball, and the closed stencil from the side
-/// and from both domes, where the dots seen through their holes are numbered from 0 as in the pattern.
+/// Draws both halves as printed, the stencil open around the ball, and the closed stencil from the
+/// side and from both domes, where the dots seen through their holes are numbered from 0 as in the
+/// pattern.
 ///
 /// # Errors
 /// [`crate::Error::Write`] where the file cannot be written.

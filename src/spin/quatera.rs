@@ -14,8 +14,8 @@
 //! with the least total distance wins.
 //!
 //! Known weaknesses, kept: a run must be free of outliers; a slow spin leaves the plane
-//! undetermined; any rotation about nearly the right axis counts as right, however wrong its angle;
-//! unwrapping is by rules of thumb.
+//! undetermined; any rotation about nearly the correct axis counts as an inlier, however wrong its
+//! angle; unwrapping is by rules of thumb.
 
 use nalgebra::{Matrix4, Vector4};
 use rand::{RngExt, SeedableRng};
@@ -168,7 +168,7 @@ impl QuateraEstimator {
         }
     }
 
-    /// For each measurement of the last successful fit, whether it counted as right.
+    /// For each measurement of the last successful fit, whether it is an inlier.
     pub fn inliers(&self) -> &[bool] {
         &self.best
     }

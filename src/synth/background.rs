@@ -1,7 +1,7 @@
-//! What is behind the ball: surfaces, lines, people, lamps, other balls.
+//! The background: surfaces, lines, people, lamps, other balls.
 //!
-//! Positions and lengths are in ball radii about a fixed pixel, so that textures keep their scale against the ball in crops and
-//! whole frames alike, and stand still while the ball moves.
+//! Positions and lengths are in ball radii about a fixed pixel, so that textures keep their scale
+//! against the ball in crops and whole frames alike, and stand still while the ball moves.
 
 use std::f32::consts::TAU;
 
@@ -129,7 +129,7 @@ pub struct Disc {
     pub is_ball: bool,
 }
 
-/// What is behind the ball.
+/// The background of a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Background {
     /// The pixel at which positions are 0.
@@ -162,8 +162,8 @@ impl Background {
         }
     }
 
-    /// A random background about a ball whose brightest part has the gray `brightest`; `reach` is half the image's
-    /// larger side in ball radii.
+    /// A random background about a ball whose brightest part has the gray `brightest`; `reach` is
+    /// half the image's larger side in ball radii.
     pub(super) fn random<R: Rng + ?Sized>(
         brightest: f32,
         reach: f32,
