@@ -195,8 +195,8 @@ impl Work<'_> {
     fn pieces(&self) -> Vec<Piece> {
         let outline = self.outline();
         let half_height = FRAC_PI_2 * self.radius;
-        let room = self.gores.page.usable_mm()[1] - 2.0 * (LOBE_END_MM + self.gores.bleed_mm);
-        let parts = (2.0 * half_height / room).ceil().max(1.0) as usize;
+        let available = self.gores.page.usable_mm()[1] - 2.0 * (LOBE_END_MM + self.gores.bleed_mm);
+        let parts = (2.0 * half_height / available).ceil().max(1.0) as usize;
         let wide = 2.0 * self.radius;
         let mut pieces = Vec::new();
         for lobe in 0..self.gores.lobes {

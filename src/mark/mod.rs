@@ -107,9 +107,14 @@ impl MarkConfig {
         let inside = (10.0..=1000.0).contains(&ball);
         require(inside, "ball_diameter_mm", "10 to 1000 mm", ball)?;
         let dot = self.dot_diameter_mm;
-        let most = 0.5 * ball;
-        let inside = (0.2..=most).contains(&dot);
-        require(inside, "dot_diameter_mm", &format!("0.2 to {most} mm"), dot)?;
+        let max_dot = 0.5 * ball;
+        let inside = (0.2..=max_dot).contains(&dot);
+        require(
+            inside,
+            "dot_diameter_mm",
+            &format!("0.2 to {max_dot} mm"),
+            dot,
+        )?;
         for (i, a) in pattern.dots().iter().enumerate() {
             for (j, b) in pattern.dots()[..i].iter().enumerate() {
                 let angle = angle_between(a, b);

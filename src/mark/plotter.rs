@@ -66,9 +66,9 @@ impl Default for PlotterConfig {
 impl PlotterConfig {
     fn validate(&self, config: &MarkConfig) -> Result<()> {
         let pen = self.pen_diameter_mm;
-        let most = config.dot_diameter_mm;
-        let inside = (0.05..=most).contains(&pen);
-        let expected = format!("0.05 to {most} mm, the dot's diameter");
+        let max_pen = config.dot_diameter_mm;
+        let inside = (0.05..=max_pen).contains(&pen);
+        let expected = format!("0.05 to {max_pen} mm, the dot's diameter");
         require(inside, "pen_diameter_mm", &expected, pen)?;
         let steps = self.steps_per_turn;
         let inside = (100.0..=1e6).contains(&steps);

@@ -217,8 +217,8 @@ fn dots(
 fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<serde_json::Value> {
     let radius = config.radius_mm();
     // The greatest of 1:1, 1:2, ... at which both stand side by side.
-    let room = 0.5 * sheets.width - MAP_GAP_MM;
-    let divisor = (FRAC_PI_2 * radius / (0.5 * room)).ceil().max(1.0);
+    let available = 0.5 * sheets.width - MAP_GAP_MM;
+    let divisor = (FRAC_PI_2 * radius / (0.5 * available)).ceil().max(1.0);
     let scale = 1.0 / divisor;
     let rim = FRAC_PI_2 * radius * scale;
     let height = 2.0 * (rim + MAP_GAP_MM) + 2.0 * ROW_MM;

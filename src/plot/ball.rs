@@ -43,7 +43,7 @@ impl BallDrawing {
             ("dot diameter", self.dot_diameter_mm),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                let problem = format!("expected a positive number of millimetres, found {value}");
+                let problem = format!("expected a positive number of millimeters, found {value}");
                 return Err(Error::argument(name, problem));
             }
         }
@@ -158,7 +158,7 @@ fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
             area.draw_pixel((cx + dx, cy + dy), &RGBColor(r, g, b))?;
         }
     }
-    area.draw(&Circle::new((cx, cy), radius, stroke(canvas::GREY, 1.0)))?;
+    area.draw(&Circle::new((cx, cy), radius, stroke(canvas::GRAY, 1.0)))?;
     Ok(())
 }
 

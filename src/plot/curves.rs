@@ -7,7 +7,7 @@ use plotters::prelude::*;
 
 use super::axis::{Axis, Unit, rate_axis};
 use super::canvas::{
-    Area, Chart, Drawn, GREY, Key, Sign, chart, color, mark, picture, px, stroke, titled,
+    Area, Chart, Drawn, GRAY, Key, Sign, chart, color, mark, picture, px, stroke, titled,
     with_legend,
 };
 use super::{RatePoint, RateScale};
@@ -281,7 +281,7 @@ fn draw_diagonal(root: &Area<'_>, chart: &Chart<'_>, axis: &Axis) -> Drawn {
     };
     for dash in 0..DASHES {
         let ends = vec![at(2 * dash), at(2 * dash + 1)];
-        root.draw(&PathElement::new(ends, stroke(GREY, 1.6)))?;
+        root.draw(&PathElement::new(ends, stroke(GRAY, 1.6)))?;
     }
     Ok(())
 }

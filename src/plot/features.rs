@@ -231,8 +231,8 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
         let part = (d.log10() - x.low) / (x.high - x.low);
         counts[((part * BINS as f64).max(0.0) as usize).min(BINS - 1)] += 1;
     }
-    let most = counts.iter().copied().max().unwrap_or(1);
-    let y = Axis::linear_exactly(0.0, (most as f64 * 1.06).max(5.0), Unit::Plain);
+    let highest = counts.iter().copied().max().unwrap_or(1);
+    let y = Axis::linear_exactly(0.0, (highest as f64 * 1.06).max(5.0), Unit::Plain);
     let keys = [
         ("mean", distances.mean, Sign::Line(1)),
         ("median", distances.median, Sign::Line(2)),
@@ -262,7 +262,7 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
 /// eight of its colors and without its palest end, hard to see on white; `part` is clamped to [0,
 /// 1].
 fn viridis(part: f64) -> RGBColor {
-    const COLOURS: [[f64; 3]; 8] = [
+    const COLORS: [[f64; 3]; 8] = [
         [68.0, 1.0, 84.0],
         [71.0, 44.0, 122.0],
         [59.0, 81.0, 139.0],
@@ -272,11 +272,11 @@ fn viridis(part: f64) -> RGBColor {
         [92.0, 200.0, 99.0],
         [170.0, 220.0, 50.0],
     ];
-    let at = part.clamp(0.0, 1.0) * (COLOURS.len() - 1) as f64;
-    let i = (at as usize).min(COLOURS.len() - 2);
+    let at = part.clamp(0.0, 1.0) * (COLORS.len() - 1) as f64;
+    let i = (at as usize).min(COLORS.len() - 2);
     let t = at - i as f64;
     let [r, g, b] = [0, 1, 2].map(|c| {
-        let v = COLOURS[i][c] + t * (COLOURS[i + 1][c] - COLOURS[i][c]);
+        let v = COLORS[i][c] + t * (COLORS[i + 1][c] - COLORS[i][c]);
         v.round() as u8
     });
     RGBColor(r, g, b)

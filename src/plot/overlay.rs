@@ -64,12 +64,12 @@ pub struct OverlayFrame {
 pub fn frame_overlay(path: &Path, frame: &OverlayFrame) -> Result<()> {
     let size = (OVERLAY_SIDE, OVERLAY_SIDE + 2 * WORDS);
     canvas::picture(path, size, |area| {
-        let room = px(f64::from(OVERLAY_SIDE)) - px(12.0);
+        let available = px(f64::from(OVERLAY_SIDE)) - px(12.0);
         let font = canvas::font(SMALL);
         let middle = |y: f64| (px(6.0), px(y));
-        let name = canvas::fitted(&frame.name, &font, room);
+        let name = canvas::fitted(&frame.name, &font, available);
         canvas::text(area, &name, middle(17.0), HPos::Left, SMALL, INK)?;
-        let words = canvas::fitted(&frame.words, &font, room);
+        let words = canvas::fitted(&frame.words, &font, available);
         let below = f64::from(OVERLAY_SIDE) + 1.5 * f64::from(WORDS);
         canvas::text(area, &words, middle(below), HPos::Left, SMALL, ink(frame))?;
         let top = px(f64::from(WORDS));

@@ -118,7 +118,12 @@ pub(super) struct Frame {
 impl Frame {
     /// A frame that shows all of `bodies` within `available` (width, height; drawn pixels) about
     /// `center`.
-    pub fn fitted(view: View, bodies: &[Body<'_>], room: (f64, f64), center: (i32, i32)) -> Self {
+    pub fn fitted(
+        view: View,
+        bodies: &[Body<'_>],
+        available: (f64, f64),
+        center: (i32, i32),
+    ) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for v in bodies.iter().flat_map(|b| &b.mesh.vertices) {
             let p = view.apply(v);
@@ -130,7 +135,7 @@ impl Frame {
         let size = |i: usize| (high[i] - low[i]).max(1e-6);
         Self {
             view,
-            scale: (room.0 / size(0)).min(room.1 / size(1)),
+            scale: (available.0 / size(0)).min(available.1 / size(1)),
             middle: (0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])),
             center,
         }

@@ -177,7 +177,7 @@ impl Window {
     /// beside.
     fn peaks(&self, low: f64, high: f64) -> Vec<f64> {
         let step = std::f64::consts::TAU / (NODES_PER_CYCLE * self.duration);
-        // No duration (fewer than two right frames): nothing can be compared.
+        // No duration (fewer than two inliers): nothing can be compared.
         if !(step.is_finite() && step > 0.0) {
             return Vec::new();
         }

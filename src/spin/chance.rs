@@ -50,7 +50,7 @@ pub(super) fn expected_by_chance(
     hypotheses * binomial_tail(n - 2, agreeing - 2, near / n as f64)
 }
 
-/// Probability that a uniform rotation counts as this frame's right orientation.
+/// Probability that a uniform rotation counts as an inlier of this frame.
 fn near_by_chance(m: &Measurement, sigma_rad: f64) -> f64 {
     let variance = 2.0 * (sigma_rad * m.sigma_scale).powi(2);
     let r = (2.0 * variance * peak_gain(m.confidence, variance).max(0.0)).sqrt();

@@ -583,8 +583,8 @@ fn climb(
     let mut damping = FIRST_DAMPING;
     for _ in 0..CLIMB_STEPS {
         // A ball that does not turn says nothing of its decay: no step may be taken along it.
-        let whole = sums.information.cholesky()?.solve(&sums.gradient);
-        if whole.dot(&sums.gradient) < CONVERGED * CONVERGED {
+        let step = sums.information.cholesky()?.solve(&sums.gradient);
+        if step.dot(&sums.gradient) < CONVERGED * CONVERGED {
             return Some((state, sums));
         }
         let mut damped = sums.information;

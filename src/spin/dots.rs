@@ -82,7 +82,7 @@ pub fn refine_on_dots(
     options: &DotRefineConfig,
 ) -> Result<Fit, SpinRejection> {
     check(pattern, frames)?;
-    let refused = |agreeing| SpinRejection::NoConsensus {
+    let rejected = |agreeing| SpinRejection::NoConsensus {
         agreeing,
         frames: frames.len(),
         max_rps: start.motion.rps(),
@@ -93,7 +93,7 @@ pub fn refine_on_dots(
     let mut sums = Sums::new(pattern, frames, &motion, sigma, options.right);
     for _ in 0..MAX_STEPS {
         let solved = sums.information.cholesky();
-        let change = solved.ok_or(refused(sums.inliers))?.solve(&sums.gradient);
+        let change = solved.ok_or(rejected(sums.inliers))?.solve(&sums.gradient);
         let length = change.dot(&sums.gradient);
         let turn = Rotation::from_scaled_axis(change.fixed_rows::<3>(0).into_owned());
         motion.orientation = Rotation::new_normalize((turn * motion.orientation).into_inner());
@@ -113,9 +113,9 @@ pub fn refine_on_dots(
             break;
         }
     }
-    let solved = sums.information.cholesky().ok_or(refused(sums.inliers))?;
+    let solved = sums.information.cholesky().ok_or(rejected(sums.inliers))?;
     if sums.inliers < MIN_FRAMES {
-        return Err(refused(sums.inliers));
+        return Err(rejected(sums.inliers));
     }
     let widening = match degrees {
         d if d.is_finite() => d / (d - 2.0).max(1.0),

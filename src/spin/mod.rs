@@ -192,7 +192,7 @@ pub enum SpinRejection {
     },
     /// Too few of the orientations agree on any one spin.
     #[error(
-        "no spin up to {max_rps:.0} rps is agreed on by enough of the {frames} orientations (best: {agreeing})"
+        "too few of the {frames} orientations agree on any spin up to {max_rps:.0} rps (best: {agreeing})"
     )]
     NoConsensus {
         /// Orientations that agree with the best spin found.

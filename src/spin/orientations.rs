@@ -72,7 +72,7 @@ pub struct OrientationRow {
     pub matched: Option<usize>,
     /// RMS angular residual of the matched dots, radians.
     pub residual_rad: Option<f64>,
-    /// Probability that the orientation is right, in [0, 1].
+    /// Probability that the orientation is correct, in [0, 1].
     pub confidence: Option<f64>,
 }
 

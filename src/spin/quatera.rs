@@ -11,7 +11,7 @@
 //!
 //! RANSAC: the plane is fitted to short runs of successive frames; a frame whose distance `1 -
 //! |projection on the plane|` is below a threshold joins; the plane that at least three join and
-//! with the least total distance wins.
+//! with the smallest total distance wins.
 //!
 //! Known weaknesses, kept: a run must be free of outliers; a slow spin leaves the plane
 //! undetermined; any rotation about nearly the correct axis counts as an inlier, however wrong its
@@ -251,7 +251,7 @@ impl QuateraEstimator {
             let chosen = || self.quaternions.iter().zip(&self.members).filter(|x| *x.1);
             let plane = Plane::through(chosen().map(|x| x.0));
             let total: f64 = chosen().map(|x| plane.distance(x.0)).sum();
-            if best.is_none_or(|(least, _)| total < least) {
+            if best.is_none_or(|(smallest, _)| total < smallest) {
                 best = Some((total, plane));
                 self.best.clone_from(&self.members);
             }

@@ -146,7 +146,7 @@ pub(super) fn judge_pair(
     let interval = second.time_s - first.time_s;
     let relative = second.orientation.into_inner() * first.orientation.into_inner().conjugate();
     let (axis, phi) = axis_angle(&relative);
-    judge(measurements, pair, &axis, settings, seen);
+    score_hypothesis(measurements, pair, &axis, settings, seen);
 
     let radius = pair_radius(settings.sigma_rad, interval);
     let max_gain: f64 = seen.iter().map(|s| s.peak).sum();
@@ -180,7 +180,7 @@ pub(super) fn pair_radius(sigma_rad: f64, interval: f64) -> f64 {
 }
 
 /// Fills `seen` with the frames outside the pair.
-fn judge(
+fn score_hypothesis(
     measurements: &[Measurement],
     pair: (usize, usize),
     axis: &Vec3,

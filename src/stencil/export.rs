@@ -22,7 +22,7 @@ const FORMAT_VERSION: u32 = 1;
 /// First bytes of an STL file's header.
 const STL_HEADER: &str = "spindoe pattern";
 /// How the frames are related, in words.
-const FRAMES: &str = "stencil = R * pattern, R the unit quaternion given; millimetres, origin in the \
+const FRAMES: &str = "stencil = R * pattern, R the unit quaternion given; millimeters, origin in the \
     ball's center, seam in z = 0, half A in z > 0, hinge axis along y through (axis_mm, 0, 0), thumb tab \
     towards -x. A point (x, y, z) of half_a.stl lies at (x, y, z - lip_mm), a point of half_b.stl at \
     (x, -y, lip_mm - z).";

@@ -77,20 +77,20 @@ impl Joint {
         let lip_mm = knuckle_radius_mm - FLAT_MM;
         let narrow = |radius: f64| (radius * radius - lip_mm * lip_mm).max(0.0).sqrt();
         let snap = 0.5 * config.ball_diameter_mm - narrow(inner);
-        let most = MAX_SNAP * 0.5 * config.ball_diameter_mm;
-        if snap > most {
+        let max_snap = MAX_SNAP * 0.5 * config.ball_diameter_mm;
+        if snap > max_snap {
             return Err(Error::argument(
                 "screw_diameter_mm",
                 format!(
                     "the rim that its hinge needs narrows the ball's way by {snap:.2} mm, expected at \
-                     most {most:.2} mm: take a thinner screw or more clearance"
+                     most {max_snap:.2} mm: take a thinner screw or more clearance"
                 ),
             ));
         }
-        let room = narrow(outer) - narrow(inner);
-        let lip_thickness_mm = 0.5 * (room * (1.0 - CONE_FRACTION) - config.seam_gap_mm);
+        let width = narrow(outer) - narrow(inner);
+        let lip_thickness_mm = 0.5 * (width * (1.0 - CONE_FRACTION) - config.seam_gap_mm);
         // Along the radius the gap is wider than square to the cone.
-        let slope = CONE_FRACTION * room / (2.0 * lip_mm);
+        let slope = CONE_FRACTION * width / (2.0 * lip_mm);
         let half_gap_mm = 0.5 * config.seam_gap_mm * slope.hypot(1.0);
         let cone_wide_mm = narrow(outer) - lip_thickness_mm - half_gap_mm;
         let cone_narrow_mm = narrow(inner) + lip_thickness_mm + half_gap_mm;
@@ -118,7 +118,7 @@ impl Joint {
     /// Rejects walls that the nozzle cannot draw.
     fn refuse_thin_walls(&self, config: &StencilConfig) -> Result<()> {
         let relieved = self.axis_mm - self.relief_mm(0.0, config) - config.inner_radius_mm();
-        for (name, what, value, least) in [
+        for (name, what, value, min_thickness) in [
             (
                 "wall_mm",
                 "a rim's lip",
@@ -133,10 +133,12 @@ impl Joint {
             ),
             ("hinge_length_mm", "a knuckle", self.knuckle_mm, 1.5),
         ] {
-            if value < least {
+            if value < min_thickness {
                 return Err(Error::argument(
                     name,
-                    format!("{what} would be {value:.2} mm thick, expected at least {least} mm"),
+                    format!(
+                        "{what} would be {value:.2} mm thick, expected at least {min_thickness} mm"
+                    ),
                 ));
             }
         }

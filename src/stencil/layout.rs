@@ -265,20 +265,20 @@ impl Obstacles {
     /// Minimum distance of a hole from hinge or tab for dots in the stencil's frame, mm. Stops
     /// early below `enough`.
     fn clearance(&self, dots: &[Vec3], config: &StencilConfig, enough: f64) -> f64 {
-        let mut least = f64::INFINITY;
+        let mut clearance = f64::INFINITY;
         for d in dots {
             // The hinge's arms reach up on both sides of the seam.
             let up = Vec3::new(d.x, d.y, d.z.abs());
             for (dot, obstacle) in [(&up, &self.hinge), (d, &self.tab)] {
-                if !obstacle.is_beyond(least, dot, config) {
-                    least = least.min(distance_to_hole(dot, &obstacle.points, config));
+                if !obstacle.is_beyond(clearance, dot, config) {
+                    clearance = clearance.min(distance_to_hole(dot, &obstacle.points, config));
                 }
             }
-            if least < enough {
+            if clearance < enough {
                 break;
             }
         }
-        least
+        clearance
     }
 }
 
@@ -315,7 +315,7 @@ fn try_seam(
         }
         cuts.push(both.map(|(name, own)| {
             cut(&own, name, config, joint).unwrap_or_else(|web| {
-                if thin.is_none_or(|(least, _)| web < least) {
+                if thin.is_none_or(|(thinnest, _)| web < thinnest) {
                     thin = Some((web, i));
                 }
                 Cut::Through

@@ -156,7 +156,7 @@ impl Plan {
     fn new(pattern: &Pattern, config: &StencilConfig) -> Result<Self> {
         config.validate()?;
         let joint = Joint::new(config)?;
-        refuse_overlaps(pattern.dots(), config)?;
+        check_overlaps(pattern.dots(), config)?;
         let layout = Layout::choose(pattern.dots(), config, &joint)?;
         Ok(Self { joint, layout })
     }
@@ -176,8 +176,8 @@ impl Stencil {
     /// possible when all else is as in `config`; `None` where there is none. Tries diameters one by
     /// one from the largest that webs between holes allow, each as long as [`Stencil::check`].
     pub fn largest_hole_mm(pattern: &Pattern, config: &StencilConfig) -> Option<f64> {
-        let most = widest_holes(pattern.dots(), config).min(0.5 * config.ball_diameter_mm);
-        let from = (10.0 * most + 1e-6).floor().max(0.0) as u32;
+        let largest = widest_holes(pattern.dots(), config).min(0.5 * config.ball_diameter_mm);
+        let from = (10.0 * largest + 1e-6).floor().max(0.0) as u32;
         let to = (10.0 * MIN_HOLE_MM) as u32;
         let diameters = (to..=from).rev().map(|tenths| f64::from(tenths) / 10.0);
         let mut sized = diameters.map(|hole_diameter_mm| StencilConfig {
@@ -288,7 +288,7 @@ impl Stencil {
 }
 
 /// Rejects holes that leave too little material between them.
-fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
+fn check_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
     for (i, a) in dots.iter().enumerate() {
         for (j, b) in dots[..i].iter().enumerate() {
             let angle = angle_between(a, b);
@@ -296,12 +296,12 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
             let web = |radius: f64, hole: f64| 2.0 * radius * (0.5 * angle).sin() - 2.0 * hole;
             let inner = web(config.inner_radius_mm(), 0.5 * config.hole_diameter_mm);
             let outer = web(config.outer_radius_mm(), config.opening_radius_mm());
-            let least = inner.min(outer);
-            if least < config.min_web_mm {
+            let thinnest = inner.min(outer);
+            if thinnest < config.min_web_mm {
                 return Err(Error::argument(
                     "hole_diameter_mm",
                     format!(
-                        "the holes of dots {j} and {i} ({:.1} degrees apart) leave {least:.2} mm \
+                        "the holes of dots {j} and {i} ({:.1} degrees apart) leave {thinnest:.2} mm \
                          between them, expected at least {} mm; {}",
                         angle.to_degrees(),
                         config.min_web_mm,
@@ -422,7 +422,9 @@ fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
         )));
     }
     if Solid::new(&mesh)?.self_intersects() {
-        return Err(Error::Internal(format!("{name}: the surface cuts itself")));
+        return Err(Error::Internal(format!(
+            "{name}: the surface intersects itself"
+        )));
     }
     Ok(Half {
         mesh,

@@ -27,10 +27,10 @@ pub struct Seam {
 impl Seam {
     /// The seam with normal `n`, a unit vector.
     fn new(n: Vec3, dots: &[Vec3]) -> Self {
-        let least = dots.iter().map(|d| n.dot(d).abs()).fold(1.0, f64::min);
+        let min_sine = dots.iter().map(|d| n.dot(d).abs()).fold(1.0, f64::min);
         Self {
             normal: n,
-            margin_rad: least.clamp(0.0, 1.0).asin(),
+            margin_rad: min_sine.clamp(0.0, 1.0).asin(),
         }
     }
 

@@ -203,8 +203,8 @@ impl Background {
             _ => (Texture::Plain, second),
         };
         // As many about the ball in a whole frame as in a crop, up to a bound on the cost.
-        let most = (6.0 * (0.5 * reach).max(1.0)).min(40.0) as u32;
-        let count = rng.random_range(1..=most) * u32::from(is_cluttered);
+        let max_count = (6.0 * (0.5 * reach).max(1.0)).min(40.0) as u32;
+        let count = rng.random_range(1..=max_count) * u32::from(is_cluttered);
         Self {
             origin: Pixel::default(),
             radius_px: 1.0,

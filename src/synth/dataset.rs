@@ -220,8 +220,8 @@ impl Sequence {
             require(inside, "exposure_s", &expected, exposure_s)?;
             first.exposure_s = exposure_s;
         }
-        let way = MAX_DRIFT * first.circle.radius;
-        let random_px = [0, 1].map(|_| way * rng.random_range(-1.0..1.0));
+        let drift = MAX_DRIFT * first.circle.radius;
+        let random_px = [0, 1].map(|_| drift * rng.random_range(-1.0..1.0));
         let drift_px = drift_px.unwrap_or(random_px);
         if drift_px.iter().any(|d| !d.is_finite()) {
             return Err(Error::argument("drift_px", "expected two finite numbers"));

@@ -85,7 +85,7 @@ impl Scene {
         let (mut spin, exposure_s) = random_motion(config, motion);
         let max = config.max_shift_px * side / 60.0;
         let (s, c) = motion.random_range(0.0..TAU).sin_cos();
-        let way = max * motion.random::<f64>().powi(2);
+        let displacement = max * motion.random::<f64>().powi(2);
         if config.kind == SynthKind::Wheel {
             // A wheel faces the camera and turns about its axle.
             let towards = View::new(&camera, circle)?.towards();
@@ -117,7 +117,7 @@ impl Scene {
             rotation,
             spin,
             exposure_s,
-            shift_px: [way * c, way * s],
+            shift_px: [displacement * c, displacement * s],
             light,
             background,
             occluder,
@@ -170,8 +170,8 @@ impl Place {
             let limit = 0.5 * side * config.off_center;
             // Mostly near the middle, as a ball detector would cut it.
             let near = (0.4 * limit * rng.sample::<f64, _>(StandardNormal)).clamp(-limit, limit);
-            let room = (0.5 * n as f64 - radius).max(0.0);
-            let anywhere = room * rng.random_range(-1.0..1.0);
+            let free = (0.5 * n as f64 - radius).max(0.0);
+            let anywhere = free * rng.random_range(-1.0..1.0);
             middle
                 + if config.image_px.is_some() {
                     anywhere

@@ -13,8 +13,9 @@
 //! which the ball is seen, and a ray `q` meets the sphere at its nearer intersection.
 //!
 //! Directions are in the *view frame*, whose z points from the ball's center to the camera; it is
-//! the camera's frame turned by the smallest rotation that does so. [`BallView::to_camera`] is that
-//! rotation. Under an orthographic projection both are the same.
+//! the camera's frame turned by the smallest rotation that does so. [`BallView::to_camera`] is the
+//! rotation from the view frame to the camera's. Under an orthographic projection both are the
+//! same.
 //!
 //! A pixel's covariance `S` becomes the tangent covariance `J S J^T`, `J` the derivative of the
 //! tangent coordinates by the pixel. Towards the limb it grows as `1 / z` along the radius; there
@@ -251,11 +252,11 @@ impl BallView {
         let forward = self.jacobian(&direction);
         let [e1, e2] = tangent_frame(&direction);
         let tangent = Matrix3x2::from_columns(&[e1, e2]);
-        // d(pixel)/d(tangent), inverted with its small singular value held up.
+        // d(pixel)/d(tangent), inverted with its small singular value bounded from below.
         let svd = (forward * tangent).svd(true, true);
         let (u, v_t) = (svd.u?, svd.v_t?);
-        let least = MIN_DEPTH * svd.singular_values.max();
-        let inverse = svd.singular_values.map(|s| 1.0 / s.max(least));
+        let min_value = MIN_DEPTH * svd.singular_values.max();
+        let inverse = svd.singular_values.map(|s| 1.0 / s.max(min_value));
         let back = v_t.transpose() * Matrix2::from_diagonal(&inverse) * u.transpose();
         let covariance = back * covariance_px2 * back.transpose();
         Some(ObservedDot {

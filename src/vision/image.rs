@@ -168,25 +168,25 @@ impl RgbImage {
     /// # Errors
     /// [`Error::Input`] where the bytes are no image that can be decoded.
     pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let refuse = |problem: String| Error::input(path, "image", problem);
+        let reject = |problem: String| Error::input(path, "image", problem);
         let reader = ImageReader::new(std::io::Cursor::new(bytes))
             .with_guessed_format()
-            .map_err(|e| refuse(e.to_string()))?;
+            .map_err(|e| reject(e.to_string()))?;
         if reader.format().is_none() {
-            return Err(refuse(
+            return Err(reject(
                 "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them".into(),
             ));
         }
         let (width, height) = reader
             .into_dimensions()
-            .map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
+            .map_err(|e| reject(format!("cannot be decoded: {e}")))?;
         if u64::from(width) * u64::from(height) > MAX_PIXELS {
             let problem = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
-            return Err(refuse(problem));
+            return Err(reject(problem));
         }
         let decoded =
-            decode_upright(bytes).map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
-        Self::from_decoded(&decoded).map_err(|e| refuse(e.to_string()))
+            decode_upright(bytes).map_err(|e| reject(format!("cannot be decoded: {e}")))?;
+        Self::from_decoded(&decoded).map_err(|e| reject(e.to_string()))
     }
 
     fn from_decoded(decoded: &DynamicImage) -> Result<Self> {

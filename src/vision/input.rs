@@ -249,7 +249,7 @@ impl Log {
 /// The next picture of a stream of binary PPM files; `None` at its end.
 fn next_picture(path: &Path, from: &mut impl BufRead) -> Result<Option<RgbImage>> {
     let broken =
-        |what: &str| Error::input(path, "video", format!("ffmpeg's output breaks off: {what}"));
+        |what: &str| Error::input(path, "video", format!("ffmpeg's output ends early: {what}"));
     let mut header = [0usize; 3];
     match token(from).as_deref() {
         None => return Ok(None),
@@ -260,8 +260,8 @@ fn next_picture(path: &Path, from: &mut impl BufRead) -> Result<Option<RgbImage>
         let text = token(from).ok_or_else(|| broken("no size"))?;
         *number = text.parse().map_err(|_| broken("no size"))?;
     }
-    let [width, height, most] = header;
-    if most != 255 || (width as u64).saturating_mul(height as u64) > MAX_PIXELS {
+    let [width, height, max_value] = header;
+    if max_value != 255 || (width as u64).saturating_mul(height as u64) > MAX_PIXELS {
         return Err(broken("a size or depth that is not expected"));
     }
     let mut bytes = vec![0u8; width * height * 3];

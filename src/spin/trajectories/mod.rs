@@ -72,8 +72,8 @@ impl Trajectory {
     fn speeds(&self) -> impl Iterator<Item = (&TrajectoryPoint, f64)> {
         self.points.windows(2).filter_map(|w| {
             let interval = w[1].time_s - w[0].time_s;
-            let way = (w[1].position_m - w[0].position_m).norm();
-            (interval > 0.0).then(|| (&w[1], way / interval))
+            let distance = (w[1].position_m - w[0].position_m).norm();
+            (interval > 0.0).then(|| (&w[1], distance / interval))
         })
     }
 }
@@ -181,7 +181,7 @@ impl TrajectorySet {
 fn spread(mut values: Vec<f64>) -> [f64; 3] {
     let middle = median(&mut values);
     match (values.first(), values.last()) {
-        (Some(least), Some(most)) => [*least, middle, *most],
+        (Some(min), Some(max)) => [*min, middle, *max],
         _ => [0.0; 3],
     }
 }

@@ -23,7 +23,7 @@ use shape::Blob;
 const SIGMAS: [f32; 4] = [1.2, 1.9, 3.0, 4.8];
 /// Blobs fainter than this part of the strongest are not processed.
 const FAINT: f32 = 0.12;
-/// Maximum number of blobs that are looked at.
+/// Maximum number of blobs that are processed.
 const MAX_BLOBS: usize = 48;
 /// Dots nearer than this, in patch values, are one.
 const ONE_DOT: f64 = 2.5;
@@ -131,7 +131,7 @@ impl BlobDetector {
 
     /// Peaks of the response, strongest first.
     fn candidates(ws: &mut BlobWorkspace) {
-        let most = ws.response.iter().copied().fold(0.0, f32::max);
+        let strongest = ws.response.iter().copied().fold(0.0, f32::max);
         ws.candidates.clear();
         // No two peaks are neighbors.
         ws.candidates.reserve(SIZE * SIZE / 4);
@@ -139,7 +139,7 @@ impl BlobDetector {
             for column in 1..SIZE - 1 {
                 let i = row * SIZE + column;
                 let response = ws.response[i];
-                if response <= FAINT * most || response <= 0.0 {
+                if response <= FAINT * strongest || response <= 0.0 {
                     continue;
                 }
                 let mut is_peak = true;
