@@ -4,8 +4,8 @@
 //! at the origin sees a ball of radius 1 whose center lies at the distance `D`, at the angle
 //! `theta` from the optical axis, under the half angle `alpha = asin(1 / D)`. The rays that touch
 //! it form a cone about the ray to its center; the image plane cuts the cone in an ellipse. With
-//! the focal length `f`, along the direction from the principal point it reaches from `f tan(theta
-//! - alpha)` to `f tan(theta + alpha)`, so that
+//! the focal length `f`, along the direction from the principal point it reaches from
+//! `f tan(theta - alpha)` to `f tan(theta + alpha)`, so that
 //!
 //! - the center lies at `f sin(theta) cos(theta) / q`,
 //! - the half axis along that direction is `f sin(alpha) cos(alpha) / q`,
