@@ -163,7 +163,9 @@ fn words(error: &Error, name: &str) -> String {
     let Error::Argument { parameter, problem } = error else {
         return error.to_string();
     };
-    let library = parameter.as_str().trim_start_matches('-');
+    // A field within a group, as in `pair_rule.min_cross`, has the flag of its own name.
+    let full = parameter.as_str().trim_start_matches('-');
+    let library = full.rsplit('.').next().unwrap_or(full);
     let special = FLAGS.iter().find(|(parameter, _)| *parameter == library);
     let flag = special.map_or_else(
         || library.replace("_rad", "_deg").replace('_', "-"),
@@ -175,7 +177,7 @@ fn words(error: &Error, name: &str) -> String {
     if known {
         format!("--{flag}: {problem}")
     } else {
-        format!("{}: {problem}", library.replace('_', " "))
+        format!("{full}: {problem}")
     }
 }
 
