@@ -128,7 +128,12 @@ pub struct Arguments {
     #[arg(long, alias = "logo", value_name = "P", allow_negative_numbers = true)]
     logo_probability: Option<f64>,
     /// Maximum angle that a ball turns during the exposure, degrees [default: 17].
-    #[arg(long, alias = "most-blur-deg", value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        alias = "most-blur-deg",
+        value_name = "DEG",
+        allow_negative_numbers = true
+    )]
     max_arc_deg: Option<f64>,
     /// Flip all images left to right, as a selfie video is.
     #[arg(long)]

@@ -103,7 +103,8 @@ impl Orientations {
     /// Reads an orientations file.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    /// [`crate::Error::Read`], or [`crate::Error::Input`] naming the line and what was expected
+    /// there.
     #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
         Self::read(path, files::open(path)?)
@@ -112,7 +113,8 @@ impl Orientations {
     /// As [`Orientations::read_csv`], from any input; `path` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    /// [`crate::Error::Read`], or [`crate::Error::Input`] naming the line and what was expected
+    /// there.
     pub fn read(path: &Path, input: impl BufRead) -> Result<Self> {
         let rows = OrientationReader::new(path, input)?.collect::<Result<_>>()?;
         Ok(Self { rows })
@@ -134,7 +136,7 @@ impl Orientations {
     /// Writes the file atomically.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`crate::Error::Write`].
     #[cfg(feature = "native")]
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         files::write_bytes(path, self.to_csv().as_bytes())
@@ -190,7 +192,8 @@ impl<R: BufRead> OrientationReader<R> {
     /// Reads the header of `input`; `path` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Input`] where a column is missing or occurs twice.
+    /// [`crate::Error::Read`], or [`crate::Error::Input`] where a column is missing or occurs
+    /// twice.
     pub fn new(path: &Path, input: R) -> Result<Self> {
         Ok(Self {
             table: Table::new(path, input, &COLUMNS)?,

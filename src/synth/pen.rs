@@ -1,7 +1,7 @@
 //! Hand-drawn dots: with a placement error, uneven, streaked.
 //!
-//! A dot is a cap of the angular radius `rho`; its edge is soft: ink falls from 1 to 0 between
-//! `rho - s` and `rho + s`, linearly in the cosine of the angle, which is cheap to compute. A stretched
+//! A dot is a cap of the angular radius `rho`; its edge is soft: ink falls from 1 to 0 between `rho
+//! - s` and `rho + s`, linearly in the cosine of the angle, which is cheap to compute. A stretched
 //! dot has the radius `rho (1 + e cos(2 phi))`, `phi` the angle from its longer axis.
 
 use std::f64::consts::TAU;

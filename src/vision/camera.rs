@@ -102,9 +102,8 @@ enum Projection {
 impl BallView {
     /// The view of a ball with the outline `circle`.
     ///
-    /// The outline of a sphere off the optical axis is an ellipse; `circle` is taken as the circle
-    /// through its extent across the direction to the principal point, which perspective leaves
-    /// alone to first order.
+    /// The outline of a sphere off the optical axis is an ellipse; `circle` is taken as the circle through its
+    /// extent across the direction to the principal point, which perspective leaves alone to first order.
     ///
     /// # Errors
     /// [`Error::Argument`] where the radius or a focal length is not positive, or a number not

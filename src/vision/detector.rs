@@ -31,7 +31,7 @@ impl DetectorName {
     /// The detector with its default configuration.
     ///
     /// # Errors
-    /// [`Error::Internal`](crate::Error::Internal) where this crate was built with damaged weights.
+    /// [`Error::Internal`] where this crate was built with damaged weights.
     pub fn build(self) -> Result<NamedDetector> {
         Ok(match self {
             Self::Cnn => NamedDetector::Cnn(CnnDetector::built_in()?),

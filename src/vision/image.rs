@@ -63,7 +63,7 @@ impl GrayImage {
         }
     }
 
-    /// Reserves capacity for as many pixels.
+    /// Makes room for as many pixels.
     pub(crate) fn reserve(&mut self, pixels: usize) {
         self.values
             .reserve(pixels.saturating_sub(self.values.len()));

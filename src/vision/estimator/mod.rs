@@ -1,8 +1,8 @@
 //! From an image to the ball's orientation, and from a sequence of images to all of them.
 //!
-//! The pipeline: [`circle`](super::circle) finds the ball (unless its outline is given), [`Patch`] cuts it out, a
-//! [`DotDetector`] finds dots, [`BallView`] projects them onto the sphere; their covariance is the detector's plus that of the
-//! placement error. The recognizer identifies them, once with the detections that are likelier dots than not and, where
+//! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given), [`Patch`] cuts it out, a
+//! [`DotDetector`] finds dots, [`BallView`] lays them on the sphere; their covariance is the detector's and that of the hand
+//! that drew them. The recognizer tells which is which, once with the detections that are likelier dots than not and, where
 //! that leaves doubt, once with the doubtful ones as well. A refinement then fits the orientation to the dots in the
 //! image, and takes up those that only now have a name.
 //!

@@ -1,7 +1,7 @@
-//! Frames of one sequence as hints for each other: a ball turns evenly for a while.
+//! Frames of one flight help each other: a ball turns evenly for a while.
 //!
-//! Frames that are estimated independently give the spin around each of their neighbors in time; where it predicts the
-//! orientation of a frame that is rejected, or estimated otherwise, that is a [`Hint`] to identify it again. A hint may be
+//! Frames that are told alone give the spin around each of their neighbors in time; where it predicts the
+//! orientation of a frame that is not told, or told otherwise, that is a [`Hint`] to tell the frame again. A hint may be
 //! wrong, and says so: the recognizer weighs it against the dots. It is made of other frames only, so that no frame
 //! confirms itself. This goes on, forwards and backwards, until nothing changes.
 
@@ -31,11 +31,11 @@ pub struct SequenceConfig {
     pub hint_sigma_rad: f64,
     /// Probability that a hint is altogether wrong.
     pub wrong: f64,
-    /// An answered frame farther off the predicted orientation than this, radians, is identified again.
+    /// A told frame farther off the predicted orientation than this, radians, is told again.
     pub disagreement_rad: f64,
-    /// Minimum probability of frames that predict others.
+    /// Least probability of frames that predict others.
     pub trusted: f64,
-    /// Maximum number of rounds.
+    /// Rounds at most.
     pub rounds: usize,
 }
 
@@ -57,13 +57,13 @@ impl Default for SequenceConfig {
 /// What a pass over a sequence did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SequenceSummary {
-    /// Frames with a pose before.
+    /// Frames told before.
     pub alone: usize,
-    /// Frames with a pose now.
+    /// Frames told now.
     pub together: usize,
 }
 
-/// Identifies the processed frames of one sequence again with the help of each other. `times_s` are in seconds, one
+/// Tells the frames of one sequence, which were looked at, again with the help of each other. `times_s` are in seconds, one
 /// a frame, each later than the one before.
 pub fn track_sequence<D: DotDetector>(
     estimator: &Estimator<D>,
@@ -168,7 +168,7 @@ fn share_distance<D: DotDetector>(
     }
 }
 
-/// The frames with a pose nearest in time to frame `i`, without it, in order of time.
+/// The told frames nearest in time to frame `i`, without it, in order of time.
 fn neighbors(
     config: &SequenceConfig,
     times_s: &[f64],
@@ -237,7 +237,7 @@ fn predict(config: &SequenceConfig, fit: &Fit, around: &[Measurement], time_s: f
 /// distance, so that taking them as independent makes the covariance too small and the spin no better.
 ///
 /// # Errors
-/// A [`SpinRejection`] where too few frames have a pose, or they agree on nothing.
+/// A [`SpinRejection`] where too few frames are told, or they agree on nothing.
 pub fn estimate_spin(
     config: &SequenceConfig,
     times_s: &[f64],
