@@ -1,8 +1,8 @@
 //! Hand-drawn dots: with a placement error, uneven, streaked.
 //!
-//! A dot is a cap of the angular radius `rho`; its edge is soft: ink falls from 1 to 0 between `rho
-//! - s` and `rho + s`, linearly in the cosine of the angle, which is cheap to compute. A stretched
-//! dot has the radius `rho (1 + e cos(2 phi))`, `phi` the angle from its longer axis.
+//! A dot is a cap of the angular radius `rho` with a soft edge. Its ink falls from 1 to 0 between
+//! `rho - s` and `rho + s`, linearly in the cosine of the angle, which is cheap to compute. A
+//! stretched dot has the radius `rho (1 + e cos(2 phi))`, `phi` the angle from its longer axis.
 
 use std::f64::consts::TAU;
 
