@@ -35,9 +35,9 @@
 //! Guaranteed: no decay without evidence; no spin faster than permitted at either end; no more
 //! agreement claimed than chance explains (`spin::chance`, with the decays that can be
 //! distinguished as further hypotheses), and most of the frames agree. The interval is that of the
-//! likelihood's curvature, with the noise estimated from the residuals; `docs/spin.md` shows its
-//! coverage. Not guaranteed: a slow drift of the axis (gyroscopic effects on an uneven ball) counts
-//! as noise.
+//! likelihood's curvature, with the noise estimated from the residuals; `docs/measurements/spin.md`
+//! shows its coverage. Not guaranteed: a slow drift of the axis (gyroscopic effects on an uneven
+//! ball) counts as noise.
 
 use nalgebra::{SMatrix, SVector};
 
