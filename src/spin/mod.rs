@@ -192,7 +192,7 @@ pub enum SpinRejection {
     },
     /// Too few of the orientations agree on any one spin.
     #[error(
-        "too few of the {frames} orientations agree on any spin up to {max_rps:.0} rps (best: {agreeing})"
+        "no spin up to {max_rps:.0} rps agrees with enough of the {frames} orientations (best: {agreeing})"
     )]
     NoConsensus {
         /// Orientations that agree with the best spin found.
