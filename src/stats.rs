@@ -35,7 +35,7 @@ pub struct Proportion {
 }
 
 impl Proportion {
-    /// Rate and interval of `successes` out of `trials`. No trials say nothing: [0, 1].
+    /// Rate and interval of `successes` out of `trials`. No trials give the interval [0, 1].
     pub fn new(successes: u64, trials: u64) -> Self {
         if trials == 0 {
             return Self {
@@ -80,7 +80,7 @@ impl std::fmt::Display for Proportion {
 /// A difference of two rates over the same trials, with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct PairedDifference {
-    /// Trials judged for both.
+    /// Trials evaluated for both.
     pub trials: u64,
     /// The rate less that of the first pattern.
     pub difference: f64,
@@ -90,7 +90,7 @@ pub struct PairedDifference {
     pub high: f64,
 }
 
-/// Trials judged for two patterns, by which of them passed.
+/// Trials evaluated for two patterns, by which of them passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Pairs {
     /// Both passed.
@@ -141,7 +141,7 @@ impl PairedDifference {
         }
     }
 
-    /// Of a pattern against itself: none, beyond doubt.
+    /// The difference of a pattern from itself: exactly zero.
     pub fn with_itself(trials: u64) -> Self {
         Self {
             trials,

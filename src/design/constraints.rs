@@ -1,7 +1,9 @@
-//! What a pattern must satisfy to be printed, drawn and read, as values and as linear inequalities.
+//! Constraints on a pattern that is to be printed, drawn and read, as values and as linear
+//! inequalities.
 //!
-//! A design works on the dots and, where a stencil's seam is to stay clear, on the seam's normal as one
-//! more unit vector. Every demand is written as `g(x) <= 0` in cosines or heights on the unit sphere:
+//! A design works on the dots and, where a stencil's seam must stay clear, on the seam's normal as
+//! one more unit vector. Every constraint is written as `g(x) <= 0` in cosines or heights on the
+//! unit sphere:
 //!
 //! - separation, each pair: `p_i . p_j - cos(separation)`,
 //! - visibility, for each viewing direction v and each of the `min_visible` highest dots:
@@ -9,18 +11,18 @@
 //! - seam, each dot: `sin(margin) - sign_i (p_i . normal)`, the dot stays on its side,
 //! - keep-out, each dot and cone: `p_i . axis - cos(half angle)`.
 //!
-//! A pattern that nobody can draw is none, so this module asks [`crate::stencil`] for two things: the seam
-//! of maximum margin, and whether a stencil is possible ([`Stencil::check`]). It is the one place where
-//! the design depends on the stencil.
+//! A pattern must also be possible to apply, so this module asks [`crate::stencil`] for two
+//! results: the seam of maximum margin, and whether a stencil is possible ([`Stencil::check`]).
+//! Nothing else in the design depends on the stencil.
 
 use crate::error::{Error, Result, require};
 use crate::geometry::{Vec3, angle_between, spiral_directions};
 use crate::pattern::Pattern;
 use crate::stencil::{Stencil, StencilConfig, max_margin_seam};
 
-/// Viewing directions at which visibility is demanded while searching.
+/// Viewing directions that sample the visibility constraint during the search.
 const VIEWS: usize = 600;
-/// Height above the limit that is demanded, since directions between the sampled ones count too.
+/// Required height above the limit, since directions between the samples count too.
 const VISIBILITY_RESERVE: f64 = 0.02;
 /// An angle may miss its bound by this much, radians (0.06 degrees: 0.02 mm on a ball of 40 mm).
 const ANGLE_TOLERANCE: f64 = 1e-3;
@@ -34,7 +36,7 @@ pub struct KeepOut {
     pub half_angle_rad: f64,
 }
 
-/// What a pattern must satisfy.
+/// The constraints of a pattern.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Constraints {
     /// Minimum angle between two dots, radians.
@@ -47,8 +49,8 @@ pub struct Constraints {
     pub seam_margin_rad: f64,
     /// Cones without dots.
     pub keep_out: Vec<KeepOut>,
-    /// A stencil that must be possible: holes apart, clear of rims, hinge and thumb tab. It is not among
-    /// the inequalities; a pattern that has none is left out of the choice.
+    /// A stencil that must be possible: holes apart, clear of rims, hinge and thumb tab. It is not
+    /// one of the inequalities; a pattern without a possible stencil is never chosen.
     pub stencil: Option<StencilConfig>,
 }
 
@@ -76,11 +78,11 @@ pub(super) struct Row {
 }
 
 impl Constraints {
-    /// Refuses what no pattern of `dots` dots can satisfy.
+    /// Rejects constraints that no pattern of `dots` dots can satisfy.
     ///
-    /// By L. Fejes Toth, n points cannot all be farther apart than `acos((cot^2 w - 1) / 2)`,
-    /// `w = pi n / (6 (n - 2))`. A view and its opposite share the dots, so that no more than half of
-    /// them can be promised.
+    /// By L. Fejes Toth, n points cannot all be farther apart than `acos((cot^2 w - 1) / 2)`, `w =
+    /// pi n / (6 (n - 2))`. A view and its opposite share the dots, so at most half of them can be
+    /// visible from everywhere.
     ///
     /// # Errors
     /// [`Error::Argument`] with the nearest value that might work.
@@ -117,7 +119,7 @@ impl Constraints {
         Ok(())
     }
 
-    /// Says which demand a pattern misses, or `None`.
+    /// The constraint that a pattern violates, or `None`.
     pub fn missed(&self, pattern: &Pattern) -> Option<String> {
         let summary = pattern.summary();
         let deg = f64::to_degrees;

@@ -1,12 +1,13 @@
-//! Whether demands can be met at all: found out before a search begins.
+//! Feasibility of the constraints, tested before a search begins.
 //!
-//! Two quick tries. Dots that repel each other ever more sharply settle near the densest packing (the
-//! Tammes problem), which tells the separation that so many dots can have. Then some random starts
-//! descend under all demands as charges that repel each other, which alone leaves no side of the ball
-//! bare. Where none meets them all, the first says what it has reached.
+//! Two quick tests run. First, dots that repel each other ever more sharply settle near the densest
+//! packing (the Tammes problem), which estimates the separation that so many dots can have. Then
+//! some random starts descend under all constraints as charges that repel each other. That cost
+//! alone leaves no side of the ball bare. Where no start meets all constraints, the error states
+//! the best value reached.
 //!
-//! What it does not do: evaluate anything. Packings come within a degree of the best known ones for up to
-//! 64 dots, and a demand that six starts miss may be met by a seventh.
+//! The result is an estimate. Packings come within a degree of the best known ones for up to 64
+//! dots, and a constraint that six starts violate may be met by a seventh.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -19,9 +20,9 @@ use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::random_pattern;
 
-/// Packings and descents that are tried.
+/// Number of packings and descents.
 const TRIES: u64 = 6;
-/// Steps of a descent from one check of the demands to the next, and the number of checks.
+/// Steps of a descent between two checks of the constraints, and the number of checks.
 const STEPS: u64 = 10;
 const CHECKS: usize = 8;
 /// Steps of a packing at each sharpness, and how often that doubles.
@@ -29,11 +30,12 @@ const PACKING_STEPS: usize = 150;
 const DOUBLINGS: i32 = 9;
 /// A step of a packing, as part of the minimum separation.
 const PACKING_STEP: f64 = 0.1;
-/// Part of the densest packing's separation at which dots placed one by one at random still fit.
+/// Fraction of the densest packing's separation at which dots placed one by one at random still
+/// fit.
 const RANDOM_SHARE: f64 = 0.7;
 
-/// The separation with which a random start is placed: the demanded one, or what random dots can have.
-/// The descent fixes the rest.
+/// The separation of a random start: the required one, or what random dots can have. The descent
+/// fixes the rest.
 pub(super) fn start_separation(dots: usize, demanded_rad: f64) -> f64 {
     demanded_rad.min(RANDOM_SHARE * max_separation(dots))
 }
@@ -122,8 +124,8 @@ impl Cost for Charges {
 }
 
 impl Constraints {
-    /// Refuses what no pattern of `dots` dots can satisfy ([`Constraints::check_demand`]), and what none of
-    /// a few was found to satisfy.
+    /// Rejects constraints that no pattern of `dots` dots can satisfy
+    /// ([`Constraints::check_demand`]), and constraints that none of a few attempts satisfied.
     ///
     /// # Errors
     /// [`Error::Argument`] with the nearest value that was reached.

@@ -19,7 +19,7 @@
 //! multiplied by the ratio of that to its own square. Measurements at one pattern add up until another
 //! takes its place; where nothing is sure nothing is tried.
 //!
-//! Points along the way are looked at on further views, and the best of them is tried against the pattern
+//! Points along the way are evaluated on further views, and the best of them is tried against the pattern
 //! at hand: it is taken only where an exact sign test on the views that one of the two fails (McNemar's
 //! test) finds it better at 5 %. Every step of every round has views of its own.
 //!

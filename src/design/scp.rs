@@ -38,7 +38,7 @@ use crate::stencil::max_margin_seam;
 
 /// Price of a violation (in cosines) against the cost (a logarithm).
 const RHO: f64 = 200.0;
-/// Trust radius at first (by default) and at most, radians a tangent coordinate.
+/// Trust radius (initial default and maximum), radians a tangent coordinate.
 const FIRST_RADIUS: f64 = 0.05;
 const MAX_RADIUS: f64 = 0.2;
 /// A trust radius below this ends the descent.

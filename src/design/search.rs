@@ -68,7 +68,7 @@ pub struct DesignOutcome {
 }
 
 /// Searches for a pattern, from the beginning or from where `state` was left. Setting `stop` ends the
-/// search after the work at hand with the best so far.
+/// search after the current work with the best so far.
 ///
 /// Descents run in parallel; the result does not depend on the number of threads.
 ///

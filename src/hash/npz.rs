@@ -1,15 +1,16 @@
 //! The hash table as a NumPy archive (`.npz`: a zip of `.npy` arrays).
 //!
 //! Arrays: `dots` f64 (n, 3); `features` f64 (m, 3); `bases` u16 (m, 2); `feature_dots` u16 (m,);
-//! `meta` u8 (k,), UTF-8 JSON of [`TableMeta`]. Rows of the last three stand in the order of
-//! [`PairRule::features`](super::PairRule::features). What is written reads back bit for bit, and the
+//! `meta` u8 (k,), UTF-8 JSON of [`TableMeta`]. Rows of the last three are in the order of
+//! [`PairRule::features`](super::PairRule::features). A written table reads back bit for bit, and
+//! the same table gives the same bytes.
 //! same table gives the same bytes.
 //!
-//! A table that loads is whole: the version is known, every array has its type and shape, numbers are
-//! finite, dots are distinct unit vectors, the metadata's digest is that of the dots, and the features
-//! are those that its pair rule demands of the dots. Row order and byte order of an array (C or
-//! Fortran, little or big endian) are free. Nothing else is promised of a file that does not load but
-//! one error that names the array; hostile files neither panic nor allocate without bound.
+//! A table that loads is complete and consistent: the version is known, every array has its type
+//! and shape, numbers are finite, dots are distinct unit vectors, the metadata's digest is that of
+//! the dots, and the features are those that its pair rule requires. An array may be in C or
+//! Fortran order, little or big endian. A file that does not load gives one error that names the
+//! array. Hostile files neither panic nor allocate without bound.
 
 use std::fmt::Display;
 use std::io::Cursor;
@@ -26,8 +27,8 @@ use crate::geometry::Vec3;
 use crate::npz::{Archive, Checked, Problem, add_array, one_line, open, read_array};
 use crate::pattern::{LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
 
-/// Largest relative difference between a stored feature and the one computed from the dots: it
-/// leaves room for other writers' rounding, which a basis near the pair rule's limit amplifies.
+/// Maximum relative difference between a stored feature and the one computed from the dots. It
+/// allows for other writers' rounding, which a basis near the pair rule's limit amplifies.
 const FEATURE_TOLERANCE: f64 = 1e-9;
 
 const ARRAYS: [&str; 5] = ["dots", "features", "bases", "feature_dots", "meta"];
@@ -68,7 +69,7 @@ impl HashTable {
         Ok(zip.finish().map_err(|e| internal(&e))?.into_inner())
     }
 
-    /// Reads a table and checks that it is whole (see the module's head).
+    /// Reads a table and checks it for completeness (see the module's head).
     ///
     /// # Errors
     /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the array and what is wrong
@@ -178,7 +179,7 @@ fn read_columns(archive: &mut Archive<'_>) -> Checked<Arrays> {
     })
 }
 
-/// Checks index ranges, and that the rows are those which the pair rule demands of the dots.
+/// Checks index ranges, and that the rows are those that the pair rule requires for the dots.
 fn check_features(pattern: &Pattern, arrays: &Arrays, meta: &TableMeta) -> Checked<()> {
     let n = pattern.len();
     let outside = |dot: u16| usize::from(dot) >= n;

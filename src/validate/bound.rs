@@ -1,4 +1,4 @@
-//! How well an orientation can be known from the dots seen, with the correspondences given.
+//! Lower bound of the orientation error for given dots with known correspondences.
 //!
 //! A small rotation `w` (camera frame) moves a dot at `q` by `w x q`. Dots displaced independently by
 //! noise whose components along the tangent axes `t` have the variances `s^2` give the information
@@ -66,8 +66,8 @@ pub fn mean_length(covariance: &Matrix3<f64>) -> Option<f64> {
     Some(sum * FRAC_PI_2 / NODES as f64 / PI.sqrt())
 }
 
-/// The expected orientation error of a trial (radians) if its real dots' identities were known; `None`
-/// where they leave the orientation undetermined.
+/// The expected orientation error of a trial (radians) if its real dots' identities were known;
+/// `None` where they do not determine the orientation.
 pub fn expected_error(pattern: &Pattern, trial: &Trial, noise: &Noise) -> Option<f64> {
     let real = trial.truth.iter().flatten();
     let directions: Vec<Vec3> = real

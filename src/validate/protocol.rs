@@ -55,7 +55,7 @@ impl std::fmt::Display for ProtocolName {
     }
 }
 
-/// How a seen dot is moved.
+/// Noise of a visible dot's position.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Noise {
@@ -81,9 +81,9 @@ pub struct Protocol {
     pub name: ProtocolName,
     /// A dot is seen where its z exceeds this.
     pub visibility_limit: f64,
-    /// Of the seen dots, how many are given (at random); `None` gives all.
+    /// Number of visible dots that are given (chosen at random); `None` gives all.
     pub dots_given: Option<usize>,
-    /// How a dot is moved.
+    /// Noise of a dot's position.
     pub noise: Noise,
     /// Probability that a dot is missed.
     pub miss_probability: f64,
@@ -160,8 +160,8 @@ impl Protocol {
         }
     }
 
-    /// The noise per tangent axis, radians: a turn about a random axis moves a dot by a third of its
-    /// variance along each (for `image` at the ball's center).
+    /// The noise per tangent axis, radians: a rotation about a random axis moves a dot by a third
+    /// of its variance along each axis (for `image` at the ball's center).
     pub fn tangent_sigma_rad(&self) -> f64 {
         match self.noise {
             Noise::RandomAxis { sigma_rad } => sigma_rad / 3f64.sqrt(),
@@ -188,9 +188,9 @@ impl Protocol {
         require(inside, "visibility_limit", "a z in [-1, 1)", limit)
     }
 
-    /// The robust recognizer's expectations that go with this protocol: what a user who knows the
-    /// camera would state: rates, the number of false dots that every view has, and the shape of the
-    /// noise; never which dots are false or missed.
+    /// The robust recognizer's configuration for this protocol. It holds what a user who knows the
+    /// camera would state: rates, the number of false dots that every view has, and the shape of
+    /// the noise. It never holds which dots are false or missed.
     pub fn recognizer_config(&self) -> RobustConfig {
         let detection_probability = match self.dots_given {
             // Four of on average 6.7 visible dots are given.

@@ -1,4 +1,5 @@
-//! Laying a few dots on as many others: the rotation between them, and how far apart they stay.
+//! Alignment of a few dots with as many others: the rotation between them, and the remaining
+//! distance.
 
 use nalgebra::Matrix3;
 
@@ -6,8 +7,8 @@ use crate::geometry::Vec3;
 
 /// Maximum number of Gauss-Newton steps; two or three settle most starts from a pair's rotation.
 const STEPS: usize = 10;
-/// A step shorter than this (radians) ends the iteration: convergence being quadratic, the rotation then
-/// is right to its square, and the distance to the fourth power.
+/// A step shorter than this (radians) ends the iteration. Convergence is quadratic, so the
+/// rotation's error is then of the order of the square, and the distance's of the fourth power.
 const SETTLED: f64 = 1e-4;
 
 /// The best rotation of some dots onto others.

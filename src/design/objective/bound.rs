@@ -1,4 +1,5 @@
-//! How well the dots in view fix the orientation: the Cramér-Rao bound by viewing direction.
+//! Information of the visible dots about the orientation: the Cramér-Rao bound by viewing
+//! direction.
 //!
 //! With known correspondences and Gaussian noise of sigma a tangent axis, the dots in view give the
 //! information `H(v) = sum_i s_i(v) (I - p_i p_i^T)`, and no unbiased estimate of the rotation has a mean

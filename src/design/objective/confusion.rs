@@ -1,4 +1,5 @@
-//! Confusion, worked out: the expected rate at which four seen dots are taken for four others.
+//! Analytic confusion rate: the expected rate at which four visible dots are mistaken for four
+//! others.
 //!
 //! Four dots `q_i` of the pattern look like four others `q'_i` (in this order) up to
 //!
@@ -6,12 +7,12 @@
 //! d^2 = min_R sum_i |q_i - R q'_i|^2 .
 //! ```
 //!
-//! With Gaussian noise of sigma a tangent axis, the wrong one of the two explanations is the likelier
-//! one with probability `Phi(-d / (2 sigma))`: the noise must carry the four dots half the way, in the one
-//! direction that tells the two apart. Summed over all `q'` (the union bound, saturated at one) and
-//! weighted with the probability that a view gives just these four dots, this is the failure rate of the
-//! `sparse` protocol, without a trial being drawn. It is smooth in the dots, and there are no trials in
-//! it that could be over-fitted.
+//! With Gaussian noise of sigma per tangent axis, the wrong one of the two explanations is more
+//! likely with probability `Phi(-d / (2 sigma))`: the noise must carry the four dots half the
+//! distance, in the one direction that separates the two. Summed over all `q'` (the union bound,
+//! saturated at one) and weighted with the probability that a view shows exactly these four dots,
+//! this is the failure rate of the `sparse` protocol. No trial is drawn, so no trial can be
+//! over-fitted. The value is smooth in the dots.
 //!
 //! The weight of four dots is the mean over viewing directions `v` of `s_a s_b s_c s_d / e_4(s)`, with a
 //! dot's soft visibility `s_i(v)` and the elementary symmetric polynomial `e_4`, which counts the

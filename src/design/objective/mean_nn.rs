@@ -13,7 +13,7 @@
 //! generalized gradient of a locally Lipschitz function), which a line search has to live with.
 //!
 //! Raw distance can be bought by nearly singular bases: `|h|` grows like `1 / s2` without making a
-//! feature any easier to tell apart. Only bases whose angle lies within
+//! feature any easier to distinguish. Only bases whose angle lies within
 //! [`MeanNearestNeighbor::min_pair_angle_rad`] of neither 0 nor pi enter; each ordered pair's weight
 //! falls smoothly from 1 to 0 across the last few degrees, so that a pair that crosses the bound makes
 //! no jump.
