@@ -22,11 +22,11 @@
 //! four dots, and over the orders of the four themselves. The tests compare it with brute force.
 //!
 //! What it leaves out:
-//! - Probabilities fade to zero from `d = 4.5 sigma` to `d = 6 sigma`, where one in 740 is left. Of the
-//!   sum over all distances up to a fifth is left out so.
-//! - The noise of the protocols is a turn about a random axis, whose projections have heavier tails than
-//!   a Gaussian (excess kurtosis 2.4 for one dot, some 0.7 for four). [`Confusion::tail_factor`] widens
-//!   sigma for them.
+//! - Probabilities fade to zero from `d = 4.5 sigma` to `d = 6 sigma`, where the confusion
+//!   probability is one in 740. This omits up to a fifth of the sum over all distances.
+//! - The noise of the protocols is a rotation about a random axis, whose projections have heavier
+//!   tails than a Gaussian (excess kurtosis 2.4 for one dot, about 0.7 for four).
+//!   [`Confusion::tail_factor`] widens sigma for them.
 
 use super::Evaluation;
 use super::align::add_gradient;
@@ -43,10 +43,11 @@ const VIEWS: usize = 400;
 /// Quadruples less likely in view than this are skipped.
 const MIN_PRODUCT: f64 = 1e-6;
 
-/// Maximum number of dots for which it is worked out: the quadruples' number grows with the eighth power.
+/// Maximum number of dots for which it is computed: the number of quadruples grows with the eighth
+/// power.
 pub const MAX_DOTS: usize = 24;
 
-/// What the objective assumes of a view.
+/// The objective's assumptions about a view.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Confusion {
     /// Noise of a dot, radians per tangent axis.
@@ -58,7 +59,8 @@ pub struct Confusion {
 }
 
 impl Default for Confusion {
-    /// As in the `sparse` protocol: a turn of N(0, 3 deg) about a random axis, dots with z > 1/3.
+    /// As in the `sparse` protocol: a rotation of N(0, 3 deg) about a random axis, dots with z >
+    /// 1/3.
     fn default() -> Self {
         Self {
             sigma_rad: 3f64.to_radians() / 3f64.sqrt(),

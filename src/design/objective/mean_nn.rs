@@ -8,12 +8,13 @@
 //! h1 = (d . x - c d' . x) / s2,   h2 = (d' . x - c d . x) / s2,   h3 = (d x d') . x / s2
 //! ```
 //!
-//! so its derivatives are polynomials over `s2`. The mean distance is differentiable wherever no feature
-//! has two nearest neighbors at one distance; where it has, the gradient of one of them is used (a
-//! generalized gradient of a locally Lipschitz function), which a line search has to live with.
+//! so its derivatives are polynomials over `s2`. The mean distance is differentiable wherever no
+//! feature has two nearest neighbors at the same distance. Elsewhere the gradient of one of them is
+//! used (a generalized gradient of a locally Lipschitz function), which a line search must
+//! tolerate.
 //!
-//! Raw distance can be bought by nearly singular bases: `|h|` grows like `1 / s2` without making a
-//! feature any easier to distinguish. Only bases whose angle lies within
+//! Nearly singular bases raise the raw distance without benefit: `|h|` grows like `1 / s2` without
+//! making a feature any easier to distinguish. Only bases whose angle lies within
 //! [`MeanNearestNeighbor::min_pair_angle_rad`] of neither 0 nor pi enter; each ordered pair's weight
 //! falls smoothly from 1 to 0 across the last few degrees, so that a pair that crosses the bound makes
 //! no jump.

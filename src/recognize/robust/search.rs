@@ -19,12 +19,12 @@ const DOUBT: f64 = 9.0;
 const PATIENCE: usize = 4;
 /// Nats that a refinement hardly ever adds to the screening's score, less [`DOUBT`].
 const HOPELESS: f64 = 16.0;
-/// Nats by which the best explanation must exceed what the unseen ones can reach at most.
+/// Nats by which the best explanation must exceed the bound of the unseen ones.
 const UNSEEN: f64 = 4.0;
 /// Fewer dots than this leave the choice among hypotheses to the hint.
 const FEW: usize = 4;
-/// Most passes over the mirrored view: a flipped axis shows in every frame, and need not in the
-/// hardest.
+/// Maximum number of passes over the mirrored view: a flipped axis affects every frame, so the
+/// hardest frames need not show it.
 const MIRROR_PASSES: usize = 6;
 /// Observed dots for which a new workspace has the capacity; more of them make it grow.
 const CAPACITY: usize = 64;
@@ -44,7 +44,7 @@ pub struct RobustWorkspace {
 /// A pair of observed dots.
 #[derive(Debug, Clone, Copy)]
 struct ObservedPair {
-    /// How well it conditions the rotation.
+    /// Conditioning of the rotation by this pair.
     quality: f64,
     dots: [u16; 2],
 }
@@ -86,7 +86,8 @@ impl RobustWorkspace {
         self.used.resize(self.dots.len(), false);
     }
 
-    /// Takes the best pair left, disjoint from those before it while there is one; whether it is.
+    /// Takes the best remaining pair, disjoint from earlier ones while there is one; returns
+    /// whether there was a pair.
     fn next_pair(&mut self) -> Option<([usize; 2], bool)> {
         let best = |disjoint: bool| {
             self.pairs
@@ -154,7 +155,7 @@ impl RobustRecognizer {
         Ok(())
     }
 
-    /// Searches the view with x reversed; what is found goes to `ws.mirrored`.
+    /// Searches the view with x reversed; the result goes to `ws.mirrored`.
     pub(super) fn search_mirrored(&self, ws: &mut RobustWorkspace) {
         ws.dots.iter_mut().for_each(Dot::mirror);
         ws.pair_up();
@@ -185,7 +186,8 @@ impl RobustRecognizer {
         }
     }
 
-    /// Lays one observed pair on every similar pattern pair and refines what comes near the best.
+    /// Aligns one observed pair with every similar pattern pair and refines the hypotheses near the
+    /// best.
     fn pass(&self, [a, b]: [usize; 2], prior: Option<&Prior>, ws: &mut RobustWorkspace) {
         let observed = frame(&ws.dots[a].direction, &ws.dots[b].direction);
         let rotation = |index: usize| {
@@ -193,7 +195,8 @@ impl RobustRecognizer {
             let [p, q] = [pair.first, pair.second].map(|d| &self.dots[usize::from(d)]);
             observed * frame(p, q).transpose()
         };
-        // Where the dots have more to say than the hint, asking it each time only takes time.
+        // Where the dots carry more information than the hint, evaluating it each time only takes
+        // time.
         let bias = prior
             .filter(|_| ws.dots.len() < FEW)
             .map(|p| move |index: usize| p.ln_ratio(&rotation(index), None));
@@ -242,7 +245,7 @@ impl RobustRecognizer {
         self.refine(&start, None, f64::NEG_INFINITY, ws);
     }
 
-    /// Refines a rotation and remembers what comes of it; whether that is better than `least`.
+    /// Refines a rotation and stores the result; returns whether it is better than `least`.
     fn refine(
         &self,
         start: &Start,
