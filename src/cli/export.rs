@@ -1,4 +1,5 @@
-//! `spindoe export`: the dot detector given to other programs. `spindoe train` says where it is made.
+//! `spindoe export`: the dot detector for other programs. `spindoe train` names the training
+//! program.
 
 use std::ffi::OsString;
 use std::path::PathBuf;

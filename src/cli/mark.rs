@@ -1,4 +1,4 @@
-//! `spindoe mark`.
+//! `spindoe mark`: paper lobes, stickers and plotter files that mark a pattern on a ball.
 
 use std::path::{Path, PathBuf};
 
@@ -26,10 +26,11 @@ Examples:
 pub struct Arguments {
     /// The pattern, a CSV of unit vectors x,y,z.
     pattern: PathBuf,
-    /// The way of marking.
+    /// The marking method.
     #[arg(long = "as", value_enum, value_name = "WAY")]
     way: Way,
-    /// The file to write; its ending chooses the format: .svg, .pdf or .dxf for gores and stickers, .svg
+    /// The file to write; its extension selects the format: .svg, .pdf or .dxf for gores and
+    /// stickers, .svg
     /// or .gcode for a plotter.
     #[arg(short, long = "out", value_name = "FILE")]
     output: PathBuf,
@@ -46,7 +47,7 @@ pub struct Arguments {
     /// Number of lobes, 12 to 24.
     #[arg(long, value_name = "N", default_value_t = GoreConfig::default().lobes)]
     lobes: usize,
-    /// How far color goes on beyond a cut.
+    /// Margin of color beyond a cut.
     #[arg(
         long,
         value_name = "MM",
@@ -54,7 +55,7 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     bleed_mm: f64,
-    /// Leave the dots' numbers beside the lobes out.
+    /// Omit the dots' numbers beside the lobes.
     #[arg(long)]
     no_numbers: bool,
     /// Paper of a PDF.
@@ -63,7 +64,7 @@ pub struct Arguments {
     /// Width of the plotter's pen on the ball.
     #[arg(long, value_name = "MM", default_value_t = PlotterConfig::default().pen_diameter_mm, allow_negative_numbers = true)]
     pen_diameter_mm: f64,
-    /// Motor steps of a turn of the ball, the width of the plotter's SVG.
+    /// Motor steps per revolution of the ball, the width of the plotter's SVG.
     #[arg(long, value_name = "N", default_value_t = PlotterConfig::default().steps_per_turn, allow_negative_numbers = true)]
     steps_per_turn: f64,
     /// Speed of the pen on the ball, for G-code.
@@ -78,19 +79,20 @@ pub struct Arguments {
     /// Time that the pen takes to move, seconds.
     #[arg(long, value_name = "S", default_value_t = PlotterConfig::default().pen_delay_s, allow_negative_numbers = true)]
     pen_delay_s: f64,
-    /// Print the file's note, which says how it lies on the ball, as one JSON object on standard output.
+    /// Print the file's note, which says how to apply it to the ball, as one JSON object on
+    /// standard output.
     #[arg(long)]
     json: bool,
 }
 
-/// Ways of marking.
+/// Marking methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Way {
     /// Flat lobes that cover the ball, for decal paper and vinyl cutters.
     Gores,
     /// Single dots to stick on, with maps of where each goes.
     Stickers,
-    /// Longitude and latitude for a machine that turns the ball under a pen.
+    /// Longitude and latitude for a machine that rotates the ball under a pen.
     Plotter,
 }
 
@@ -113,7 +115,7 @@ enum Format {
 }
 
 impl Format {
-    /// The format that a file's name asks for.
+    /// The format that a file's extension selects.
     fn of(path: &Path, way: Way) -> Result<Self> {
         let ending = path
             .extension()

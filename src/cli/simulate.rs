@@ -1,4 +1,4 @@
-//! `spindoe simulate`.
+//! `spindoe simulate`: orientations of a rotating ball, with known ground truth.
 
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ pub struct Arguments {
     /// not given.
     #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z")]
     axis: Option<Vec3>,
-    /// Frames taken.
+    /// Number of frames.
     #[arg(long, default_value_t = 10)]
     frames: usize,
     /// Frames per second.
@@ -99,8 +99,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let sequence = scenario.simulate(spin, &mut stream(arguments.seed, 0));
     let mut file = Orientations::from_measurements(&sequence.measurements);
     for row in &mut file.rows {
-        // The simulator knows which are right; a reader should not. Lost frames leave gaps in the
-        // names, as cameras do.
+        // The simulator knows which orientations are correct; a reader must not. Lost frames leave
+        // gaps in the names, as with cameras.
         row.confidence = None;
         row.frame = ((row.time_s * scenario.fps).round() as i64).to_string();
     }

@@ -23,10 +23,10 @@ pub struct Arguments {
     /// The file to write.
     #[arg(short, long, value_name = "TABLE.npz")]
     output: PathBuf,
-    /// Leave out pairs of dots whose cross product is shorter than this.
+    /// Exclude pairs of dots whose cross product is shorter than this.
     #[arg(long, value_name = "X", default_value_t = PairRule::default().min_cross)]
     min_cross: f64,
-    /// Leave out pairs of dots farther apart than this, degrees.
+    /// Exclude pairs of dots farther apart than this, degrees.
     #[arg(long, value_name = "DEG", default_value_t = 170.0)]
     max_angle_deg: f64,
 }

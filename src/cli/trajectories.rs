@@ -1,4 +1,4 @@
-//! `spindoe trajectories`.
+//! `spindoe trajectories`: checks and summarizes trajectories with known spins.
 
 use std::path::PathBuf;
 
@@ -12,14 +12,14 @@ use crate::spin::trajectories::{Limits, TrajectorySet};
 pub struct Arguments {
     /// Folder with index.csv (traj_file,x_spin,y_spin,z_spin; rad/s) and NNN.csv (t;x;y;z; s and m).
     dir: PathBuf,
-    /// Draw the flights and the distribution of their spins into this folder.
+    /// Draw the trajectories and the distribution of their spins into this folder.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
     /// Write the set as read into this folder, in the same format.
     #[arg(long, value_name = "DIR")]
     write: Option<PathBuf>,
-    /// Largest plausible spin, revolutions per second.
+    /// Maximum plausible spin, revolutions per second.
     #[arg(long, default_value_t = Limits::default().max_rps)]
     max_spin_rps: f64,
     /// Print one JSON object instead of words.

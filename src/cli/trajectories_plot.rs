@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::plot::{LinePlot, LineSeries, PathGroup, PathPlot, line_plot, path_groups};
 use crate::spin::trajectories::{Trajectory, TrajectorySet};
 
-/// Upper ends (rps) of the classes in which flights are drawn; the last class is open.
+/// Upper ends (rps) of the classes in which trajectories are drawn; the last class is open.
 const CLASSES: [f64; 3] = [20.0, 40.0, 80.0];
 
 /// The trajectories that have points, by classes of spin with their names; unknown spins are a class
@@ -58,7 +58,7 @@ pub(super) fn plot_flights(path: &Path, set: &TrajectorySet) -> Result<()> {
     path_groups(path, &plot)
 }
 
-/// Share of the flights up to a spin.
+/// Cumulative share of the trajectories by spin.
 pub(super) fn plot_spins(path: &Path, set: &TrajectorySet) -> Result<()> {
     let mut rps: Vec<f64> = set
         .trajectories

@@ -4,8 +4,8 @@
 //! An objective predicts the failure rate but does not equal it: at the objective's optimum the
 //! rate still has a slope. A round of polishing measures that slope over many views
 //! ([`SmoothRate`]) and descends on the corrected model (first-order model correction: N. M.
-//! Alexandrov et al., "A trust-region framework for
-//! managing the use of approximation models in optimization", Structural Optimization 15, 1998)
+//! Alexandrov et al., "A trust-region framework for managing the use of approximation models in
+//! optimization", Structural Optimization 15, 1998)
 //!
 //! ```text
 //! ln objective(x) + (grad ln rate(x0) - grad ln objective(x0)) . (x - x0)

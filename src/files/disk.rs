@@ -1,4 +1,4 @@
-//! Files of the system: written whole or not at all, aside in the target's folder, then renamed.
+//! Atomic file writes: a temporary file in the target's folder, then a rename.
 
 use std::fs;
 use std::io::{BufReader, Write};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// Bytes asked of a file at once.
+/// Bytes per read.
 const READ_BYTES: usize = 1 << 16;
 
 /// Creates `dir` and its parents.
@@ -17,7 +17,7 @@ pub fn create_dir(dir: &Path) -> Result<()> {
     fs::create_dir_all(dir).map_err(|e| Error::write(dir, e))
 }
 
-/// Creates `dir` and makes sure that files can be written there, before long work is begun for it.
+/// Creates `dir` and checks that files can be written there, before long work begins.
 ///
 /// # Errors
 /// [`Error::Write`] where the system refuses.
@@ -30,8 +30,8 @@ pub fn create_writable_dir(dir: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a folder that holds `what` already, as one of `files` says: two must not mix in one. `advice`
-/// ends the message.
+/// Rejects a folder that already holds `what`, as one of `files` shows: two must not mix in one.
+/// `advice` ends the message.
 ///
 /// # Errors
 /// [`Error::Argument`] of the parameter `out`.
@@ -46,7 +46,7 @@ pub(crate) fn refuse_taken(dir: &Path, files: &[&str], what: &str, advice: &str)
     }
 }
 
-/// Writes what `fill` produces to `path`; the file appears whole or not at all.
+/// Writes the output of `fill` to `path`; the file appears complete or not at all.
 ///
 /// # Errors
 /// [`Error::Write`] where the system refuses, or the error of `fill`.
@@ -59,8 +59,9 @@ pub fn write_atomic(
     output.finish()
 }
 
-/// A file that is written bit by bit and appears whole, at [`OutputFile::finish`], or not at all.
-/// What is no regular file (a pipe, a terminal, `/dev/stdout`) gets the bytes as they come.
+/// A file that is written piece by piece and appears complete, at [`OutputFile::finish`], or not at
+/// all. A target that is no regular file (a pipe, a terminal, `/dev/stdout`) gets the bytes
+/// directly.
 pub struct OutputFile {
     path: PathBuf,
     file: Target,
@@ -103,7 +104,7 @@ impl OutputFile {
         })
     }
 
-    /// Ends the file, which stands under its name from here on.
+    /// Ends the file, which exists under its name from here on.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
@@ -142,7 +143,7 @@ fn builder() -> tempfile::Builder<'static, 'static> {
     tempfile::Builder::new()
 }
 
-/// Writes bytes to `path`, whole or not at all.
+/// Writes bytes to `path` atomically.
 ///
 /// # Errors
 /// [`Error::Write`] where the system refuses.
@@ -150,7 +151,7 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write_atomic(path, |f| f.write_all(bytes))
 }
 
-/// Removes a file that need not be there.
+/// Removes a file if it exists.
 ///
 /// # Errors
 /// [`Error::Write`] where the system refuses.
@@ -169,7 +170,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|e| Error::read(path, e))
 }
 
-/// Opens a file to be read bit by bit.
+/// Opens a file to be read piece by piece.
 ///
 /// # Errors
 /// [`Error::Read`] where the system refuses.

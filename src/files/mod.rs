@@ -1,5 +1,5 @@
-//! Files: written whole or not at all (aside in the target's folder, then renamed), and CSV tables
-//! read row by row.
+//! Files: written atomically (a temporary file in the target's folder, then a rename), and CSV
+//! tables read row by row.
 
 pub(crate) mod csv;
 #[cfg(feature = "native")]

@@ -8,9 +8,10 @@
 //! the rotation. The remaining root mean square angle is the reprojection error.
 //! 4. The basis with the smallest reprojection error wins.
 //!
-//! The score measures how well the point `x = B h_t` agrees with the dot d'' that it should be: `p
-//! = Kent(x/|x|; d'') N(|x|; 1, alpha) |det B|`. The Kent density scores the direction, the normal
-//! density scores the length, and `|det B|` converts a density of points to one of hash values.
+//! The score measures how well the point `x = B h_t` agrees with the dot d'' that it should be:
+//! `p = Kent(x/|x|; d'') N(|x|; 1, alpha) |det B|`. The Kent density scores the direction, the
+//! normal density scores the length, and `|det B|` converts a density of points to one of hash
+//! values.
 //!
 //! The choice between a sum of `p` and a sum of `ln p` is decisive, see [`VoteSum`]. The authors'
 //! published code adds up logarithms, and so does this recognizer unless configured otherwise: a

@@ -51,7 +51,7 @@ impl Comparison {
                     points,
                 }
             })
-            // A few dots may leave every direction without a bound.
+            // Patterns with few dots may have no finite bound in any direction.
             .filter(|series| !series.points.is_empty())
             .collect::<Vec<_>>();
         if series.is_empty() {

@@ -130,7 +130,7 @@ fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
     )
 }
 
-/// The success that speaks for a protocol: with false and missed dots the orientation is what counts.
+/// The success that is plotted for a protocol: with false and missed dots it is the orientation.
 pub(super) fn success(name: ProtocolName, v: &crate::validate::Validation) -> &Proportion {
     match name {
         ProtocolName::Paper | ProtocolName::Sparse => &v.identity,
@@ -145,7 +145,7 @@ pub(super) fn success_name(name: ProtocolName) -> &'static str {
     }
 }
 
-/// The curves of a sweep, one picture a parameter that was swept: `sensitivity_sigma.png` and
+/// The curves of a sweep, one picture per swept parameter: `sensitivity_sigma.png` and
 /// `sensitivity_alpha.png`.
 ///
 /// # Errors

@@ -38,22 +38,22 @@ pub struct Arguments {
     /// Seed of the random starts; the seeds of all trials are derived from it.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Number of random starts a round.
+    /// Number of random starts per round.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().starts)]
     starts: usize,
     /// Number of rounds.
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "budget")]
     rounds: usize,
-    /// Number of rounds of polishing the winner; within a --budget as many as there is time for.
+    /// Number of rounds of polishing the winner; within a --budget as many as time allows.
     #[arg(long, value_name = "N")]
     polish: Option<usize>,
     /// Begin rounds until this time is spent, for instance 90s, 30m or 2h.
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(super) budget: Option<Duration>,
-    /// Continue the search that was left in --out.
+    /// Continue the search saved in --out.
     #[arg(long, requires = "out")]
     pub(super) resume: bool,
-    /// What a descent works on; by default confusion, for more than 24 dots whitened-nn.
+    /// Objective that a descent minimizes; by default confusion, for more than 24 dots whitened-nn.
     #[arg(long, value_parser = one_of(&ObjectiveName::ALL, ObjectiveName::as_str), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
@@ -64,10 +64,10 @@ pub struct Arguments {
     /// published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
     #[arg(long, value_name = "MEAN,WORST", value_parser = bound_goal)]
     bound_goal: Option<BoundSummary>,
-    /// Weight of the pairs' worth as bases, for the paper's recognizer (1 to 4).
+    /// Weight of the pairs' quality as bases, for the paper's recognizer (1 to 4).
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
     basis_weight: f64,
-    /// Descent steps of every start.
+    /// Descent steps from every start.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().scout_steps)]
     scout_steps: u64,
     /// Further descent steps of the best quarter of the starts.
@@ -83,13 +83,14 @@ pub struct Arguments {
     /// Improve this pattern instead of starting at random.
     #[arg(long, value_name = "PATTERN.csv", conflicts_with = "dots")]
     from: Option<PathBuf>,
-    /// Minimum angle between two dots, degrees; by default what the stencil's holes need, at least 18.
+    /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
+    /// need, at least 18.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     min_separation_deg: Option<f64>,
-    /// Minimum number of dots in view from any direction; by default 3 in 10 of them.
+    /// Minimum number of visible dots from any direction; by default 3 in 10 of them.
     #[arg(long, value_name = "N")]
     min_visible: Option<usize>,
-    /// Minimum angle between a dot and the stencil's seam, degrees; 0 leaves the seam to itself. By
+    /// Minimum angle between a dot and the stencil's seam, degrees; 0 sets no limit. By
     /// default 10, less for more than 24 dots.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     seam_margin_deg: Option<f64>,
@@ -140,16 +141,16 @@ const PUBLISHED_BOUND: BoundSummary = BoundSummary {
     mean: 0.686,
     worst: 0.894,
 };
-/// What every pattern reaches.
+/// Bounds that every pattern meets.
 const NO_GOAL: BoundSummary = BoundSummary {
     mean: 1e9,
     worst: 1e9,
 };
-/// As many rounds as a budget has time for.
+/// Number of rounds within a budget: no limit but time.
 const MAX_ROUNDS: usize = 1 << 32;
-/// Part of a blur's length that counts as error of a dot's center, per axis.
+/// Fraction of a blur's length that counts as error of a dot's center, per axis.
 const BLUR_SHARE: f64 = 0.125;
-/// Minimum separation whatever the holes, degrees: nearer dots merge in a small image.
+/// Minimum separation for any hole size, degrees: nearer dots merge in a small image.
 const MIN_SEPARATION_DEG: f64 = 18.0;
 
 impl Arguments {
@@ -202,12 +203,13 @@ impl Arguments {
     fn min_separation_deg(&self) -> f64 {
         self.min_separation_deg.unwrap_or_else(|| {
             let holes = self.stencil().min_separation_rad().to_degrees();
-            // Rounded up to a tenth, so that the reported command repeats it.
+            // Rounded up to a tenth, so that the reported command reproduces it.
             MIN_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
         })
     }
 
-    /// Refuses holes so large that the dots do not fit, in millimetres, which is what was asked for.
+    /// Rejects holes so large that the dots do not fit. The message is in millimeters, the unit of
+    /// the flag.
     pub(super) fn check_holes(&self, config: &DesignConfig) -> Result<()> {
         // Other numbers of dots are refused as such.
         if self.min_separation_deg.is_some() || !(MIN_DOTS..=MAX_DOTS).contains(&config.dots) {
@@ -280,7 +282,7 @@ impl Arguments {
         }
     }
 
-    /// The command that repeats this design, whatever the defaults of other versions.
+    /// The command that reproduces this design, independent of other versions' defaults.
     pub(super) fn command(&self, config: &DesignConfig) -> String {
         let mut words = vec!["spindoe design".to_owned()];
         let mut add = |flag: &str, value: String| words.push(format!("--{flag} {value}"));
@@ -344,8 +346,8 @@ fn bound_goal(text: &str) -> std::result::Result<BoundSummary, String> {
     }
 }
 
-/// A cone without dots, with the numbers that it was given by: the command in the report repeats them,
-/// since an axis that is normalized twice may differ in its last bit.
+/// A cone without dots, with the numbers as given: the command in the report reproduces them, since
+/// an axis that is normalized twice may differ in its last bit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Cone {
     given: [f64; 4],

@@ -1,4 +1,4 @@
-//! `spindoe design`: the main job.
+//! `spindoe design`: searches a pattern, evaluates it and writes its folder.
 
 mod arguments;
 mod progress;

@@ -65,17 +65,17 @@ pub struct Arguments {
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     output: Option<PathBuf>,
-    /// How dots are found.
+    /// The dot detector.
     #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
     detector: DetectorName,
     /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
-    /// Draw every frame enlarged, with what was seen in it, and a contact sheet, into this folder.
+    /// Draw every frame enlarged, with its detections, and a contact sheet, into this folder.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
-    /// The ball's outline in all frames: center and radius in pixels [default: it is found].
+    /// The ball's outline in all frames: center and radius in pixels [default: detected].
     #[arg(
         long,
         value_name = "U,V,R",
@@ -100,7 +100,7 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     intrinsics: Vec<f64>,
-    /// Frames per second: the frames follow each other evenly.
+    /// Frames per second, for frames at equal intervals.
     #[arg(long, value_name = "F", conflicts_with = "times")]
     fps: Option<f64>,
     /// Times of the frames: CSV with the header frame,time_s.
@@ -109,7 +109,7 @@ pub struct Arguments {
     /// The camera frame that orientations and spin are written in.
     #[arg(long, value_enum, default_value = "ours")]
     frame: Frame,
-    /// Least probability of an orientation that is told, 0 to 1.
+    /// Minimum probability of a reported orientation, 0 to 1.
     #[arg(
         long,
         value_name = "P",
@@ -117,32 +117,32 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     min_confidence: f64,
-    /// Tell every frame alone.
+    /// Estimate every frame independently.
     #[arg(long)]
     no_sequence: bool,
-    /// Largest spin considered, revolutions per second.
+    /// Maximum spin considered, revolutions per second.
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
     max_spin_rps: f64,
-    /// Print one JSON object instead, with every dot, refusal and the spin.
+    /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
 }
 
-/// Frames estimated at once.
+/// Number of frames estimated at once.
 const AT_ONCE: usize = 64;
 
-/// All frames, and what was seen in them.
+/// All frames, and their estimates.
 #[derive(Default)]
 struct Seen {
     names: Vec<String>,
     paths: Vec<PathBuf>,
     times: Vec<Option<f64>>,
     frames: Vec<FrameEstimate>,
-    /// Pictures for the overlays, with the corner at which each was cut out.
+    /// Pictures for the overlays, with the corner at which each was cropped.
     pictures: Vec<(RgbImage, usize, usize)>,
 }
 
-/// The times of a sequence, and what came of it.
+/// The times of a sequence, and its result.
 struct Sequence {
     told: SequenceSummary,
     spin: std::result::Result<Fit, SpinRejection>,
@@ -282,7 +282,7 @@ impl Arguments {
         config
     }
 
-    /// Looks at all frames, and tells each alone.
+    /// Detects and estimates all frames, each independently.
     fn detect(
         &self,
         estimator: &Estimator<NamedDetector>,
@@ -308,7 +308,8 @@ impl Arguments {
         Ok(seen)
     }
 
-    /// Estimates the frames that wait, spread over all cores; each alone, so that the order of work changes nothing.
+    /// Estimates the waiting frames, spread over all cores. Each is independent, so the order of
+    /// work changes nothing.
     fn estimate(
         &self,
         estimator: &Estimator<NamedDetector>,
@@ -343,7 +344,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// Sets the times that the user gives.
+    /// Sets the times that the user specifies.
     fn set_times(&self, seen: &mut Seen) -> Result<()> {
         if let Some(fps) = self.fps {
             for (k, time) in seen.times.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! What `spindoe estimate` says.
+//! The output of `spindoe estimate`.
 
 use serde_json::{Value, json};
 
@@ -15,7 +15,7 @@ pub(super) struct Report<'a> {
     pub sequence: Option<&'a Sequence>,
 }
 
-/// What became of a frame, in words.
+/// The outcome of a frame, in words.
 pub(super) fn words(frame: &FrameEstimate) -> String {
     let second = match frame.fit.map_or(0, |f| f.rivals) {
         0 => "",
@@ -36,7 +36,7 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
 }
 
 impl Report<'_> {
-    /// An orientation in the frame that is asked for.
+    /// An orientation in the requested frame.
     fn turned(&self, rotation: &Rotation) -> Rotation {
         match self.arguments.frame {
             Frame::Ours => *rotation,
@@ -171,7 +171,7 @@ impl Report<'_> {
             .count()
     }
 
-    /// Says on standard error what became of the frames.
+    /// Summarizes the outcome of the frames on standard error.
     pub fn say(&self) {
         for (name, frame) in self.seen.names.iter().zip(&self.seen.frames) {
             let several = frame.fit.is_some_and(|f| f.rivals > 0);
@@ -208,7 +208,7 @@ impl Report<'_> {
     }
 }
 
-/// From our camera frame to the optical one: diag(1, -1, -1), half a turn about x.
+/// From our camera frame to the optical one: diag(1, -1, -1), a half-turn about x.
 fn half_turn() -> Rotation {
     Rotation::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI)
 }
