@@ -1,8 +1,9 @@
-//! Estimates in a loop, as with a camera: frames in memory, one workspace, latency printed.
+//! Estimates orientations in a loop, as with a camera: frames in memory, one workspace, latency
+//! printed.
 //!
 //!     cargo run --release --example estimate_camera -- PATTERN.csv IMAGE [ROUNDS]
 //!
-//! The image stands in for the camera's frames, shifted by a pixel from one to the next.
+//! One image replaces the camera's frames; each frame shifts it by a pixel.
 
 use std::time::{Duration, Instant};
 

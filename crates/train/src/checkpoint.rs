@@ -1,5 +1,5 @@
-//! A training's state in a file: a zip of the net and the optimizer's moments (burn's burnpack), the best weights
-//! (`.npz`) and the rest as JSON.
+//! Checkpoint of a training: a zip of the net and the optimizer's moments (burn's burnpack), the
+//! best weights (`.npz`) and the rest as JSON.
 
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
@@ -19,10 +19,10 @@ use spindoe::{Error, Result, files};
 use crate::TrainConfig;
 use crate::model::Net;
 
-/// Largest entry read.
+/// Maximum size of an entry.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// Where a training stands.
+/// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct State {
     /// Steps done.
@@ -36,7 +36,7 @@ pub struct State {
 /// All that is needed to continue a training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
-    /// Where it stands.
+    /// The progress.
     pub state: State,
     /// The best weights so far.
     pub best: Option<Weights>,
@@ -45,7 +45,7 @@ pub struct Checkpoint {
     optimizer: Vec<u8>,
 }
 
-/// A net and its optimizer as they were.
+/// A restored net and its optimizer.
 pub(crate) struct Restored {
     pub net: Net,
     pub optimizer: ModuleOptimizer,
@@ -93,7 +93,7 @@ impl Checkpoint {
         })
     }
 
-    /// The net's numbers as they stand.
+    /// The current parameters of the net.
     ///
     /// # Errors
     /// [`Error::Argument`] where the checkpoint is not that of this net.
@@ -106,7 +106,7 @@ impl Checkpoint {
         self.restore(net, AdamWConfig::new().init())?.net.layers()
     }
 
-    /// Writes the checkpoint, whole or not at all.
+    /// Writes the checkpoint atomically.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.

@@ -1,4 +1,4 @@
-//! A training from beginning to end: resumed, as a command, and on what it must not ask for.
+//! A training from beginning to end: resumed, as a command, and with arguments that it must reject.
 #![allow(clippy::unwrap_used)]
 
 use std::path::Path;
@@ -55,7 +55,7 @@ fn a_resumed_training_ends_as_one_without_a_break() {
     assert_eq!(from.state.step, 4);
     let mut rest = Keep(None);
     let outcome = train(&short(), Some(from), &AtomicBool::new(false), &mut rest).unwrap();
-    // What comes out: the calibrated weights and their score.
+    // The result: the calibrated weights and their score.
     assert_eq!(outcome, whole_outcome);
     assert_ne!(outcome.weights.meta.calibration, Calibration::default());
     let [whole, rest] = [whole, rest].map(|k| k.0.unwrap());

@@ -1,9 +1,10 @@
-//! How well the estimator tells synthetic frames: dots found and false, orientations right, wrong and not told, errors,
-//! confidences, latencies; both detectors, by size and by blur. The tables of docs/detector.md come from here.
+//! Accuracy of the estimator on synthetic frames: dots found and false, orientations correct, wrong
+//! and rejected, errors, confidences, latencies; both detectors, by size and by blur. The tables of
+//! docs/detector.md come from here.
 //!
-//!     cargo run --release --example estimator_study -- [FRAMES] [SEED] [PATTERN.csv]
+//!     cargo run --release -p spindoe-studies --bin estimator_study -- [FRAMES] [SEED] [PATTERN.csv]
 //!
-//! The frames' seed is none that training has used; the pattern is one that training has never seen.
+//! The frames' seed is used by no training; the pattern occurs in no training.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -17,14 +18,14 @@ use spindoe::validate::Proportion;
 use spindoe::vision::estimator::Timings;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection};
 
-/// A detection is a dot's where it is nearer than this to it, ball radii.
+/// Maximum distance of a detection from its dot, ball radii.
 const NEAR: f64 = 0.12;
-/// The paper's limit of failure.
+/// The paper's failure threshold.
 const FAILURE_DEG: f64 = 20.0;
 /// Frames drawn at once.
 const AT_ONCE: usize = 500;
 
-/// What came of a frame.
+/// The outcome of a frame.
 #[derive(Clone, Copy)]
 struct Judged {
     side: usize,
@@ -35,7 +36,7 @@ struct Judged {
     false_dots: usize,
     error_deg: Option<f64>,
     confidence: f64,
-    /// Why there is no answer.
+    /// The reason for a rejection.
     rejection: Option<FrameRejection>,
     circle_off: f64,
     timings: Timings,
@@ -144,7 +145,7 @@ fn tables(judged: &[Judged]) {
     let mut reasons = BTreeMap::<String, usize>::new();
     for rejection in judged.iter().filter_map(|j| j.rejection) {
         let words = rejection.to_string();
-        // Without the figures, so that like reasons count together.
+        // Without the values, so that equal reasons count together.
         let words = words
             .split(|c: char| c.is_ascii_digit())
             .next()

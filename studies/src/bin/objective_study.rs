@@ -1,5 +1,5 @@
-//! The study that chose the default objective: how well does each objective predict the failure rate
-//! that is measured?
+//! The study that selected the default objective: how well does each objective predict the measured
+//! failure rate?
 //!
 //! `cargo run --release -p spindoe-studies --bin objective_study -- [OUT_DIR] [PATTERNS] [TRIALS]`
 //!

@@ -1,7 +1,8 @@
-//! Measures both spin estimators on simulated sequences and prints what they reach, with intervals:
-//! `cargo run --release --example spin_targets [SEQUENCES [SEED]]` (10 000 and 1 by default).
+//! Measures both spin estimators on simulated sequences and prints their rates and errors with
+//! intervals: `cargo run --release -p spindoe-studies --bin spin_targets [SEQUENCES [SEED]]` (10
+//! 000 and 1 by default).
 //!
-//! Rates carry Wilson's 95 % interval, other figures 1.96 standard errors of their mean.
+//! Rates have Wilson's 95 % interval, other values 1.96 standard errors of their mean.
 
 use std::time::Instant;
 
@@ -15,7 +16,7 @@ use spindoe::spin::simulate::{Drops, Scenario, Sequence};
 use spindoe::spin::{Fit, SpinRejection};
 use spindoe::validate::{Proportion, median};
 
-/// A spin is right within this fraction of its magnitude.
+/// A spin is correct within this fraction of its magnitude.
 const RIGHT: f64 = 0.2;
 /// Half-width of a 95 % interval in standard errors.
 const Z95: f64 = 1.96;
@@ -31,7 +32,7 @@ struct Line {
 /// One method's answer to one sequence.
 #[derive(Clone, Copy)]
 struct Answer {
-    /// Length of the error vector over the true magnitude; infinite for a refusal.
+    /// Length of the error vector over the true magnitude; infinite for a rejection.
     vector: f64,
     /// Error of the magnitude over the true magnitude, likewise.
     magnitude: f64,
@@ -41,13 +42,14 @@ struct Answer {
     normalized: Option<f64>,
 }
 
-/// One sequence's answers and what its bound allows.
+/// One sequence's answers and its bound.
 struct Outcome {
     robust: Answer,
     quatera: Answer,
-    /// Expected squared error at the bound, (rad/s)^2; none where the right frames fix no spin.
+    /// Expected squared error at the bound, (rad/s)^2; none where the correct frames do not
+    /// determine a spin.
     bound: Option<f64>,
-    /// Probability of a right vector at the bound.
+    /// Probability of a correct vector at the bound.
     allowed: f64,
 }
 
@@ -226,8 +228,8 @@ fn print(line: &Line, outcomes: &[Outcome]) {
     );
 }
 
-/// Spins of 200 to 300 rps at 350 frames per second, searched up to 350 rps: how often the estimate is
-/// right, and how often the truth is the estimate or listed as its equal.
+/// Spins of 200 to 300 rps at 350 frames per second, searched up to 350 rps: how often the estimate
+/// is correct, and how often the truth is the estimate or listed as its equal.
 fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
     let scenario = Scenario {
         jitter,
@@ -267,7 +269,7 @@ fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
     );
 }
 
-/// How often random orientations pass for a spin.
+/// How often random orientations yield a spin.
 fn measure_strays(frames: usize, seed: u64, sequences: u64) {
     let scenario = Scenario {
         frames,

@@ -1,4 +1,4 @@
-//! What the uncertainty of each dot gains, and what a hint does.
+//! The gain from each dot's own uncertainty, and the effect of a hint.
 
 use std::time::Instant;
 
@@ -23,7 +23,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
     mirrored(bench)
 }
 
-/// Tells the robust recognizer the same standard deviation for every dot.
+/// Gives the robust recognizer the same standard deviation for every dot.
 struct Alike {
     robust: RobustRecognizer,
     sigma_rad: f64,
@@ -84,13 +84,13 @@ fn uncertainty(bench: &Bench) -> spindoe::Result<()> {
     Ok(())
 }
 
-/// What is told beside the dots.
+/// Prior knowledge beside the dots.
 #[derive(Clone, Copy)]
 enum PoseHypothesis {
     Nothing,
     /// The true orientation, off by N(0, sigma) about each axis.
     Near(f64),
-    /// A random orientation, said to be as good as this.
+    /// A random orientation, with the same stated uncertainty.
     Wrong(f64),
 }
 
@@ -197,7 +197,7 @@ fn mirrored(bench: &Bench) -> spindoe::Result<()> {
             }
             trials += 1;
             for said in &mut said {
-                // The first time as in a mirror, the second as it is.
+                // The first time mirrored, the second time unchanged.
                 trial.dots.iter_mut().for_each(flip);
                 let outcome = robust.identify_into(&trial.dots, &mut ws, &mut out);
                 *said += u64::from(outcome == Err(RecognizerRejection::Mirrored));

@@ -51,7 +51,7 @@ fn row(name: &str, recognizer: &str, found: &[TrialResult], protocol: &Protocol)
     );
 }
 
-/// Mean error over the orientation successes, and the mean of what the same views' real dots allow.
+/// Mean error over the orientation successes, and the mean bound of the same views' real dots.
 fn against_bound(bench: &Bench, name: &str, protocol: &Protocol) -> spindoe::Result<()> {
     let robust = RecognizerName::Robust;
     let found = run_named(&bench.table, robust, protocol, SEED, bench.trials)?;
