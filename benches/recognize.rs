@@ -31,7 +31,7 @@ fn pattern() -> Any<Pattern> {
     if let Some(path) = found {
         return Ok(Pattern::read_csv(&path)?);
     }
-    println!("the published pattern is not at hand: a random one of 20 dots instead");
+    println!("the published pattern is not available: a random one of 20 dots replaces it");
     Ok(random_pattern(20, 0.3, &mut ChaCha8Rng::seed_from_u64(1))?)
 }
 

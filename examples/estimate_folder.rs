@@ -54,7 +54,7 @@ fn main() -> spindoe::Result<()> {
                 fit.motion.rps(),
                 fit.motion.spin
             ),
-            Err(refusal) => println!("no spin: {refusal}"),
+            Err(rejection) => println!("no spin: {rejection}"),
         }
     }
     Ok(())

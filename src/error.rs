@@ -105,7 +105,8 @@ impl Error {
     }
 
     /// Whether other input or arguments fix this (the command then exits with 2). What the system
-    /// refuses, such as a full disk or a missing permission, and what should not happen are not (1).
+    /// rejects, such as a full disk or a missing permission, and what should not happen are not
+    /// (1).
     pub fn is_usage(&self) -> bool {
         use std::io::ErrorKind;
         match self {
@@ -127,7 +128,8 @@ impl Error {
 }
 
 /// The parameter that an [`Error::Argument`] is about, named as the library names it: the field or
-/// argument in snake case with its unit, such as `min_separation_rad`. The command maps it to its flag.
+/// argument in snake case with its unit, such as `min_separation_rad`. The command maps it to its
+/// flag.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Parameter(Cow<'static, str>);
 

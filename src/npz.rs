@@ -167,7 +167,7 @@ fn read_entry(archive: &mut Archive<'_>, name: &str) -> Checked<Vec<u8>> {
 
 /// Rejects header texts on which the array parser could overflow a number or the stack.
 fn check_header_text(name: &str, npy: &[u8]) -> Checked<()> {
-    let refuse = |problem: &str| Err(Problem::at(name, format!("not an array: {problem}")));
+    let reject = |problem: &str| Err(Problem::at(name, format!("not an array: {problem}")));
     // Magic (6 bytes), version (2), then the text's length in 2 bytes, or 4 from version 2 on.
     let length = match npy {
         [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => {
@@ -188,14 +188,14 @@ fn check_header_text(name: &str, npy: &[u8]) -> Checked<()> {
             d,
             ..,
         ] => u32::from_le_bytes([*a, *b, *c, *d]) as usize,
-        _ => return refuse("no NumPy header"),
+        _ => return reject("no NumPy header"),
     };
     if length > MAX_HEADER_BYTES {
-        return refuse("header too long");
+        return reject("header too long");
     }
     let start = if npy[6] == 1 { 10 } else { 12 };
     let Some(text) = npy.get(start..start + length) else {
-        return refuse("ends within its header");
+        return reject("ends within its header");
     };
     let digits = text.iter().filter(|c| c.is_ascii_digit()).count();
     let brackets = text.iter().filter(|c| b"([{".contains(c)).count();
@@ -204,7 +204,7 @@ fn check_header_text(name: &str, npy: &[u8]) -> Checked<()> {
         .windows(2)
         .any(|w| w[0].is_ascii_digit() && w[1].is_ascii_alphabetic());
     if digits > MAX_HEADER_DIGITS || brackets > MAX_HEADER_BRACKETS || odd_number {
-        return refuse("header is not that of a plain array");
+        return reject("header is not that of a plain array");
     }
     Ok(())
 }

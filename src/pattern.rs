@@ -161,8 +161,8 @@ impl Pattern {
         })
     }
 
-    /// The pattern as CSV text: one dot a row without a header, which the SpinDOE authors' reader does
-    /// not take; digits enough to read back the same bits.
+    /// The pattern as CSV text: one dot a row without a header, which the SpinDOE authors' reader
+    /// does not take; digits enough to read back the same bits.
     pub fn to_csv(&self) -> String {
         let mut text = String::new();
         for d in &self.dots {
@@ -172,7 +172,7 @@ impl Pattern {
         text
     }
 
-    /// Writes the pattern as CSV, whole or not at all.
+    /// Writes the pattern as CSV atomically.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -233,7 +233,7 @@ const FRESH_STARTS: usize = 50;
 /// Random dots no nearer to each other than the given separation.
 ///
 /// # Errors
-/// [`Error::Argument`] where no such set was found: the demand is too dense.
+/// [`Error::Argument`] where no such set was found: the separation is too large for so many dots.
 pub fn random_pattern<R: Rng>(
     dots: usize,
     min_separation_rad: f64,

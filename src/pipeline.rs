@@ -156,7 +156,7 @@ impl<T, O> Default for State<T, O> {
 
 impl<T, O> Line<T, O> {
     fn lock(&self) -> MutexGuard<'_, State<T, O>> {
-        // A thread that panicked has stopped the line, and the scope hands its panic on.
+        // A panicked thread has ended the stream, and the scope propagates its panic.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -361,7 +361,7 @@ mod tests {
             Ok(i)
         });
         map_ordered(input, threads(4), || (), |(), i| i, &mut slow).unwrap();
-        // Those in flight, the one that waits for a place, and those that the sink has at hand.
+        // Those in flight, the one that waits for capacity, and those in the sink.
         assert!(slow.2 <= 2 * MAX_IN_FLIGHT + 1, "{}", slow.2);
         assert!(slow.2 > 0);
     }
@@ -372,7 +372,7 @@ mod tests {
         impl Sink<usize> for Ask {
             type Error = String;
             fn take(&mut self, item: usize) -> Result<(), String> {
-                // Nobody asks for the last one.
+                // The last one is never requested.
                 let _ = self.0.send(item);
                 Ok(())
             }

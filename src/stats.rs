@@ -1,10 +1,12 @@
-//! Small statistics that several stages share: rates with intervals, differences of paired rates, quantiles.
+//! Small statistics that several stages share: rates with intervals, differences of paired rates,
+//! quantiles.
 //!
-//! - [`Proportion`]: Wilson's score interval (E. B. Wilson, "Probable inference, the law of succession,
-//!   and statistical inference", J. Am. Stat. Assoc. 22, 1927),
-//! - [`PairedDifference`]: Newcombe's score interval for paired proportions (R. G. Newcombe, "Improved
-//!   confidence intervals for the difference between binomial proportions based on paired data",
-//!   Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any trial differs,
+//! - [`Proportion`]: Wilson's score interval (E. B. Wilson, "Probable inference, the law of
+//!   succession, and statistical inference", J. Am. Stat. Assoc. 22, 1927),
+//! - [`PairedDifference`]: Newcombe's score interval for paired proportions (R. G. Newcombe,
+//!   "Improved confidence intervals for the difference between binomial proportions based on paired
+//!   data", Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any
+//!   trial differs,
 //! - [`median`] and [`quantile`] of a sample.
 //!
 //! Intervals have their nominal coverage for independent trials only.
@@ -163,9 +165,9 @@ pub fn median(values: &mut [f64]) -> f64 {
     }
 }
 
-/// The quantile `q` in [0, 1] of values in ascending order, interpolated between neighbors (definition 7
-/// of R. J. Hyndman, Y. Fan, "Sample quantiles in statistical packages", Am. Stat. 50, 1996, which NumPy
-/// uses too); 0 for none.
+/// The quantile `q` in [0, 1] of values in ascending order, interpolated between neighbors
+/// (definition 7 of R. J. Hyndman, Y. Fan, "Sample quantiles in statistical packages", Am. Stat.
+/// 50, 1996, which NumPy uses too); 0 for none.
 pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else {
         return 0.0;

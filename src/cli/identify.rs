@@ -31,13 +31,13 @@ outward in the image, second across it, counter-clockwise.
 
 Without time_s, a frame named by a whole number is that many nanoseconds; any other has no time.
 
-The robust recognizer's confidence is the probability that every dot has its right name, given that misses,
+The robust recognizer's confidence is the probability that every dot is identified correctly, given that misses,
 false dots and noise are about as expected (--expect, --false-dots, --miss-probability, --sigma-deg). That of
 the paper's recognizer is a share of votes and no probability. --json lists the rival poses of each frame:
-a pattern that looks like itself when turned has several of about the same confidence.
+a pattern with a rotational symmetry has several of about the same confidence.
 
-Answers leave as the frames come: a detector that writes to a pipe gets each frame's row when the next frame
-begins. A file of orientations appears whole or not at all, and so does the JSON object.
+Answers leave as the frames arrive: a detector that writes to a pipe gets each frame's row when the next frame
+begins. A file of orientations appears complete or not at all, and so does the JSON object.
 
 Examples:
   spindoe identify --table table.npz dots.csv -o orientations.csv
@@ -369,7 +369,7 @@ impl Tally {
         );
         if tied > 0 {
             errln!(
-                "{path}: {tied} frames have another pose that explains them about as well (--json lists it): does the pattern look like itself when turned?"
+                "{path}: {tied} frames have another pose of about the same probability (--json lists it): does the pattern have a rotational symmetry?"
             );
         }
         if mirrored > 0 {

@@ -27,11 +27,10 @@ pub struct Arguments {
     /// The pattern, a CSV of unit vectors x,y,z.
     pattern: PathBuf,
     /// The marking method.
-    #[arg(long = "as", value_enum, value_name = "WAY")]
-    way: Way,
+    #[arg(long = "as", value_enum, value_name = "METHOD")]
+    method: Method,
     /// The file to write; its extension selects the format: .svg, .pdf or .dxf for gores and
-    /// stickers, .svg
-    /// or .gcode for a plotter.
+    /// stickers, .svg or .gcode for a plotter.
     #[arg(short, long = "out", value_name = "FILE")]
     output: PathBuf,
     /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper.
@@ -40,8 +39,8 @@ pub struct Arguments {
     /// Diameter of a dot.
     #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().dot_diameter_mm, allow_negative_numbers = true)]
     dot_diameter_mm: f64,
-    /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in degrees. May
-    /// be repeated.
+    /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in
+    /// degrees. May be repeated.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = cone, allow_hyphen_values = true)]
     keep_out: Vec<KeepOut>,
     /// Number of lobes, 12 to 24.
@@ -87,7 +86,7 @@ pub struct Arguments {
 
 /// Marking methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Way {
+enum Method {
     /// Flat lobes that cover the ball, for decal paper and vinyl cutters.
     Gores,
     /// Single dots to stick on, with maps of where each goes.
@@ -116,21 +115,21 @@ enum Format {
 
 impl Format {
     /// The format that a file's extension selects.
-    fn of(path: &Path, way: Way) -> Result<Self> {
+    fn of(path: &Path, method: Method) -> Result<Self> {
         let ending = path
             .extension()
             .and_then(|e| e.to_str())
             .unwrap_or_default();
         let format = match ending.to_ascii_lowercase().as_str() {
             "svg" => Some(Self::Svg),
-            "pdf" if way != Way::Plotter => Some(Self::Pdf),
-            "dxf" if way != Way::Plotter => Some(Self::Dxf),
-            "gcode" | "nc" | "ngc" if way == Way::Plotter => Some(Self::Gcode),
+            "pdf" if method != Method::Plotter => Some(Self::Pdf),
+            "dxf" if method != Method::Plotter => Some(Self::Dxf),
+            "gcode" | "nc" | "ngc" if method == Method::Plotter => Some(Self::Gcode),
             _ => None,
         };
         format.ok_or_else(|| {
-            let expected = match way {
-                Way::Plotter => ".svg or .gcode",
+            let expected = match method {
+                Method::Plotter => ".svg or .gcode",
                 _ => ".svg, .pdf or .dxf",
             };
             let problem = format!(
@@ -173,8 +172,8 @@ impl Arguments {
 
     fn drawing(&self, pattern: &Pattern, format: Format) -> Result<Drawing> {
         let (config, page) = (self.config(), self.page(format));
-        match self.way {
-            Way::Gores => {
+        match self.method {
+            Method::Gores => {
                 let lobes = GoreConfig {
                     lobes: self.lobes,
                     bleed_mm: self.bleed_mm,
@@ -183,20 +182,20 @@ impl Arguments {
                 };
                 gores(pattern, &config, &lobes)
             }
-            Way::Stickers => {
+            Method::Stickers => {
                 let sheet = StickerConfig {
                     bleed_mm: self.bleed_mm,
                     page,
                 };
                 stickers(pattern, &config, &sheet)
             }
-            Way::Plotter => plotter_drawing(pattern, &config, &self.plotter()),
+            Method::Plotter => plotter_drawing(pattern, &config, &self.plotter()),
         }
     }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let format = Format::of(&arguments.output, arguments.way)?;
+    let format = Format::of(&arguments.output, arguments.method)?;
     let pattern = Pattern::read_csv(&arguments.pattern)?;
     let drawing = arguments.drawing(&pattern, format)?;
     let bytes = match format {

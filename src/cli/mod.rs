@@ -67,7 +67,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a folder.
+    /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a
+    /// folder.
     Design(design::Arguments),
     /// Measure how often a pattern is identified correctly, by Monte Carlo.
     Validate(validate::Arguments),
@@ -114,7 +115,7 @@ pub fn main() -> ExitCode {
     });
     let (cli, name) = match parsed {
         Ok(parsed) => parsed,
-        Err(error) => return refuse(&error),
+        Err(error) => return report_usage(&error),
     };
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
@@ -133,7 +134,7 @@ pub fn main() -> ExitCode {
         #[cfg(feature = "vision")]
         Command::Synth(arguments) => synth::run(&arguments),
         #[cfg(feature = "vision")]
-        Command::Train(arguments) => export::refuse_training(&arguments),
+        Command::Train(arguments) => export::name_training_program(&arguments),
         #[cfg(feature = "vision")]
         Command::Export(arguments) => export::run(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
@@ -181,7 +182,7 @@ fn words(error: &Error, name: &str) -> String {
 }
 
 /// Prints help where it was requested, or one line on the error in the arguments.
-fn refuse(error: &clap::Error) -> ExitCode {
+fn report_usage(error: &clap::Error) -> ExitCode {
     use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NothingAsked;
     if !error.use_stderr() || error.kind() == NothingAsked {
         error.exit();
@@ -195,7 +196,8 @@ fn refuse(error: &clap::Error) -> ExitCode {
     ExitCode::from(2)
 }
 
-/// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP does.
+/// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP
+/// does.
 fn read_table(path: &Path) -> Result<HashTable> {
     let bytes = files::read_bytes(path)?;
     let is_archive = bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz");

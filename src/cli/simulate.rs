@@ -18,8 +18,8 @@ pub struct Arguments {
     /// Spin at the first frame, revolutions per second.
     #[arg(long, default_value_t = 50.0, allow_negative_numbers = true)]
     rps: f64,
-    /// Axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random where
-    /// not given.
+    /// Axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random
+    /// where not given.
     #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z")]
     axis: Option<Vec3>,
     /// Number of frames.
@@ -37,8 +37,8 @@ pub struct Arguments {
     /// Probability that a frame is lost.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     drops: f64,
-    /// Standard deviation of a frame's (known) time about the even grid, in intervals; at most a third
-    /// of an interval.
+    /// Standard deviation of a frame's (known) time about the even grid, in intervals; at most a
+    /// third of an interval.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     jitter: f64,
     /// Rate of decay of the spin, 1/s.

@@ -39,9 +39,9 @@ enum Method {
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Orientations: CSV with a header, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence
-    /// (seconds; quaternion scalar first, pattern to camera, empty where there is none); - is
-    /// standard input.
+    /// Orientations: CSV with a header,
+    /// frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence (seconds; quaternion scalar
+    /// first, pattern to camera, empty where there is none); - is standard input.
     orientations: PathBuf,
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
@@ -147,17 +147,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let input = super::open_input(&arguments.orientations)?;
     let file = Orientations::read(&input.name, input.reader)?;
     let measurements = file.measurements();
-    let refused = |r: SpinRejection| r.in_file(&input.name);
+    let rejected = |r: SpinRejection| r.in_file(&input.name);
     let options = DecayConfig {
         robust: arguments.robust_options(),
         window: arguments.window,
         ..DecayConfig::default()
     };
     let (fit, decay) = if arguments.decay {
-        let outcome = fit_decay(&measurements, &options).map_err(refused)?;
+        let outcome = fit_decay(&measurements, &options).map_err(rejected)?;
         (*outcome.start(), Some(outcome))
     } else {
-        (arguments.fit(&measurements).map_err(refused)?, None)
+        (arguments.fit(&measurements).map_err(rejected)?, None)
     };
     // A decaying spin has its aliases only while it is nearly constant.
     let constant = match decay {
@@ -192,7 +192,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.plot {
         let runs = spin_over_time(&measurements, options.window, &options.robust);
-        super::spin_plot::plot_over_time(path, &runs.map_err(refused)?, &found)?;
+        super::spin_plot::plot_over_time(path, &runs.map_err(rejected)?, &found)?;
     }
     if arguments.json {
         return super::print_json(&found.to_json());

@@ -176,7 +176,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config(&pattern)?;
     let dir = &arguments.output;
     if !arguments.overwrite {
-        refuse_taken(dir)?;
+        reject_taken(dir)?;
     }
     let stencil = Stencil::build(&pattern, &config)
         .map_err(|error| with_largest(error, &pattern, &config))?;
@@ -214,7 +214,7 @@ fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Erro
 }
 
 /// Rejects a folder that holds a stencil already: files of two stencils must not mix in one.
-fn refuse_taken(dir: &Path) -> Result<()> {
+fn reject_taken(dir: &Path) -> Result<()> {
     match FILES.iter().find(|name| dir.join(name).exists()) {
         None => Ok(()),
         Some(name) => {

@@ -79,8 +79,8 @@ pub struct Arguments {
     /// Spin, revolutions per second: one number, or LOW,HIGH [default: 0,150].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "RPS")]
     rps: Option<[f64; 2]>,
-    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at
-    /// random where not given.
+    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length;
+    /// at random where not given.
     #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z", requires_all = ["sequence", "rps"])]
     axis: Option<Vec3>,
     /// Exposure of the sequence's frames in milliseconds; at random where not given.
@@ -107,7 +107,8 @@ pub struct Arguments {
     /// Diameter of the ball, pixels: one number, or LOW,HIGH; the crop's side follows from it.
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "PX")]
     ball_px: Option<[f64; 2]>,
-    /// Whole frames of this size with the ball anywhere in them, WIDTHxHEIGHT pixels, instead of crops.
+    /// Whole frames of this size with the ball anywhere in them, WIDTHxHEIGHT pixels, instead of
+    /// crops.
     #[arg(long, value_parser = size, value_name = "WxH")]
     image_size: Option<[usize; 2]>,
     /// Distance of the camera in ball radii: one number, or LOW,HIGH [default: 6,60].
@@ -119,11 +120,12 @@ pub struct Arguments {
         value_name = "RADII"
     )]
     camera_distance_radii: Option<[f64; 2]>,
-    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default: 2.3,7.4].
+    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default:
+    /// 2.3,7.4].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
     dot_radius_deg: Option<[f64; 2]>,
-    /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number, or
-    /// LOW,HIGH; one for a ball [default: 0.23,1.7].
+    /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number,
+    /// or LOW,HIGH; one for a ball [default: 0.23,1.7].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
     placement_sigma_deg: Option<[f64; 2]>,
     /// Probability of a logo [default: 0.7].
@@ -135,7 +137,7 @@ pub struct Arguments {
     /// Flip all images left to right, as a selfie video is.
     #[arg(long)]
     mirrored: bool,
-    /// Write masks/*.png, too: white where the ball is seen.
+    /// Also write masks/*.png: white where the ball is visible.
     #[arg(long)]
     masks: bool,
     /// All ranges, JSON, as `config` in truth.json; omitted keys have their default, and the flags
@@ -245,7 +247,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let sequence = sequence_config
         .map(|s| Sequence::random(&pattern, &config, &s, seed, frames))
         .transpose()?;
-    refuse_taken(&arguments.out)?;
+    reject_taken(&arguments.out)?;
     files::create_writable_dir(&arguments.out)?;
     let origin = Origin {
         seed,
@@ -316,7 +318,8 @@ fn summarize(
     Ok(())
 }
 
-/// The pattern of a CSV file or of a hash table: a NumPy archive starts with "PK", as every ZIP does.
+/// The pattern of a CSV file or of a hash table: a NumPy archive starts with "PK", as every ZIP
+/// does.
 fn read_pattern(path: &Path) -> Result<Pattern> {
     let bytes = files::read_bytes(path)?;
     if bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz") {
@@ -327,7 +330,7 @@ fn read_pattern(path: &Path) -> Result<Pattern> {
 }
 
 /// Rejects a folder that holds frames already: two sets must not mix in one.
-fn refuse_taken(dir: &Path) -> Result<()> {
+fn reject_taken(dir: &Path) -> Result<()> {
     for name in ["index.csv", "truth.json", "images"] {
         if dir.join(name).exists() {
             let problem = format!(

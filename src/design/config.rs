@@ -27,7 +27,8 @@ pub struct DesignConfig {
     pub climb_steps: u64,
     /// Rounds of polishing after them, on the rate itself.
     pub polish: usize,
-    /// Monte Carlo trials a candidate; the last ones get eight times as many, and polishing up to sixty times.
+    /// Monte Carlo trials a candidate; the last ones get eight times as many, and polishing up to
+    /// sixty times.
     pub samples: u64,
     /// The views that candidates are tried on.
     pub protocol: Protocol,
@@ -37,8 +38,8 @@ pub struct DesignConfig {
     pub objective: Objective,
     /// Weight of the orientation bound's worst direction beside the objective; 0 leaves it out.
     pub bound_weight: f64,
-    /// Patterns with this orientation bound or better are preferred to all others, in units of the dots'
-    /// noise; `None` prefers none.
+    /// Patterns with this orientation bound or better are preferred to all others, in units of the
+    /// dots' noise; `None` prefers none.
     pub bound_goal: Option<BoundSummary>,
     /// Weight of the pairs' quality as bases, on which the paper's recognizer depends; 0 leaves it
     /// out.
@@ -48,8 +49,8 @@ pub struct DesignConfig {
 }
 
 impl Default for DesignConfig {
-    /// 20 dots, one round of 16 starts, none of polishing, 10 000 trials of `sparse` each, `confusion`
-    /// beside the orientation bound.
+    /// 20 dots, one round of 16 starts, none of polishing, 10 000 trials of `sparse` each,
+    /// `confusion` beside the orientation bound.
     fn default() -> Self {
         Self {
             dots: 20,
@@ -102,7 +103,7 @@ impl DesignConfig {
         }
         if !self.objective.name().suits(self.dots) {
             let problem = format!(
-                "confusion is worked out for at most {} dots, found {}; choose another",
+                "confusion is computed for at most {} dots, found {}; choose another",
                 confusion::MAX_DOTS,
                 self.dots
             );

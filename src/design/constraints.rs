@@ -45,7 +45,7 @@ pub struct Constraints {
     pub min_visible: usize,
     /// Minimum z of a dot that counts as in view.
     pub visibility_limit: f64,
-    /// Minimum angle between a dot and the seam's great circle, radians; 0 demands nothing.
+    /// Minimum angle between a dot and the seam's great circle, radians; 0 sets no limit.
     pub seam_margin_rad: f64,
     /// Cones without dots.
     pub keep_out: Vec<KeepOut>,
@@ -55,8 +55,8 @@ pub struct Constraints {
 }
 
 impl Default for Constraints {
-    /// 18 degrees apart (6.3 mm on a 40 mm ball: holes of 4 mm with a wall between them), 6 dots with
-    /// z > 0 from anywhere, 10 degrees off the seam, no cone, whatever stencil.
+    /// 18 degrees apart (6.3 mm on a 40 mm ball: holes of 4 mm with a wall between them), 6 dots
+    /// with z > 0 from anywhere, 10 degrees off the seam, no cone, whatever stencil.
     fn default() -> Self {
         Self {
             min_separation_rad: 18f64.to_radians(),
@@ -69,8 +69,8 @@ impl Default for Constraints {
     }
 }
 
-/// A linear inequality on a small move: `violation + sum_k gradient_k . move(dot_k) <= 0`. Index `n`
-/// (the number of dots) stands for the seam's normal.
+/// A linear inequality on a small move: `violation + sum_k gradient_k . move(dot_k) <= 0`. Index
+/// `n` (the number of dots) is the seam's normal.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
     pub terms: [(usize, Vec3); 2],
@@ -89,10 +89,10 @@ impl Constraints {
     pub fn check_demand(&self, dots: usize) -> Result<()> {
         let limit = max_separation(dots);
         if !(self.min_separation_rad >= 0.0 && self.min_separation_rad < limit) {
-            let most = (4..=dots)
+            let fitting = (4..=dots)
                 .take_while(|&n| max_separation(n) > self.min_separation_rad)
                 .last();
-            let fewer = most.map_or(String::new(), |n| format!("; at most {n} dots fit"));
+            let fewer = fitting.map_or(String::new(), |n| format!("; at most {n} dots fit"));
             let problem = format!(
                 "expected 0 to {:.1} degrees (no {dots} points on a sphere are farther apart), found {:.1}{fewer}",
                 limit.to_degrees(),
@@ -100,10 +100,10 @@ impl Constraints {
             );
             return Err(Error::argument("min_separation_rad", problem));
         }
-        let most = dots / 2;
-        let expected = format!("at most {most} of {dots} dots (opposite views share them)");
+        let maximum = dots / 2;
+        let expected = format!("at most {maximum} of {dots} dots (opposite views share them)");
         require(
-            self.min_visible <= most,
+            self.min_visible <= maximum,
             "min_visible",
             &expected,
             self.min_visible,
@@ -145,9 +145,9 @@ impl Constraints {
                 }
             }
         }
-        let refused = self.stencil.as_ref()?;
-        let refused = Stencil::check(pattern, refused).err()?;
-        Some(format!("no stencil ({refused})"))
+        let rejected = self.stencil.as_ref()?;
+        let rejected = Stencil::check(pattern, rejected).err()?;
+        Some(format!("no stencil ({rejected})"))
     }
 
     /// The largest violation at `x`: the dots, and the seam's normal after them.

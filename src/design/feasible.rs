@@ -58,8 +58,8 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
     for doubling in 0..DOUBLINGS {
         let power = f64::from(1 << doubling);
         for step in 0..PACKING_STEPS {
-            let least = min_distance(&dots);
-            best = best.max(2.0 * (0.5 * least).min(1.0).asin());
+            let smallest = min_distance(&dots);
+            best = best.max(2.0 * (0.5 * smallest).min(1.0).asin());
             let pushes: Vec<Vec3> = dots
                 .iter()
                 .enumerate()
@@ -71,7 +71,7 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
                         .map(|(_, other)| {
                             let away = d - other;
                             let distance = away.norm().max(1e-9);
-                            away / distance * (least / distance).powf(power + 1.0)
+                            away / distance * (smallest / distance).powf(power + 1.0)
                         })
                         .sum();
                     push - d * d.dot(&push)
@@ -79,7 +79,7 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
                 .collect();
             let largest = pushes.iter().map(Vec3::norm).fold(1e-12, f64::max);
             let fading = 1.0 - step as f64 / PACKING_STEPS as f64;
-            let scale = PACKING_STEP * least * fading / largest;
+            let scale = PACKING_STEP * smallest * fading / largest;
             for (d, push) in dots.iter_mut().zip(&pushes) {
                 *d = (*d + push * scale).normalize();
             }
@@ -89,13 +89,13 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
 }
 
 fn min_distance(dots: &[Vec3]) -> f64 {
-    let mut least = 2.0f64;
+    let mut smallest = 2.0f64;
     for (i, a) in dots.iter().enumerate() {
         for b in &dots[..i] {
-            least = least.min((a - b).norm());
+            smallest = smallest.min((a - b).norm());
         }
     }
-    least
+    smallest
 }
 
 /// The logarithm of the electrostatic energy of unit charges (the Thomson problem).
@@ -138,7 +138,7 @@ impl Constraints {
                 .find(|&n| packed_separation(n) >= self.min_separation_rad)
                 .map_or(String::new(), |n| format!(", or at most {n} dots"));
             let problem = format!(
-                "no {dots} dots were found to be {:.1} degrees apart; ask for at most {:.1}{fewer}",
+                "no arrangement of {dots} dots that are {:.1} degrees apart was found; ask for at most {:.1}{fewer}",
                 self.min_separation_rad.to_degrees(),
                 (10.0 * reached.to_degrees()).floor() / 10.0
             );

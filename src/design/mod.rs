@@ -1,4 +1,5 @@
-//! Designing patterns: objectives with their gradients, hard constraints, the descent, and the search.
+//! Designing patterns: objectives with their gradients, hard constraints, the descent, and the
+//! search.
 //!
 //! - [`objective`]: what makes a pattern easy to identify,
 //! - [`constraints`]: what it must satisfy to be printed, drawn and read,

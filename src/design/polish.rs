@@ -279,8 +279,8 @@ fn identified(result: &TrialResult) -> Option<bool> {
     }
 }
 
-/// One-sided exact sign test: the probability of at least so many gains among the views where one of
-/// two equal patterns failed.
+/// One-sided exact sign test: the probability of at least so many gains among the views where one
+/// of two equal patterns failed.
 pub fn sign_test(gained: u64, lost: u64) -> f64 {
     let n = gained + lost;
     let ln_choose = |k: u64| {

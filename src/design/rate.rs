@@ -7,9 +7,9 @@
 //! 1 - max_k e_k / sum_k e_k,        e_k the evidence of explanation k,
 //! ```
 //!
-//! is its failure rate (the Bayes risk), with less scatter than counting failures, and smooth in the dots.
-//! It is a little low, since only the best few explanations of a view are summed.
-//! The views are [`CommonRandomTrials`], so that neighboring patterns see the same ones.
+//! is its failure rate (the Bayes risk), with less scatter than counting failures, and smooth in
+//! the dots. It is a little low, since only the best few explanations of a view are summed. The
+//! views are [`CommonRandomTrials`], so that neighboring patterns see the same ones.
 //!
 //! The derivative is taken by central differences of each dot's two tangent coordinates. It uses
 //! only the views that leave a doubt, and there only the explanations that the full search has
@@ -34,7 +34,7 @@ const MIN_SHARE: f64 = 1e-3;
 const MAX_EXPLANATIONS: usize = 5;
 /// Half the difference that the derivative is taken over, radians: a tenth of the noise.
 const DIFFERENCE_RAD: f64 = 0.004;
-/// A pattern that never fails has no logarithm; half a failure stands for it.
+/// A pattern that never fails has no logarithm; half a failure replaces it.
 const MIN_FAILURES: f64 = 0.5;
 /// Views handled by one task.
 const CHUNK: usize = 64;

@@ -1,7 +1,7 @@
 //! The descent: sequential convex programming on the sphere.
 //!
-//! At the dots x with the cost's gradient g (in the tangent planes) and a quasi-Newton matrix B, the move
-//! s solves the convex program
+//! At the dots x with the cost's gradient g (in the tangent planes) and a quasi-Newton matrix B,
+//! the move s solves the convex program
 //!
 //! ```text
 //! min  g.s + s.B s / 2 + rho t    s.t.  violation_k + a_k.s <= t,  |s_i| <= Delta,  t >= 0,
@@ -9,12 +9,12 @@
 //!
 //! by clarabel's interior point method; the vectors are then projected back onto the sphere. The
 //! shared slack t keeps the program feasible where the constraints cannot all be met at once (an
-//! exact penalty on the largest violation). The move is taken where the merit `cost + rho *
-//! violation` falls by a sufficient fraction of the predicted decrease; the trust region grows and
-//! shrinks accordingly (J. Nocedal, S. Wright, "Numerical Optimization", 2006, ch. 18.5). B is
-//! updated by Powell's damped BFGS in ambient coordinates, so no transport between tangent planes
-//! is needed; gradients are projected.
-//! transport between tangent planes is needed; gradients are projected.
+//! exact penalty on the largest violation). The move is taken where the merit
+//! `cost + rho * violation` falls by a sufficient fraction of the predicted decrease; the trust
+//! region grows and shrinks accordingly (J. Nocedal, S. Wright, "Numerical Optimization", 2006, ch.
+//! 18.5). B is updated by Powell's damped BFGS in ambient coordinates, so no transport between
+//! tangent planes is needed; gradients are projected. transport between tangent planes is needed;
+//! gradients are projected.
 //!
 //! Argmin drives the iteration. Costs with kinks (nearest neighbors that switch) are supported: the
 //! gradient is one of those that meet there, and the trust region shrinks until the model predicts

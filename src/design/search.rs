@@ -41,12 +41,12 @@ pub trait DesignObserver {
         Ok(())
     }
 
-    /// Whether another round should be begun; asked after each round that is not the last.
+    /// Whether another round begins; called after each round but the last.
     fn another_round(&mut self, _state: &SearchState) -> bool {
         true
     }
 
-    /// Whether another round of polishing should be begun; asked before each.
+    /// Whether another round of polishing begins; called before each.
     fn another_polish(&mut self, _state: &SearchState) -> bool {
         true
     }
@@ -71,14 +71,14 @@ pub struct DesignOutcome {
     pub stopped: bool,
 }
 
-/// Searches for a pattern, from the beginning or from where `state` was left. Setting `stop` ends the
-/// search after the current work with the best so far.
+/// Searches for a pattern, from the beginning or from where `state` was left. Setting `stop` ends
+/// the search after the current work with the best so far.
 ///
 /// Descents run in parallel; the result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::Argument`] where a parameter is out of its domain or no pattern was found that satisfies the
-/// constraints.
+/// [`Error::Argument`] where a parameter is out of its domain or no pattern was found that
+/// satisfies the constraints.
 pub fn design(
     config: &DesignConfig,
     state: &mut SearchState,
@@ -309,13 +309,13 @@ impl Search<'_> {
         if self.stopped() {
             return Ok(false);
         }
-        let most = self.config.polish;
-        let of_other = |p: &Polish| p.from != *winner || p.steps.len() > most;
+        let max_steps = self.config.polish;
+        let of_other = |p: &Polish| p.from != *winner || p.steps.len() > max_steps;
         if state.polish.as_ref().is_none_or(of_other) {
             state.polish = Some(Polish::new(winner.clone()));
         }
         while let Some(polish) = &state.polish
-            && polish.steps.len() < most
+            && polish.steps.len() < max_steps
             && self.observer.another_polish(state)
         {
             let Some(next) = polish.round(self.config, self.stop)? else {

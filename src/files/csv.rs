@@ -9,8 +9,7 @@
 //! ([`MAX_RECORD_BYTES`]), no byte is requested beyond the current record, and errors are one line
 //! that names the line on which the record begins, as an editor counts. An incomplete record is
 //! never yielded, unless the file ends in it. Duplicate rows and values outside a domain are the
-//! caller's concern.
-//! complete is never handed out, unless the file ends in it.
+//! caller's concern. complete is never handed out, unless the file ends in it.
 
 use std::io::{BufRead, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -82,7 +81,7 @@ impl<R: BufRead> Rows<R> {
     /// The next record; `None` at the end.
     ///
     /// # Errors
-    /// [`Error::Read`] where the system refuses, [`Error::Input`] for a record that is too long or
+    /// [`Error::Read`] on an I/O failure, [`Error::Input`] for a record that is too long or
     /// not UTF-8.
     pub fn next_row(&mut self) -> Result<Option<Row<'_>>> {
         if !self.skip_to_record()? {
@@ -178,7 +177,8 @@ impl<R: BufRead> Rows<R> {
 
 /// The buffered bytes, after a blocking read where there are none; empty at the end.
 fn fill<'a, R: BufRead>(input: &'a mut R, path: &Path) -> Result<&'a [u8]> {
-    // The loop only repeats what a signal interrupted; the second call returns what the first filled.
+    // The loop only repeats what a signal interrupted; the second call returns what the first
+    // filled.
     loop {
         match input.fill_buf() {
             Ok(_) => break,
@@ -472,8 +472,7 @@ mod tests {
     }
 
     /// The simple reference reader, character by character, for text in which quotation marks
-    /// enclose whole
-    /// fields.
+    /// enclose whole fields.
     fn naive(text: &str) -> Vec<(u64, Vec<String>)> {
         let (mut found, mut line) = (Vec::new(), 1);
         let mut rest = text;

@@ -12,7 +12,7 @@ const READ_BYTES: usize = 1 << 16;
 /// Creates `dir` and its parents.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses.
+/// [`Error::Write`] on an I/O failure.
 pub fn create_dir(dir: &Path) -> Result<()> {
     fs::create_dir_all(dir).map_err(|e| Error::write(dir, e))
 }
@@ -20,7 +20,7 @@ pub fn create_dir(dir: &Path) -> Result<()> {
 /// Creates `dir` and checks that files can be written there, before long work begins.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses.
+/// [`Error::Write`] on an I/O failure.
 pub fn create_writable_dir(dir: &Path) -> Result<()> {
     create_dir(dir)?;
     tempfile::Builder::new()
@@ -35,7 +35,7 @@ pub fn create_writable_dir(dir: &Path) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Argument`] of the parameter `out`.
-pub(crate) fn refuse_taken(dir: &Path, files: &[&str], what: &str, advice: &str) -> Result<()> {
+pub(crate) fn reject_taken(dir: &Path, files: &[&str], what: &str, advice: &str) -> Result<()> {
     match files.iter().find(|name| dir.join(name).exists()) {
         None => Ok(()),
         Some(name) => {
@@ -49,7 +49,7 @@ pub(crate) fn refuse_taken(dir: &Path, files: &[&str], what: &str, advice: &str)
 /// Writes the output of `fill` to `path`; the file appears complete or not at all.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses, or the error of `fill`.
+/// [`Error::Write`] on an I/O failure, or the error of `fill`.
 pub fn write_atomic(
     path: &Path,
     fill: impl FnOnce(&mut fs::File) -> std::io::Result<()>,
@@ -85,7 +85,7 @@ impl OutputFile {
     /// Begins the file `path`.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`Error::Write`] on an I/O failure.
     pub fn create(path: &Path) -> Result<Self> {
         let io = |e| Error::write(path, e);
         let is_special = fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir());
@@ -107,7 +107,7 @@ impl OutputFile {
     /// Ends the file, which exists under its name from here on.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`Error::Write`] on an I/O failure.
     pub fn finish(mut self) -> Result<()> {
         let io = |e| Error::write(&self.path, e);
         self.file.as_file_mut().flush().map_err(io)?;
@@ -146,7 +146,7 @@ fn builder() -> tempfile::Builder<'static, 'static> {
 /// Writes bytes to `path` atomically.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses.
+/// [`Error::Write`] on an I/O failure.
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write_atomic(path, |f| f.write_all(bytes))
 }
@@ -154,7 +154,7 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
 /// Removes a file if it exists.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses.
+/// [`Error::Write`] on an I/O failure.
 pub fn remove_if_present(path: &Path) -> Result<()> {
     match fs::remove_file(path) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(path, e)),
@@ -165,7 +165,7 @@ pub fn remove_if_present(path: &Path) -> Result<()> {
 /// Reads a whole file.
 ///
 /// # Errors
-/// [`Error::Read`] where the system refuses.
+/// [`Error::Read`] on an I/O failure.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|e| Error::read(path, e))
 }
@@ -173,7 +173,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
 /// Opens a file to be read piece by piece.
 ///
 /// # Errors
-/// [`Error::Read`] where the system refuses.
+/// [`Error::Read`] on an I/O failure.
 pub fn open(path: &Path) -> Result<BufReader<fs::File>> {
     let file = fs::File::open(path).map_err(|e| Error::read(path, e))?;
     Ok(BufReader::with_capacity(READ_BYTES, file))

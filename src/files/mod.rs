@@ -6,7 +6,7 @@ pub(crate) mod csv;
 mod disk;
 
 #[cfg(feature = "native")]
-pub(crate) use disk::refuse_taken;
+pub(crate) use disk::reject_taken;
 #[cfg(feature = "native")]
 pub use disk::{
     OutputFile, create_dir, create_writable_dir, open, read_bytes, remove_if_present, write_atomic,

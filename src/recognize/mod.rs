@@ -89,7 +89,7 @@ pub enum DotUncertainty {
     },
 }
 
-/// A dot as seen by the camera.
+/// An observed dot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObservedDot {
     /// Unit vector from the ball's center to the dot, camera frame.
@@ -187,7 +187,7 @@ pub trait Recognizer: Sync {
     /// content of `out` unspecified.
     ///
     /// # Errors
-    /// A [`RecognizerRejection`] that says why there is no answer.
+    /// A [`RecognizerRejection`] that states why there is no answer.
     fn identify_into(
         &self,
         dots: &[ObservedDot],
@@ -200,7 +200,7 @@ pub trait Recognizer: Sync {
         let mut found = Identification::default();
         match self.identify_into(dots, ws, &mut found) {
             Ok(()) => Outcome::Identified(found),
-            Err(refusal) => Outcome::Unidentified(refusal),
+            Err(rejection) => Outcome::Unidentified(rejection),
         }
     }
 

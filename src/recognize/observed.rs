@@ -114,8 +114,7 @@ pub struct ObservedReader<R> {
 
 impl<R: BufRead> ObservedReader<R> {
     /// Reads the header of `input`; `path` names it in errors. Dots without a stated uncertainty
-    /// get `sigma_rad`
-    /// get `sigma_rad` (radians, along one tangent axis).
+    /// get `sigma_rad` get `sigma_rad` (radians, along one tangent axis).
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] where a column is missing or occurs twice.

@@ -267,7 +267,7 @@ impl<'t> PaperRecognizer<'t> {
             .map(|b| ws.scores[index(*b, self.table.pattern().len())])?;
         let weight = |score: f64| match self.config.vote_sum {
             VoteSum::LogDensity => (score - top).exp(),
-            // Scores far from every feature underflow to nothing: then no basis stands out.
+            // Scores far from every feature underflow to nothing: then no basis is preferred.
             VoteSum::Density if top <= 0.0 => 1.0,
             VoteSum::Density => score,
         };

@@ -53,8 +53,8 @@ pub struct ObjectiveScore {
     pub value: f64,
 }
 
-/// The distribution criterion for marks on a ball of US 2023/0218952: how unlike the distances of each
-/// mark to its three nearest neighbors are, over all marks and relative to their mean.
+/// The distribution criterion for marks on a ball of US 2023/0218952: how unlike the distances of
+/// each mark to its three nearest neighbors are, over all marks and relative to their mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NeighborSpread {
     /// Mean of the distances (angles), radians.

@@ -18,7 +18,7 @@ impl Comparison {
     /// orientation bound by viewing direction (`compare_bound.png`) into `dir`.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`Error::Write`] on an I/O failure.
     pub fn write_plots(&self, dir: &Path, entries: &[Entry]) -> Result<()> {
         for recognizer in RecognizerName::ALL {
             let of: Vec<&Contest> = self

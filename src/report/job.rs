@@ -90,9 +90,9 @@ impl DesignJob {
     /// work.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`] for a parameter outside its domain, a folder that is taken, or where no
-    /// pattern was found; [`crate::Error::Input`] for a checkpoint of another search;
-    /// [`crate::Error::Write`] where the system refuses; those of the observer.
+    /// [`crate::Error::Argument`] for a parameter outside its domain, a folder that is taken, or
+    /// where no pattern was found; [`crate::Error::Input`] for a checkpoint of another search;
+    /// [`crate::Error::Write`] on an I/O failure; those of the observer.
     pub fn run(
         &self,
         start: Start,
@@ -137,7 +137,7 @@ impl DesignJob {
         match start {
             Start::Resume => SearchState::load(&self.dir.join(CHECKPOINT), &self.config),
             Start::Fresh => {
-                files::refuse_taken(
+                files::reject_taken(
                     &self.dir,
                     &[PATTERN, "report.json", CHECKPOINT],
                     "a design",

@@ -282,11 +282,11 @@ fn sweep(
 }
 
 impl DesignEvaluation {
-    /// Writes everything but the stencil to `dir`, each file whole or not at all; the plots where the crate
+    /// Writes everything but the stencil to `dir`, each file atomically; the plots where the crate
     /// is built with the feature `plot`.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`Error::Write`] on an I/O failure.
     pub fn write(&self, dir: &Path, stencil: &StencilConfig) -> Result<()> {
         files::create_dir(dir)?;
         let table = &self.table;
@@ -304,8 +304,8 @@ impl DesignEvaluation {
         files::write_bytes(&dir.join("report.json"), json.as_bytes())
     }
 
-    /// Makes the stencil and writes it, with its picture where the crate is built with the feature `plot`, to
-    /// `dir/stencil`.
+    /// Makes the stencil and writes it, with its picture where the crate is built with the feature
+    /// `plot`, to `dir/stencil`.
     ///
     /// # Errors
     /// As [`Stencil::build`] and [`Stencil::write`].

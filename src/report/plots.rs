@@ -1,4 +1,5 @@
-//! The plots of a design: the ball, its features, its rates, and how they depend on noise and alpha.
+//! The plots of a design: the ball, its features, its rates, and how they depend on noise and
+//! alpha.
 
 use std::path::Path;
 
@@ -28,7 +29,7 @@ pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
 /// Draws all plots of a design into `dir`.
 ///
 /// # Errors
-/// [`crate::Error::Write`] where the system refuses.
+/// [`crate::Error::Write`] on an I/O failure.
 pub fn write_all(dir: &Path, design: &DesignEvaluation, stencil: &StencilConfig) -> Result<()> {
     let (table, report) = (&design.table, &design.report);
     ball(&dir.join("pattern.png"), table, stencil)?;
@@ -75,7 +76,7 @@ fn progress(path: &Path, report: &DesignReport) -> Result<()> {
 /// The pattern from both sides of the ball.
 ///
 /// # Errors
-/// [`crate::Error::Write`] where the system refuses.
+/// [`crate::Error::Write`] on an I/O failure.
 pub fn ball(path: &Path, table: &HashTable, stencil: &StencilConfig) -> Result<()> {
     let pattern = table.pattern();
     let view = BallDrawing {
@@ -93,7 +94,7 @@ pub fn ball(path: &Path, table: &HashTable, stencil: &StencilConfig) -> Result<(
 /// The table's features and the distances to their nearest neighbors.
 ///
 /// # Errors
-/// [`crate::Error::Write`] where the system refuses.
+/// [`crate::Error::Write`] on an I/O failure.
 pub fn features(path: &Path, table: &HashTable) -> Result<()> {
     let title = format!(
         "{} hash features of {} dots",
@@ -149,7 +150,7 @@ pub(super) fn success_name(name: ProtocolName) -> &'static str {
 /// `sensitivity_alpha.png`.
 ///
 /// # Errors
-/// [`crate::Error::Write`] where the system refuses.
+/// [`crate::Error::Write`] on an I/O failure.
 pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> {
     let parameters = [
         (

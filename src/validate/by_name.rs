@@ -21,7 +21,8 @@ pub struct NamedValidation {
 /// protocol's rates ([`Protocol::recognizer_config`]).
 ///
 /// # Errors
-/// As [`run_trials`], and [`crate::Error::Argument`] for recognizer parameters outside their domains.
+/// As [`run_trials`], and [`crate::Error::Argument`] for recognizer parameters outside their
+/// domains.
 pub fn run_named(
     table: &HashTable,
     recognizer: RecognizerName,

@@ -7,8 +7,8 @@
 //! paper). Views with fewer real dots than the protocol or the recognizer needs are counted
 //! separately, whatever the number of their false dots.
 //!
-//! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums are
-//! taken in the order of the trials: the result is the same on any number of threads.
+//! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums
+//! are taken in the order of the trials: the result is the same on any number of threads.
 
 pub mod bound;
 mod by_name;
@@ -45,7 +45,8 @@ pub struct Validation {
     pub protocol: ProtocolName,
     /// Number of trials requested.
     pub samples: u64,
-    /// Noise in degrees (`paper`, `sparse`, `clutter`), or its equivalent at the ball's center (`image`).
+    /// Noise in degrees (`paper`, `sparse`, `clutter`), or its equivalent at the ball's center
+    /// (`image`).
     pub sigma_deg: f64,
     /// The seed of the trials.
     pub seed: u64,
@@ -63,7 +64,8 @@ pub struct Validation {
     /// differs between runs; shipped results leave it out, see [`Validation::untimed`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub us_per_identification: Option<f64>,
-    /// Median time of one identification on one thread, microseconds; no more repeatable than the mean.
+    /// Median time of one identification on one thread, microseconds; no more repeatable than the
+    /// mean.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub median_us_per_identification: Option<f64>,
 }
@@ -189,7 +191,7 @@ pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Val
     let mut errors = Vec::with_capacity(results.len());
     for result in results {
         if let TrialResult::Judged {
-            identity: right,
+            identity: is_correct,
             error_rad,
             nanoseconds,
             ..
@@ -197,7 +199,7 @@ pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Val
         {
             trials += 1;
             times.push(nanoseconds as f64 / 1000.0);
-            identity += u64::from(right);
+            identity += u64::from(is_correct);
             if error_rad < ORIENTATION_FAILURE_RAD {
                 errors.push(error_rad.to_degrees());
             }

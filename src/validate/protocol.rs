@@ -59,8 +59,9 @@ impl std::fmt::Display for ProtocolName {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Noise {
-    /// Rotated about an axis uniform on the sphere by an angle from N(0, sigma). Per tangent axis this
-    /// has the standard deviation sigma / sqrt(3): a third of the axis lies along the dot on average.
+    /// Rotated about an axis uniform on the sphere by an angle from N(0, sigma). Per tangent axis
+    /// this has the standard deviation sigma / sqrt(3): a third of the axis lies along the dot on
+    /// average.
     RandomAxis {
         /// Standard deviation of the rotation's angle, radians.
         sigma_rad: f64,
@@ -79,7 +80,7 @@ pub enum Noise {
 pub struct Protocol {
     /// Its name.
     pub name: ProtocolName,
-    /// A dot is seen where its z exceeds this.
+    /// A dot is visible where its z exceeds this.
     pub visibility_limit: f64,
     /// Number of visible dots that are given (chosen at random); `None` gives all.
     pub dots_given: Option<usize>,
@@ -135,8 +136,8 @@ impl Protocol {
         }
     }
 
-    /// The same protocol with another noise: the angle's standard deviation, or for `image` the pixel
-    /// noise that amounts to this angle at the ball's center.
+    /// The same protocol with another noise: the angle's standard deviation, or for `image` the
+    /// pixel noise that amounts to this angle at the ball's center.
     #[must_use]
     pub fn with_sigma_rad(mut self, sigma_rad: f64) -> Self {
         match &mut self.noise {

@@ -46,7 +46,8 @@ pub struct SensitivityConfig {
 }
 
 impl Default for SensitivityConfig {
-    /// 1 to 10 degrees in steps of one; alpha from 0.003 to 1 in half decades; 2 000 trials, seed 0.
+    /// 1 to 10 degrees in steps of one; alpha from 0.003 to 1 in half decades; 2 000 trials, seed
+    /// 0.
     fn default() -> Self {
         Self {
             sigmas_deg: (1..=10).map(f64::from).collect(),

@@ -14,7 +14,8 @@ use crate::pattern::Pattern;
 use crate::recognize::observed::ObservedFrame;
 use crate::recognize::{DotUncertainty, ObservedDot};
 
-/// Minimum standard deviation given to a recognizer, radians: noise-free trials must not divide by zero.
+/// Minimum standard deviation given to a recognizer, radians: noise-free trials must not divide by
+/// zero.
 const MIN_SIGMA_RAD: f64 = 1e-4;
 /// Minimum z, towards the limb, at which a back-projected dot's uncertainty is linearized.
 const LIMB_Z: f64 = 0.1;

@@ -420,10 +420,12 @@ impl<'a> Trainer<'a> {
     }
 }
 
-/// The score of weights on the test set of a training with this configuration, at a probability of one half.
+/// The score of weights on the test set of a training with this configuration, at a probability of
+/// one half.
 ///
 /// # Errors
-/// [`Error::Argument`] where the configuration is out of its domain or the weights do not fit the net.
+/// [`Error::Argument`] where the configuration is out of its domain or the weights do not fit the
+/// net.
 pub fn test(config: &TrainConfig, weights: &Weights) -> Result<Score> {
     config.check()?;
     let samples = config.samples(FrameSet::Test)?;

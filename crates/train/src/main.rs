@@ -153,7 +153,7 @@ fn run(arguments: &Arguments) -> Result<()> {
     let from = if arguments.resume {
         Some(Checkpoint::read(&path, &config)?)
     } else {
-        refuse_taken(dir)?;
+        reject_taken(dir)?;
         None
     };
     files::create_writable_dir(dir)?;
@@ -218,7 +218,7 @@ fn write(
 }
 
 /// Rejects a folder that holds a detector already: two must not mix in one.
-fn refuse_taken(dir: &Path) -> Result<()> {
+fn reject_taken(dir: &Path) -> Result<()> {
     for name in [WEIGHTS, CHECKPOINT] {
         if dir.join(name).exists() {
             let problem = format!(

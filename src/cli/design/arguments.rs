@@ -59,9 +59,9 @@ pub struct Arguments {
     /// Weight of the orientation bound's worst direction beside the objective.
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
     bound_weight: f64,
-    /// Orientation bound, mean and worst over the directions in units of a dot's noise, that is preferred:
-    /// a pattern short of it is chosen only where none reaches it. By default, from 20 dots on, that of the
-    /// published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
+    /// Orientation bound, mean and worst over the directions in units of a dot's noise, that is
+    /// preferred: a pattern short of it is chosen only where none reaches it. By default, from 20
+    /// dots on, that of the published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
     #[arg(long, value_name = "MEAN,WORST", value_parser = bound_goal)]
     bound_goal: Option<BoundSummary>,
     /// Weight of the pairs' quality as bases, for the paper's recognizer (1 to 4).
@@ -73,8 +73,8 @@ pub struct Arguments {
     /// Further descent steps of the best quarter of the starts.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().climb_steps)]
     climb_steps: u64,
-    /// Monte Carlo trials a candidate, again for each protocol of the winner's evaluation, and a fifth of
-    /// it for each point of the sensitivity sweeps.
+    /// Monte Carlo trials a candidate, again for each protocol of the winner's evaluation, and a
+    /// fifth of it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
     /// The views to optimize for.
@@ -97,7 +97,8 @@ pub struct Arguments {
     /// A cone without dots, such as a logo: its axis and half angle in degrees. May be repeated.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = keep_out, allow_hyphen_values = true)]
     keep_out: Vec<Cone>,
-    /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6: measure yours.
+    /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6:
+    /// measure yours.
     #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
     ball_diameter_mm: f64,
     /// Diameter of the stencil's holes at the ball, mm.
@@ -119,7 +120,8 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     pixel_noise: f64,
-    /// Length of the motion blur at the ball, pixels; an eighth of it counts as further error per axis.
+    /// Length of the motion blur at the ball, pixels; an eighth of it counts as further error per
+    /// axis.
     #[arg(
         long,
         value_name = "PX",
@@ -211,7 +213,7 @@ impl Arguments {
     /// Rejects holes so large that the dots do not fit. The message is in millimeters, the unit of
     /// the flag.
     pub(super) fn check_holes(&self, config: &DesignConfig) -> Result<()> {
-        // Other numbers of dots are refused as such.
+        // Other numbers of dots are rejected elsewhere.
         if self.min_separation_deg.is_some() || !(MIN_DOTS..=MAX_DOTS).contains(&config.dots) {
             return Ok(());
         }
@@ -225,7 +227,7 @@ impl Arguments {
             hole_diameter_mm: f64::from(tenths) / 10.0,
             ..asked.clone()
         };
-        let most = (5..(10.0 * asked.hole_diameter_mm) as u32)
+        let hint = (5..(10.0 * asked.hole_diameter_mm) as u32)
             .rev()
             .map(smaller)
             .find(fits)
@@ -234,7 +236,7 @@ impl Arguments {
             });
         let problem = format!(
             "{} holes of {} mm, with the wall that the stencil needs between them, must be {:.1} degrees apart \
-             on a ball of {} mm, and {:.1} is the most that so many dots were found to have; {most}",
+             on a ball of {} mm, and the largest separation found for so many dots is {:.1}; {hint}",
             config.dots,
             asked.hole_diameter_mm,
             asked.min_separation_rad().to_degrees(),
@@ -260,13 +262,18 @@ impl Arguments {
             radius_px,
         } = &mut protocol.noise
         {
-            for (name, value, least) in [
+            for (name, value, minimum) in [
                 ("ball_pixels", self.ball_pixels, 4.0),
                 ("pixel_noise", self.pixel_noise, 0.0),
                 ("blur", self.blur, 0.0),
             ] {
-                let expected = format!("at least {least} pixels");
-                require(value.is_finite() && value >= least, name, &expected, value)?;
+                let expected = format!("at least {minimum} pixels");
+                require(
+                    value.is_finite() && value >= minimum,
+                    name,
+                    &expected,
+                    value,
+                )?;
             }
             *radius_px = 0.5 * self.ball_pixels;
             *sigma_px = self.pixel_noise.hypot(BLUR_SHARE * self.blur);
@@ -323,7 +330,8 @@ impl Arguments {
     }
 }
 
-/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single quotes.
+/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single
+/// quotes.
 fn quoted(word: &str) -> String {
     let harmless = |c: char| c.is_ascii_alphanumeric() || "_-./,:=+@%".contains(c);
     if !word.is_empty() && word.chars().all(harmless) {

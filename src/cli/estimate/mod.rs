@@ -39,19 +39,19 @@ enum Frame {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Images: PNG, JPEG, BMP, TIFF or PNM files of any depth, folders of them, or videos (through ffmpeg). They are
-taken in the order of the numbers in their names. The ball may fill the image, or be a part of it.
+processed in the order of the numbers in their names. The ball may fill the image, or be a part of it.
 
-Times: a name that is a whole number is nanoseconds; a video's frames have theirs; --times or --fps override
-both. Where all frames have a time, frames that cannot be told alone are told with the spin of the others
-as a hint (--no-sequence: they are not), and the spin is estimated at the end.
+Times: a name that is a whole number is a time in nanoseconds; a video's frames carry their own times; --times
+or --fps override both. Where all frames have a time, the spin is estimated, and its prediction is a hint for
+frames that cannot be estimated independently (--no-sequence turns this off).
 
 Orientations: CSV, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence; scalar first; the fields are
-empty where a frame is not told. The confidence is the probability that the orientation is right. The
-quaternion maps the pattern's frame, which stays as it is, to the camera's. --frame ours: x right, y up, z towards
-the camera. --frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_ours; the spin's vector is
-turned alike.
+empty where a frame is rejected. The confidence is the probability that the orientation is correct. The
+quaternion maps the pattern's frame to the camera's. --frame ours: x right, y up, z towards the camera.
+--frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_ours; the spin's vector is rotated
+likewise.
 
-Refused frames are named on standard error with the reason, and in --json.
+Rejected frames are listed on standard error with the reason, and in --json.
 
 Example:
   spindoe estimate --table table.npz crops/ -o orientations.csv --overlay seen/")]
@@ -83,8 +83,8 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     circle: Vec<f64>,
-    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays [default: it is
-    /// estimated with the orientation].
+    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
+    /// [default: it is estimated with the orientation].
     #[arg(
         long,
         value_name = "D",
@@ -92,7 +92,8 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     camera_distance_radii: Option<f64>,
-    /// The camera's focal lengths and principal point in pixels: the distance then follows from the ball's size.
+    /// The camera's focal lengths and principal point in pixels: the distance then follows from the
+    /// ball's size.
     #[arg(
         long,
         value_name = "FX,FY,CX,CY",
@@ -144,7 +145,7 @@ struct Seen {
 
 /// The times of a sequence, and its result.
 struct Sequence {
-    told: SequenceSummary,
+    summary: SequenceSummary,
     spin: std::result::Result<Fit, SpinRejection>,
 }
 
@@ -164,7 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let rising = |t: &Vec<f64>| t.windows(2).all(|w| w[0] < w[1]);
     let sequence = match times {
         Some(times) if rising(&times) && times.len() > 1 => {
-            let told = if arguments.no_sequence {
+            let summary = if arguments.no_sequence {
                 SequenceSummary::default()
             } else {
                 track_sequence(
@@ -176,10 +177,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 )
             };
             let spin = estimate_spin(&config, &times, &seen.frames);
-            Some(Sequence { told, spin })
+            Some(Sequence { summary, spin })
         }
         Some(times) if times.len() > 1 => {
-            errln!("spindoe: the times do not rise from frame to frame: every frame is told alone");
+            errln!(
+                "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
+            );
             None
         }
         _ => None,

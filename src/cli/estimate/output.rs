@@ -37,7 +37,7 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
 
 impl Report<'_> {
     /// An orientation in the requested frame.
-    fn turned(&self, rotation: &Rotation) -> Rotation {
+    fn in_output_frame(&self, rotation: &Rotation) -> Rotation {
         match self.arguments.frame {
             Frame::Ours => *rotation,
             Frame::Optical => half_turn() * rotation,
@@ -51,7 +51,7 @@ impl Report<'_> {
             OrientationRow {
                 frame: self.seen.names[k].clone(),
                 time_s: self.seen.times[k].unwrap_or(f64::NAN),
-                orientation: pose.map(|p| self.turned(&p.rotation)),
+                orientation: pose.map(|p| self.in_output_frame(&p.rotation)),
                 dots: Some(frame.dots.len()),
                 matched: Some(frame.matched()),
                 residual_rad: pose.map(|p| p.residual_rad),
@@ -79,7 +79,7 @@ impl Report<'_> {
         if let Some(sequence) = self.sequence {
             match &sequence.spin {
                 Ok(fit) => json["spin"] = self.spin_json(fit),
-                Err(refusal) => json["spin_refusal"] = refusal.to_string().into(),
+                Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
             }
         }
         json
@@ -146,7 +146,7 @@ impl Report<'_> {
         }
         match &frame.outcome {
             Ok(pose) => {
-                json["orientation_wxyz"] = json!(to_wxyz(&self.turned(&pose.rotation)));
+                json["orientation_wxyz"] = json!(to_wxyz(&self.in_output_frame(&pose.rotation)));
                 json["matched"] = frame.matched().into();
                 json["residual_deg"] = pose.residual_rad.to_degrees().into();
                 json["residual_px"] = pose.residual_px.into();
@@ -184,8 +184,8 @@ impl Report<'_> {
         let Some(sequence) = self.sequence else {
             return;
         };
-        if sequence.told.together > sequence.told.alone {
-            errln!("{} of them alone", sequence.told.alone);
+        if sequence.summary.together > sequence.summary.alone {
+            errln!("{} of them independently", sequence.summary.alone);
         }
         match &sequence.spin {
             Ok(fit) => {
@@ -203,7 +203,7 @@ impl Report<'_> {
                     fit.inliers
                 );
             }
-            Err(refusal) => errln!("spin: {refusal}"),
+            Err(rejection) => errln!("spin: {rejection}"),
         }
     }
 }

@@ -10,7 +10,8 @@
 //! sum_ij w_ij exp(-6 sin^2 a_ij) / sum_ij w_ij,      w_ij = 1 - a_ij / pi,
 //! ```
 //!
-//! with `a_ij` the pair's angle and `w_ij` in proportion to the probability that both dots are in view.
+//! with `a_ij` the pair's angle and `w_ij` in proportion to the probability that both dots are in
+//! view.
 
 use super::Evaluation;
 use crate::geometry::Vec3;

@@ -14,9 +14,9 @@
 //! this is the failure rate of the `sparse` protocol. No trial is drawn, so no trial can be
 //! over-fitted. The value is smooth in the dots.
 //!
-//! The weight of four dots is the mean over viewing directions `v` of `s_a s_b s_c s_d / e_4(s)`, with a
-//! dot's soft visibility `s_i(v)` and the elementary symmetric polynomial `e_4`, which counts the
-//! quadruples in view.
+//! The weight of four dots is the mean over viewing directions `v` of `s_a s_b s_c s_d / e_4(s)`,
+//! with a dot's soft visibility `s_i(v)` and the elementary symmetric polynomial `e_4`, which
+//! counts the quadruples in view.
 //!
 //! The sum runs over all ordered quadruples but the identity: also over those that keep some of the
 //! four dots, and over the orders of the four themselves. The tests compare it with brute force.

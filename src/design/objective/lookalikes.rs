@@ -1,17 +1,17 @@
 //! Search for similar quadruples of dots: all of them within a distance, each once.
 //!
-//! Four dots `s_i` look like four others `o_i` (in this order) up to `d^2 = min_R sum |s_i - R o_i|^2`.
-//! The distance does not change when either set rotates: with `M = sum s_i o_i^T`, `d^2 = 2 (k -
-//! l)` for `k` dots and the largest root `l` of
+//! Four dots `s_i` look like four others `o_i` (in this order) up to
+//! `d^2 = min_R sum |s_i - R o_i|^2`. The distance does not change when either set rotates: with
+//! `M = sum s_i o_i^T`, `d^2 = 2 (k - l)` for `k` dots and the largest root `l` of
 //!
 //! ```text
 //! l^4 - 2 t l^2 - 8 det(M) l + 2 u - t^2,      t = tr(M^T M),   u = tr((M^T M)^2)
 //! ```
 //!
-//! (D. L. Theobald, "Rapid calculation of RMSDs using a quaternion-based characteristic polynomial",
-//! Acta Cryst. A61, 2005), and all three follow from the cosines and determinants of the two sets. All
-//! roots are real, so Newton's iteration from `l = k` falls to the root without passing it: the
-//! value after any step is a lower bound of `d^2`.
+//! (D. L. Theobald, "Rapid calculation of RMSDs using a quaternion-based characteristic
+//! polynomial", Acta Cryst. A61, 2005), and all three follow from the cosines and determinants of
+//! the two sets. All roots are real, so Newton's iteration from `l = k` falls to the root without
+//! passing it: the value after any step is a lower bound of `d^2`.
 //!
 //! The search prunes by such bounds alone, so it loses nothing:
 //! - any part of the dots lies no farther from its image than all of them,
@@ -56,7 +56,7 @@ fn distance_squared<const K: usize>(
     let t = product.trace();
     let u = product.dot(&product.transpose());
     let count = K as f64;
-    let (mut root, least) = (count, count - 0.5 * limit);
+    let (mut root, min_root) = (count, count - 0.5 * limit);
     for _ in 0..STEPS {
         let square = root * root;
         let value = square * (square - 2.0 * t) - 8.0 * determinant * root + 2.0 * u - t * t;
@@ -67,7 +67,7 @@ fn distance_squared<const K: usize>(
         }
         let step = value / slope;
         root -= step;
-        if root < least {
+        if root < min_root {
             return None;
         }
         if step < SETTLED {
@@ -179,7 +179,7 @@ impl<'a> Search<'a> {
     ) {
         links.clear();
         let pair_gap = self.gap([i, j], [k, l]);
-        let most = self.max_gap * self.max_gap;
+        let max_squared = self.max_gap * self.max_gap;
         let gram = |i: usize, j: usize, a: usize| {
             let [x, y, z] = [i * self.n + j, i * self.n + a, j * self.n + a];
             let [x, y, z] = [x, y, z].map(|at| self.cosines[at]);
@@ -191,7 +191,10 @@ impl<'a> Search<'a> {
             for c in (0..self.n).filter(|&c| c != k && c != l) {
                 let gaps = [self.gap([i, a], [k, c]), self.gap([j, a], [l, c])];
                 let [x, y] = gaps.map(|g| g * g);
-                if x > most || y > most || pair_gap * pair_gap + x + y > 2.0 * most {
+                if x > max_squared
+                    || y > max_squared
+                    || pair_gap * pair_gap + x + y > 2.0 * max_squared
+                {
                     continue;
                 }
                 let turned = self.determinant(k, l, c);

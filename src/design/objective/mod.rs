@@ -34,8 +34,8 @@ pub use whitened::WhitenedNearestNeighbor;
 pub struct Evaluation {
     /// The value.
     pub value: f64,
-    /// Derivative with respect to each dot's coordinates (x, y, z). Only its part in the dot's tangent
-    /// plane is meaningful; the rest depends on how the value is extended off the sphere.
+    /// Derivative with respect to each dot's coordinates (x, y, z). Only its part in the dot's
+    /// tangent plane is meaningful; the rest depends on how the value is extended off the sphere.
     pub gradient: Vec<Vec3>,
 }
 
@@ -60,7 +60,8 @@ impl Evaluation {
 pub enum ObjectiveName {
     /// The mean distance from each hash feature to its nearest neighbor, as in the SpinDOE paper.
     MeanNn,
-    /// The mean distance from each triple of dots to the most similar other one, in units of the noise.
+    /// The mean distance from each triple of dots to the most similar other one, in units of the
+    /// noise.
     WhitenedNn,
     /// The expected rate at which four visible dots are mistaken for four others.
     #[default]
@@ -167,8 +168,8 @@ impl Objective {
         !matches!(self, Self::Confusion(_))
     }
 
-    /// The value itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of sigma) or
-    /// a failure rate (`confusion`).
+    /// The value itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of
+    /// sigma) or a failure rate (`confusion`).
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for coordinates that are not finite.
@@ -180,7 +181,7 @@ impl Objective {
         }
     }
 
-    /// The cost to be minimized: the value's logarithm, sign turned where larger is better.
+    /// The cost to be minimized: the value's logarithm, sign reversed where larger is better.
     ///
     /// # Errors
     /// As [`Objective::evaluate_at`].

@@ -12,11 +12,10 @@
 //! To first order this is the Mahalanobis distance of the two hash values under the covariance that
 //! noise of unit variance in all dots gives them. Unlike the plain distance it cannot be raised by
 //! nearly singular bases, and all six orders of three dots give the same value. The value is the
-//! mean over all
-//! triples of the distance to the nearest other triple, in units of sigma.
+//! mean over all triples of the distance to the nearest other triple, in units of sigma.
 //!
-//! Nearest neighbors are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`), and
-//! then aligned exactly; where the nearest switches, one of the two gradients is used.
+//! Nearest neighbors are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`),
+//! and then aligned exactly; where the nearest switches, one of the two gradients is used.
 
 use std::num::NonZero;
 
@@ -27,8 +26,8 @@ use super::align::{add_gradient, align};
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, angle_between, pair_rotation};
 
-/// Candidates that are aligned for each triple: itself, and those of nearest angles. Of mirror images,
-/// which have the same angles, half of them are expected to be unlike.
+/// Candidates that are aligned for each triple: itself, and those of nearest angles. Of mirror
+/// images, which have the same angles, half of them are expected to be unlike.
 const CANDIDATES: NonZero<usize> = NonZero::new(12).unwrap();
 /// Below this no direction of a distance is usable.
 const TINY: f64 = 1e-9;

@@ -65,15 +65,15 @@ impl Prior {
 
     /// Variance ratio of a first assignment of dots that the hint's error has moved.
     pub fn widening(&self, dots: &[Dot]) -> f64 {
-        let least = dots.iter().map(|d| d.radial).fold(0.0, f64::max);
-        (1.0 + self.covariance.trace() / 3.0 * least).min(MAX_WIDENING)
+        let max_radial = dots.iter().map(|d| d.radial).fold(0.0, f64::max);
+        (1.0 + self.covariance.trace() / 3.0 * max_radial).min(MAX_WIDENING)
     }
 
     /// ln of the prior density at a rotation over the uniform density; `information` is the
     /// rotation's own.
     pub fn ln_ratio(&self, rotation: &Matrix3<f64>, information: Option<&Matrix3<f64>>) -> f64 {
         let moved = Rotation3::from_matrix_unchecked(rotation * self.rotation.transpose());
-        // By the quaternion: the logarithm of a matrix is lost at half a turn, where it is
+        // By the quaternion: the logarithm of a matrix is undefined at a half-turn, where it is
         // symmetric.
         let e = Rotation::from_rotation_matrix(&moved).scaled_axis();
         let own = information.and_then(|h| h.try_inverse());

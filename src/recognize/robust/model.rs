@@ -16,7 +16,7 @@ use crate::recognize::{DotUncertainty, ObservedDot};
 
 /// Width, in z, over which a dot fades from visible to hidden at the limit.
 pub(super) const VISIBILITY_SOFTNESS: f64 = 0.03;
-/// The logistic curve of this slope stands in for the normal distribution function.
+/// The logistic curve of this slope approximates the normal distribution function.
 pub(super) const LOGISTIC: f64 = 1.7;
 /// Share and widening of the mixture's second, wider Gaussian.
 const TAIL_SHARE: f64 = 0.1;
@@ -137,8 +137,7 @@ impl Model {
     /// The log-density at squared Mahalanobis distance `d2`, relative to the Gaussian's peak;
     /// `None` beyond the gate.
     pub fn ln_kernel(&self, d2: f64) -> Option<f64> {
-        // Not `>`: it would let a NaN pass. Beyond the gate nothing can be an index, infinity
-        // least.
+        // Not `>`: it would let a NaN pass. Beyond the gate no value can be an index.
         let inside = d2 <= GATE * GATE;
         if !inside {
             return None;
@@ -219,7 +218,7 @@ impl Model {
     }
 }
 
-/// ln of the prior over Poisson's for 0, 1, ... false dots; the last stands for all that follow.
+/// ln of the prior over Poisson's for 0, 1, ... false dots; the last holds for all larger numbers.
 fn false_count(config: &RobustConfig) -> Vec<f64> {
     let Some(usual) = config.usual_false_dots else {
         return vec![0.0];

@@ -178,7 +178,7 @@ impl RobustRecognizer {
                 unseen -= ws.dots[pair[0]].most.min(ws.dots[pair[1]].most);
                 left_out += 1;
             }
-            // So many false dots may be likelier than Poisson's distribution has it.
+            // So many false dots may be more probable than under Poisson's distribution.
             let unseen = unseen + self.model.max_false_count(left_out);
             if self.settled(pair, unseen, ws) {
                 return;

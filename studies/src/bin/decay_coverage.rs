@@ -83,7 +83,7 @@ fn main() {
     };
     println!("{trials} sequences a line, seed {seed}; percent with Wilson 95 % intervals\n");
     println!(
-        "| decay, 1/s | spin, rps | interval holds the truth | half width, 1/s | decay found | left open | refused |"
+        "| decay, 1/s | spin, rps | interval holds the truth | half width, 1/s | decay found | left open | rejected |"
     );
     println!("|---|---|---|---|---|---|---|");
     let mut line = 0;

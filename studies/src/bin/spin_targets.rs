@@ -17,7 +17,7 @@ use spindoe::spin::{Fit, SpinRejection};
 use spindoe::validate::{Proportion, median};
 
 /// A spin is correct within this fraction of its magnitude.
-const RIGHT: f64 = 0.2;
+const CORRECT: f64 = 0.2;
 /// Half-width of a 95 % interval in standard errors.
 const Z95: f64 = 1.96;
 
@@ -143,19 +143,19 @@ fn measure(line: &Line, seed: u64, sequences: u64) -> Vec<Outcome> {
             let sequence = line.scenario.sequence(line.rps, seed, i);
             let truth = sequence.truth.spin;
             let sigma = line.scenario.sigma_rad;
-            let right = |k: usize| !sequence.outlier[k];
-            let bound = SpinBound::of(&truth, &sequence.measurements, sigma, right);
+            let correct = |k: usize| !sequence.outlier[k];
+            let bound = SpinBound::of(&truth, &sequence.measurements, sigma, correct);
             Outcome {
-                robust: judge(robust.fit(&sequence.measurements), &sequence),
-                quatera: judge(quatera.fit(&sequence.measurements), &sequence),
+                robust: evaluate(robust.fit(&sequence.measurements), &sequence),
+                quatera: evaluate(quatera.fit(&sequence.measurements), &sequence),
                 bound: bound.map(|b| b.mean_square()),
-                allowed: bound.map_or(0.0, |b| b.probability_within(RIGHT * truth.norm())),
+                allowed: bound.map_or(0.0, |b| b.probability_within(CORRECT * truth.norm())),
             }
         })
         .collect()
 }
 
-fn judge(fit: Result<Fit, SpinRejection>, sequence: &Sequence) -> Answer {
+fn evaluate(fit: Result<Fit, SpinRejection>, sequence: &Sequence) -> Answer {
     let truth = sequence.truth.spin;
     let Ok(fit) = fit else {
         return Answer {
@@ -192,16 +192,16 @@ fn print(line: &Line, outcomes: &[Outcome]) {
         ("robust ", |o| o.robust),
     ] {
         let rate = |error: fn(&Answer) -> f64| {
-            let right = outcomes
+            let correct = outcomes
                 .iter()
-                .filter(|o| error(&answer(o)) < RIGHT)
+                .filter(|o| error(&answer(o)) < CORRECT)
                 .count();
-            Proportion::new(right as u64, outcomes.len() as u64)
+            Proportion::new(correct as u64, outcomes.len() as u64)
         };
         let mut magnitudes: Vec<f64> = outcomes.iter().map(|o| answer(o).magnitude).collect();
-        let refused = magnitudes.iter().filter(|m| m.is_infinite()).count();
+        let rejected = magnitudes.iter().filter(|m| m.is_infinite()).count();
         println!(
-            "  {method}  vector {}  magnitude {}  median magnitude error {:.3} %  refused {refused}",
+            "  {method}  vector {}  magnitude {}  median magnitude error {:.3} %  rejected {rejected}",
             rate(|a| a.vector),
             rate(|a| a.magnitude),
             100.0 * median(&mut magnitudes),
@@ -214,15 +214,15 @@ fn print(line: &Line, outcomes: &[Outcome]) {
         100.0 * half
     );
     let good = || {
-        let right = outcomes.iter().filter(|o| o.robust.vector < RIGHT);
-        right.filter_map(|o| Some((o.robust, o.bound?)))
+        let correct = outcomes.iter().filter(|o| o.robust.vector < CORRECT);
+        correct.filter_map(|o| Some((o.robust, o.bound?)))
     };
     let (square, half) = mean(good().map(|(a, _)| a.square));
     let (bound, _) = mean(good().map(|(_, b)| b));
     let ratio = (square / bound).sqrt();
     let (variance, spread) = mean(good().filter_map(|(a, _)| a.normalized));
     println!(
-        "  robust, right ones: RMS error / bound {ratio:.3} +- {:.3}, variance of normalized errors \
+        "  robust, correct ones: RMS error / bound {ratio:.3} +- {:.3}, variance of normalized errors \
          {variance:.3} +- {spread:.3}",
         0.5 * ratio * half / square,
     );
@@ -246,14 +246,14 @@ fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
             |robust, i| {
                 let sequence = scenario.sequence((200.0, 300.0), seed, i);
                 let truth = sequence.truth.spin;
-                let near = |spin: &Vec3| (spin - truth).norm() < RIGHT * truth.norm();
+                let near = |spin: &Vec3| (spin - truth).norm() < CORRECT * truth.norm();
                 let Ok(fit) = robust.fit(&sequence.measurements) else {
                     return (false, false);
                 };
                 let others = alternatives(&sequence.measurements, &fit, &AliasConfig::default());
                 let equal = |a: &Alternative| a.log_likelihood_ratio.abs() < 1.0 && near(&a.spin);
-                let right = near(&fit.motion.spin);
-                (right, right || others.iter().any(equal))
+                let correct = near(&fit.motion.spin);
+                (correct, correct || others.iter().any(equal))
             },
         )
         .collect();
@@ -262,7 +262,7 @@ fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
         Proportion::new(successes as u64, sequences)
     };
     println!(
-        "200-300 rps, searched to 350, times off the even grid by {jitter} intervals: right {}, right or \
+        "200-300 rps, searched to 350, times off the even grid by {jitter} intervals: correct {}, correct or \
          reported as a tie {}",
         rate(|f| f.0),
         rate(|f| f.1)

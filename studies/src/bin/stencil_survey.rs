@@ -1,7 +1,8 @@
 //! Stencils of many random patterns, for `python/check_stencils.py` to examine.
 //!
-//! `stencil_survey COUNT DIR [FIRST_SEED]` writes `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json,
-//! pattern.csv}` for each pattern that is not rejected, and one line of `DIR/survey.csv` for every pattern.
+//! `stencil_survey COUNT DIR [FIRST_SEED]` writes
+//! `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json, pattern.csv}` for each pattern that
+//! is not rejected, and one line of `DIR/survey.csv` for every pattern.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -12,8 +13,8 @@ use spindoe::pattern::Pattern;
 use spindoe::stencil::{Stencil, StencilConfig};
 use spindoe::{Error, Result};
 
-/// `n` dots, each the one of `tries` random directions that is farthest from those before it: one try
-/// gives a uniform pattern, many an even one.
+/// `n` dots, each the one of `tries` random directions that is farthest from those before it: one
+/// try gives a uniform pattern, many an even one.
 fn random_pattern(n: usize, tries: usize, rng: &mut impl Rng) -> Result<Pattern> {
     let mut dots: Vec<Vec3> = Vec::new();
     while dots.len() < n {

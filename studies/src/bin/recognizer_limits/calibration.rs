@@ -109,8 +109,8 @@ fn curve(name: &str, answers: &[Answer]) -> RateSeries {
             .iter()
             .filter(|a| (edge[0]..edge[1]).contains(&a.0))
             .collect();
-        let right = bin.iter().filter(|a| a.1).count() as u64;
-        let rate = Proportion::new(right, bin.len() as u64);
+        let correct = bin.iter().filter(|a| a.1).count() as u64;
+        let rate = Proportion::new(correct, bin.len() as u64);
         (rate.trials >= MIN).then(|| RatePoint {
             x: bin.iter().map(|a| a.0).sum::<f64>() / bin.len() as f64,
             rate: rate.rate,

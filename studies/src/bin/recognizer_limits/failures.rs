@@ -48,7 +48,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
         println!("### {name} ({sigma:.1} deg)\n");
         println!(
             "Of {trials} trials, wrong pose: {} where the answer explains the dots better than the \
-             truth, {} where the search missed the better truth; right pose, single dots wrong: {}.\n",
+             truth, {} where the search missed the better truth; correct pose, single dots wrong: {}.\n",
             blame.likelihood, blame.search, blame.dots
         );
         for (k, failure) in failures.iter().enumerate() {
@@ -131,7 +131,7 @@ fn about_pose(
     let at_fault = if worse > -CLEAR {
         blame.likelihood += 1;
         format!(
-            "{:.1} nats better than the truth does: no recognizer that goes by the likelihood can tell",
+            "{:.1} nats better than the truth does: no recognizer based on the likelihood can correct that",
             worse.max(0.0)
         )
     } else {
@@ -179,7 +179,7 @@ fn about_dots(bench: &Bench, trial: &Trial, answer: &Identification) -> String {
         }
     }
     format!(
-        "right pose, but {} (confidence {:.2}).",
+        "correct pose, but {} (confidence {:.2}).",
         parts.join(", and "),
         answer.confidence
     )

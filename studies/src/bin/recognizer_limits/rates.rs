@@ -24,7 +24,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
         };
         let robust = RobustRecognizer::new(bench.pattern(), config)?;
         let found = run_trials(bench.pattern(), &robust, &protocol, SEED, bench.trials)?;
-        row(name, "robust, told the mean only", &found, &protocol);
+        row(name, "robust, given the mean only", &found, &protocol);
     }
     println!("\n## Orientation error of the successes against the bound\n");
     println!("| protocol | mean error deg | bound deg | ratio |");
