@@ -2,9 +2,9 @@
 //! search.
 //!
 //! - [`objective`]: what makes a pattern easy to identify,
-//! - [`constraints`]: what it must satisfy to be printed, drawn and read,
 //! - [`constraints`]: the constraints for printing, drawing and reading it,
 //! - [`feasible`]: whether the constraints can be met,
+//! - [`scp`]: the descent under these constraints,
 //! - [`start`]: random patterns to start from,
 //! - [`search`]: many starts, screening, and selection by Monte Carlo,
 //! - [`rate`] and [`polish`]: the last stage, on the measured rate itself,
