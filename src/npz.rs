@@ -65,7 +65,7 @@ pub(crate) fn open<'a>(bytes: &'a [u8], arrays: &[&str]) -> Checked<Archive<'a>>
     let archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
         Problem::at(
             "archive",
-            format!("not a whole .npz file: {}", one_line(&e)),
+            format!("not a complete .npz file: {}", one_line(&e)),
         )
     })?;
     for name in archive.file_names_raw() {

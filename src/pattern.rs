@@ -161,8 +161,8 @@ impl Pattern {
         })
     }
 
-    /// The pattern as CSV text: one dot a row without a header, which the SpinDOE authors' reader
-    /// does not take; digits enough to read back the same bits.
+    /// The pattern as CSV text: one dot per row, without a header, because the SpinDOE authors'
+    /// reader rejects one; digits enough to read back the same bits.
     pub fn to_csv(&self) -> String {
         let mut text = String::new();
         for d in &self.dots {

@@ -14,7 +14,7 @@ use crate::stats::PairedDifference;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-All patterns are tried on the same rotations with the same random numbers; differences are against the
+All patterns are evaluated on the same rotations with the same random numbers; differences are against the
 first pattern, with 95 % intervals for pairs.
 
 Example:
@@ -128,7 +128,7 @@ fn print_words(found: &Comparison) {
             &p.sha256[..12]
         );
         outln!(
-            "  separation minimum {:.1} deg, mean {:.1} deg; {} dots in view from anywhere",
+            "  separation minimum {:.1} deg, mean {:.1} deg; {} dots visible from anywhere",
             deg(p.summary.min_separation_rad),
             deg(p.summary.mean_nearest_separation_rad),
             p.summary.min_visible

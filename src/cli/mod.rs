@@ -57,7 +57,7 @@ use crate::files;
 use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 
-/// Designs dot patterns for balls, evaluates them, and ships what is needed to use them.
+/// Designs dot patterns for balls, evaluates them, and writes the files needed to use them.
 #[derive(Debug, Parser)]
 #[command(name = "spindoe", version, about, max_term_width = 100)]
 struct Cli {
@@ -96,7 +96,7 @@ enum Command {
     /// ball.
     #[cfg(feature = "vision")]
     Synth(Box<synth::Arguments>),
-    /// Say where the dot detector is trained: in a program of its own.
+    /// Say where the dot detector is trained: in a separate program.
     #[cfg(feature = "vision")]
     Train(export::TrainArguments),
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
@@ -165,7 +165,9 @@ fn words(error: &Error, name: &str) -> String {
     let Error::Argument { parameter, problem } = error else {
         return error.to_string();
     };
-    let library = parameter.as_str().trim_start_matches('-');
+    // A field within a group, as in `pair_rule.min_cross`, has the flag of its own name.
+    let full = parameter.as_str().trim_start_matches('-');
+    let library = full.rsplit('.').next().unwrap_or(full);
     let special = FLAGS.iter().find(|(parameter, _)| *parameter == library);
     let flag = special.map_or_else(
         || library.replace("_rad", "_deg").replace('_', "-"),
@@ -177,7 +179,7 @@ fn words(error: &Error, name: &str) -> String {
     if known {
         format!("--{flag}: {problem}")
     } else {
-        format!("{}: {problem}", library.replace('_', " "))
+        format!("{full}: {problem}")
     }
 }
 

@@ -67,7 +67,7 @@ impl Arguments {
         Ok(scenario)
     }
 
-    /// The given axis, or one drawn from a stream of its own.
+    /// The given axis, or one drawn from its own stream.
     fn axis(&self) -> Result<Vec3> {
         let Some(axis) = &self.axis else {
             return Ok(random_direction(&mut stream(self.seed, 1)));

@@ -36,7 +36,7 @@ enum Preset {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The folder then holds images/*.png, index.csv (for the SpinDOE authors' reader: image path from the folder,
-quaternion w,x,y,z, then u,v of each dot to be found), truth.json (everything known of every frame),
+quaternion w,x,y,z, then u,v of each dot to be found), truth.json (the ground truth of every frame),
 contact_sheet.png, and for a sequence orientations.csv, which `spindoe spin` reads.
 
 Examples:
@@ -126,13 +126,18 @@ pub struct Arguments {
     dot_radius_deg: Option<[f64; 2]>,
     /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number,
     /// or LOW,HIGH; one for a ball [default: 0.23,1.7].
-    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
+    #[arg(long, alias = "misplacement-deg", value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
     placement_sigma_deg: Option<[f64; 2]>,
     /// Probability of a logo [default: 0.7].
-    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    #[arg(long, alias = "logo", value_name = "P", allow_negative_numbers = true)]
     logo_probability: Option<f64>,
     /// Maximum rotation of a ball during the exposure, degrees [default: 17].
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        alias = "most-blur-deg",
+        value_name = "DEG",
+        allow_negative_numbers = true
+    )]
     max_arc_deg: Option<f64>,
     /// Flip all images left to right, as a selfie video is.
     #[arg(long)]

@@ -11,7 +11,7 @@ use crate::pattern::Pattern;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The archive opens with numpy.load: dots (n,3), features (m,3), bases (m,2), feature_dots (m,), meta
-(UTF-8 JSON). Pairs of dots that cannot serve as a basis are left out by --min-cross and
+(UTF-8 JSON). Pairs of dots that cannot serve as a basis are excluded by --min-cross and
 --max-angle-deg; the archive's meta says so.
 
 Example:

@@ -17,7 +17,7 @@ pub struct DesignConfig {
     pub dots: usize,
     /// Seed of the random starts; the trials' seeds are derived from it.
     pub seed: u64,
-    /// Random starts a round.
+    /// Random starts per round.
     pub starts: usize,
     /// Rounds.
     pub rounds: usize,

@@ -56,7 +56,7 @@ pub struct Constraints {
 
 impl Default for Constraints {
     /// 18 degrees apart (6.3 mm on a 40 mm ball: holes of 4 mm with a wall between them), 6 dots
-    /// with z > 0 from anywhere, 10 degrees off the seam, no cone, whatever stencil.
+    /// with z > 0 from anywhere, 10 degrees off the seam, no cone, any stencil.
     fn default() -> Self {
         Self {
             min_separation_rad: 18f64.to_radians(),
@@ -80,8 +80,8 @@ pub(super) struct Row {
 impl Constraints {
     /// Rejects constraints that no pattern of `dots` dots can satisfy.
     ///
-    /// By L. Fejes Toth, n points cannot all be farther apart than `acos((cot^2 w - 1) / 2)`, `w =
-    /// pi n / (6 (n - 2))`. A view and its opposite share the dots, so at most half of them can be
+    /// By L. Fejes Toth, n points cannot all be farther apart than `acos((cot^2 w - 1) / 2)`,
+    /// `w = pi n / (6 (n - 2))`. A view and its opposite share the dots, so at most half of them can be
     /// visible from everywhere.
     ///
     /// # Errors

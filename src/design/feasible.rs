@@ -156,7 +156,7 @@ impl Constraints {
         }
         let missed = self.missed_after_descent(dots, 0)?.unwrap_or_default();
         let problem = format!(
-            "no pattern of {dots} dots was found that meets all of them at once; what was reached: {missed}"
+            "no pattern of {dots} dots was found that meets all of them at once; the closest attempt has: {missed}"
         );
         Err(Error::argument("constraints", problem))
     }

@@ -189,16 +189,16 @@ impl Polish {
     }
 
     /// The candidate that evaluates best; `None` where the current pattern does.
-    fn best_of(&self, candidates: Vec<Candidate>, look: &SmoothRate) -> Result<Option<Candidate>> {
+    fn best_of(&self, candidates: Vec<Candidate>, rate: &SmoothRate) -> Result<Option<Candidate>> {
         let mut best = None;
         if candidates.is_empty() {
             return Ok(best);
         }
-        let mut least = look.value(&dots(&self.at))?;
+        let mut smallest = rate.value(&dots(&self.at))?;
         for candidate in candidates {
-            let value = look.value(&dots(&candidate))?;
-            if value < least {
-                (least, best) = (value, Some(candidate));
+            let value = rate.value(&dots(&candidate))?;
+            if value < smallest {
+                (smallest, best) = (value, Some(candidate));
             }
         }
         Ok(best)

@@ -13,8 +13,7 @@
 //! `cost + rho * violation` falls by a sufficient fraction of the predicted decrease; the trust
 //! region grows and shrinks accordingly (J. Nocedal, S. Wright, "Numerical Optimization", 2006, ch.
 //! 18.5). B is updated by Powell's damped BFGS in ambient coordinates, so no transport between
-//! tangent planes is needed; gradients are projected. transport between tangent planes is needed;
-//! gradients are projected.
+//! tangent planes is needed; gradients are projected.
 //!
 //! Argmin drives the iteration. Costs with kinks (nearest neighbors that switch) are supported: the
 //! gradient is one of those that meet there, and the trust region shrinks until the model predicts
@@ -40,7 +39,7 @@ use crate::stencil::max_margin_seam;
 
 /// Price of a violation (in cosines) against the cost (a logarithm).
 const RHO: f64 = 200.0;
-/// Trust radius (initial default and maximum), radians a tangent coordinate.
+/// Trust radius (initial default and maximum), radians per tangent coordinate.
 const FIRST_RADIUS: f64 = 0.05;
 const MAX_RADIUS: f64 = 0.2;
 /// A trust radius below this ends the descent.

@@ -262,7 +262,7 @@ impl Search<'_> {
         Ok(tried)
     }
 
-    /// Records the rate of the best after a round of the search, or after so many of polishing it.
+    /// Records the rate of the best after a round of the search, or after rounds of polishing it.
     fn milestone(
         &mut self,
         state: &mut SearchState,

@@ -9,7 +9,7 @@
 //! ([`MAX_RECORD_BYTES`]), no byte is requested beyond the current record, and errors are one line
 //! that names the line on which the record begins, as an editor counts. An incomplete record is
 //! never yielded, unless the file ends in it. Duplicate rows and values outside a domain are the
-//! caller's concern. complete is never handed out, unless the file ends in it.
+//! caller's concern.
 
 use std::io::{BufRead, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -543,7 +543,7 @@ mod tests {
         }
 
         #[test]
-        fn any_bytes_are_read_or_refused_in_one_line(
+        fn any_bytes_are_read_or_rejected_in_one_line(
             bytes in prop::collection::vec(prop_oneof![any::<u8>(), Just(b'"'), Just(b'\n')], 0..200),
         ) {
             static COLUMNS: Columns<2> = Columns { names: ["a", "b"], required: 0..2 };

@@ -1,8 +1,8 @@
 //! Bases, features, and the rule that selects the ordered pairs of dots for a table.
 //!
-//! For unit vectors d, d', cosine `c = d . d'` and normal `n = d x d'`, the inverse of `B = [d, d',
-//! n]` has a closed form, because n is normal to both others: `h = ((d - c d') . d'', (d' - c d) .
-//! d'', n . d'') / |n|^2`, and `det B = |n|^2`.
+//! For unit vectors d, d', cosine `c = d . d'` and normal `n = d x d'`, the inverse of
+//! `B = [d, d', n]` has a closed form, because n is normal to both others:
+//! `h = ((d - c d') . d'', (d' - c d) . d'', n . d'') / |n|^2`, and `det B = |n|^2`.
 
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};

@@ -3,7 +3,7 @@
 //! Arrays: `dots` f64 (n, 3); `features` f64 (m, 3); `bases` u16 (m, 2); `feature_dots` u16 (m,);
 //! `meta` u8 (k,), UTF-8 JSON of [`TableMeta`]. Rows of the last three are in the order of
 //! [`PairRule::features`](super::PairRule::features). A written table reads back bit for bit, and
-//! the same table gives the same bytes. same table gives the same bytes.
+//! the same table gives the same bytes.
 //!
 //! A table that loads is complete and consistent: the version is known, every array has its type
 //! and shape, numbers are finite, dots are distinct unit vectors, the metadata's digest is that of

@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_outside_its_domain() {
+    fn rejects_values_outside_its_domain() {
         for (kappa, beta) in [
             (-1.0, 0.0),
             (f64::NAN, 0.0),

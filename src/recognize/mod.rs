@@ -5,8 +5,9 @@
 //! assignment, a residual and a confidence, or the reason for its rejection. Rotations map the
 //! pattern's frame to the camera's, `p_camera = R p_pattern`.
 //!
-//! A recognizer's answer depends on the dots alone, not on earlier calls. An answer may be wrong:
-//! the confidence is the recognizer's own probability that it is correct.
+//! A recognizer's answer depends on the dots alone, not on earlier calls. An answer may be wrong.
+//! The robust recognizer's confidence is its own probability that the answer is correct; that of
+//! the paper's recognizer is not calibrated.
 //!
 //! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
 //! - [`kent`]: the density that the paper's algorithm scores with,
@@ -195,7 +196,7 @@ pub trait Recognizer: Sync {
         out: &mut Identification,
     ) -> Result<(), RecognizerRejection>;
 
-    /// As [`Recognizer::identify_into`], with an answer of its own.
+    /// As [`Recognizer::identify_into`], with a newly allocated answer.
     fn identify(&self, dots: &[ObservedDot], ws: &mut Self::Workspace) -> Outcome {
         let mut found = Identification::default();
         match self.identify_into(dots, ws, &mut found) {

@@ -1,6 +1,6 @@
 //! The file of observed dots: what a dot detector writes and `identify` reads.
 //!
-//! CSV with a header, one dot a row, the rows of one frame together:
+//! CSV with a header, one dot per row, the rows of one frame together:
 //!
 //! ```text
 //! frame,x,y,z[,time_s][,sigma_deg][,var_radial_deg2,cov_deg2,var_across_deg2]
@@ -114,7 +114,7 @@ pub struct ObservedReader<R> {
 
 impl<R: BufRead> ObservedReader<R> {
     /// Reads the header of `input`; `path` names it in errors. Dots without a stated uncertainty
-    /// get `sigma_rad` get `sigma_rad` (radians, along one tangent axis).
+    /// get `sigma_rad` (radians, along one tangent axis).
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] where a column is missing or occurs twice.
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_without_end_is_refused() {
+    fn a_frame_without_end_is_rejected() {
         let rows = "a,1,0,0\n".repeat(MAX_FRAME_DOTS + 1);
         let error = reader(&format!("frame,x,y,z\n{rows}"))
             .next()

@@ -4,8 +4,8 @@
 //! 2. Each further dot d'' has the hash value `h = B^-1 d''`. Each of the k features of the table
 //!    nearest to it, with value `h_t`, basis b and dot t, votes for b with the score `p`.
 //! 3. The better half of the bases with votes is verified. The basis pair gives a rotation, each
-//! observed dot is matched with the rotated pattern's nearest dot, and Kabsch over all dots refines
-//! the rotation. The remaining root mean square angle is the reprojection error.
+//!    observed dot is matched with the rotated pattern's nearest dot, and Kabsch over all dots
+//!    refines the rotation. The remaining root mean square angle is the reprojection error.
 //! 4. The basis with the smallest reprojection error wins.
 //!
 //! The score measures how well the point `x = B h_t` agrees with the dot d'' that it should be:
@@ -131,7 +131,7 @@ impl<'t> PaperRecognizer<'t> {
         }
         if !(config.verify_fraction > 0.0 && config.verify_fraction <= 1.0) {
             let problem = format!(
-                "expected a part in (0, 1], found {}",
+                "expected a fraction in (0, 1], found {}",
                 config.verify_fraction
             );
             return Err(Error::argument("verify_fraction", problem));

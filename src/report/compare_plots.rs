@@ -87,7 +87,7 @@ impl Comparison {
             path,
             &BarChart {
                 title: format!(
-                    "Views not identified, of {} a protocol; recognizer {recognizer}",
+                    "Views not identified, of {} per protocol; recognizer {recognizer}",
                     self.samples
                 ),
                 y_label: "failures".into(),

@@ -62,7 +62,7 @@ fn progress(path: &Path, report: &DesignReport) -> Result<()> {
         path,
         &CurvePlot {
             title: format!(
-                "Best pattern so far: failures of {} `{}` views by which nothing was chosen",
+                "Best pattern so far: failures of {} `{}` views that select nothing",
                 first.identity.trials, report.config.protocol.name
             ),
             x_label: "time [min]".into(),
@@ -200,7 +200,7 @@ pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> 
             &dir.join(file),
             &CurvePlot {
                 title: format!(
-                    "{title}; protocol {}, {} trials a point",
+                    "{title}; protocol {}, {} trials per point",
                     v.protocol, v.samples
                 ),
                 x_label: x_label.into(),

@@ -1,4 +1,4 @@
-//! Lower bound of the orientation error for given dots with known correspondences.
+//! Bound on the orientation error of given dots with known correspondences.
 //!
 //! A small rotation `w` (camera frame) moves a dot at `q` by `w x q`. Dots displaced independently
 //! by noise whose components along the tangent axes `t` have the variances `s^2` give the

@@ -41,7 +41,7 @@ impl CommonRandomTrials {
         }
     }
 
-    /// Makes trial number `index` of a pattern, whatever was made before.
+    /// Makes trial number `index` of a pattern, independent of earlier calls.
     pub fn generate(&mut self, pattern: &Pattern, index: u64, trial: &mut Trial) {
         let (draws, keyed) = (&mut self.draws, &mut self.keyed);
         let p = draws.protocol;

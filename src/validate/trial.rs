@@ -49,7 +49,7 @@ impl Trial {
     }
 }
 
-/// The random numbers of a protocol's trials: each trial has a stream of its own.
+/// The random numbers of a protocol's trials: each trial has its own stream.
 #[derive(Debug, Clone)]
 pub(super) struct Draws {
     pub protocol: Protocol,

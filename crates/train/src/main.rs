@@ -178,7 +178,7 @@ fn run(arguments: &Arguments) -> Result<()> {
 /// A score in words.
 fn describe(score: &Score) -> String {
     format!(
-        "of {} dots on {} frames {:.2} % found, {:.3} false a frame, median error {:.2} % of the radius",
+        "of {} dots on {} frames {:.2} % found, {:.3} false per frame, median error {:.2} % of the radius",
         score.dots,
         score.frames,
         100.0 * score.recall(),

@@ -48,7 +48,7 @@ pub struct Sample {
     pub dots: Vec<PatchDot>,
 }
 
-/// Draws a frame with a pattern of its own.
+/// Draws a frame with its own random pattern.
 ///
 /// # Errors
 /// [`spindoe::Error::Argument`] where the configuration is out of its domain.

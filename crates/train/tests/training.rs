@@ -63,8 +63,8 @@ fn a_resumed_training_ends_as_one_without_a_break() {
     assert_eq!(whole.best, rest.best);
     assert!(whole.layers().unwrap() == rest.layers().unwrap());
     let other = TrainConfig { seed: 4, ..short() };
-    let refused = Checkpoint::read(&path, &other).unwrap_err().to_string();
-    assert!(refused.contains("same options"), "{refused}");
+    let rejected = Checkpoint::read(&path, &other).unwrap_err().to_string();
+    assert!(rejected.contains("same options"), "{rejected}");
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn command(dir: &Path, arguments: &str) -> Output {
 }
 
 #[test]
-fn the_command_trains_and_refuses() {
+fn the_command_trains_and_rejects_bad_arguments() {
     let dir = tempfile::tempdir().unwrap();
     let flags = "--out net --steps 2 --batch 2 --eval-every 2 --eval-frames 2";
     let trained = command(dir.path(), flags);
@@ -120,9 +120,9 @@ fn the_command_trains_and_refuses() {
         ("--steps 2", "--out"),
         ("--score net/dots.onnx", "dots.onnx"),
     ] {
-        let refused = command(dir.path(), wrong);
-        assert_eq!(refused.status.code(), Some(2), "{wrong}");
-        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        let rejected = command(dir.path(), wrong);
+        assert_eq!(rejected.status.code(), Some(2), "{wrong}");
+        let said = String::from_utf8_lossy(&rejected.stderr).into_owned();
         assert!(said.contains(expected), "{wrong}: {said}");
         assert_eq!(said.lines().count(), 1, "{wrong}: {said}");
     }

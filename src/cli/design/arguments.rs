@@ -17,8 +17,8 @@ use crate::validate::{Noise, Protocol, ProtocolName};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Random starts descend on the objective under the constraints; the best are tried by Monte Carlo, the
-winner is polished on the measured rate itself, and evaluated on trials of seeds that nothing else has used.
+Random starts descend on the objective under the constraints; the best are evaluated by Monte Carlo, the
+winner is polished on the measured rate itself, and evaluated on trials of seeds used nowhere else.
 The folder then holds pattern.csv, table.npz, report.json, sensitivity.csv, plots and stencil/.
 
 Ctrl-C ends the search and finishes with the best so far; --resume continues a search that was ended or

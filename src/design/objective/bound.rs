@@ -1,7 +1,7 @@
 //! Information of the visible dots about the orientation: the Cramér-Rao bound by viewing
 //! direction.
 //!
-//! With known correspondences and Gaussian noise of sigma a tangent axis, the dots in view give the
+//! With known correspondences and Gaussian noise of sigma per tangent axis, the dots in view give the
 //! information `H(v) = sum_i s_i(v) (I - p_i p_i^T)`, and no unbiased estimate of the rotation has
 //! a mean squared error below `sigma^2 tr H(v)^-1` (S. M. Kay, "Fundamentals of Statistical Signal
 //! Processing: Estimation Theory", 1993, eq. 3.31). The values here are for sigma = 1: root mean

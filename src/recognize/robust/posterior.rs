@@ -49,7 +49,7 @@ pub(super) struct NullHypothesis {
 pub(super) struct Confidence {
     /// Of its assignment.
     pub identity: f64,
-    /// Of its rotation, whatever the assignment.
+    /// Of its rotation, for any assignment.
     pub pose: f64,
 }
 

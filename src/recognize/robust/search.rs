@@ -142,8 +142,7 @@ impl RobustRecognizer {
                 widening: prior.widening(&ws.dots),
             };
             self.refine(&start, Some(prior), f64::NEG_INFINITY, ws);
-            // Whatever the dots are, chance explains them so well near one given rotation hardly
-            // ever.
+            // For any dots, a chance fit this good near one given rotation is rare.
             let null = self.null.ln_evidence(ws.dots.len());
             let best = ws.found.best();
             let beyond_doubt = best.is_some_and(|b| b.refined.ln_evidence - null > DOUBT);
@@ -267,7 +266,7 @@ impl RobustRecognizer {
     }
 
     /// Whether the search may end after a pass over the pair. `unseen` bounds the log-likelihood
-    /// ratio of what no pass has seen, but for the share of rotations.
+    /// ratio of the explanations that no pass has covered, without the share of rotations.
     fn settled(&self, [a, b]: [usize; 2], unseen: f64, ws: &RobustWorkspace) -> bool {
         let Some(best) = ws.found.best() else {
             return false;

@@ -123,7 +123,7 @@ fn evaluate(frame: &Frame, out: &FrameEstimate) -> Outcome {
 
 fn tables(outcomes: &[Outcome]) {
     println!(
-        "| frames | dots found | false a frame | correct | wrong | rejected | mean error | median |"
+        "| frames | dots found | false per frame | correct | wrong | rejected | mean error | median |"
     );
     println!("|---|---|---|---|---|---|---|---|");
     line("all", outcomes, |_| true);

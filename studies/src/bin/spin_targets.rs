@@ -34,7 +34,7 @@ struct Line {
 struct Answer {
     /// Length of the error vector over the true magnitude; infinite for a rejection.
     vector: f64,
-    /// Error of the magnitude over the true magnitude, likewise.
+    /// Error of the magnitude over the true magnitude; infinite for a rejection.
     magnitude: f64,
     /// Squared length of the error vector, (rad/s)^2.
     square: f64,

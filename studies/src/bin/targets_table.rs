@@ -6,7 +6,7 @@
 //!
 //! Beside the own and the published pattern it makes, and writes to `OUT_DIR`:
 //!
-//! - `random.csv`: directions uniform on the sphere, whatever their separation,
+//! - `random.csv`: directions uniform on the sphere, with any separation,
 //! - `spread.csv`: twenty charges in equilibrium (the Thomson problem), the best of eight,
 //! - `mean-nn.csv`: the best of sixteen descents on the paper's objective, by that objective, under
 //!   the default constraints.

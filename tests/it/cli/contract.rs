@@ -336,7 +336,7 @@ fn bad_arguments_are_refused_by_name() {
     refused(
         dir,
         &["table", "pattern.csv", "-o", "t.npz", "--min-cross", "2"],
-        "pair_rule.min_cross: expected a number in (0, 1), found 2",
+        "--min-cross: expected a number in (0, 1), found 2",
     );
 }
 
