@@ -27,7 +27,7 @@ pub struct DesignConfig {
     pub climb_steps: u64,
     /// Rounds of polishing after them, on the rate itself.
     pub polish: usize,
-    /// Monte Carlo trials a candidate; the last ones get eight times as many, and polishing up to
+    /// Monte Carlo trials per candidate; the last ones get eight times as many, and polishing up to
     /// sixty times.
     pub samples: u64,
     /// The views that candidates are tried on.

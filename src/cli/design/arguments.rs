@@ -73,7 +73,7 @@ pub struct Arguments {
     /// Further descent steps of the best quarter of the starts.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().climb_steps)]
     climb_steps: u64,
-    /// Monte Carlo trials a candidate, again for each protocol of the winner's evaluation, and a
+    /// Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a
     /// fifth of it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
