@@ -1,4 +1,5 @@
-//! Times of the design's parts, 20 dots: the table, each objective's value with gradient, a descent.
+//! Time of each part of a design, 20 dots: the table, each objective's value with gradient, a
+//! descent.
 //!
 //! `cargo bench --bench design`
 

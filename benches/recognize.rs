@@ -1,7 +1,7 @@
-//! The robust recognizer beside the paper's, on the same views, in one run.
+//! The robust recognizer and the paper's, on the same views, in one run.
 //!
-//! Prints the ratio of the medians before criterion's own figures. Where the published pattern is not at
-//! hand a random one stands in, and the output says so.
+//! Prints the ratio of the medians before criterion's own values. Where the published pattern is
+//! not available, a random one replaces it, and the output says so.
 
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ use spindoe::validate::{Protocol, ProtocolName, Trial, TrialGenerator, median};
 
 /// Seed of the views.
 const SEED: u64 = 20_260;
-/// Views a protocol.
+/// Views per protocol.
 const VIEWS: u64 = 256;
 
 type Any<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -31,7 +31,7 @@ fn pattern() -> Any<Pattern> {
     if let Some(path) = found {
         return Ok(Pattern::read_csv(&path)?);
     }
-    println!("the published pattern is not at hand: a random one of 20 dots instead");
+    println!("the published pattern is not available: a random one of 20 dots replaces it");
     Ok(random_pattern(20, 0.3, &mut ChaCha8Rng::seed_from_u64(1))?)
 }
 
@@ -64,7 +64,7 @@ fn median_us<R: Recognizer>(recognizer: &R, views: &[Vec<ObservedDot>]) -> f64 {
     median(&mut times)
 }
 
-/// One identification an iteration, the views in turn.
+/// One identification per iteration, the views in turn.
 fn bench<R: Recognizer>(
     criterion: &mut Criterion,
     (name, protocol): (&str, ProtocolName),

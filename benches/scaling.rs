@@ -1,9 +1,9 @@
-//! How the cost grows with the input: every reader, `identify` and `spin` on 10^4 to 10^6 rows,
-//! `estimate` on 10 to 1 000 frames.
+//! Cost as a function of the input's size: every reader, `identify` and `spin` on 10^4 to 10^6
+//! rows, `estimate` on 10 to 1 000 frames.
 //!
-//! `cargo bench --bench scaling [-- MAX_ROWS]`. Time is the processor's (user, all threads), since
-//! others may use the machine too; wall time stands beside it. The exponent is the slope of the
-//! straight line through the logarithms: 1 is linear.
+//! `cargo bench --bench scaling [-- MAX_ROWS]`. Time is CPU time (user, all threads), since other
+//! processes may use the machine too; wall time is printed beside it. The exponent is the slope of
+//! the straight line through the logarithms: 1 is linear.
 
 use std::fmt::Write as _;
 use std::io::Cursor;
@@ -30,13 +30,13 @@ use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, R
 
 const ROWS: [usize; 3] = [10_000, 100_000, 1_000_000];
 const FRAMES: [usize; 3] = [10, 100, 1_000];
-/// Rows of the largest input whose whole cost is not that of reading it.
+/// Rows of the largest input for commands that do more than read it.
 const MAX_SPIN_ROWS: usize = 100_000;
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
 fn main() -> Outcome {
-    // Cargo hands over `--bench`, which says nothing here.
+    // Cargo passes `--bench`, which has no meaning here.
     let max = std::env::args().find_map(|a| a.parse().ok());
     let rows: Vec<usize> = ROWS
         .into_iter()
@@ -156,7 +156,7 @@ fn scaling<F: FnOnce() -> Outcome>(
             "| {name} | {n} | {user:.2} | {wall:.3} | {:.3} |",
             1e6 * user / n as f64
         );
-        // The processor's clock ticks every 10 ms: what is shorter is no measure.
+        // The CPU clock ticks every 10 ms: shorter times are not measurable.
         if user >= 0.05 {
             points.push(((n as f64).ln(), user.ln()));
         }
@@ -168,7 +168,7 @@ fn scaling<F: FnOnce() -> Outcome>(
     Ok(())
 }
 
-/// Slope of the line of least squares.
+/// Slope of the least-squares line.
 fn slope(points: &[(f64, f64)]) -> Option<f64> {
     let n = points.len() as f64;
     let mean = |f: fn(&(f64, f64)) -> f64| points.iter().map(f).sum::<f64>() / n;
@@ -178,7 +178,7 @@ fn slope(points: &[(f64, f64)]) -> Option<f64> {
     (points.len() > 1).then(|| products / squares)
 }
 
-/// Time that all threads of this process have used, seconds (Linux).
+/// CPU time of all threads of this process, seconds (Linux).
 fn user_seconds() -> Result<f64, Box<dyn std::error::Error>> {
     let stat = std::fs::read_to_string("/proc/self/stat")?;
     // The name in brackets may hold anything; the 12th field after it counts ticks of 10 ms.
@@ -214,7 +214,7 @@ fn pattern() -> spindoe::Result<Pattern> {
     Pattern::new(dots)
 }
 
-/// About `rows` dots of the protocol `paper`, some ten a frame.
+/// About `rows` dots of the protocol `paper`, about ten per frame.
 fn dots(pattern: &Pattern, rows: usize) -> String {
     let protocol = Protocol::standard(ProtocolName::Paper);
     observed::to_csv(&observed_frames(pattern, &protocol, 1, rows as u64 / 10))

@@ -1,7 +1,8 @@
-//! Time of a spin from ten frames: robust against the paper's, in one run, and their ratio.
+//! Time of a spin from ten frames: the robust estimator and the paper's, in one run, and their
+//! ratio.
 //!
 //! `cargo bench --bench spin`. Both get the same thousand sequences in turn (ten frames at 350 per
-//! second, 2 deg, 7 % outliers, 1 to 170 rps, seed 1), so that no branch is learnt by heart.
+//! second, 2 deg, 7 % outliers, 1 to 170 rps, seed 1), so branch prediction cannot memorize them.
 #![allow(missing_docs)]
 
 use std::hint::black_box;
@@ -36,7 +37,7 @@ fn spin(c: &mut Criterion) {
     );
 }
 
-/// Median over the sequences of the least of five times, microseconds.
+/// Median over the sequences of the minimum of five times, microseconds.
 fn median_us(
     sequences: &[Sequence],
     mut fit: impl FnMut(&Sequence) -> Result<Fit, SpinRejection>,

@@ -1,4 +1,4 @@
-//! One stencil: design, solids, checks; and its files.
+//! Time of one stencil: design, solids, checks; and of its files.
 
 use std::hint::black_box;
 

@@ -1,4 +1,5 @@
-//! Frames of the synthetic ball spinner, and a frame of 60 px from pixels to orientation, stage by stage; one thread.
+//! Time of synthetic frames, and of a frame of 60 px from pixels to orientation, stage by stage;
+//! one thread.
 
 use std::hint::black_box;
 

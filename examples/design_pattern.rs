@@ -1,4 +1,4 @@
-//! Designs a small pattern from a program of one's own, evaluates it and writes everything to a folder.
+//! Designs a small pattern from a program, evaluates it and writes everything to a folder.
 //!
 //! `cargo run --release --example design_pattern -- my-ball`
 
@@ -9,7 +9,7 @@ use spindoe::design::checkpoint::SearchState;
 use spindoe::design::{DesignConfig, DesignObserver, Stage};
 use spindoe::report::{DesignJob, EvaluationConfig, JobObserver, Start};
 
-/// Prints the best rate after each piece of work, and what comes after the search.
+/// Prints the best rate after each piece of work, and the stages after the search.
 struct Printer;
 
 impl DesignObserver for Printer {

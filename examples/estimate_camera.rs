@@ -1,8 +1,9 @@
-//! Estimates in a loop, as with a camera: frames in memory, one workspace, latency printed.
+//! Estimates orientations in a loop, as with a camera: frames in memory, one workspace, latency
+//! printed.
 //!
 //!     cargo run --release --example estimate_camera -- PATTERN.csv IMAGE [ROUNDS]
 //!
-//! The image stands in for the camera's frames, shifted by a pixel from one to the next.
+//! One image replaces the camera's frames; each frame shifts it by a pixel.
 
 use std::time::{Duration, Instant};
 
@@ -37,13 +38,13 @@ fn main() -> spindoe::Result<()> {
     let mut seen = FrameEstimate::default();
     let mut latencies = Vec::with_capacity(rounds);
     let mut stages = [Duration::ZERO; 3];
-    let mut told = 0;
+    let mut estimated = 0;
     for k in 0..rounds.max(1) {
         let begun = Instant::now();
         let frame = &frames[k % frames.len()];
         estimator.estimate_frame(frame, None, None, &mut workspace, &mut seen);
         latencies.push(begun.elapsed());
-        told += usize::from(seen.pose().is_some());
+        estimated += usize::from(seen.pose().is_some());
         let t = seen.timings;
         for (sum, stage) in stages.iter_mut().zip([t.locate, t.detect, t.identify]) {
             *sum += stage;
@@ -51,7 +52,7 @@ fn main() -> spindoe::Result<()> {
     }
     latencies.sort_unstable();
     let at = |p: usize| latencies[(latencies.len() - 1) * p / 100];
-    println!("{told} of {} frames told", latencies.len());
+    println!("{estimated} of {} frames estimated", latencies.len());
     println!("latency: median {:?}, 99 % {:?}", at(50), at(99));
     let mean = |k: usize| stages[k] / latencies.len() as u32;
     println!(

@@ -1,8 +1,8 @@
-//! Tells how the ball is turned in every image of a folder, and how it spins.
+//! Estimates the ball's orientation in every image of a folder, and its spin.
 //!
 //!     cargo run --release --example estimate_folder -- PATTERN.csv DIR
 //!
-//! File names are times in nanoseconds, as SpinDOE has them.
+//! File names are times in nanoseconds, as in the SpinDOE data.
 
 use spindoe::pattern::Pattern;
 use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
@@ -54,7 +54,7 @@ fn main() -> spindoe::Result<()> {
                 fit.motion.rps(),
                 fit.motion.spin
             ),
-            Err(refusal) => println!("no spin: {refusal}"),
+            Err(rejection) => println!("no spin: {rejection}"),
         }
     }
     Ok(())

@@ -1,9 +1,10 @@
 //! The crate's one error type.
 //!
-//! Variants are grouped by what a caller can do about them: fix the input or the arguments
-//! ([`Error::is_usage`] is true, the command exits with 2), or nothing (everything else, exit 1).
-//! [`Error::NoAnswer`] stands apart: all went well, and nothing came of it (exit 3).
-//! Every message is one line that names the file or argument, the place in it, and what was expected.
+//! Variants are grouped by what a caller can do about them. Other input or arguments fix some
+//! ([`Error::is_usage`] is true, the command exits with 2). The caller can fix nothing about the
+//! others (exit 1). [`Error::NoAnswer`] is separate: the work succeeded and found no answer (exit
+//! 3). Every message is one line that names the file or argument, the place in it, and what was
+//! expected.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A file's content is not what its format demands.
+    /// A file's content does not match its format.
     #[error("{}: {place}: {problem}", path.display())]
     Input {
         /// The offending file.
@@ -104,7 +105,8 @@ impl Error {
     }
 
     /// Whether other input or arguments fix this (the command then exits with 2). What the system
-    /// refuses, such as a full disk or a missing permission, and what should not happen are not (1).
+    /// rejects, such as a full disk or a missing permission, and what should not happen are not
+    /// (1).
     pub fn is_usage(&self) -> bool {
         use std::io::ErrorKind;
         match self {
@@ -126,7 +128,8 @@ impl Error {
 }
 
 /// The parameter that an [`Error::Argument`] is about, named as the library names it: the field or
-/// argument in snake case with its unit, such as `min_separation_rad`. The command maps it to its flag.
+/// argument in snake case with its unit, such as `min_separation_rad`. The command maps it to its
+/// flag.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Parameter(Cow<'static, str>);
 

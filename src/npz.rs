@@ -1,8 +1,8 @@
-//! NumPy archives (`.npz`: a zip of `.npy` arrays): what writing and reading them safely takes.
+//! Safe reading and writing of NumPy archives (`.npz`: a zip of `.npy` arrays).
 //!
-//! Writing: arrays are stored, not packed, with a fixed date, so that the same arrays give the same bytes.
-//! Reading: hostile files neither panic nor allocate without bound. What does not load gives one error that
-//! names the array.
+//! Writing: arrays are stored uncompressed with a fixed date, so the same arrays give the same
+//! bytes. Reading: hostile files neither panic nor allocate without bound. A file that does not
+//! load gives one error that names the array.
 
 use std::fmt::Display;
 use std::io::{Cursor, Read, Write};
@@ -11,13 +11,13 @@ use npyz::{AutoSerialize, Deserialize, NpyFile, Order, WriterBuilder};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
-/// Largest unpacked array read: five times the features of the largest pattern.
+/// Maximum unpacked size of an array: five times the features of the largest pattern.
 const MAX_ARRAY_BYTES: u64 = 32 << 20;
-/// Longest header text read; NumPy writes 118 bytes.
+/// Maximum length of a header text; NumPy writes 118 bytes.
 const MAX_HEADER_BYTES: usize = 1024;
-/// Most digits in a header text: then the product of all its numbers fits 64 bits.
+/// Maximum number of digits in a header text: the product of all its numbers then fits 64 bits.
 const MAX_HEADER_DIGITS: usize = 18;
-/// Most opening brackets in a header text, which bounds the parser's recursion.
+/// Maximum number of opening brackets in a header text, which bounds the parser's recursion.
 const MAX_HEADER_BRACKETS: usize = 8;
 
 /// Where in the archive something is wrong, and what.
@@ -65,7 +65,7 @@ pub(crate) fn open<'a>(bytes: &'a [u8], arrays: &[&str]) -> Checked<Archive<'a>>
     let archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
         Problem::at(
             "archive",
-            format!("not a whole .npz file: {}", one_line(&e)),
+            format!("not a complete .npz file: {}", one_line(&e)),
         )
     })?;
     for name in archive.file_names_raw() {
@@ -85,7 +85,8 @@ pub(crate) fn one_line(error: &dyn Display) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// An array's items in C order. `shape` is what is expected, with `None` where any length will do.
+/// An array's items in C order. `shape` is the expected shape, with `None` where any length is
+/// valid.
 pub(crate) fn read_array<T: Deserialize + Clone>(
     archive: &mut Archive<'_>,
     name: &str,
@@ -152,7 +153,7 @@ fn read_entry(archive: &mut Archive<'_>, name: &str) -> Checked<Vec<u8>> {
         .by_name(&file)
         .map_err(|e| Problem::at(name, format!("cannot be read: {}", one_line(&e))))?;
     let mut bytes = Vec::new();
-    // One byte more than allowed tells "too long" from "just fits".
+    // One byte more than allowed distinguishes "too long" from "just fits".
     entry
         .take(MAX_ARRAY_BYTES + 1)
         .read_to_end(&mut bytes)
@@ -164,9 +165,9 @@ fn read_entry(archive: &mut Archive<'_>, name: &str) -> Checked<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Refuses header texts on which the array parser could overflow a number or the stack.
+/// Rejects header texts on which the array parser could overflow a number or the stack.
 fn check_header_text(name: &str, npy: &[u8]) -> Checked<()> {
-    let refuse = |problem: &str| Err(Problem::at(name, format!("not an array: {problem}")));
+    let reject = |problem: &str| Err(Problem::at(name, format!("not an array: {problem}")));
     // Magic (6 bytes), version (2), then the text's length in 2 bytes, or 4 from version 2 on.
     let length = match npy {
         [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => {
@@ -187,14 +188,14 @@ fn check_header_text(name: &str, npy: &[u8]) -> Checked<()> {
             d,
             ..,
         ] => u32::from_le_bytes([*a, *b, *c, *d]) as usize,
-        _ => return refuse("no NumPy header"),
+        _ => return reject("no NumPy header"),
     };
     if length > MAX_HEADER_BYTES {
-        return refuse("header too long");
+        return reject("header too long");
     }
     let start = if npy[6] == 1 { 10 } else { 12 };
     let Some(text) = npy.get(start..start + length) else {
-        return refuse("ends within its header");
+        return reject("ends within its header");
     };
     let digits = text.iter().filter(|c| c.is_ascii_digit()).count();
     let brackets = text.iter().filter(|c| b"([{".contains(c)).count();
@@ -203,7 +204,7 @@ fn check_header_text(name: &str, npy: &[u8]) -> Checked<()> {
         .windows(2)
         .any(|w| w[0].is_ascii_digit() && w[1].is_ascii_alphabetic());
     if digits > MAX_HEADER_DIGITS || brackets > MAX_HEADER_BRACKETS || odd_number {
-        return refuse("header is not that of a plain array");
+        return reject("header is not that of a plain array");
     }
     Ok(())
 }

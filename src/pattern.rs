@@ -1,9 +1,9 @@
-//! A dot pattern: between 4 and 64 distinct unit vectors, and what can be said of it at a glance.
+//! A dot pattern: between 4 and 64 distinct unit vectors, and the values that describe it.
 //!
-//! On disk a pattern is a CSV file, one dot a row, `x,y,z`. It is written without a header, as the
-//! published pattern is; one that says `x,y,z` is accepted. The row order is the dots' numbering.
-//! Lengths off 1 by more than [`LENGTH_TOLERANCE`] are refused, smaller deviations are normalized
-//! away.
+//! On disk a pattern is a CSV file, one dot per row, `x,y,z`. It is written without a header, as
+//! the published pattern is; a header `x,y,z` is accepted. The row order is the dots' numbering.
+//! Lengths that differ from 1 by more than [`LENGTH_TOLERANCE`] are rejected; smaller deviations
+//! are normalized.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -17,18 +17,19 @@ use crate::files;
 use crate::files::csv::{Format, Row, Rows};
 use crate::geometry::{Vec3, angle_between, random_direction, spiral_directions};
 
-/// Fewest dots of a pattern.
+/// Minimum number of dots of a pattern.
 pub const MIN_DOTS: usize = 4;
-/// Most dots of a pattern.
+/// Maximum number of dots of a pattern.
 pub const MAX_DOTS: usize = 64;
-/// Largest deviation of a vector's length from 1 that is normalized instead of refused.
+/// Maximum deviation of a vector's length from 1 that is normalized instead of rejected.
 pub const LENGTH_TOLERANCE: f64 = 1e-3;
-/// Lengths off 1 by no more than this are rounding and left alone: normalizing twice would change bits.
+/// Lengths this close to 1 differ by rounding and stay as they are: normalizing twice would change
+/// bits.
 pub const LENGTH_ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Dots nearer than this (radians) count as the same dot.
 pub const MIN_SEPARATION: f64 = 1e-3;
 
-/// Directions used to sample "visible from anywhere" figures.
+/// Number of viewing directions that sample "visible from anywhere".
 const SUMMARY_DIRECTIONS: usize = 20_000;
 
 /// `n` distinct dots on the unit sphere, in the pattern's own frame.
@@ -37,16 +38,16 @@ pub struct Pattern {
     dots: Vec<Vec3>,
 }
 
-/// Figures that describe a pattern.
+/// Values that describe a pattern.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct PatternSummary {
     /// Number of dots.
     pub dots: usize,
-    /// Least angle between two dots, radians.
+    /// Minimum angle between two dots, radians.
     pub min_separation_rad: f64,
     /// Mean over dots of the angle to the nearest other dot, radians.
     pub mean_nearest_separation_rad: f64,
-    /// Fewest dots with z > 0 over all viewing directions (sampled).
+    /// Minimum number of dots with z > 0 over all viewing directions (sampled).
     pub min_visible: usize,
     /// Mean number of dots with z > 0 over all viewing directions (exactly n / 2).
     pub mean_visible: f64,
@@ -160,8 +161,8 @@ impl Pattern {
         })
     }
 
-    /// The pattern as CSV text: one dot a row without a header, which the SpinDOE authors' reader does
-    /// not take; digits enough to read back the same bits.
+    /// The pattern as CSV text: one dot per row, without a header, because the SpinDOE authors'
+    /// reader rejects one; digits enough to read back the same bits.
     pub fn to_csv(&self) -> String {
         let mut text = String::new();
         for d in &self.dots {
@@ -171,7 +172,7 @@ impl Pattern {
         text
     }
 
-    /// Writes the pattern as CSV, whole or not at all.
+    /// Writes the pattern as CSV atomically.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -194,7 +195,7 @@ impl Pattern {
         })
     }
 
-    /// Fewest dots with `z > limit` over 20 000 viewing directions on a spiral.
+    /// Minimum number of dots with `z > limit` over 20 000 viewing directions on a spiral.
     pub fn min_visible(&self, limit: f64) -> usize {
         spiral_directions(SUMMARY_DIRECTIONS)
             .map(|view| self.dots.iter().filter(|d| d.dot(&view) > limit).count())
@@ -202,7 +203,7 @@ impl Pattern {
             .unwrap_or(0)
     }
 
-    /// Nearest-neighbor separations, and how many dots are seen from anywhere.
+    /// Nearest-neighbor separations, and the number of dots visible from anywhere.
     pub fn summary(&self) -> PatternSummary {
         let n = self.dots.len();
         let nearest: Vec<f64> = (0..n)
@@ -226,13 +227,13 @@ impl Pattern {
 
 /// Tries to place one dot at random apart from the others before all start afresh.
 const PLACEMENT_TRIES: usize = 2_000;
-/// Fresh starts before a demand counts as infeasible at random.
+/// Restarts before a separation counts as infeasible at random.
 const FRESH_STARTS: usize = 50;
 
-/// Random dots no nearer to each other than demanded.
+/// Random dots no nearer to each other than the given separation.
 ///
 /// # Errors
-/// [`Error::Argument`] where no such set was found: the demand is too dense.
+/// [`Error::Argument`] where no such set was found: the separation is too large for so many dots.
 pub fn random_pattern<R: Rng>(
     dots: usize,
     min_separation_rad: f64,

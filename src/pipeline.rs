@@ -1,14 +1,17 @@
 //! Work on a stream of items, on several threads, in order and in bounded memory.
 //!
-//! [`map_ordered`] reads items on one thread, works on them on others, and hands the results on in
-//! the items' order. No thread waits for a batch to fill: a worker takes what is there (a share of it,
-//! so that the others have work too), and a result goes out as soon as it and all before it are done.
-//! A slow input thus gets each answer at once, and a fast one keeps all threads busy.
+//! [`map_ordered`] reads items on one thread, works on them on others, and passes the results on in
+//! the items' order. No thread waits for a batch to fill. A worker takes a share of the items that
+//! are ready, so that the others have work too. A result leaves as soon as it and all results
+//! before it are done. A slow input thus gets each answer at once, and a fast one keeps all threads
+//! busy.
 //!
 //! Guarantees: the results and their order do not depend on the number of threads, as long as the
-//! work on an item depends on the item alone; at most [`MAX_IN_FLIGHT`] items are held at any time; an
-//! error of the input comes after the results of all items before it. Not promised: an error of the
-//! sink ends the call only when the input's next item is there.
+//! work on an item depends on the item alone; at most [`MAX_IN_FLIGHT`] items are held at any time;
+//! an error of the input comes after the results of all items before it.
+//!
+//! Not guaranteed: an immediate end after an error of the sink. The call ends when the input's next
+//! item arrives.
 //!
 //! ```
 //! use spindoe::pipeline::{Sink, map_ordered};
@@ -32,14 +35,14 @@ use std::collections::VecDeque;
 use std::num::NonZero;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Most items that are read and whose results are not handed on yet.
+/// Maximum number of items that are read and whose results are not passed on yet.
 pub const MAX_IN_FLIGHT: usize = 1024;
-/// Most items that a worker takes at once.
+/// Maximum number of items that a worker takes at once.
 const MAX_SHARE: usize = 32;
 
 /// Where results go.
 pub trait Sink<T> {
-    /// What may go wrong.
+    /// The sink's error.
     type Error;
 
     /// Takes the next result.
@@ -57,9 +60,9 @@ pub trait Sink<T> {
     }
 }
 
-/// Hands `work(item)` for every item of `input` to `sink`, in order, working on `threads` threads
-/// beside the one that reads and the one that called, on which `sink` runs. Each worker has a
-/// `workspace` of its own.
+/// Passes `work(item)` for every item of `input` to `sink`, in order, on `threads` threads beside
+/// the reading thread and the calling thread, on which `sink` runs. Each worker has a `workspace`
+/// of its own.
 ///
 /// # Errors
 /// The first error of the input, after the results before it; or that of the sink.
@@ -121,17 +124,17 @@ struct Line<T, O> {
 }
 
 struct State<T, O> {
-    /// Items that nobody works on yet, the first of them number `read - items.len()`.
+    /// Items not yet taken by a worker; the first of them has number `read - items.len()`.
     items: VecDeque<T>,
-    /// Results not handed on, from number `handed_on`; `None` where one is being worked on.
+    /// Results not passed on yet, from number `handed_on`; `None` where one is in progress.
     results: VecDeque<Option<O>>,
     /// Number of items read.
     read: usize,
-    /// Number of results handed on.
+    /// Number of results passed on.
     handed_on: usize,
     /// No more items will come.
     ended: bool,
-    /// Nobody wants results any more.
+    /// No more results are wanted.
     stopped: bool,
     /// Workers that wait for items.
     waiting: usize,
@@ -153,7 +156,7 @@ impl<T, O> Default for State<T, O> {
 
 impl<T, O> Line<T, O> {
     fn lock(&self) -> MutexGuard<'_, State<T, O>> {
-        // A thread that panicked has stopped the line, and the scope hands its panic on.
+        // A panicked thread has ended the stream, and the scope propagates its panic.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -232,7 +235,7 @@ impl<T, O> Line<T, O> {
         }
     }
 
-    /// Hands results on until there are no more.
+    /// Passes results on until there are no more.
     fn hand_on<S: Sink<O>>(&self, sink: &mut S) -> Result<(), S::Error> {
         let mut ready: Vec<O> = Vec::new();
         loop {
@@ -275,7 +278,7 @@ fn wait<'a, S>(condition: &Condvar, guard: MutexGuard<'a, S>) -> MutexGuard<'a, 
         .unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Lets nobody wait for a thread that has panicked.
+/// Wakes all waiting threads if this thread panics.
 struct StopOnPanic<'a, T, O>(&'a Line<T, O>);
 
 impl<T, O> Drop for StopOnPanic<'_, T, O> {
@@ -358,7 +361,7 @@ mod tests {
             Ok(i)
         });
         map_ordered(input, threads(4), || (), |(), i| i, &mut slow).unwrap();
-        // Those in flight, the one that waits for a place, and those that the sink has at hand.
+        // Those in flight, the one that waits for capacity, and those in the sink.
         assert!(slow.2 <= 2 * MAX_IN_FLIGHT + 1, "{}", slow.2);
         assert!(slow.2 > 0);
     }
@@ -369,7 +372,7 @@ mod tests {
         impl Sink<usize> for Ask {
             type Error = String;
             fn take(&mut self, item: usize) -> Result<(), String> {
-                // Nobody asks for the last one.
+                // The last one is never requested.
                 let _ = self.0.send(item);
                 Ok(())
             }

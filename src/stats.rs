@@ -1,10 +1,12 @@
-//! Small statistics that several stages share: rates with intervals, differences of paired rates, quantiles.
+//! Small statistics that several stages share: rates with intervals, differences of paired rates,
+//! quantiles.
 //!
-//! - [`Proportion`]: Wilson's score interval (E. B. Wilson, "Probable inference, the law of succession,
-//!   and statistical inference", J. Am. Stat. Assoc. 22, 1927),
-//! - [`PairedDifference`]: Newcombe's score interval for paired proportions (R. G. Newcombe, "Improved
-//!   confidence intervals for the difference between binomial proportions based on paired data",
-//!   Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any trial differs,
+//! - [`Proportion`]: Wilson's score interval (E. B. Wilson, "Probable inference, the law of
+//!   succession, and statistical inference", J. Am. Stat. Assoc. 22, 1927),
+//! - [`PairedDifference`]: Newcombe's score interval for paired proportions (R. G. Newcombe,
+//!   "Improved confidence intervals for the difference between binomial proportions based on paired
+//!   data", Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any
+//!   trial differs,
 //! - [`median`] and [`quantile`] of a sample.
 //!
 //! Intervals have their nominal coverage for independent trials only.
@@ -35,7 +37,7 @@ pub struct Proportion {
 }
 
 impl Proportion {
-    /// Rate and interval of `successes` out of `trials`. No trials say nothing: [0, 1].
+    /// Rate and interval of `successes` out of `trials`. No trials give the interval [0, 1].
     pub fn new(successes: u64, trials: u64) -> Self {
         if trials == 0 {
             return Self {
@@ -80,7 +82,7 @@ impl std::fmt::Display for Proportion {
 /// A difference of two rates over the same trials, with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct PairedDifference {
-    /// Trials judged for both.
+    /// Trials evaluated for both.
     pub trials: u64,
     /// The rate less that of the first pattern.
     pub difference: f64,
@@ -90,7 +92,7 @@ pub struct PairedDifference {
     pub high: f64,
 }
 
-/// Trials judged for two patterns, by which of them passed.
+/// Trials evaluated for two patterns, by which of them passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Pairs {
     /// Both passed.
@@ -141,7 +143,7 @@ impl PairedDifference {
         }
     }
 
-    /// Of a pattern against itself: none, beyond doubt.
+    /// The difference of a pattern from itself: exactly zero.
     pub fn with_itself(trials: u64) -> Self {
         Self {
             trials,
@@ -163,9 +165,9 @@ pub fn median(values: &mut [f64]) -> f64 {
     }
 }
 
-/// The quantile `q` in [0, 1] of values in ascending order, interpolated between neighbors (definition 7
-/// of R. J. Hyndman, Y. Fan, "Sample quantiles in statistical packages", Am. Stat. 50, 1996, which NumPy
-/// uses too); 0 for none.
+/// The quantile `q` in [0, 1] of values in ascending order, interpolated between neighbors
+/// (definition 7 of R. J. Hyndman, Y. Fan, "Sample quantiles in statistical packages", Am. Stat.
+/// 50, 1996, which NumPy uses too); 0 for none.
 pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else {
         return 0.0;

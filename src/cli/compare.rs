@@ -14,7 +14,7 @@ use crate::stats::PairedDifference;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-All patterns are tried on the same rotations with the same random numbers; differences are against the
+All patterns are evaluated on the same rotations with the same random numbers; differences are against the
 first pattern, with 95 % intervals for pairs.
 
 Example:
@@ -26,7 +26,7 @@ pub struct Arguments {
     /// Write comparison.json and the plots to this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Trials a protocol.
+    /// Trials per protocol.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     samples: u64,
     /// Seed of the trials.
@@ -81,8 +81,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Names for tables and plots: short ones where they differ, else the paths; of a path given twice the
-/// second has its place added.
+/// Names for tables and plots: short ones where they differ, else the paths. If a path is given
+/// twice, the second name includes its position.
 fn names(paths: &[PathBuf]) -> Vec<String> {
     let short: Vec<String> = paths.iter().map(|p| name(p)).collect();
     let count = |of: &str| short.iter().filter(|n| *n == of).count();
@@ -128,7 +128,7 @@ fn print_words(found: &Comparison) {
             &p.sha256[..12]
         );
         outln!(
-            "  separation minimum {:.1} deg, mean {:.1} deg; {} dots in view from anywhere",
+            "  separation minimum {:.1} deg, mean {:.1} deg; {} dots visible from anywhere",
             deg(p.summary.min_separation_rad),
             deg(p.summary.mean_nearest_separation_rad),
             p.summary.min_visible
@@ -171,8 +171,8 @@ fn print_words(found: &Comparison) {
     }
 }
 
-/// A value, or a dash where some direction has none: fewer than two dots in view leave the orientation
-/// open.
+/// A value, or a dash where some direction has none: fewer than two visible dots do not determine
+/// the orientation.
 fn number_or_dash(value: f64) -> String {
     if value.is_finite() {
         format!("{value:.3}")
@@ -181,7 +181,7 @@ fn number_or_dash(value: f64) -> String {
     }
 }
 
-/// A difference in points of percent.
+/// A difference in percentage points.
 fn signed(d: &PairedDifference) -> String {
     format!(
         "{:+.2} [{:+.2}, {:+.2}]",

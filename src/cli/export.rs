@@ -1,4 +1,5 @@
-//! `spindoe export`: the dot detector given to other programs. `spindoe train` says where it is made.
+//! `spindoe export`: the dot detector for other programs. `spindoe train` names the training
+//! program.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -37,7 +38,7 @@ pub struct TrainArguments {
     any: Vec<OsString>,
 }
 
-pub fn refuse_training(_arguments: &TrainArguments) -> Result<()> {
+pub fn name_training_program(_arguments: &TrainArguments) -> Result<()> {
     let problem = "training is a program of its own, built from this project's source: \
                    cargo run --release -p spindoe-train -- --out DIR";
     Err(Error::argument("train", problem))

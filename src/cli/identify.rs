@@ -1,4 +1,4 @@
-//! `spindoe identify`: which dot is which, and how is the ball turned?
+//! `spindoe identify`: identifies observed dots and estimates the ball's orientation.
 
 use std::io::{BufWriter, Seek, Write};
 use std::num::NonZero;
@@ -31,13 +31,13 @@ outward in the image, second across it, counter-clockwise.
 
 Without time_s, a frame named by a whole number is that many nanoseconds; any other has no time.
 
-The robust recognizer's confidence is the probability that every dot has its right name, given that misses,
+The robust recognizer's confidence is the probability that every dot is identified correctly, given that misses,
 false dots and noise are about as expected (--expect, --false-dots, --miss-probability, --sigma-deg). That of
 the paper's recognizer is a share of votes and no probability. --json lists the rival poses of each frame:
-a pattern that looks like itself when turned has several of about the same confidence.
+a pattern with a rotational symmetry has several of about the same confidence.
 
-Answers leave as the frames come: a detector that writes to a pipe gets each frame's row when the next frame
-begins. A file of orientations appears whole or not at all, and so does the JSON object.
+Answers leave as the frames arrive: a detector that writes to a pipe gets each frame's row when the next frame
+begins. A file of orientations appears complete or not at all, and so does the JSON object.
 
 Examples:
   spindoe identify --table table.npz dots.csv -o orientations.csv
@@ -49,7 +49,7 @@ pub struct Arguments {
     /// The pattern's hash table (.npz), or the pattern (CSV of unit vectors x,y,z).
     #[arg(long, value_name = "TABLE.npz")]
     table: PathBuf,
-    /// The recognizer that is asked.
+    /// The recognizer to run.
     #[arg(long, value_parser = super::output::one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust)]
     recognizer: RecognizerName,
     /// Write the orientations to this file instead of standard output.
@@ -62,13 +62,13 @@ pub struct Arguments {
     /// Expect misses, false dots and noise as in this validation protocol.
     #[arg(long, value_parser = super::output::one_of(&ProtocolName::ALL, ProtocolName::as_str), value_name = "PROTOCOL")]
     expect: Option<ProtocolName>,
-    /// Expected number of false dots in a frame.
+    /// Expected number of false dots per frame.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     false_dots: Option<f64>,
-    /// Probability that a dot in plain view is missed.
+    /// Probability that a visible dot is missed.
     #[arg(long, value_name = "P", allow_negative_numbers = true)]
     miss_probability: Option<f64>,
-    /// Leave out answers with a lower confidence than this, 0 to 1.
+    /// Reject answers with a lower confidence than this, 0 to 1.
     #[arg(
         long,
         value_name = "P",
@@ -81,9 +81,9 @@ pub struct Arguments {
     json: bool,
 }
 
-/// A rival with this part of the best one's probability makes a tie.
+/// Minimum ratio of a rival's probability to the best one's that counts as a tie.
 const TIE: f64 = 0.5;
-/// Bytes written at once.
+/// Bytes per write.
 const WRITE_BYTES: usize = 1 << 16;
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -107,7 +107,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let recognizer = RobustRecognizer::new(table.pattern(), config)?;
             let listed = RivalConfig::default();
             let rivals = RivalConfig {
-                // Only JSON lists them; the first one shows a tie.
+                // Only JSON lists them; the first one detects a tie.
                 max_rivals: if arguments.json { listed.max_rivals } else { 1 },
                 ..listed
             };
@@ -156,7 +156,7 @@ impl Arguments {
     }
 }
 
-/// Where the answers go.
+/// Destination of the answers.
 struct Outputs<'a> {
     arguments: &'a Arguments,
     file: Option<OrientationWriter<BufWriter<OutputFile>>>,
@@ -164,14 +164,14 @@ struct Outputs<'a> {
     tally: Tally,
 }
 
-/// What standard output gets.
+/// Content of standard output.
 enum Stdout {
     Nothing,
     Orientations(OrientationWriter<BufWriter<std::io::Stdout>>),
     Json(JsonFrames),
 }
 
-/// The JSON object, kept on disk until it is whole: half of one would be of no use.
+/// The JSON object, kept on disk until it is complete: half of one is not valid JSON.
 struct JsonFrames {
     spool: BufWriter<std::fs::File>,
     is_first: bool,
@@ -200,7 +200,7 @@ impl<'a> Outputs<'a> {
         })
     }
 
-    /// Ends the outputs, and says what became of the frames.
+    /// Ends the outputs, and summarizes the frames.
     fn finish(self, input: &Path) -> Result<()> {
         if let (Some(writer), Some(path)) = (self.file, &self.arguments.output) {
             let error = |e| Error::write(path, e);
@@ -240,7 +240,7 @@ impl Sink<FrameAnswer> for Outputs<'_> {
         }
     }
 
-    /// Nothing waits here while the input is slow.
+    /// No answer waits here while the input is slow.
     fn idle(&mut self) -> Result<()> {
         if let (Some(file), Some(path)) = (&mut self.file, &self.arguments.output) {
             file.flush().map_err(|e| Error::write(path, e))?;
@@ -289,7 +289,7 @@ fn is_tied(answer: &FrameAnswer) -> bool {
     matches!((best, rival), (Some(b), Some(r)) if r >= TIE * b)
 }
 
-/// A frame's row; the field of a time that is not known stays empty.
+/// A frame's row; the field of an unknown time stays empty.
 fn row(answer: &FrameAnswer) -> OrientationRow {
     let found = answer.identification();
     OrientationRow {
@@ -330,7 +330,7 @@ fn to_json(answer: &FrameAnswer) -> serde_json::Value {
     json
 }
 
-/// What became of the frames.
+/// Counts of the frames' outcomes.
 #[derive(Default)]
 struct Tally {
     frames: u64,
@@ -358,7 +358,7 @@ impl Tally {
         }
     }
 
-    /// Says on standard error what became of the frames.
+    /// Summarizes the frames on standard error.
     fn say(&self, input: &Path) -> Result<()> {
         let path = input.display();
         let (tied, mirrored) = (self.tied, self.mirrored);
@@ -369,7 +369,7 @@ impl Tally {
         );
         if tied > 0 {
             errln!(
-                "{path}: {tied} frames have another pose that explains them about as well (--json lists it): does the pattern look like itself when turned?"
+                "{path}: {tied} frames have another pose of about the same probability (--json lists it): does the pattern have a rotational symmetry?"
             );
         }
         if mirrored > 0 {

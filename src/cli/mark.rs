@@ -1,4 +1,4 @@
-//! `spindoe mark`.
+//! `spindoe mark`: paper lobes, stickers and plotter files that mark a pattern on a ball.
 
 use std::path::{Path, PathBuf};
 
@@ -26,11 +26,11 @@ Examples:
 pub struct Arguments {
     /// The pattern, a CSV of unit vectors x,y,z.
     pattern: PathBuf,
-    /// The way of marking.
-    #[arg(long = "as", value_enum, value_name = "WAY")]
-    way: Way,
-    /// The file to write; its ending chooses the format: .svg, .pdf or .dxf for gores and stickers, .svg
-    /// or .gcode for a plotter.
+    /// The marking method.
+    #[arg(long = "as", value_enum, value_name = "METHOD")]
+    method: Method,
+    /// The file to write; its extension selects the format: .svg, .pdf or .dxf for gores and
+    /// stickers, .svg or .gcode for a plotter.
     #[arg(short, long = "out", value_name = "FILE")]
     output: PathBuf,
     /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper.
@@ -39,14 +39,14 @@ pub struct Arguments {
     /// Diameter of a dot.
     #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().dot_diameter_mm, allow_negative_numbers = true)]
     dot_diameter_mm: f64,
-    /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in degrees. May
-    /// be repeated.
+    /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in
+    /// degrees. May be repeated.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = cone, allow_hyphen_values = true)]
     keep_out: Vec<KeepOut>,
     /// Number of lobes, 12 to 24.
     #[arg(long, value_name = "N", default_value_t = GoreConfig::default().lobes)]
     lobes: usize,
-    /// How far color goes on beyond a cut.
+    /// Margin of color beyond a cut.
     #[arg(
         long,
         value_name = "MM",
@@ -54,7 +54,7 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     bleed_mm: f64,
-    /// Leave the dots' numbers beside the lobes out.
+    /// Omit the dots' numbers beside the lobes.
     #[arg(long)]
     no_numbers: bool,
     /// Paper of a PDF.
@@ -63,7 +63,7 @@ pub struct Arguments {
     /// Width of the plotter's pen on the ball.
     #[arg(long, value_name = "MM", default_value_t = PlotterConfig::default().pen_diameter_mm, allow_negative_numbers = true)]
     pen_diameter_mm: f64,
-    /// Motor steps of a turn of the ball, the width of the plotter's SVG.
+    /// Motor steps per revolution of the ball, the width of the plotter's SVG.
     #[arg(long, value_name = "N", default_value_t = PlotterConfig::default().steps_per_turn, allow_negative_numbers = true)]
     steps_per_turn: f64,
     /// Speed of the pen on the ball, for G-code.
@@ -78,19 +78,20 @@ pub struct Arguments {
     /// Time that the pen takes to move, seconds.
     #[arg(long, value_name = "S", default_value_t = PlotterConfig::default().pen_delay_s, allow_negative_numbers = true)]
     pen_delay_s: f64,
-    /// Print the file's note, which says how it lies on the ball, as one JSON object on standard output.
+    /// Print the file's note, which says how to apply it to the ball, as one JSON object on
+    /// standard output.
     #[arg(long)]
     json: bool,
 }
 
-/// Ways of marking.
+/// Marking methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Way {
+enum Method {
     /// Flat lobes that cover the ball, for decal paper and vinyl cutters.
     Gores,
     /// Single dots to stick on, with maps of where each goes.
     Stickers,
-    /// Longitude and latitude for a machine that turns the ball under a pen.
+    /// Longitude and latitude for a machine that rotates the ball under a pen.
     Plotter,
 }
 
@@ -113,22 +114,22 @@ enum Format {
 }
 
 impl Format {
-    /// The format that a file's name asks for.
-    fn of(path: &Path, way: Way) -> Result<Self> {
+    /// The format that a file's extension selects.
+    fn of(path: &Path, method: Method) -> Result<Self> {
         let ending = path
             .extension()
             .and_then(|e| e.to_str())
             .unwrap_or_default();
         let format = match ending.to_ascii_lowercase().as_str() {
             "svg" => Some(Self::Svg),
-            "pdf" if way != Way::Plotter => Some(Self::Pdf),
-            "dxf" if way != Way::Plotter => Some(Self::Dxf),
-            "gcode" | "nc" | "ngc" if way == Way::Plotter => Some(Self::Gcode),
+            "pdf" if method != Method::Plotter => Some(Self::Pdf),
+            "dxf" if method != Method::Plotter => Some(Self::Dxf),
+            "gcode" | "nc" | "ngc" if method == Method::Plotter => Some(Self::Gcode),
             _ => None,
         };
         format.ok_or_else(|| {
-            let expected = match way {
-                Way::Plotter => ".svg or .gcode",
+            let expected = match method {
+                Method::Plotter => ".svg or .gcode",
                 _ => ".svg, .pdf or .dxf",
             };
             let problem = format!(
@@ -171,8 +172,8 @@ impl Arguments {
 
     fn drawing(&self, pattern: &Pattern, format: Format) -> Result<Drawing> {
         let (config, page) = (self.config(), self.page(format));
-        match self.way {
-            Way::Gores => {
+        match self.method {
+            Method::Gores => {
                 let lobes = GoreConfig {
                     lobes: self.lobes,
                     bleed_mm: self.bleed_mm,
@@ -181,20 +182,20 @@ impl Arguments {
                 };
                 gores(pattern, &config, &lobes)
             }
-            Way::Stickers => {
+            Method::Stickers => {
                 let sheet = StickerConfig {
                     bleed_mm: self.bleed_mm,
                     page,
                 };
                 stickers(pattern, &config, &sheet)
             }
-            Way::Plotter => plotter_drawing(pattern, &config, &self.plotter()),
+            Method::Plotter => plotter_drawing(pattern, &config, &self.plotter()),
         }
     }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let format = Format::of(&arguments.output, arguments.way)?;
+    let format = Format::of(&arguments.output, arguments.method)?;
     let pattern = Pattern::read_csv(&arguments.pattern)?;
     let drawing = arguments.drawing(&pattern, format)?;
     let bytes = match format {

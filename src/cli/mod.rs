@@ -1,10 +1,10 @@
 //! The command line: arguments in, library calls, words and files out.
 //!
-//! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 3 done, but
-//! nothing could be answered; 1 anything else.
+//! Exit codes: 0 done; 2 unusable arguments or input, with one line that names the problem; 3 done,
+//! but no input could be answered; 1 anything else.
 
-/// Prints a line on standard output. Whoever reads may stop early (`| head`): then the command ends
-/// quietly; any other failure ends it with one line and exit code 1.
+/// Prints a line on standard output. The reader may stop early (`| head`): then the command ends
+/// quietly. Any other failure ends it with one line and exit code 1.
 macro_rules! outln {
     () => {
         $crate::cli::print_line(format_args!(""))
@@ -14,7 +14,7 @@ macro_rules! outln {
     };
 }
 
-/// Prints a line on standard error, and does without where nobody listens.
+/// Prints a line on standard error; a failure is ignored.
 macro_rules! errln {
     ($($words:tt)*) => {{
         use std::io::Write as _;
@@ -57,7 +57,7 @@ use crate::files;
 use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 
-/// Designs dot patterns for balls, evaluates them, and ships what is needed to use them.
+/// Designs dot patterns for balls, evaluates them, and writes the files needed to use them.
 #[derive(Debug, Parser)]
 #[command(name = "spindoe", version, about, max_term_width = 100)]
 struct Cli {
@@ -67,7 +67,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a folder.
+    /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a
+    /// folder.
     Design(design::Arguments),
     /// Measure how often a pattern is identified correctly, by Monte Carlo.
     Validate(validate::Arguments),
@@ -89,12 +90,13 @@ enum Command {
     Mark(Box<mark::Arguments>),
     /// Estimate the spin from time-stamped orientations.
     Spin(spin::Arguments),
-    /// Simulate orientations of a turning ball, with a known truth.
+    /// Simulate orientations of a rotating ball, with known ground truth.
     Simulate(simulate::Arguments),
-    /// Draw synthetic images of a ball with a pattern, with their truth: a data set, or a turning ball.
+    /// Draw synthetic images of a ball with a pattern, with ground truth: a data set, or a rotating
+    /// ball.
     #[cfg(feature = "vision")]
     Synth(Box<synth::Arguments>),
-    /// Say where the dot detector is trained: in a program of its own.
+    /// Say where the dot detector is trained: in a separate program.
     #[cfg(feature = "vision")]
     Train(export::TrainArguments),
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
@@ -113,7 +115,7 @@ pub fn main() -> ExitCode {
     });
     let (cli, name) = match parsed {
         Ok(parsed) => parsed,
-        Err(error) => return refuse(&error),
+        Err(error) => return report_usage(&error),
     };
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
@@ -132,7 +134,7 @@ pub fn main() -> ExitCode {
         #[cfg(feature = "vision")]
         Command::Synth(arguments) => synth::run(&arguments),
         #[cfg(feature = "vision")]
-        Command::Train(arguments) => export::refuse_training(&arguments),
+        Command::Train(arguments) => export::name_training_program(&arguments),
         #[cfg(feature = "vision")]
         Command::Export(arguments) => export::run(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
@@ -150,7 +152,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Parameters of the library whose flag is not their name in other letters.
+/// Parameters of the library whose flag does not follow from their name.
 const FLAGS: [(&str, &str); 4] = [
     ("exposure_s", "exposure-ms"),
     ("image_px", "image-size"),
@@ -181,8 +183,8 @@ fn words(error: &Error, name: &str) -> String {
     }
 }
 
-/// Prints help where it was asked for, or says in one line what is wrong with the arguments.
-fn refuse(error: &clap::Error) -> ExitCode {
+/// Prints help where it was requested, or one line on the error in the arguments.
+fn report_usage(error: &clap::Error) -> ExitCode {
     use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NothingAsked;
     if !error.use_stderr() || error.kind() == NothingAsked {
         error.exit();
@@ -196,7 +198,8 @@ fn refuse(error: &clap::Error) -> ExitCode {
     ExitCode::from(2)
 }
 
-/// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP does.
+/// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP
+/// does.
 fn read_table(path: &Path) -> Result<HashTable> {
     let bytes = files::read_bytes(path)?;
     let is_archive = bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz");
@@ -208,9 +211,9 @@ fn read_table(path: &Path) -> Result<HashTable> {
     }
 }
 
-/// An input that is read bit by bit: a file, or standard input for `-`.
+/// An input that is read piece by piece: a file, or standard input for `-`.
 struct Input {
-    /// As messages name it.
+    /// Its name in messages.
     name: PathBuf,
     reader: Box<dyn BufRead + Send>,
 }
@@ -226,8 +229,8 @@ fn open_input(path: &Path) -> Result<Input> {
     Ok(Input { name, reader })
 }
 
-/// What a failure to write on standard output comes to. Whoever reads may stop early (`| head`): then
-/// the command ends quietly.
+/// The consequence of a failure to write on standard output. The reader may stop early (`| head`):
+/// then the command ends quietly.
 fn stdout_error(error: std::io::Error) -> Error {
     if error.kind() == std::io::ErrorKind::BrokenPipe {
         std::process::exit(0);

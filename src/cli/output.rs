@@ -1,4 +1,4 @@
-//! What the commands share: values chosen by name, progress, interruption.
+//! Shared by the commands: values chosen by name, progress, interruption.
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ where
         .try_map(|name| name.parse::<T>())
 }
 
-/// A flag that the first Ctrl-C sets; the second leaves at once.
+/// A flag that the first Ctrl-C sets; the second ends the process at once.
 pub(super) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
@@ -43,11 +43,10 @@ pub(super) struct Progress {
 }
 
 impl Progress {
-    /// Work of `length` steps. `template` is indicatif's; plain lines come no more often than once in
-    /// `silence`.
+    /// Work of `length` steps. `template` is indicatif's; plain lines are at least `silence` apart.
     pub fn new(length: u64, template: &str, silence: Duration) -> Self {
         let bar = ProgressBar::new(length);
-        // Templates are constants; were one wrong, the default style would do.
+        // Templates are constants; with a wrong one the default style is used.
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style);
         }
@@ -58,7 +57,7 @@ impl Progress {
         }
     }
 
-    /// Steps done, and what to say of them; a plain line adds what `more` returns.
+    /// Sets the steps done and the message; a plain line adds what `more` returns.
     pub fn show(&mut self, done: u64, what: &str, more: impl FnOnce() -> String) {
         self.bar.set_position(done);
         if !self.bar.is_hidden() {
@@ -69,7 +68,7 @@ impl Progress {
         }
     }
 
-    /// Says what is being done now, at once.
+    /// Shows the current work at once.
     pub fn say(&self, what: &str) {
         if self.bar.is_hidden() {
             errln!("{what}");

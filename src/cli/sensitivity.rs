@@ -23,10 +23,10 @@ pub struct Arguments {
     /// The folder to write to.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// How the views are made.
+    /// Protocol of the views.
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Paper)]
     protocol: ProtocolName,
-    /// Trials a point.
+    /// Trials per point.
     #[arg(long, value_name = "N", default_value_t = 2_000)]
     samples: u64,
     /// Seed of the trials.

@@ -1,4 +1,4 @@
-//! `spindoe simulate`.
+//! `spindoe simulate`: orientations of a rotating ball, with known ground truth.
 
 use std::path::PathBuf;
 
@@ -18,11 +18,11 @@ pub struct Arguments {
     /// Spin at the first frame, revolutions per second.
     #[arg(long, default_value_t = 50.0, allow_negative_numbers = true)]
     rps: f64,
-    /// Axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random where
-    /// not given.
+    /// Axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random
+    /// where not given.
     #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z")]
     axis: Option<Vec3>,
-    /// Frames taken.
+    /// Number of frames.
     #[arg(long, default_value_t = 10)]
     frames: usize,
     /// Frames per second.
@@ -37,8 +37,8 @@ pub struct Arguments {
     /// Probability that a frame is lost.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     drops: f64,
-    /// Standard deviation of a frame's (known) time about the even grid, in intervals; at most a third
-    /// of an interval.
+    /// Standard deviation of a frame's (known) time about the even grid, in intervals; at most a
+    /// third of an interval.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     jitter: f64,
     /// Rate of decay of the spin, 1/s.
@@ -67,7 +67,7 @@ impl Arguments {
         Ok(scenario)
     }
 
-    /// The given axis, or one drawn from a stream of its own.
+    /// The given axis, or one drawn from its own stream.
     fn axis(&self) -> Result<Vec3> {
         let Some(axis) = &self.axis else {
             return Ok(random_direction(&mut stream(self.seed, 1)));
@@ -99,8 +99,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let sequence = scenario.simulate(spin, &mut stream(arguments.seed, 0));
     let mut file = Orientations::from_measurements(&sequence.measurements);
     for row in &mut file.rows {
-        // The simulator knows which are right; a reader should not. Lost frames leave gaps in the
-        // names, as cameras do.
+        // The simulator knows which orientations are correct; a reader must not. Lost frames leave
+        // gaps in the names, as with cameras.
         row.confidence = None;
         row.frame = ((row.time_s * scenario.fps).round() as i64).to_string();
     }

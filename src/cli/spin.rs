@@ -1,4 +1,4 @@
-//! `spindoe spin`.
+//! `spindoe spin`: estimates the spin from time-stamped orientations.
 
 use std::path::PathBuf;
 
@@ -19,11 +19,11 @@ use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig, sta
 use crate::spin::windows::spin_over_time;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 
-/// Alternatives are listed up to this many times the largest spin that is searched.
+/// Alternatives are listed up to this multiple of the largest spin searched.
 const LISTED_BEYOND: f64 = 2.0;
-/// Standard deviation of a prior magnitude for which none is given, as a fraction of it.
+/// Standard deviation of a prior magnitude where none is given, as a fraction of the magnitude.
 const PRIOR_SPREAD: f64 = 0.2;
-/// Residuals this many times larger than expected are worth a word.
+/// Ratio of the residuals to the expected ones above which a warning is printed.
 const SUSPICIOUS_NOISE: f64 = 3.0;
 /// Alternatives printed in words; `--json` has them all.
 const MAX_PRINTED: usize = 6;
@@ -39,27 +39,27 @@ enum Method {
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Orientations: CSV with a header, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence
-    /// (seconds; quaternion scalar first, pattern to camera, empty where there is none); - is
-    /// standard input.
+    /// Orientations: CSV with a header,
+    /// frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence (seconds; quaternion scalar
+    /// first, pattern to camera, empty where there is none); - is standard input.
     orientations: PathBuf,
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
     method: Method,
-    /// Largest spin considered, revolutions per second. At even times T apart, spins beyond 1/(2 T)
-    /// look like slower ones.
+    /// Maximum spin considered, revolutions per second. At equal times T apart, spins beyond 1/(2
+    /// T) appear as slower ones (aliases).
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
     max_spin_rps: f64,
-    /// Expected magnitude of the spin, revolutions per second, where something is known of it.
+    /// Expected magnitude of the spin, revolutions per second, where it is known.
     #[arg(long, allow_negative_numbers = true)]
     prior_rps: Option<f64>,
     /// Standard deviation of the expected magnitude [default: a fifth of it].
     #[arg(long, allow_negative_numbers = true, requires = "prior_rps")]
     prior_std_rps: Option<f64>,
-    /// Noise of the orientations in degrees per axis, a first guess: the residuals correct it.
+    /// Initial estimate of the orientations' noise in degrees per axis; the residuals correct it.
     #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
     sigma_deg: f64,
-    /// Look for a decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
+    /// Estimate a decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
     /// orientation. Without evidence for a decay it is the constant spin.
     #[arg(long)]
     decay: bool,
@@ -70,10 +70,10 @@ pub struct Arguments {
     /// Orientations in a run, within which the spin is taken as constant; for --decay and --plot.
     #[arg(long, default_value_t = 10)]
     window: usize,
-    /// Diameter of the ball in millimetres, for the decay that theory expects.
+    /// Diameter of the ball in millimeters, for the theoretical decay.
     #[arg(long, default_value_t = 40.0, allow_negative_numbers = true)]
     ball_diameter_mm: f64,
-    /// Mass of the ball in grams, a thin shell, likewise.
+    /// Mass of the ball in grams, a thin shell, for the theoretical decay.
     #[arg(long, default_value_t = 2.7, allow_negative_numbers = true)]
     ball_mass_g: f64,
     /// Print one JSON object instead of words.
@@ -147,19 +147,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let input = super::open_input(&arguments.orientations)?;
     let file = Orientations::read(&input.name, input.reader)?;
     let measurements = file.measurements();
-    let refused = |r: SpinRejection| r.in_file(&input.name);
+    let rejected = |r: SpinRejection| r.in_file(&input.name);
     let options = DecayConfig {
         robust: arguments.robust_options(),
         window: arguments.window,
         ..DecayConfig::default()
     };
     let (fit, decay) = if arguments.decay {
-        let outcome = fit_decay(&measurements, &options).map_err(refused)?;
+        let outcome = fit_decay(&measurements, &options).map_err(rejected)?;
         (*outcome.start(), Some(outcome))
     } else {
-        (arguments.fit(&measurements).map_err(refused)?, None)
+        (arguments.fit(&measurements).map_err(rejected)?, None)
     };
-    // A decaying spin has its aliases only for as long as it may be taken as constant.
+    // A decaying spin has its aliases only while it is nearly constant.
     let constant = match decay {
         Some(DecayOutcome::Decaying(_)) => &measurements[..arguments.window],
         _ => &measurements[..],
@@ -192,7 +192,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.plot {
         let runs = spin_over_time(&measurements, options.window, &options.robust);
-        super::spin_plot::plot_over_time(path, &runs.map_err(refused)?, &found)?;
+        super::spin_plot::plot_over_time(path, &runs.map_err(rejected)?, &found)?;
     }
     if arguments.json {
         return super::print_json(&found.to_json());
@@ -201,7 +201,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// What the orientations say of a decay, and what theory expects, 1/s.
+/// The estimated decay, and the theoretical one, 1/s.
 struct Decay {
     outcome: DecayOutcome,
     creeping: f64,
@@ -380,7 +380,7 @@ pub(super) fn fit_json(fit: &Fit, frames: usize, orientations: usize) -> serde_j
     json
 }
 
-/// A spin's fields; no axis where it does not turn.
+/// A spin's fields; no axis where the ball does not rotate.
 fn vector_json(spin: &Vec3) -> serde_json::Value {
     let axis = unit(spin);
     json!({

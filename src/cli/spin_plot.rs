@@ -32,7 +32,7 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> 
     let (Some(first), Some(last)) = ends else {
         return Err(Error::argument(
             "plot",
-            "no run of orientations shows a spin",
+            "no run of orientations yields a spin",
         ));
     };
     let curve = |i: usize| {

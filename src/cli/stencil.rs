@@ -1,4 +1,4 @@
-//! `spindoe stencil`.
+//! `spindoe stencil`: two printable halves that draw a pattern on a ball.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ pub struct Arguments {
     /// Replace a stencil that the folder holds already, with all its files.
     #[arg(long)]
     overwrite: bool,
-    /// Leave the dots' numbers out.
+    /// Omit the dots' numbers.
     #[arg(long)]
     no_numbers: bool,
     /// Number of interleaved knuckles of the hinge, odd [default: 3].
@@ -32,7 +32,7 @@ pub struct Arguments {
     /// Diameter of a dot on the ball, or auto for the largest that fits [default: 4.0].
     #[arg(long, value_name = "MM|auto", value_parser = hole, allow_negative_numbers = true, help_heading = "Sizes")]
     hole_diameter_mm: Option<Hole>,
-    /// Diameter of the pen's tip: makes holes 0.4 mm wider, so that it goes through.
+    /// Diameter of the pen's tip: makes holes 0.4 mm wider, so that the tip passes through.
     #[arg(
         long,
         value_name = "MM",
@@ -75,7 +75,8 @@ const FILES: [&str; 6] = [
 const PICTURE: &str = "stencil.png";
 const COUPON: &str = "coupon.stl";
 
-/// Declares the sizes that can be set: flag, unit, and the library's field, converted where units differ.
+/// Declares the sizes that can be set: flag, unit, and the library's field, converted where units
+/// differ.
 macro_rules! sizes {
     ($($(#[doc = $doc:literal])+ $flag:ident: $unit:literal => $field:ident $(. $convert:ident ())?,)+) => {
         /// Every size has the library's default.
@@ -90,7 +91,7 @@ macro_rules! sizes {
         }
 
         impl Sizes {
-            /// Sets what was given.
+            /// Sets the values that were given.
             fn apply(&self, config: &mut StencilConfig) {
                 $(if let Some(value) = self.$flag {
                     config.$field = value $(. $convert ())?;
@@ -114,13 +115,13 @@ sizes! {
     taper_deg: "DEG" => taper_rad.to_radians(),
     /// Minimum material between holes, and between a hole and rim, hinge or tab [default: 0.8].
     min_web_mm: "MM" => min_web_mm,
-    /// Distance from the seam wanted for the dots' centers [default: 10].
+    /// Target distance of the dots' centers from the seam [default: 10].
     seam_margin_deg: "DEG" => seam_margin_rad.to_radians(),
     /// Gap between the two rims [default: 0.2].
     seam_gap_mm: "MM" => seam_gap_mm,
     /// Nominal diameter of the hinge's screw [default: 3.0, M3].
     screw_diameter_mm: "MM" => screw_diameter_mm,
-    /// By how much the hinge's bore is wider than its screw [default: 0.2].
+    /// Clearance between the hinge's bore and its screw [default: 0.2].
     bore_allowance_mm: "MM" => bore_allowance_mm,
     /// Length of the hinge along its screw [default: 15].
     hinge_length_mm: "MM" => hinge_length_mm,
@@ -132,7 +133,7 @@ sizes! {
     tab_mm: "MM" => tab_mm,
     /// Width of the printer's nozzle [default: 0.4].
     nozzle_mm: "MM" => nozzle_mm,
-    /// Maximum distance of a facet from the surface that it stands for [default: 0.02].
+    /// Maximum distance of a facet from the surface that it approximates [default: 0.02].
     chord_error_mm: "MM" => chord_error_mm,
 }
 
@@ -158,7 +159,7 @@ impl Arguments {
                 config.validate()?;
                 match Stencil::largest_hole_mm(pattern, &config) {
                     Some(diameter) => config.hole_diameter_mm = diameter,
-                    // Why not even the smallest fits.
+                    // The reason why not even the smallest fits.
                     None => {
                         config.hole_diameter_mm = 0.5;
                         Stencil::check(pattern, &config)?;
@@ -175,7 +176,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config(&pattern)?;
     let dir = &arguments.output;
     if !arguments.overwrite {
-        refuse_taken(dir)?;
+        reject_taken(dir)?;
     }
     let stencil = Stencil::build(&pattern, &config)
         .map_err(|error| with_largest(error, &pattern, &config))?;
@@ -197,7 +198,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// A refusal because a hole comes too near a rim or the hinge, with the largest hole that does not.
+/// A rejection because a hole is too near a rim or the hinge, with the largest hole that fits.
 fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Error {
     match error {
         Error::Argument { parameter, problem }
@@ -212,8 +213,8 @@ fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Erro
     }
 }
 
-/// Refuses a folder that holds a stencil already: files of two stencils must not mix in one.
-fn refuse_taken(dir: &Path) -> Result<()> {
+/// Rejects a folder that holds a stencil already: files of two stencils must not mix in one.
+fn reject_taken(dir: &Path) -> Result<()> {
     match FILES.iter().find(|name| dir.join(name).exists()) {
         None => Ok(()),
         Some(name) => {

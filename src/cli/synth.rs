@@ -1,4 +1,4 @@
-//! `spindoe synth`.
+//! `spindoe synth`: draws synthetic images with ground truth.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -20,10 +20,10 @@ use crate::synth::{SynthConfig, SynthKind};
 
 /// Maximum number of frames of a set.
 const MAX_FRAMES: usize = 1_000_000;
-/// Plain lines come no more often than this, seconds.
+/// Minimum time between plain lines, seconds.
 const SILENCE_S: f64 = 5.0;
 
-/// Where the ranges of random frames start from.
+/// The base of the ranges of random frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 enum Preset {
     /// All conditions: any camera, light, background, motion and noise.
@@ -36,7 +36,7 @@ enum Preset {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The folder then holds images/*.png, index.csv (for the SpinDOE authors' reader: image path from the folder,
-quaternion w,x,y,z, then u,v of each dot to be found), truth.json (everything known of every frame),
+quaternion w,x,y,z, then u,v of each dot to be found), truth.json (the ground truth of every frame),
 contact_sheet.png, and for a sequence orientations.csv, which `spindoe spin` reads.
 
 Examples:
@@ -51,7 +51,7 @@ pub struct Arguments {
     /// The folder to write to.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Frames.
+    /// Number of frames.
     #[arg(long, value_name = "N", default_value_t = 100)]
     frames: usize,
     /// Seed.
@@ -60,10 +60,12 @@ pub struct Arguments {
     /// The ranges from which frames are drawn; the flags below change them.
     #[arg(long, value_enum, default_value_t)]
     preset: Preset,
-    /// What is shown: the pattern's ball, or something without the pattern [default: dotted].
+    /// Content of the frames: the pattern's ball, or an object without the pattern [default:
+    /// dotted].
     #[arg(long, value_parser = one_of(&SynthKind::ALL, SynthKind::as_str))]
     kind: Option<SynthKind>,
-    /// One ball that turns at a constant spin, instead of another ball, view and camera in every frame.
+    /// One ball that rotates at a constant spin, instead of another ball, view and camera in every
+    /// frame.
     #[arg(long)]
     sequence: bool,
     /// Frames per second of the sequence.
@@ -77,8 +79,8 @@ pub struct Arguments {
     /// Spin, revolutions per second: one number, or LOW,HIGH [default: 0,150].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "RPS")]
     rps: Option<[f64; 2]>,
-    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at
-    /// random where not given.
+    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length;
+    /// at random where not given.
     #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z", requires_all = ["sequence", "rps"])]
     axis: Option<Vec3>,
     /// Exposure of the sequence's frames in milliseconds; at random where not given.
@@ -89,11 +91,11 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     exposure_ms: Option<f64>,
-    /// How far the ball moves over the sequence, U,V pixels; a tenth of its radius, at random, where not
-    /// given.
+    /// Displacement of the ball over the sequence, U,V pixels; by default a tenth of its radius in
+    /// a random direction.
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "U,V", requires = "sequence")]
     drift_px: Option<[f64; 2]>,
-    /// Side of all crops, pixels [default: 40 to 200, small ones likelier].
+    /// Side of all crops, pixels [default: 40 to 200, small ones more likely].
     #[arg(long, value_name = "PX", conflicts_with_all = ["min_size", "max_size"])]
     size: Option<usize>,
     /// Minimum side of the crops, pixels.
@@ -105,7 +107,8 @@ pub struct Arguments {
     /// Diameter of the ball, pixels: one number, or LOW,HIGH; the crop's side follows from it.
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "PX")]
     ball_px: Option<[f64; 2]>,
-    /// Whole frames of this size with the ball anywhere in them, WIDTHxHEIGHT pixels, instead of crops.
+    /// Whole frames of this size with the ball anywhere in them, WIDTHxHEIGHT pixels, instead of
+    /// crops.
     #[arg(long, value_parser = size, value_name = "WxH")]
     image_size: Option<[usize; 2]>,
     /// Distance of the camera in ball radii: one number, or LOW,HIGH [default: 6,60].
@@ -117,17 +120,18 @@ pub struct Arguments {
         value_name = "RADII"
     )]
     camera_distance_radii: Option<[f64; 2]>,
-    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default: 2.3,7.4].
+    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default:
+    /// 2.3,7.4].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
     dot_radius_deg: Option<[f64; 2]>,
-    /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number, or
-    /// LOW,HIGH; one for a ball [default: 0.23,1.7].
+    /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number,
+    /// or LOW,HIGH; one for a ball [default: 0.23,1.7].
     #[arg(long, alias = "misplacement-deg", value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
     placement_sigma_deg: Option<[f64; 2]>,
     /// Probability of a logo [default: 0.7].
     #[arg(long, alias = "logo", value_name = "P", allow_negative_numbers = true)]
     logo_probability: Option<f64>,
-    /// Maximum angle that a ball turns during the exposure, degrees [default: 17].
+    /// Maximum rotation of a ball during the exposure, degrees [default: 17].
     #[arg(
         long,
         alias = "most-blur-deg",
@@ -138,11 +142,11 @@ pub struct Arguments {
     /// Flip all images left to right, as a selfie video is.
     #[arg(long)]
     mirrored: bool,
-    /// Write masks/*.png, too: white where the ball is seen.
+    /// Also write masks/*.png: white where the ball is visible.
     #[arg(long)]
     masks: bool,
-    /// All ranges, JSON, as `config` in truth.json; what is left out has its default, and the flags above
-    /// win.
+    /// All ranges, JSON, as `config` in truth.json; omitted keys have their default, and the flags
+    /// above take precedence.
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     config: Option<PathBuf>,
     /// Print a summary as one JSON object instead of words.
@@ -179,7 +183,8 @@ impl Arguments {
             (None, Preset::Good) => SynthConfig::good(),
         };
         if self.size.or(self.min_size).or(self.max_size).is_some() {
-            // The side of the crop is given: the ball's size follows from it, unless it is given, too.
+            // The side of the crop is given: the ball's size follows from it, unless it is given as
+            // well.
             config.ball_px = None;
         }
         config.size_px[0] = self.size.or(self.min_size).unwrap_or(config.size_px[0]);
@@ -247,7 +252,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let sequence = sequence_config
         .map(|s| Sequence::random(&pattern, &config, &s, seed, frames))
         .transpose()?;
-    refuse_taken(&arguments.out)?;
+    reject_taken(&arguments.out)?;
     files::create_writable_dir(&arguments.out)?;
     let origin = Origin {
         seed,
@@ -318,7 +323,8 @@ fn summarize(
     Ok(())
 }
 
-/// The pattern of a CSV file or of a hash table: a NumPy archive starts with "PK", as every ZIP does.
+/// The pattern of a CSV file or of a hash table: a NumPy archive starts with "PK", as every ZIP
+/// does.
 fn read_pattern(path: &Path) -> Result<Pattern> {
     let bytes = files::read_bytes(path)?;
     if bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz") {
@@ -328,8 +334,8 @@ fn read_pattern(path: &Path) -> Result<Pattern> {
     }
 }
 
-/// Refuses a folder that holds frames already: two sets must not mix in one.
-fn refuse_taken(dir: &Path) -> Result<()> {
+/// Rejects a folder that holds frames already: two sets must not mix in one.
+fn reject_taken(dir: &Path) -> Result<()> {
     for name in ["index.csv", "truth.json", "images"] {
         if dir.join(name).exists() {
             let problem = format!(
@@ -351,7 +357,7 @@ struct Progress {
 impl Progress {
     fn new(frames: usize) -> Self {
         let bar = ProgressBar::new(frames as u64);
-        // The template is a constant; were it wrong, the default style would do.
+        // The template is a constant; with a wrong one the default style is used.
         if let Ok(style) =
             ProgressStyle::with_template("{bar:25} {pos} of {len} frames, {eta} left")
         {

@@ -11,7 +11,7 @@ use crate::pattern::Pattern;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The archive opens with numpy.load: dots (n,3), features (m,3), bases (m,2), feature_dots (m,), meta
-(UTF-8 JSON). Pairs of dots that cannot serve as a basis are left out by --min-cross and
+(UTF-8 JSON). Pairs of dots that cannot serve as a basis are excluded by --min-cross and
 --max-angle-deg; the archive's meta says so.
 
 Example:
@@ -23,10 +23,10 @@ pub struct Arguments {
     /// The file to write.
     #[arg(short, long, value_name = "TABLE.npz")]
     output: PathBuf,
-    /// Leave out pairs of dots whose cross product is shorter than this.
+    /// Exclude pairs of dots whose cross product is shorter than this.
     #[arg(long, value_name = "X", default_value_t = PairRule::default().min_cross)]
     min_cross: f64,
-    /// Leave out pairs of dots farther apart than this, degrees.
+    /// Exclude pairs of dots farther apart than this, degrees.
     #[arg(long, value_name = "DEG", default_value_t = 170.0)]
     max_angle_deg: f64,
 }

@@ -1,4 +1,4 @@
-//! `spindoe trajectories`.
+//! `spindoe trajectories`: checks and summarizes trajectories with known spins.
 
 use std::path::PathBuf;
 
@@ -10,16 +10,17 @@ use crate::spin::trajectories::{Limits, TrajectorySet};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Folder with index.csv (traj_file,x_spin,y_spin,z_spin; rad/s) and NNN.csv (t;x;y;z; s and m).
+    /// Folder with index.csv (traj_file,x_spin,y_spin,z_spin; rad/s) and NNN.csv (t;x;y;z; s and
+    /// m).
     dir: PathBuf,
-    /// Draw the flights and the distribution of their spins into this folder.
+    /// Draw the trajectories and the distribution of their spins into this folder.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
     /// Write the set as read into this folder, in the same format.
     #[arg(long, value_name = "DIR")]
     write: Option<PathBuf>,
-    /// Largest plausible spin, revolutions per second.
+    /// Maximum plausible spin, revolutions per second.
     #[arg(long, default_value_t = Limits::default().max_rps)]
     max_spin_rps: f64,
     /// Print one JSON object instead of words.
@@ -49,7 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.plots {
         crate::files::create_dir(dir)?;
-        super::trajectories_plot::plot_flights(&dir.join("flights.png"), &set)?;
+        super::trajectories_plot::plot_trajectories(&dir.join("flights.png"), &set)?;
         super::trajectories_plot::plot_spins(&dir.join("spins.png"), &set)?;
     }
     if arguments.json {
@@ -57,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let [fewest, middle, most] = summary.points_each;
     outln!(
-        "{} flights, {} points ({fewest} to {most} each, median {middle})",
+        "{} trajectories, {} points ({fewest} to {most} each, median {middle})",
         summary.trajectories,
         summary.points
     );
@@ -66,8 +67,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "  duration  {shortest:.3} to {longest:.3} s, median {middle:.3}; a point every {:.4} s",
         summary.interval_s
     );
-    let [least, middle, largest] = summary.rps;
-    outln!("  spin      {least:.1} to {largest:.1} rps, median {middle:.1}");
+    let [smallest, middle, largest] = summary.rps;
+    outln!("  spin      {smallest:.1} to {largest:.1} rps, median {middle:.1}");
     outln!("  speed     median {:.1} m/s", summary.speed_m_s);
     outln!("{} oddities", oddities.len());
     for oddity in oddities {

@@ -6,11 +6,11 @@ use crate::error::Result;
 use crate::plot::{LinePlot, LineSeries, PathGroup, PathPlot, line_plot, path_groups};
 use crate::spin::trajectories::{Trajectory, TrajectorySet};
 
-/// Upper ends (rps) of the classes in which flights are drawn; the last class is open.
+/// Upper ends (rps) of the classes in which trajectories are drawn; the last class is open.
 const CLASSES: [f64; 3] = [20.0, 40.0, 80.0];
 
-/// The trajectories that have points, by classes of spin with their names; unknown spins are a class
-/// of their own, where there are any.
+/// The trajectories that have points, by classes of spin with their names; unknown spins are a
+/// class of their own, where there are any.
 fn by_class(set: &TrajectorySet) -> Vec<(String, Vec<&Trajectory>)> {
     let last = CLASSES.len();
     let name = |i: usize| match (i.checked_sub(1), CLASSES.get(i)) {
@@ -37,8 +37,8 @@ fn by_class(set: &TrajectorySet) -> Vec<(String, Vec<&Trajectory>)> {
 }
 
 /// Height over the horizontal distance from each trajectory's first point, by classes of spin.
-pub(super) fn plot_flights(path: &Path, set: &TrajectorySet) -> Result<()> {
-    let way = |t: &Trajectory| -> Vec<(f64, f64)> {
+pub(super) fn plot_trajectories(path: &Path, set: &TrajectorySet) -> Result<()> {
+    let path_of = |t: &Trajectory| -> Vec<(f64, f64)> {
         let positions = || t.points.iter().map(|p| p.position_m);
         let start = positions().next().unwrap_or_default().xy();
         positions()
@@ -47,10 +47,10 @@ pub(super) fn plot_flights(path: &Path, set: &TrajectorySet) -> Result<()> {
     };
     let groups = by_class(set).into_iter().map(|(name, members)| PathGroup {
         name,
-        paths: members.into_iter().map(way).collect(),
+        paths: members.into_iter().map(path_of).collect(),
     });
     let plot = PathPlot {
-        title: format!("{} flights from the side", set.trajectories.len()),
+        title: format!("{} trajectories from the side", set.trajectories.len()),
         x_label: "horizontal distance from the first point (m)".into(),
         y_label: "height (m)".into(),
         groups: groups.collect(),
@@ -58,7 +58,7 @@ pub(super) fn plot_flights(path: &Path, set: &TrajectorySet) -> Result<()> {
     path_groups(path, &plot)
 }
 
-/// Share of the flights up to a spin.
+/// Cumulative share of the trajectories by spin.
 pub(super) fn plot_spins(path: &Path, set: &TrajectorySet) -> Result<()> {
     let mut rps: Vec<f64> = set
         .trajectories
@@ -69,12 +69,12 @@ pub(super) fn plot_spins(path: &Path, set: &TrajectorySet) -> Result<()> {
     let n = rps.len() as f64;
     let share = |(i, r): (usize, &f64)| (*r, 100.0 * (i as f64 + 1.0) / n);
     let plot = LinePlot {
-        title: "Spins of the flights".into(),
+        title: "Spins of the trajectories".into(),
         x_label: "spin (revolutions per second)".into(),
-        y_label: "flights with at most this spin (%)".into(),
+        y_label: "trajectories with at most this spin (%)".into(),
         log_y: false,
         series: vec![LineSeries {
-            name: format!("{} flights with a known spin", rps.len()),
+            name: format!("{} trajectories with a known spin", rps.len()),
             points: rps.iter().enumerate().map(share).collect(),
         }],
     };

@@ -1,4 +1,4 @@
-//! `spindoe validate`: how often is a pattern identified correctly?
+//! `spindoe validate`: measures how often a pattern is identified correctly.
 
 use std::path::PathBuf;
 
@@ -28,7 +28,7 @@ pub struct Arguments {
     /// A pattern (CSV of unit vectors x,y,z) or a hash table (.npz).
     #[arg(value_name = "PATTERN_OR_TABLE")]
     input: PathBuf,
-    /// How the views are made.
+    /// Protocol of the views.
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Paper)]
     protocol: ProtocolName,
     /// Number of trials.
@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Seed of the trials.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// The recognizer that is asked.
+    /// The recognizer to validate.
     #[arg(long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust)]
     recognizer: RecognizerName,
     /// Also write the views' dots to this file, as `spindoe identify` reads them; frames are named

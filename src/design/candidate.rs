@@ -1,4 +1,4 @@
-//! What a search handles: patterns with what is known of them, its stages, and its milestones.
+//! The data of a search: patterns with their values, the search's stages, and its milestones.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 use crate::stats::Proportion;
 
-/// A pattern on its way through the search.
+/// A pattern in the search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
     /// The start it came from, counted over all rounds.
@@ -18,9 +18,9 @@ pub struct Candidate {
     pub value: f64,
     /// The cost now: objective and bound.
     pub cost: f64,
-    /// The demand that it misses, if any; such a candidate is never chosen.
+    /// The constraint that it violates, if any; such a candidate is never chosen.
     pub missed: Option<String>,
-    /// Whether its orientation bound falls short of the goal; such a candidate stands behind all others.
+    /// Whether its orientation bound misses the goal; such a candidate ranks behind all others.
     pub short_of_goal: bool,
     /// Identity rate over all trials so far, if it was tried.
     pub identity: Option<Proportion>,
@@ -42,23 +42,23 @@ impl Candidate {
     }
 }
 
-/// What a search is doing.
+/// The current stage of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Stage {
-    /// All starts of the round, a few steps each.
+    /// A few steps from every start of the round.
     Scout,
-    /// The best quarter, to the end.
+    /// The best quarter, until convergence.
     Climb,
     /// Monte Carlo trials of the round's best.
     Try,
     /// The best of all rounds, with more and more trials.
     Halve,
-    /// The winner, on the rate itself.
+    /// The winner, optimized on the rate itself.
     Polish,
 }
 
-/// The best so far, at some time.
+/// The best pattern at a point in time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Milestone {
     /// Seconds since the search began, over all its runs.
@@ -67,11 +67,11 @@ pub struct Milestone {
     pub rounds: usize,
     /// Rounds of polishing that this pattern has had; 0 after a round of the search.
     pub polished: usize,
-    /// The identity rate of the best candidate, always on the same trials, by which nothing is chosen.
+    /// The identity rate of the best candidate, always on the same trials, which select nothing.
     pub identity: Proportion,
 }
 
-/// Those that reach the goal first, of these the best rate first; ties by cost, then by start.
+/// Candidates that reach the goal first, then the best rate; ties by cost, then by start.
 pub(super) fn sort_by_rate(candidates: &mut [Candidate]) {
     candidates.sort_by(|a, b| {
         a.short_of_goal

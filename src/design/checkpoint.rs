@@ -1,4 +1,5 @@
-//! A search on disk: everything that is needed to continue it, written whole after every batch of work.
+//! A search on disk: everything needed to continue it, written atomically after every batch of
+//! work.
 
 use std::path::Path;
 
@@ -14,14 +15,14 @@ use crate::files;
 /// Version of the checkpoint's format.
 pub const CHECKPOINT_VERSION: u32 = 3;
 
-/// Where a search stands.
+/// The progress of a search.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SearchState {
     /// Rounds completed.
     pub round: usize,
-    /// Candidates of the round at hand after their first steps, in the order of their starts.
+    /// Candidates of the current round after their first steps, in the order of their starts.
     pub scouted: Vec<Candidate>,
-    /// The best quarter of them, climbed; best scouted first.
+    /// The best quarter of them after the full descent; best scouted first.
     pub climbed: Vec<Candidate>,
     /// The best of all rounds, best first.
     pub pool: Vec<Candidate>,
@@ -31,7 +32,7 @@ pub struct SearchState {
     pub milestones: Vec<Milestone>,
     /// The polishing of the last trial's winner.
     pub polish: Option<Polish>,
-    /// A demand that a candidate missed lately.
+    /// A constraint that a recent candidate violated.
     pub missed: Option<String>,
 }
 
@@ -48,7 +49,7 @@ struct File {
 }
 
 impl SearchState {
-    /// The best pattern so far, in a stage: the polished one where it is of the best that the search has.
+    /// The best pattern so far, in a stage: the polished one where it is among the search's best.
     pub fn best(&self, stage: Stage) -> Option<&Candidate> {
         let found = self.pool.first();
         let polish = self.polish.as_ref().filter(|polish| {
@@ -70,7 +71,7 @@ impl SearchState {
         serde_json::to_vec(&file).map_err(|e| Error::Internal(format!("checkpoint as JSON: {e}")))
     }
 
-    /// Writes the search, whole or not at all.
+    /// Writes the search atomically.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -79,8 +80,8 @@ impl SearchState {
         files::write_bytes(path, &self.to_json(config)?)
     }
 
-    /// Reads a search that was saved under the same configuration; more rounds, also of polishing, may be
-    /// asked for.
+    /// Reads a search that was saved under the same configuration. The number of rounds, also of
+    /// polishing, may be larger.
     ///
     /// # Errors
     /// [`Error::Read`], and those of [`SearchState::from_json`].

@@ -1,4 +1,4 @@
-//! How a design is searched: every value on which its result depends.
+//! Configuration of a design search: every value on which its result depends.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -10,45 +10,47 @@ use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::validate::{Protocol, ProtocolName};
 
-/// How a design is searched.
+/// Configuration of a design search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DesignConfig {
     /// Dots of the pattern.
     pub dots: usize,
     /// Seed of the random starts; the trials' seeds are derived from it.
     pub seed: u64,
-    /// Random starts a round.
+    /// Random starts per round.
     pub starts: usize,
     /// Rounds.
     pub rounds: usize,
-    /// Descent steps of every start.
+    /// Descent steps from every start.
     pub scout_steps: u64,
     /// Further descent steps of the best quarter.
     pub climb_steps: u64,
     /// Rounds of polishing after them, on the rate itself.
     pub polish: usize,
-    /// Monte Carlo trials a candidate; the last ones get eight times as many, and polishing up to sixty times.
+    /// Monte Carlo trials per candidate; the last ones get eight times as many, and polishing up to
+    /// sixty times.
     pub samples: u64,
     /// The views that candidates are tried on.
     pub protocol: Protocol,
-    /// What a pattern must satisfy.
+    /// The constraints of the pattern.
     pub constraints: Constraints,
-    /// What a descent works on.
+    /// The objective that a descent minimizes.
     pub objective: Objective,
     /// Weight of the orientation bound's worst direction beside the objective; 0 leaves it out.
     pub bound_weight: f64,
-    /// Patterns with this orientation bound or better are preferred to all others, in units of the dots'
-    /// noise; `None` prefers none.
+    /// Patterns with this orientation bound or better are preferred to all others, in units of the
+    /// dots' noise; `None` prefers none.
     pub bound_goal: Option<BoundSummary>,
-    /// Weight of the pairs' worth as bases, which the paper's recognizer lives on; 0 leaves it out.
+    /// Weight of the pairs' quality as bases, on which the paper's recognizer depends; 0 leaves it
+    /// out.
     pub basis_weight: f64,
     /// A pattern to improve instead of random starts.
     pub from: Option<Vec<[f64; 3]>>,
 }
 
 impl Default for DesignConfig {
-    /// 20 dots, one round of 16 starts, none of polishing, 10 000 trials of `sparse` each, `confusion`
-    /// beside the orientation bound.
+    /// 20 dots, one round of 16 starts, none of polishing, 10 000 trials of `sparse` each,
+    /// `confusion` beside the orientation bound.
     fn default() -> Self {
         Self {
             dots: 20,
@@ -101,7 +103,7 @@ impl DesignConfig {
         }
         if !self.objective.name().suits(self.dots) {
             let problem = format!(
-                "confusion is worked out for at most {} dots, found {}; choose another",
+                "confusion is computed for at most {} dots, found {}; choose another",
                 confusion::MAX_DOTS,
                 self.dots
             );
@@ -123,7 +125,7 @@ impl DesignConfig {
         self.trial_seed(0x9011_5400 + (stage << 32))
     }
 
-    /// Seed of the trials that show the progress; nothing is chosen by them.
+    /// Seed of the trials that show the progress; they select nothing.
     pub fn progress_seed(&self) -> u64 {
         self.trial_seed(0x9406_4e00)
     }
@@ -133,8 +135,8 @@ impl DesignConfig {
         self.trial_seed(0x4e90_4700)
     }
 
-    /// A seed for one purpose. A pattern that is improved was chosen by trials of its own, perhaps of a
-    /// design with the same seed: its digest enters, so that these trials are not drawn again.
+    /// A seed for one purpose. A pattern to improve was selected by its own trials, perhaps of a
+    /// design with the same seed. Its digest enters the seed, so these trials are not drawn again.
     fn trial_seed(&self, purpose: u64) -> u64 {
         let salt = self.from.as_ref().map_or(0, |dots| {
             let mut hasher = Sha256::new();

@@ -1,7 +1,9 @@
-//! What a pattern must satisfy to be printed, drawn and read, as values and as linear inequalities.
+//! Constraints on a pattern that is to be printed, drawn and read, as values and as linear
+//! inequalities.
 //!
-//! A design works on the dots and, where a stencil's seam is to stay clear, on the seam's normal as one
-//! more unit vector. Every demand is written as `g(x) <= 0` in cosines or heights on the unit sphere:
+//! A design works on the dots and, where a stencil's seam must stay clear, on the seam's normal as
+//! one more unit vector. Every constraint is written as `g(x) <= 0` in cosines or heights on the
+//! unit sphere:
 //!
 //! - separation, each pair: `p_i . p_j - cos(separation)`,
 //! - visibility, for each viewing direction v and each of the `min_visible` highest dots:
@@ -9,18 +11,18 @@
 //! - seam, each dot: `sin(margin) - sign_i (p_i . normal)`, the dot stays on its side,
 //! - keep-out, each dot and cone: `p_i . axis - cos(half angle)`.
 //!
-//! A pattern that nobody can draw is none, so this module asks [`crate::stencil`] for two things: the seam
-//! of maximum margin, and whether a stencil is possible ([`Stencil::check`]). It is the one place where
-//! the design depends on the stencil.
+//! A pattern must also be possible to apply, so this module asks [`crate::stencil`] for two
+//! results: the seam of maximum margin, and whether a stencil is possible ([`Stencil::check`]).
+//! Nothing else in the design depends on the stencil.
 
 use crate::error::{Error, Result, require};
 use crate::geometry::{Vec3, angle_between, spiral_directions};
 use crate::pattern::Pattern;
 use crate::stencil::{Stencil, StencilConfig, max_margin_seam};
 
-/// Viewing directions at which visibility is demanded while searching.
+/// Viewing directions that sample the visibility constraint during the search.
 const VIEWS: usize = 600;
-/// Height above the limit that is demanded, since directions between the sampled ones count too.
+/// Required height above the limit, since directions between the samples count too.
 const VISIBILITY_RESERVE: f64 = 0.02;
 /// An angle may miss its bound by this much, radians (0.06 degrees: 0.02 mm on a ball of 40 mm).
 const ANGLE_TOLERANCE: f64 = 1e-3;
@@ -34,7 +36,7 @@ pub struct KeepOut {
     pub half_angle_rad: f64,
 }
 
-/// What a pattern must satisfy.
+/// The constraints of a pattern.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Constraints {
     /// Minimum angle between two dots, radians.
@@ -43,18 +45,18 @@ pub struct Constraints {
     pub min_visible: usize,
     /// Minimum z of a dot that counts as in view.
     pub visibility_limit: f64,
-    /// Minimum angle between a dot and the seam's great circle, radians; 0 demands nothing.
+    /// Minimum angle between a dot and the seam's great circle, radians; 0 sets no limit.
     pub seam_margin_rad: f64,
     /// Cones without dots.
     pub keep_out: Vec<KeepOut>,
-    /// A stencil that must be possible: holes apart, clear of rims, hinge and thumb tab. It is not among
-    /// the inequalities; a pattern that has none is left out of the choice.
+    /// A stencil that must be possible: holes apart, clear of rims, hinge and thumb tab. It is not
+    /// one of the inequalities; a pattern without a possible stencil is never chosen.
     pub stencil: Option<StencilConfig>,
 }
 
 impl Default for Constraints {
-    /// 18 degrees apart (6.3 mm on a 40 mm ball: holes of 4 mm with a wall between them), 6 dots with
-    /// z > 0 from anywhere, 10 degrees off the seam, no cone, whatever stencil.
+    /// 18 degrees apart (6.3 mm on a 40 mm ball: holes of 4 mm with a wall between them), 6 dots
+    /// with z > 0 from anywhere, 10 degrees off the seam, no cone, any stencil.
     fn default() -> Self {
         Self {
             min_separation_rad: 18f64.to_radians(),
@@ -67,8 +69,8 @@ impl Default for Constraints {
     }
 }
 
-/// A linear inequality on a small move: `violation + sum_k gradient_k . move(dot_k) <= 0`. Index `n`
-/// (the number of dots) stands for the seam's normal.
+/// A linear inequality on a small move: `violation + sum_k gradient_k . move(dot_k) <= 0`. Index
+/// `n` (the number of dots) is the seam's normal.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
     pub terms: [(usize, Vec3); 2],
@@ -76,21 +78,21 @@ pub(super) struct Row {
 }
 
 impl Constraints {
-    /// Refuses what no pattern of `dots` dots can satisfy.
+    /// Rejects constraints that no pattern of `dots` dots can satisfy.
     ///
     /// By L. Fejes Toth, n points cannot all be farther apart than `acos((cot^2 w - 1) / 2)`,
-    /// `w = pi n / (6 (n - 2))`. A view and its opposite share the dots, so that no more than half of
-    /// them can be promised.
+    /// `w = pi n / (6 (n - 2))`. A view and its opposite share the dots, so at most half of them can be
+    /// visible from everywhere.
     ///
     /// # Errors
     /// [`Error::Argument`] with the nearest value that might work.
     pub fn check_demand(&self, dots: usize) -> Result<()> {
         let limit = max_separation(dots);
         if !(self.min_separation_rad >= 0.0 && self.min_separation_rad < limit) {
-            let most = (4..=dots)
+            let fitting = (4..=dots)
                 .take_while(|&n| max_separation(n) > self.min_separation_rad)
                 .last();
-            let fewer = most.map_or(String::new(), |n| format!("; at most {n} dots fit"));
+            let fewer = fitting.map_or(String::new(), |n| format!("; at most {n} dots fit"));
             let problem = format!(
                 "expected 0 to {:.1} degrees (no {dots} points on a sphere are farther apart), found {:.1}{fewer}",
                 limit.to_degrees(),
@@ -98,10 +100,10 @@ impl Constraints {
             );
             return Err(Error::argument("min_separation_rad", problem));
         }
-        let most = dots / 2;
-        let expected = format!("at most {most} of {dots} dots (opposite views share them)");
+        let maximum = dots / 2;
+        let expected = format!("at most {maximum} of {dots} dots (opposite views share them)");
         require(
-            self.min_visible <= most,
+            self.min_visible <= maximum,
             "min_visible",
             &expected,
             self.min_visible,
@@ -117,7 +119,7 @@ impl Constraints {
         Ok(())
     }
 
-    /// Says which demand a pattern misses, or `None`.
+    /// The constraint that a pattern violates, or `None`.
     pub fn missed(&self, pattern: &Pattern) -> Option<String> {
         let summary = pattern.summary();
         let deg = f64::to_degrees;
@@ -143,9 +145,9 @@ impl Constraints {
                 }
             }
         }
-        let refused = self.stencil.as_ref()?;
-        let refused = Stencil::check(pattern, refused).err()?;
-        Some(format!("no stencil ({refused})"))
+        let rejected = self.stencil.as_ref()?;
+        let rejected = Stencil::check(pattern, rejected).err()?;
+        Some(format!("no stencil ({rejected})"))
     }
 
     /// The largest violation at `x`: the dots, and the seam's normal after them.

@@ -1,12 +1,13 @@
-//! Whether demands can be met at all: found out before a search begins.
+//! Feasibility of the constraints, tested before a search begins.
 //!
-//! Two quick tries. Dots that repel each other ever more sharply settle near the densest packing (the
-//! Tammes problem), which tells the separation that so many dots can have. Then some random starts
-//! descend under all demands as charges that repel each other, which alone leaves no side of the ball
-//! bare. Where none meets them all, the first says what it has reached.
+//! Two quick tests run. First, dots that repel each other ever more sharply settle near the densest
+//! packing (the Tammes problem), which estimates the separation that so many dots can have. Then
+//! some random starts descend under all constraints as charges that repel each other. That cost
+//! alone leaves no side of the ball bare. Where no start meets all constraints, the error states
+//! the best value reached.
 //!
-//! What it does not do: evaluate anything. Packings come within a degree of the best known ones for up to
-//! 64 dots, and a demand that six starts miss may be met by a seventh.
+//! The result is an estimate. Packings come within a degree of the best known ones for up to 64
+//! dots, and a constraint that six starts violate may be met by a seventh.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -19,9 +20,9 @@ use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::random_pattern;
 
-/// Packings and descents that are tried.
+/// Number of packings and descents.
 const TRIES: u64 = 6;
-/// Steps of a descent from one check of the demands to the next, and the number of checks.
+/// Steps of a descent between two checks of the constraints, and the number of checks.
 const STEPS: u64 = 10;
 const CHECKS: usize = 8;
 /// Steps of a packing at each sharpness, and how often that doubles.
@@ -29,11 +30,12 @@ const PACKING_STEPS: usize = 150;
 const DOUBLINGS: i32 = 9;
 /// A step of a packing, as part of the minimum separation.
 const PACKING_STEP: f64 = 0.1;
-/// Part of the densest packing's separation at which dots placed one by one at random still fit.
+/// Fraction of the densest packing's separation at which dots placed one by one at random still
+/// fit.
 const RANDOM_SHARE: f64 = 0.7;
 
-/// The separation with which a random start is placed: the demanded one, or what random dots can have.
-/// The descent fixes the rest.
+/// The separation of a random start: the required one, or what random dots can have. The descent
+/// fixes the rest.
 pub(super) fn start_separation(dots: usize, demanded_rad: f64) -> f64 {
     demanded_rad.min(RANDOM_SHARE * max_separation(dots))
 }
@@ -56,8 +58,8 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
     for doubling in 0..DOUBLINGS {
         let power = f64::from(1 << doubling);
         for step in 0..PACKING_STEPS {
-            let least = min_distance(&dots);
-            best = best.max(2.0 * (0.5 * least).min(1.0).asin());
+            let smallest = min_distance(&dots);
+            best = best.max(2.0 * (0.5 * smallest).min(1.0).asin());
             let pushes: Vec<Vec3> = dots
                 .iter()
                 .enumerate()
@@ -69,7 +71,7 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
                         .map(|(_, other)| {
                             let away = d - other;
                             let distance = away.norm().max(1e-9);
-                            away / distance * (least / distance).powf(power + 1.0)
+                            away / distance * (smallest / distance).powf(power + 1.0)
                         })
                         .sum();
                     push - d * d.dot(&push)
@@ -77,7 +79,7 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
                 .collect();
             let largest = pushes.iter().map(Vec3::norm).fold(1e-12, f64::max);
             let fading = 1.0 - step as f64 / PACKING_STEPS as f64;
-            let scale = PACKING_STEP * least * fading / largest;
+            let scale = PACKING_STEP * smallest * fading / largest;
             for (d, push) in dots.iter_mut().zip(&pushes) {
                 *d = (*d + push * scale).normalize();
             }
@@ -87,13 +89,13 @@ fn packing(mut dots: Vec<Vec3>) -> f64 {
 }
 
 fn min_distance(dots: &[Vec3]) -> f64 {
-    let mut least = 2.0f64;
+    let mut smallest = 2.0f64;
     for (i, a) in dots.iter().enumerate() {
         for b in &dots[..i] {
-            least = least.min((a - b).norm());
+            smallest = smallest.min((a - b).norm());
         }
     }
-    least
+    smallest
 }
 
 /// The logarithm of the electrostatic energy of unit charges (the Thomson problem).
@@ -122,8 +124,8 @@ impl Cost for Charges {
 }
 
 impl Constraints {
-    /// Refuses what no pattern of `dots` dots can satisfy ([`Constraints::check_demand`]), and what none of
-    /// a few was found to satisfy.
+    /// Rejects constraints that no pattern of `dots` dots can satisfy
+    /// ([`Constraints::check_demand`]), and constraints that none of a few attempts satisfied.
     ///
     /// # Errors
     /// [`Error::Argument`] with the nearest value that was reached.
@@ -136,7 +138,7 @@ impl Constraints {
                 .find(|&n| packed_separation(n) >= self.min_separation_rad)
                 .map_or(String::new(), |n| format!(", or at most {n} dots"));
             let problem = format!(
-                "no {dots} dots were found to be {:.1} degrees apart; ask for at most {:.1}{fewer}",
+                "no arrangement of {dots} dots that are {:.1} degrees apart was found; ask for at most {:.1}{fewer}",
                 self.min_separation_rad.to_degrees(),
                 (10.0 * reached.to_degrees()).floor() / 10.0
             );
@@ -154,7 +156,7 @@ impl Constraints {
         }
         let missed = self.missed_after_descent(dots, 0)?.unwrap_or_default();
         let problem = format!(
-            "no pattern of {dots} dots was found that meets all of them at once; what was reached: {missed}"
+            "no pattern of {dots} dots was found that meets all of them at once; the closest attempt has: {missed}"
         );
         Err(Error::argument("constraints", problem))
     }

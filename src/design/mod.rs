@@ -1,16 +1,17 @@
-//! Designing patterns: objectives with their gradients, hard constraints, the descent, and the search.
+//! Designing patterns: objectives with their gradients, hard constraints, the descent, and the
+//! search.
 //!
 //! - [`objective`]: what makes a pattern easy to identify,
-//! - [`constraints`]: what it must satisfy to be printed, drawn and read,
-//! - [`feasible`]: whether that can be had,
+//! - [`constraints`]: the constraints for printing, drawing and reading it,
+//! - [`feasible`]: whether the constraints can be met,
 //! - [`scp`]: the descent under these constraints,
 //! - [`start`]: random patterns to start from,
 //! - [`search`]: many starts, screening, and selection by Monte Carlo,
 //! - [`rate`] and [`polish`]: the last stage, on the measured rate itself,
-//! - [`checkpoint`]: a search on disk, whole.
+//! - [`checkpoint`]: the state of a search on disk.
 //!
-//! What is optimized against is not what a pattern is judged by: the objectives draw no trials, the
-//! trials that select are fresh in every round, and what is reported comes from seeds used nowhere else.
+//! The evaluation is separate from the optimization. The objectives draw no trials, the trials that
+//! select are fresh in every round, and reported rates come from seeds used nowhere else.
 
 mod candidate;
 pub mod checkpoint;

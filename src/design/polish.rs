@@ -1,29 +1,33 @@
-//! The last stage: climbing the measured rate itself, by correcting the objective where it errs.
+//! The last stage: descent on the measured rate itself, by correction of the objective where it
+//! errs.
 //!
-//! An objective predicts the failure rate but is not it: at its optimum the rate still has a slope. A
-//! round of polishing measures that slope over many views ([`SmoothRate`]) and takes the pattern down the
-//! corrected model (first-order model correction: N. M. Alexandrov et al., "A trust-region framework for
-//! managing the use of approximation models in optimization", Structural Optimization 15, 1998)
+//! An objective predicts the failure rate but does not equal it: at the objective's optimum the
+//! rate still has a slope. A round of polishing measures that slope over many views
+//! ([`SmoothRate`]) and descends on the corrected model (first-order model correction: N. M.
+//! Alexandrov et al., "A trust-region framework for managing the use of approximation models in
+//! optimization", Structural Optimization 15, 1998)
 //!
 //! ```text
 //! ln objective(x) + (grad ln rate(x0) - grad ln objective(x0)) . (x - x0)
 //! ```
 //!
-//! under the constraints and beside the orientation bound. The objective lends its curvature, without
-//! which the scatter of the slope would lead anywhere: a plain descent on fixed views gained a tenth on
-//! those and nothing on fresh ones.
+//! under the constraints and beside the orientation bound. The objective provides the curvature,
+//! without which sampling noise of the slope would dominate: a plain descent on fixed views gained
+//! a tenth on those and nothing on fresh ones.
 //!
-//! The correction `c` is measured with scatter, and is shrunk to what is surely in it (W. James,
-//! C. Stein, "Estimation with quadratic loss", Proc. 4th Berkeley Symp., 1961): of measurements `c_k` on
-//! different views the products `c_j . c_k` estimate `|c|^2` without bias, and the mean of the `c_k` is
-//! multiplied by the ratio of that to its own square. Measurements at one pattern add up until another
-//! takes its place; where nothing is sure nothing is tried.
+//! The correction `c` is measured with sampling noise and shrunk accordingly (W. James, C. Stein,
+//! "Estimation with quadratic loss", Proc. 4th Berkeley Symp., 1961). Of measurements `c_k` on
+//! different views the products `c_j . c_k` estimate `|c|^2` without bias, and the mean of the
+//! `c_k` is multiplied by the ratio of that estimate to its own square. Measurements at one pattern
+//! accumulate until another pattern replaces it. Where the estimate is not positive, no step is
+//! tried.
 //!
-//! Points along the way are looked at on further views, and the best of them is tried against the pattern
-//! at hand: it is taken only where an exact sign test on the views that one of the two fails (McNemar's
-//! test) finds it better at 5 %. Every step of every round has views of its own.
+//! Points along the descent are evaluated on further views, and the best of them is tested against
+//! the current pattern. It replaces that pattern only where an exact sign test on the views that
+//! exactly one of the two fails (McNemar's test) finds it better at the 5 % level. Every step of
+//! every round has views of its own.
 //!
-//! What it does not promise: a gain. Where none is significant the pattern stays as it is.
+//! What it does not guarantee: a gain. Where no gain is significant the pattern stays unchanged.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -41,38 +45,38 @@ use crate::validate::{Proportion, TrialResult};
 
 /// Slopes that a round measures.
 const SLOPES: u64 = 2;
-/// Views of a slope, of a look, and of a test, in units of the configuration's samples.
+/// Views of a slope, of an evaluation, and of a test, in units of the configuration's samples.
 const SLOPE_VIEWS: u64 = 30;
 const LOOK_VIEWS: u64 = 10;
 const TEST_VIEWS: u64 = 20;
-/// Part of a test after which it is given up where nothing speaks for the new pattern.
+/// Fraction of a test after which it stops where nothing favors the new pattern.
 const HALF_WAY: u64 = 4;
-/// Descent steps from one point that is looked at to the next.
+/// Descent steps between two evaluated points.
 const STAGES: [u64; 3] = [3, 5, 8];
-/// Trust radius at first, radians: the objective's optimum is near.
+/// Initial trust radius, radians: the objective's optimum is near.
 const FIRST_RADIUS: f64 = 0.012;
 /// Level of the test.
 const LEVEL: f64 = 0.05;
 
-/// What one round came to.
+/// Result of one round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PolishStep {
-    /// Views that both patterns were tried on; 0 where no point along the way looked better.
+    /// Views that both patterns were tried on; 0 where no point along the descent evaluated better.
     pub trials: u64,
     /// Views that only the new pattern passed.
     pub gained: u64,
     /// Views that only the old pattern passed.
     pub lost: u64,
-    /// Whether the new pattern took the old one's place.
+    /// Whether the new pattern replaced the old one.
     pub taken: bool,
 }
 
-/// Where polishing stands.
+/// The state of polishing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Polish {
-    /// The pattern as it was handed over.
+    /// The pattern before polishing.
     pub from: Candidate,
-    /// The pattern now.
+    /// The current pattern.
     pub at: Candidate,
     /// Sum of the corrections measured there.
     pub correction: Vec<Vec3>,
@@ -85,7 +89,7 @@ pub struct Polish {
 }
 
 impl Polish {
-    /// Nothing done yet.
+    /// The state before the first round.
     pub(super) fn new(from: Candidate) -> Self {
         Self {
             at: from.clone(),
@@ -145,7 +149,7 @@ impl Polish {
         Ok(())
     }
 
-    /// The correction as far as it is sure; `None` where it is all scatter.
+    /// The shrunk correction; `None` where it is not distinguishable from sampling noise.
     fn sure_correction(&self) -> Option<Vec<Vec3>> {
         let n = self.measured as f64;
         let sum: f64 = self.correction.iter().map(Vec3::norm_squared).sum();
@@ -155,7 +159,8 @@ impl Polish {
         (share > 0.0).then(|| self.correction.iter().map(|c| c * (share / n)).collect())
     }
 
-    /// Points along the descent on the corrected model; those that miss a demand or the goal left out.
+    /// Points along the descent on the corrected model, without those that violate a constraint or
+    /// miss the goal.
     fn descend(&self, config: &DesignConfig, stop: &AtomicBool) -> Result<Vec<Candidate>> {
         let Some(correction) = self.sure_correction() else {
             return Ok(Vec::new());
@@ -183,23 +188,23 @@ impl Polish {
         Ok(found)
     }
 
-    /// The candidate that looks best; `None` where the pattern at hand does.
-    fn best_of(&self, candidates: Vec<Candidate>, look: &SmoothRate) -> Result<Option<Candidate>> {
+    /// The candidate that evaluates best; `None` where the current pattern does.
+    fn best_of(&self, candidates: Vec<Candidate>, rate: &SmoothRate) -> Result<Option<Candidate>> {
         let mut best = None;
         if candidates.is_empty() {
             return Ok(best);
         }
-        let mut least = look.value(&dots(&self.at))?;
+        let mut smallest = rate.value(&dots(&self.at))?;
         for candidate in candidates {
-            let value = look.value(&dots(&candidate))?;
-            if value < least {
-                (least, best) = (value, Some(candidate));
+            let value = rate.value(&dots(&candidate))?;
+            if value < smallest {
+                (smallest, best) = (value, Some(candidate));
             }
         }
         Ok(best)
     }
 
-    /// Tries a new pattern against the one at hand, and takes it if it is better beyond doubt.
+    /// Tests a new pattern against the current one, and takes it if it is significantly better.
     fn test(
         &mut self,
         config: &DesignConfig,
@@ -274,8 +279,8 @@ fn identified(result: &TrialResult) -> Option<bool> {
     }
 }
 
-/// One-sided exact sign test: the probability of at least so many gains among the views where one of
-/// two equal patterns failed.
+/// One-sided exact sign test: the probability of at least so many gains among the views where one
+/// of two equal patterns failed.
 pub fn sign_test(gained: u64, lost: u64) -> f64 {
     let n = gained + lost;
     let ln_choose = |k: u64| {

@@ -1,19 +1,19 @@
-//! The failure rate itself, made smooth: what a recognizer's trials say, as a cost with its gradient.
+//! The failure rate as a smooth cost with its gradient, from a recognizer's Monte Carlo trials.
 //!
-//! A recognizer that knows the distribution of its views answers with the likeliest explanation, and is wrong with
-//! the probability that the others hold. The mean over views of
+//! A recognizer that knows the distribution of its views answers with the likeliest explanation. It
+//! is wrong with the probability of all other explanations. The mean over views of
 //!
 //! ```text
 //! 1 - max_k e_k / sum_k e_k,        e_k the evidence of explanation k,
 //! ```
 //!
-//! is its failure rate (the Bayes risk), with less scatter than counting failures, and smooth in the dots.
-//! It is a little low, since only the best few explanations of a view are summed.
-//! The views are [`CommonRandomTrials`], so that neighboring patterns see the same ones.
+//! is its failure rate (the Bayes risk), with less scatter than counting failures, and smooth in
+//! the dots. It is a little low, since only the best few explanations of a view are summed. The
+//! views are [`CommonRandomTrials`], so that neighboring patterns see the same ones.
 //!
-//! The derivative is taken by central differences of each dot's two tangent coordinates, in the views
-//! alone that leave a doubt, and there among the explanations that the full search has found: the rest
-//! does not change over so small a move.
+//! The derivative is taken by central differences of each dot's two tangent coordinates. It uses
+//! only the views that leave a doubt, and there only the explanations that the full search has
+//! found: all others do not change over so small a move.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -26,15 +26,15 @@ use crate::recognize::robust::{RobustRecognizer, RobustWorkspace};
 use crate::recognize::{Identification, Recognizer};
 use crate::validate::{CommonRandomTrials, Protocol, Trial};
 
-/// Views whose answer is surer than this are taken for certain in the derivative.
+/// Views whose answer is more probable than this count as certain in the derivative.
 const CERTAIN: f64 = 0.01;
-/// Explanations with less of a share than this are left out.
+/// Explanations with a smaller share than this are left out.
 const MIN_SHARE: f64 = 1e-3;
-/// Maximum number of explanations of a view that are followed.
+/// Maximum number of explanations of a view that enter the derivative.
 const MAX_EXPLANATIONS: usize = 5;
 /// Half the difference that the derivative is taken over, radians: a tenth of the noise.
 const DIFFERENCE_RAD: f64 = 0.004;
-/// A pattern that never fails has no logarithm; half a failure stands for it.
+/// A pattern that never fails has no logarithm; half a failure replaces it.
 const MIN_FAILURES: f64 = 0.5;
 /// Views handled by one task.
 const CHUNK: usize = 64;
@@ -48,7 +48,8 @@ pub struct SmoothRate<'a> {
     pub seed: u64,
     /// Their number.
     pub trials: u64,
-    /// Where set, nothing more is looked at and the values mean nothing: what asked for them is to end.
+    /// Where set, no more views are evaluated and the values are invalid: the caller is about to
+    /// end.
     pub stop: &'a AtomicBool,
 }
 
@@ -70,7 +71,7 @@ impl SmoothRate<'_> {
     /// The rate's logarithm.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`] for dots that are none.
+    /// [`crate::Error::Argument`] for invalid dots.
     pub fn value(&self, dots: &[Vec3]) -> Result<f64> {
         Ok(self.logarithm(self.survey(dots)?.0))
     }
@@ -159,7 +160,7 @@ impl SmoothRate<'_> {
         {
             return (1.0, None);
         }
-        // Shares among the explanations found: that the dots might be something else is no failure here.
+        // Shares among the explanations found: the null hypothesis is no failure here.
         let best = answer.confidence;
         let mut all = answer.pose_confidence;
         let mut poses = vec![answer.rotation];

@@ -1,22 +1,23 @@
 //! The descent: sequential convex programming on the sphere.
 //!
-//! At the dots x with the cost's gradient g (in the tangent planes) and a quasi-Newton matrix B, the move
-//! s solves the convex program
+//! At the dots x with the cost's gradient g (in the tangent planes) and a quasi-Newton matrix B,
+//! the move s solves the convex program
 //!
 //! ```text
 //! min  g.s + s.B s / 2 + rho t    s.t.  violation_k + a_k.s <= t,  |s_i| <= Delta,  t >= 0,
 //! ```
 //!
-//! by clarabel's interior point method; the vectors then return to the sphere. The shared slack t keeps
-//! the program feasible where the demands cannot be met at once (an exact penalty on the largest
-//! violation). The move is taken where the merit `cost + rho * violation` falls by a fair part of what
-//! was promised; the trust region grows and shrinks accordingly (J. Nocedal, S. Wright, "Numerical
-//! Optimization", 2006, ch. 18.5). B is updated by Powell's damped BFGS in ambient coordinates, so that no
-//! transport between tangent planes is needed; gradients are projected.
+//! by clarabel's interior point method; the vectors are then projected back onto the sphere. The
+//! shared slack t keeps the program feasible where the constraints cannot all be met at once (an
+//! exact penalty on the largest violation). The move is taken where the merit
+//! `cost + rho * violation` falls by a sufficient fraction of the predicted decrease; the trust
+//! region grows and shrinks accordingly (J. Nocedal, S. Wright, "Numerical Optimization", 2006, ch.
+//! 18.5). B is updated by Powell's damped BFGS in ambient coordinates, so no transport between
+//! tangent planes is needed; gradients are projected.
 //!
-//! Argmin drives the iteration. Costs with kinks (nearest neighbors that switch) are handled knowingly:
-//! the gradient is one of those that meet there, and the trust region shrinks until it is worth
-//! something.
+//! Argmin drives the iteration. Costs with kinks (nearest neighbors that switch) are supported: the
+//! gradient is one of those that meet there, and the trust region shrinks until the model predicts
+//! the cost. The descent finds a local minimum; it does not guarantee a global one.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -38,12 +39,13 @@ use crate::stencil::max_margin_seam;
 
 /// Price of a violation (in cosines) against the cost (a logarithm).
 const RHO: f64 = 200.0;
-/// Trust radius at first (by default) and at most, radians a tangent coordinate.
+/// Trust radius (initial default and maximum), radians per tangent coordinate.
 const FIRST_RADIUS: f64 = 0.05;
 const MAX_RADIUS: f64 = 0.2;
 /// A trust radius below this ends the descent.
 const MIN_RADIUS: f64 = 1e-5;
-/// Part of the promised fall that a move must keep to be taken, and to widen the trust region.
+/// Fraction of the predicted decrease that a move must reach to be taken, and to widen the trust
+/// region.
 const TAKEN: f64 = 0.05;
 const WIDENED: f64 = 0.6;
 
@@ -221,7 +223,7 @@ impl Scp<'_> {
 struct Move {
     /// Tangent moves of the vectors.
     moves: Vec<Vec3>,
-    /// By how much the merit ought to fall.
+    /// The predicted decrease of the merit.
     promised: f64,
 }
 
@@ -347,22 +349,22 @@ impl Program {
     }
 }
 
-/// How far a descent goes.
+/// Extent of a descent.
 #[derive(Debug, Clone, Copy)]
 pub struct Descent<'a> {
     /// Maximum number of convex programs.
     pub steps: u64,
-    /// Trust radius at first, radians a tangent coordinate.
+    /// Initial trust radius, radians per tangent coordinate.
     pub first_radius: f64,
-    /// Ends the descent after the step at hand when set; what it has reached by then is its result.
+    /// Ends the descent after the current step when set; the best point so far is its result.
     pub stop: &'a AtomicBool,
 }
 
-/// A stop that never comes.
+/// A stop that is never set.
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 impl Descent<'static> {
-    /// A descent of at most `steps` that nothing stops.
+    /// A descent of at most `steps` steps without a stop.
     pub fn of_steps(steps: u64) -> Self {
         Self {
             steps,

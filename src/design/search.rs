@@ -1,14 +1,18 @@
-//! The search: rounds of many starts, each screened, climbed, tried by Monte Carlo and halved.
+//! The search: rounds of many starts, each screened, descended, evaluated by Monte Carlo and
+//! halved.
 //!
-//! A round takes a number of starts down a few steps (cheap), takes the best quarter down to the end, and
-//! tries the best of those by Monte Carlo. The first round starts at random; later ones put a few dots of
-//! the best so far elsewhere, and one start in four stays random. The best few of all rounds so far meet again in a last
-//! trial, where each halving doubles the trials of those that remain. All trials of one stage of one round
-//! share their seed, so that candidates are compared on the same views, and no other stage ever uses it:
-//! a candidate cannot have been lucky twice. The winner is then polished ([`super::polish`]).
+//! A round takes a number of starts down a few steps (cheap), takes the best quarter down to
+//! convergence, and evaluates the best of those by Monte Carlo. The first round starts at random.
+//! Later rounds move a few dots of the best patterns so far, and one start in four stays random.
+//! The best few of all rounds so far meet in a last trial, where each halving doubles the trials of
+//! those that remain.
 //!
-//! The search is a deterministic function of its configuration, and its [`SearchState`] after every batch of
-//! descents says all that is needed to continue.
+//! All trials of one stage of one round share their seed, so candidates are compared on the same
+//! views. No other stage uses that seed: a candidate cannot profit from the same luck twice. The
+//! winner is then polished ([`super::polish`]).
+//!
+//! The search is a deterministic function of its configuration. Its [`SearchState`] after every
+//! batch of descents holds everything needed to continue. It does not guarantee the global optimum.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -27,22 +31,22 @@ const POOL: usize = 12;
 /// Trials of a milestone, in units of the configuration's samples.
 const MILESTONE_VIEWS: u64 = 2;
 
-/// Follows a search; all methods are optional.
+/// Observes a search; all methods are optional.
 pub trait DesignObserver {
     /// Some work of a stage of a round is done.
     ///
     /// # Errors
-    /// Whatever the observer meets; it ends the search.
+    /// Any error of the observer; it ends the search.
     fn progress(&mut self, _state: &SearchState, _stage: Stage) -> Result<()> {
         Ok(())
     }
 
-    /// Whether another round should be begun; asked after each round that is not the last.
+    /// Whether another round begins; called after each round but the last.
     fn another_round(&mut self, _state: &SearchState) -> bool {
         true
     }
 
-    /// Whether another round of polishing should be begun; asked before each.
+    /// Whether another round of polishing begins; called before each.
     fn another_polish(&mut self, _state: &SearchState) -> bool {
         true
     }
@@ -50,14 +54,14 @@ pub trait DesignObserver {
 
 impl DesignObserver for () {}
 
-/// What a search came to.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DesignOutcome {
     /// The winner of the last trial, polished.
     pub best: Candidate,
-    /// Those that met there, best first.
+    /// The finalists, best first.
     pub finalists: Vec<Candidate>,
-    /// What polishing came to, round by round.
+    /// The result of polishing, round by round.
     pub polish: Vec<PolishStep>,
     /// Starts tried.
     pub starts: usize,
@@ -67,14 +71,14 @@ pub struct DesignOutcome {
     pub stopped: bool,
 }
 
-/// Searches for a pattern, from the beginning or from where `state` was left. Setting `stop` ends the
-/// search after the work at hand with the best so far.
+/// Searches for a pattern, from the beginning or from where `state` was left. Setting `stop` ends
+/// the search after the current work with the best so far.
 ///
 /// Descents run in parallel; the result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::Argument`] where a parameter is out of its domain or no pattern was found that satisfies the
-/// constraints.
+/// [`Error::Argument`] where a parameter is out of its domain or no pattern was found that
+/// satisfies the constraints.
 pub fn design(
     config: &DesignConfig,
     state: &mut SearchState,
@@ -137,8 +141,8 @@ struct Search<'a> {
     observer: &'a mut dyn DesignObserver,
     clock: Stopwatch,
     before_s: f64,
-    /// What a stopped round came to. It takes part in the last trial of this run; the state does without,
-    /// so that a resumed search finds what one that was never stopped finds.
+    /// The result of a stopped round. It takes part in the last trial of this run. The state leaves
+    /// it out, so a resumed search finds the same as one that was never stopped.
     unfinished: Vec<Candidate>,
 }
 
@@ -258,7 +262,7 @@ impl Search<'_> {
         Ok(tried)
     }
 
-    /// Notes the rate of the best after a round of the search, or after so many of polishing it.
+    /// Records the rate of the best after a round of the search, or after rounds of polishing it.
     fn milestone(
         &mut self,
         state: &mut SearchState,
@@ -300,18 +304,18 @@ impl Search<'_> {
         Ok(field)
     }
 
-    /// Polishes the winner, or goes on with it; `false` if stopped before the end.
+    /// Polishes the winner, or continues polishing; `false` if stopped before the end.
     fn polish(&mut self, state: &mut SearchState, winner: &Candidate) -> Result<bool> {
         if self.stopped() {
             return Ok(false);
         }
-        let most = self.config.polish;
-        let of_other = |p: &Polish| p.from != *winner || p.steps.len() > most;
+        let max_steps = self.config.polish;
+        let of_other = |p: &Polish| p.from != *winner || p.steps.len() > max_steps;
         if state.polish.as_ref().is_none_or(of_other) {
             state.polish = Some(Polish::new(winner.clone()));
         }
         while let Some(polish) = &state.polish
-            && polish.steps.len() < most
+            && polish.steps.len() < max_steps
             && self.observer.another_polish(state)
         {
             let Some(next) = polish.round(self.config, self.stop)? else {

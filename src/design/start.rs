@@ -1,4 +1,4 @@
-//! Good patterns with some dots put elsewhere, to start from. Random ones are
+//! Starts of a search from good patterns, with some dots moved elsewhere. Random starts come from
 //! [`crate::pattern::random_pattern`].
 
 use rand::Rng;
@@ -11,11 +11,11 @@ use crate::pattern::Pattern;
 /// Tries to place one dot at random apart from the others before it stays where it was.
 const PLACEMENT_TRIES: usize = 2_000;
 
-/// `pattern` with `moved` of its dots put elsewhere at random, no nearer to others than demanded where
-/// that can be had (a descent fixes the rest).
+/// `pattern` with `moved` of its dots placed elsewhere at random, no nearer to others than required
+/// where that is possible (a descent fixes the rest).
 ///
 /// # Errors
-/// [`Error::Argument`] where dots coincide.
+/// [`crate::Error::Argument`] where dots coincide.
 pub fn move_dots<R: Rng>(
     pattern: &Pattern,
     moved: usize,

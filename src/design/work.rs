@@ -1,7 +1,7 @@
-//! The pieces of work that a search is made of: a start, its descent, its trials.
+//! The units of work of a search: a start, its descent, its trials.
 //!
-//! Each is a function of the configuration, the start's number and, from the second round on, the best so
-//! far: whichever thread does it, and whenever, it comes out the same.
+//! Each is a function of the configuration, the start's number and, from the second round on, the
+//! best patterns so far. The result does not depend on the thread or the time of the work.
 
 use std::sync::atomic::AtomicBool;
 
@@ -20,11 +20,11 @@ use crate::pattern::{Pattern, random_pattern};
 use crate::recognize::robust::RobustRecognizer;
 use crate::validate::{Proportion, TrialResult, run_trials, summarize};
 
-/// How far the dots of an existing pattern are shaken to make a start of it, radians.
+/// Maximum displacement of the dots of an existing pattern that makes a start, radians.
 const SHAKE_RAD: f64 = 0.05;
-/// From the second round on, all starts but each of this number are made from the best so far.
+/// From the second round on, every start except each of this number begins from the best so far.
 const FRESH_EVERY: usize = 4;
-/// Maximum number of dots of a good pattern that are put elsewhere to make a start of it.
+/// Maximum number of dots of a good pattern that are moved elsewhere to make a start.
 const MAX_MOVED: usize = 4;
 
 /// The weighted sum that a descent lowers.
@@ -55,8 +55,8 @@ impl Cost for DesignCost<'_> {
     }
 }
 
-/// A start: random; the given pattern shaken (start 0: as it is); or, once there are good ones, one of
-/// them with some dots put elsewhere.
+/// A start: random; the given pattern with displaced dots (start 0: unchanged); or, once there are
+/// good ones, one of them with some dots placed elsewhere.
 fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Result<Pattern> {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(start as u64);

@@ -1,14 +1,15 @@
 //! CSV tables, read row by row: the one reader behind every table of this crate.
 //!
 //! [`Rows`] yields the records of a file, [`Table`] those below a header, by the columns' names.
-//! Fields are separated by a comma (or what [`Format`] says), may be quoted with `"`, and lose the
-//! white space around them. Blank lines are passed over, and so are lines that start with `#` where
+//! Fields are separated by a comma (or the separator of [`Format`]), may be quoted with `"`, and
+//! are trimmed of white space. Blank lines are skipped, and so are lines that start with `#` where
 //! the format has comments. Lines end in `\n` or `\r\n`; a byte-order mark at the start is ignored.
 //!
 //! Guarantees: time grows linearly with the bytes read, memory is bounded by the longest record
-//! ([`MAX_RECORD_BYTES`]), no byte is asked for beyond the record that is due, and errors are one
-//! line that names the line on which the record begins, as an editor counts. A record that is not
-//! complete is never handed out, unless the file ends in it.
+//! ([`MAX_RECORD_BYTES`]), no byte is requested beyond the current record, and errors are one line
+//! that names the line on which the record begins, as an editor counts. An incomplete record is
+//! never yielded, unless the file ends in it. Duplicate rows and values outside a domain are the
+//! caller's concern.
 
 use std::io::{BufRead, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -17,9 +18,9 @@ use csv_core::ReadRecordResult;
 
 use crate::error::{Error, Result};
 
-/// Longest record. A quotation mark that is never closed would otherwise swallow the whole file.
+/// Maximum length of a record. An unclosed quotation mark would otherwise consume the whole file.
 pub(crate) const MAX_RECORD_BYTES: usize = 1 << 16;
-/// Most characters of a file's text that an error shows.
+/// Maximum number of characters of a file's text in an error.
 const MAX_SHOWN: usize = 60;
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
@@ -50,7 +51,7 @@ pub(crate) struct Rows<R> {
     /// Line ends seen so far.
     newlines: u64,
     at_start: bool,
-    /// The record's fields, one after the other, and where each ends.
+    /// The record's fields, concatenated, and the end of each.
     bytes: Vec<u8>,
     ends: Vec<usize>,
 }
@@ -80,7 +81,7 @@ impl<R: BufRead> Rows<R> {
     /// The next record; `None` at the end.
     ///
     /// # Errors
-    /// [`Error::Read`] where the system refuses, [`Error::Input`] for a record that is too long or
+    /// [`Error::Read`] on an I/O failure, [`Error::Input`] for a record that is too long or
     /// not UTF-8.
     pub fn next_row(&mut self) -> Result<Option<Row<'_>>> {
         if !self.skip_to_record()? {
@@ -101,7 +102,7 @@ impl<R: BufRead> Rows<R> {
         Ok(Some(row))
     }
 
-    /// Passes over what stands between records; whether a record follows.
+    /// Skips blank lines and comments; returns whether a record follows.
     fn skip_to_record(&mut self) -> Result<bool> {
         let mut in_comment = false;
         loop {
@@ -156,7 +157,7 @@ impl<R: BufRead> Rows<R> {
                 ReadRecordResult::Record => return Ok(Some((length, fields))),
                 ReadRecordResult::End => return Ok(None),
                 ReadRecordResult::InputEmpty => {}
-                // The parser wants one free byte even where it writes none.
+                // The parser needs one free byte even where it writes none.
                 ReadRecordResult::OutputFull if length > MAX_RECORD_BYTES => {
                     let problem = format!(
                         "expected a row of at most {MAX_RECORD_BYTES} bytes: is a quotation mark left open?"
@@ -174,9 +175,10 @@ impl<R: BufRead> Rows<R> {
     }
 }
 
-/// What is buffered, after waiting for it where nothing is; empty at the end.
+/// The buffered bytes, after a blocking read where there are none; empty at the end.
 fn fill<'a, R: BufRead>(input: &'a mut R, path: &Path) -> Result<&'a [u8]> {
-    // The loop only repeats what a signal interrupted; the second call returns what the first filled.
+    // The loop only repeats what a signal interrupted; the second call returns what the first
+    // filled.
     loop {
         match input.fill_buf() {
             Ok(_) => break,
@@ -250,7 +252,7 @@ impl<'a> Row<'a> {
     /// The record as an error shows it.
     pub fn shown(&self) -> String {
         let separator = char::from(self.delimiter).to_string();
-        // No more fields than an error has space for.
+        // No more fields than the error shows.
         let fields: Vec<&str> = self.fields().take(MAX_SHOWN).collect();
         shown(&fields.join(&separator))
     }
@@ -261,7 +263,7 @@ impl<'a> Row<'a> {
     }
 }
 
-/// A file's text as an error shows it: on one line, and not all of it where it is long.
+/// A file's text as an error shows it: on one line, shortened where it is long.
 pub(crate) fn shown(text: &str) -> String {
     let mut line: String = text
         .chars()
@@ -278,7 +280,7 @@ pub(crate) fn shown(text: &str) -> String {
     line
 }
 
-/// A field of text as it is written; quoted where CSV demands it.
+/// A field of text as written: quoted where CSV requires it.
 pub(crate) fn quoted(text: &str) -> std::borrow::Cow<'_, str> {
     if text.contains([',', '"', '\n', '\r', '#']) || text.trim() != text {
         format!("\"{}\"", text.replace('"', "\"\"")).into()
@@ -287,8 +289,8 @@ pub(crate) fn quoted(text: &str) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// A header's columns: all that a reader knows, and how many of them, from the first `required` on,
-/// a file must have.
+/// A header's columns: all that a reader knows; the file must have those from the first `required`
+/// on.
 #[derive(Debug)]
 pub(crate) struct Columns<const N: usize> {
     /// The columns' names.
@@ -297,7 +299,7 @@ pub(crate) struct Columns<const N: usize> {
     pub required: std::ops::Range<usize>,
 }
 
-/// The records below a header, by the names of its columns; unknown columns are passed over.
+/// The records below a header, by the names of its columns; unknown columns are skipped.
 pub(crate) struct Table<R, const N: usize> {
     rows: Rows<R>,
     columns: &'static Columns<N>,
@@ -447,7 +449,7 @@ mod tests {
     use proptest::prelude::*;
     use std::io::{BufReader, Read};
 
-    /// Hands out at most `n` bytes a call, as a pipe may.
+    /// Yields at most `n` bytes per call, as a pipe may.
     struct Trickle<'a>(&'a [u8], usize);
 
     impl Read for Trickle<'_> {
@@ -469,8 +471,8 @@ mod tests {
         found
     }
 
-    /// The obvious reader, character by character, for text in which quotation marks enclose whole
-    /// fields.
+    /// The simple reference reader, character by character, for text in which quotation marks
+    /// enclose whole fields.
     fn naive(text: &str) -> Vec<(u64, Vec<String>)> {
         let (mut found, mut line) = (Vec::new(), 1);
         let mut rest = text;
@@ -541,7 +543,7 @@ mod tests {
         }
 
         #[test]
-        fn any_bytes_are_read_or_refused_in_one_line(
+        fn any_bytes_are_read_or_rejected_in_one_line(
             bytes in prop::collection::vec(prop_oneof![any::<u8>(), Just(b'"'), Just(b'\n')], 0..200),
         ) {
             static COLUMNS: Columns<2> = Columns { names: ["a", "b"], required: 0..2 };

@@ -1,4 +1,4 @@
-//! Files of the system: written whole or not at all, aside in the target's folder, then renamed.
+//! Atomic file writes: a temporary file in the target's folder, then a rename.
 
 use std::fs;
 use std::io::{BufReader, Write};
@@ -6,21 +6,21 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// Bytes asked of a file at once.
+/// Bytes per read.
 const READ_BYTES: usize = 1 << 16;
 
 /// Creates `dir` and its parents.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses.
+/// [`Error::Write`] on an I/O failure.
 pub fn create_dir(dir: &Path) -> Result<()> {
     fs::create_dir_all(dir).map_err(|e| Error::write(dir, e))
 }
 
-/// Creates `dir` and makes sure that files can be written there, before long work is begun for it.
+/// Creates `dir` and checks that files can be written there, before long work begins.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses.
+/// [`Error::Write`] on an I/O failure.
 pub fn create_writable_dir(dir: &Path) -> Result<()> {
     create_dir(dir)?;
     tempfile::Builder::new()
@@ -30,12 +30,12 @@ pub fn create_writable_dir(dir: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a folder that holds `what` already, as one of `files` says: two must not mix in one. `advice`
-/// ends the message.
+/// Rejects a folder that already holds `what`, as one of `files` shows: two must not mix in one.
+/// `advice` ends the message.
 ///
 /// # Errors
 /// [`Error::Argument`] of the parameter `out`.
-pub(crate) fn refuse_taken(dir: &Path, files: &[&str], what: &str, advice: &str) -> Result<()> {
+pub(crate) fn reject_taken(dir: &Path, files: &[&str], what: &str, advice: &str) -> Result<()> {
     match files.iter().find(|name| dir.join(name).exists()) {
         None => Ok(()),
         Some(name) => {
@@ -46,10 +46,10 @@ pub(crate) fn refuse_taken(dir: &Path, files: &[&str], what: &str, advice: &str)
     }
 }
 
-/// Writes what `fill` produces to `path`; the file appears whole or not at all.
+/// Writes the output of `fill` to `path`; the file appears complete or not at all.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses, or the error of `fill`.
+/// [`Error::Write`] on an I/O failure, or the error of `fill`.
 pub fn write_atomic(
     path: &Path,
     fill: impl FnOnce(&mut fs::File) -> std::io::Result<()>,
@@ -59,8 +59,9 @@ pub fn write_atomic(
     output.finish()
 }
 
-/// A file that is written bit by bit and appears whole, at [`OutputFile::finish`], or not at all.
-/// What is no regular file (a pipe, a terminal, `/dev/stdout`) gets the bytes as they come.
+/// A file that is written piece by piece and appears complete, at [`OutputFile::finish`], or not at
+/// all. A target that is no regular file (a pipe, a terminal, `/dev/stdout`) gets the bytes
+/// directly.
 pub struct OutputFile {
     path: PathBuf,
     file: Target,
@@ -84,7 +85,7 @@ impl OutputFile {
     /// Begins the file `path`.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`Error::Write`] on an I/O failure.
     pub fn create(path: &Path) -> Result<Self> {
         let io = |e| Error::write(path, e);
         let is_special = fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir());
@@ -103,10 +104,10 @@ impl OutputFile {
         })
     }
 
-    /// Ends the file, which stands under its name from here on.
+    /// Ends the file, which exists under its name from here on.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`Error::Write`] on an I/O failure.
     pub fn finish(mut self) -> Result<()> {
         let io = |e| Error::write(&self.path, e);
         self.file.as_file_mut().flush().map_err(io)?;
@@ -142,18 +143,18 @@ fn builder() -> tempfile::Builder<'static, 'static> {
     tempfile::Builder::new()
 }
 
-/// Writes bytes to `path`, whole or not at all.
+/// Writes bytes to `path` atomically.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses.
+/// [`Error::Write`] on an I/O failure.
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write_atomic(path, |f| f.write_all(bytes))
 }
 
-/// Removes a file that need not be there.
+/// Removes a file if it exists.
 ///
 /// # Errors
-/// [`Error::Write`] where the system refuses.
+/// [`Error::Write`] on an I/O failure.
 pub fn remove_if_present(path: &Path) -> Result<()> {
     match fs::remove_file(path) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(path, e)),
@@ -164,15 +165,15 @@ pub fn remove_if_present(path: &Path) -> Result<()> {
 /// Reads a whole file.
 ///
 /// # Errors
-/// [`Error::Read`] where the system refuses.
+/// [`Error::Read`] on an I/O failure.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|e| Error::read(path, e))
 }
 
-/// Opens a file to be read bit by bit.
+/// Opens a file to be read piece by piece.
 ///
 /// # Errors
-/// [`Error::Read`] where the system refuses.
+/// [`Error::Read`] on an I/O failure.
 pub fn open(path: &Path) -> Result<BufReader<fs::File>> {
     let file = fs::File::open(path).map_err(|e| Error::read(path, e))?;
     Ok(BufReader::with_capacity(READ_BYTES, file))

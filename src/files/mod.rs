@@ -1,12 +1,12 @@
-//! Files: written whole or not at all (aside in the target's folder, then renamed), and CSV tables
-//! read row by row.
+//! Files: written atomically (a temporary file in the target's folder, then a rename), and CSV
+//! tables read row by row.
 
 pub(crate) mod csv;
 #[cfg(feature = "native")]
 mod disk;
 
 #[cfg(feature = "native")]
-pub(crate) use disk::refuse_taken;
+pub(crate) use disk::reject_taken;
 #[cfg(feature = "native")]
 pub use disk::{
     OutputFile, create_dir, create_writable_dir, open, read_bytes, remove_if_present, write_atomic,

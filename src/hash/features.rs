@@ -1,7 +1,7 @@
-//! Bases, features, and the rule by which ordered pairs of dots enter a table.
+//! Bases, features, and the rule that selects the ordered pairs of dots for a table.
 //!
-//! With unit vectors d, d', cosine `c = d . d'` and normal `n = d x d'`, the inverse of
-//! `B = [d, d', n]` is known in closed form, because n is normal to both others:
+//! For unit vectors d, d', cosine `c = d . d'` and normal `n = d x d'`, the inverse of
+//! `B = [d, d', n]` has a closed form, because n is normal to both others:
 //! `h = ((d - c d') . d'', (d' - c d) . d'', n . d'') / |n|^2`, and `det B = |n|^2`.
 
 use nalgebra::Matrix3;
@@ -30,7 +30,7 @@ pub struct Feature {
     pub value: [f64; 3],
 }
 
-/// The basis matrix `B = [d, d', d x d']` of two unit vectors, with its inverse at hand.
+/// The basis matrix `B = [d, d', d x d']` of two unit vectors, stored with its inverse.
 #[derive(Debug, Clone, Copy)]
 pub struct BasisFrame {
     first: Vec3,
@@ -41,7 +41,7 @@ pub struct BasisFrame {
 }
 
 impl BasisFrame {
-    /// The frame of two unit vectors; `None` where `|d x d'|` is below `min_cross` (or not a number).
+    /// The frame of two unit vectors; `None` where `|d x d'|` is below `min_cross` or is NaN.
     pub fn new(first: &Vec3, second: &Vec3, min_cross: f64) -> Option<Self> {
         let normal = first.cross(second);
         let determinant = normal.norm_squared();
@@ -84,14 +84,14 @@ impl BasisFrame {
 /// Which ordered pairs of dots become bases of a table.
 ///
 /// `|det B| = sin^2` of the angle between the two dots, so noise in a feature grows without bound
-/// towards 0 and 180 degrees; and a pair near 180 degrees is hardly ever seen together, since both
-/// dots must then lie on the ball's rim.
+/// towards 0 and 180 degrees. A pair near 180 degrees is also rarely visible together, because both
+/// dots must then lie on the ball's limb.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PairRule {
-    /// Least `|d x d'|` (sine of the angle between the dots), in (0, 1).
+    /// Minimum `|d x d'|` (sine of the angle between the dots), in (0, 1).
     pub min_cross: f64,
-    /// Largest angle between the dots, radians, in (0, pi].
+    /// Maximum angle between the dots, radians, in (0, pi].
     pub max_angle_rad: f64,
 }
 
@@ -106,7 +106,7 @@ impl Default for PairRule {
 }
 
 impl PairRule {
-    /// The rule that leaves out only pairs whose basis is singular to rounding.
+    /// The rule that excludes only pairs whose basis is singular to rounding.
     pub const ALL: Self = Self {
         min_cross: 1e-6,
         max_angle_rad: std::f64::consts::PI,
@@ -128,7 +128,7 @@ impl PairRule {
         Ok(())
     }
 
-    /// The frame of an ordered pair of unit vectors, or `None` where the rule leaves the pair out.
+    /// The frame of an ordered pair of unit vectors, or `None` where the rule excludes the pair.
     pub fn frame(&self, first: &Vec3, second: &Vec3) -> Option<BasisFrame> {
         if angle_between(first, second) > self.max_angle_rad {
             return None;
@@ -137,7 +137,8 @@ impl PairRule {
     }
 
     /// All features of `dots` (unit vectors, at most 65536) under this rule, ordered by first dot,
-    /// second dot and third dot. Twenty dots of which no pair is left out have 20 * 19 * 18 = 6840.
+    /// second dot and third dot. Twenty dots with no excluded pair have 20 * 19 * 18 = 6840
+    /// features.
     pub fn features<'a>(&'a self, dots: &'a [Vec3]) -> impl Iterator<Item = Feature> + 'a {
         let n = dots.len();
         let pairs = (0..n).flat_map(move |i| (0..n).filter(move |&j| j != i).map(move |j| (i, j)));

@@ -1,15 +1,15 @@
 //! The hash table as a NumPy archive (`.npz`: a zip of `.npy` arrays).
 //!
 //! Arrays: `dots` f64 (n, 3); `features` f64 (m, 3); `bases` u16 (m, 2); `feature_dots` u16 (m,);
-//! `meta` u8 (k,), UTF-8 JSON of [`TableMeta`]. Rows of the last three stand in the order of
-//! [`PairRule::features`](super::PairRule::features). What is written reads back bit for bit, and the
-//! same table gives the same bytes.
+//! `meta` u8 (k,), UTF-8 JSON of [`TableMeta`]. Rows of the last three are in the order of
+//! [`PairRule::features`](super::PairRule::features). A written table reads back bit for bit, and
+//! the same table gives the same bytes.
 //!
-//! A table that loads is whole: the version is known, every array has its type and shape, numbers are
-//! finite, dots are distinct unit vectors, the metadata's digest is that of the dots, and the features
-//! are those that its pair rule demands of the dots. Row order and byte order of an array (C or
-//! Fortran, little or big endian) are free. Nothing else is promised of a file that does not load but
-//! one error that names the array; hostile files neither panic nor allocate without bound.
+//! A table that loads is complete and consistent: the version is known, every array has its type
+//! and shape, numbers are finite, dots are distinct unit vectors, the metadata's digest is that of
+//! the dots, and the features are those that its pair rule requires. An array may be in C or
+//! Fortran order, little or big endian. A file that does not load gives one error that names the
+//! array. Hostile files neither panic nor allocate without bound.
 
 use std::fmt::Display;
 use std::io::Cursor;
@@ -26,17 +26,17 @@ use crate::geometry::Vec3;
 use crate::npz::{Archive, Checked, Problem, add_array, one_line, open, read_array};
 use crate::pattern::{LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
 
-/// Largest relative difference between a stored feature and the one computed from the dots: it
-/// leaves room for other writers' rounding, which a basis near the pair rule's limit amplifies.
+/// Maximum relative difference between a stored feature and the one computed from the dots. It
+/// allows for other writers' rounding, which a basis near the pair rule's limit amplifies.
 const FEATURE_TOLERANCE: f64 = 1e-9;
 
 const ARRAYS: [&str; 5] = ["dots", "features", "bases", "feature_dots", "meta"];
 
 impl HashTable {
-    /// Writes the table as `.npz`, whole or not at all.
+    /// Writes the table as `.npz` atomically.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses; [`Error::Internal`] where the arrays cannot be packed.
+    /// [`Error::Write`] on an I/O failure; [`Error::Internal`] where the arrays cannot be packed.
     #[cfg(feature = "native")]
     pub fn write_npz(&self, path: &Path) -> Result<()> {
         files::write_bytes(path, &self.to_npz()?)
@@ -68,10 +68,10 @@ impl HashTable {
         Ok(zip.finish().map_err(|e| internal(&e))?.into_inner())
     }
 
-    /// Reads a table and checks that it is whole (see the module's head).
+    /// Reads a table and checks it for completeness (see the module's head).
     ///
     /// # Errors
-    /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the array and what is wrong
+    /// [`Error::Read`] on an I/O failure; [`Error::Input`] naming the array and what is wrong
     /// with it.
     #[cfg(feature = "native")]
     pub fn read_npz(path: &Path) -> Result<Self> {
@@ -106,25 +106,25 @@ impl HashTable {
 
 fn read_meta(archive: &mut Archive<'_>) -> Checked<TableMeta> {
     let bytes: Vec<u8> = read_array(archive, "meta", "u8", &[None])?;
-    let refuse = |problem: String| Problem::at("meta", problem);
+    let reject = |problem: String| Problem::at("meta", problem);
     let json: serde_json::Value = serde_json::from_slice(&bytes)
-        .map_err(|e| refuse(format!("not JSON: {}", one_line(&e))))?;
+        .map_err(|e| reject(format!("not JSON: {}", one_line(&e))))?;
     // The version first: a later format may have other fields.
     let version = json.get("format_version").and_then(|v| v.as_u64());
     if version != Some(u64::from(FORMAT_VERSION)) {
         let found = version.map_or("none".to_owned(), |v| v.to_string());
-        return Err(refuse(format!(
+        return Err(reject(format!(
             "expected format_version {FORMAT_VERSION}, found {found}"
         )));
     }
-    let meta: TableMeta = serde_json::from_value(json).map_err(|e| refuse(one_line(&e)))?;
-    meta.pair_rule.check().map_err(|e| refuse(e.to_string()))?;
-    meta.recognizer.check().map_err(|e| refuse(e.to_string()))?;
+    let meta: TableMeta = serde_json::from_value(json).map_err(|e| reject(one_line(&e)))?;
+    meta.pair_rule.check().map_err(|e| reject(e.to_string()))?;
+    meta.recognizer.check().map_err(|e| reject(e.to_string()))?;
     Ok(meta)
 }
 
 fn read_dots(archive: &mut Archive<'_>) -> Checked<Pattern> {
-    let refuse = |problem: String| Problem::at("dots", problem);
+    let reject = |problem: String| Problem::at("dots", problem);
     let flat: Vec<f64> = read_array(archive, "dots", "f64", &[None, Some(3)])?;
     let dots: Vec<Vec3> = flat.chunks_exact(3).map(Vec3::from_column_slice).collect();
     if !(MIN_DOTS..=MAX_DOTS).contains(&dots.len()) {
@@ -132,7 +132,7 @@ fn read_dots(archive: &mut Archive<'_>) -> Checked<Pattern> {
             "expected {MIN_DOTS} to {MAX_DOTS} dots, found {}",
             dots.len()
         );
-        return Err(refuse(problem));
+        return Err(reject(problem));
     }
     for (i, dot) in dots.iter().enumerate() {
         let length = dot.norm();
@@ -141,10 +141,10 @@ fn read_dots(archive: &mut Archive<'_>) -> Checked<Pattern> {
         if !is_unit {
             let problem =
                 format!("dot {i}: expected a unit vector to rounding, found length {length}");
-            return Err(refuse(problem));
+            return Err(reject(problem));
         }
     }
-    Pattern::new(dots).map_err(|e| refuse(e.to_string()))
+    Pattern::new(dots).map_err(|e| reject(e.to_string()))
 }
 
 fn read_columns(archive: &mut Archive<'_>) -> Checked<Arrays> {
@@ -178,7 +178,7 @@ fn read_columns(archive: &mut Archive<'_>) -> Checked<Arrays> {
     })
 }
 
-/// Checks index ranges, and that the rows are those which the pair rule demands of the dots.
+/// Checks index ranges, and that the rows are those that the pair rule requires for the dots.
 fn check_features(pattern: &Pattern, arrays: &Arrays, meta: &TableMeta) -> Checked<()> {
     let n = pattern.len();
     let outside = |dot: u16| usize::from(dot) >= n;

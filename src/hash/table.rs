@@ -1,7 +1,8 @@
-//! The hash table: a pattern, its features, a search tree over them, and how all this came about.
+//! The hash table: a pattern, its features, a search tree over them, and their origin.
 //!
-//! The features lie in one contiguous array in the order of [`PairRule::features`]; the tree (kiddo)
-//! holds their positions in it. A table is immutable once built but for the notes in its metadata.
+//! The features are in one contiguous array in the order of [`PairRule::features`]. The tree
+//! (kiddo) holds their positions in it. Only the metadata's notes of a table can change once it is
+//! built.
 
 use std::num::NonZeroUsize;
 
@@ -27,7 +28,7 @@ pub struct RecognizerConfig {
     pub beta: f64,
     /// Standard deviation of `|x|` about 1 in the paper's score, without unit.
     pub alpha: f64,
-    /// Least z (camera frame, ball of radius 1) at which a dot is seen.
+    /// Minimum z (camera frame, ball of radius 1) of a visible dot.
     pub visibility_limit: f64,
 }
 
@@ -78,7 +79,7 @@ impl RecognizerConfig {
     }
 }
 
-/// What a pattern was optimized for, and how well it does.
+/// The objective that a pattern was optimized for, and its value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectiveRecord {
@@ -88,7 +89,7 @@ pub struct ObjectiveRecord {
     pub value: f64,
 }
 
-/// What a table says about itself (the `meta` array of the file, as JSON).
+/// A table's metadata (the `meta` array of the file, as JSON).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TableMeta {
     /// Version of the file format, [`FORMAT_VERSION`].
@@ -98,7 +99,7 @@ pub struct TableMeta {
     /// The recognizer's parameters; files of version 0.1 spell the key `recogniser`.
     #[serde(alias = "recogniser")]
     pub recognizer: RecognizerConfig,
-    /// The rule by which pairs entered the table.
+    /// The rule that selected the table's pairs.
     pub pair_rule: PairRule,
     /// The objective's value, where the pattern was optimized.
     #[serde(default)]
@@ -117,7 +118,7 @@ pub struct Neighbor {
     pub distance_squared: f64,
 }
 
-/// A pattern's features, ready to be searched.
+/// A pattern's features with their search tree.
 #[derive(Debug)]
 pub struct HashTable {
     pattern: Pattern,
@@ -133,7 +134,7 @@ impl HashTable {
     ///
     /// # Errors
     /// [`Error::Argument`] where the rule or the parameters are outside their domains, or where the
-    /// rule leaves no pair.
+    /// rule excludes every pair.
     pub fn build(pattern: Pattern, rule: PairRule, recognizer: RecognizerConfig) -> Result<Self> {
         rule.check()?;
         recognizer.check()?;
@@ -154,7 +155,7 @@ impl HashTable {
         Self::assemble(pattern, arrays, meta)
     }
 
-    /// Puts the search tree over arrays that belong to `pattern`.
+    /// Builds the search tree over arrays that belong to `pattern`.
     pub(super) fn assemble(pattern: Pattern, arrays: Arrays, meta: TableMeta) -> Result<Self> {
         if arrays.features.is_empty() {
             return Err(Error::argument(
@@ -194,17 +195,17 @@ impl HashTable {
         &self.feature_dots
     }
 
-    /// What the table says about itself.
+    /// The table's metadata.
     pub fn meta(&self) -> &TableMeta {
         &self.meta
     }
 
-    /// Notes what the pattern was optimized for.
+    /// Records what the pattern was optimized for.
     pub fn set_objective(&mut self, objective: Option<ObjectiveRecord>) {
         self.meta.objective = objective;
     }
 
-    /// Notes the validation result that the table ships with.
+    /// Records the validation result that the table ships with.
     pub fn set_validation(&mut self, validation: Option<serde_json::Value>) {
         self.meta.validation = validation;
     }

@@ -19,10 +19,10 @@ use std::f64::consts::PI;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 
-/// Largest concentration accepted: the series has about `11 sqrt(kappa)` terms at most.
+/// Maximum concentration: the series has at most about `11 sqrt(kappa)` terms.
 pub const MAX_KAPPA: f64 = 1e8;
 
-/// Largest deviation of a frame from orthonormality that is accepted.
+/// Maximum deviation of a frame from orthonormality.
 const FRAME_TOLERANCE: f64 = 1e-9;
 
 /// Terms below this fraction of the sum end the series.
@@ -90,8 +90,8 @@ pub struct KentDistribution {
 }
 
 impl KentDistribution {
-    /// The density around `mean`, drawn out along `major` and narrowed along `minor` (an
-    /// orthonormal frame of either hand).
+    /// The density around `mean`, elongated along `major` and narrowed along `minor` (an
+    /// orthonormal frame, right- or left-handed).
     ///
     /// # Errors
     /// [`Error::Argument`] where the frame is not orthonormal, or `kappa`, `beta` are outside
@@ -161,7 +161,7 @@ fn bessel_ratios(x: f64) -> Vec<f64> {
     let count = (120.0 * x).sqrt() as usize + 60;
     let mut ratios = vec![0.0; count];
     let top = count as f64 + 0.5;
-    // Amos' bound as the start: already good, and its error shrinks with each step down.
+    // Amos' bound as the start: it is already close, and its error shrinks with each step down.
     let mut ratio = x / (top + 1.0 + ((top + 1.0).powi(2) + x * x).sqrt());
     for (i, slot) in ratios.iter_mut().enumerate().rev() {
         let order = i as f64 + 0.5;
@@ -186,7 +186,7 @@ mod tests {
                 "kappa {kappa}"
             );
         }
-        // Beyond the reach of sinh: c = 2 pi e^kappa / kappa.
+        // Beyond the range of sinh: c = 2 pi e^kappa / kappa.
         let shape = KentShape::new(1e5, 0.0).expect("in the domain");
         assert!((shape.ln_normalization() - (1e5 + (2.0 * PI / 1e5).ln())).abs() < 1e-9);
         let uniform = KentShape::new(0.0, 0.0).expect("in the domain");
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_outside_its_domain() {
+    fn rejects_values_outside_its_domain() {
         for (kappa, beta) in [
             (-1.0, 0.0),
             (f64::NAN, 0.0),

@@ -1,14 +1,19 @@
-//! Recognizers: which dot of the pattern is each observed dot, and how is the ball turned?
+//! Recognizers: they identify each observed dot with a dot of the pattern, and estimate the ball's
+//! orientation.
 //!
-//! Every recognizer takes observed dots with their uncertainty and gives a rotation, an assignment,
-//! a residual and a confidence, or says why it gives none. Rotations map the pattern's frame to the
-//! camera's, `p_camera = R p_pattern`.
+//! Every recognizer takes observed dots with their uncertainty. It returns a rotation, an
+//! assignment, a residual and a confidence, or the reason for its rejection. Rotations map the
+//! pattern's frame to the camera's, `p_camera = R p_pattern`.
+//!
+//! A recognizer's answer depends on the dots alone, not on earlier calls. An answer may be wrong.
+//! The robust recognizer's confidence is its own probability that the answer is correct; that of
+//! the paper's recognizer is not calibrated.
 //!
 //! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
-//! - [`kent`]: the density that it scores with,
+//! - [`kent`]: the density that the paper's algorithm scores with,
 //! - [`observed`]: the file of observed dots,
 //! - [`robust`]: the posterior over all explanations of the dots, the default,
-//! - [`stream`]: frame after frame from an input without end, on all cores.
+//! - [`stream`]: frame after frame from an endless input, on all cores.
 
 use nalgebra::Matrix2;
 
@@ -69,10 +74,10 @@ impl std::fmt::Display for RecognizerName {
     }
 }
 
-/// How far an observed direction may be off.
+/// Uncertainty of an observed direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DotUncertainty {
-    /// Alike in all tangent directions.
+    /// The same in all tangent directions.
     Isotropic {
         /// Standard deviation of the angular error along one tangent axis, radians.
         sigma_rad: f64,
@@ -85,16 +90,16 @@ pub enum DotUncertainty {
     },
 }
 
-/// A dot as seen by the camera.
+/// An observed dot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObservedDot {
     /// Unit vector from the ball's center to the dot, camera frame.
     pub direction: Vec3,
-    /// How far off the direction may be.
+    /// Uncertainty of the direction.
     pub uncertainty: DotUncertainty,
 }
 
-/// What a recognizer found.
+/// A recognizer's answer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identification {
     /// Rotation from the pattern's frame to the camera's.
@@ -103,15 +108,15 @@ pub struct Identification {
     pub assignment: Vec<Option<u16>>,
     /// Root mean square angle between the matched observed dots and the rotated pattern, radians.
     pub residual_rad: f64,
-    /// Probability that the identification is right, in [0, 1].
+    /// Probability that the identification is correct, in [0, 1].
     pub confidence: f64,
-    /// Probability that the rotation is right, whatever single dots are, in [0, 1]. Not below the
-    /// confidence.
+    /// Probability that the rotation is correct, regardless of single dots, in [0, 1]. Never below
+    /// the confidence.
     pub pose_confidence: f64,
 }
 
 impl Default for Identification {
-    /// No dots, the identity, no confidence: to be filled by [`Recognizer::identify_into`].
+    /// No dots, the identity, no confidence: a value for [`Recognizer::identify_into`] to fill.
     fn default() -> Self {
         Self {
             rotation: Rotation::identity(),
@@ -130,12 +135,12 @@ impl Identification {
     }
 }
 
-/// What came of an attempt to identify.
+/// The outcome of an attempt to identify the dots.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
     /// The dots are identified.
     Identified(Identification),
-    /// They are not.
+    /// The dots are not identified.
     Unidentified(RecognizerRejection),
 }
 
@@ -153,7 +158,7 @@ pub enum RecognizerRejection {
     NoHypothesis,
     /// The dots are those of the pattern's mirror image: an axis of the image is flipped.
     Mirrored,
-    /// The dots leave the rotation undetermined, or are not directions at all.
+    /// The dots do not determine the rotation, or are not directions at all.
     Degenerate,
 }
 
@@ -170,20 +175,20 @@ impl std::fmt::Display for RecognizerRejection {
     }
 }
 
-/// A way to identify dots.
+/// A recognizer of dots.
 pub trait Recognizer: Sync {
-    /// Buffers reused from call to call; one a thread.
+    /// Buffers reused from call to call; one per thread.
     type Workspace: Send;
 
     /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
 
     /// Identifies `dots` and writes the answer into `out`, whose memory is reused. The answer
-    /// depends on the dots alone, not on what the workspace saw before. A refusal leaves `out` in
-    /// no useful state.
+    /// depends on the dots alone, not on earlier calls with the workspace. A rejection leaves the
+    /// content of `out` unspecified.
     ///
     /// # Errors
-    /// A [`RecognizerRejection`] that says why there is no answer.
+    /// A [`RecognizerRejection`] that states why there is no answer.
     fn identify_into(
         &self,
         dots: &[ObservedDot],
@@ -191,15 +196,15 @@ pub trait Recognizer: Sync {
         out: &mut Identification,
     ) -> Result<(), RecognizerRejection>;
 
-    /// As [`Recognizer::identify_into`], with an answer of its own.
+    /// As [`Recognizer::identify_into`], with a newly allocated answer.
     fn identify(&self, dots: &[ObservedDot], ws: &mut Self::Workspace) -> Outcome {
         let mut found = Identification::default();
         match self.identify_into(dots, ws, &mut found) {
             Ok(()) => Outcome::Identified(found),
-            Err(refusal) => Outcome::Unidentified(refusal),
+            Err(rejection) => Outcome::Unidentified(rejection),
         }
     }
 
-    /// Fewest dots that can be identified.
+    /// Minimum number of dots that can be identified.
     fn min_dots(&self) -> usize;
 }

@@ -1,27 +1,27 @@
 //! The file of observed dots: what a dot detector writes and `identify` reads.
 //!
-//! CSV with a header, one dot a row, the rows of one frame together:
+//! CSV with a header, one dot per row, the rows of one frame together:
 //!
 //! ```text
 //! frame,x,y,z[,time_s][,sigma_deg][,var_radial_deg2,cov_deg2,var_across_deg2]
 //! ```
 //!
-//! `frame` is any text, `x,y,z` the unit vector from the ball's center to the dot in the camera frame
-//! (x right, y up, z towards the camera). Optional are the frame's time in seconds, and how far off a
-//! dot may be: `sigma_deg`, the standard deviation along any one tangent axis, or a covariance in
-//! degrees squared, whose first axis points radially outward in the image (towards the limb, along
-//! growing angle from z) and whose second axis is `direction x first`, counter-clockwise as the
-//! camera sees it. For a dot exactly on the z axis the first axis is x. Empty fields mean that nothing
-//! is known.
+//! `frame` is any text, `x,y,z` the unit vector from the ball's center to the dot in the camera
+//! frame (x right, y up, z towards the camera). The other columns are optional: the frame's time in
+//! seconds, and a dot's uncertainty. The uncertainty is either `sigma_deg`, the standard deviation
+//! along any one tangent axis, or a covariance in degrees squared. The covariance's first axis
+//! points radially outward in the image (towards the limb, along growing angle from z). Its second
+//! axis is `direction x first`, counter-clockwise as the camera sees it. For a dot exactly on the z
+//! axis the first axis is x. An empty field means that the value is unknown.
 //!
-//! [`ObservedReader`] yields frame after frame from any input, in memory that does not grow with the
-//! file. A frame is complete, and handed out, when a row of the next one or the end is read.
+//! [`ObservedReader`] yields frame after frame from any input, in memory that does not grow with
+//! the file. A frame is complete, and yielded, when a row of the next one or the end is read.
 //!
 //! Guarantees: directions are finite and of unit length, covariances positive definite, at most
-//! [`MAX_FRAME_DOTS`] dots in a frame, and no name among the [`REMEMBERED_FRAMES`] frames before it;
-//! everything else is refused with the line and the field. Beyond so many frames, names are
-//! remembered at random, so that a recording given twice is still refused within its first frames,
-//! while a single row astray may pass as a frame of its own.
+//! [`MAX_FRAME_DOTS`] dots in a frame, and no name among the [`REMEMBERED_FRAMES`] frames before
+//! it. All other input is rejected with the line and the field. Beyond that many frames, names are
+//! remembered at random: a recording given twice is still rejected within its first frames, but a
+//! single misplaced row may pass as a frame of its own.
 
 use std::collections::HashSet;
 use std::fmt::Write as _;
@@ -39,10 +39,10 @@ use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
 use crate::geometry::{Spherical, Vec3, tangent_frame};
 use crate::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE};
 
-/// Most dots of a frame; far more than any pattern and its false dots show.
+/// Maximum number of dots of a frame; far more than any pattern and its false dots show.
 pub const MAX_FRAME_DOTS: usize = 1 << 16;
-/// Frames whose names are remembered, to notice rows that stand apart from their frame's: 6 minutes
-/// at 350 frames per second, in 4 MB.
+/// Frames whose names are remembered, to detect rows separated from their frame: 6 minutes at 350
+/// frames per second, in 4 MB.
 pub const REMEMBERED_FRAMES: usize = 1 << 17;
 
 static COLUMNS: Columns<9> = Columns {
@@ -64,12 +64,12 @@ const COVARIANCE: std::ops::Range<usize> = 6..9;
 /// Dots nearer to the z axis than this (sine) have no outward direction.
 const CENTER: f64 = 1e-12;
 
-/// The dots seen in one image.
+/// The dots observed in one image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObservedFrame {
     /// The frame's name.
     pub name: String,
-    /// Time of the image in seconds, where the file gives it.
+    /// Time of the image in seconds, where the file has it.
     pub time_s: Option<f64>,
     /// The dots, camera frame.
     pub dots: Vec<ObservedDot>,
@@ -92,7 +92,7 @@ pub fn image_axes(direction: &Vec3) -> [Vec3; 2] {
     [outward, direction.cross(&outward)]
 }
 
-/// Reads a whole file of observed dots. Dots of which no uncertainty is given get `sigma_rad`
+/// Reads a whole file of observed dots. Dots without a stated uncertainty get `sigma_rad`
 /// (radians, along one tangent axis).
 ///
 /// # Errors
@@ -113,7 +113,7 @@ pub struct ObservedReader<R> {
 }
 
 impl<R: BufRead> ObservedReader<R> {
-    /// Reads the header of `input`; `path` names it in errors. Dots of which no uncertainty is given
+    /// Reads the header of `input`; `path` names it in errors. Dots without a stated uncertainty
     /// get `sigma_rad` (radians, along one tangent axis).
     ///
     /// # Errors
@@ -193,14 +193,14 @@ impl<R: BufRead> Iterator for ObservedReader<R> {
 #[derive(Default)]
 struct RecentNames {
     hashes: HashSet<u64>,
-    /// The same hashes, where one that gives way to a new one is found.
+    /// The same hashes, in the order in which they are replaced.
     places: Vec<u64>,
 }
 
 impl RecentNames {
-    /// Notes a name; whether it is new.
+    /// Records a name; returns whether it is new.
     fn insert(&mut self, name: &str) -> bool {
-        // Keyed alike in every process, so that what is forgotten does not depend on chance.
+        // The same hash key in every process, so the forgotten names do not depend on chance.
         let mut hasher = DefaultHasher::new();
         name.hash(&mut hasher);
         let hash = hasher.finish();
@@ -284,7 +284,7 @@ fn dot(row: &TableRow<'_, 9>, sigma_rad: f64) -> Field<ObservedDot> {
     })
 }
 
-/// How far off the dot of a row may be.
+/// The uncertainty of a row's dot.
 fn uncertainty(row: &TableRow<'_, 9>, direction: &Vec3, sigma_rad: f64) -> Field<DotUncertainty> {
     let sigma = row.number(5)?;
     let covariance = match [row.number(6)?, row.number(7)?, row.number(8)?] {
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_without_end_is_refused() {
+    fn a_frame_without_end_is_rejected() {
         let rows = "a,1,0,0\n".repeat(MAX_FRAME_DOTS + 1);
         let error = reader(&format!("frame,x,y,z\n{rows}"))
             .next()

@@ -1,24 +1,25 @@
-//! The SpinDOE paper's recognizer (Gossard et al., arXiv 2303.03879, Alg. 2): the baseline.
+//! The SpinDOE paper's recognizer (Gossard et al., arXiv 2303.03879, Alg. 2), kept as the baseline.
 //!
 //! 1. The first two observed dots, in the order given, span the basis `B = [d, d', d x d']`.
 //! 2. Each further dot d'' has the hash value `h = B^-1 d''`. Each of the k features of the table
 //!    nearest to it, with value `h_t`, basis b and dot t, votes for b with the score `p`.
-//! 3. The better half of the bases that were voted for is verified: the basis pair gives a
-//!    rotation, each observed dot is the rotated pattern's nearest dot, Kabsch over all dots
-//!    refines the rotation, and the root mean square angle that is left is the reprojection error.
-//! 4. The smallest reprojection error wins.
+//! 3. The better half of the bases with votes is verified. The basis pair gives a rotation, each
+//!    observed dot is matched with the rotated pattern's nearest dot, and Kabsch over all dots
+//!    refines the rotation. The remaining root mean square angle is the reprojection error.
+//! 4. The basis with the smallest reprojection error wins.
 //!
-//! The score measures how well the point `x = B h_t` meets the dot d'' that it should be:
-//! `p = Kent(x/|x|; d'') N(|x|; 1, alpha) |det B|`. The Kent density speaks of the direction, the
-//! normal density of the length, and `|det B|` carries a density of points to one of hash values.
+//! The score measures how well the point `x = B h_t` agrees with the dot d'' that it should be:
+//! `p = Kent(x/|x|; d'') N(|x|; 1, alpha) |det B|`. The Kent density scores the direction, the
+//! normal density scores the length, and `|det B|` converts a density of points to one of hash
+//! values.
 //!
-//! Whether a basis adds up `p` or `ln p` is decisive, see [`VoteSum`]. The authors' published code
-//! adds up logarithms, and so does this recognizer unless configured otherwise: a baseline must
-//! lose what the original loses.
+//! The choice between a sum of `p` and a sum of `ln p` is decisive, see [`VoteSum`]. The authors'
+//! published code adds up logarithms, and so does this recognizer unless configured otherwise: a
+//! baseline must keep the original's failures.
 //!
-//! What it does not promise: the algorithm knows no false and no missed dots, so one false dot
-//! among the first two is fatal, two observed dots may be given the same index, and its confidence
-//! is not calibrated.
+//! What it does not guarantee: the algorithm models neither false nor missed dots, so one false dot
+//! among the first two makes it fail. Two observed dots may get the same index. Its confidence is
+//! not calibrated.
 
 use std::num::NonZeroUsize;
 
@@ -32,25 +33,25 @@ use crate::geometry::{
 };
 use crate::hash::{Basis, BasisFrame, HashTable};
 
-/// Below this `|d x d'|` the first two observed dots span no basis.
+/// Minimum `|d x d'|` at which the first two observed dots span a basis.
 const MIN_CROSS: f64 = 1e-6;
 
-/// Least `p` of a vote where logarithms are added up.
+/// Minimum `p` of a vote where logarithms are added up.
 const MIN_DENSITY: f64 = 1e-10;
 
 /// A basis pair and one more dot.
 const MIN_DOTS: usize = 3;
 
-/// What the votes for a basis add up to.
+/// The sum that forms a basis' score.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VoteSum {
     /// The sum of `max(ln p, ln 1e-10)`, as in the authors' published code.
     ///
-    /// Poor votes are negative, but a dot that casts no vote at all counts nothing: the right
-    /// basis, met by many dots of which some are far off, can score below a wrong one that was met
-    /// once. It then falls out of the better half and is never verified.
+    /// Poor votes are negative, but a dot that casts no vote counts as zero. The correct basis,
+    /// supported by many dots of which some are far off, can score below a wrong one with a single
+    /// vote. It then drops out of the better half and is never verified.
     LogDensity,
-    /// The sum of `p`: votes only ever help, and the right basis rarely falls out.
+    /// The sum of `p`: a vote never lowers a score, and the correct basis rarely drops out.
     Density,
 }
 
@@ -65,9 +66,9 @@ pub struct PaperConfig {
     pub beta: f64,
     /// Standard deviation of `|x|` about 1, without unit.
     pub alpha: f64,
-    /// Part of the bases voted for that is verified, best scores first, in (0, 1].
+    /// Fraction of the bases with votes that is verified, best scores first, in (0, 1].
     pub verify_fraction: f64,
-    /// What the votes for a basis add up to.
+    /// The sum that forms a basis' score.
     pub vote_sum: VoteSum,
 }
 
@@ -97,9 +98,9 @@ pub struct PaperRecognizer<'t> {
 /// Votes and candidates of one identification.
 #[derive(Debug, Default)]
 pub struct PaperWorkspace {
-    /// Score of each basis, at `first * n + second`; NaN where nothing voted for it.
+    /// Score of each basis, at `first * n + second`; NaN where it has no vote.
     scores: Vec<f64>,
-    /// Bases voted for.
+    /// Bases with votes.
     voted: Vec<Basis>,
     /// The rotated pattern.
     rotated: Vec<Vec3>,
@@ -130,7 +131,7 @@ impl<'t> PaperRecognizer<'t> {
         }
         if !(config.verify_fraction > 0.0 && config.verify_fraction <= 1.0) {
             let problem = format!(
-                "expected a part in (0, 1], found {}",
+                "expected a fraction in (0, 1], found {}",
                 config.verify_fraction
             );
             return Err(Error::argument("verify_fraction", problem));
@@ -143,7 +144,8 @@ impl<'t> PaperRecognizer<'t> {
         })
     }
 
-    /// A recognizer with the parameters that the table was made for, and the paper's others.
+    /// A recognizer with the parameters of the table's metadata, and the paper's values for the
+    /// others.
     ///
     /// # Errors
     /// [`Error::Argument`] naming the parameter outside its domain.
@@ -212,8 +214,8 @@ impl<'t> PaperRecognizer<'t> {
             .sort_unstable_by(|a, b| score(b).total_cmp(&score(a)).then(a.cmp(b)));
     }
 
-    /// Rotation, assignment (left in the workspace) and reprojection error that follow from taking
-    /// the first two observed dots for `basis`; `None` where the points determine no rotation.
+    /// Rotation, assignment (left in the workspace) and reprojection error under the hypothesis
+    /// that the first two observed dots are `basis`; `None` where the points determine no rotation.
     fn verify(
         &self,
         basis: Basis,
@@ -265,7 +267,7 @@ impl<'t> PaperRecognizer<'t> {
             .map(|b| ws.scores[index(*b, self.table.pattern().len())])?;
         let weight = |score: f64| match self.config.vote_sum {
             VoteSum::LogDensity => (score - top).exp(),
-            // Scores far from every feature underflow to nothing: then no basis stands out.
+            // Scores far from every feature underflow to nothing: then no basis is preferred.
             VoteSum::Density if top <= 0.0 => 1.0,
             VoteSum::Density => score,
         };
@@ -306,7 +308,8 @@ impl Recognizer for PaperRecognizer<'_> {
     /// verified bases (of `exp(score)` where logarithms are added up): in [0, 1] and larger where
     /// votes agree, but **not calibrated**. The paper has none.
     ///
-    /// The workspace spares all allocations but those of the search tree, one short list a dot.
+    /// The workspace avoids all allocations except those of the search tree, one short list per
+    /// dot.
     fn identify_into(
         &self,
         dots: &[ObservedDot],
@@ -356,8 +359,8 @@ fn nearest(directions: &[Vec3], dot: &Vec3) -> usize {
     best.0
 }
 
-/// Kabsch for two pairs of unit vectors, in closed form: the best rotation takes the bisector to
-/// the bisector and the normal to the normal. `None` where a pair lies on one line.
+/// Kabsch for two pairs of unit vectors, in closed form: the best rotation maps the bisector to the
+/// bisector and the normal to the normal. `None` where a pair is collinear.
 fn rotation_from_pairs(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Rotation> {
     let matrix = nalgebra::Rotation3::from_matrix_unchecked(pair_rotation(from, to)?);
     Some(Rotation::from_rotation_matrix(&matrix))

@@ -1,8 +1,9 @@
-//! Frames of dots in, answers out: the recognizers on a stream, on all cores.
+//! Recognition of a stream of frames, on all cores: frames of dots in, answers out.
 //!
-//! [`identify_frames`] asks any recognizer, [`identify_with_rivals`] the robust one, which also says
-//! which other poses explain a frame. Answers leave in the order of the frames, each as soon as it and
-//! those before it are there; see [`pipeline`](crate::pipeline) for what is guaranteed.
+//! [`identify_frames`] runs any recognizer. [`identify_with_rivals`] runs the robust one, which
+//! also lists the other poses that explain a frame. Answers leave in the order of the frames, each
+//! as soon as it and all answers before it are ready; see [`pipeline`](crate::pipeline) for the
+//! guarantees.
 
 use std::num::NonZero;
 
@@ -12,12 +13,12 @@ use super::{Identification, Outcome, Recognizer};
 use crate::error::{Error, Result};
 use crate::pipeline::{Sink, map_ordered};
 
-/// A frame and what came of it.
+/// A frame and its outcome.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameAnswer {
     /// The frame.
     pub frame: ObservedFrame,
-    /// What came of it.
+    /// The outcome.
     pub outcome: Outcome,
     /// Other poses that explain the dots, the most probable first; empty where there is no answer.
     pub rivals: Vec<Identification>,
@@ -43,7 +44,8 @@ pub struct RivalConfig {
 }
 
 impl Default for RivalConfig {
-    /// 60 rivals: as many turns as the icosahedron has. One in a thousand: less is of no use.
+    /// 60 rivals: as many rotations as the icosahedron has. Poses less probable than 0.001 are of
+    /// no use.
     fn default() -> Self {
         Self {
             max_rivals: 60,
@@ -52,7 +54,7 @@ impl Default for RivalConfig {
     }
 }
 
-/// Identifies frames on `threads` threads and hands the answers on in order.
+/// Identifies frames on `threads` threads and passes the answers on in order.
 ///
 /// # Errors
 /// The first error of `frames`, after the answers before it; or that of the sink.

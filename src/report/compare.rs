@@ -1,7 +1,8 @@
-//! Patterns side by side: the same trials, orientation bounds, separations, feature distances.
+//! Comparison of patterns: the same trials, orientation bounds, separations, feature distances.
 //!
-//! All patterns see the same rotations and the same random numbers, trial by trial, so that a difference
-//! of rates is judged on pairs ([`PairedDifference`]).
+//! All patterns see the same rotations and the same random numbers, trial by trial, so a difference
+//! of rates is evaluated on pairs ([`PairedDifference`]). The intervals do not correct for several
+//! comparisons.
 
 use serde::Serialize;
 
@@ -15,7 +16,7 @@ use crate::recognize::RecognizerName;
 use crate::stats::{PairedDifference, Pairs};
 use crate::validate::{Protocol, ProtocolName, TrialResult, Validation, run_named, summarize};
 
-/// A pattern that takes part.
+/// A pattern in a comparison.
 #[derive(Debug)]
 pub struct Entry {
     /// Its name in tables and plots.
@@ -24,7 +25,7 @@ pub struct Entry {
     pub table: HashTable,
 }
 
-/// What is measured without trials.
+/// Values of a pattern that need no trials.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatternMeasures {
     /// The pattern's name.
@@ -35,11 +36,11 @@ pub struct PatternMeasures {
     pub summary: PatternSummary,
     /// Spread of the neighbors' distances.
     pub neighbors: NeighborSpread,
-    /// Each objective's value, on the `sparse` protocol's views, where it can be worked out.
+    /// Each objective's value, on the `sparse` protocol's views, where it can be computed.
     pub objectives: Vec<ObjectiveScore>,
     /// Mean distance from each feature of the table to the nearest other one, without unit.
     pub mean_feature_distance: f64,
-    /// How well the dots in view fix the orientation, in units of the dots' noise.
+    /// The orientation bound of the visible dots, in units of the dots' noise.
     pub orientation_bound: BoundSummary,
 }
 
@@ -52,8 +53,8 @@ pub struct ObjectiveScore {
     pub value: f64,
 }
 
-/// The distribution criterion for marks on a ball of US 2023/0218952: how unlike the distances of each
-/// mark to its three nearest neighbors are, over all marks and relative to their mean.
+/// The distribution criterion for marks on a ball of US 2023/0218952: how unlike the distances of
+/// each mark to its three nearest neighbors are, over all marks and relative to their mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NeighborSpread {
     /// Mean of the distances (angles), radians.
@@ -102,18 +103,18 @@ pub struct Contest {
     pub validation: Validation,
     /// Identity rate less that of the first pattern; for the first itself it is 0.
     pub identity_difference: PairedDifference,
-    /// Likewise the orientation rate.
+    /// The orientation rate less that of the first pattern.
     pub orientation_difference: PairedDifference,
 }
 
-/// Everything that was compared.
+/// Result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Trials a protocol.
+    /// Trials per protocol.
     pub samples: u64,
     /// Their seed.
     pub seed: u64,
-    /// What is measured of each pattern without trials.
+    /// Values of each pattern that need no trials.
     pub patterns: Vec<PatternMeasures>,
     /// Rates, by recognizer, protocol and pattern.
     pub contests: Vec<Contest>,
@@ -176,8 +177,8 @@ fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> P
     PairedDifference::new(pairs)
 }
 
-/// Compares patterns on `samples` trials of every protocol, with both recognizers; `says` hears what
-/// is being measured.
+/// Compares patterns on `samples` trials of every protocol, with both recognizers; `says` receives
+/// the name of each measurement.
 ///
 /// # Errors
 /// [`Error::Argument`] for fewer than two patterns; as [`run_named`].

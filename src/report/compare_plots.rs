@@ -18,7 +18,7 @@ impl Comparison {
     /// orientation bound by viewing direction (`compare_bound.png`) into `dir`.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`crate::Error::Write`] on an I/O failure.
     pub fn write_plots(&self, dir: &Path, entries: &[Entry]) -> Result<()> {
         for recognizer in RecognizerName::ALL {
             let of: Vec<&Contest> = self
@@ -51,7 +51,7 @@ impl Comparison {
                     points,
                 }
             })
-            // A few dots may leave every direction without a bound.
+            // Patterns with few dots may have no finite bound in any direction.
             .filter(|series| !series.points.is_empty())
             .collect::<Vec<_>>();
         if series.is_empty() {
@@ -87,7 +87,7 @@ impl Comparison {
             path,
             &BarChart {
                 title: format!(
-                    "Views not identified, of {} a protocol; recognizer {recognizer}",
+                    "Views not identified, of {} per protocol; recognizer {recognizer}",
                     self.samples
                 ),
                 y_label: "failures".into(),

@@ -1,10 +1,11 @@
-//! A whole design: the search, the evaluation of its winner, and the folder that it leaves.
+//! A whole design: the search, the evaluation of its winner, and the output folder.
 //!
-//! While it runs, the folder holds `search.json`, from which a stopped or killed search continues, and
-//! `pattern.csv`, the best so far. At the end it holds all that [`DesignEvaluation`] writes, and the
-//! stencil. A job that is stopped finishes with the best so far.
+//! During the run the folder holds `search.json`, from which a stopped or killed search continues,
+//! and `pattern.csv`, the best so far. At the end it holds all that [`DesignEvaluation`] writes,
+//! and the stencil. A job that is stopped finishes with the best so far.
 //!
-//! What it does not do: stop by itself. Budgets belong to the observer ([`DesignObserver::another_round`]).
+//! What it does not do: limit its time. Budgets belong to the observer
+//! ([`DesignObserver::another_round`]).
 //!
 //! ```no_run
 //! use std::sync::atomic::AtomicBool;
@@ -35,37 +36,38 @@ pub const CHECKPOINT: &str = "search.json";
 /// The pattern within the folder.
 const PATTERN: &str = "pattern.csv";
 
-/// What is to be designed, and where to.
+/// Configuration of a design and its output folder.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DesignJob {
-    /// The search.
+    /// Configuration of the search.
     pub config: DesignConfig,
-    /// What is measured about its winner.
+    /// Configuration of the winner's evaluation.
     pub evaluation: EvaluationConfig,
-    /// The stencil.
+    /// Configuration of the stencil.
     pub stencil: StencilConfig,
-    /// The folder.
+    /// The output folder.
     pub dir: PathBuf,
 }
 
-/// Where a job begins.
+/// Where a job starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Start {
-    /// At the beginning, in a folder that holds no design.
+    /// From the beginning, in a folder without a design.
     Fresh,
-    /// Where the search in the folder was left; more rounds, also of polishing, may be asked for.
+    /// From the saved search in the folder; the number of rounds, also of polishing, may be larger.
     Resume,
 }
 
-/// Follows a job; all methods are optional.
+/// Observes a job; all methods are optional.
 pub trait JobObserver: DesignObserver {
-    /// The search begins, or goes on, from this state.
+    /// The search begins, or continues, from this state.
     fn begins(&mut self, _state: &SearchState) {}
 
-    /// What the job does now, in words.
+    /// The job's current work, in words.
     fn step(&mut self, _what: &str) {}
 
-    /// The command that repeats the search as it came out, for the report; `None` where there is none.
+    /// The command that reproduces the completed search, for the report; `None` where there is
+    /// none.
     fn command(&self, _searched: &DesignConfig) -> Option<String> {
         None
     }
@@ -84,12 +86,13 @@ impl DesignJob {
         }
     }
 
-    /// Searches, evaluates and writes everything. Setting `stop` ends the search after the work at hand.
+    /// Searches, evaluates and writes everything. Setting `stop` ends the search after the current
+    /// work.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`] for a parameter outside its domain, a folder that is taken, or where no
-    /// pattern was found; [`crate::Error::Input`] for a checkpoint of another search;
-    /// [`crate::Error::Write`] where the system refuses; those of the observer.
+    /// [`crate::Error::Argument`] for a parameter outside its domain, a folder that is taken, or
+    /// where no pattern was found; [`crate::Error::Input`] for a checkpoint of another search;
+    /// [`crate::Error::Write`] on an I/O failure; those of the observer.
     pub fn run(
         &self,
         start: Start,
@@ -134,7 +137,7 @@ impl DesignJob {
         match start {
             Start::Resume => SearchState::load(&self.dir.join(CHECKPOINT), &self.config),
             Start::Fresh => {
-                files::refuse_taken(
+                files::reject_taken(
                     &self.dir,
                     &[PATTERN, "report.json", CHECKPOINT],
                     "a design",
@@ -146,7 +149,7 @@ impl DesignJob {
     }
 }
 
-/// Keeps a search on disk before its observer hears of it.
+/// Saves a search on disk before its observer is called.
 struct Keeper<'a> {
     job: &'a DesignJob,
     observer: &'a mut dyn JobObserver,

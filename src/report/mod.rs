@@ -1,9 +1,9 @@
-//! What a design leaves behind: the evaluation of the winner on fresh trials, and the folder with
+//! The result of a design: the evaluation of the winner on fresh trials, and the folder with
 //! everything that a user or an estimator needs. [`DesignJob`] does all of it.
 //!
 //! The folder holds `pattern.csv`, `table.npz`, `report.json`, `sensitivity.csv`, the plots and
-//! `stencil/`. For the same arguments every file repeats itself byte for byte, on any number of threads,
-//! but for what tells times: the key `timing` of `report.json`, and `progress.png`.
+//! `stencil/`. For the same arguments every file is identical byte for byte, on any number of
+//! threads, except for measured times: the key `timing` of `report.json`, and `progress.png`.
 
 pub mod compare;
 #[cfg(feature = "plot")]
@@ -41,17 +41,17 @@ pub const REPORT_VERSION: u32 = 2;
 pub struct Seeds {
     /// Of the random starts.
     pub search: u64,
-    /// Of the first trials that chose among the candidates; further stages set higher bits.
+    /// Of the first trials that selected among the candidates; further stages set higher bits.
     pub selection: u64,
     /// Of the first trials of polishing; further ones set higher bits.
     pub polish: u64,
-    /// Of the trials that show the progress, by which nothing is chosen.
+    /// Of the trials that show the progress; they select nothing.
     pub progress: u64,
     /// Of the trials whose rates are reported.
     pub report: u64,
 }
 
-/// The pattern in a report.
+/// A pattern in a report.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatternReport {
     /// SHA-256 of the dots.
@@ -62,7 +62,7 @@ pub struct PatternReport {
     pub dots: Vec<[f64; 3]>,
 }
 
-/// How long the stages took, seconds of wall-clock time.
+/// Duration of the stages, seconds of wall-clock time.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Timing {
     /// Descents and selection.
@@ -79,32 +79,32 @@ pub struct Timing {
     pub milestones: Vec<Milestone>,
 }
 
-/// Everything that was measured about a design.
+/// The evaluation of a design.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DesignReport {
     /// [`REPORT_VERSION`].
     pub format_version: u32,
     /// The version of this crate.
     pub spindoe_version: &'static str,
-    /// The command that repeats this design, where a command made it.
+    /// The command that reproduces this design, where a command made it.
     pub command: Option<String>,
-    /// How it was searched.
+    /// Configuration of the search.
     pub config: DesignConfig,
     /// The seeds.
     pub seeds: Seeds,
-    /// Whether the search was stopped before its end; then the command does not repeat it.
+    /// Whether the search was stopped before its end; then the command does not reproduce it.
     pub stopped: bool,
     /// Random starts tried.
     pub starts: usize,
-    /// Those that met in the last trial, best first, with their rates on the selection's trials.
+    /// The finalists of the last trial, best first, with their rates on the selection's trials.
     pub finalists: Vec<Candidate>,
-    /// What polishing the first of them came to, round by round.
+    /// The result of polishing the first of them, round by round.
     pub polish: Vec<PolishStep>,
-    /// What was optimized, and its value.
+    /// The objective, and its value.
     pub objective: ObjectiveRecord,
     /// The winner.
     pub pattern: PatternReport,
-    /// How well its dots fix the orientation, in units of the dots' noise.
+    /// The orientation bound of its dots, in units of the dots' noise.
     pub orientation_bound: BoundSummary,
     /// Rates of the winner on the report's trials: every recognizer, every protocol.
     pub validation: Vec<NamedValidation>,
@@ -114,7 +114,7 @@ pub struct DesignReport {
     pub timing: Timing,
 }
 
-/// What is measured about the winner.
+/// Configuration of the winner's evaluation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EvaluationConfig {
     /// Trials for each recognizer and protocol.
@@ -124,7 +124,7 @@ pub struct EvaluationConfig {
 }
 
 impl EvaluationConfig {
-    /// `samples` trials each, and a fifth of it for each point of the default sweeps.
+    /// `samples` trials each, and a fifth of that for each point of the default sweeps.
     pub fn of_samples(samples: u64) -> Self {
         Self {
             samples,
@@ -152,7 +152,8 @@ pub struct DesignEvaluation {
     pub report: DesignReport,
 }
 
-/// Evaluates the winner of a search on the report's own trials; `says` hears what is being measured.
+/// Evaluates the winner of a search on the report's own trials; `says` receives the name of each
+/// measurement.
 ///
 /// # Errors
 /// As [`validate_named`].
@@ -231,7 +232,7 @@ impl Seeds {
     }
 }
 
-/// Every recognizer in every protocol; that of the search with the search's own values.
+/// Every recognizer in every protocol; the search's own protocol with the search's own values.
 fn validate_all(
     table: &HashTable,
     config: &DesignConfig,
@@ -281,11 +282,11 @@ fn sweep(
 }
 
 impl DesignEvaluation {
-    /// Writes everything but the stencil to `dir`, each file whole or not at all; the plots where the crate
+    /// Writes everything but the stencil to `dir`, each file atomically; the plots where the crate
     /// is built with the feature `plot`.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`Error::Write`] on an I/O failure.
     pub fn write(&self, dir: &Path, stencil: &StencilConfig) -> Result<()> {
         files::create_dir(dir)?;
         let table = &self.table;
@@ -303,8 +304,8 @@ impl DesignEvaluation {
         files::write_bytes(&dir.join("report.json"), json.as_bytes())
     }
 
-    /// Makes the stencil and writes it, with its picture where the crate is built with the feature `plot`, to
-    /// `dir/stencil`.
+    /// Makes the stencil and writes it, with its picture where the crate is built with the feature
+    /// `plot`, to `dir/stencil`.
     ///
     /// # Errors
     /// As [`Stencil::build`] and [`Stencil::write`].

@@ -1,4 +1,5 @@
-//! The plots of a design: the ball, its features, its rates, and how they depend on noise and alpha.
+//! The plots of a design: the ball, its features, its rates, and how they depend on noise and
+//! alpha.
 
 use std::path::Path;
 
@@ -28,7 +29,7 @@ pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
 /// Draws all plots of a design into `dir`.
 ///
 /// # Errors
-/// [`crate::Error::Write`] where the system refuses.
+/// [`crate::Error::Write`] on an I/O failure.
 pub fn write_all(dir: &Path, design: &DesignEvaluation, stencil: &StencilConfig) -> Result<()> {
     let (table, report) = (&design.table, &design.report);
     ball(&dir.join("pattern.png"), table, stencil)?;
@@ -61,7 +62,7 @@ fn progress(path: &Path, report: &DesignReport) -> Result<()> {
         path,
         &CurvePlot {
             title: format!(
-                "Best pattern so far: failures of {} `{}` views by which nothing was chosen",
+                "Best pattern so far: failures of {} `{}` views that select nothing",
                 first.identity.trials, report.config.protocol.name
             ),
             x_label: "time [min]".into(),
@@ -75,7 +76,7 @@ fn progress(path: &Path, report: &DesignReport) -> Result<()> {
 /// The pattern from both sides of the ball.
 ///
 /// # Errors
-/// [`crate::Error::Write`] where the system refuses.
+/// [`crate::Error::Write`] on an I/O failure.
 pub fn ball(path: &Path, table: &HashTable, stencil: &StencilConfig) -> Result<()> {
     let pattern = table.pattern();
     let view = BallDrawing {
@@ -93,7 +94,7 @@ pub fn ball(path: &Path, table: &HashTable, stencil: &StencilConfig) -> Result<(
 /// The table's features and the distances to their nearest neighbors.
 ///
 /// # Errors
-/// [`crate::Error::Write`] where the system refuses.
+/// [`crate::Error::Write`] on an I/O failure.
 pub fn features(path: &Path, table: &HashTable) -> Result<()> {
     let title = format!(
         "{} hash features of {} dots",
@@ -130,7 +131,7 @@ fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
     )
 }
 
-/// The success that speaks for a protocol: with false and missed dots the orientation is what counts.
+/// The success that is plotted for a protocol: with false and missed dots it is the orientation.
 pub(super) fn success(name: ProtocolName, v: &crate::validate::Validation) -> &Proportion {
     match name {
         ProtocolName::Paper | ProtocolName::Sparse => &v.identity,
@@ -145,11 +146,11 @@ pub(super) fn success_name(name: ProtocolName) -> &'static str {
     }
 }
 
-/// The curves of a sweep, one picture a parameter that was swept: `sensitivity_sigma.png` and
+/// The curves of a sweep, one picture per swept parameter: `sensitivity_sigma.png` and
 /// `sensitivity_alpha.png`.
 ///
 /// # Errors
-/// [`crate::Error::Write`] where the system refuses.
+/// [`crate::Error::Write`] on an I/O failure.
 pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> {
     let parameters = [
         (
@@ -199,7 +200,7 @@ pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> 
             &dir.join(file),
             &CurvePlot {
                 title: format!(
-                    "{title}; protocol {}, {} trials a point",
+                    "{title}; protocol {}, {} trials per point",
                     v.protocol, v.samples
                 ),
                 x_label: x_label.into(),

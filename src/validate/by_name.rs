@@ -1,4 +1,4 @@
-//! Validation with a recognizer chosen by its name: what the command and the reports need.
+//! Validation with a recognizer chosen by its name, for the command and the reports.
 
 use super::{Protocol, TrialResult, Validation, run_trials, summarize};
 use crate::error::Result;
@@ -6,12 +6,12 @@ use crate::hash::HashTable;
 use crate::recognize::robust::RobustRecognizer;
 use crate::recognize::{PaperRecognizer, RecognizerName};
 
-/// A validation, and whose.
+/// A validation and its recognizer.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NamedValidation {
     /// The recognizer.
     pub recognizer: RecognizerName,
-    /// What was found.
+    /// The result.
     #[serde(flatten)]
     pub validation: Validation,
 }
@@ -21,7 +21,8 @@ pub struct NamedValidation {
 /// protocol's rates ([`Protocol::recognizer_config`]).
 ///
 /// # Errors
-/// As [`run_trials`], and [`crate::Error::Argument`] for recognizer parameters outside their domains.
+/// As [`run_trials`], and [`crate::Error::Argument`] for recognizer parameters outside their
+/// domains.
 pub fn run_named(
     table: &HashTable,
     recognizer: RecognizerName,

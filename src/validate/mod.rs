@@ -1,14 +1,14 @@
-//! Monte Carlo validation: how often a recognizer is right on views made by a stated protocol.
+//! Monte Carlo validation: how often a recognizer is correct on views made by a stated protocol.
 //!
-//! A trial turns the pattern by a rotation uniform on SO(3), keeps the dots above the visibility limit,
-//! moves each by noise, drops some, adds false ones, and shuffles the list. Two successes are counted,
-//! each with its Wilson 95 % interval: *identity* (every real dot has its own index and every false dot
-//! none) and *orientation* (error under 20 degrees, the failure threshold of the SpinDOE paper). Views
-//! with fewer real dots than the protocol or the recognizer needs are counted apart, however many false
-//! dots they have.
+//! A trial rotates the pattern uniformly on SO(3), keeps the dots above the visibility limit, moves
+//! each by noise, drops some, adds false ones, and shuffles the list. Two successes are counted,
+//! each with its Wilson 95 % interval: *identity* (every real dot has its own index and every false
+//! dot none) and *orientation* (error under 20 degrees, the failure threshold of the SpinDOE
+//! paper). Views with fewer real dots than the protocol or the recognizer needs are counted
+//! separately, whatever the number of their false dots.
 //!
-//! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums are
-//! taken in the order of the trials: the result is the same on any number of threads.
+//! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums
+//! are taken in the order of the trials: the result is the same on any number of threads.
 
 pub mod bound;
 mod by_name;
@@ -32,26 +32,27 @@ use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
 use crate::recognize::{Identification, Recognizer};
 
-/// Orientation errors from here on are failures, radians (20 degrees, SpinDOE Sec. IV).
+/// Orientation errors of this value or more are failures, radians (20 degrees, SpinDOE Sec. IV).
 pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
 /// Trials handled by one task; small enough to balance, large enough to reuse a workspace.
 const CHUNK: u64 = 64;
 
-/// What a validation found.
+/// Result of a validation.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Validation {
     /// The protocol's name.
     pub protocol: ProtocolName,
-    /// Trials asked for.
+    /// Number of trials requested.
     pub samples: u64,
-    /// Noise in degrees (`paper`, `sparse`, `clutter`), or its equivalent at the ball's center (`image`).
+    /// Noise in degrees (`paper`, `sparse`, `clutter`), or its equivalent at the ball's center
+    /// (`image`).
     pub sigma_deg: f64,
     /// The seed of the trials.
     pub seed: u64,
     /// Trials whose view had too few real dots to be an identification.
     pub skipped: u64,
-    /// Every dot correctly identified, every false dot left out.
+    /// Every dot correctly identified, every false dot unassigned.
     pub identity: Proportion,
     /// Orientation error under 20 degrees.
     pub orientation: Proportion,
@@ -59,11 +60,12 @@ pub struct Validation {
     pub mean_error_deg: f64,
     /// Median orientation error of the orientation successes, degrees.
     pub median_error_deg: f64,
-    /// Mean time of one identification on one thread, microseconds. The only value here that a
-    /// second run does not repeat, hence not part of what is shipped: see [`Validation::untimed`].
+    /// Mean time of one identification on one thread, microseconds. The only value here that
+    /// differs between runs; shipped results leave it out, see [`Validation::untimed`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub us_per_identification: Option<f64>,
-    /// Median time of one identification on one thread, microseconds; no more repeatable than the mean.
+    /// Median time of one identification on one thread, microseconds; no more repeatable than the
+    /// mean.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub median_us_per_identification: Option<f64>,
 }
@@ -83,15 +85,15 @@ impl Validation {
 pub enum TrialResult {
     /// Too few dots to identify anything.
     Skipped,
-    /// The recognizer was asked.
+    /// The recognizer was run.
     Judged {
-        /// Every dot has its right index, or none if false.
+        /// Every dot has its correct index, or none if false.
         identity: bool,
-        /// Orientation error, radians; infinite where the recognizer refused.
+        /// Orientation error, radians; infinite where the recognizer rejected the view.
         error_rad: f64,
-        /// The recognizer's own probability of being right; 0 where it refused.
+        /// The recognizer's own probability of being correct; 0 where it rejected the view.
         confidence: f64,
-        /// The same of the rotation alone.
+        /// The recognizer's own probability that the rotation is correct.
         pose_confidence: f64,
         /// Time of the identification, nanoseconds.
         nanoseconds: u64,
@@ -133,8 +135,8 @@ pub fn run_trials<R: Recognizer>(
     Ok(results.into_iter().flatten().collect())
 }
 
-/// Asks the recognizer about one view and compares its answer with the truth. The answer is left in
-/// `answer`, unless the view was skipped or refused.
+/// Runs the recognizer on one view and compares its answer with the truth. The answer is left in
+/// `answer`, unless the view was skipped or rejected.
 pub fn judge<R: Recognizer>(
     trial: &Trial,
     recognizer: &R,
@@ -142,7 +144,7 @@ pub fn judge<R: Recognizer>(
     workspace: &mut R::Workspace,
     answer: &mut Identification,
 ) -> TrialResult {
-    // False dots make no view of one that shows too little.
+    // False dots do not make a usable view of one that shows too few real dots.
     if trial.real_dots() < protocol.min_dots.max(recognizer.min_dots()) {
         return TrialResult::Skipped;
     }
@@ -189,7 +191,7 @@ pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Val
     let mut errors = Vec::with_capacity(results.len());
     for result in results {
         if let TrialResult::Judged {
-            identity: right,
+            identity: is_correct,
             error_rad,
             nanoseconds,
             ..
@@ -197,7 +199,7 @@ pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Val
         {
             trials += 1;
             times.push(nanoseconds as f64 / 1000.0);
-            identity += u64::from(right);
+            identity += u64::from(is_correct);
             if error_rad < ORIENTATION_FAILURE_RAD {
                 errors.push(error_rad.to_degrees());
             }

@@ -55,12 +55,13 @@ impl std::fmt::Display for ProtocolName {
     }
 }
 
-/// How a seen dot is moved.
+/// Noise of a visible dot's position.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Noise {
-    /// Rotated about an axis uniform on the sphere by an angle from N(0, sigma). Per tangent axis this
-    /// has the standard deviation sigma / sqrt(3): a third of the axis lies along the dot on average.
+    /// Rotated about an axis uniform on the sphere by an angle from N(0, sigma). Per tangent axis
+    /// this has the standard deviation sigma / sqrt(3): a third of the axis lies along the dot on
+    /// average.
     RandomAxis {
         /// Standard deviation of the rotation's angle, radians.
         sigma_rad: f64,
@@ -79,11 +80,11 @@ pub enum Noise {
 pub struct Protocol {
     /// Its name.
     pub name: ProtocolName,
-    /// A dot is seen where its z exceeds this.
+    /// A dot is visible where its z exceeds this.
     pub visibility_limit: f64,
-    /// Of the seen dots, how many are given (at random); `None` gives all.
+    /// Number of visible dots that are given (chosen at random); `None` gives all.
     pub dots_given: Option<usize>,
-    /// How a dot is moved.
+    /// Noise of a dot's position.
     pub noise: Noise,
     /// Probability that a dot is missed.
     pub miss_probability: f64,
@@ -135,8 +136,8 @@ impl Protocol {
         }
     }
 
-    /// The same protocol with another noise: the angle's standard deviation, or for `image` the pixel
-    /// noise that amounts to this angle at the ball's center.
+    /// The same protocol with another noise: the angle's standard deviation, or for `image` the
+    /// pixel noise that amounts to this angle at the ball's center.
     #[must_use]
     pub fn with_sigma_rad(mut self, sigma_rad: f64) -> Self {
         match &mut self.noise {
@@ -160,8 +161,8 @@ impl Protocol {
         }
     }
 
-    /// The noise per tangent axis, radians: a turn about a random axis moves a dot by a third of its
-    /// variance along each (for `image` at the ball's center).
+    /// The noise per tangent axis, radians: a rotation about a random axis moves a dot by a third
+    /// of its variance along each axis (for `image` at the ball's center).
     pub fn tangent_sigma_rad(&self) -> f64 {
         match self.noise {
             Noise::RandomAxis { sigma_rad } => sigma_rad / 3f64.sqrt(),
@@ -188,9 +189,9 @@ impl Protocol {
         require(inside, "visibility_limit", "a z in [-1, 1)", limit)
     }
 
-    /// The robust recognizer's expectations that go with this protocol: what a user who knows the
-    /// camera would state: rates, the number of false dots that every view has, and the shape of the
-    /// noise; never which dots are false or missed.
+    /// The robust recognizer's configuration for this protocol. It holds what a user who knows the
+    /// camera would state: rates, the number of false dots that every view has, and the shape of
+    /// the noise. It never holds which dots are false or missed.
     pub fn recognizer_config(&self) -> RobustConfig {
         let detection_probability = match self.dots_given {
             // Four of on average 6.7 visible dots are given.

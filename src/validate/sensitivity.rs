@@ -1,9 +1,9 @@
-//! Sensitivity: how the rates depend on the dots' noise, and for the paper's recognizer on `alpha`, the
-//! standard deviation of a vote's length (SpinDOE, Sec. IV-A).
+//! Sensitivity: how the rates depend on the dots' noise and, for the paper's recognizer, on
+//! `alpha`, the standard deviation of a vote's length (SpinDOE, Sec. IV-A).
 //!
-//! All points of a sweep share their seed: they see the same rotations, so that a curve shows the
-//! parameter's effect and not the luck of the draw. Points of one curve are therefore correlated; each
-//! interval is right for its own point.
+//! All points of a sweep share their seed and thus their rotations, so a curve shows the
+//! parameter's effect and not sampling noise. Points of one curve are therefore correlated; each
+//! interval is valid for its own point only.
 
 use std::fmt::Write as _;
 
@@ -46,7 +46,8 @@ pub struct SensitivityConfig {
 }
 
 impl Default for SensitivityConfig {
-    /// 1 to 10 degrees in steps of one; alpha from 0.003 to 1 in half decades; 2 000 trials, seed 0.
+    /// 1 to 10 degrees in steps of one; alpha from 0.003 to 1 in half decades; 2 000 trials, seed
+    /// 0.
     fn default() -> Self {
         Self {
             sigmas_deg: (1..=10).map(f64::from).collect(),
@@ -60,16 +61,16 @@ impl Default for SensitivityConfig {
 /// A point of a sweep.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SensitivityPoint {
-    /// What was varied.
+    /// The varied parameter.
     pub parameter: SweptParameter,
     /// Its value.
     pub value: f64,
-    /// What was found there.
+    /// The result.
     #[serde(flatten)]
     pub result: NamedValidation,
 }
 
-/// Sweeps noise and alpha; `each` sees every point as it is found.
+/// Sweeps noise and alpha; `each` receives every point as soon as it is measured.
 ///
 /// # Errors
 /// As [`super::run_named`].

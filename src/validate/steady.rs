@@ -1,10 +1,13 @@
-//! Views on common random numbers: a small change of the pattern makes a small change of every view.
+//! Trials on common random numbers: a small change of the pattern makes a small change of every
+//! view.
 //!
-//! A [`TrialGenerator`](super::TrialGenerator) draws for the dots in view only, one after the other: a dot
-//! that comes into view shifts all numbers after it, and the view becomes another. Here every dot has its
-//! draws whether it is seen or not, and the dots that are given are those of the smallest random keys. The
-//! views have the protocol's distribution all the same. They serve differences between neighboring
-//! patterns; rates are measured elsewhere.
+//! A [`TrialGenerator`](super::TrialGenerator) draws random numbers for the visible dots only, one
+//! after the other. A dot that comes into view shifts all numbers after it and changes the whole
+//! view. Here every dot has its own draws whether it is visible or not, and the given dots are
+//! those of the smallest random keys. The views still have the protocol's distribution.
+//!
+//! Use these trials for differences between neighboring patterns. They do not measure the reported
+//! rates.
 
 use rand::RngExt;
 
@@ -38,7 +41,7 @@ impl CommonRandomTrials {
         }
     }
 
-    /// Makes trial number `index` of a pattern, whatever was made before.
+    /// Makes trial number `index` of a pattern, independent of earlier calls.
     pub fn generate(&mut self, pattern: &Pattern, index: u64, trial: &mut Trial) {
         let (draws, keyed) = (&mut self.draws, &mut self.keyed);
         let p = draws.protocol;

@@ -1,4 +1,4 @@
-//! Making one view of a pattern, with its truth.
+//! One simulated view of a pattern, with its ground truth.
 
 use nalgebra::{Matrix2, Unit};
 use rand::seq::SliceRandom;
@@ -14,9 +14,10 @@ use crate::pattern::Pattern;
 use crate::recognize::observed::ObservedFrame;
 use crate::recognize::{DotUncertainty, ObservedDot};
 
-/// Minimum standard deviation given to a recognizer, radians: noise-free trials must not divide by zero.
+/// Minimum standard deviation given to a recognizer, radians: noise-free trials must not divide by
+/// zero.
 const MIN_SIGMA_RAD: f64 = 1e-4;
-/// Nearest to the limb, in z, that a back-projected dot's uncertainty is linearized.
+/// Minimum z, towards the limb, at which a back-projected dot's uncertainty is linearized.
 const LIMB_Z: f64 = 0.1;
 
 /// A view and its truth.
@@ -37,7 +38,7 @@ impl Trial {
         self.truth.iter().flatten().count()
     }
 
-    /// Takes over what is given to the recognizer, in this order.
+    /// Copies what is given to the recognizer, in this order.
     pub(super) fn fill(&mut self, given: impl Iterator<Item = (ObservedDot, Option<u16>)>) {
         self.dots.clear();
         self.truth.clear();
@@ -48,7 +49,7 @@ impl Trial {
     }
 }
 
-/// The random numbers of a protocol's trials: each trial has a stream of its own.
+/// The random numbers of a protocol's trials: each trial has its own stream.
 #[derive(Debug, Clone)]
 pub(super) struct Draws {
     pub protocol: Protocol,
@@ -63,7 +64,7 @@ impl Draws {
         }
     }
 
-    /// Goes to trial number `index`, wherever it was, and draws its rotation.
+    /// Moves to trial number `index` from any position, and draws its rotation.
     pub fn begin(&mut self, index: u64) -> Rotation {
         self.rng.set_stream(index);
         self.rng.set_word_pos(0);
@@ -75,7 +76,7 @@ impl Draws {
         displaced(q, &self.protocol.noise, &mut self.rng)
     }
 
-    /// A dot that is none: uniform on the visible cap.
+    /// A false dot: uniform on the visible cap.
     pub fn false_dot(&mut self) -> ObservedDot {
         let direction = random_direction_above(&mut self.rng, self.protocol.visibility_limit);
         ObservedDot {
@@ -84,8 +85,8 @@ impl Draws {
         }
     }
 
-    /// How many of so many visible dots the protocol gives: fewer than it asks for is no view of it, and
-    /// the trial is skipped.
+    /// The number of dots that the protocol gives out of those visible. A view with fewer than it
+    /// requests is skipped.
     pub fn given_of(&self, visible: usize) -> usize {
         match self.protocol.dots_given {
             Some(given) if visible < given => 0,
@@ -111,7 +112,7 @@ impl<'p> TrialGenerator<'p> {
         }
     }
 
-    /// Makes trial number `index`, whatever was made before.
+    /// Makes trial number `index`, independent of earlier calls.
     pub fn generate(&mut self, index: u64, trial: &mut Trial) {
         let draws = &mut self.draws;
         let p = draws.protocol;
@@ -140,8 +141,8 @@ impl<'p> TrialGenerator<'p> {
     }
 }
 
-/// The views of a validation as a detector would give them, named `trial-0`, `trial-1`, ...; views
-/// with too few real dots for the protocol are left out.
+/// The views of a validation as a detector would report them, named `trial-0`, `trial-1`, ...;
+/// views with too few real dots for the protocol are left out.
 pub fn observed_frames(
     pattern: &Pattern,
     protocol: &Protocol,

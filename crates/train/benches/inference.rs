@@ -1,4 +1,4 @@
-//! One patch through the net: as `spindoe` runs it, and as burn does; one thread.
+//! Time of one patch through the net, in `spindoe` and in burn; one thread.
 
 use std::hint::black_box;
 

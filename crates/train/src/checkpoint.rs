@@ -1,5 +1,5 @@
-//! A training's state in a file: a zip of the net and the optimizer's moments (burn's burnpack), the best weights
-//! (`.npz`) and the rest as JSON.
+//! Checkpoint of a training: a zip of the net and the optimizer's moments (burn's burnpack), the
+//! best weights (`.npz`) and the rest as JSON.
 
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
@@ -19,10 +19,10 @@ use spindoe::{Error, Result, files};
 use crate::TrainConfig;
 use crate::model::Net;
 
-/// Largest entry read.
+/// Maximum size of an entry.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// Where a training stands.
+/// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct State {
     /// Steps done.
@@ -36,7 +36,7 @@ pub struct State {
 /// All that is needed to continue a training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
-    /// Where it stands.
+    /// The progress.
     pub state: State,
     /// The best weights so far.
     pub best: Option<Weights>,
@@ -45,7 +45,7 @@ pub struct Checkpoint {
     optimizer: Vec<u8>,
 }
 
-/// A net and its optimizer as they were.
+/// A restored net and its optimizer.
 pub(crate) struct Restored {
     pub net: Net,
     pub optimizer: ModuleOptimizer,
@@ -79,21 +79,21 @@ impl Checkpoint {
     }
 
     pub(crate) fn restore(&self, net: Net, optimizer: ModuleOptimizer) -> Result<Restored> {
-        let refuse = |e: &dyn std::fmt::Display| {
+        let reject = |e: &dyn std::fmt::Display| {
             Error::argument("checkpoint", format!("not that of this net: {e}"))
         };
         let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(self.net.clone()))
-            .map_err(|e| refuse(&e))?;
+            .map_err(|e| reject(&e))?;
         let optimizer = optimizer
             .from_bytes(Bytes::from_bytes_vec(self.optimizer.clone()))
-            .map_err(|e| refuse(&e))?;
+            .map_err(|e| reject(&e))?;
         Ok(Restored {
-            net: net.try_load_record(record).map_err(|e| refuse(&e))?,
+            net: net.try_load_record(record).map_err(|e| reject(&e))?,
             optimizer,
         })
     }
 
-    /// The net's numbers as they stand.
+    /// The current parameters of the net.
     ///
     /// # Errors
     /// [`Error::Argument`] where the checkpoint is not that of this net.
@@ -106,10 +106,10 @@ impl Checkpoint {
         self.restore(net, AdamWConfig::new().init())?.net.layers()
     }
 
-    /// Writes the checkpoint, whole or not at all.
+    /// Writes the checkpoint atomically.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses.
+    /// [`Error::Write`] on an I/O failure.
     pub fn write(&self, path: &Path) -> Result<()> {
         let packed = |e: &dyn std::fmt::Display| {
             Error::Internal(format!("the checkpoint cannot be packed: {e}"))
@@ -144,24 +144,25 @@ impl Checkpoint {
     /// Reads a checkpoint of a training with this configuration; the number of steps may differ.
     ///
     /// # Errors
-    /// [`Error::Read`] where the system refuses; [`Error::Input`] where it is no checkpoint, or that of another training.
+    /// [`Error::Read`] on an I/O failure; [`Error::Input`] where it is no checkpoint, or that of
+    /// another training.
     pub fn read(path: &Path, config: &TrainConfig) -> Result<Self> {
         let bytes = files::read_bytes(path)?;
-        let refuse = |place: &str, e: &dyn std::fmt::Display| {
+        let reject = |place: &str, e: &dyn std::fmt::Display| {
             Error::input(path, place, format!("not a training's checkpoint: {e}"))
         };
         let mut zip =
-            ZipArchive::new(Cursor::new(bytes.as_slice())).map_err(|e| refuse("archive", &e))?;
+            ZipArchive::new(Cursor::new(bytes.as_slice())).map_err(|e| reject("archive", &e))?;
         let mut entry = |name: &str| -> Result<Vec<u8>> {
-            let file = zip.by_name(name).map_err(|e| refuse(name, &e))?;
+            let file = zip.by_name(name).map_err(|e| reject(name, &e))?;
             let mut bytes = Vec::new();
             file.take(MAX_BYTES)
                 .read_to_end(&mut bytes)
-                .map_err(|e| refuse(name, &e))?;
+                .map_err(|e| reject(name, &e))?;
             Ok(bytes)
         };
         let head: Head =
-            serde_json::from_slice(&entry("state.json")?).map_err(|e| refuse("state.json", &e))?;
+            serde_json::from_slice(&entry("state.json")?).map_err(|e| reject("state.json", &e))?;
         let same = TrainConfig {
             steps: config.steps,
             ..head.config.clone()

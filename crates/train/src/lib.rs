@@ -1,16 +1,16 @@
 //! Training the dot detector of `spindoe` on synthetic frames.
 //!
-//! AdamW (I. Loshchilov, F. Hutter, ICLR 2019) with a linear warm-up and a cosine decay of the learning
-//! rate, on frames that are drawn while the net learns and never seen twice. Every so often the net is
-//! evaluated; the best weights are kept, and training ends early when they have not been bettered for long.
+//! AdamW (I. Loshchilov, F. Hutter, ICLR 2019) with a linear warm-up and a cosine decay of the
+//! learning rate, on frames that are drawn during the training and never seen twice. The net is
+//! evaluated at fixed intervals. The best weights are kept, and training ends early after several
+//! evaluations without a better net.
 //!
-//! Four sets of frames, drawn with four seeds ([`FrameSet`]), keep apart what must not be mixed: one is
-//! trained on, one picks the best weights, one calibrates them ([`score`]), and one gives the score that is
-//! reported.
+//! Four sets of frames, drawn with four seeds ([`FrameSet`]), are disjoint: one trains, one selects
+//! the best weights, one calibrates them ([`score`]), and one gives the reported score.
 //!
-//! A run is a function of its configuration on processors with the same instructions. Its checkpoint holds
-//! the net, the optimizer's moments and the position in the sequence of frames, so that a resumed run goes
-//! on as if it had not been ended.
+//! A run is a function of its configuration on processors with the same instructions; other
+//! processors may round differently. Its checkpoint holds the net, the optimizer's moments and the
+//! position in the sequence of frames, so a resumed run continues as if it had not stopped.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -48,16 +48,16 @@ use score::MatchedPeak;
 /// Batches drawn ahead of the net.
 const AHEAD: usize = 4;
 
-/// What frames are drawn for. Each purpose has a seed, so that no set shares a frame with another.
+/// The purpose of a set of frames. Each purpose has a seed, so no set shares a frame with another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameSet {
-    /// The net learns from them.
+    /// The net trains on them.
     Train,
-    /// They pick the best weights.
+    /// They select the best weights.
     Validation,
     /// Probabilities and covariances are calibrated on them.
     Calibration,
-    /// The score that is reported comes from them, and nothing else does.
+    /// The reported score comes from them, and nothing else uses them.
     Test,
 }
 
@@ -74,20 +74,20 @@ impl FrameSet {
     }
 }
 
-/// How the net is trained.
+/// Configuration of a training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrainConfig {
-    /// Seed of the first weights and of all frames.
+    /// Seed of the initial weights and of all frames.
     pub seed: u64,
     /// Steps of the optimizer.
     pub steps: u64,
-    /// Samples a step.
+    /// Samples per step.
     pub batch: usize,
-    /// Samples that one frame gives.
+    /// Samples from one frame.
     pub samples_per_frame: usize,
     /// Highest learning rate.
     pub learning_rate: f64,
-    /// Steps over which the rate rises from 0.
+    /// Steps of the linear warm-up from 0.
     pub warmup_steps: u64,
     /// AdamW's weight decay.
     pub weight_decay: f32,
@@ -97,7 +97,7 @@ pub struct TrainConfig {
     pub eval_frames: usize,
     /// Evaluations without a better net after which training ends.
     pub patience: usize,
-    /// What frames are like.
+    /// Distribution of the frames.
     pub synth: SynthConfig,
 }
 
@@ -116,7 +116,7 @@ impl Default for TrainConfig {
             eval_frames: 500,
             patience: 12,
             synth: SynthConfig {
-                // Larger balls are shrunk to the patch anyway.
+                // Larger balls are downscaled to the patch anyway.
                 size_px: [40, 120],
                 ..SynthConfig::default()
             },
@@ -178,7 +178,7 @@ impl TrainConfig {
         Ok(batch)
     }
 
-    /// A set of samples that the net does not learn from.
+    /// A set of samples that the net does not train on.
     fn samples(&self, set: FrameSet) -> Result<Vec<Sample>> {
         (0..self.eval_frames as u64)
             .into_par_iter()
@@ -191,7 +191,7 @@ impl TrainConfig {
     }
 }
 
-/// Where a training stands.
+/// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrainProgress {
     /// Steps done.
@@ -204,12 +204,12 @@ pub struct TrainProgress {
     pub score: Option<Score>,
 }
 
-/// Follows a training.
+/// Observes a training.
 pub trait TrainObserver {
     /// Called every few steps.
     ///
     /// # Errors
-    /// Whatever the observer meets; it ends the training.
+    /// Any error of the observer; it ends the training.
     fn progress(&mut self, _progress: &TrainProgress) -> Result<()> {
         Ok(())
     }
@@ -217,7 +217,7 @@ pub trait TrainObserver {
     /// Called after each evaluation with all that is needed to continue.
     ///
     /// # Errors
-    /// Whatever the observer meets; it ends the training.
+    /// Any error of the observer; it ends the training.
     fn checkpoint(&mut self, _checkpoint: &Checkpoint) -> Result<()> {
         Ok(())
     }
@@ -225,7 +225,7 @@ pub trait TrainObserver {
 
 impl TrainObserver for () {}
 
-/// What a training came to.
+/// Result of a training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trained {
     /// The best weights, calibrated.
@@ -236,12 +236,12 @@ pub struct Trained {
     pub steps: u64,
 }
 
-/// Trains a net, from the beginning or from a checkpoint. Setting `stop` ends the training at the next step; what was best
-/// so far is calibrated and given back.
+/// Trains a net, from the beginning or from a checkpoint. Setting `stop` ends the training at the
+/// next step; the best weights so far are calibrated and returned.
 ///
 /// # Errors
-/// [`Error::Argument`] where the configuration is out of its domain; the observer's errors; [`Error::Internal`] where
-/// burn fails.
+/// [`Error::Argument`] where the configuration is out of its domain; the observer's errors;
+/// [`Error::Internal`] where burn fails.
 pub fn train(
     config: &TrainConfig,
     from: Option<Checkpoint>,
@@ -266,7 +266,7 @@ pub fn train(
     trainer.finish()
 }
 
-/// What a run needs besides its configuration.
+/// The state of a run besides its configuration.
 struct Trainer<'a> {
     config: &'a TrainConfig,
     device: Device,
@@ -275,7 +275,7 @@ struct Trainer<'a> {
     state: checkpoint::State,
     validation: Vec<Sample>,
     calibration: Vec<Sample>,
-    /// The best net's numbers.
+    /// The best net's parameters.
     best: Option<Weights>,
 }
 
@@ -340,7 +340,7 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// One step of the optimizer; gives the parts of the loss.
+    /// One step of the optimizer; returns the parts of the loss.
     fn step(&mut self, batch: &Batch) -> Result<[f64; 2]> {
         let n = batch.len;
         let tensor = |values: &[f32], channels: usize, side: usize| {
@@ -367,7 +367,8 @@ impl<'a> Trainer<'a> {
         Ok([number(heat)?, number(position)?])
     }
 
-    /// Calibrates the net and evaluates it, and keeps its numbers where they are the best so far.
+    /// Calibrates the net and evaluates it, and keeps its parameters where they are the best so
+    /// far.
     fn evaluate(&mut self) -> Result<Score> {
         let layers = self.net.valid().layers()?;
         let matched = match_all(&layers, &self.calibration, &Calibration::default())?;
@@ -419,10 +420,12 @@ impl<'a> Trainer<'a> {
     }
 }
 
-/// The score of weights on the test set of a training with this configuration, at a probability of one half.
+/// The score of weights on the test set of a training with this configuration, at a probability of
+/// one half.
 ///
 /// # Errors
-/// [`Error::Argument`] where the configuration is out of its domain or the weights do not fit the net.
+/// [`Error::Argument`] where the configuration is out of its domain or the weights do not fit the
+/// net.
 pub fn test(config: &TrainConfig, weights: &Weights) -> Result<Score> {
     config.check()?;
     let samples = config.samples(FrameSet::Test)?;
@@ -430,7 +433,7 @@ pub fn test(config: &TrainConfig, weights: &Weights) -> Result<Score> {
     Ok(score::score(&matched, &samples, 0.5))
 }
 
-/// Runs a net on samples, as `spindoe` will run it, and matches its peaks with their dots.
+/// Runs a net on samples, as `spindoe` runs it, and matches its peaks with their dots.
 fn match_all(
     layers: &[Layer],
     samples: &[Sample],

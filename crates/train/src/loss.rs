@@ -1,16 +1,18 @@
-//! What training minimizes.
+//! The training loss.
 //!
-//! The heat map's loss is CenterNet's focal loss (Zhou et al. 2019, eq. 1, after Law and Deng 2018), `alpha = 2`, `beta = 4`:
-//! for the probability `p` and the target `y`, a Gaussian about each dot,
+//! The heat map's loss is CenterNet's focal loss (Zhou et al. 2019, eq. 1, after Law and Deng
+//! 2018), `alpha = 2`, `beta = 4`: for the probability `p` and the target `y`, a Gaussian about
+//! each dot,
 //!
 //! `-(1 - p)^2 ln p` where a dot's own cell is, `-(1 - y)^4 p^2 ln(1 - p)` elsewhere,
 //!
-//! summed and divided by the number of dots. Cells where nobody can say whether a dot is to be seen (at the
-//! limb, under a logo) count nothing.
+//! summed and divided by the number of dots. Cells with an undecidable dot (at the limb, under a
+//! logo) have no weight.
 //!
-//! Position and its uncertainty are learned together, from the cells about each dot, as the negative logarithm of a Student
-//! density with 4 degrees of freedom in two dimensions, `3 ln(1 + |L e|^2 / 4) - ln a - ln c`: heavy tails, so that a few dots far off
-//! do not blow up all deviations.
+//! Position and its uncertainty are learned together, from the cells about each dot. Their loss is
+//! the negative logarithm of a Student density with 4 degrees of freedom in two dimensions,
+//! `3 ln(1 + |L e|^2 / 4) - ln a - ln c`. Its heavy tails keep a few outliers from inflating all
+//! deviations.
 
 use burn::tensor::Tensor;
 use burn::tensor::activation::log_sigmoid;
@@ -19,15 +21,15 @@ use spindoe::vision::net::graph::Channel;
 
 /// Weight of the positions beside the heat map.
 const POSITION_WEIGHT: f32 = 0.25;
-/// Bound of the logarithms of the factor's diagonal: as far as they are read.
+/// Bound of the logarithms of the factor's diagonal, the same as in inference.
 const LN_RANGE: [f32; 2] = [-2.5, 4.0];
 
-/// What the cells should say: all (n, 1, cells, cells), but for the positions.
+/// Targets of the cells: all (n, 1, cells, cells), except the positions.
 #[derive(Debug, Clone)]
 pub struct Targets {
     /// 1 in a dot's own cell.
     pub own: Tensor<4>,
-    /// `(1 - y)^4` elsewhere; 0 in own cells and where nobody can say.
+    /// `(1 - y)^4` elsewhere; 0 in own cells and in undecidable ones.
     pub elsewhere: Tensor<4>,
     /// Dot minus cell, (n, 2, cells, cells): columns, rows, in the patch's values.
     pub position: Tensor<4>,
@@ -35,10 +37,10 @@ pub struct Targets {
     pub near: Tensor<4>,
 }
 
-/// The parts of the loss, one number each.
+/// The parts of the loss, one value each.
 #[derive(Debug, Clone)]
 pub struct Loss {
-    /// The sum that is minimized.
+    /// The minimized sum.
     pub total: Tensor<1>,
     /// The heat map's part.
     pub heat: Tensor<1>,

@@ -1,6 +1,7 @@
-//! `spindoe-train`: makes the dot detector of `spindoe`.
+//! `spindoe-train`: trains the dot detector of `spindoe`.
 //!
-//! Exit codes: 0 done; 2 unusable arguments or input, with one line that says which; 1 anything else.
+//! Exit codes: 0 done; 2 unusable arguments or input, with one line that names the problem; 1
+//! anything else.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,7 @@ use spindoe_train::{
 const CHECKPOINT: &str = "checkpoint.zip";
 /// The weights within the folder.
 const WEIGHTS: &str = "dots.npz";
-/// Plain lines come no more often than this, seconds.
+/// Minimum time between plain lines, seconds.
 const MIN_LINE_INTERVAL_S: f64 = 10.0;
 
 /// Trains the dot detector on synthetic frames.
@@ -45,16 +46,16 @@ struct Arguments {
     /// The folder to write to.
     #[arg(long, value_name = "DIR", required_unless_present = "score")]
     out: Option<PathBuf>,
-    /// Train nothing: score these weights on the test set.
+    /// Train nothing; score these weights on the test set.
     #[arg(long, value_name = "WEIGHTS.npz", conflicts_with_all = ["out", "resume"])]
     score: Option<PathBuf>,
-    /// Seed of the first weights and of all frames.
+    /// Seed of the initial weights and of all frames.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Steps of the optimizer.
     #[arg(long, value_name = "N", default_value_t = TrainConfig::default().steps)]
     steps: u64,
-    /// Patches a step.
+    /// Patches per step.
     #[arg(long, value_name = "N", default_value_t = TrainConfig::default().batch)]
     batch: usize,
     /// Highest learning rate.
@@ -63,13 +64,14 @@ struct Arguments {
     /// Steps between evaluations on frames of other seeds; each leaves a checkpoint.
     #[arg(long, value_name = "N", default_value_t = TrainConfig::default().eval_every)]
     eval_every: u64,
-    /// Frames of each of the three sets: one picks the best weights, one calibrates, one is reported.
+    /// Frames of each of the three sets: one selects the best weights, one calibrates, one gives
+    /// the reported score.
     #[arg(long, value_name = "N", default_value_t = TrainConfig::default().eval_frames)]
     eval_frames: usize,
     /// Evaluations without a better net after which training ends.
     #[arg(long, value_name = "N", default_value_t = TrainConfig::default().patience)]
     patience: usize,
-    /// Go on from the checkpoint in --out.
+    /// Continue from the checkpoint in --out.
     #[arg(long)]
     resume: bool,
     /// Print the outcome as one JSON object on standard output.
@@ -91,7 +93,7 @@ impl Arguments {
         }
     }
 
-    /// The command that repeats this training, whatever the defaults of other versions.
+    /// The command that reproduces this training, independent of other versions' defaults.
     fn command(&self) -> String {
         format!(
             "spindoe-train --seed {} --steps {} --batch {} --learning-rate {} --eval-every {} \
@@ -127,7 +129,7 @@ fn main() -> ExitCode {
 }
 
 fn fail(problem: &str, code: u8) -> ExitCode {
-    // Where nobody listens, the exit code says it.
+    // A failed write is ignored: the exit code carries the result.
     let _ = writeln!(std::io::stderr(), "spindoe-train: {problem}");
     ExitCode::from(code)
 }
@@ -151,7 +153,7 @@ fn run(arguments: &Arguments) -> Result<()> {
     let from = if arguments.resume {
         Some(Checkpoint::read(&path, &config)?)
     } else {
-        refuse_taken(dir)?;
+        reject_taken(dir)?;
         None
     };
     files::create_writable_dir(dir)?;
@@ -176,7 +178,7 @@ fn run(arguments: &Arguments) -> Result<()> {
 /// A score in words.
 fn describe(score: &Score) -> String {
     format!(
-        "of {} dots on {} frames {:.2} % found, {:.3} false a frame, median error {:.2} % of the radius",
+        "of {} dots on {} frames {:.2} % found, {:.3} false per frame, median error {:.2} % of the radius",
         score.dots,
         score.frames,
         100.0 * score.recall(),
@@ -215,8 +217,8 @@ fn write(
     Ok(outcome)
 }
 
-/// Refuses a folder that holds a detector already: two must not mix in one.
-fn refuse_taken(dir: &Path) -> Result<()> {
+/// Rejects a folder that holds a detector already: two must not mix in one.
+fn reject_taken(dir: &Path) -> Result<()> {
     for name in [WEIGHTS, CHECKPOINT] {
         if dir.join(name).exists() {
             let problem = format!(
@@ -229,7 +231,8 @@ fn refuse_taken(dir: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Shows a training: a bar on a terminal, plain lines elsewhere; and keeps it on disk.
+/// Shows the progress of a training (a bar on a terminal, plain lines elsewhere) and saves it on
+/// disk.
 struct Progress {
     bar: ProgressBar,
     checkpoint: PathBuf,
@@ -242,7 +245,7 @@ struct Progress {
 impl Progress {
     fn new(config: &TrainConfig, checkpoint: PathBuf) -> Self {
         let bar = ProgressBar::new(config.steps);
-        // The template is a constant; were it wrong, the default style would do.
+        // The template is a constant; with a wrong one the default style is used.
         if let Ok(style) =
             ProgressStyle::with_template("{bar:25} {elapsed} gone, {eta} left  {msg}")
         {
@@ -279,7 +282,7 @@ impl TrainObserver for Progress {
         if !self.bar.is_hidden() {
             self.bar.set_message(what);
         } else if self.said.elapsed().as_secs_f64() > MIN_LINE_INTERVAL_S {
-            // Whoever does not listen misses nothing that is not in the files.
+            // A failed write loses nothing that is not in the files.
             let _ = writeln!(std::io::stderr(), "{what}");
             self.said = Instant::now();
         }

@@ -1,7 +1,8 @@
-//! The net as burn runs it, with gradients.
+//! The net in burn, with gradients.
 //!
-//! burn's flex backend works in this process on the CPU. The layers and how they are joined are those of
-//! [`spindoe::vision::net::graph`]; `spindoe` runs the same net without burn, and a test holds both together.
+//! burn's flex backend runs in this process on the CPU. The layers and their connections are those
+//! of [`spindoe::vision::net::graph`]. `spindoe` runs the same net without burn, and a test
+//! compares the outputs of both.
 
 use burn::module::{Module, Param};
 use burn::nn::PaddingConfig2d;
@@ -27,7 +28,7 @@ pub struct Net {
 }
 
 impl Net {
-    /// A net of the given numbers.
+    /// A net with the given parameters.
     ///
     /// # Errors
     /// [`Error::Argument`] where they do not fit the graph.
@@ -57,7 +58,8 @@ impl Net {
         Ok(Self { convolutions })
     }
 
-    /// Random numbers for a net to begin with (K. He et al., "Delving deep into rectifiers", ICCV 2015).
+    /// Random initial parameters of a net (K. He et al., "Delving deep into rectifiers", ICCV
+    /// 2015).
     ///
     /// # Errors
     /// None in fact: the deviations are positive.
@@ -79,7 +81,7 @@ impl Net {
         Ok(layers)
     }
 
-    /// The numbers as they are now.
+    /// The current parameters.
     ///
     /// # Errors
     /// [`Error::Internal`] where burn holds others than 32-bit floats.
@@ -97,7 +99,8 @@ impl Net {
             .collect()
     }
 
-    /// Patches (n, 1, side, side) to cells (n, [`CHANNELS`](spindoe::vision::net::graph::CHANNELS), side / 2, side / 2).
+    /// Patches (n, 1, side, side) to cells (n, [`CHANNELS`](spindoe::vision::net::graph::CHANNELS),
+    /// side / 2, side / 2).
     pub fn forward(&self, patches: Tensor<4>) -> Tensor<4> {
         let mut values = vec![patches];
         for step in STEPS {

@@ -1,9 +1,9 @@
-//! From synthetic frames to batches.
+//! Batches from synthetic frames.
 //!
-//! Every frame is drawn from its own generator, seeded by the training's seed and the frame's number, with
-//! a pattern of its own: the net must know dots, not a pattern. A frame gives several patches: its circle
-//! is moved by what a fit errs, and the patch is turned or mirrored at random (a mirrored pattern is a
-//! pattern too).
+//! Every frame is drawn from its own generator, seeded by the training's seed and the frame's
+//! number, with its own random pattern: the net must detect dots, not learn a pattern. A frame
+//! gives several patches. Each patch has its circle displaced by the error of a fit, and is rotated
+//! or mirrored at random (a mirrored pattern is a pattern too).
 
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
@@ -18,15 +18,16 @@ use spindoe::vision::net::detector::cell_center;
 use spindoe::vision::net::graph::CELLS;
 use spindoe::vision::patch::{MIDDLE, Patch, SIZE};
 
-/// Deviation of a dot's Gaussian in the heat map, in the patch's values (paper, Sec. III-A: 1.5 px at 60 x 60).
+/// Deviation of a dot's Gaussian in the heat map, in the patch's pixels (paper, Sec. III-A: 1.5 px
+/// at 60 x 60).
 const HEAT_SIGMA: f64 = 1.5;
-/// Cells farther from a dot than this, in the patch's values, learn nothing of its position.
+/// Cells farther from a dot than this, in the patch's pixels, do not learn its position.
 const NEAR: f64 = 2.4;
-/// Radius about a dot of which nobody can say, in the patch's values, where the heat counts nothing.
+/// Radius about an undecidable dot, in the patch's pixels, within which the heat has no weight.
 const BLIND: f64 = 4.0;
 /// Relative deviations of a fitted circle's center and radius.
 const CIRCLE_SIGMA: f64 = 0.012;
-/// Share of the circles that are three times as far off.
+/// Share of the circles with three times that deviation.
 const BAD_CIRCLES: f64 = 0.1;
 
 /// A dot in a patch.
@@ -34,7 +35,7 @@ const BAD_CIRCLES: f64 = 0.1;
 pub struct PatchDot {
     /// Its column and row (as u and v).
     pub at: Pixel,
-    /// Whether it must be found; otherwise nobody can say.
+    /// Whether it must be found; otherwise it is undecidable.
     pub certain: bool,
 }
 
@@ -47,7 +48,7 @@ pub struct Sample {
     pub dots: Vec<PatchDot>,
 }
 
-/// Draws a frame with a pattern of its own.
+/// Draws a frame with its own random pattern.
 ///
 /// # Errors
 /// [`spindoe::Error::Argument`] where the configuration is out of its domain.
@@ -58,7 +59,7 @@ pub fn random_frame(config: &SynthConfig, rng: &mut ChaCha8Rng) -> Result<Render
     Scene::random(&pattern, config, rng)?.render()
 }
 
-/// A patch of a frame, its circle as a fit might find it.
+/// A patch of a frame, with its circle displaced by the error of a fit.
 pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> Sample {
     let gray = frame.image.to_gray();
     let far = if rng.random_bool(BAD_CIRCLES) {
@@ -81,7 +82,7 @@ pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> Sample {
         .iter()
         .map(|dot| PatchDot {
             at: patch.from_image(dot.pixel),
-            // Beyond the image's edge there is nothing to find a dot by.
+            // Beyond the image's edge there is no evidence of a dot.
             certain: dot.is_visible() && is_inside(&gray, dot.pixel),
         })
         .collect();
@@ -112,7 +113,7 @@ impl Symmetry {
         }
     }
 
-    /// Where the value at (column, row) goes.
+    /// The new position of the value at (column, row).
     fn place(self, at: Pixel) -> Pixel {
         let flip = |x: f64, yes: bool| if yes { 2.0 * MIDDLE - x } else { x };
         let (u, v) = if self.transpose {
@@ -145,7 +146,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Appends a sample, turned and mirrored.
+    /// Appends a sample, rotated and mirrored.
     pub fn push(&mut self, sample: &Sample, symmetry: Symmetry) {
         let start = self.patches.len();
         self.patches.resize(start + SIZE * SIZE, 0.0);
@@ -193,7 +194,7 @@ impl Batch {
         }
     }
 
-    /// Fills a cell's position, and gives its weight as a cell without a dot of its own.
+    /// Fills a cell's position; returns its weight as a cell without its own dot.
     fn target(&mut self, start: usize, row: usize, column: usize, dots: &[PatchDot]) -> f32 {
         let (u, v) = (cell_center(column), cell_center(row));
         let distance = |dot: &PatchDot| (dot.at.u - u).hypot(dot.at.v - v);

@@ -1,18 +1,18 @@
-//! How good a net is on frames that it was not trained on, and what its numbers mean.
+//! Evaluation of a net on frames that it was not trained on, and calibration of its outputs.
 //!
-//! A peak is correct where a dot lies within [`MATCH`] of it; a dot is claimed by one peak, the hottest. The
-//! probability of a peak is fitted as a logistic function of its heat by maximum likelihood (J. Platt,
-//! 1999). The covariances' factor is that which makes the median squared Mahalanobis length of the errors
-//! that of two Gaussian dimensions, `2 ln 2`.
+//! A peak is correct where a dot lies within [`MATCH`] of it. A dot is matched with one peak, the
+//! hottest. The probability of a peak is fitted as a logistic function of its heat by maximum
+//! likelihood (J. Platt, 1999). The covariances are scaled by one factor, so that the median
+//! squared Mahalanobis length of the errors is that of two Gaussian dimensions, `2 ln 2`.
 
 use spindoe::vision::net::detector::{Peak, find_peaks};
 use spindoe::vision::net::weights::Calibration;
 
 use crate::sample::Sample;
 
-/// Largest distance of a peak to its dot, in the patch's values.
+/// Maximum distance of a peak to its dot, in the patch's pixels.
 pub const MATCH: f64 = 3.0;
-/// Peaks less likely than this are left out when the calibration is fitted.
+/// Peaks less probable than this do not enter the calibration.
 const MIN_PROBABILITY: f64 = 0.01;
 /// Newton steps of the logistic fit; it has converged after ten.
 const NEWTON_STEPS: usize = 30;
@@ -26,7 +26,7 @@ pub struct MatchedPeak {
     pub error: Option<[f64; 2]>,
 }
 
-/// What a net found on a set of frames.
+/// The result of a net on a set of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Score {
     /// Frames.
@@ -35,9 +35,9 @@ pub struct Score {
     pub dots: usize,
     /// Of them, found.
     pub found: usize,
-    /// Peaks where no dot is.
+    /// Peaks without a dot.
     pub false_peaks: usize,
-    /// Median distance of the found ones, in the patch's values.
+    /// Median distance of the found ones, in the patch's pixels.
     pub median_error: f64,
 }
 
@@ -59,8 +59,8 @@ impl Score {
     }
 }
 
-/// Matches all peaks of one sample's cells with its dots, and appends them to `matched`. Peaks at dots of
-/// which nobody can say are left out.
+/// Matches all peaks of one sample's cells with its dots, and appends them to `matched`. Peaks at
+/// undecidable dots are left out.
 pub fn match_peaks(
     cells: &[f32],
     sample: &Sample,

@@ -1,4 +1,4 @@
-//! burn's forward pass and that of `spindoe` are the same function.
+//! burn's forward pass and that of `spindoe` give the same cells.
 #![allow(clippy::unwrap_used)]
 
 use burn::tensor::{Device, Tensor, TensorData};

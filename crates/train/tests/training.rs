@@ -1,4 +1,4 @@
-//! A training from beginning to end: resumed, as a command, and on what it must not ask for.
+//! A training from beginning to end: resumed, as a command, and with arguments that it must reject.
 #![allow(clippy::unwrap_used)]
 
 use std::path::Path;
@@ -55,7 +55,7 @@ fn a_resumed_training_ends_as_one_without_a_break() {
     assert_eq!(from.state.step, 4);
     let mut rest = Keep(None);
     let outcome = train(&short(), Some(from), &AtomicBool::new(false), &mut rest).unwrap();
-    // What comes out: the calibrated weights and their score.
+    // The result: the calibrated weights and their score.
     assert_eq!(outcome, whole_outcome);
     assert_ne!(outcome.weights.meta.calibration, Calibration::default());
     let [whole, rest] = [whole, rest].map(|k| k.0.unwrap());
@@ -63,8 +63,8 @@ fn a_resumed_training_ends_as_one_without_a_break() {
     assert_eq!(whole.best, rest.best);
     assert!(whole.layers().unwrap() == rest.layers().unwrap());
     let other = TrainConfig { seed: 4, ..short() };
-    let refused = Checkpoint::read(&path, &other).unwrap_err().to_string();
-    assert!(refused.contains("same options"), "{refused}");
+    let rejected = Checkpoint::read(&path, &other).unwrap_err().to_string();
+    assert!(rejected.contains("same options"), "{rejected}");
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn command(dir: &Path, arguments: &str) -> Output {
 }
 
 #[test]
-fn the_command_trains_and_refuses() {
+fn the_command_trains_and_rejects_bad_arguments() {
     let dir = tempfile::tempdir().unwrap();
     let flags = "--out net --steps 2 --batch 2 --eval-every 2 --eval-frames 2";
     let trained = command(dir.path(), flags);
@@ -120,9 +120,9 @@ fn the_command_trains_and_refuses() {
         ("--steps 2", "--out"),
         ("--score net/dots.onnx", "dots.onnx"),
     ] {
-        let refused = command(dir.path(), wrong);
-        assert_eq!(refused.status.code(), Some(2), "{wrong}");
-        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        let rejected = command(dir.path(), wrong);
+        assert_eq!(rejected.status.code(), Some(2), "{wrong}");
+        let said = String::from_utf8_lossy(&rejected.stderr).into_owned();
         assert!(said.contains(expected), "{wrong}: {said}");
         assert_eq!(said.lines().count(), 1, "{wrong}: {said}");
     }

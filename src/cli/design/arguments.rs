@@ -17,8 +17,8 @@ use crate::validate::{Noise, Protocol, ProtocolName};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Random starts descend on the objective under the constraints; the best are tried by Monte Carlo, the
-winner is polished on the measured rate itself, and evaluated on trials of seeds that nothing else has used.
+Random starts descend on the objective under the constraints; the best are evaluated by Monte Carlo, the
+winner is polished on the measured rate itself, and evaluated on trials of seeds used nowhere else.
 The folder then holds pattern.csv, table.npz, report.json, sensitivity.csv, plots and stencil/.
 
 Ctrl-C ends the search and finishes with the best so far; --resume continues a search that was ended or
@@ -38,43 +38,43 @@ pub struct Arguments {
     /// Seed of the random starts; the seeds of all trials are derived from it.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Number of random starts a round.
+    /// Number of random starts per round.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().starts)]
     starts: usize,
     /// Number of rounds.
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "budget")]
     rounds: usize,
-    /// Number of rounds of polishing the winner; within a --budget as many as there is time for.
+    /// Number of rounds of polishing the winner; within a --budget as many as time allows.
     #[arg(long, value_name = "N")]
     polish: Option<usize>,
     /// Begin rounds until this time is spent, for instance 90s, 30m or 2h.
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(super) budget: Option<Duration>,
-    /// Continue the search that was left in --out.
+    /// Continue the search saved in --out.
     #[arg(long, requires = "out")]
     pub(super) resume: bool,
-    /// What a descent works on; by default confusion, for more than 24 dots whitened-nn.
+    /// Objective that a descent minimizes; by default confusion, for more than 24 dots whitened-nn.
     #[arg(long, value_parser = one_of(&ObjectiveName::ALL, ObjectiveName::as_str), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
     bound_weight: f64,
-    /// Orientation bound, mean and worst over the directions in units of a dot's noise, that is preferred:
-    /// a pattern short of it is chosen only where none reaches it. By default, from 20 dots on, that of the
-    /// published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
+    /// Orientation bound, mean and worst over the directions in units of a dot's noise, that is
+    /// preferred: a pattern short of it is chosen only where none reaches it. By default, from 20
+    /// dots on, that of the published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
     #[arg(long, value_name = "MEAN,WORST", value_parser = bound_goal)]
     bound_goal: Option<BoundSummary>,
-    /// Weight of the pairs' worth as bases, for the paper's recognizer (1 to 4).
+    /// Weight of the pairs' quality as bases, for the paper's recognizer (1 to 4).
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
     basis_weight: f64,
-    /// Descent steps of every start.
+    /// Descent steps from every start.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().scout_steps)]
     scout_steps: u64,
     /// Further descent steps of the best quarter of the starts.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().climb_steps)]
     climb_steps: u64,
-    /// Monte Carlo trials a candidate, again for each protocol of the winner's evaluation, and a fifth of
-    /// it for each point of the sensitivity sweeps.
+    /// Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a
+    /// fifth of it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
     /// The views to optimize for.
@@ -83,20 +83,22 @@ pub struct Arguments {
     /// Improve this pattern instead of starting at random.
     #[arg(long, value_name = "PATTERN.csv", conflicts_with = "dots")]
     from: Option<PathBuf>,
-    /// Minimum angle between two dots, degrees; by default what the stencil's holes need, at least 18.
+    /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
+    /// need, at least 18.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     min_separation_deg: Option<f64>,
-    /// Minimum number of dots in view from any direction; by default 3 in 10 of them.
+    /// Minimum number of visible dots from any direction; by default 3 in 10 of them.
     #[arg(long, value_name = "N")]
     min_visible: Option<usize>,
-    /// Minimum angle between a dot and the stencil's seam, degrees; 0 leaves the seam to itself. By
+    /// Minimum angle between a dot and the stencil's seam, degrees; 0 sets no limit. By
     /// default 10, less for more than 24 dots.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     seam_margin_deg: Option<f64>,
     /// A cone without dots, such as a logo: its axis and half angle in degrees. May be repeated.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = keep_out, allow_hyphen_values = true)]
     keep_out: Vec<Cone>,
-    /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6: measure yours.
+    /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6:
+    /// measure yours.
     #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
     ball_diameter_mm: f64,
     /// Diameter of the stencil's holes at the ball, mm.
@@ -118,7 +120,8 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     pixel_noise: f64,
-    /// Length of the motion blur at the ball, pixels; an eighth of it counts as further error per axis.
+    /// Length of the motion blur at the ball, pixels; an eighth of it counts as further error per
+    /// axis.
     #[arg(
         long,
         value_name = "PX",
@@ -140,16 +143,16 @@ const PUBLISHED_BOUND: BoundSummary = BoundSummary {
     mean: 0.686,
     worst: 0.894,
 };
-/// What every pattern reaches.
+/// Bounds that every pattern meets.
 const NO_GOAL: BoundSummary = BoundSummary {
     mean: 1e9,
     worst: 1e9,
 };
-/// As many rounds as a budget has time for.
+/// Number of rounds within a budget: no limit but time.
 const MAX_ROUNDS: usize = 1 << 32;
-/// Part of a blur's length that counts as error of a dot's center, per axis.
+/// Fraction of a blur's length that counts as error of a dot's center, per axis.
 const BLUR_SHARE: f64 = 0.125;
-/// Minimum separation whatever the holes, degrees: nearer dots merge in a small image.
+/// Minimum separation for any hole size, degrees: nearer dots merge in a small image.
 const MIN_SEPARATION_DEG: f64 = 18.0;
 
 impl Arguments {
@@ -202,14 +205,15 @@ impl Arguments {
     fn min_separation_deg(&self) -> f64 {
         self.min_separation_deg.unwrap_or_else(|| {
             let holes = self.stencil().min_separation_rad().to_degrees();
-            // Rounded up to a tenth, so that the reported command repeats it.
+            // Rounded up to a tenth, so that the reported command reproduces it.
             MIN_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
         })
     }
 
-    /// Refuses holes so large that the dots do not fit, in millimetres, which is what was asked for.
+    /// Rejects holes so large that the dots do not fit. The message is in millimeters, the unit of
+    /// the flag.
     pub(super) fn check_holes(&self, config: &DesignConfig) -> Result<()> {
-        // Other numbers of dots are refused as such.
+        // Other numbers of dots are rejected elsewhere.
         if self.min_separation_deg.is_some() || !(MIN_DOTS..=MAX_DOTS).contains(&config.dots) {
             return Ok(());
         }
@@ -223,7 +227,7 @@ impl Arguments {
             hole_diameter_mm: f64::from(tenths) / 10.0,
             ..asked.clone()
         };
-        let most = (5..(10.0 * asked.hole_diameter_mm) as u32)
+        let hint = (5..(10.0 * asked.hole_diameter_mm) as u32)
             .rev()
             .map(smaller)
             .find(fits)
@@ -232,7 +236,7 @@ impl Arguments {
             });
         let problem = format!(
             "{} holes of {} mm, with the wall that the stencil needs between them, must be {:.1} degrees apart \
-             on a ball of {} mm, and {:.1} is the most that so many dots were found to have; {most}",
+             on a ball of {} mm, and the largest separation found for so many dots is {:.1}; {hint}",
             config.dots,
             asked.hole_diameter_mm,
             asked.min_separation_rad().to_degrees(),
@@ -258,13 +262,18 @@ impl Arguments {
             radius_px,
         } = &mut protocol.noise
         {
-            for (name, value, least) in [
+            for (name, value, minimum) in [
                 ("ball_pixels", self.ball_pixels, 4.0),
                 ("pixel_noise", self.pixel_noise, 0.0),
                 ("blur", self.blur, 0.0),
             ] {
-                let expected = format!("at least {least} pixels");
-                require(value.is_finite() && value >= least, name, &expected, value)?;
+                let expected = format!("at least {minimum} pixels");
+                require(
+                    value.is_finite() && value >= minimum,
+                    name,
+                    &expected,
+                    value,
+                )?;
             }
             *radius_px = 0.5 * self.ball_pixels;
             *sigma_px = self.pixel_noise.hypot(BLUR_SHARE * self.blur);
@@ -280,7 +289,7 @@ impl Arguments {
         }
     }
 
-    /// The command that repeats this design, whatever the defaults of other versions.
+    /// The command that reproduces this design, independent of other versions' defaults.
     pub(super) fn command(&self, config: &DesignConfig) -> String {
         let mut words = vec!["spindoe design".to_owned()];
         let mut add = |flag: &str, value: String| words.push(format!("--{flag} {value}"));
@@ -321,7 +330,8 @@ impl Arguments {
     }
 }
 
-/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single quotes.
+/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single
+/// quotes.
 fn quoted(word: &str) -> String {
     let harmless = |c: char| c.is_ascii_alphanumeric() || "_-./,:=+@%".contains(c);
     if !word.is_empty() && word.chars().all(harmless) {
@@ -344,8 +354,8 @@ fn bound_goal(text: &str) -> std::result::Result<BoundSummary, String> {
     }
 }
 
-/// A cone without dots, with the numbers that it was given by: the command in the report repeats them,
-/// since an axis that is normalized twice may differ in its last bit.
+/// A cone without dots, with the numbers as given: the command in the report reproduces them, since
+/// an axis that is normalized twice may differ in its last bit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Cone {
     given: [f64; 4],

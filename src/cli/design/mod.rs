@@ -1,4 +1,4 @@
-//! `spindoe design`: the main job.
+//! `spindoe design`: searches a pattern, evaluates it and writes its folder.
 
 mod arguments;
 mod progress;
@@ -60,7 +60,7 @@ fn print_words(found: &DesignEvaluation, seconds: f64) {
     let report = &found.report;
     let summary = &report.pattern.summary;
     outln!(
-        "{} dots, minimum separation {:.1} deg, {} to be seen from anywhere; best of {} starts; {seconds:.1} s",
+        "{} dots, minimum separation {:.1} deg, {} visible from anywhere; best of {} starts; {seconds:.1} s",
         summary.dots,
         summary.min_separation_rad.to_degrees(),
         summary.min_visible,

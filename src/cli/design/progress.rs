@@ -1,4 +1,4 @@
-//! How `spindoe design` shows its search, and divides a budget.
+//! Progress of `spindoe design`, and the division of its time budget.
 
 use std::time::Duration;
 
@@ -9,23 +9,23 @@ use crate::design::{DesignConfig, DesignObserver, Stage};
 use crate::error::Result;
 use crate::report::JobObserver;
 
-/// Shows a design, and says when its budget ends.
+/// Shows the progress of a design, and ends it when its budget is spent.
 pub(super) struct DesignProgress<'a> {
     config: &'a DesignConfig,
     arguments: &'a Arguments,
     line: Progress,
-    /// When the round at hand began, in seconds of the search.
+    /// Start of the current round, in seconds of the search.
     round_began_s: f64,
 }
 
 /// Steps of the bar.
 const STEPS: u64 = 1000;
-/// Plain lines come no more often than this.
+/// Minimum time between plain lines.
 const SILENCE: Duration = Duration::from_secs(2);
-/// Part of a budget after which no round of the search is begun; the rest is for the last trial,
-/// polishing and the evaluation.
+/// Fraction of a budget after which no round of the search begins; the remaining time is for the
+/// last trial, polishing and the evaluation.
 const SEARCH_SHARE: f64 = 0.7;
-/// Part of a budget after which no round of polishing is begun.
+/// Fraction of a budget after which no round of polishing begins.
 const POLISH_SHARE: f64 = 0.9;
 
 impl<'a> DesignProgress<'a> {
@@ -63,7 +63,7 @@ impl<'a> DesignProgress<'a> {
         ((state.round as f64 + in_round + polished as f64) / all as f64).min(1.0)
     }
 
-    /// Whether something that takes so long ends before this share of the budget.
+    /// Whether work of this duration ends before this share of the budget.
     fn time_for(&self, state: &SearchState, seconds: f64, share: f64) -> bool {
         self.arguments
             .budget
@@ -95,7 +95,7 @@ impl<'a> DesignProgress<'a> {
     }
 }
 
-/// Time left by the share that is done, in words; empty while there is nothing to go by.
+/// Estimated time left from the share done, in words; empty while there is no estimate.
 fn left(elapsed_s: f64, share: f64) -> String {
     if share < 0.02 {
         return String::new();
@@ -136,7 +136,7 @@ impl DesignObserver for DesignProgress<'_> {
 
     fn another_polish(&mut self, state: &SearchState) -> bool {
         let steps = state.polish.as_ref().map_or(0, |p| p.steps.len());
-        // The first is tried whatever it takes; the last trial before it is none of its time.
+        // The first round always runs; the last trial before it is no part of its time.
         let round_s = if steps == 0 {
             0.0
         } else {

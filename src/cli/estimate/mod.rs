@@ -39,19 +39,19 @@ enum Frame {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Images: PNG, JPEG, BMP, TIFF or PNM files of any depth, folders of them, or videos (through ffmpeg). They are
-taken in the order of the numbers in their names. The ball may fill the image, or be a part of it.
+processed in the order of the numbers in their names. The ball may fill the image, or be a part of it.
 
-Times: a name that is a whole number is nanoseconds; a video's frames have theirs; --times or --fps override
-both. Where all frames have a time, frames that cannot be told alone are told with the spin of the others
-as a hint (--no-sequence: they are not), and the spin is estimated at the end.
+Times: a name that is a whole number is a time in nanoseconds; a video's frames carry their own times; --times
+or --fps override both. Where all frames have a time, the spin is estimated, and its prediction is a hint for
+frames that cannot be estimated independently (--no-sequence turns this off).
 
 Orientations: CSV, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence; scalar first; the fields are
-empty where a frame is not told. The confidence is the probability that the orientation is right. The
-quaternion maps the pattern's frame, which stays as it is, to the camera's. --frame ours: x right, y up, z towards
-the camera. --frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_ours; the spin's vector is
-turned alike.
+empty where a frame is rejected. The confidence is the probability that the orientation is correct. The
+quaternion maps the pattern's frame to the camera's. --frame ours: x right, y up, z towards the camera.
+--frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_ours; the spin's vector is rotated
+likewise.
 
-Refused frames are named on standard error with the reason, and in --json.
+Rejected frames are listed on standard error with the reason, and in --json.
 
 Example:
   spindoe estimate --table table.npz crops/ -o orientations.csv --overlay seen/")]
@@ -65,17 +65,17 @@ pub struct Arguments {
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     output: Option<PathBuf>,
-    /// How dots are found.
+    /// The dot detector.
     #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
     detector: DetectorName,
     /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
-    /// Draw every frame enlarged, with what was seen in it, and a contact sheet, into this folder.
+    /// Draw every frame enlarged, with its detections, and a contact sheet, into this folder.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
-    /// The ball's outline in all frames: center and radius in pixels [default: it is found].
+    /// The ball's outline in all frames: center and radius in pixels [default: detected].
     #[arg(
         long,
         value_name = "U,V,R",
@@ -83,8 +83,8 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     circle: Vec<f64>,
-    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays [default: it is
-    /// estimated with the orientation].
+    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
+    /// [default: it is estimated with the orientation].
     #[arg(
         long,
         value_name = "D",
@@ -92,7 +92,8 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     camera_distance_radii: Option<f64>,
-    /// The camera's focal lengths and principal point in pixels: the distance then follows from the ball's size.
+    /// The camera's focal lengths and principal point in pixels: the distance then follows from the
+    /// ball's size.
     #[arg(
         long,
         value_name = "FX,FY,CX,CY",
@@ -100,7 +101,7 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     intrinsics: Vec<f64>,
-    /// Frames per second: the frames follow each other evenly.
+    /// Frames per second, for frames at equal intervals.
     #[arg(long, value_name = "F", conflicts_with = "times")]
     fps: Option<f64>,
     /// Times of the frames: CSV with the header frame,time_s.
@@ -109,7 +110,7 @@ pub struct Arguments {
     /// The camera frame that orientations and spin are written in.
     #[arg(long, value_enum, default_value = "ours")]
     frame: Frame,
-    /// Least probability of an orientation that is told, 0 to 1.
+    /// Minimum probability of a reported orientation, 0 to 1.
     #[arg(
         long,
         value_name = "P",
@@ -117,34 +118,34 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     min_confidence: f64,
-    /// Tell every frame alone.
+    /// Estimate every frame independently.
     #[arg(long)]
     no_sequence: bool,
-    /// Largest spin considered, revolutions per second.
+    /// Maximum spin considered, revolutions per second.
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
     max_spin_rps: f64,
-    /// Print one JSON object instead, with every dot, refusal and the spin.
+    /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
 }
 
-/// Frames estimated at once.
+/// Number of frames estimated at once.
 const AT_ONCE: usize = 64;
 
-/// All frames, and what was seen in them.
+/// All frames, and their estimates.
 #[derive(Default)]
 struct Seen {
     names: Vec<String>,
     paths: Vec<PathBuf>,
     times: Vec<Option<f64>>,
     frames: Vec<FrameEstimate>,
-    /// Pictures for the overlays, with the corner at which each was cut out.
+    /// Pictures for the overlays, with the corner at which each was cropped.
     pictures: Vec<(RgbImage, usize, usize)>,
 }
 
-/// The times of a sequence, and what came of it.
+/// The times of a sequence, and its result.
 struct Sequence {
-    told: SequenceSummary,
+    summary: SequenceSummary,
     spin: std::result::Result<Fit, SpinRejection>,
 }
 
@@ -164,7 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let rising = |t: &Vec<f64>| t.windows(2).all(|w| w[0] < w[1]);
     let sequence = match times {
         Some(times) if rising(&times) && times.len() > 1 => {
-            let told = if arguments.no_sequence {
+            let summary = if arguments.no_sequence {
                 SequenceSummary::default()
             } else {
                 track_sequence(
@@ -176,10 +177,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 )
             };
             let spin = estimate_spin(&config, &times, &seen.frames);
-            Some(Sequence { told, spin })
+            Some(Sequence { summary, spin })
         }
         Some(times) if times.len() > 1 => {
-            errln!("spindoe: the times do not rise from frame to frame: every frame is told alone");
+            errln!(
+                "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
+            );
             None
         }
         _ => None,
@@ -282,7 +285,7 @@ impl Arguments {
         config
     }
 
-    /// Looks at all frames, and tells each alone.
+    /// Detects and estimates all frames, each independently.
     fn detect(
         &self,
         estimator: &Estimator<NamedDetector>,
@@ -308,7 +311,8 @@ impl Arguments {
         Ok(seen)
     }
 
-    /// Estimates the frames that wait, spread over all cores; each alone, so that the order of work changes nothing.
+    /// Estimates the waiting frames, spread over all cores. Each is independent, so the order of
+    /// work changes nothing.
     fn estimate(
         &self,
         estimator: &Estimator<NamedDetector>,
@@ -343,7 +347,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// Sets the times that the user gives.
+    /// Sets the times that the user specifies.
     fn set_times(&self, seen: &mut Seen) -> Result<()> {
         if let Some(fps) = self.fps {
             for (k, time) in seen.times.iter_mut().enumerate() {

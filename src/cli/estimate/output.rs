@@ -1,4 +1,4 @@
-//! What `spindoe estimate` says.
+//! The output of `spindoe estimate`.
 
 use serde_json::{Value, json};
 
@@ -15,7 +15,7 @@ pub(super) struct Report<'a> {
     pub sequence: Option<&'a Sequence>,
 }
 
-/// What became of a frame, in words.
+/// The outcome of a frame, in words.
 pub(super) fn words(frame: &FrameEstimate) -> String {
     let second = match frame.fit.map_or(0, |f| f.rivals) {
         0 => "",
@@ -36,8 +36,8 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
 }
 
 impl Report<'_> {
-    /// An orientation in the frame that is asked for.
-    fn turned(&self, rotation: &Rotation) -> Rotation {
+    /// An orientation in the requested frame.
+    fn in_output_frame(&self, rotation: &Rotation) -> Rotation {
         match self.arguments.frame {
             Frame::Ours => *rotation,
             Frame::Optical => half_turn() * rotation,
@@ -51,7 +51,7 @@ impl Report<'_> {
             OrientationRow {
                 frame: self.seen.names[k].clone(),
                 time_s: self.seen.times[k].unwrap_or(f64::NAN),
-                orientation: pose.map(|p| self.turned(&p.rotation)),
+                orientation: pose.map(|p| self.in_output_frame(&p.rotation)),
                 dots: Some(frame.dots.len()),
                 matched: Some(frame.matched()),
                 residual_rad: pose.map(|p| p.residual_rad),
@@ -79,7 +79,7 @@ impl Report<'_> {
         if let Some(sequence) = self.sequence {
             match &sequence.spin {
                 Ok(fit) => json["spin"] = self.spin_json(fit),
-                Err(refusal) => json["spin_refusal"] = refusal.to_string().into(),
+                Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
             }
         }
         json
@@ -146,7 +146,7 @@ impl Report<'_> {
         }
         match &frame.outcome {
             Ok(pose) => {
-                json["orientation_wxyz"] = json!(to_wxyz(&self.turned(&pose.rotation)));
+                json["orientation_wxyz"] = json!(to_wxyz(&self.in_output_frame(&pose.rotation)));
                 json["matched"] = frame.matched().into();
                 json["residual_deg"] = pose.residual_rad.to_degrees().into();
                 json["residual_px"] = pose.residual_px.into();
@@ -171,7 +171,7 @@ impl Report<'_> {
             .count()
     }
 
-    /// Says on standard error what became of the frames.
+    /// Summarizes the outcome of the frames on standard error.
     pub fn say(&self) {
         for (name, frame) in self.seen.names.iter().zip(&self.seen.frames) {
             let several = frame.fit.is_some_and(|f| f.rivals > 0);
@@ -184,8 +184,8 @@ impl Report<'_> {
         let Some(sequence) = self.sequence else {
             return;
         };
-        if sequence.told.together > sequence.told.alone {
-            errln!("{} of them alone", sequence.told.alone);
+        if sequence.summary.together > sequence.summary.alone {
+            errln!("{} of them independently", sequence.summary.alone);
         }
         match &sequence.spin {
             Ok(fit) => {
@@ -203,12 +203,12 @@ impl Report<'_> {
                     fit.inliers
                 );
             }
-            Err(refusal) => errln!("spin: {refusal}"),
+            Err(rejection) => errln!("spin: {rejection}"),
         }
     }
 }
 
-/// From our camera frame to the optical one: diag(1, -1, -1), half a turn about x.
+/// From our camera frame to the optical one: diag(1, -1, -1), a half-turn about x.
 fn half_turn() -> Rotation {
     Rotation::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI)
 }

@@ -1,4 +1,4 @@
-//! The overlays of `spindoe estimate`: every frame with what was seen in it.
+//! The overlays of `spindoe estimate`: every frame with its detections.
 
 use std::path::Path;
 
@@ -7,12 +7,12 @@ use crate::error::Result;
 use crate::plot::{self, OverlayFrame};
 use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel, RgbImage};
 
-/// Frames are drawn whole up to this side, pixels; of larger ones the ball's surroundings.
+/// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
 const WHOLE: usize = 320;
-/// Half a side of what is drawn around a ball, in radii.
+/// Half the side of the crop around a ball, in radii.
 const AROUND: f64 = 1.4;
 
-/// What is drawn of a frame, and the corner at which it is cut out.
+/// The drawn part of a frame, and the corner at which it was cropped.
 pub(super) fn picture(
     image: &RgbImage,
     estimate: &FrameEstimate,
@@ -69,7 +69,7 @@ pub(super) fn draw(dir: &Path, estimator: &Estimator<NamedDetector>, seen: &Seen
     Ok(())
 }
 
-/// A file name in the frames' order, whatever signs a frame's name has.
+/// A file name in the frames' order, for any characters in a frame's name.
 fn file_name(index: usize, name: &str) -> String {
     let safe: String = name
         .chars()

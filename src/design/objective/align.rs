@@ -1,4 +1,5 @@
-//! Laying a few dots on as many others: the rotation between them, and how far apart they stay.
+//! Alignment of a few dots with as many others: the rotation between them, and the remaining
+//! distance.
 
 use nalgebra::Matrix3;
 
@@ -6,23 +7,25 @@ use crate::geometry::Vec3;
 
 /// Maximum number of Gauss-Newton steps; two or three settle most starts from a pair's rotation.
 const STEPS: usize = 10;
-/// A step shorter than this (radians) ends the iteration: convergence being quadratic, the rotation then
-/// is right to its square, and the distance to the fourth power.
+/// A step shorter than this (radians) ends the iteration. Convergence is quadratic, so the
+/// rotation's error is then of the order of the square, and the distance's of the fourth power.
 const SETTLED: f64 = 1e-4;
 
 /// The best rotation of some dots onto others.
 #[derive(Debug, Clone, Copy)]
 pub struct Alignment {
-    /// Maps the other dots onto the seen.
+    /// Maps the other dots onto the observed ones.
     pub rotation: Matrix3<f64>,
     /// `sum_i |seen_i - R other_i|^2`.
     pub distance_squared: f64,
 }
 
-/// Least squares by Gauss-Newton from `start`: `argmin_R sum |seen_i - R other_i|^2`, with dots given by
-/// index. The caller starts from a pair's rotation. `None` where the dots leave the rotation open.
+/// Least squares by Gauss-Newton from `start`: `argmin_R sum |seen_i - R other_i|^2`, with dots
+/// given by index. The caller starts from a pair's rotation. `None` where the dots leave the
+/// rotation open.
 ///
-/// The information matrix is `R (sum I - p p^T) R^T`: its inverse is taken once, in the others' frame.
+/// The information matrix is `R (sum I - p p^T) R^T`: its inverse is taken once, in the others'
+/// frame.
 pub fn align(
     dots: &[Vec3],
     seen: &[usize],
@@ -56,8 +59,8 @@ pub fn align(
     })
 }
 
-/// The rotation about `w` by `2 atan(|w| / 2)`, which is `|w|` to third order: Gauss-Newton converges as
-/// well with it as with the exponential, and it takes no trigonometry.
+/// The rotation about `w` by `2 atan(|w| / 2)`, which is `|w|` to third order: Gauss-Newton
+/// converges as well with it as with the exponential, and it takes no trigonometry.
 fn cayley(w: &Vec3) -> Matrix3<f64> {
     let h = 0.5 * w;
     let s = h.norm_squared();
@@ -65,8 +68,8 @@ fn cayley(w: &Vec3) -> Matrix3<f64> {
     Matrix3::identity() + (k + k * k) * (2.0 / (1.0 + s))
 }
 
-/// Adds the derivative of `slope * distance_squared` with respect to all dots involved. The rotation is
-/// at its optimum, so that its own change does not count (envelope theorem).
+/// Adds the derivative of `slope * distance_squared` with respect to all dots involved. The
+/// rotation is at its optimum, so that its own change does not count (envelope theorem).
 pub fn add_gradient(
     dots: &[Vec3],
     seen: &[usize],

@@ -1,16 +1,17 @@
-//! How well pairs of dots serve as bases: what the SpinDOE paper's recognizer lives on.
+//! Quality of pairs of dots as bases, on which the SpinDOE paper's recognizer depends.
 //!
-//! It takes the first two dots it is given for its basis. Where they are near to each other or to
-//! opposite, noise throws the hash values of all others far off, and the right basis gets no votes. Of
-//! its failures on three patterns of 20 dots (10 000 `paper` views each) nine in ten were of that kind,
-//! and the share of failures fell with the basis' sine about as `exp(-6 sin^2)`. The value is the mean of
-//! that over the pairs a view may begin with,
+//! That recognizer takes the first two dots as its basis. Where they are nearly equal or opposite,
+//! noise displaces the hash values of all other dots far, and the correct basis gets no votes. On
+//! three patterns of 20 dots (10 000 `paper` views each) nine in ten of its failures were of that
+//! kind, and the share of failures fell with the basis' sine about as `exp(-6 sin^2)`. The value is
+//! the mean of that term over the pairs a view may begin with,
 //!
 //! ```text
 //! sum_ij w_ij exp(-6 sin^2 a_ij) / sum_ij w_ij,      w_ij = 1 - a_ij / pi,
 //! ```
 //!
-//! with `a_ij` the pair's angle and `w_ij` in proportion to the probability that both dots are in view.
+//! with `a_ij` the pair's angle and `w_ij` in proportion to the probability that both dots are in
+//! view.
 
 use super::Evaluation;
 use crate::geometry::Vec3;

@@ -1,17 +1,18 @@
-//! How well the dots in view fix the orientation: the Cramér-Rao bound by viewing direction.
+//! Information of the visible dots about the orientation: the Cramér-Rao bound by viewing
+//! direction.
 //!
-//! With known correspondences and Gaussian noise of sigma a tangent axis, the dots in view give the
-//! information `H(v) = sum_i s_i(v) (I - p_i p_i^T)`, and no unbiased estimate of the rotation has a mean
-//! squared error below `sigma^2 tr H(v)^-1` (S. M. Kay, "Fundamentals of Statistical Signal Processing:
-//! Estimation Theory", 1993, eq. 3.31). The values here are for sigma = 1: root mean square error in
-//! units of the dots' noise.
+//! With known correspondences and Gaussian noise of sigma per tangent axis, the dots in view give the
+//! information `H(v) = sum_i s_i(v) (I - p_i p_i^T)`, and no unbiased estimate of the rotation has
+//! a mean squared error below `sigma^2 tr H(v)^-1` (S. M. Kay, "Fundamentals of Statistical Signal
+//! Processing: Estimation Theory", 1993, eq. 3.31). The values here are for sigma = 1: root mean
+//! square error in units of the dots' noise.
 
 use nalgebra::Matrix3;
 
 use super::Evaluation;
 use crate::geometry::{Vec3, spiral_directions};
 
-/// Power of the mean that stands for the worst direction in the smooth cost.
+/// Power of the mean that approximates the worst direction in the smooth cost.
 const WORST_POWER: i32 = 8;
 
 /// Which directions and dots count.
@@ -46,7 +47,7 @@ pub struct BoundSummary {
 }
 
 impl OrientationBound {
-    /// The root of `tr H(v)^-1` for each direction of the spiral, dots counted whole or not at all;
+    /// The root of `tr H(v)^-1` for each direction of the spiral, without fading dots;
     /// infinite where fewer than two dots are in view.
     pub fn by_direction(&self, dots: &[Vec3], views: usize) -> Vec<f64> {
         spiral_directions(views)
@@ -71,8 +72,8 @@ impl OrientationBound {
         }
     }
 
-    /// A smooth stand-in for the worst direction: the logarithm of the power mean (exponent 8) over the
-    /// directions of `sqrt(tr H^-1)`, with dots that fade at the limit.
+    /// A smooth approximation of the worst direction: the logarithm of the power mean (exponent 8)
+    /// over the directions of `sqrt(tr H^-1)`, with dots that fade at the limit.
     pub fn cost(&self, dots: &[Vec3]) -> Evaluation {
         let n = dots.len();
         let half_power = WORST_POWER / 2;

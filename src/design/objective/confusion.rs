@@ -1,4 +1,5 @@
-//! Confusion, worked out: the expected rate at which four seen dots are taken for four others.
+//! Analytic confusion rate: the expected rate at which four visible dots are mistaken for four
+//! others.
 //!
 //! Four dots `q_i` of the pattern look like four others `q'_i` (in this order) up to
 //!
@@ -6,26 +7,26 @@
 //! d^2 = min_R sum_i |q_i - R q'_i|^2 .
 //! ```
 //!
-//! With Gaussian noise of sigma a tangent axis, the wrong one of the two explanations is the likelier
-//! one with probability `Phi(-d / (2 sigma))`: the noise must carry the four dots half the way, in the one
-//! direction that tells the two apart. Summed over all `q'` (the union bound, saturated at one) and
-//! weighted with the probability that a view gives just these four dots, this is the failure rate of the
-//! `sparse` protocol, without a trial being drawn. It is smooth in the dots, and there are no trials in
-//! it that could be over-fitted.
+//! With Gaussian noise of sigma per tangent axis, the wrong one of the two explanations is more
+//! likely with probability `Phi(-d / (2 sigma))`: the noise must carry the four dots half the
+//! distance, in the one direction that separates the two. Summed over all `q'` (the union bound,
+//! saturated at one) and weighted with the probability that a view shows exactly these four dots,
+//! this is the failure rate of the `sparse` protocol. No trial is drawn, so no trial can be
+//! over-fitted. The value is smooth in the dots.
 //!
-//! The weight of four dots is the mean over viewing directions `v` of `s_a s_b s_c s_d / e_4(s)`, with a
-//! dot's soft visibility `s_i(v)` and the elementary symmetric polynomial `e_4`, which counts the
-//! quadruples in view.
+//! The weight of four dots is the mean over viewing directions `v` of `s_a s_b s_c s_d / e_4(s)`,
+//! with a dot's soft visibility `s_i(v)` and the elementary symmetric polynomial `e_4`, which
+//! counts the quadruples in view.
 //!
 //! The sum runs over all ordered quadruples but the identity: also over those that keep some of the
 //! four dots, and over the orders of the four themselves. The tests compare it with brute force.
 //!
 //! What it leaves out:
-//! - Probabilities fade to zero from `d = 4.5 sigma` to `d = 6 sigma`, where one in 740 is left. Of the
-//!   sum over all distances up to a fifth is left out so.
-//! - The noise of the protocols is a turn about a random axis, whose projections have heavier tails than
-//!   a Gaussian (excess kurtosis 2.4 for one dot, some 0.7 for four). [`Confusion::tail_factor`] widens
-//!   sigma for them.
+//! - Probabilities fade to zero from `d = 4.5 sigma` to `d = 6 sigma`, where the confusion
+//!   probability is one in 740. This omits up to a fifth of the sum over all distances.
+//! - The noise of the protocols is a rotation about a random axis, whose projections have heavier
+//!   tails than a Gaussian (excess kurtosis 2.4 for one dot, about 0.7 for four).
+//!   [`Confusion::tail_factor`] widens sigma for them.
 
 use super::Evaluation;
 use super::align::add_gradient;
@@ -42,10 +43,11 @@ const VIEWS: usize = 400;
 /// Quadruples less likely in view than this are skipped.
 const MIN_PRODUCT: f64 = 1e-6;
 
-/// Maximum number of dots for which it is worked out: the quadruples' number grows with the eighth power.
+/// Maximum number of dots for which it is computed: the number of quadruples grows with the eighth
+/// power.
 pub const MAX_DOTS: usize = 24;
 
-/// What the objective assumes of a view.
+/// The objective's assumptions about a view.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Confusion {
     /// Noise of a dot, radians per tangent axis.
@@ -57,7 +59,8 @@ pub struct Confusion {
 }
 
 impl Default for Confusion {
-    /// As in the `sparse` protocol: a turn of N(0, 3 deg) about a random axis, dots with z > 1/3.
+    /// As in the `sparse` protocol: a rotation of N(0, 3 deg) about a random axis, dots with z >
+    /// 1/3.
     fn default() -> Self {
         Self {
             sigma_rad: 3f64.to_radians() / 3f64.sqrt(),

@@ -1,19 +1,19 @@
-//! Quadruples of dots that look alike: all of them within a distance, each once.
+//! Search for similar quadruples of dots: all of them within a distance, each once.
 //!
-//! Four dots `s_i` look like four others `o_i` (in this order) up to `d^2 = min_R sum |s_i - R o_i|^2`.
-//! What decides that does not change when either set turns: with `M = sum s_i o_i^T`,
-//! `d^2 = 2 (k - l)` for `k` dots and the largest root `l` of
+//! Four dots `s_i` look like four others `o_i` (in this order) up to
+//! `d^2 = min_R sum |s_i - R o_i|^2`. The distance does not change when either set rotates: with
+//! `M = sum s_i o_i^T`, `d^2 = 2 (k - l)` for `k` dots and the largest root `l` of
 //!
 //! ```text
 //! l^4 - 2 t l^2 - 8 det(M) l + 2 u - t^2,      t = tr(M^T M),   u = tr((M^T M)^2)
 //! ```
 //!
-//! (D. L. Theobald, "Rapid calculation of RMSDs using a quaternion-based characteristic polynomial",
-//! Acta Cryst. A61, 2005), and all three follow from the cosines and determinants of the two sets. All
-//! roots are real, so that Newton's iteration from `l = k` falls to the root without passing it: what it
-//! has reached after any step is a lower bound of `d^2`.
+//! (D. L. Theobald, "Rapid calculation of RMSDs using a quaternion-based characteristic
+//! polynomial", Acta Cryst. A61, 2005), and all three follow from the cosines and determinants of
+//! the two sets. All roots are real, so Newton's iteration from `l = k` falls to the root without
+//! passing it: the value after any step is a lower bound of `d^2`.
 //!
-//! The search prunes by such bounds alone, so that it loses nothing:
+//! The search prunes by such bounds alone, so it loses nothing:
 //! - any part of the dots lies no farther from its image than all of them,
 //! - two dots alone: `8 sin^2(gap / 4)`, where `gap` is the difference of the two angles,
 //! - two triangles that share a pair count that pair twice: half their sum,
@@ -56,7 +56,7 @@ fn distance_squared<const K: usize>(
     let t = product.trace();
     let u = product.dot(&product.transpose());
     let count = K as f64;
-    let (mut root, least) = (count, count - 0.5 * limit);
+    let (mut root, min_root) = (count, count - 0.5 * limit);
     for _ in 0..STEPS {
         let square = root * root;
         let value = square * (square - 2.0 * t) - 8.0 * determinant * root + 2.0 * u - t * t;
@@ -67,7 +67,7 @@ fn distance_squared<const K: usize>(
         }
         let step = value / slope;
         root -= step;
-        if root < least {
+        if root < min_root {
             return None;
         }
         if step < SETTLED {
@@ -77,15 +77,15 @@ fn distance_squared<const K: usize>(
     Some(2.0 * (count - root))
 }
 
-/// A third dot that looks like another, given a pair, and the distance of the three.
+/// A third dot that resembles another, given a pair, and the distance of the three.
 struct Link {
     seen: usize,
     other: usize,
     distance_squared: f64,
 }
 
-/// Finds each quadruple from that pair of its seen dots that is nearest to a right angle. That pair is
-/// laid on every other; a third dot must then look like a third, and a fourth like a fourth.
+/// Finds each quadruple from that pair of its visible dots that is nearest to a right angle. That
+/// pair is aligned with every other; a third dot must then match a third, and a fourth a fourth.
 struct Search<'a> {
     dots: &'a [Vec3],
     n: usize,
@@ -169,7 +169,7 @@ impl<'a> Search<'a> {
         found
     }
 
-    /// All dots that look like others beside a pair laid on a pair.
+    /// All dots that resemble others beside a pair aligned with a pair.
     fn link(
         &self,
         [i, j]: [usize; 2],
@@ -179,7 +179,7 @@ impl<'a> Search<'a> {
     ) {
         links.clear();
         let pair_gap = self.gap([i, j], [k, l]);
-        let most = self.max_gap * self.max_gap;
+        let max_squared = self.max_gap * self.max_gap;
         let gram = |i: usize, j: usize, a: usize| {
             let [x, y, z] = [i * self.n + j, i * self.n + a, j * self.n + a];
             let [x, y, z] = [x, y, z].map(|at| self.cosines[at]);
@@ -191,7 +191,10 @@ impl<'a> Search<'a> {
             for c in (0..self.n).filter(|&c| c != k && c != l) {
                 let gaps = [self.gap([i, a], [k, c]), self.gap([j, a], [l, c])];
                 let [x, y] = gaps.map(|g| g * g);
-                if x > most || y > most || pair_gap * pair_gap + x + y > 2.0 * most {
+                if x > max_squared
+                    || y > max_squared
+                    || pair_gap * pair_gap + x + y > 2.0 * max_squared
+                {
                     continue;
                 }
                 let turned = self.determinant(k, l, c);
@@ -213,7 +216,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// All quadruples that two links make of a pair laid on a pair.
+    /// All quadruples that two links make of a pair aligned with a pair.
     fn extend(
         &self,
         [i, j]: [usize; 2],

@@ -1,22 +1,23 @@
 //! The paper's objective and its gradient: the mean distance from each hash feature to its nearest
 //! neighbor in hash space.
 //!
-//! For the basis `B = [d, d', d x d']` of unit vectors with cosine `c = d . d'` and `s2 = 1 - c^2`, the
-//! feature `h = B^-1 x` has the closed form
+//! For the basis `B = [d, d', d x d']` of unit vectors with cosine `c = d . d'` and `s2 = 1 - c^2`,
+//! the feature `h = B^-1 x` has the closed form
 //!
 //! ```text
 //! h1 = (d . x - c d' . x) / s2,   h2 = (d' . x - c d . x) / s2,   h3 = (d x d') . x / s2
 //! ```
 //!
-//! so its derivatives are polynomials over `s2`. The mean distance is differentiable wherever no feature
-//! has two nearest neighbors at one distance; where it has, the gradient of one of them is used (a
-//! generalized gradient of a locally Lipschitz function), which a line search has to live with.
+//! so its derivatives are polynomials over `s2`. The mean distance is differentiable wherever no
+//! feature has two nearest neighbors at the same distance. Elsewhere the gradient of one of them is
+//! used (a generalized gradient of a locally Lipschitz function), which a line search must
+//! tolerate.
 //!
-//! Raw distance can be bought by nearly singular bases: `|h|` grows like `1 / s2` without making a
-//! feature any easier to tell apart. Only bases whose angle lies within
-//! [`MeanNearestNeighbor::min_pair_angle_rad`] of neither 0 nor pi enter; each ordered pair's weight
-//! falls smoothly from 1 to 0 across the last few degrees, so that a pair that crosses the bound makes
-//! no jump.
+//! Nearly singular bases raise the raw distance without benefit: `|h|` grows like `1 / s2` without
+//! making a feature any easier to distinguish. Only bases whose angle lies within
+//! [`MeanNearestNeighbor::min_pair_angle_rad`] of neither 0 nor pi enter; each ordered pair's
+//! weight falls smoothly from 1 to 0 across the last few degrees, so that a pair that crosses the
+//! bound makes no jump.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Vector3;
@@ -71,7 +72,7 @@ impl MeanNearestNeighbor {
 
     fn features(&self, dots: &[Vec3]) -> (Vec<Entry>, Vec<[f64; 3]>) {
         let n = dots.len();
-        let least = self.min_pair_angle_rad.sin().powi(2);
+        let min_squared_sine = self.min_pair_angle_rad.sin().powi(2);
         let mut entries = Vec::with_capacity(n * n * n);
         let mut features = Vec::with_capacity(n * n * n);
         for first in 0..n {
@@ -80,7 +81,7 @@ impl MeanNearestNeighbor {
                     continue;
                 }
                 let (a, b) = (&dots[first], &dots[second]);
-                let weight = edge((a.cross(b).norm_squared() - least) / EDGE);
+                let weight = edge((a.cross(b).norm_squared() - min_squared_sine) / EDGE);
                 if weight == 0.0 {
                     continue;
                 }
@@ -179,7 +180,8 @@ fn back_propagate(
     let s2 = 1.0 - c * c;
     let (ax, bx) = (a.dot(x), b.dot(x));
     let q = g / s2;
-    // Through c: numerators -c b.x and -c a.x, and the common factor 1 / s2 (d(1/s2)/dc = 2c / s2^2).
+    // Through c: numerators -c b.x and -c a.x, and the common factor 1 / s2 (d(1/s2)/dc = 2c /
+    // s2^2).
     let by_c = -q.x * bx - q.y * ax + 2.0 * c * g.dot(h) / s2;
     let by_ax = q.x - c * q.y;
     let by_bx = q.y - c * q.x;

@@ -1,15 +1,15 @@
-//! Objectives: what makes a pattern easy to identify, as a number with its gradient.
+//! Objectives: how easy a pattern is to identify, as a value with its gradient.
 //!
-//! - [`mean_nn`]: the paper's, the mean distance from each hash feature to its nearest neighbor. Here
-//!   because it is the paper's.
-//! - [`whitened`]: the same mean in units of what the dots' noise does to a feature, so that bases near
-//!   singular do not count as distinct.
-//! - [`confusion`]: the expected rate at which four seen dots are taken for four others. It is a failure
-//!   rate worked out instead of drawn, and the default: see `docs/objectives.md` for how well each
-//!   objective predicts what is measured.
+//! - [`mean_nn`]: the paper's, the mean distance from each hash feature to its nearest neighbor. It
+//!   serves comparisons with the paper.
+//! - [`whitened`]: the same mean in units of the noise that the dots give to a feature, so that
+//!   bases near singular do not count as distinct.
+//! - [`confusion`]: the expected rate at which four visible dots are mistaken for four others. It
+//!   is an analytic failure rate, and the default: `docs/objectives.md` shows how well each
+//!   objective predicts the measured rate.
 //!
-//! All are handed to the optimizer as a cost to be minimized, the logarithm of the value (with its sign
-//! turned where larger is better): scales then do not matter, and a step is a relative change.
+//! The optimizer minimizes the logarithm of the value (with its sign reversed where larger is
+//! better): scales then do not matter, and a step is a relative change.
 
 pub mod align;
 pub mod basis;
@@ -34,8 +34,8 @@ pub use whitened::WhitenedNearestNeighbor;
 pub struct Evaluation {
     /// The value.
     pub value: f64,
-    /// Derivative with respect to each dot's coordinates (x, y, z). Only its part in the dot's tangent
-    /// plane has a meaning; the rest depends on how the value is written off the sphere.
+    /// Derivative with respect to each dot's coordinates (x, y, z). Only its part in the dot's
+    /// tangent plane is meaningful; the rest depends on how the value is extended off the sphere.
     pub gradient: Vec<Vec3>,
 }
 
@@ -52,7 +52,7 @@ impl Evaluation {
     }
 }
 
-/// What a descent works on.
+/// The objective that a descent minimizes.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize,
 )]
@@ -60,9 +60,10 @@ impl Evaluation {
 pub enum ObjectiveName {
     /// The mean distance from each hash feature to its nearest neighbor, as in the SpinDOE paper.
     MeanNn,
-    /// The mean distance from each triple of dots to the most similar other one, in units of the noise.
+    /// The mean distance from each triple of dots to the most similar other one, in units of the
+    /// noise.
     WhitenedNn,
-    /// The expected rate at which four seen dots are taken for four others.
+    /// The expected rate at which four visible dots are mistaken for four others.
     #[default]
     Confusion,
 }
@@ -71,7 +72,7 @@ impl ObjectiveName {
     /// All objectives, the paper's first.
     pub const ALL: [Self; 3] = [Self::MeanNn, Self::WhitenedNn, Self::Confusion];
 
-    /// The objective by default for so many dots: `confusion` as far as it can be worked out,
+    /// The default objective for so many dots: `confusion` as far as it can be computed,
     /// `whitened-nn` beyond.
     pub fn for_dots(dots: usize) -> Self {
         if dots <= confusion::MAX_DOTS {
@@ -90,7 +91,7 @@ impl ObjectiveName {
         }
     }
 
-    /// Whether it can be worked out for so many dots.
+    /// Whether it can be computed for so many dots.
     pub fn suits(self, dots: usize) -> bool {
         self != Self::Confusion || dots <= confusion::MAX_DOTS
     }
@@ -167,8 +168,8 @@ impl Objective {
         !matches!(self, Self::Confusion(_))
     }
 
-    /// The value itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of sigma) or
-    /// a failure rate (`confusion`).
+    /// The value itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of
+    /// sigma) or a failure rate (`confusion`).
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for coordinates that are not finite.
@@ -180,7 +181,7 @@ impl Objective {
         }
     }
 
-    /// The cost to be minimized: the value's logarithm, sign turned where larger is better.
+    /// The cost to be minimized: the value's logarithm, sign reversed where larger is better.
     ///
     /// # Errors
     /// As [`Objective::evaluate_at`].

@@ -1,20 +1,21 @@
-//! The noise-whitened nearest-neighbor distance: distances between features in units of what the dots'
-//! noise does to them.
+//! The noise-whitened nearest-neighbor distance: distances between features in units of the dots'
+//! noise.
 //!
-//! A feature says of three dots (d, d', d'') what does not change when the ball turns. Two features
-//! differ by as much as the dots would have to move to turn the one into the other, which is
+//! A feature holds the properties of three dots (d, d', d'') that do not change when the ball
+//! rotates. The distance of two features is how far the dots must move to turn one into the other,
+//! which is
 //!
 //! ```text
 //! d(T, T') = min_R sqrt( sum_i |t_i - R t'_i|^2 ) .
 //! ```
 //!
 //! To first order this is the Mahalanobis distance of the two hash values under the covariance that
-//! noise of unit variance in all dots gives them; unlike the plain distance it cannot be raised by nearly
-//! singular bases, and all six orders of three dots say the same. The value is the mean over all
-//! triples of the distance to the nearest other triple, in units of sigma.
+//! noise of unit variance in all dots gives them. Unlike the plain distance it cannot be raised by
+//! nearly singular bases, and all six orders of three dots give the same value. The value is the
+//! mean over all triples of the distance to the nearest other triple, in units of sigma.
 //!
-//! Nearest neighbors are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`), and
-//! then aligned exactly; where the nearest switches, one of the two gradients is used.
+//! Nearest neighbors are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`),
+//! and then aligned exactly; where the nearest switches, one of the two gradients is used.
 
 use std::num::NonZero;
 
@@ -25,8 +26,8 @@ use super::align::{add_gradient, align};
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, angle_between, pair_rotation};
 
-/// Candidates that are aligned for each triple: itself, and those of nearest angles. Of mirror images,
-/// which have the same angles, half of them are expected to be unlike.
+/// Candidates that are aligned for each triple: itself, and those of nearest angles. Of mirror
+/// images, which have the same angles, half of them are expected to be unlike.
 const CANDIDATES: NonZero<usize> = NonZero::new(12).unwrap();
 /// Below this no direction of a distance is usable.
 const TINY: f64 = 1e-9;
@@ -39,7 +40,7 @@ pub struct WhitenedNearestNeighbor {
 }
 
 impl Default for WhitenedNearestNeighbor {
-    /// A turn of N(0, 3 deg) about a random axis.
+    /// A rotation of N(0, 3 deg) about a random axis.
     fn default() -> Self {
         Self {
             sigma_rad: 3f64.to_radians() / 3f64.sqrt(),

@@ -1,15 +1,15 @@
-//! What the robust recognizer expects of the images, and how far it searches.
+//! Configuration of the robust recognizer: the expected images, and the extent of the search.
 
 use crate::error::{Result, require};
 
-/// How the displacements of real dots are distributed, for a given covariance.
+/// Distribution of the displacements of real dots, for a given covariance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NoiseShape {
     /// A mixture of two Gaussians: nine dots in ten with the given covariance `C`, one in ten from
-    /// a Gaussian twice as wide. Hands and detectors err with heavier tails than one Gaussian has.
-    /// At the Mahalanobis distance `u` it has `0.9 exp(-u^2 / 2) + 0.1 / 4 exp(-u^2 / 8)` times the
-    /// Gaussian's density at 0.
+    /// a Gaussian twice as wide. Manual placement and detectors have heavier tails than one
+    /// Gaussian. At the Mahalanobis distance `u` it has `0.9 exp(-u^2 / 2) + 0.1 / 4 exp(-u^2 / 8)`
+    /// times the Gaussian's density at 0.
     Gaussian,
     /// A rotation about an axis uniform on the sphere by a normal angle, as the SpinDOE paper makes
     /// its noise. With the standard deviation `s` per tangent axis the displacement `s u` has
@@ -18,23 +18,23 @@ pub enum NoiseShape {
     RandomAxis,
 }
 
-/// What the recognizer expects of the images.
+/// What the recognizer expects of the images, and the extent of its search.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RobustConfig {
-    /// Minimum z of a dot that can be seen (camera frame, ball of radius 1).
+    /// Minimum z of a visible dot (camera frame, ball of radius 1).
     pub visibility_limit: f64,
     /// Probability that a dot well inside the visible cap is detected.
     pub detection_probability: f64,
     /// Expected number of false dots in a view.
     pub expected_false_dots: f64,
-    /// Number of false dots that nearly every view has, where that is known (a mark on the ball, a
-    /// protocol that adds so many); `None` where their number varies (Poisson).
+    /// Number of false dots that nearly every view has, where it is known (a mark on the ball, a
+    /// protocol with a fixed number); `None` where it varies (Poisson).
     pub usual_false_dots: Option<u16>,
     /// Prior probability that a view does not show the pattern at all.
     pub null_prior: f64,
-    /// How real dots are displaced.
+    /// Distribution of the real dots' displacements.
     pub noise: NoiseShape,
-    /// Most pairs of observed dots that are laid on the pattern before the search ends.
+    /// Maximum number of pairs of observed dots that the search aligns with the pattern.
     pub passes: usize,
 }
 

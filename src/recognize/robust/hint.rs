@@ -1,4 +1,4 @@
-//! What is known of the orientation before the dots are looked at.
+//! Prior knowledge of the orientation.
 //!
 //! With the probability `1 - wrong` the true rotation is `exp([e]x) R_hint` with `e ~ N(0, C)` in
 //! the camera frame; otherwise any rotation is as likely as any other. The evidence of an
@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Rotation3};
 use super::model::Dot;
 use crate::geometry::Rotation;
 
-/// Most that the dots' variances are widened for the first look from the hint's rotation.
+/// Maximum widening of the dots' variances for the first assignment from the hint's rotation.
 const MAX_WIDENING: f64 = 30.0;
 
 /// A prior orientation: the last frame's, propagated by the spin.
@@ -22,7 +22,7 @@ pub struct Hint {
     pub rotation: Rotation,
     /// Covariance of the rotation vector that leads from it to the true one, camera frame, rad^2.
     pub covariance: Matrix3<f64>,
-    /// Probability that the hint is altogether wrong, in (0, 1).
+    /// Probability that the hint is entirely wrong, in (0, 1).
     pub wrong: f64,
 }
 
@@ -63,17 +63,17 @@ impl Prior {
         self.rotation
     }
 
-    /// Variance ratio of a first look at dots that the hint's error has moved.
+    /// Variance ratio of a first assignment of dots that the hint's error has moved.
     pub fn widening(&self, dots: &[Dot]) -> f64 {
-        let least = dots.iter().map(|d| d.radial).fold(0.0, f64::max);
-        (1.0 + self.covariance.trace() / 3.0 * least).min(MAX_WIDENING)
+        let max_radial = dots.iter().map(|d| d.radial).fold(0.0, f64::max);
+        (1.0 + self.covariance.trace() / 3.0 * max_radial).min(MAX_WIDENING)
     }
 
     /// ln of the prior density at a rotation over the uniform density; `information` is the
     /// rotation's own.
     pub fn ln_ratio(&self, rotation: &Matrix3<f64>, information: Option<&Matrix3<f64>>) -> f64 {
         let moved = Rotation3::from_matrix_unchecked(rotation * self.rotation.transpose());
-        // By the quaternion: the logarithm of a matrix is lost at half a turn, where it is
+        // By the quaternion: the logarithm of a matrix is undefined at a half-turn, where it is
         // symmetric.
         let e = Rotation::from_rotation_matrix(&moved).scaled_axis();
         let own = information.and_then(|h| h.try_inverse());

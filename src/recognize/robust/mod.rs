@@ -1,36 +1,36 @@
-//! The robust recognizer: the rotation that the whole set of dots supports best.
+//! The robust recognizer: it finds the rotation that the whole set of dots supports best.
 //!
 //! # Search
-//! Pairs of observed dots, the best conditioned first, are laid on every ordered pair of pattern
-//! dots of similar angle. Each such rotation is screened; what comes near the best is refined by
-//! Gauss-Newton on its inliers and scored by the full model ([`RobustConfig`] holds its
-//! parameters). A pass over one pair has seen every explanation in which both of its dots are real.
+//! Pairs of observed dots, the best conditioned first, are aligned with every ordered pair of
+//! pattern dots of similar angle. Each such rotation is screened. Those near the best are refined
+//! by Gauss-Newton on their inliers and scored by the full model ([`RobustConfig`] holds its
+//! parameters). A pass over one pair covers every explanation in which both of its dots are real.
 //! The pairs are disjoint as long as that is possible: an explanation that `k` such passes have not
-//! seen leaves out `k` dots at least, and that bounds its worth. The search stops when the best
-//! explanation so far is beyond doubt, or when what has not been seen cannot be better.
+//! covered leaves out at least `k` dots, which bounds its evidence. The search stops when the best
+//! explanation so far is certain, or when no other can be better.
 //!
 //! # Confidence
-//! The best explanation's share of the evidence of all that were found, of their near alternatives,
-//! of the mirrored pattern, and of "these are not the pattern's dots". A pattern with symmetries
-//! has several poses of one evidence: the confidence is then low, and
-//! [`RobustRecognizer::explanation`] gives them all.
+//! The confidence is the best explanation's share of the total evidence: of all explanations found,
+//! of their near alternatives, of the mirrored pattern, and of the null hypothesis "these are not
+//! the pattern's dots". A pattern with symmetries has several poses of equal evidence: the
+//! confidence is then low, and [`RobustRecognizer::explanation`] returns them all.
 //!
 //! # Rotation
-//! What is reported is the most likely rotation for the assignment, with the dots weighted by the
-//! distribution of their noise ([`NoiseShape`]): least squares for a Gaussian; for the peaked noise
-//! of the paper's protocols a quarter better than least squares, whose bound is then none.
+//! The reported rotation is the most likely one for the assignment, with the dots weighted by the
+//! distribution of their noise ([`NoiseShape`]). For a Gaussian this is least squares. For the
+//! peaked noise of the paper's protocols its error is a quarter below that of least squares, so the
+//! least-squares bound does not apply.
 //!
 //! # Mirrored images
-//! A view that the search leaves in doubt is searched again as in a mirror. Where the mirrored
-//! pattern is beyond doubt, [`RecognizerRejection::Mirrored`] says so: an axis of the image is
-//! flipped.
+//! A view that remains in doubt is searched again mirrored. Where the mirrored pattern is certain,
+//! the answer is [`RecognizerRejection::Mirrored`]: an axis of the image is flipped.
 //!
 //! # Hint
-//! A prior orientation ([`Hint`]) is tried before the search. It makes two dots enough; a wrong one
-//! costs one refinement, and the search follows.
+//! A prior orientation ([`Hint`]) is tried before the search. With it two dots are enough. A wrong
+//! hint costs one refinement; the search follows.
 //!
-//! What it does not do: show that no better explanation exists. See the validation for how often
-//! the best one found is the right one.
+//! What it does not guarantee: that no better explanation exists. The validation measures how often
+//! the best one found is correct.
 
 mod config;
 mod hint;
@@ -58,12 +58,12 @@ use posterior::{Explanation, NullHypothesis};
 use refine::UNASSIGNED;
 use screen::ScreenModel;
 
-/// Fewest dots that can be identified without a hint, and with one.
+/// Minimum number of dots that can be identified without a hint, and with one.
 const MIN_DOTS: usize = 3;
 const MIN_DOTS_HINTED: usize = 2;
-/// Below this probability of the pose a view is looked at as in a mirror.
+/// Below this probability of the pose a view is also searched mirrored.
 const MIRROR_DOUBT: f64 = 0.9;
-/// Probability from which on a view is taken for a mirrored one.
+/// Minimum probability at which a view counts as mirrored.
 const MIRROR_SURE: f64 = 0.9;
 
 /// The default recognizer. See the module's documentation.
@@ -102,12 +102,12 @@ impl RobustRecognizer {
         &self.config
     }
 
-    /// As [`Recognizer::identify_into`], knowing roughly how the ball is turned. The rotation in
-    /// the answer is what the dots say; the hint only helps to decide which dot is which.
+    /// As [`Recognizer::identify_into`], with prior knowledge of the orientation. The rotation in
+    /// the answer depends on the dots; the hint only helps to decide which dot is which.
     ///
     /// # Errors
-    /// A [`RecognizerRejection`]; [`RecognizerRejection::Degenerate`] also for a hint whose
-    /// covariance is none.
+    /// A [`RecognizerRejection`]; [`RecognizerRejection::Degenerate`] also for an invalid
+    /// covariance of the hint.
     pub fn identify_hinted(
         &self,
         dots: &[ObservedDot],
@@ -119,9 +119,9 @@ impl RobustRecognizer {
         self.identify_with(dots, Some(prior), ws, out)
     }
 
-    /// Writes the explanation of this rank (0 the best) of the view that `ws` saw last into `out`,
-    /// with its own probability; `false` if the search found fewer. Explanations differ in their
-    /// rotation; the search remembers what came near the best, not everything.
+    /// Writes the explanation of this rank (0 the best) of the last view of `ws` into `out`, with
+    /// its own probability; `false` if the search found fewer. Explanations differ in their
+    /// rotation; the search remembers those near the best, not all.
     pub fn explanation(&self, rank: usize, ws: &RobustWorkspace, out: &mut Identification) -> bool {
         let found = ws.found.ranked(rank);
         if let Some(explanation) = found {
@@ -130,10 +130,10 @@ impl RobustRecognizer {
         found.is_some()
     }
 
-    /// The explanation to which `rotation` leads, written into `out`: how well a pose explains the
-    /// dots that one believes in for other reasons. Returns its log-evidence against "these are not
-    /// the pattern's dots"; `None` if hardly any dot supports it. Its confidence is that among what
-    /// it leads to alone.
+    /// The explanation to which `rotation` leads, written into `out`: how well a pose from another
+    /// source explains the dots. Returns its log-evidence against "these are not the pattern's
+    /// dots"; `None` if hardly any dot supports it. Its confidence is relative to the assignments
+    /// near this rotation alone.
     pub fn evidence_near(
         &self,
         dots: &[ObservedDot],
@@ -186,7 +186,7 @@ impl RobustRecognizer {
         Ok(())
     }
 
-    /// Searches the view as in a mirror; whether that explains it beyond doubt.
+    /// Searches the mirrored view; returns whether it explains the dots beyond doubt.
     fn is_mirrored(&self, ws: &mut RobustWorkspace) -> bool {
         self.search_mirrored(ws);
         let rivals = ws.found.ln_evidence();

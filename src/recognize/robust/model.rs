@@ -16,7 +16,7 @@ use crate::recognize::{DotUncertainty, ObservedDot};
 
 /// Width, in z, over which a dot fades from visible to hidden at the limit.
 pub(super) const VISIBILITY_SOFTNESS: f64 = 0.03;
-/// The logistic curve of this slope stands in for the normal distribution function.
+/// The logistic curve of this slope approximates the normal distribution function.
 pub(super) const LOGISTIC: f64 = 1.7;
 /// Share and widening of the mixture's second, wider Gaussian.
 const TAIL_SHARE: f64 = 0.1;
@@ -24,14 +24,15 @@ const TAIL_WIDENING: f64 = 2.0;
 /// Standard deviations that a dot's direction may have, radians. Less than a nanoradian is no
 /// measurement, and more than a radian no direction; the screening's single precision holds both.
 const SIGMAS_RAD: std::ops::RangeInclusive<f64> = 1e-9..=1.0;
-/// A dot further than this many standard deviations from a pattern dot is not it.
+/// A dot farther than this many standard deviations from a pattern dot is no match.
 pub(super) const GATE: f64 = 10.0;
-/// Nearer than this many standard deviations nothing is gained: the random-axis density has a pole.
+/// Below this many standard deviations the density stays constant: the random-axis density has a
+/// pole.
 const POLE: f64 = 0.3;
-/// A dot's largest weight while the explanation is sought: near the pole it would hold the rotation
-/// alone.
+/// Maximum weight of a dot during the search: near the pole one dot alone would determine the
+/// rotation.
 pub(super) const SEARCH_WEIGHT: f64 = 1.0;
-/// A dot's largest weight in the rotation that is reported.
+/// Maximum weight of a dot in the reported rotation.
 pub(super) const FINAL_WEIGHT: f64 = 4.0;
 /// Steps of the kernel's table for one standard deviation.
 const KERNEL_STEPS: f64 = 32.0;
@@ -49,15 +50,15 @@ pub(super) struct Model {
     weight: Vec<f64>,
     ln_detected: Vec<f64>,
     ln_missed: Vec<f64>,
-    /// The kernel as the greatest of three lines `a + b h` over `h = -u^2 / 2`: (a, b).
+    /// The kernel as the maximum of three lines `a + b h` over `h = -u^2 / 2`: (a, b).
     pub lines: [[f64; 2]; 3],
     /// False dots per steradian.
     ln_false_density: f64,
     /// ln of the prior of so many false dots over Poisson's.
     false_count: Vec<f64>,
-    /// For each number of false dots the greatest of these from it on.
+    /// For each number of false dots the maximum of these from it on.
     max_false_count: Vec<f64>,
-    /// What is gained at most by a dot beyond its peak density: `ln P_d + ln_kernel(0)`.
+    /// Maximum gain of a dot beyond its peak density: `ln P_d + ln_kernel(0)`.
     most: f64,
 }
 
@@ -71,7 +72,7 @@ pub(super) struct Dot {
     pub axes: [Vec3; 2],
     /// Inverse of the largest variance, 1/rad^2.
     pub radial: f64,
-    /// Whether all tangent directions are alike.
+    /// Whether all tangent directions have the same standard deviation.
     pub isotropic: bool,
     /// Largest standard deviation, radians.
     pub sigma_max: f64,
@@ -83,7 +84,7 @@ pub(super) struct Dot {
 }
 
 impl Dot {
-    /// Squared Mahalanobis distance of the direction `q`; for all directions alike `|q - o|^2 /
+    /// Squared Mahalanobis distance of the direction `q`; for an isotropic dot `|q - o|^2 /
     /// sigma^2`.
     pub fn distance_squared(&self, q: &Vec3) -> f64 {
         let [a, b] = self.axes.map(|u| u.dot(q));
@@ -136,8 +137,7 @@ impl Model {
     /// The log-density at squared Mahalanobis distance `d2`, relative to the Gaussian's peak;
     /// `None` beyond the gate.
     pub fn ln_kernel(&self, d2: f64) -> Option<f64> {
-        // Not `>`: it would let a NaN pass. Beyond the gate nothing can be an index, infinity
-        // least.
+        // Not `>`: it would let a NaN pass. Beyond the gate no value can be an index.
         let inside = d2 <= GATE * GATE;
         if !inside {
             return None;
@@ -168,12 +168,12 @@ impl Model {
         self.false_count[count.min(self.false_count.len() - 1)]
     }
 
-    /// The greatest [`Model::false_count`] of `count` or more false dots.
+    /// The maximum [`Model::false_count`] of `count` or more false dots.
     pub fn max_false_count(&self, count: usize) -> f64 {
         self.max_false_count[count.min(self.max_false_count.len() - 1)]
     }
 
-    /// Prepares a dot; `None` where it is no direction or its uncertainty no covariance.
+    /// Prepares a dot; `None` where its direction or its covariance is invalid.
     pub fn prepare(&self, dot: &ObservedDot) -> Option<Dot> {
         let direction = dot.direction;
         let off = (direction.norm_squared() - 1.0).abs();
@@ -218,7 +218,7 @@ impl Model {
     }
 }
 
-/// ln of the prior over Poisson's for 0, 1, ... false dots; the last stands for all that follow.
+/// ln of the prior over Poisson's for 0, 1, ... false dots; the last holds for all larger numbers.
 fn false_count(config: &RobustConfig) -> Vec<f64> {
     let Some(usual) = config.usual_false_dots else {
         return vec![0.0];

@@ -1,15 +1,15 @@
-//! The pattern as every ordered pair of its dots sees it.
+//! The pattern in the frames of all ordered pairs of its dots.
 //!
 //! Two directions a, b span the frame x = (a + b)/|a + b|, z = a x b/|a x b|, y = z x x. A rotation
-//! that lays an observed pair on a pattern pair takes the one frame to the other: in these frames
-//! the other dots can be compared as they are, and nothing has to be rotated.
+//! that aligns an observed pair with a pattern pair maps one frame to the other. In these frames
+//! the other dots are compared directly, and nothing has to be rotated.
 
 use nalgebra::Matrix3;
 use wide::f32x4;
 
 use crate::geometry::Vec3;
 
-/// Numbers handled together; patterns are padded to a multiple of it.
+/// Number of values handled together; patterns are padded to a multiple of it.
 pub(super) const LANES: usize = 4;
 /// Pattern pairs nearer to parallel or opposite than this sine are left out.
 const MIN_SINE: f64 = 0.075;

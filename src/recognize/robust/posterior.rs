@@ -1,8 +1,8 @@
-//! The explanations found, and what they are worth against each other and against "this is not the
-//! pattern".
+//! The explanations found, and their posterior probabilities against each other and the null
+//! hypothesis.
 //!
-//! Explanations are kept one for each rotation: nearby rotations share their assignments but for a
-//! few dots, and those are summed up by [`Refined::ln_alternatives`]. A view of something else has
+//! One explanation is kept for each rotation. Nearby rotations share their assignments except for a
+//! few dots, and [`Refined::ln_alternatives`] sums those up. Under the null hypothesis a view has
 //! as many dots as a view of the pattern has on average (Poisson), uniform on the visible cap.
 
 use nalgebra::Matrix3;
@@ -12,12 +12,12 @@ use super::refine::Refined;
 
 /// Rotations nearer than this (radians) are one explanation.
 const ONE_ROTATION: f64 = 0.12;
-/// ln of the prior odds that a view is mirrored: a flipped axis is noticed, and then fixed for
-/// good.
+/// ln of the prior odds that a view is mirrored: a flipped axis is noticed and then fixed
+/// permanently.
 pub(super) const MIRROR_LN_ODDS: f64 = -3.0;
 /// A start nearer to an explanation than this (radians) would lead there again.
 const KNOWN_ROTATION: f64 = 0.08;
-/// Most explanations remembered; the least goes first.
+/// Maximum number of explanations remembered; the least probable goes first.
 const MAX_FOUND: usize = 128;
 
 /// Everything found in one view.
@@ -29,14 +29,14 @@ pub(super) struct Found {
     dots: usize,
 }
 
-/// An explanation, with its place among the assignments.
+/// An explanation, with its position among the assignments.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Explanation {
     pub refined: Refined,
     slot: usize,
 }
 
-/// What is known of views that do not show the pattern.
+/// Prior of views that do not show the pattern (the null hypothesis).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NullHypothesis {
     ln_odds: f64,
@@ -49,7 +49,7 @@ pub(super) struct NullHypothesis {
 pub(super) struct Confidence {
     /// Of its assignment.
     pub identity: f64,
-    /// Of its rotation, whatever the assignment.
+    /// Of its rotation, for any assignment.
     pub pose: f64,
 }
 
@@ -65,7 +65,7 @@ impl NullHypothesis {
         }
     }
 
-    /// Log-evidence of a view of something else with so many dots, against "all dots are false".
+    /// Log-evidence of the null hypothesis with so many dots, against "all dots are false".
     pub fn ln_evidence(&self, dots: usize) -> f64 {
         dots as f64 * self.ln_ratio - self.excess
     }
@@ -190,8 +190,8 @@ impl Found {
             .any(|e| overlap(&e.refined.rotation, rotation) > near)
     }
 
-    /// The posterior probabilities of an explanation among all that were found, a view of something
-    /// else, and `ln_others`.
+    /// The posterior probabilities of an explanation among all that were found, the null
+    /// hypothesis, and `ln_others`.
     pub fn confidence(
         &self,
         of: &Explanation,

@@ -1,5 +1,5 @@
-//! From a rough rotation to an explanation: assignment and Gauss-Newton in turns, then the
-//! evidence.
+//! Refinement of a rough rotation to an explanation: assignment and Gauss-Newton alternate, then
+//! the evidence is computed.
 //!
 //! For an assignment `A` of observed to pattern dots the log-likelihood ratio against "all dots are
 //! false" is
@@ -24,21 +24,21 @@ use crate::geometry::Vec3;
 pub(super) const UNASSIGNED: u16 = u16::MAX;
 /// Variance ratio of the first assignment from a pair's rotation.
 const PAIR_WIDENING: f64 = 2.5;
-/// Turns of assignment and Gauss-Newton; they settle in two or three.
+/// Maximum number of alternations of assignment and Gauss-Newton; they settle in two or three.
 const MAX_TURNS: usize = 8;
-/// Steps towards the rotation that is reported.
+/// Steps towards the reported rotation.
 const POLISH_STEPS: usize = 5;
-/// Fewest dots that support an explanation.
+/// Minimum number of dots that support an explanation.
 const MIN_MATCHED: usize = 2;
 /// Links that cost more than this many nats do not count even as alternatives.
 const MIN_GAIN: f64 = -7.0;
 
-/// Least determinant of what a fit without a dot leaves; below it the dot holds the rotation alone.
+/// Minimum determinant of a fit without a dot; below it that dot alone determines the rotation.
 const MIN_LEFT: f64 = 1e-3;
-/// Nats that the turns after the second one hardly ever add.
+/// Nats that the alternations after the second one hardly ever add.
 const UNSETTLED: f64 = 5.0;
 
-/// What is seen, and what of.
+/// The observed dots, and the pattern and model they are compared with.
 #[derive(Debug)]
 pub(super) struct View<'a> {
     pub model: &'a Model,
@@ -56,7 +56,7 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// A rotation that lays two dots on two others carries their error to the rest.
+    /// A rotation that aligns two dots with two others carries their error to the rest.
     pub fn of_pair(rotation: Matrix3<f64>) -> Self {
         Self {
             rotation,
@@ -79,9 +79,9 @@ pub(super) struct Refined {
     pub rotation: Matrix3<f64>,
     /// Log-evidence against "all dots are false".
     pub ln_evidence: f64,
-    /// The part of it that Laplace's factor makes up; not above 0.
+    /// The part of it from Laplace's factor; not above 0.
     pub ln_volume: f64,
-    /// The part that a hint makes up.
+    /// The part of it from a hint.
     pub ln_prior: f64,
     /// ln of the evidence of all assignments near this rotation over this one's; not below 0.
     pub ln_alternatives: f64,
@@ -335,8 +335,8 @@ impl Refiner {
         Some(total.ln() - model.false_count(self.left_out()))
     }
 
-    /// Weights of leaving dot `i` out and of matching it with anything, where what was chosen has
-    /// 1.
+    /// Weights of leaving dot `i` out and of matching it with any dot, relative to the chosen
+    /// assignment.
     fn alternatives(
         &self,
         view: &View<'_>,
@@ -418,7 +418,7 @@ impl Refiner {
     }
 }
 
-/// How much one dot has to say about the rotation, and how far off it is.
+/// The information of one dot about the rotation, and its displacement.
 #[derive(Debug, Clone, Copy)]
 struct Leverage {
     /// Whitened displacement.

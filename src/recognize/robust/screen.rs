@@ -1,10 +1,10 @@
-//! The screening: a quick score of every way to lay one observed pair on the pattern.
+//! The screening: a fast score of every alignment of one observed pair with the pattern.
 //!
 //! The score is the log-likelihood ratio of the model with four simplifications: single precision;
 //! the kernel as three straight lines; visibility as straight lines; and no exclusion (two observed
 //! dots may take one pattern dot). The variance of each dot is widened by what the error of the
-//! pair's two dots does to it. A hypothesis is given up as soon as the dots left cannot lift it to
-//! where it would be kept.
+//! pair's two dots does to it. A hypothesis is dropped as soon as the remaining dots cannot raise
+//! its score to the threshold.
 
 use nalgebra::Matrix3;
 use wide::f32x4;
@@ -16,7 +16,7 @@ use crate::geometry::Vec3;
 
 /// Nats behind the best score from which on a hypothesis is dropped.
 const MARGIN: f32 = 16.0;
-/// Most hypotheses kept; a pattern with 60 symmetries has as many of one score.
+/// Maximum number of hypotheses kept; a pattern with 60 symmetries has 60 of equal score.
 const MAX_KEPT: usize = 96;
 /// Cosine-space reach of similar pairs, in standard deviations of their angle.
 const PAIR_GATE: f64 = 3.5;
@@ -30,17 +30,17 @@ pub(super) struct Screened {
     pub pair: u32,
 }
 
-/// An observed dot in the frame of the pair at hand.
+/// An observed dot in the frame of the current pair.
 #[derive(Debug, Clone, Copy)]
 struct Local {
     direction: [f32; 3],
     axes: [[f32; 3]; 2],
     /// Inverse variance, and half of it negated for `h = -u^2 / 2`.
     radial: f32,
-    /// What a perfect match is worth before detection.
+    /// Gain of a perfect match before detection.
     peak: f32,
     isotropic: bool,
-    /// What this dot and those after it can add at most.
+    /// Maximum gain of this dot and those after it.
     at_most: f32,
 }
 
@@ -90,7 +90,7 @@ impl ScreenModel {
         (detected, share * self.ln_missed)
     }
 
-    /// The greatest of the kernel's lines at `h`.
+    /// The maximum of the kernel's lines at `h`.
     #[inline(always)]
     fn ln_kernel(&self, h: f32x4) -> f32x4 {
         let [a, b, c] = self.lines.map(|[at, slope]| h * slope + at);
@@ -107,12 +107,12 @@ impl Screen {
         }
     }
 
-    /// What passed in the last run, best first.
+    /// The hypotheses that passed in the last run, best first.
     pub fn kept(&self) -> &[Screened] {
         &self.kept
     }
 
-    /// Scores every way to lay the observed dots `a` and `b` on pattern dots of similar angle.
+    /// Scores every alignment of the observed dots `a` and `b` with pattern dots of similar angle.
     /// `bias` is the logarithm of the prior for each.
     pub fn run(
         &mut self,
@@ -150,7 +150,7 @@ impl Screen {
         Some(())
     }
 
-    /// What the misfit of the pair itself costs: each of its dots takes its share.
+    /// The cost of the pair's own misfit, shared by its two dots.
     fn pair_kernel(&self, model: &ScreenModel, misfit: f32) -> f32 {
         2.0 * model
             .ln_kernel(f32x4::splat(-0.25 * misfit * misfit))
@@ -247,7 +247,7 @@ impl Screen {
     }
 }
 
-/// Best gain of a dot with all tangent directions alike over the pattern's dots, before its peak.
+/// Best gain of an isotropic dot over the pattern's dots, before its peak.
 #[inline(always)]
 fn best_isotropic(
     model: &ScreenModel,
@@ -283,7 +283,7 @@ fn jacobian(dot: &Dot) -> [Vec3; 2] {
     dot.axes.map(|u| dot.direction.cross(&u))
 }
 
-/// The greater of two numbers, as one instruction; NaN is no concern here.
+/// The maximum of two numbers, as one instruction; no NaN occurs here.
 #[inline(always)]
 fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }

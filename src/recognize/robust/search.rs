@@ -19,12 +19,12 @@ const DOUBT: f64 = 9.0;
 const PATIENCE: usize = 4;
 /// Nats that a refinement hardly ever adds to the screening's score, less [`DOUBT`].
 const HOPELESS: f64 = 16.0;
-/// Nats by which the best explanation must exceed what the unseen ones can reach at most.
+/// Nats by which the best explanation must exceed the bound of the unseen ones.
 const UNSEEN: f64 = 4.0;
 /// Fewer dots than this leave the choice among hypotheses to the hint.
 const FEW: usize = 4;
-/// Most passes over the mirrored view: a flipped axis shows in every frame, and need not in the
-/// hardest.
+/// Maximum number of passes over the mirrored view: a flipped axis affects every frame, so the
+/// hardest frames need not show it.
 const MIRROR_PASSES: usize = 6;
 /// Observed dots for which a new workspace has the capacity; more of them make it grow.
 const CAPACITY: usize = 64;
@@ -44,7 +44,7 @@ pub struct RobustWorkspace {
 /// A pair of observed dots.
 #[derive(Debug, Clone, Copy)]
 struct ObservedPair {
-    /// How well it conditions the rotation.
+    /// Conditioning of the rotation by this pair.
     quality: f64,
     dots: [u16; 2],
 }
@@ -86,7 +86,8 @@ impl RobustWorkspace {
         self.used.resize(self.dots.len(), false);
     }
 
-    /// Takes the best pair left, disjoint from those before it while there is one; whether it is.
+    /// Takes the best remaining pair, disjoint from earlier ones while there is one; returns
+    /// whether there was a pair.
     fn next_pair(&mut self) -> Option<([usize; 2], bool)> {
         let best = |disjoint: bool| {
             self.pairs
@@ -141,8 +142,7 @@ impl RobustRecognizer {
                 widening: prior.widening(&ws.dots),
             };
             self.refine(&start, Some(prior), f64::NEG_INFINITY, ws);
-            // Whatever the dots are, chance explains them so well near one given rotation hardly
-            // ever.
+            // For any dots, a chance fit this good near one given rotation is rare.
             let null = self.null.ln_evidence(ws.dots.len());
             let best = ws.found.best();
             let beyond_doubt = best.is_some_and(|b| b.refined.ln_evidence - null > DOUBT);
@@ -154,7 +154,7 @@ impl RobustRecognizer {
         Ok(())
     }
 
-    /// Searches the view with x reversed; what is found goes to `ws.mirrored`.
+    /// Searches the view with x reversed; the result goes to `ws.mirrored`.
     pub(super) fn search_mirrored(&self, ws: &mut RobustWorkspace) {
         ws.dots.iter_mut().for_each(Dot::mirror);
         ws.pair_up();
@@ -177,7 +177,7 @@ impl RobustRecognizer {
                 unseen -= ws.dots[pair[0]].most.min(ws.dots[pair[1]].most);
                 left_out += 1;
             }
-            // So many false dots may be likelier than Poisson's distribution has it.
+            // So many false dots may be more probable than under Poisson's distribution.
             let unseen = unseen + self.model.max_false_count(left_out);
             if self.settled(pair, unseen, ws) {
                 return;
@@ -185,7 +185,8 @@ impl RobustRecognizer {
         }
     }
 
-    /// Lays one observed pair on every similar pattern pair and refines what comes near the best.
+    /// Aligns one observed pair with every similar pattern pair and refines the hypotheses near the
+    /// best.
     fn pass(&self, [a, b]: [usize; 2], prior: Option<&Prior>, ws: &mut RobustWorkspace) {
         let observed = frame(&ws.dots[a].direction, &ws.dots[b].direction);
         let rotation = |index: usize| {
@@ -193,7 +194,8 @@ impl RobustRecognizer {
             let [p, q] = [pair.first, pair.second].map(|d| &self.dots[usize::from(d)]);
             observed * frame(p, q).transpose()
         };
-        // Where the dots have more to say than the hint, asking it each time only takes time.
+        // Where the dots carry more information than the hint, evaluating it each time only takes
+        // time.
         let bias = prior
             .filter(|_| ws.dots.len() < FEW)
             .map(|p| move |index: usize| p.ln_ratio(&rotation(index), None));
@@ -242,7 +244,7 @@ impl RobustRecognizer {
         self.refine(&start, None, f64::NEG_INFINITY, ws);
     }
 
-    /// Refines a rotation and remembers what comes of it; whether that is better than `least`.
+    /// Refines a rotation and stores the result; returns whether it is better than `least`.
     fn refine(
         &self,
         start: &Start,
@@ -264,7 +266,7 @@ impl RobustRecognizer {
     }
 
     /// Whether the search may end after a pass over the pair. `unseen` bounds the log-likelihood
-    /// ratio of what no pass has seen, but for the share of rotations.
+    /// ratio of the explanations that no pass has covered, without the share of rotations.
     fn settled(&self, [a, b]: [usize; 2], unseen: f64, ws: &RobustWorkspace) -> bool {
         let Some(best) = ws.found.best() else {
             return false;

@@ -138,7 +138,7 @@ impl std::fmt::Display for NoBall {
 
 /// Centers examined at each size and for each sign of the contrast: in crops, and in large images, where much
 /// else has edges.
-const CENTRES: (usize, usize) = (3, 16);
+const CENTERS: (usize, usize) = (3, 16);
 /// Images with a longer side beyond this, pixels, are large.
 const LARGE: f64 = 320.0;
 /// A complete outline of this support ends the search where smaller images are left for balls below this part of
@@ -262,7 +262,7 @@ impl BallFinder {
     /// Remembers all circles with edges of these polarities; gives the best support of any circle.
     fn vote(&mut self, image: &GrayImage, most: f64, polarities: &[Polarity]) -> Option<f64> {
         let longer = image.width().max(image.height()) as f64;
-        let count = if longer > LARGE { CENTRES.1 } else { CENTRES.0 };
+        let count = if longer > LARGE { CENTERS.1 } else { CENTERS.0 };
         let mut best_support: Option<f64> = None;
         // Large balls first: what is found spares the finer images.
         for level in (0..=self.halves.len()).rev() {
@@ -315,11 +315,11 @@ impl BallFinder {
     fn reserve(&mut self, image: &GrayImage) {
         self.votes.reserve(image.values().len());
         // Every center of every size and polarity may give a circle, in gray and in color.
-        let circles = 2 * 3 * CENTRES.1 * (self.halves.len() + 1);
+        let circles = 2 * 3 * CENTERS.1 * (self.halves.len() + 1);
         let circles = circles.saturating_sub(self.found.len());
         self.found.reserve(circles);
         self.centers
-            .reserve(CENTRES.1.saturating_sub(self.centers.len()));
+            .reserve(CENTERS.1.saturating_sub(self.centers.len()));
     }
 
     fn level<'a>(&'a self, image: &'a GrayImage, level: usize) -> &'a GrayImage {

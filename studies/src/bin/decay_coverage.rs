@@ -1,9 +1,10 @@
-//! Does the interval of a spin's decay hold the truth, and is there a decay where none is?
+//! Coverage of the interval of a spin's decay, and the rate of false decays.
 //!
 //! For each spin and each decay the program simulates sequences of 0.6 s at 350 frames per second
 //! (2 deg of noise per axis, 7 % outliers) and counts the answers: a decay, a constant spin with an
-//! interval, a constant spin whose decay is open, and no answer. Coverage is the share of all
-//! intervals that hold the true decay.
+//! (2 deg of noise per axis, 7 % outliers) and counts the answers: a decay, a constant spin with an
+//! interval, a constant spin with an undetermined decay, and no answer. Coverage is the share of
+//! all intervals that contain the true decay.
 //!
 //!     cargo run --release -p spindoe-studies --bin decay_coverage [TRIALS] [SEED]
 
@@ -15,14 +16,14 @@ use spindoe::validate::Proportion;
 
 /// Spins, revolutions per second.
 const SPINS_RPS: [f64; 11] = [0.0, 0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0, 80.0, 140.0, 170.0];
-/// Rates of decay, 1/s: none, what air does to a table tennis ball, and much more.
+/// Rates of decay, 1/s: none, that of a table-tennis ball in air, and much more.
 const DECAYS_PER_S: [f64; 3] = [0.0, 0.091, 0.5];
 /// Frames of a sequence, 0.6 s.
 const FRAMES: usize = 210;
 
 type Answer = Result<DecayOutcome, SpinRejection>;
 
-/// The answers to the sequences of a table's line; no two lines share their noise.
+/// The answers to the sequences of one row of the table; no two rows share their noise.
 fn answers(scenario: &Scenario, rps: f64, (seed, line): (u64, u64), trials: u64) -> Vec<Answer> {
     let answer = |i| {
         let sequence = scenario.sequence((rps, rps), seed, line * trials + i);
@@ -82,7 +83,7 @@ fn main() {
     };
     println!("{trials} sequences a line, seed {seed}; percent with Wilson 95 % intervals\n");
     println!(
-        "| decay, 1/s | spin, rps | interval holds the truth | half width, 1/s | decay found | left open | refused |"
+        "| decay, 1/s | spin, rps | interval holds the truth | half width, 1/s | decay found | left open | rejected |"
     );
     println!("|---|---|---|---|---|---|---|");
     let mut line = 0;

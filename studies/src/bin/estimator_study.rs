@@ -1,9 +1,10 @@
-//! How well the estimator tells synthetic frames: dots found and false, orientations right, wrong and not told, errors,
-//! confidences, latencies; both detectors, by size and by blur. The tables of docs/detector.md come from here.
+//! Accuracy of the estimator on synthetic frames: dots found and false, orientations correct, wrong
+//! and rejected, errors, confidences, latencies; both detectors, by size and by blur. The tables of
+//! docs/detector.md come from here.
 //!
-//!     cargo run --release --example estimator_study -- [FRAMES] [SEED] [PATTERN.csv]
+//!     cargo run --release -p spindoe-studies --bin estimator_study -- [FRAMES] [SEED] [PATTERN.csv]
 //!
-//! The frames' seed is none that training has used; the pattern is one that training has never seen.
+//! The frames' seed is used by no training; the pattern occurs in no training.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -17,16 +18,16 @@ use spindoe::validate::Proportion;
 use spindoe::vision::estimator::Timings;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection};
 
-/// A detection is a dot's where it is nearer than this to it, ball radii.
+/// Maximum distance of a detection from its dot, ball radii.
 const NEAR: f64 = 0.12;
-/// The paper's limit of failure.
+/// The paper's failure threshold.
 const FAILURE_DEG: f64 = 20.0;
 /// Frames drawn at once.
 const AT_ONCE: usize = 500;
 
-/// What came of a frame.
+/// The outcome of a frame.
 #[derive(Clone, Copy)]
-struct Judged {
+struct Outcome {
     side: usize,
     blur: f64,
     has_logo: bool,
@@ -35,7 +36,7 @@ struct Judged {
     false_dots: usize,
     error_deg: Option<f64>,
     confidence: f64,
-    /// Why there is no answer.
+    /// The reason for a rejection.
     rejection: Option<FrameRejection>,
     circle_off: f64,
     timings: Timings,
@@ -55,17 +56,17 @@ fn main() -> Result<(), Box<dyn Error>> {
         ("good conditions at 60 px", SynthConfig::good()),
     ] {
         println!("# {name}\n");
-        let mut judged: Vec<Vec<Judged>> = vec![Vec::new(); DetectorName::ALL.len()];
+        let mut outcomes: Vec<Vec<Outcome>> = vec![Vec::new(); DetectorName::ALL.len()];
         for start in (0..count).step_by(AT_ONCE) {
             let some = AT_ONCE.min(count - start);
             let frames = frames(&pattern, &config, seed + start as u64, some)?;
-            for (judged, detector) in judged.iter_mut().zip(DetectorName::ALL) {
-                judged.extend(run(&pattern, detector, &frames)?);
+            for (outcomes, detector) in outcomes.iter_mut().zip(DetectorName::ALL) {
+                outcomes.extend(run(&pattern, detector, &frames)?);
             }
         }
-        for (judged, detector) in judged.iter().zip(DetectorName::ALL) {
+        for (outcomes, detector) in outcomes.iter().zip(DetectorName::ALL) {
             println!("## {detector}\n");
-            tables(judged);
+            tables(outcomes);
         }
     }
     Ok(())
@@ -75,7 +76,7 @@ fn run(
     pattern: &Pattern,
     detector: DetectorName,
     frames: &[Frame],
-) -> Result<Vec<Judged>, Box<dyn Error>> {
+) -> Result<Vec<Outcome>, Box<dyn Error>> {
     let estimator = Estimator::new(pattern, EstimatorConfig::default(), detector.build()?)?;
     Ok(frames
         .par_iter()
@@ -83,13 +84,13 @@ fn run(
             || (estimator.workspace(), FrameEstimate::default()),
             |(ws, out), frame| {
                 estimator.estimate_frame(&frame.image, None, None, ws, out);
-                judge(frame, out)
+                evaluate(frame, out)
             },
         )
         .collect())
 }
 
-fn judge(frame: &Frame, out: &FrameEstimate) -> Judged {
+fn evaluate(frame: &Frame, out: &FrameEstimate) -> Outcome {
     let truth = &frame.truth;
     let [w, x, y, z] = truth.quaternion_wxyz;
     let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
@@ -99,7 +100,7 @@ fn judge(frame: &Frame, out: &FrameEstimate) -> Judged {
     };
     let visible = || truth.dots.iter().filter(|t| t.visible);
     let pose = out.pose();
-    Judged {
+    Outcome {
         side: truth.size[0],
         blur: truth.blur_px / truth.radius_px,
         has_logo: truth.logo.is_some(),
@@ -120,14 +121,14 @@ fn judge(frame: &Frame, out: &FrameEstimate) -> Judged {
     }
 }
 
-fn tables(judged: &[Judged]) {
+fn tables(outcomes: &[Outcome]) {
     println!(
-        "| frames | dots found | false a frame | told right | told wrong | not told | mean error | median |"
+        "| frames | dots found | false per frame | correct | wrong | rejected | mean error | median |"
     );
     println!("|---|---|---|---|---|---|---|---|");
-    line("all", judged, |_| true);
+    line("all", outcomes, |_| true);
     for [low, high] in [[40, 60], [60, 80], [80, 120], [120, 201]] {
-        line(&format!("{low} to {} px", high - 1), judged, |j| {
+        line(&format!("{low} to {} px", high - 1), outcomes, |j| {
             (low..high).contains(&j.side)
         });
     }
@@ -137,34 +138,38 @@ fn tables(judged: &[Judged]) {
             100.0 * low,
             100.0 * high
         );
-        line(&name, judged, |j| j.blur >= low && j.blur < high);
+        line(&name, outcomes, |j| j.blur >= low && j.blur < high);
     }
-    line("with a logo", judged, |j| j.has_logo);
-    line("without", judged, |j| !j.has_logo);
+    line("with a logo", outcomes, |j| j.has_logo);
+    line("without", outcomes, |j| !j.has_logo);
     let mut reasons = BTreeMap::<String, usize>::new();
-    for rejection in judged.iter().filter_map(|j| j.rejection) {
+    for rejection in outcomes.iter().filter_map(|j| j.rejection) {
         let words = rejection.to_string();
-        // Without the figures, so that like reasons count together.
+        // Without the values, so that equal reasons count together.
         let words = words
             .split(|c: char| c.is_ascii_digit())
             .next()
             .unwrap_or_default();
         *reasons.entry(words.to_owned()).or_default() += 1;
     }
-    println!("\nNot told: {reasons:?}");
-    println!("\n| confidence | frames | right |\n|---|---|---|");
+    println!("\nRejected: {reasons:?}");
+    println!("\n| confidence | frames | correct |\n|---|---|---|");
     for [low, high] in [[0.5, 0.7], [0.7, 0.9], [0.9, 0.99], [0.99, 1.01]] {
-        let told: Vec<_> = judged
+        let estimated: Vec<_> = outcomes
             .iter()
             .filter_map(|j| Some((j.error_deg?, j.confidence)))
             .filter(|(_, c)| *c >= low && *c < high)
             .collect();
-        let right = told.iter().filter(|(e, _)| *e < FAILURE_DEG).count() as u64;
-        let rate = Proportion::new(right, told.len() as u64);
-        println!("| {low} to {high:.2} | {} | {rate} |", told.len());
+        let correct = estimated.iter().filter(|(e, _)| *e < FAILURE_DEG).count() as u64;
+        let rate = Proportion::new(correct, estimated.len() as u64);
+        println!("| {low} to {high:.2} | {} | {rate} |", estimated.len());
     }
-    let median = |value: &dyn Fn(&Judged) -> f64| {
-        let mut values: Vec<f64> = judged.iter().map(value).filter(|x| x.is_finite()).collect();
+    let median = |value: &dyn Fn(&Outcome) -> f64| {
+        let mut values: Vec<f64> = outcomes
+            .iter()
+            .map(value)
+            .filter(|x| x.is_finite())
+            .collect();
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
     };
@@ -178,29 +183,29 @@ fn tables(judged: &[Judged]) {
     );
 }
 
-fn line(name: &str, judged: &[Judged], choose: impl Fn(&Judged) -> bool) {
-    let some: Vec<&Judged> = judged.iter().filter(|j| choose(j)).collect();
+fn line(name: &str, outcomes: &[Outcome], choose: impl Fn(&Outcome) -> bool) {
+    let some: Vec<&Outcome> = outcomes.iter().filter(|j| choose(j)).collect();
     if some.is_empty() {
         return;
     }
     let n = some.len() as u64;
-    let sum = |value: fn(&Judged) -> usize| some.iter().map(|j| value(j)).sum::<usize>();
+    let sum = |value: fn(&Outcome) -> usize| some.iter().map(|j| value(j)).sum::<usize>();
     let mut errors: Vec<f64> = some
         .iter()
         .filter_map(|j| j.error_deg)
         .filter(|e| *e < FAILURE_DEG)
         .collect();
     errors.sort_by(f64::total_cmp);
-    let told = some.iter().filter(|j| j.error_deg.is_some()).count() as u64;
-    let right = errors.len() as u64;
+    let estimated = some.iter().filter(|j| j.error_deg.is_some()).count() as u64;
+    let correct = errors.len() as u64;
     println!(
         "| {name}: {n} | {:.2} % | {:.3} | {} | {} | {} | {:.2} deg | {:.2} deg |",
         100.0 * sum(|j| j.found) as f64 / sum(|j| j.visible).max(1) as f64,
         sum(|j| j.false_dots) as f64 / n as f64,
-        Proportion::new(right, n),
-        Proportion::new(told - right, n),
-        Proportion::new(n - told, n),
-        errors.iter().sum::<f64>() / right.max(1) as f64,
+        Proportion::new(correct, n),
+        Proportion::new(estimated - correct, n),
+        Proportion::new(n - estimated, n),
+        errors.iter().sum::<f64>() / correct.max(1) as f64,
         errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN),
     );
 }

@@ -1,14 +1,14 @@
-//! The study that chose the default objective: how well does each objective predict the failure rate
-//! that is measured?
+//! The study that selected the default objective: how well does each objective predict the measured
+//! failure rate?
 //!
 //! `cargo run --release -p spindoe-studies --bin objective_study -- [OUT_DIR] [PATTERNS] [TRIALS]`
 //!
 //! Patterns of 20 dots in three groups: random ones; random ones after a few descent steps on an
-//! objective that takes turns (good patterns are what a search must distinguish); and, among the last,
-//! those below the median failure rate. For each group the rank correlation (Spearman) of each value with
-//! the measured failures of the `sparse` protocol, and a scatter plot. 95 % intervals are Fisher's, with
-//! the variance 1.06 / (n - 3) of rank correlations (E. C. Fieller, H. O. Hartley, E. S. Pearson, "Tests
-//! for rank correlation coefficients I", Biometrika 44, 1957).
+//! objective that takes turns (good patterns are what a search must distinguish); and, among the
+//! last, those below the median failure rate. For each group the rank correlation (Spearman) of
+//! each value with the measured failures of the `sparse` protocol, and a scatter plot. 95 %
+//! intervals are Fisher's, with the variance 1.06 / (n - 3) of rank correlations (E. C. Fieller, H.
+//! O. Hartley, E. S. Pearson, "Tests for rank correlation coefficients I", Biometrika 44, 1957).
 
 use std::path::PathBuf;
 

@@ -1,7 +1,8 @@
-//! Measures both spin estimators on simulated sequences and prints what they reach, with intervals:
-//! `cargo run --release --example spin_targets [SEQUENCES [SEED]]` (10 000 and 1 by default).
+//! Measures both spin estimators on simulated sequences and prints their rates and errors with
+//! intervals: `cargo run --release -p spindoe-studies --bin spin_targets [SEQUENCES [SEED]]` (10
+//! 000 and 1 by default).
 //!
-//! Rates carry Wilson's 95 % interval, other figures 1.96 standard errors of their mean.
+//! Rates have Wilson's 95 % interval, other values 1.96 standard errors of their mean.
 
 use std::time::Instant;
 
@@ -15,8 +16,8 @@ use spindoe::spin::simulate::{Drops, Scenario, Sequence};
 use spindoe::spin::{Fit, SpinRejection};
 use spindoe::validate::{Proportion, median};
 
-/// A spin is right within this fraction of its magnitude.
-const RIGHT: f64 = 0.2;
+/// A spin is correct within this fraction of its magnitude.
+const CORRECT: f64 = 0.2;
 /// Half-width of a 95 % interval in standard errors.
 const Z95: f64 = 1.96;
 
@@ -31,9 +32,9 @@ struct Line {
 /// One method's answer to one sequence.
 #[derive(Clone, Copy)]
 struct Answer {
-    /// Length of the error vector over the true magnitude; infinite for a refusal.
+    /// Length of the error vector over the true magnitude; infinite for a rejection.
     vector: f64,
-    /// Error of the magnitude over the true magnitude, likewise.
+    /// Error of the magnitude over the true magnitude; infinite for a rejection.
     magnitude: f64,
     /// Squared length of the error vector, (rad/s)^2.
     square: f64,
@@ -41,13 +42,14 @@ struct Answer {
     normalized: Option<f64>,
 }
 
-/// One sequence's answers and what its bound allows.
+/// One sequence's answers and its bound.
 struct Outcome {
     robust: Answer,
     quatera: Answer,
-    /// Expected squared error at the bound, (rad/s)^2; none where the right frames fix no spin.
+    /// Expected squared error at the bound, (rad/s)^2; none where the correct frames do not
+    /// determine a spin.
     bound: Option<f64>,
-    /// Probability of a right vector at the bound.
+    /// Probability of a correct vector at the bound.
     allowed: f64,
 }
 
@@ -141,19 +143,19 @@ fn measure(line: &Line, seed: u64, sequences: u64) -> Vec<Outcome> {
             let sequence = line.scenario.sequence(line.rps, seed, i);
             let truth = sequence.truth.spin;
             let sigma = line.scenario.sigma_rad;
-            let right = |k: usize| !sequence.outlier[k];
-            let bound = SpinBound::of(&truth, &sequence.measurements, sigma, right);
+            let correct = |k: usize| !sequence.outlier[k];
+            let bound = SpinBound::of(&truth, &sequence.measurements, sigma, correct);
             Outcome {
-                robust: judge(robust.fit(&sequence.measurements), &sequence),
-                quatera: judge(quatera.fit(&sequence.measurements), &sequence),
+                robust: evaluate(robust.fit(&sequence.measurements), &sequence),
+                quatera: evaluate(quatera.fit(&sequence.measurements), &sequence),
                 bound: bound.map(|b| b.mean_square()),
-                allowed: bound.map_or(0.0, |b| b.probability_within(RIGHT * truth.norm())),
+                allowed: bound.map_or(0.0, |b| b.probability_within(CORRECT * truth.norm())),
             }
         })
         .collect()
 }
 
-fn judge(fit: Result<Fit, SpinRejection>, sequence: &Sequence) -> Answer {
+fn evaluate(fit: Result<Fit, SpinRejection>, sequence: &Sequence) -> Answer {
     let truth = sequence.truth.spin;
     let Ok(fit) = fit else {
         return Answer {
@@ -190,16 +192,16 @@ fn print(line: &Line, outcomes: &[Outcome]) {
         ("robust ", |o| o.robust),
     ] {
         let rate = |error: fn(&Answer) -> f64| {
-            let right = outcomes
+            let correct = outcomes
                 .iter()
-                .filter(|o| error(&answer(o)) < RIGHT)
+                .filter(|o| error(&answer(o)) < CORRECT)
                 .count();
-            Proportion::new(right as u64, outcomes.len() as u64)
+            Proportion::new(correct as u64, outcomes.len() as u64)
         };
         let mut magnitudes: Vec<f64> = outcomes.iter().map(|o| answer(o).magnitude).collect();
-        let refused = magnitudes.iter().filter(|m| m.is_infinite()).count();
+        let rejected = magnitudes.iter().filter(|m| m.is_infinite()).count();
         println!(
-            "  {method}  vector {}  magnitude {}  median magnitude error {:.3} %  refused {refused}",
+            "  {method}  vector {}  magnitude {}  median magnitude error {:.3} %  rejected {rejected}",
             rate(|a| a.vector),
             rate(|a| a.magnitude),
             100.0 * median(&mut magnitudes),
@@ -212,22 +214,22 @@ fn print(line: &Line, outcomes: &[Outcome]) {
         100.0 * half
     );
     let good = || {
-        let right = outcomes.iter().filter(|o| o.robust.vector < RIGHT);
-        right.filter_map(|o| Some((o.robust, o.bound?)))
+        let correct = outcomes.iter().filter(|o| o.robust.vector < CORRECT);
+        correct.filter_map(|o| Some((o.robust, o.bound?)))
     };
     let (square, half) = mean(good().map(|(a, _)| a.square));
     let (bound, _) = mean(good().map(|(_, b)| b));
     let ratio = (square / bound).sqrt();
     let (variance, spread) = mean(good().filter_map(|(a, _)| a.normalized));
     println!(
-        "  robust, right ones: RMS error / bound {ratio:.3} +- {:.3}, variance of normalized errors \
+        "  robust, correct ones: RMS error / bound {ratio:.3} +- {:.3}, variance of normalized errors \
          {variance:.3} +- {spread:.3}",
         0.5 * ratio * half / square,
     );
 }
 
-/// Spins of 200 to 300 rps at 350 frames per second, searched up to 350 rps: how often the estimate is
-/// right, and how often the truth is the estimate or listed as its equal.
+/// Spins of 200 to 300 rps at 350 frames per second, searched up to 350 rps: how often the estimate
+/// is correct, and how often the truth is the estimate or listed as its equal.
 fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
     let scenario = Scenario {
         jitter,
@@ -244,14 +246,14 @@ fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
             |robust, i| {
                 let sequence = scenario.sequence((200.0, 300.0), seed, i);
                 let truth = sequence.truth.spin;
-                let near = |spin: &Vec3| (spin - truth).norm() < RIGHT * truth.norm();
+                let near = |spin: &Vec3| (spin - truth).norm() < CORRECT * truth.norm();
                 let Ok(fit) = robust.fit(&sequence.measurements) else {
                     return (false, false);
                 };
                 let others = alternatives(&sequence.measurements, &fit, &AliasConfig::default());
                 let equal = |a: &Alternative| a.log_likelihood_ratio.abs() < 1.0 && near(&a.spin);
-                let right = near(&fit.motion.spin);
-                (right, right || others.iter().any(equal))
+                let correct = near(&fit.motion.spin);
+                (correct, correct || others.iter().any(equal))
             },
         )
         .collect();
@@ -260,14 +262,14 @@ fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
         Proportion::new(successes as u64, sequences)
     };
     println!(
-        "200-300 rps, searched to 350, times off the even grid by {jitter} intervals: right {}, right or \
+        "200-300 rps, searched to 350, times off the even grid by {jitter} intervals: correct {}, correct or \
          reported as a tie {}",
         rate(|f| f.0),
         rate(|f| f.1)
     );
 }
 
-/// How often random orientations pass for a spin.
+/// How often random orientations yield a spin.
 fn measure_strays(frames: usize, seed: u64, sequences: u64) {
     let scenario = Scenario {
         frames,

@@ -1,7 +1,8 @@
 //! Stencils of many random patterns, for `python/check_stencils.py` to examine.
 //!
-//! `stencil_survey COUNT DIR [FIRST_SEED]` writes `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json,
-//! pattern.csv}` for each pattern that is not refused, and one line of `DIR/survey.csv` for every pattern.
+//! `stencil_survey COUNT DIR [FIRST_SEED]` writes
+//! `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json, pattern.csv}` for each pattern that
+//! is not rejected, and one line of `DIR/survey.csv` for every pattern.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -12,8 +13,8 @@ use spindoe::pattern::Pattern;
 use spindoe::stencil::{Stencil, StencilConfig};
 use spindoe::{Error, Result};
 
-/// `n` dots, each the one of `tries` random directions that is farthest from those before it: one try
-/// gives a uniform pattern, many an even one.
+/// `n` dots, each the one of `tries` random directions that is farthest from those before it: one
+/// try gives a uniform pattern, many an even one.
 fn random_pattern(n: usize, tries: usize, rng: &mut impl Rng) -> Result<Pattern> {
     let mut dots: Vec<Vec3> = Vec::new();
     while dots.len() < n {
@@ -33,7 +34,7 @@ fn random_pattern(n: usize, tries: usize, rng: &mut impl Rng) -> Result<Pattern>
     Pattern::new(dots)
 }
 
-/// Sizes as users might choose them, good and bad.
+/// Sizes as users might choose them, valid and invalid.
 fn random_config(rng: &mut impl Rng) -> StencilConfig {
     let balls = [40.0, 40.3, 40.6, 67.0, 220.0, rng.random_range(25.0..100.0)];
     let ball_diameter_mm = balls[rng.random_range(0..balls.len())];

@@ -1,17 +1,19 @@
-//! The table of the targets: five patterns of 20 dots on the same trials of a seed that nothing else uses.
+//! The table of the targets: five patterns of 20 dots on the same trials of a seed with no other
+//! use.
 //!
-//! `cargo run --release -p spindoe-studies --bin targets_table -- OUT_DIR OURS.csv [PUBLISHED.csv] [TRIALS]`
+//! `cargo run --release -p spindoe-studies --bin targets_table -- OUT_DIR OURS.csv [PUBLISHED.csv]
+//! [TRIALS]`
 //!
-//! Beside ours and the published pattern it makes, and leaves in `OUT_DIR`:
+//! Beside the own and the published pattern it makes, and writes to `OUT_DIR`:
 //!
-//! - `random.csv`: directions uniform on the sphere, whatever their separation,
-//! - `spread.csv`: twenty charges at rest (the Thomson problem), the best of eight,
-//! - `mean-nn.csv`: the best of sixteen descents on the paper's objective, by that objective, under the
-//!   default demands.
+//! - `random.csv`: directions uniform on the sphere, with any separation,
+//! - `spread.csv`: twenty charges in equilibrium (the Thomson problem), the best of eight,
+//! - `mean-nn.csv`: the best of sixteen descents on the paper's objective, by that objective, under
+//!   the default constraints.
 //!
-//! Rates have Wilson's 95 % interval; the share of failures against the first pattern has that of a ratio
-//! of paired proportions on a logarithmic scale, with variance `(b + c) / (f g)` for `f` and `g` failures of
-//! which `b` and `c` are one pattern's alone.
+//! Rates have Wilson's 95 % interval; the share of failures against the first pattern has that of a
+//! ratio of paired proportions on a logarithmic scale, with variance `(b + c) / (f g)` for `f` and
+//! `g` failures of which `b` and `c` are one pattern's alone.
 
 use std::path::{Path, PathBuf};
 
@@ -34,7 +36,7 @@ const PATTERN_SEED: u64 = 2_026_003;
 const TRIAL_SEED: u64 = 20_261_123;
 const DOTS: usize = 20;
 
-/// The descent of least cost from some random starts.
+/// The descent of minimum cost from some random starts.
 fn best_of<C: Cost>(
     cost: &C,
     constraints: &Constraints,

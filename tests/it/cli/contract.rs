@@ -164,7 +164,7 @@ fn many_dots_get_an_objective_that_suits_them() {
     refused(
         dir,
         &confusion,
-        "confusion is worked out for at most 24 dots, found 25",
+        "confusion is computed for at most 24 dots, found 25",
     );
     let pattern = crate::common::random_pattern(64, 5);
     pattern.write_csv(&dir.join("many.csv")).unwrap();

@@ -437,7 +437,7 @@ fn infeasible_demands_are_refused_before_a_search() {
         },
         20,
     );
-    assert!(words.contains("what was reached"), "{words}");
+    assert!(words.contains("the closest attempt has"), "{words}");
     assert!(Constraints::default().check_feasible(20).is_ok());
 }
 

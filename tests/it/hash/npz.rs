@@ -482,7 +482,7 @@ fn truncated_and_corrupt_files_are_refused() {
         check_error(
             &load(text).expect_err("refused"),
             "archive",
-            "not a whole .npz file",
+            "not a complete .npz file",
         );
     }
     for length in (0..bytes.len()).step_by(bytes.len() / 97) {

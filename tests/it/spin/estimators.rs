@@ -260,7 +260,7 @@ fn survives_a_third_of_strays_and_half_of_the_frames() {
 }
 
 #[test]
-fn the_noise_is_learnt_from_the_residuals() {
+fn the_noise_is_learned_from_the_residuals() {
     for (degrees, seed) in [(1.0, 28), (4.0, 29)] {
         let scenario = Scenario {
             frames: 60,

@@ -1,4 +1,4 @@
-//! Is the confidence what it says? Predicted against observed.
+//! Calibration of the confidence: predicted against observed rates.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -16,11 +16,11 @@ use crate::{Bench, SEED};
 const EDGES: [f64; 12] = [
     0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.99, 1.0001,
 ];
-/// Bins with fewer answers say nothing.
+/// Bins with fewer answers are not printed.
 const MIN: u64 = 30;
 const SURE: f64 = 0.99;
 
-/// A prediction and whether it came true.
+/// A prediction and whether it was correct.
 type Answer = (f64, bool);
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
@@ -82,7 +82,7 @@ fn random_dots(bench: &Bench, protocol: &Protocol) -> spindoe::Result<Vec<Answer
             continue;
         }
         for dot in &mut trial.dots {
-            // The uncertainty stays: its shape is a little off, as a null ball's would be.
+            // The uncertainty stays: its shape differs slightly from that of a null ball.
             dot.direction = random_direction_above(&mut rng, protocol.visibility_limit);
         }
         let done = robust.identify_into(&trial.dots, &mut ws, &mut out);
@@ -109,8 +109,8 @@ fn curve(name: &str, answers: &[Answer]) -> RateSeries {
             .iter()
             .filter(|a| (edge[0]..edge[1]).contains(&a.0))
             .collect();
-        let right = bin.iter().filter(|a| a.1).count() as u64;
-        let rate = Proportion::new(right, bin.len() as u64);
+        let correct = bin.iter().filter(|a| a.1).count() as u64;
+        let rate = Proportion::new(correct, bin.len() as u64);
         (rate.trials >= MIN).then(|| RatePoint {
             x: bin.iter().map(|a| a.0).sum::<f64>() / bin.len() as f64,
             rate: rate.rate,

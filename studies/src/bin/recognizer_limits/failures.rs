@@ -1,4 +1,4 @@
-//! What fails still: whether the likelihood or the search is to blame, and pictures.
+//! Remaining failures: whether the likelihood or the search causes them, and pictures.
 
 use spindoe::geometry::{angle_between, rotation_angle};
 use spindoe::plot::{RecognitionView, recognition_views};
@@ -10,25 +10,25 @@ use crate::{Bench, SEED, degrees};
 
 /// Failing views drawn for each protocol.
 const DRAWN: usize = 3;
-/// More trials than this are not searched for failures.
+/// Maximum number of trials that are searched for failures.
 const MAX_TRIALS: u64 = 1_000_000;
-/// Nats by which the truth must be better for the search to count as at fault.
+/// Nats by which the truth must be better for the failure to count as the search's.
 const CLEAR: f64 = 0.01;
 
-/// A failing view, examined.
+/// A failing view with its cause.
 struct Failure {
     sentence: String,
     view: RecognitionView,
 }
 
-/// How failures divide.
+/// Causes of the failures.
 #[derive(Default)]
 struct Blame {
     /// The answer explains the dots better than the truth.
     likelihood: usize,
     /// The truth is better, and was not found.
     search: usize,
-    /// Right pose, single dots wrong.
+    /// Correct pose, single dots wrong.
     dots: usize,
 }
 
@@ -48,7 +48,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
         println!("### {name} ({sigma:.1} deg)\n");
         println!(
             "Of {trials} trials, wrong pose: {} where the answer explains the dots better than the \
-             truth, {} where the search missed the better truth; right pose, single dots wrong: {}.\n",
+             truth, {} where the search missed the better truth; correct pose, single dots wrong: {}.\n",
             blame.likelihood, blame.search, blame.dots
         );
         for (k, failure) in failures.iter().enumerate() {
@@ -65,7 +65,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
     Ok(())
 }
 
-/// Goes through the trials, and beyond them until enough views have failed; wrong poses are drawn first.
+/// Evaluates the trials, and more until enough views have failed; wrong poses are drawn first.
 fn examine(bench: &Bench, protocol: &Protocol) -> spindoe::Result<(Vec<Failure>, Blame, u64)> {
     let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
     let mut generator = TrialGenerator::new(bench.pattern(), *protocol, SEED);
@@ -109,7 +109,7 @@ fn examine(bench: &Bench, protocol: &Protocol) -> spindoe::Result<(Vec<Failure>,
             list.push(failure);
         }
     }
-    // Two of the graver kind and one of the lighter, where there are both.
+    // Two of the graver kind and one of the lighter, where both exist.
     poses.truncate(if dots.is_empty() { DRAWN } else { DRAWN - 1 });
     poses.extend(dots);
     poses.truncate(DRAWN);
@@ -131,7 +131,7 @@ fn about_pose(
     let at_fault = if worse > -CLEAR {
         blame.likelihood += 1;
         format!(
-            "{:.1} nats better than the truth does: no recognizer that goes by the likelihood can tell",
+            "{:.1} nats better than the truth does: no recognizer based on the likelihood can correct that",
             worse.max(0.0)
         )
     } else {
@@ -179,7 +179,7 @@ fn about_dots(bench: &Bench, trial: &Trial, answer: &Identification) -> String {
         }
     }
     format!(
-        "right pose, but {} (confidence {:.2}).",
+        "correct pose, but {} (confidence {:.2}).",
         parts.join(", and "),
         answer.confidence
     )

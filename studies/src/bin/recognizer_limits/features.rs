@@ -1,4 +1,4 @@
-//! What the uncertainty of each dot gains, and what a hint does.
+//! The gain from each dot's own uncertainty, and the effect of a hint.
 
 use std::time::Instant;
 
@@ -23,7 +23,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
     mirrored(bench)
 }
 
-/// Tells the robust recognizer the same standard deviation for every dot.
+/// Gives the robust recognizer the same standard deviation for every dot.
 struct Alike {
     robust: RobustRecognizer,
     sigma_rad: f64,
@@ -59,13 +59,13 @@ impl Recognizer for Alike {
 
 fn uncertainty(bench: &Bench) -> spindoe::Result<()> {
     println!("## Uncertainty per dot, protocol `image`\n");
-    println!("| told | identity % | orientation % | mean error deg |");
+    println!("| given | identity % | orientation % | mean error deg |");
     println!("|---|---|---|---|");
     let protocol = Protocol::standard(ProtocolName::Image);
     let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
-    let print = |told: &str, v: &spindoe::validate::Validation| {
+    let print = |given: &str, v: &spindoe::validate::Validation| {
         println!(
-            "| {told} | {} | {} | {:.3} |",
+            "| {given} | {} | {} | {:.3} |",
             v.identity, v.orientation, v.mean_error_deg
         );
     };
@@ -77,20 +77,20 @@ fn uncertainty(bench: &Bench) -> spindoe::Result<()> {
             sigma_rad: factor * protocol.sigma_rad(),
         };
         let v = validate(bench.pattern(), &alike, &protocol, SEED, bench.trials)?;
-        let told = format!("{factor} px over the radius for all dots");
-        print(&told, &v);
+        let given = format!("{factor} px over the radius for all dots");
+        print(&given, &v);
     }
     println!();
     Ok(())
 }
 
-/// What is told beside the dots.
+/// Prior knowledge beside the dots.
 #[derive(Clone, Copy)]
 enum PoseHypothesis {
     Nothing,
     /// The true orientation, off by N(0, sigma) about each axis.
     Near(f64),
-    /// A random orientation, said to be as good as this.
+    /// A random orientation, with the same stated uncertainty.
     Wrong(f64),
 }
 
@@ -114,18 +114,18 @@ fn hints(bench: &Bench) -> spindoe::Result<()> {
     for (name, protocol) in all {
         let rows = [
             ("none", PoseHypothesis::Nothing),
-            ("right within 5 deg per axis", PoseHypothesis::Near(5.0)),
-            ("right within 10 deg per axis", PoseHypothesis::Near(10.0)),
+            ("correct within 5 deg per axis", PoseHypothesis::Near(5.0)),
+            ("correct within 10 deg per axis", PoseHypothesis::Near(10.0)),
             (
-                "wrong, said to be within 10 deg",
+                "wrong, stated as within 10 deg",
                 PoseHypothesis::Wrong(10.0),
             ),
         ];
-        for (hint, told) in rows {
-            if protocol.min_dots == 2 && matches!(told, PoseHypothesis::Nothing) {
+        for (hint, given) in rows {
+            if protocol.min_dots == 2 && matches!(given, PoseHypothesis::Nothing) {
                 continue;
             }
-            hinted_row(bench, (name, hint), &protocol, told)?;
+            hinted_row(bench, (name, hint), &protocol, given)?;
         }
     }
     println!();
@@ -136,17 +136,17 @@ fn hinted_row(
     bench: &Bench,
     (name, hint): (&str, &str),
     protocol: &Protocol,
-    told: PoseHypothesis,
+    given: PoseHypothesis,
 ) -> spindoe::Result<()> {
     let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
     let mut generator = TrialGenerator::new(bench.pattern(), *protocol, SEED);
     let mut rng = ChaCha8Rng::seed_from_u64(SEED ^ 0x0041_1171);
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
     let mut out = Identification::default();
-    let (mut right, mut times) = (0, Vec::new());
+    let (mut correct, mut times) = (0, Vec::new());
     for index in 0..bench.trials {
         generator.generate(index, &mut trial);
-        let hint = match told {
+        let hint = match given {
             PoseHypothesis::Nothing => None,
             PoseHypothesis::Near(deg) => {
                 let e = Vec3::from_fn(|_, _| StandardNormal.sample(&mut rng)) * deg.to_radians();
@@ -167,9 +167,9 @@ fn hinted_row(
         };
         times.push(start.elapsed().as_nanos() as f64 / 1000.0);
         let error = rotation_angle(&out.rotation, &trial.rotation);
-        right += u64::from(done.is_ok() && error < ORIENTATION_FAILURE_RAD);
+        correct += u64::from(done.is_ok() && error < ORIENTATION_FAILURE_RAD);
     }
-    let rate = Proportion::new(right, times.len() as u64);
+    let rate = Proportion::new(correct, times.len() as u64);
     let mean = times.iter().sum::<f64>() / times.len() as f64;
     println!(
         "| {name} | {hint} | {rate} | {:.1} | {mean:.1} |",
@@ -197,7 +197,7 @@ fn mirrored(bench: &Bench) -> spindoe::Result<()> {
             }
             trials += 1;
             for said in &mut said {
-                // The first time as in a mirror, the second as it is.
+                // The first time mirrored, the second time unchanged.
                 trial.dots.iter_mut().for_each(flip);
                 let outcome = robust.identify_into(&trial.dots, &mut ws, &mut out);
                 *said += u64::from(outcome == Err(RecognizerRejection::Mirrored));

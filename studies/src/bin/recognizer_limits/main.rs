@@ -1,10 +1,10 @@
-//! The recognizers measured: rates, orientation errors against the bound, calibration, what single
-//! features gain, and what fails still.
+//! Measurement of the recognizers: rates, orientation errors against the bound, calibration, the
+//! gain of single features, and the remaining failures.
 //!
-//!     cargo run --release --example recognizer_limits -- PATTERN.csv OUT_DIR [TRIALS]
+//!     cargo run --release -p spindoe-studies --bin recognizer_limits -- PATTERN.csv OUT_DIR [TRIALS]
 //!
-//! Prints Markdown and leaves plots in `OUT_DIR`. All trials are drawn from [`SEED`], which no parameter
-//! was tuned on.
+//! Prints Markdown and writes plots to `OUT_DIR`. All trials are drawn from [`SEED`], on which no
+//! parameter was tuned.
 
 mod calibration;
 mod failures;
@@ -20,7 +20,7 @@ use spindoe::validate::{Protocol, ProtocolName};
 /// Seed of all trials.
 const SEED: u64 = 20_261_121;
 
-/// What every part needs.
+/// The inputs of every part.
 struct Bench {
     table: HashTable,
     out: PathBuf,
@@ -38,7 +38,7 @@ fn degrees(protocol: Protocol, sigma_deg: f64) -> Protocol {
     protocol.with_sigma_rad(sigma_deg.to_radians())
 }
 
-/// All that are reported, by name.
+/// All reported protocols, by name.
 fn protocols() -> Vec<(&'static str, Protocol)> {
     let [paper, sparse, clutter, image] = ProtocolName::ALL.map(Protocol::standard);
     let missed = Protocol {

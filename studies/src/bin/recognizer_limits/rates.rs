@@ -24,7 +24,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
         };
         let robust = RobustRecognizer::new(bench.pattern(), config)?;
         let found = run_trials(bench.pattern(), &robust, &protocol, SEED, bench.trials)?;
-        row(name, "robust, told the mean only", &found, &protocol);
+        row(name, "robust, given the mean only", &found, &protocol);
     }
     println!("\n## Orientation error of the successes against the bound\n");
     println!("| protocol | mean error deg | bound deg | ratio |");
@@ -51,7 +51,7 @@ fn row(name: &str, recognizer: &str, found: &[TrialResult], protocol: &Protocol)
     );
 }
 
-/// Mean error over the orientation successes, and the mean of what the same views' real dots allow.
+/// Mean error over the orientation successes, and the mean bound of the same views' real dots.
 fn against_bound(bench: &Bench, name: &str, protocol: &Protocol) -> spindoe::Result<()> {
     let robust = RecognizerName::Robust;
     let found = run_named(&bench.table, robust, protocol, SEED, bench.trials)?;
