@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Reads what `spindoe mark` wrote with other people's readers, and lays its dots back on the ball.
+"""Reads the files of `spindoe mark` with independent readers, and maps their dots back onto the ball.
 
     check_marks.py PATTERN.csv FILE...
 
@@ -36,7 +36,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 class Faults(list):
-    """Collects what is wrong."""
+    """Collects faults."""
 
     def expect(self, good, words):
         if not good:
@@ -293,7 +293,7 @@ def check_paths(paths, pattern, note, faults):
             np.cos(t)[:, None] * e[0] + np.sin(t)[:, None] * e[1])
         ends = np.vstack([0.5 * (p[1:] + p[:-1]) for p in parts] + [v])
         gap = radius * np.min(np.linalg.norm(inside[:, None] - ends[None], axis=2), axis=1)
-        faults.expect(gap.max() < 0.5 * pen + 0.1, f"dot {dot}: {gap.max():.2f} mm from the pen's way")
+        faults.expect(gap.max() < 0.5 * pen + 0.1, f"dot {dot}: {gap.max():.2f} mm from the pen's path")
     return worst
 
 
@@ -341,7 +341,7 @@ class Gcode:
 
 
 def check(path, pattern):
-    """What is wrong with a file, its kind, and the greatest distance of a dot from its place, mm."""
+    """The faults of a file, its kind, and the maximum distance of a dot from its place, mm."""
     faults = Faults()
     if path.suffix == ".gcode":
         program = Gcode(path.read_text(), faults)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Examines stencils with tools that know nothing of the crate: trimesh, lib3mf, Manifold, admesh, PrusaSlicer.
+"""Examines stencils with tools that are independent of the crate: trimesh, lib3mf, Manifold, admesh, PrusaSlicer.
 
     check_stencils.py DIR [--slicer N] [--jobs N] [--json FILE]
 
@@ -247,7 +247,7 @@ def slicer_manifold(path):
 
 
 def threemf_faults(path, halves):
-    """What is wrong with a 3MF file that should hold `halves`, as trimesh and lib3mf read it."""
+    """The faults of a 3MF file that should hold `halves`, as trimesh and lib3mf read it."""
     faults = []
     scene = trimesh.load_scene(path)
     parts = sorted(scene.dump(), key=lambda part: part.bounds[0][0])
@@ -279,7 +279,7 @@ def threemf_faults(path, halves):
 
 
 def check(job):
-    """Examines one folder; returns its figures and a list of faults."""
+    """Examines one folder; returns its values and a list of faults."""
     folder, with_slicer = job
     info = json.loads((folder / "stencil.json").read_text())
     s = Sizes(info)
@@ -348,7 +348,7 @@ def main():
     parser.add_argument("dir", type=Path)
     parser.add_argument("--slicer", type=int, default=0, help="stencils that PrusaSlicer examines too")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--json", type=Path, help="keep every stencil's figures here; what it holds already is not examined again")
+    parser.add_argument("--json", type=Path, help="keep every stencil's values here; stencils that it already holds are skipped")
     options = parser.parse_args()
     folders = sorted((p.parent for p in options.dir.glob("*/stencil.json")), key=lambda p: int(p.name))
     rows = []
@@ -367,17 +367,17 @@ def main():
 
 
 def count_outcomes(path):
-    """Prints how many patterns were built, and how many refused for which reason."""
+    """Prints how many patterns were built, and how many rejected for which reason."""
     with path.open() as file:
         lines = list(csv.DictReader(file))
     outcomes = collections.Counter(line["outcome"] for line in lines)
     print(f"{len(lines)} patterns: " + ", ".join(f"{n} {name}" for name, n in outcomes.most_common()))
     seconds = [float(line["seconds"]) for line in lines if line["outcome"] == "built"]
-    print(f"seconds a stencil: median {np.median(seconds):.2f}, most {max(seconds):.2f}")
+    print(f"seconds a stencil: median {np.median(seconds):.2f}, maximum {max(seconds):.2f}")
 
 
 def summarize(rows):
-    """Prints what was found; 1 where something is wrong, else 0."""
+    """Prints the results; returns 1 where there are faults, else 0."""
     faulty = [row for row in rows if row["faults"]]
     for row in faulty:
         print(f"{row['folder']}: {'; '.join(row['faults'])}")
@@ -388,16 +388,16 @@ def summarize(rows):
                for half in ("half_a", "half_b")]
         if off:
             print(f"volume against quadrature, {name} numbers: {min(off):+.3f} to {max(off):+.3f} %")
-    print(f"greatest overlap of the halves, closed or opened: {max(r['overlap_mm3'] for r in rows):.4f} mm^3")
-    print(f"greatest overlap with the ball: {max(r['ball_mm3'] for r in rows):.4f} mm^3")
+    print(f"maximum overlap of the halves, closed or opened: {max(r['overlap_mm3'] for r in rows):.4f} mm^3")
+    print(f"maximum overlap with the ball: {max(r['ball_mm3'] for r in rows):.4f} mm^3")
     print(f"holes blocked: {sum(r['blocked_rays'] for r in rows)} of {sum(r['dots'] for r in rows)}; "
           f"rays beside holes that meet no wall: {sum(r['missed_rays'] for r in rows)}")
-    print(f"greatest offset of a hole's center: {max(r['center_mm'] for r in rows):.4f} mm")
-    print(f"triangles a half: median {np.median(both('triangles')):.0f}, most {both('triangles').max()}; "
+    print(f"maximum offset of a hole's center: {max(r['center_mm'] for r in rows):.4f} mm")
+    print(f"triangles a half: median {np.median(both('triangles')):.0f}, maximum {both('triangles').max()}; "
           f"largest STL {both('bytes').max() / 1024:.0f} KiB")
     print(f"share of triangles under 1 degree: mean {100 * both('share_under_1_deg').mean():.3f} %, "
-          f"most {100 * both('share_under_1_deg').max():.2f} %; "
-          f"least angle: median {np.median(both('least_angle_deg')):.2f} degrees")
+          f"maximum {100 * both('share_under_1_deg').max():.2f} %; "
+          f"minimum angle: median {np.median(both('least_angle_deg')):.2f} degrees")
     return 1 if faulty else 0
 
 

@@ -22,7 +22,7 @@ import zipfile
 RENAMED = {"figure": "value", "figure_before": "value_before", "most_grey": "max_background"}
 RESPELLED = {
     "recogniser": "recognizer", "least_": "min_", "most_": "max_", "centre": "center",
-    "colour": "color", "grey": "gray",
+    "colour": "color", "grey": "gray", "millimetre": "millimeter",
 }
 # Clock times, and what a new version writes by intent.
 IGNORED = {

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Reads a hash table with NumPy alone, checks it, and looks a view up in it.
+"""Reads a hash table with NumPy alone, checks it, and identifies a view with it.
 
     python3 python/read_table.py table.npz
 
-What an estimator written in Python needs: the arrays, how a feature is made, and a nearest-neighbour
+It shows what an estimator in Python needs: the arrays, how a feature is made, and a nearest-neighbor
 search. The identification itself is best left to `spindoe identify`, which knows missed and false dots.
 """
 
@@ -30,7 +30,7 @@ def main(path):
     for h, (i, j), k in zip(features, bases, third):
         assert np.allclose(feature(dots[i], dots[j], dots[k]), h, rtol=0, atol=1e-9)
 
-    # A view: the ball turned at random, three of its dots, no noise. The nearest feature tells which.
+    # A view: the ball turned at random, three of its dots, no noise. The nearest feature identifies them.
     rng = np.random.default_rng(0)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
@@ -38,7 +38,7 @@ def main(path):
     seen = dots[[*bases[row], third[row]]] @ turn.T
     found = np.argmin(np.linalg.norm(features - feature(*seen), axis=1))
     assert found == row
-    print(f"looked up: dots {bases[found].tolist()} and {third[found]}, as drawn")
+    print(f"identified: dots {bases[found].tolist()} and {third[found]}, as drawn")
 
 
 if __name__ == "__main__":

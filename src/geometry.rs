@@ -43,7 +43,7 @@ const MIN_GAP: f64 = 1e-9;
 /// From this ratio of singular values on the fast decomposition is exact to 1e-11 rad.
 const WELL_CONDITIONED: f64 = 1e-2;
 
-/// From this gap on Horn's quaternion needs no second look: its error is below 1e-11 rad.
+/// From this gap on Horn's quaternion needs no correction: its error is below 1e-11 rad.
 const WIDE_GAP: f64 = 1e-4;
 
 /// Directions whose root mean square distance from one line (radians) is less than this leave the
@@ -283,13 +283,14 @@ impl Matches<'_> {
         self.iter().map(|(a, b, w)| b * a.transpose() * w).sum()
     }
 
-    /// `rotation`, turned to the best angle about the axis about which the directions hold it
-    /// least.
+    /// `rotation`, turned to the best angle about the axis about which the directions determine it
+    /// worst.
     ///
     /// With `c_i = R a_i` the objective falls with a small turn `x` by `x^T M x / 2`, `M = sum_i
-    /// w_i (c_i.b_i I - (c_i b_i^T + b_i c_i^T) / 2)`: the axis `u` is the eigenvector of its least
-    /// eigenvalue. About `u` the best angle is that of the sums of `u.(c_i x b_i)` and `(c_i x
-    /// u).(b_i x u)`, whose terms are as small as the directions are close, without cancellation.
+    /// w_i (c_i.b_i I - (c_i b_i^T + b_i c_i^T) / 2)`: the axis `u` is the eigenvector of its
+    /// smallest eigenvalue. About `u` the best angle is that of the sums of `u.(c_i x b_i)` and
+    /// `(c_i x u).(b_i x u)`, whose terms are as small as the directions are close, without
+    /// cancellation.
     fn twisted(&self, rotation: &Rotation) -> Result<Rotation> {
         let mut curvature = Matrix3::zeros();
         for (a, b, w) in self.iter() {

@@ -1,6 +1,5 @@
-//! Rotations as four numbers, wherever one crosses a border: scalar first, `[qw, qx, qy, qz]`, and
-//! `qw >= 0`, since a quaternion and its negative are the same rotation. SciPy and ROS put the scalar
-//! last.
+//! Quaternions in files and interfaces: scalar first, `[qw, qx, qy, qz]`, and `qw >= 0`, since a
+//! quaternion and its negative are the same rotation. SciPy and ROS put the scalar last.
 
 use nalgebra::Quaternion;
 
@@ -24,8 +23,8 @@ pub fn to_wxyz(rotation: &Rotation) -> [f64; 4] {
     [q.w, q.i, q.j, q.k]
 }
 
-/// The rotation of a quaternion, scalar first and of either sign, whose length is within `tolerance`
-/// of 1.
+/// The rotation of a quaternion, scalar first and of either sign, whose length is within
+/// `tolerance` of 1.
 ///
 /// # Errors
 /// The length, where it is not.

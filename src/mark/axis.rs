@@ -1,8 +1,9 @@
-//! Where to lay the poles: as far from all dots as possible.
+//! The axis of the poles, as far from all dots as possible.
 //!
 //! The axis minimizes `max_i |n . d_i|` over unit normals `n`: its ends are then farthest from the
-//! nearest dot. It is found on a grid of directions and refined by a pattern search around the best of
-//! them; the result is a local optimum near the best grid point, within some hundredths of a degree.
+//! nearest dot. It is found on a grid of directions and refined by a pattern search around the best
+//! of them; the result is a local optimum near the best grid point, within some hundredths of a
+//! degree.
 
 use crate::geometry::{Rotation, Vec3, spiral_directions, tangent_frame};
 

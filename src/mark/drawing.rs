@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 /// A point of a page, mm.
 pub type Point = nalgebra::Point2<f64>;
 
-/// What a shape is for; files keep layers apart, so that a cutter can be told which lines to follow.
+/// What a shape is for; files keep layers apart, so that a cutter follows the chosen lines only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layer {
     /// Lines to cut.
@@ -207,7 +207,8 @@ impl PageSize {
         })
     }
 
-    /// A page for `items`, which reach to `extent` (a corner, mm), with the check line where it has bounds.
+    /// A page for `items`, which reach to `extent` (a corner, mm), with the check line where it has
+    /// bounds.
     pub(super) fn page(self, mut items: Vec<Item>, extent: [f64; 2]) -> Page {
         let [width_mm, height_mm] = self
             .size_mm()

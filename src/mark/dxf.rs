@@ -1,9 +1,9 @@
 //! Drawings as DXF, for cutters and CAD.
 //!
-//! Format: DXF release 12 in ASCII (Autodesk, "DXF reference", group codes), the one that every program
-//! reads: POLYLINE and TEXT entities on named layers, coordinates in millimeters. Outlines are not filled:
-//! cutters follow them. Written here because the one crate for it brings forty others and puts the time of
-//! day into its files.
+//! Format: DXF release 12 in ASCII (Autodesk, "DXF reference", group codes), the one that every
+//! program reads: POLYLINE and TEXT entities on named layers, coordinates in millimeters. Outlines
+//! are not filled: cutters follow them. The format is written here because the available crate has
+//! forty dependencies and puts the time of day into its files.
 
 use std::fmt::{Display, Write as _};
 

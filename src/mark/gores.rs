@@ -1,16 +1,17 @@
 //! Lobes: flat pieces that cover the ball side by side, from pole to pole.
 //!
-//! Projection: Cassini's (J. P. Snyder, "Map projections: a working manual", USGS 1395, 1987, section 13),
-//! the one that a strip laid along a meridian follows by itself. With `(a, b, c)` the direction turned
-//! about the poles so that the lobe's middle lies at longitude 0,
+//! Projection: Cassini's (J. P. Snyder, "Map projections: a working manual", USGS 1395, 1987,
+//! section 13), the one that a strip laid along a meridian follows by itself. With `(a, b, c)` the
+//! direction turned about the poles so that the lobe's middle lies at longitude 0,
 //!
 //! `x = R asin(b)`, `y = R atan2(c, a)`,
 //!
-//! and back `(a, b, c) = (cos(x/R) cos(y/R), sin(x/R), cos(x/R) sin(y/R))`. Distances are true along the
-//! middle and square to it.
+//! and back `(a, b, c) = (cos(x/R) cos(y/R), sin(x/R), cos(x/R) sin(y/R))`. Distances are true
+//! along the middle and square to it.
 //!
-//! The ball is turned so that no dot lies at a pole and as few as possible lie on a cut; a dot that does is
-//! drawn in parts, one in each lobe. Where a page is shorter than a lobe, lobes are cut across.
+//! The ball is turned so that no dot lies at a pole and as few as possible lie on a cut; a dot that
+//! does is drawn in parts, one in each lobe. Where a page is shorter than a lobe, lobes are cut
+//! across.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -103,8 +104,8 @@ pub fn gores(pattern: &Pattern, config: &MarkConfig, gores: &GoreConfig) -> Resu
     })
 }
 
-/// The rotation with free poles that leaves the fewest dots on cuts; of equals, the one whose dots are
-/// farthest from them.
+/// The rotation with free poles that leaves the fewest dots on cuts; of equals, the one whose dots
+/// are farthest from them.
 fn best_rotation(pattern: &Pattern, config: &MarkConfig, lobes: usize) -> Rotation {
     let axis = free_axis(pattern.dots());
     let edge = config.dot_angle_rad();
@@ -194,8 +195,8 @@ impl Work<'_> {
     fn pieces(&self) -> Vec<Piece> {
         let outline = self.outline();
         let half_height = FRAC_PI_2 * self.radius;
-        let room = self.gores.page.usable_mm()[1] - 2.0 * (LOBE_END_MM + self.gores.bleed_mm);
-        let parts = (2.0 * half_height / room).ceil().max(1.0) as usize;
+        let available = self.gores.page.usable_mm()[1] - 2.0 * (LOBE_END_MM + self.gores.bleed_mm);
+        let parts = (2.0 * half_height / available).ceil().max(1.0) as usize;
         let wide = 2.0 * self.radius;
         let mut pieces = Vec::new();
         for lobe in 0..self.gores.lobes {
@@ -321,8 +322,9 @@ impl Work<'_> {
         lobe == piece.lobe && (piece.range[0]..piece.range[1]).contains(&at.y)
     }
 
-    /// Writes numbers beside the lobe, each at the height of its dot and on the nearer side, and moves
-    /// them up where they would meet; a thin line leads from a number to the cut beside its dot.
+    /// Writes numbers beside the lobe, each at the height of its dot and on the nearer side, and
+    /// moves them up where they would meet; a thin line leads from a number to the cut beside its
+    /// dot.
     fn number(&self, piece: &Piece, origin: Point, dots: &[(usize, Point)], items: &mut Vec<Item>) {
         let side_at = |y: f64| {
             let near = |p: &&Point| (p.y - y).abs();

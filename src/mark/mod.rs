@@ -1,25 +1,27 @@
-//! Other ways to mark a ball than a stencil: paper lobes, stickers, and files for plotters.
+//! Marks a ball without a stencil: paper lobes, stickers, and files for plotters.
 //!
 //! Each function turns a pattern into flat work:
 //!
 //! - [`gores`]: lobes of paper or vinyl that cover the ball, with their dots and cutting lines;
 //! - [`stickers`]: a sheet of numbered dots, and maps of where each goes;
-//! - [`plotter_drawing`] and [`plotter_program`]: longitude and latitude of the pen's way, for machines
-//!   that turn the ball under a pen.
+//! - [`plotter_drawing`] and [`plotter_program`]: longitude and latitude of the pen's path, for
+//!   machines that turn the ball under a pen.
 //!
-//! Drawings are written as SVG ([`svg_text`]), PDF ([`pdf_bytes`]) and DXF ([`dxf_text`]); every file says
-//! in a JSON note how its coordinates lie on the ball, so that a reader needs nothing else.
+//! Drawings are written as SVG ([`svg_text`]), PDF ([`pdf_bytes`]) and DXF ([`dxf_text`]); every
+//! file carries a JSON note that maps its coordinates to the ball, so that a reader needs no other
+//! file.
 //!
-//! Frames: `mark = rotation * pattern`, poles at +z and -z. The poles are turned to where no dot is: lobes
-//! end there, and plotters hold the ball there. Longitude runs from +x towards +y; drawings show the ball
-//! from outside, north up, east to the right.
+//! Frames: `mark = rotation * pattern`, poles at +z and -z. The poles are turned to where no dot
+//! is: lobes end there, and plotters hold the ball there. Longitude runs from +x towards +y;
+//! drawings show the ball from outside, north up, east to the right.
 //!
 //! A dot of diameter `d` on a ball of radius `R` is the cap within the angle `asin(d / 2R)` of its
 //! center, as the stencil's hole draws it.
 //!
-//! Guarantees: dots lie where the pattern has them to 0.01 mm in the file (facets of outlines, rounding).
-//! Not promised: that paper stretches over a ball. A lobe is as long as the ball's meridian in its middle
-//! and up to `1 / cos(pi / lobes)` too long along its edges (3.5 % for 12 lobes, 0.9 % for 24).
+//! Guaranteed: dots lie where the pattern has them, within 0.01 mm in the file (facets of outlines,
+//! rounding). Not guaranteed: that paper stretches over a ball. A lobe is as long as the ball's
+//! meridian in its middle and up to `1 / cos(pi / lobes)` too long along its edges (3.5 % for 12
+//! lobes, 0.9 % for 24).
 //!
 //! Units: angles in radians; lengths are millimeters, as in the files.
 //!
@@ -105,9 +107,14 @@ impl MarkConfig {
         let inside = (10.0..=1000.0).contains(&ball);
         require(inside, "ball_diameter_mm", "10 to 1000 mm", ball)?;
         let dot = self.dot_diameter_mm;
-        let most = 0.5 * ball;
-        let inside = (0.2..=most).contains(&dot);
-        require(inside, "dot_diameter_mm", &format!("0.2 to {most} mm"), dot)?;
+        let max_dot = 0.5 * ball;
+        let inside = (0.2..=max_dot).contains(&dot);
+        require(
+            inside,
+            "dot_diameter_mm",
+            &format!("0.2 to {max_dot} mm"),
+            dot,
+        )?;
         for (i, a) in pattern.dots().iter().enumerate() {
             for (j, b) in pattern.dots()[..i].iter().enumerate() {
                 let angle = angle_between(a, b);

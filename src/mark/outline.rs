@@ -16,8 +16,8 @@ pub(super) fn facets(radius_mm: f64) -> usize {
     4 * n.div_ceil(4).max(4)
 }
 
-/// `n` directions around the circle at the angle `angle_rad` from `center`, counter-clockwise seen from
-/// outside.
+/// `n` directions around the circle at the angle `angle_rad` from `center`, counter-clockwise seen
+/// from outside.
 pub(super) fn circle_on_ball(
     center: &Vec3,
     angle_rad: f64,
@@ -48,8 +48,8 @@ fn turn(a: &Point, b: &Point, c: &Point) -> f64 {
     (b - a).perp(&(c - a))
 }
 
-/// The part of `polygon` inside the convex polygon `window`, which turns counter-clockwise (I. Sutherland,
-/// G. Hodgman, "Reentrant polygon clipping", 1974). Empty where they do not meet.
+/// The part of `polygon` inside the convex polygon `window`, which turns counter-clockwise (I.
+/// Sutherland, G. Hodgman, "Reentrant polygon clipping", 1974). Empty where they do not meet.
 pub(super) fn clipped(polygon: &[Point], window: &[Point]) -> Vec<Point> {
     let mut kept = polygon.to_vec();
     for (i, a) in window.iter().enumerate() {

@@ -1,8 +1,8 @@
 //! Drawings as PDF, true to size.
 //!
 //! One point is 1/72 inch; every coordinate is scaled by 72 / 25.4, and the content streams are not
-//! compressed, so that any tool reads them. Words are set in Helvetica, which every reader has. The note
-//! lies in the document's keywords.
+//! compressed, so that any tool reads them. Words are set in Helvetica, which every reader has. The
+//! note lies in the document's keywords.
 
 use pdf_writer::types::LineJoinStyle;
 use pdf_writer::{Content, Name, Pdf, Rect, Ref, Str, TextStr};

@@ -1,16 +1,16 @@
 //! Files for machines that turn the ball under a pen.
 //!
-//! Both kinds take longitude and latitude. EggBot and its kin read an SVG as wide as a turn of the ball
-//! has motor steps, `x = steps lambda / 2 pi`, `y = steps (pi/2 - phi) / 2 pi`: a circle on the ball is wide
-//! there where its latitude is high, so dots are drawn counter-distorted. Sphere plotters read G-code for
-//! GRBL (`G0`, `G1`, `G4`, `M3 S`), X the longitude and Y the latitude in degrees; longitudes go on
-//! beyond a full turn where a dot does.
+//! Both kinds take longitude and latitude. EggBot and its kin read an SVG as wide as a turn of the
+//! ball has motor steps, `x = steps lambda / 2 pi`, `y = steps (pi/2 - phi) / 2 pi`: a circle on
+//! the ball is wide there where its latitude is high, so dots are drawn counter-distorted. Sphere
+//! plotters read G-code for GRBL (`G0`, `G1`, `G4`, `M3 S`), X the longitude and Y the latitude in
+//! degrees; longitudes go on beyond a full turn where a dot does.
 //!
-//! A dot is one line without lifting the pen: rings from its edge inwards, a pen's width or less apart, so
-//! that ink covers all of it. The pen's middle stays half its width inside the edge.
+//! A dot is one line without lifting the pen: rings from its edge inwards, a pen's width or less
+//! apart, so that ink covers all of it. The pen's middle stays half its width inside the edge.
 //!
-//! The poles, where the machine holds the ball, are laid where no dot is, and longitude 0 where the fewest
-//! dots are.
+//! The poles, where the machine holds the ball, are laid where no dot is, and longitude 0 where the
+//! fewest dots are.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::fmt::Write as _;
@@ -66,9 +66,9 @@ impl Default for PlotterConfig {
 impl PlotterConfig {
     fn validate(&self, config: &MarkConfig) -> Result<()> {
         let pen = self.pen_diameter_mm;
-        let most = config.dot_diameter_mm;
-        let inside = (0.05..=most).contains(&pen);
-        let expected = format!("0.05 to {most} mm, the dot's diameter");
+        let max_pen = config.dot_diameter_mm;
+        let inside = (0.05..=max_pen).contains(&pen);
+        let expected = format!("0.05 to {max_pen} mm, the dot's diameter");
         require(inside, "pen_diameter_mm", &expected, pen)?;
         let steps = self.steps_per_turn;
         let inside = (100.0..=1e6).contains(&steps);
@@ -91,7 +91,7 @@ impl PlotterConfig {
     }
 }
 
-/// The pen's way over one dot.
+/// The pen's path over one dot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlotterPath {
     /// The dot.
@@ -102,11 +102,11 @@ pub struct PlotterPath {
     pub latitudes: Vec<f64>,
 }
 
-/// The pen's ways over all dots, by growing longitude, with the rotation from the pattern's frame.
+/// The pen's paths over all dots, by growing longitude, with the rotation from the pattern's frame.
 ///
 /// # Errors
-/// [`Error::Argument`] where a parameter is outside its domain, or a dot lies over both ends of every
-/// axis.
+/// [`Error::Argument`] where a parameter is outside its domain, or a dot lies over both ends of
+/// every axis.
 pub fn plotter_paths(
     pattern: &Pattern,
     config: &MarkConfig,
@@ -133,7 +133,8 @@ pub fn plotter_paths(
     Ok((rotation, paths))
 }
 
-/// The turn about the poles after which longitude 0 meets the fewest dots; of equals, keeps farthest.
+/// The turn about the poles after which longitude 0 meets the fewest dots; of equals, keeps
+/// farthest.
 fn best_turn(upright: &Rotation, pattern: &Pattern, config: &MarkConfig) -> f64 {
     let dots: Vec<_> = pattern
         .dots()

@@ -1,14 +1,16 @@
 //! Single dots to cut out and stick on, and where each goes.
 //!
-//! The first sheets hold the dots, each with its number. Two maps follow, seen from above either pole, in
-//! azimuthal equidistant projection (J. P. Snyder, "Map projections: a working manual", USGS 1395, 1987,
-//! section 25): with latitude `phi` and longitude `lambda`, a point of the northern map lies at
+//! The first sheets hold the dots, each with its number. Two maps follow, seen from above either
+//! pole, in azimuthal equidistant projection (J. P. Snyder, "Map projections: a working manual",
+//! USGS 1395, 1987, section 25): with latitude `phi` and longitude `lambda`, a point of the
+//! northern map lies at
 //!
 //! `x = s R (pi/2 - phi) cos(lambda)`, `y = s R (pi/2 - phi) sin(lambda)`,
 //!
-//! and one of the southern map at `(s R (pi/2 + phi) cos(lambda), -s R (pi/2 + phi) sin(lambda))`, both
-//! seen from outside; `s` is the map's scale. Last comes a table: latitude, longitude, and the straight
-//! distances from each dot to three others, which a pair of dividers or a caliper lays off.
+//! and one of the southern map at `(s R (pi/2 + phi) cos(lambda), -s R (pi/2 + phi) sin(lambda))`,
+//! both seen from outside; `s` is the map's scale. Last comes a table: latitude, longitude, and the
+//! straight distances from each dot to three others, which a pair of dividers or a caliper lays
+//! off.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -104,7 +106,7 @@ impl Sheets {
         }
     }
 
-    /// Room for a block of this height: the distance of its upper edge from the page's, mm.
+    /// Space for a block of this height: the distance of its upper edge from the page's, mm.
     fn block(&mut self, height: f64) -> f64 {
         if self.used + height > self.height && self.used > 0.0 {
             self.filled.push(self.used);
@@ -215,8 +217,8 @@ fn dots(
 fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<serde_json::Value> {
     let radius = config.radius_mm();
     // The greatest of 1:1, 1:2, ... at which both stand side by side.
-    let room = 0.5 * sheets.width - MAP_GAP_MM;
-    let divisor = (FRAC_PI_2 * radius / (0.5 * room)).ceil().max(1.0);
+    let available = 0.5 * sheets.width - MAP_GAP_MM;
+    let divisor = (FRAC_PI_2 * radius / (0.5 * available)).ceil().max(1.0);
     let scale = 1.0 / divisor;
     let rim = FRAC_PI_2 * radius * scale;
     let height = 2.0 * (rim + MAP_GAP_MM) + 2.0 * ROW_MM;

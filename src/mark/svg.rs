@@ -1,7 +1,7 @@
 //! Drawings as SVG, true to size.
 //!
-//! One user unit is a millimeter; y runs down, from the page's upper edge. Each layer is a group that
-//! Inkscape shows as a layer; shapes of a dot carry `data-dot`. The note lies in `<metadata>`.
+//! One user unit is a millimeter; y runs down, from the page's upper edge. Each layer is a group
+//! that Inkscape shows as a layer; shapes of a dot carry `data-dot`. The note lies in `<metadata>`.
 
 use svg::Document;
 use svg::node::Node as _;

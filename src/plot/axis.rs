@@ -112,10 +112,10 @@ impl Axis {
 
     /// Lets the lower end of a logarithmic axis stand for zero, and says so there.
     fn with_zero(mut self) -> Self {
-        // Room for the label beneath the next tick's.
+        // Space for the label beneath the next tick's.
         self.low -= 0.08 * (self.high - self.low);
-        let least = self.low + 0.05 * (self.high - self.low);
-        self.ticks.retain(|t| *t > least);
+        let lowest = self.low + 0.05 * (self.high - self.low);
+        self.ticks.retain(|t| *t > lowest);
         self.ticks.insert(0, self.low);
         self.zero = true;
         self
@@ -184,17 +184,17 @@ pub(super) fn rate_axis(
     if scale == super::RateScale::Success {
         return Axis::linear(name, values(), Unit::Percent, (0.0, 1.0));
     }
-    let (least, most) = span(name, values())?;
-    if most == 0.0 {
+    let (min, max) = span(name, values())?;
+    if max == 0.0 {
         return Ok(Axis::logarithmic(1e-4, 1e-2, Unit::Percent).with_zero());
     }
-    let low = values().filter(|v| *v > 0.0).fold(most, f64::min) * 0.8;
-    let high = (most * 1.3).min(1.0).max(low * 2.0);
+    let low = values().filter(|v| *v > 0.0).fold(max, f64::min) * 0.8;
+    let high = (max * 1.3).min(1.0).max(low * 2.0);
     let axis = Axis::logarithmic(low, high, Unit::Percent);
-    Ok(if least == 0.0 { axis.with_zero() } else { axis })
+    Ok(if min == 0.0 { axis.with_zero() } else { axis })
 }
 
-/// Least and greatest of `values`.
+/// Minimum and maximum of `values`.
 fn span(name: &str, values: impl Iterator<Item = f64>) -> Result<(f64, f64)> {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for v in values {
@@ -229,7 +229,8 @@ pub(super) fn significant(value: f64) -> String {
     trimmed(format!("{value:.decimals$}"))
 }
 
-/// A rate as a number of percent, with enough decimals that neither 0 nor 100 is shown for anything else.
+/// A rate as a number of percent, with enough decimals that neither 0 nor 100 is shown for anything
+/// else.
 pub(super) fn percent(rate: f64) -> String {
     let value = 100.0 * rate;
     let rest = value.min(100.0 - value);

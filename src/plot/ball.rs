@@ -1,4 +1,4 @@
-//! The ball seen from both sides, with its dots and their numbers.
+//! Plot of a pattern: the ball from both sides, with its dots and their numbers.
 
 use std::path::Path;
 
@@ -29,9 +29,9 @@ const LIMB: f64 = 0.3;
 pub struct BallDrawing {
     /// Title of the plot.
     pub title: String,
-    /// Diameter of the ball, millimetres.
+    /// Diameter of the ball, millimeters.
     pub ball_diameter_mm: f64,
-    /// Diameter of a dot (of the stencil's hole), millimetres; less than the ball's.
+    /// Diameter of a dot (of the stencil's hole), millimeters; less than the ball's.
     pub dot_diameter_mm: f64,
 }
 
@@ -43,7 +43,7 @@ impl BallDrawing {
             ("dot diameter", self.dot_diameter_mm),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                let problem = format!("expected a positive number of millimetres, found {value}");
+                let problem = format!("expected a positive number of millimeters, found {value}");
                 return Err(Error::argument(name, problem));
             }
         }
@@ -94,8 +94,9 @@ impl Side {
 
 /// Draws the ball from the front (+z) and from the back (-z), with every dot's outline and number.
 ///
-/// Dots are drawn as the caps that they are, so that they narrow to ellipses towards the limb. A dot that
-/// is cut by the limb is numbered on both sides. Numbers count from 0, as the dots of a pattern do.
+/// Dots are drawn as the caps that they are, so that they narrow to ellipses towards the limb. A
+/// dot that is cut by the limb is numbered on both sides. Numbers count from 0, as the dots of a
+/// pattern do.
 ///
 /// # Errors
 /// [`Error::Argument`] for diameters that are not positive or a dot as large as the ball;
@@ -130,7 +131,8 @@ fn center(area: &Area<'_>) -> (i32, i32) {
     (area.dim_in_pixel().0 as i32 / 2, px(CENTRE_Y))
 }
 
-/// Shades the ball and its dots pixel by pixel: what a pixel shows follows from its point on the sphere.
+/// Shades the ball and its dots pixel by pixel: what a pixel shows follows from its point on the
+/// sphere.
 fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
     let (cx, cy) = center(area);
     let radius = px(RADIUS);
@@ -156,7 +158,7 @@ fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
             area.draw_pixel((cx + dx, cy + dy), &RGBColor(r, g, b))?;
         }
     }
-    area.draw(&Circle::new((cx, cy), radius, stroke(canvas::GREY, 1.0)))?;
+    area.draw(&Circle::new((cx, cy), radius, stroke(canvas::GRAY, 1.0)))?;
     Ok(())
 }
 
@@ -186,8 +188,8 @@ impl Extent {
     }
 }
 
-/// Numbers the dots of which something is seen from this side: inside a dot that has room, outside the
-/// ball with a line to the dot at the limb, else beside the dot.
+/// Numbers the dots of which something is seen from this side: inside a dot that is large enough,
+/// outside the ball with a line to the dot at the limb, else beside the dot.
 fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
     let (cx, cy) = center(area);
     let (cx, cy, radius) = (f64::from(cx), f64::from(cy), f64::from(px(RADIUS)));
@@ -234,8 +236,8 @@ fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
     Ok(())
 }
 
-/// A place outside the ball for the number of the dot `d` at the limb: where the line to it starts and
-/// ends, and the number's middle. Numbers evade each other along the limb.
+/// A place outside the ball for the number of the dot `d` at the limb: where the line to it starts
+/// and ends, and the number's middle. Numbers evade each other along the limb.
 fn outside(
     (cx, cy): (f64, f64),
     radius: f64,
@@ -263,7 +265,7 @@ fn outside(
     (from, best.1, best.2)
 }
 
-/// The place around `dot` where a label of the given size covers least of what is `taken`.
+/// The place around `dot` where a label of the given size covers the least area of what is `taken`.
 fn beside(dot: Extent, (half_width, half_height): (f64, f64), taken: &[Extent]) -> (f64, f64) {
     let gap = f64::from(px(4.0));
     let middle = ((dot.left + dot.right) / 2.0, (dot.top + dot.bottom) / 2.0);

@@ -1,4 +1,4 @@
-//! Rates side by side: groups of bars with intervals.
+//! Bar charts of rates, in groups, with intervals.
 
 use std::path::Path;
 
@@ -71,8 +71,8 @@ impl BarChart {
 /// Draws groups of bars with 95 % whiskers and the rates above them.
 ///
 /// # Errors
-/// [`Error::Argument`] for no rates at all, a group without a place for each series, or rates outside
-/// their intervals or [0, 1]; [`Error::Write`] where the file cannot be written.
+/// [`Error::Argument`] for no rates at all, a group without a place for each series, or rates
+/// outside their intervals or [0, 1]; [`Error::Write`] where the file cannot be written.
 pub fn bar_comparison(path: &Path, plot: &BarChart) -> Result<()> {
     let mut y = rate_axis("rates", plot.scale, &plot.points()?)?;
     if plot.scale == RateScale::Success {
@@ -100,13 +100,13 @@ pub fn bar_comparison(path: &Path, plot: &BarChart) -> Result<()> {
             draw_group(root, plot, (g, group), &y, &at)?;
             let (x, bottom) = at(g as f64 + 0.5, y.low);
             let at = (x, bottom + px(24.0));
-            let room = chart.plotting_area().dim_in_pixel().0 as usize / groups;
-            let size = if text_width(&group.name, LABEL) > room as i32 {
+            let available = chart.plotting_area().dim_in_pixel().0 as usize / groups;
+            let size = if text_width(&group.name, LABEL) > available as i32 {
                 SMALL * 0.8
             } else {
                 LABEL
             };
-            let name = fitted(&group.name, &font(size), room as i32);
+            let name = fitted(&group.name, &font(size), available as i32);
             text(root, &name, at, HPos::Center, size, INK)?;
         }
         Ok(())
@@ -136,8 +136,8 @@ fn draw_group(
         let top = ends[0].1.min(ends[1].1);
         whisker(root, ends[0], ends[1], stroke(INK, 1.4))?;
         let label = percent(rate);
-        let room = at(left + width, y.low).0 - at(left, y.low).0;
-        let size = if text_width(&label, SMALL) > room {
+        let available = at(left + width, y.low).0 - at(left, y.low).0;
+        let size = if text_width(&label, SMALL) > available {
             SMALL * 0.75
         } else {
             SMALL

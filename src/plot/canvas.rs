@@ -1,4 +1,5 @@
-//! What all plots share: a picture in memory, text, marks, legends, axes, and the way to a file.
+//! The parts that all plots share: a picture in memory, text, marks, legends, axes, and writing the
+//! file.
 //!
 //! Pictures are drawn at [`SCALE`] times their size and averaged down, which smooths the edges of
 //! everything alike. Lengths in this module and its users are in drawn pixels: [`px`] converts.
@@ -30,7 +31,8 @@ pub(super) const INK: RGBColor = RGBColor(38, 38, 38);
 /// Color of grid lines.
 pub(super) const GRID: RGBColor = RGBColor(226, 226, 226);
 
-/// The Okabe-Ito colors (without yellow, too pale on white): told apart by color-blind readers too.
+/// The Okabe-Ito colors (without yellow, too pale on white): distinguishable by color-blind readers
+/// too.
 const PALETTE: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -143,11 +145,11 @@ pub(super) fn bold(size: f64) -> FontDesc<'static> {
     (FONT, size * f64::from(SCALE), FontStyle::Bold).into_font()
 }
 
-/// `text` set in `font`, cut short where it is wider than `room` drawn pixels.
-pub(super) fn fitted(text: &str, font: &FontDesc<'_>, room: i32) -> String {
+/// `text` set in `font`, cut short where it is wider than `available` drawn pixels.
+pub(super) fn fitted(text: &str, font: &FontDesc<'_>, available: i32) -> String {
     let width = |t: &str| font.box_size(t).map_or(0, |b| b.0 as i32);
     let mut fitted = text.to_owned();
-    while width(&fitted) > room {
+    while width(&fitted) > available {
         let kept = fitted.trim_end_matches('\u{2026}').chars().count();
         if kept == 0 {
             return String::new();
@@ -195,12 +197,12 @@ pub(super) fn styled_text(
 pub(super) fn titled<'a>(area: &Area<'a>, title: &str) -> Drawn<Area<'a>> {
     let (width, _) = area.dim_in_pixel();
     let mut size = TITLE;
-    let room = width as i32 - px(30.0);
-    while size > LABEL && bold(size).box_size(title)?.0 as i32 > room {
+    let available = width as i32 - px(30.0);
+    while size > LABEL && bold(size).box_size(title)?.0 as i32 > available {
         size -= 1.0;
     }
     let font = bold(size);
-    let title = fitted(title, &font, room);
+    let title = fitted(title, &font, available);
     let at = (width as i32 / 2, px(24.0));
     styled_text(area, &title, at, HPos::Center, font, INK)?;
     Ok(area.split_vertically(px(44.0)).1)
@@ -229,15 +231,16 @@ pub(super) enum Sign {
 /// A legend's line: the width used, and its entries with their offsets (drawn pixels).
 type LegendLine<'a> = (i32, Vec<(i32, &'a Sign, String)>);
 
-/// Writes a legend on top of `area`, in as many lines as it needs, and returns what is left beneath.
+/// Writes a legend on top of `area`, in as many lines as it needs, and returns what is left
+/// beneath.
 pub(super) fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Drawn<Area<'a>> {
-    let room = area.dim_in_pixel().0 as i32 - px(40.0);
+    let available = area.dim_in_pixel().0 as i32 - px(40.0);
     let mut lines: Vec<LegendLine<'_>> = Vec::new();
     for key in keys.iter().filter(|k| !k.name.is_empty()) {
-        let name = fitted(&key.name, &font(LABEL), room - px(68.0));
+        let name = fitted(&key.name, &font(LABEL), available - px(68.0));
         let width = px(42.0) + text_width(&name, LABEL) + px(26.0);
         match lines.last_mut() {
-            Some((used, line)) if *used + width <= room => {
+            Some((used, line)) if *used + width <= available => {
                 line.push((*used, &key.sign, name));
                 *used += width;
             }
@@ -245,7 +248,7 @@ pub(super) fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Drawn<Area<'a>> 
         }
     }
     for (row, (used, line)) in lines.iter().enumerate() {
-        let left = px(20.0) + (room - used).max(0) / 2;
+        let left = px(20.0) + (available - used).max(0) / 2;
         let y = px(10.0 + 26.0 * row as f64);
         for (x, sign, name) in line {
             draw_sign(area, sign, (left + x, y))?;
@@ -273,7 +276,7 @@ fn draw_sign(area: &Area<'_>, sign: &Sign, (x, y): (i32, i32)) -> Drawn {
         }
         Sign::Dashes => {
             for from in [0.0, 13.0, 26.0] {
-                area.draw(&PathElement::new(ends(from, from + 8.0), stroke(GREY, 2.0)))?;
+                area.draw(&PathElement::new(ends(from, from + 8.0), stroke(GRAY, 2.0)))?;
             }
         }
     }
@@ -281,7 +284,7 @@ fn draw_sign(area: &Area<'_>, sign: &Sign, (x, y): (i32, i32)) -> Drawn {
 }
 
 /// Color of reference lines.
-pub(super) const GREY: RGBColor = RGBColor(120, 120, 120);
+pub(super) const GRAY: RGBColor = RGBColor(120, 120, 120);
 
 /// A line style, `width` in file pixels.
 pub(super) fn stroke(color: RGBColor, width: f64) -> ShapeStyle {

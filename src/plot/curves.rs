@@ -1,4 +1,5 @@
-//! Rates over a parameter with their intervals, plain line plots, and predicted against observed rates.
+//! Rates over a parameter with their intervals, plain line plots, and predicted against observed
+//! rates.
 
 use std::path::Path;
 
@@ -6,7 +7,7 @@ use plotters::prelude::*;
 
 use super::axis::{Axis, Unit, rate_axis};
 use super::canvas::{
-    Area, Chart, Drawn, GREY, Key, Sign, chart, color, mark, picture, px, stroke, titled,
+    Area, Chart, Drawn, GRAY, Key, Sign, chart, color, mark, picture, px, stroke, titled,
     with_legend,
 };
 use super::{RatePoint, RateScale};
@@ -154,8 +155,8 @@ pub fn reliability_plot(path: &Path, plot: &ReliabilityPlot) -> Result<()> {
 /// Draws lines through points.
 ///
 /// # Errors
-/// [`Error::Argument`] for no points at all, numbers that are not finite, or on a logarithmic axis not
-/// positive; [`Error::Write`] where the file cannot be written.
+/// [`Error::Argument`] for no points at all, numbers that are not finite, or on a logarithmic axis
+/// not positive; [`Error::Write`] where the file cannot be written.
 pub fn line_plot(path: &Path, plot: &LinePlot) -> Result<()> {
     draw_points(path, plot, true)
 }
@@ -280,7 +281,7 @@ fn draw_diagonal(root: &Area<'_>, chart: &Chart<'_>, axis: &Axis) -> Drawn {
     };
     for dash in 0..DASHES {
         let ends = vec![at(2 * dash), at(2 * dash + 1)];
-        root.draw(&PathElement::new(ends, stroke(GREY, 1.6)))?;
+        root.draw(&PathElement::new(ends, stroke(GRAY, 1.6)))?;
     }
     Ok(())
 }

@@ -71,7 +71,7 @@ pub fn feature_plot(
 /// Distances with what is needed to color and count them.
 struct Distances<'a> {
     values: &'a [f64],
-    /// Least distance that is told apart from zero.
+    /// Minimum distance that is distinguished from zero.
     floor: f64,
     mean: f64,
     median: f64,
@@ -221,7 +221,8 @@ fn draw_color_bar(area: &Area<'_>, distances: &Distances<'_>) -> Drawn {
 /// Counts the distances in bins that are equally wide on a logarithmic axis.
 fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -> Drawn {
     let sorted = sorted(distances.values.iter().map(|d| d.max(distances.floor)));
-    // A handful of extreme distances would squeeze the rest: they are counted in the outermost bins.
+    // A handful of extreme distances would squeeze the rest: they are counted in the outermost
+    // bins.
     let low = quantile(&sorted, 0.002).min(distances.mean.max(distances.floor));
     let high = quantile(&sorted, 0.998).max(distances.mean);
     let x = Axis::logarithmic(low / 1.1, high.max(low * 1.2) * 1.1, Unit::Plain);
@@ -230,8 +231,8 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
         let part = (d.log10() - x.low) / (x.high - x.low);
         counts[((part * BINS as f64).max(0.0) as usize).min(BINS - 1)] += 1;
     }
-    let most = counts.iter().copied().max().unwrap_or(1);
-    let y = Axis::linear_exactly(0.0, (most as f64 * 1.06).max(5.0), Unit::Plain);
+    let highest = counts.iter().copied().max().unwrap_or(1);
+    let y = Axis::linear_exactly(0.0, (highest as f64 * 1.06).max(5.0), Unit::Plain);
     let keys = [
         ("mean", distances.mean, Sign::Line(1)),
         ("median", distances.median, Sign::Line(2)),
@@ -257,10 +258,11 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
     Ok(())
 }
 
-/// The viridis color map (S. van der Walt, N. Smith, 2015; public domain), interpolated between eight
-/// of its colors and without its palest end, hard to see on white; `part` is clamped to [0, 1].
+/// The viridis color map (S. van der Walt, N. Smith, 2015; public domain), interpolated between
+/// eight of its colors and without its palest end, hard to see on white; `part` is clamped to [0,
+/// 1].
 fn viridis(part: f64) -> RGBColor {
-    const COLOURS: [[f64; 3]; 8] = [
+    const COLORS: [[f64; 3]; 8] = [
         [68.0, 1.0, 84.0],
         [71.0, 44.0, 122.0],
         [59.0, 81.0, 139.0],
@@ -270,11 +272,11 @@ fn viridis(part: f64) -> RGBColor {
         [92.0, 200.0, 99.0],
         [170.0, 220.0, 50.0],
     ];
-    let at = part.clamp(0.0, 1.0) * (COLOURS.len() - 1) as f64;
-    let i = (at as usize).min(COLOURS.len() - 2);
+    let at = part.clamp(0.0, 1.0) * (COLORS.len() - 1) as f64;
+    let i = (at as usize).min(COLORS.len() - 2);
     let t = at - i as f64;
     let [r, g, b] = [0, 1, 2].map(|c| {
-        let v = COLOURS[i][c] + t * (COLOURS[i + 1][c] - COLOURS[i][c]);
+        let v = COLORS[i][c] + t * (COLORS[i + 1][c] - COLORS[i][c]);
         v.round() as u8
     });
     RGBColor(r, g, b)

@@ -1,7 +1,7 @@
 //! Plots as PNG files: the ball, rates with their intervals, features in hash space, plain lines.
 //!
-//! Every function checks its data, draws in memory and writes the file whole or not at all. Text is set
-//! in a built-in font, so that a machine without fonts draws the same picture; for the same data the
+//! Every function checks its data, draws in memory and writes the file atomically. Text is set in a
+//! built-in font, so that a machine without fonts draws the same picture; for the same data the
 //! file's bytes are the same. Rates are handed over as fractions in [0, 1] and drawn in percent.
 //! Legends stand above the plotting area, never on the data.
 
@@ -43,8 +43,9 @@ pub enum RateScale {
     /// The rates themselves, on a linear axis.
     #[default]
     Success,
-    /// `1 - rate` on a logarithmic axis, where differences among rates near 1 can be seen. No failure
-    /// at all has no place on such an axis: it is drawn on its lower edge, which is then marked 0 %.
+    /// `1 - rate` on a logarithmic axis, where differences among rates near 1 can be seen. No
+    /// failure at all has no place on such an axis: it is drawn on its lower edge, which is then
+    /// marked 0 %.
     Failure,
 }
 
@@ -65,7 +66,7 @@ pub struct RatePoint {
 }
 
 impl RatePoint {
-    /// Refuses what is not a rate within its interval. `place` says which point it is.
+    /// Rejects what is not a rate within its interval. `place` says which point it is.
     fn check(&self, place: &str) -> Result<()> {
         let steps = [0.0, self.low, self.rate, self.high, 1.0];
         let ordered = steps.windows(2).all(|w| w[0] <= w[1] + ROUNDING);

@@ -1,4 +1,4 @@
-//! Frames with what the estimator saw in them, enlarged, and all frames on one sheet.
+//! Overlays: frames enlarged, with the estimator's detections and pose, and a sheet of all frames.
 
 use std::path::Path;
 
@@ -11,15 +11,15 @@ use crate::vision::{Pixel, RgbImage};
 
 /// Side of an enlarged frame, file pixels.
 pub const OVERLAY_SIDE: u32 = 560;
-/// Room for words above and below it.
+/// Space for words above and below it.
 const WORDS: u32 = 34;
 /// Side of a frame on a sheet, file pixels.
 const CELL: u32 = 240;
-/// Room for words below a frame on a sheet.
+/// Space for words below a frame on a sheet.
 const CELL_WORDS: u32 = 22;
-/// Frames on one sheet at most.
+/// Maximum number of frames on one sheet.
 pub const SHEET_FRAMES: usize = 80;
-/// Colors of the outline, dots that have a name, others, expected dots and refusals.
+/// Colors of the outline, identified dots, others, expected dots and rejections.
 const OUTLINE: RGBColor = RGBColor(0, 220, 120);
 const NAMED: RGBColor = RGBColor(60, 200, 255);
 const UNNAMED: RGBColor = RGBColor(255, 90, 60);
@@ -32,7 +32,7 @@ pub struct OverlayDot {
     pub pixel: Pixel,
     /// The detector's confidence.
     pub confidence: f64,
-    /// Whether it has a name.
+    /// Whether it is identified.
     pub named: bool,
 }
 
@@ -41,9 +41,9 @@ pub struct OverlayDot {
 pub struct OverlayFrame {
     /// The frame's name.
     pub name: String,
-    /// What became of it, in words.
+    /// Its outcome, in words.
     pub words: String,
-    /// Whether it is refused.
+    /// Whether it is rejected.
     pub refused: bool,
     /// The picture.
     pub image: RgbImage,
@@ -55,20 +55,21 @@ pub struct OverlayFrame {
     pub expected: Vec<(u16, Pixel, f64)>,
 }
 
-/// Draws one frame. Circles: the outline green; detections that have a name blue, others red, with their
-/// confidence in percent; crosses with numbers, yellow: where the orientation expects the pattern's dots.
+/// Draws one frame. Circles: the outline green; identified detections blue, others red, with their
+/// confidence in percent; crosses with numbers, yellow: where the orientation expects the pattern's
+/// dots.
 ///
 /// # Errors
 /// [`Error::Write`](crate::Error::Write) where the system refuses.
 pub fn frame_overlay(path: &Path, frame: &OverlayFrame) -> Result<()> {
     let size = (OVERLAY_SIDE, OVERLAY_SIDE + 2 * WORDS);
     canvas::picture(path, size, |area| {
-        let room = px(f64::from(OVERLAY_SIDE)) - px(12.0);
+        let available = px(f64::from(OVERLAY_SIDE)) - px(12.0);
         let font = canvas::font(SMALL);
         let middle = |y: f64| (px(6.0), px(y));
-        let name = canvas::fitted(&frame.name, &font, room);
+        let name = canvas::fitted(&frame.name, &font, available);
         canvas::text(area, &name, middle(17.0), HPos::Left, SMALL, INK)?;
-        let words = canvas::fitted(&frame.words, &font, room);
+        let words = canvas::fitted(&frame.words, &font, available);
         let below = f64::from(OVERLAY_SIDE) + 1.5 * f64::from(WORDS);
         canvas::text(area, &words, middle(below), HPos::Left, SMALL, ink(frame))?;
         let top = px(f64::from(WORDS));
@@ -76,7 +77,8 @@ pub fn frame_overlay(path: &Path, frame: &OverlayFrame) -> Result<()> {
     })
 }
 
-/// Draws at most [`SHEET_FRAMES`] frames on one sheet, without the numbers' clutter on refused ones.
+/// Draws at most [`SHEET_FRAMES`] frames on one sheet, without the numbers' clutter on rejected
+/// ones.
 ///
 /// # Errors
 /// As [`frame_overlay`].

@@ -1,4 +1,4 @@
-//! Views of the ball side by side: what was seen, where the dots truly were, and what was answered.
+//! Views of the ball side by side: the observed dots, the true dots and the answer.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{
-    Area, Drawn, GREY, INK, Key, SMALL, Sign, color, font, picture, px, stroke, text, text_width,
+    Area, Drawn, GRAY, INK, Key, SMALL, Sign, color, font, picture, px, stroke, text, text_width,
     titled, with_legend,
 };
 use crate::error::{Error, Result};
@@ -30,9 +30,9 @@ const ANSWER: usize = 1;
 /// One view of a ball.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecognitionView {
-    /// What there is to say of it; set in several lines.
+    /// Its caption, set in several lines.
     pub caption: String,
-    /// Least z at which a dot was seen.
+    /// Minimum z at which a dot was seen.
     pub visibility_limit: f64,
     /// Observed directions, camera frame.
     pub observed: Vec<Vec3>,
@@ -42,8 +42,8 @@ pub struct RecognitionView {
     pub answer: Option<Rotation>,
 }
 
-/// Draws views of the ball as the camera has them (x right, y up), each with the observed dots and with
-/// the pattern's visible dots under the true and under the answered orientation.
+/// Draws views of the ball as the camera has them (x right, y up), each with the observed dots and
+/// with the pattern's visible dots under the true and under the answered orientation.
 ///
 /// # Errors
 /// [`Error::Argument`] for no views; [`Error::Write`] where the file cannot be written.
@@ -82,10 +82,10 @@ fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Draw
         let at = |c: f64| (c * f64::from(px(RADIUS))).round() as i32;
         (center.0 + at(d.x), center.1 - at(d.y))
     };
-    area.draw(&Circle::new(center, px(RADIUS), stroke(GREY, 1.5)))?;
+    area.draw(&Circle::new(center, px(RADIUS), stroke(GRAY, 1.5)))?;
     let limit = (1.0 - view.visibility_limit.powi(2)).max(0.0).sqrt();
     if view.visibility_limit > 0.0 {
-        let rim = stroke(GREY, 0.6);
+        let rim = stroke(GRAY, 0.6);
         area.draw(&Circle::new(center, px(RADIUS * limit), rim))?;
     }
     for d in &view.observed {
@@ -120,11 +120,11 @@ fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Draw
 
 /// Sets the caption beneath the ball, broken between words.
 fn draw_caption(area: &Area<'_>, caption: &str) -> Drawn {
-    let room = area.dim_in_pixel().0 as i32 - px(36.0);
+    let available = area.dim_in_pixel().0 as i32 - px(36.0);
     let mut lines: Vec<String> = Vec::new();
     for word in caption.split_whitespace() {
         match lines.last_mut() {
-            Some(line) if text_width(&format!("{line} {word}"), SMALL) <= room => {
+            Some(line) if text_width(&format!("{line} {word}"), SMALL) <= available => {
                 line.push(' ');
                 line.push_str(word);
             }

@@ -1,7 +1,7 @@
 //! Shaded pictures of solids: an orthographic z-buffer renderer for a few ten thousand triangles.
 //!
-//! Each pixel keeps the nearest surface's depth, normal and color; lines are then drawn where depth or
-//! normal jump, so that rims and engravings stay readable in print.
+//! Each pixel keeps the nearest surface's depth, normal and color; lines are then drawn where depth
+//! or normal jump, so that rims and engravings stay readable in print.
 
 use plotters::prelude::*;
 
@@ -75,7 +75,8 @@ pub(super) struct View {
 }
 
 impl View {
-    /// Seen from `azimuth_deg` (from +x towards +y) and `height_deg` above the plane z = 0, z upwards.
+    /// Seen from `azimuth_deg` (from +x towards +y) and `height_deg` above the plane z = 0, z
+    /// upwards.
     pub fn from(azimuth_deg: f64, height_deg: f64) -> Self {
         let (sa, ca) = azimuth_deg.to_radians().sin_cos();
         let (sh, ch) = height_deg.to_radians().sin_cos();
@@ -100,12 +101,13 @@ struct Pixel {
     color: Rgb,
 }
 
-/// A scene's place in a picture: `scale` drawn pixels per millimetre, the view's origin at `center`.
+/// A scene's place in a picture: `scale` drawn pixels per millimeter, the view's origin at
+/// `center`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     /// Viewer.
     pub view: View,
-    /// Drawn pixels per millimetre.
+    /// Drawn pixels per millimeter.
     pub scale: f64,
     /// The point of the scene that is drawn in the middle, in the view's frame, mm.
     pub middle: (f64, f64),
@@ -114,8 +116,14 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// A frame that shows all of `bodies` within `room` (width, height; drawn pixels) about `center`.
-    pub fn fitted(view: View, bodies: &[Body<'_>], room: (f64, f64), center: (i32, i32)) -> Self {
+    /// A frame that shows all of `bodies` within `available` (width, height; drawn pixels) about
+    /// `center`.
+    pub fn fitted(
+        view: View,
+        bodies: &[Body<'_>],
+        available: (f64, f64),
+        center: (i32, i32),
+    ) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for v in bodies.iter().flat_map(|b| &b.mesh.vertices) {
             let p = view.apply(v);
@@ -127,7 +135,7 @@ impl Frame {
         let size = |i: usize| (high[i] - low[i]).max(1e-6);
         Self {
             view,
-            scale: (room.0 / size(0)).min(room.1 / size(1)),
+            scale: (available.0 / size(0)).min(available.1 / size(1)),
             middle: (0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])),
             center,
         }

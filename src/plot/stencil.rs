@@ -1,4 +1,4 @@
-//! The stencil in pictures: both halves as they are printed, open around the ball, and closed.
+//! Pictures of the stencil: both halves as printed, open around the ball, and closed.
 
 use std::path::Path;
 
@@ -24,7 +24,7 @@ const OPEN_DEG: f64 = 100.0;
 /// Facets of the drawn ball leave it by this fraction of its radius.
 const BALL_CHORD: f64 = 5e-4;
 /// Sine of the latitude above which a dot is numbered: lower ones are seen too much from the side.
-const LABELLED: f64 = 0.35;
+const LABELED: f64 = 0.35;
 /// Heights of a panel's caption and of its second line, file pixels.
 const CAPTION: f64 = 52.0;
 
@@ -114,12 +114,13 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The closed stencil seen onto a dome (`up` is 1 for half A, -1 for half B), its dots numbered.
+    /// The closed stencil seen onto a dome (`up` is 1 for half A, -1 for half B), its dots
+    /// numbered.
     fn onto(&'a self, up: f64, caption: &'a str) -> Panel<'a> {
         let dots = || self.stencil.dots().iter().enumerate();
         let count = dots().filter(|(_, d)| d.z * up > 0.0).count();
         let outer = self.stencil.config().outer_radius_mm();
-        let labels = dots().filter(|(_, d)| d.z * up > LABELLED);
+        let labels = dots().filter(|(_, d)| d.z * up > LABELED);
         let view = View::from(-90.0, 90.0 * up);
         Panel {
             labels: labels.map(|(i, d)| (i, outer * d)).collect(),
@@ -128,8 +129,9 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Draws both halves as printed, the stencil open around the ball, and the closed stencil from the side
-/// and from both domes, where the dots seen through their holes are numbered from 0 as in the pattern.
+/// Draws both halves as printed, the stencil open around the ball, and the closed stencil from the
+/// side and from both domes, where the dots seen through their holes are numbered from 0 as in the
+/// pattern.
 ///
 /// # Errors
 /// [`crate::Error::Write`] where the file cannot be written.
@@ -158,9 +160,9 @@ pub fn stencil_views(path: &Path, stencil: &Stencil, title: &str) -> Result<()> 
 fn draw_panel(area: &Area<'_>, panel: &Panel<'_>) -> Drawn {
     let (width, height) = area.dim_in_pixel();
     let (width, height) = (f64::from(width), f64::from(height));
-    let room = (0.9 * width, height - f64::from(px(CAPTION + 16.0)));
-    let center = ((0.5 * width) as i32, (0.5 * room.1) as i32 + px(8.0));
-    let frame = Frame::fitted(panel.view, &panel.bodies, room, center);
+    let available = (0.9 * width, height - f64::from(px(CAPTION + 16.0)));
+    let center = ((0.5 * width) as i32, (0.5 * available.1) as i32 + px(8.0));
+    let frame = Frame::fitted(panel.view, &panel.bodies, available, center);
     render(area, &frame, &panel.bodies)?;
     for (number, place) in &panel.labels {
         let (x, y, _) = frame.place(place);
@@ -183,6 +185,6 @@ fn draw_panel(area: &Area<'_>, panel: &Panel<'_>) -> Drawn {
         (middle, y + px(22.0)),
         HPos::Center,
         SMALL,
-        canvas::GREY,
+        canvas::GRAY,
     )
 }

@@ -1,4 +1,5 @@
-//! Measured values with their intervals over a parameter, and curves beside them; many paths at once.
+//! Plots of measured values with intervals over a parameter, of curves beside them, and of many
+//! paths.
 
 use std::path::Path;
 

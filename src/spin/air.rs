@@ -1,4 +1,4 @@
-//! What theory says of a ball's loss of spin to the air.
+//! Theoretical decay of a ball's spin in air.
 //!
 //! A thin shell of mass m and radius r has the moment of inertia `2/3 m r^2`. In creeping flow the
 //! air's torque is `8 pi mu r^3 w` (G. Kirchhoff, 1876; H. Lamb, "Hydrodynamics", 6th ed., sec.
@@ -28,7 +28,7 @@
 /// A ball, as a thin shell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ball {
-    /// Radius, metres.
+    /// Radius, meters.
     pub radius_m: f64,
     /// Mass, kilograms.
     pub mass_kg: f64,

@@ -1,22 +1,22 @@
 //! Aliases: other spins that the sampling cannot distinguish from the estimated one.
 //!
 //! Turning about the same axis faster by `delta` (rad/s) changes the orientation at time `t_k` by
-//! the angle `delta (t_k - t)`. Nobody sees a difference where these are whole turns at all frames,
-//! that is where the spectral window of the sampling,
+//! the angle `delta (t_k - t)`. The orientations are the same where these are full turns at all
+//! frames, that is where the spectral window of the sampling,
 //!
 //! ```text
 //! W(delta) = | sum_k p_k exp(i delta t_k) | / sum_k p_k
 //! ```
 //!
-//! comes to 1 (J. D. Scargle, "Studies in astronomical time series analysis II", Astrophys. J. 263,
-//! 1982, appendix D; `p_k` is the probability that frame k is right). For even times `T` apart the
-//! peaks lie at `2 pi k / T`: with them go the faster spins of the same sense and, beyond half a
-//! turn, those about the reversed axis. Uneven times lower the peaks. Each peak is refined and its
-//! likelihood compared with that of the estimate.
+//! reaches 1 (J. D. Scargle, "Studies in astronomical time series analysis II", Astrophys. J. 263,
+//! 1982, appendix D; `p_k` is the probability that frame k is an inlier). For even times `T` apart
+//! the peaks lie at `2 pi k / T`: with them go the faster spins of the same sense and, beyond half
+//! a turn, those about the reversed axis. Uneven times lower the peaks. Each peak is refined and
+//! its likelihood compared with that of the estimate.
 //!
 //! Not covered: where the ball turns by less than the noise between all frames (or by whole turns),
-//! its axis is not known, and whole turns about any axis would explain the same orientations. The
-//! alternatives listed are then examples.
+//! its axis is not determined, and full turns about any axis would explain the same orientations.
+//! The alternatives listed are then examples.
 
 use nalgebra::Complex;
 
@@ -27,11 +27,11 @@ use crate::geometry::{Rotation, Vec3};
 /// Steps of the scan over `delta` per reciprocal of the sequence's duration: fine enough that no
 /// orientation is off by more than 0.2 rad at the node next to a peak.
 const NODES_PER_CYCLE: f64 = 8.0;
-/// Least spectral window at a node that is worth a refinement. At a true tie's nearest node it is
+/// Minimum spectral window at a node that is worth a refinement. At a true tie's nearest node it is
 /// 0.98.
 const MIN_WINDOW: f64 = 0.7;
 
-/// Frames times nodes of the scan, about; what would be more is judged by the leading frames alone.
+/// Frames times nodes of the scan, about; beyond it only the leading frames are used.
 const MAX_WORK: f64 = 2e7;
 
 /// Settings of [`alternatives`].
@@ -39,7 +39,7 @@ const MAX_WORK: f64 = 2e7;
 pub struct AliasConfig {
     /// Largest spin listed, revolutions per second.
     pub max_rps: f64,
-    /// Least log-likelihood ratio to the estimate that is listed (natural log).
+    /// Minimum log-likelihood ratio to the estimate that is listed (natural log).
     pub min_log_ratio: f64,
     /// Noise of an orientation per axis, radians, where the estimate has none of its own.
     pub sigma_rad: f64,
@@ -70,9 +70,10 @@ pub struct Alternative {
 /// The spins about the same axis that explain `measurements` nearly as well as `fit`, likeliest
 /// first, of equals the slower first.
 ///
-/// Very long sequences are judged by their first frames only (thousands at even times): what these
-/// tell apart is apart, and what is left would need a spin more constant than any ball's. Where
-/// even three frames are so far apart that their aliases are beyond counting, none are listed.
+/// Of very long sequences only the first frames are used (thousands at even times). Spins that
+/// these distinguish are no aliases, and the rest would need a spin more constant than any ball's.
+/// Where even three frames are so far apart that their aliases are beyond counting, none are
+/// listed.
 pub fn alternatives(
     measurements: &[Measurement],
     fit: &Fit,
@@ -176,7 +177,7 @@ impl Window {
     /// beside.
     fn peaks(&self, low: f64, high: f64) -> Vec<f64> {
         let step = std::f64::consts::TAU / (NODES_PER_CYCLE * self.duration);
-        // No duration (fewer than two right frames): nothing can be compared.
+        // No duration (fewer than two inliers): nothing can be compared.
         if !(step.is_finite() && step > 0.0) {
             return Vec::new();
         }

@@ -1,8 +1,8 @@
 //! The Cramér-Rao bound: the minimum covariance that any unbiased estimate of the spin can have.
 //!
 //! With the model of [`super::robust`] and known outliers, the Fisher information of (R0, w) from
-//! right orientations at times `t_k` with noise `sigma_k` per axis falls apart like the normal
-//! equations. Along the axis it is that of a straight line,
+//! inliers at times `t_k` with noise `sigma_k` per axis separates like the normal equations. Along
+//! the axis it is that of a straight line,
 //!
 //! ```text
 //! var(w_along) = 1 / sum_k (t_k - mean)^2 / sigma_k^2
@@ -44,9 +44,9 @@ pub struct SpinBound {
 }
 
 impl SpinBound {
-    /// The bound for right orientations at `times_s` (seconds) with noise `sigmas_rad` per axis
-    /// (radians). `None` where they leave the spin open: fewer than two, or only whole turns
-    /// between all of them. Then any spin about another axis with as many turns is as good.
+    /// The bound for inliers at `times_s` (seconds) with noise `sigmas_rad` per axis (radians).
+    /// `None` where they do not determine the spin: fewer than two, or only full turns between all
+    /// of them. Then any spin about another axis with as many turns is as good.
     pub fn new(spin: &Vec3, times_s: &[f64], sigmas_rad: &[f64]) -> Option<Self> {
         let (_, rate) = axis_and_rate(spin);
         let (mut s, mut st, mut stt) = (0.0, 0.0, 0.0);

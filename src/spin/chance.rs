@@ -1,12 +1,12 @@
-//! How much agreement chance alone would bring about.
+//! The number of spins on which frames would agree by chance alone.
 //!
 //! Every pair of frames allows a handful of spins, so that a sequence has `sum over pairs (2 f T +
-//! 1)` hypotheses (`f` the largest spin in revolutions per second, `T` the pair's interval).
-//! Another frame that is anything at all agrees with one of them with the probability that a
-//! uniform rotation is within the angle r of a given one, `q = (r - sin r) / pi`, where r is the
-//! largest error that the mixture takes for noise; between the frames of the pair the prediction
-//! adds up to the frame's own variance. The expected number of hypotheses on which m of n frames
-//! agree by chance is thus about
+//! 1)` hypotheses (`f` the largest spin in revolutions per second, `T` the pair's interval). A
+//! frame with a random orientation agrees with one of them with the probability that a uniform
+//! rotation is within the angle r of a given one, `q = (r - sin r) / pi`, where r is the largest
+//! error that the mixture attributes to noise; between the frames of the pair the prediction adds
+//! up to the frame's own variance. The expected number of hypotheses on which m of n frames agree
+//! by chance is thus about
 //!
 //! ```text
 //! hypotheses * P(Binomial(n - 2, q) >= m - 2)
@@ -50,11 +50,11 @@ pub(super) fn expected_by_chance(
     hypotheses * binomial_tail(n - 2, agreeing - 2, near / n as f64)
 }
 
-/// Probability that a uniform rotation counts as this frame's right orientation.
+/// Probability that a uniform rotation counts as an inlier of this frame.
 fn near_by_chance(m: &Measurement, sigma_rad: f64) -> f64 {
     let variance = 2.0 * (sigma_rad * m.sigma_scale).powi(2);
     let r = (2.0 * variance * peak_gain(m.confidence, variance).max(0.0)).sqrt();
-    // Noise so large that half of all rotations look right says nothing anyway.
+    // Where half of all rotations count as inliers, agreement carries no information.
     let r = r.min(LARGEST_RADIUS);
     (r - r.sin()) / std::f64::consts::PI
 }

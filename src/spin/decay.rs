@@ -11,17 +11,17 @@
 //! The seven parameters are fitted by maximum likelihood under the mixture of [`super::robust`].
 //!
 //! # Starts
-//! Over a long sequence a wrong rate loses whole turns. The fit therefore starts twice. Once from
-//! the constant spin of [`super::robust`]. And once from the spins of short runs
-//! ([`super::windows`]): a robust line through the logarithms of their rates gives w0 and c well
-//! enough to go on from the middle run outwards, a frame being used once its prediction is good
-//! enough. Each start climbs by damped Gauss-Newton steps that are taken only where the likelihood
-//! rises (D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters",
-//! J. SIAM 11, 1963), until the next one would be shorter than a hundredth of its standard
-//! deviation. What has not converged is no answer.
+//! Over a long sequence a wrong rate loses full turns. The fit therefore starts twice: from the
+//! constant spin of [`super::robust`], and from the spins of short runs ([`super::windows`]). For
+//! the second start a robust line through the logarithms of their rates gives w0 and c well enough
+//! to go on from the middle run outwards, a frame being used once its prediction is good enough.
+//! Each start climbs by damped Gauss-Newton steps that are taken only where the likelihood rises
+//! (D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", J. SIAM
+//! 11, 1963), until the next one would be shorter than a hundredth of its standard deviation. A fit
+//! that has not converged is rejected.
 //!
 //! # Evidence
-//! A constant spin is the case c = 0. With c uniform in `[-m, m]` beforehand, the odds for a decay
+//! A constant spin is the case c = 0. With a uniform prior of c in `[-m, m]`, the odds for a decay
 //! are by Laplace's method
 //!
 //! ```text
@@ -34,10 +34,10 @@
 //!
 //! Guaranteed: no decay without evidence; no spin faster than permitted at either end; no more
 //! agreement claimed than chance explains (`spin::chance`, with the decays that can be
-//! distinguished as further hypotheses), and that by most of the frames. The interval is that of
-//! the likelihood's curvature, with the noise estimated from the residuals; `docs/spin.md` shows
-//! its coverage. Not guaranteed: a slow drift of the axis (gyroscopic effects on an uneven ball) is
-//! taken for noise.
+//! distinguished as further hypotheses), and most of the frames agree. The interval is that of the
+//! likelihood's curvature, with the noise estimated from the residuals; `docs/measurements/spin.md`
+//! shows its coverage. Not guaranteed: a slow drift of the axis (gyroscopic effects on an uneven
+//! ball) counts as noise.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -87,7 +87,7 @@ pub struct DecayConfig {
     pub robust: RobustSpinConfig,
     /// Orientations in a run whose spin is taken as constant.
     pub window: usize,
-    /// Largest rate of decay or growth considered, 1/s. Beforehand each within it is as likely.
+    /// Largest rate of decay or growth considered, 1/s. The prior is uniform within it.
     pub max_decay_per_s: f64,
 }
 
@@ -127,12 +127,12 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// What the orientations say of a decay.
+/// The outcome of a decay fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DecayOutcome {
     /// There is evidence for a decay (or a growth).
     Decaying(DecayFit),
-    /// There is none: the spin is constant as far as these orientations show.
+    /// There is no evidence for a decay: a constant spin explains the orientations.
     Constant(ConstantFit),
 }
 
@@ -145,7 +145,8 @@ impl DecayOutcome {
         }
     }
 
-    /// The 95 % interval of the rate of decay, 1/s; `None` where the orientations leave it open.
+    /// The 95 % interval of the rate of decay, 1/s; `None` where the orientations do not determine
+    /// it.
     pub fn interval_per_s(&self) -> Option<Interval> {
         match self {
             Self::Decaying(d) => Some(d.interval_per_s),
@@ -184,7 +185,7 @@ pub struct ConstantFit {
     /// The constant spin.
     pub fit: Fit,
     /// The 95 % interval in which the rate of decay may still lie, 1/s; `None` where the
-    /// orientations leave it open (a ball that hardly turns, a short sequence).
+    /// orientations do not determine it (a ball that hardly turns, a short sequence).
     pub interval_per_s: Option<Interval>,
     /// Natural logarithm of the odds for a decay; `None` where it is open.
     pub ln_bayes_factor: Option<f64>,
@@ -194,8 +195,8 @@ pub struct ConstantFit {
 ///
 /// # Errors
 /// A [`SpinRejection`] where the settings or measurements are invalid, or the measurements fewer
-/// than one run, or neither a constant nor a decaying spin is agreed on by most of the frames and
-/// by more than chance explains.
+/// than one run, or where neither a constant nor a decaying spin agrees with most of the frames and
+/// with more than chance explains.
 pub fn fit_decay(
     measurements: &[Measurement],
     config: &DecayConfig,
@@ -257,7 +258,7 @@ fn held_by_most(
     })
 }
 
-/// Whether these are half of the orientations that are expected to be right, or more.
+/// Whether these are at least half of the expected inliers.
 fn is_majority(inliers: usize, measurements: &[Measurement]) -> bool {
     let expected: f64 = measurements.iter().map(|m| m.confidence).sum();
     inliers as f64 >= 0.5 * expected
@@ -271,8 +272,8 @@ fn duration(measurements: &[Measurement]) -> f64 {
     }
 }
 
-/// The best log-likelihood of a constant spin at the decaying one's noise. It is at least that of
-/// taking all for outliers.
+/// The best log-likelihood of a constant spin at the decaying one's noise. Its lower bound is the
+/// likelihood with all frames as outliers.
 fn ln_likelihood_of_constant(
     measurements: &[Measurement],
     constant: &Result<Fit, SpinRejection>,
@@ -582,8 +583,8 @@ fn climb(
     let mut damping = FIRST_DAMPING;
     for _ in 0..CLIMB_STEPS {
         // A ball that does not turn says nothing of its decay: no step may be taken along it.
-        let whole = sums.information.cholesky()?.solve(&sums.gradient);
-        if whole.dot(&sums.gradient) < CONVERGED * CONVERGED {
+        let step = sums.information.cholesky()?.solve(&sums.gradient);
+        if step.dot(&sums.gradient) < CONVERGED * CONVERGED {
             return Some((state, sums));
         }
         let mut damped = sums.information;

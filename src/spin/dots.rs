@@ -1,19 +1,19 @@
 //! The last refinement of a spin: directly on all dots of all frames.
 //!
-//! An orientation per frame, taken as equally uncertain about every axis, throws away which way its
-//! few visible dots left it loose. Here the motion is fitted to the dots themselves: dot `a` of the
-//! pattern is expected at `p = exp([w]x (t - t0)) R(t0) a`, and observed at an angle `e` from there
-//! (a vector in the tangent plane, two components of noise sigma each) with probability `p_right`,
-//! else anywhere on the visible half of the sphere, whose area is 2 pi. A rotation of the
-//! prediction by `x` moves the dot by `(I - p p^T) x` as a rotation vector, so that with the
-//! frame's Jacobian `J` of [`super::robust`]'s fit the information is
+//! An orientation per frame, taken as equally uncertain about every axis, discards the directions
+//! in which its few visible dots determine it badly. Here the motion is fitted to the dots
+//! themselves: dot `a` of the pattern is expected at `p = exp([w]x (t - t0)) R(t0) a`, and observed
+//! at an angle `e` from there (a vector in the tangent plane, two components of noise sigma each)
+//! with probability `p_right`, else anywhere on the visible half of the sphere, whose area is 2 pi.
+//! A rotation of the prediction by `x` moves the dot by `(I - p p^T) x` as a rotation vector, so
+//! that with the frame's Jacobian `J` of [`super::robust`]'s fit the information is
 //!
 //! ```text
 //! sum over dots  p(right) J^T (I - p p^T) J / sigma^2
 //! ```
 //!
-//! It starts from a spin that is right but for noise, and goes to the nearest maximum of the
-//! likelihood: it neither looks for other spins nor changes which dot was taken for which.
+//! It starts from a spin that is correct up to noise and climbs to the nearest maximum of the
+//! likelihood. It neither searches for other spins nor changes the identities of dots.
 
 use nalgebra::{Matrix3, Matrix6, SVector};
 
@@ -22,7 +22,7 @@ use super::{Fit, MIN_FRAMES, Motion, SpinRejection};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
 
-/// Steps at most: from a good start three or four do.
+/// Maximum number of steps: from a good start three or four do.
 const MAX_STEPS: usize = 30;
 /// A step shorter than this many standard deviations ends the iteration.
 const CONVERGED: f64 = 1e-4;
@@ -50,15 +50,15 @@ pub struct DotFrame {
 pub struct DotRefineConfig {
     /// Noise of a dot's direction per tangential axis, radians: a first guess.
     pub sigma_rad: f64,
-    /// What the first guess is worth, in degrees of freedom; infinite: it is known and stays.
+    /// Weight of the first guess, in degrees of freedom; infinite: the noise is known and fixed.
     pub sigma_degrees: f64,
-    /// Probability that a dot is the one it is taken for.
+    /// Probability that a dot's identity is correct.
     pub right: f64,
 }
 
 impl Default for DotRefineConfig {
     /// 2 deg per axis (the paper's rotation by 3 deg about a random axis moves a dot by 1.7 deg per
-    /// axis), worth four degrees of freedom; nineteen dots in twenty right.
+    /// axis), worth four degrees of freedom; nineteen identities in twenty correct.
     fn default() -> Self {
         Self {
             sigma_rad: 2f64.to_radians(),
@@ -71,7 +71,7 @@ impl Default for DotRefineConfig {
 /// Fits the motion to the dots, from the motion of `start`.
 ///
 /// The result's reference time is that of `start`; `inliers` counts the frames most of whose dots
-/// are right.
+/// are inliers.
 ///
 /// # Errors
 /// A [`SpinRejection`] where a dot is not in the pattern, or fewer than three frames agree.
@@ -82,7 +82,7 @@ pub fn refine_on_dots(
     options: &DotRefineConfig,
 ) -> Result<Fit, SpinRejection> {
     check(pattern, frames)?;
-    let refused = |agreeing| SpinRejection::NoConsensus {
+    let rejected = |agreeing| SpinRejection::NoConsensus {
         agreeing,
         frames: frames.len(),
         max_rps: start.motion.rps(),
@@ -93,7 +93,7 @@ pub fn refine_on_dots(
     let mut sums = Sums::new(pattern, frames, &motion, sigma, options.right);
     for _ in 0..MAX_STEPS {
         let solved = sums.information.cholesky();
-        let change = solved.ok_or(refused(sums.inliers))?.solve(&sums.gradient);
+        let change = solved.ok_or(rejected(sums.inliers))?.solve(&sums.gradient);
         let length = change.dot(&sums.gradient);
         let turn = Rotation::from_scaled_axis(change.fixed_rows::<3>(0).into_owned());
         motion.orientation = Rotation::new_normalize((turn * motion.orientation).into_inner());
@@ -113,9 +113,9 @@ pub fn refine_on_dots(
             break;
         }
     }
-    let solved = sums.information.cholesky().ok_or(refused(sums.inliers))?;
+    let solved = sums.information.cholesky().ok_or(rejected(sums.inliers))?;
     if sums.inliers < MIN_FRAMES {
-        return Err(refused(sums.inliers));
+        return Err(rejected(sums.inliers));
     }
     let widening = match degrees {
         d if d.is_finite() => d / (d - 2.0).max(1.0),
@@ -218,7 +218,7 @@ fn rotation_between(from: &Vec3, to: &Vec3) -> Vec3 {
     cross * if sine > 1e-12 { angle / sine } else { 1.0 }
 }
 
-/// Probability that a dot at squared angle `e2` is right, and the log of the mixture's density.
+/// Probability that a dot at squared angle `e2` is an inlier, and the log of the mixture's density.
 fn posterior(p_right: f64, e2: f64, variance: f64) -> (f64, f64) {
     let area = std::f64::consts::TAU;
     let good = p_right / (area * variance) * (-0.5 * e2 / variance).exp();

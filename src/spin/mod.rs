@@ -1,4 +1,4 @@
-//! Spin from time-stamped orientations: the last stage, and the one that meets the most nonsense.
+//! Spin from time-stamped orientations: the last stage, which must tolerate wrong ones.
 //!
 //! Some orientations are wrong by any angle (a misidentified pattern), some are missing, the times
 //! may be uneven, and a quaternion and its negative mean the same. Two estimators answer the same
@@ -16,14 +16,14 @@
 //! R(t) = exp([w]x (t - t0)) R(t0)
 //! ```
 //!
-//! Around them: [`orientations`] is the file that they read, [`alias`] lists the spins that look
-//! alike at the given times, [`bound`] says what any estimator could reach; [`windows`] and
-//! [`decay`] (with the theory in [`air`]) follow a spin through a long sequence; [`dots`] refines
-//! it on the dots themselves; [`simulate`] makes sequences with a known truth, and [`trajectories`]
-//! reads the published ones.
+//! The other modules: [`orientations`] is the file that they read, [`alias`] lists the spins that
+//! the sampling cannot distinguish, [`bound`] is the Cramér-Rao bound; [`windows`] and [`decay`]
+//! (with the theory in [`air`]) follow a spin through a long sequence; [`dots`] refines it on the
+//! dots themselves; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
+//! published ones.
 //!
-//! What no estimator can promise: to distinguish spins that look alike at the given times (their
-//! aliases).
+//! Not guaranteed, by any estimator: that aliases, spins which agree at all the given times, are
+//! distinguished.
 
 pub mod air;
 pub mod alias;
@@ -47,18 +47,19 @@ use nalgebra::Matrix3;
 use crate::error::Error;
 use crate::geometry::{Rotation, Vec3};
 
-/// Fewest orientations that can show a spin and check it: two fix it, the third bears witness.
+/// Minimum number of orientations that determine a spin and check it: two determine it, the third
+/// checks it.
 pub const MIN_FRAMES: usize = 3;
 
-/// Most turns between successive orientations that the search goes through one by one: far more
-/// than any sampling can decide, and few enough to be done in a moment.
+/// Maximum number of turns between successive orientations that the search goes through one by one:
+/// far more than any sampling can decide, and few enough to be searched quickly.
 pub const MAX_TURNS: usize = 200;
 
 /// Minimum time between successive orientations, seconds: a million frames a second. Frames
 /// numbered in nanoseconds by mistake are closer.
 pub const MIN_INTERVAL_S: f64 = 1e-6;
 
-/// The probability that an orientation is right, where nothing is known of it.
+/// The prior probability that an orientation is an inlier.
 ///
 /// A tenth of the frames wrong is a cautious reading of the 93 % that the paper's identification
 /// reaches on real images; the estimate hardly depends on it.
@@ -71,7 +72,7 @@ pub struct Measurement {
     pub time_s: f64,
     /// Pattern to camera.
     pub orientation: Rotation,
-    /// Probability that the orientation is right (not an outlier), in [0, 1].
+    /// Probability that the orientation is an inlier, in [0, 1].
     pub confidence: f64,
     /// This frame's noise as a multiple of the common one, positive; 1 where nothing is known.
     pub sigma_scale: f64,
@@ -123,11 +124,11 @@ pub struct Fit {
     pub sigma_rad: Option<f64>,
     /// Log-likelihood of the measurements (density with respect to the rotation vector), as above.
     pub log_likelihood: Option<f64>,
-    /// Orientations that count as right.
+    /// Number of inliers.
     pub inliers: usize,
 }
 
-/// Why an estimator declines to answer.
+/// Why an estimator rejects a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SpinRejection {
@@ -155,7 +156,7 @@ pub enum SpinRejection {
         /// What was expected.
         problem: &'static str,
     },
-    /// The times are so far apart that the turns between them cannot be counted.
+    /// The times are so far apart that the number of turns between them is undetermined.
     #[error(
         "orientations {interval_s} s apart leave {turns:.0} turns open between them at up to {max_rps:.0} rps, \
          expected at most {MAX_TURNS} (are the times in seconds?)"
@@ -191,7 +192,7 @@ pub enum SpinRejection {
     },
     /// Too few of the orientations agree on any one spin.
     #[error(
-        "no spin up to {max_rps:.0} rps is agreed on by enough of the {frames} orientations (best: {agreeing})"
+        "no spin up to {max_rps:.0} rps agrees with enough of the {frames} orientations (best: {agreeing})"
     )]
     NoConsensus {
         /// Orientations that agree with the best spin found.

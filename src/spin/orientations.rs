@@ -6,18 +6,18 @@
 //! frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence
 //! ```
 //!
-//! `frame` is any text, `time_s` seconds in any one time base, `qw,qx,qy,qz` the unit quaternion that
-//! maps the pattern's frame to the camera's (scalar first; SciPy and ROS put it last), all four fields
-//! empty where the identification gave up; `dots` seen and `matched`, the matched dots' RMS angular
-//! `residual_deg`, and the `confidence` in [0, 1] that the identification is right. Only `time_s` and
-//! the quaternion are indispensable; other columns may be missing or empty, and unknown ones are
-//! passed over.
+//! `frame` is any text, `time_s` seconds in any one time base, `qw,qx,qy,qz` the unit quaternion
+//! that maps the pattern's frame to the camera's (scalar first; SciPy and ROS put it last), all
+//! four fields empty where the identification gave up; `dots` seen and `matched`, the matched dots'
+//! RMS angular `residual_deg`, and the `confidence` in [0, 1] that the identification is correct.
+//! Only `time_s` and the quaternion are indispensable; other columns may be missing or empty, and
+//! unknown ones are passed over.
 //!
 //! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
 //! file; [`OrientationWriter`] writes them likewise.
 //!
 //! Guarantees: what is read has finite numbers, unit quaternions and increasing times; everything
-//! else is refused with the line that is at fault.
+//! else is rejected with the line at fault.
 
 use std::io::{BufRead, Write};
 use std::path::Path;
@@ -29,11 +29,11 @@ use crate::files;
 use crate::files::csv::{Columns, Field, Table, TableRow, quoted};
 use crate::geometry::{Rotation, from_wxyz, to_wxyz};
 
-/// Largest deviation of a quaternion's length from 1 that is normalized instead of refused: six
-/// decimals are kept by most writers, three by the most careless.
+/// Maximum deviation of a quaternion's length from 1 that is normalized instead of rejected: most
+/// writers keep six decimals, some only three.
 pub const LENGTH_TOLERANCE: f64 = 2e-3;
-/// A frame's noise scale is kept within this factor of the common noise either way: the residual of a
-/// handful of dots is itself a rough number.
+/// A frame's noise scale is kept within this factor of the common noise either way: the residual of
+/// a few dots is itself uncertain.
 const SCALE_LIMIT: f64 = 2.0;
 /// Dots of average quality that a frame's residual is averaged with, for the same reason.
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
@@ -61,7 +61,8 @@ static COLUMNS: Columns<10> = Columns {
 pub struct OrientationRow {
     /// The frame's name; empty where the file has none.
     pub frame: String,
-    /// Time, seconds; NaN, an empty field in the file, where a frame has none. What is read has one.
+    /// Time, seconds; NaN, an empty field in the file, where a frame has none. What is read has
+    /// one.
     pub time_s: f64,
     /// Pattern to camera; `None` where the identification gave up.
     pub orientation: Option<Rotation>,
@@ -71,7 +72,7 @@ pub struct OrientationRow {
     pub matched: Option<usize>,
     /// RMS angular residual of the matched dots, radians.
     pub residual_rad: Option<f64>,
-    /// Probability that the orientation is right, in [0, 1].
+    /// Probability that the orientation is correct, in [0, 1].
     pub confidence: Option<f64>,
 }
 
@@ -102,7 +103,8 @@ impl Orientations {
     /// Reads an orientations file.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    /// [`crate::Error::Read`], or [`crate::Error::Input`] naming the line and what was expected
+    /// there.
     #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
         Self::read(path, files::open(path)?)
@@ -111,14 +113,15 @@ impl Orientations {
     /// As [`Orientations::read_csv`], from any input; `path` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
+    /// [`crate::Error::Read`], or [`crate::Error::Input`] naming the line and what was expected
+    /// there.
     pub fn read(path: &Path, input: impl BufRead) -> Result<Self> {
         let rows = OrientationReader::new(path, input)?.collect::<Result<_>>()?;
         Ok(Self { rows })
     }
 
-    /// The file's text; quaternions scalar first with `qw >= 0`, digits enough to read back the same
-    /// bits.
+    /// The file's text; quaternions scalar first with `qw >= 0`, digits enough to read back the
+    /// same bits.
     pub fn to_csv(&self) -> String {
         let mut text = Vec::new();
         let mut writer = OrientationWriter::new(&mut text);
@@ -130,10 +133,10 @@ impl Orientations {
         String::from_utf8(text).unwrap_or_default()
     }
 
-    /// Writes the file, whole or not at all.
+    /// Writes the file atomically.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`crate::Error::Write`].
     #[cfg(feature = "native")]
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         files::write_bytes(path, self.to_csv().as_bytes())
@@ -142,8 +145,8 @@ impl Orientations {
     /// What the estimators work on: the frames that have an orientation.
     ///
     /// Where residuals and dot counts are given, a frame's noise follows from them: `n` dots spread
-    /// over the ball with noise `s` fix each axis of the orientation to `s sqrt(3 / (2 n))`, so that
-    /// the scale is `s / sqrt(n)` relative to the median frame's.
+    /// over the ball with noise `s` fix each axis of the orientation to `s sqrt(3 / (2 n))`, so
+    /// that the scale is `s / sqrt(n)` relative to the median frame's.
     pub fn measurements(&self) -> Vec<Measurement> {
         let answered = || self.rows.iter().filter(|r| r.orientation.is_some());
         let mut residuals: Vec<f64> = answered()
@@ -189,7 +192,8 @@ impl<R: BufRead> OrientationReader<R> {
     /// Reads the header of `input`; `path` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Input`] where a column is missing or occurs twice.
+    /// [`crate::Error::Read`], or [`crate::Error::Input`] where a column is missing or occurs
+    /// twice.
     pub fn new(path: &Path, input: R) -> Result<Self> {
         Ok(Self {
             table: Table::new(path, input, &COLUMNS)?,
@@ -265,7 +269,7 @@ impl<W: Write> OrientationWriter<W> {
         self.to.write_all(b"\n")
     }
 
-    /// Hands on what is buffered.
+    /// Flushes the buffer.
     ///
     /// # Errors
     /// Those of the output.

@@ -11,11 +11,11 @@
 //!
 //! RANSAC: the plane is fitted to short runs of successive frames; a frame whose distance `1 -
 //! |projection on the plane|` is below a threshold joins; the plane that at least three join and
-//! with the least total distance wins.
+//! with the smallest total distance wins.
 //!
 //! Known weaknesses, kept: a run must be free of outliers; a slow spin leaves the plane
-//! undetermined; any rotation about nearly the right axis counts as right, however wrong its angle;
-//! unwrapping is by rules of thumb.
+//! undetermined; any rotation about nearly the correct axis counts as an inlier, however wrong its
+//! angle; unwrapping is by rules of thumb.
 
 use nalgebra::{Matrix4, Vector4};
 use rand::{RngExt, SeedableRng};
@@ -168,7 +168,7 @@ impl QuateraEstimator {
         }
     }
 
-    /// For each measurement of the last successful fit, whether it counted as right.
+    /// For each measurement of the last successful fit, whether it is an inlier.
     pub fn inliers(&self) -> &[bool] {
         &self.best
     }
@@ -251,7 +251,7 @@ impl QuateraEstimator {
             let chosen = || self.quaternions.iter().zip(&self.members).filter(|x| *x.1);
             let plane = Plane::through(chosen().map(|x| x.0));
             let total: f64 = chosen().map(|x| plane.distance(x.0)).sum();
-            if best.is_none_or(|(least, _)| total < least) {
+            if best.is_none_or(|(smallest, _)| total < smallest) {
                 best = Some((total, plane));
                 self.best.clone_from(&self.members);
             }

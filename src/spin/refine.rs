@@ -17,10 +17,10 @@
 //! exp(i theta) a + g d,    g = t (exp(i theta) - 1) / (i theta) = t (sin theta + i (1 - cos theta)) / theta
 //! ```
 //!
-//! so that the 6 x 6 normal equations fall apart into a real and a complex 2 x 2 system. The
-//! weights are the posterior probabilities that the frames are right. While the parameters are
-//! still poor the variance of the prediction is added to the noise, and frames whose prediction is
-//! worth nothing wait: the fit grows from the two frames it started with to the whole sequence.
+//! so that the 6 x 6 normal equations separate into a real and a complex 2 x 2 system. The weights
+//! are the posterior probabilities that the frames are inliers. While the parameters are still poor
+//! the variance of the prediction is added to the noise, and frames whose prediction is too
+//! uncertain wait: the fit grows from the two frames it started with to the whole sequence.
 
 use std::f64::consts::TAU;
 
@@ -33,7 +33,7 @@ use crate::geometry::{Rotation, Vec3, tangent_frame};
 /// A prediction less certain than this (radians, per axis) is not linear any more: the frame waits.
 pub(super) const PREDICTION_LIMIT: f64 = 0.35;
 /// The noise is taken to be at most this many times what was expected: a mixture free to widen its
-/// noise calls anything right.
+/// noise accepts any frame as an inlier.
 pub(super) const MAX_NOISE: f64 = 5.0;
 /// Steps while the fit grows. The reach multiplies by about `PREDICTION_LIMIT / sigma` in each.
 const GROWTH_STEPS: usize = 12;
@@ -49,7 +49,7 @@ const SMALL_ANGLE: f64 = 1e-4;
 pub(super) struct NoisePrior {
     /// Noise per axis, radians.
     pub sigma_rad: f64,
-    /// What the prior is worth, in degrees of freedom; infinite: the noise is known.
+    /// Weight of the prior, in degrees of freedom; infinite: the noise is known.
     pub degrees: f64,
 }
 
@@ -61,7 +61,7 @@ pub(super) struct Refined {
     pub sigma_rad: f64,
     /// Log-likelihood, density with respect to the rotation vector.
     pub log_likelihood: f64,
-    /// Sum of the probabilities that the frames are right.
+    /// Sum of the probabilities that the frames are inliers.
     pub support: f64,
     /// Degrees of freedom of `sigma_rad`.
     pub degrees: f64,
@@ -99,7 +99,7 @@ struct Sums {
     log_likelihood: f64,
 }
 
-/// What a frame says of the current parameters.
+/// A frame's residual under the current parameters.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Residual {
     /// Rotation vector from the prediction to the measurement, camera frame.
@@ -175,10 +175,10 @@ pub(super) fn axis_and_rate(spin: &Vec3) -> (Vec3, f64) {
     }
 }
 
-/// Fits from the hypothesis that the frames `pair` are right and the spin is about `spin`.
+/// Fits from the hypothesis that the frames `pair` are inliers and the spin is near `spin`.
 ///
-/// `probabilities` receives, for each frame, the probability that it is right. `None` where the
-/// equations leave the parameters open.
+/// `probabilities` receives, for each frame, the probability that it is an inlier. `None` where the
+/// equations do not determine the parameters.
 pub(super) fn refine(
     measurements: &[Measurement],
     pair: (usize, usize),
@@ -316,7 +316,8 @@ fn accumulate(
     sums
 }
 
-/// Probability that a frame with squared error `e2` is right, and the log of the mixture's density.
+/// Probability that a frame with squared error `e2` is an inlier, and the log of the mixture's
+/// density.
 pub(super) fn posterior(confidence: f64, e2: f64, variance: f64) -> (f64, f64) {
     let p = confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
     let x = TAU * variance;
@@ -410,7 +411,7 @@ pub(super) fn jacobian(axis: &Vec3, r: &Residual) -> SMatrix<f64, 3, 6> {
     j
 }
 
-/// For each frame, the probability that it is right under `motion`.
+/// For each frame, the probability that it is an inlier under `motion`.
 pub(super) fn probabilities(
     measurements: &[Measurement],
     motion: &Motion,

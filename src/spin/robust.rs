@@ -1,13 +1,14 @@
-//! Spin by maximum likelihood on SO(3), robust and global.
+//! Spin by maximum likelihood on SO(3): robust to outliers, and a global search.
 //!
 //! Every spin that two of the frames allow (any number of turns between them, up to the permitted
 //! magnitude) is scored on all others; the best few are refined together with the orientation under
-//! a mixture of noise and uniform outliers; among those, the likeliest wins, and of equals the
+//! a mixture of noise and uniform outliers; of these the likeliest wins, and among equals the
 //! slowest.
 //!
 //! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen
 //! a sequence as long; a spin is only reported where more frames agree on it than chance would
-//! explain. Not guaranteed: a constant spin is taken for granted.
+//! explain. Not guaranteed: an answer for a spin that is not constant; the model assumes a constant
+//! one.
 
 use nalgebra::Matrix3;
 
@@ -31,7 +32,7 @@ const MAX_STARTS: usize = 64;
 /// are the minimum that counts as evidence.
 pub(super) const TIE_MARGIN: f64 = 3.0;
 
-/// What is known of the spin's magnitude beforehand.
+/// A prior of the spin's magnitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MagnitudePrior {
     /// Expected magnitude, revolutions per second.
@@ -54,10 +55,10 @@ pub struct RobustSpinConfig {
     pub max_rps: f64,
     /// Noise of an orientation per axis, radians.
     pub sigma_rad: f64,
-    /// What `sigma_rad` is worth in degrees of freedom when the noise is estimated from the
-    /// residuals; infinite: it is known and stays.
+    /// Weight of `sigma_rad`, in degrees of freedom, when the noise is estimated from the
+    /// residuals; infinite: the noise is known and fixed.
     pub sigma_degrees: f64,
-    /// What is known of the magnitude, if anything.
+    /// Prior of the magnitude, if there is one.
     pub prior: Option<MagnitudePrior>,
     /// Expected number of spins with as much agreement by chance that is still accepted.
     pub false_alarms: f64,
@@ -65,8 +66,8 @@ pub struct RobustSpinConfig {
 
 impl Default for RobustSpinConfig {
     /// 175 revolutions per second (the paper's limit: half a turn a frame at 350 frames per second)
-    /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes),
-    /// which counts for little: at half or twice that noise the residuals of ten frames prevail.
+    /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes), with
+    /// a weak weight: at half or twice that noise the residuals of ten frames dominate.
     fn default() -> Self {
         Self {
             max_rps: 175.0,
@@ -146,7 +147,7 @@ impl RobustEstimator {
         &self.config
     }
 
-    /// For each measurement of the last successful fit, the probability that it is right.
+    /// For each measurement of the last successful fit, the probability that it is an inlier.
     pub fn inlier_probabilities(&self) -> &[f64] {
         &self.probabilities
     }
@@ -180,7 +181,7 @@ impl RobustEstimator {
         self.finish(measurements, &best)
     }
 
-    /// Refuses a sequence whose nearest frames leave too many turns open.
+    /// Rejects a sequence whose nearest frames leave too many turns open.
     fn check_spacing(&self, measurements: &[Measurement]) -> Result<(), SpinRejection> {
         let intervals = measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
         let interval_s = intervals.fold(f64::INFINITY, f64::min);

@@ -1,18 +1,18 @@
-//! The global part of the robust fit: which spins could it be at all?
+//! The global part of the robust fit: it enumerates and scores candidate spins.
 //!
-//! Two right orientations `a` then `b`, a time `T` apart, leave a discrete set of spins: with `R_b
-//! R_a^T = exp(phi [n]x)`, `phi` in [0, pi], they are `n (phi + 2 pi k) / T` for every whole `k`.
-//! Each that is within the permitted magnitude is a hypothesis, and is judged by the frames that
-//! did not make it. At time `t` it predicts an orientation whose variance per axis, to first order,
-//! is `sigma^2 ((1-u)^2 + u^2)` with `u = (t - t_a) / T`; the judged frame adds its own `sigma^2`.
-//! The score is the log-likelihood ratio of "right" to "stray", cut off at 0:
+//! Two inliers `a` then `b`, a time `T` apart, allow a discrete set of spins: with `R_b R_a^T =
+//! exp(phi [n]x)`, `phi` in [0, pi], they are `n (phi + 2 pi k) / T` for every whole `k`. Each that
+//! is within the permitted magnitude is a hypothesis, and is scored on the frames that did not
+//! define it. At time `t` it predicts an orientation whose variance per axis, to first order, is
+//! `sigma^2 ((1-u)^2 + u^2)` with `u = (t - t_a) / T`; the scored frame adds its own `sigma^2`. The
+//! score is the log-likelihood ratio of inlier to outlier, truncated at 0:
 //!
 //! ```text
 //! sum_k max(0, ln( p N(e_k; 0, v_k I) / ((1-p) / 8 pi^2) )),   v_k = sigma^2 (1 + (1-u)^2 + u^2)
 //! ```
 //!
 //! (the volume of SO(3) in rotation vectors near the identity is 8 pi^2). Unlike a count of inliers
-//! it discounts agreement that an imprecise hypothesis gets cheaply.
+//! it discounts the easy agreement of an imprecise hypothesis.
 
 use std::f64::consts::{PI, TAU};
 
@@ -25,17 +25,17 @@ use crate::geometry::Vec3;
 pub(super) const ROTATION_VOLUME: f64 = 8.0 * PI * PI;
 
 /// Hypotheses kept for refinement. Aliases of the best one compete for places, so that there must
-/// be several; beyond this many a tie is of no use to anyone.
+/// be several; beyond this many a tie is not useful.
 pub(super) const KEPT: usize = 8;
 
 /// A hypothesis whose score trails the best by more than this (natural log units) is not refined:
 /// the score is a log-likelihood but for linearization, which costs a few units at most.
 pub(super) const SCORE_MARGIN: f64 = 20.0;
 
-/// A confidence nearer to 0 or 1 than this is not believed: no identifier knows itself so well.
+/// Confidences are clamped to this distance from 0 and 1: no identifier is calibrated beyond it.
 pub(super) const CONFIDENCE_LIMIT: f64 = 0.02;
 
-/// A spin that two frames allow, and how the others like it.
+/// A spin that two frames allow, with its score on the others.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hypothesis {
     /// Index of the earlier and the later frame.
@@ -134,7 +134,7 @@ pub(super) struct Seen {
     inverse_variance: f64,
 }
 
-/// Judges every spin that the frames `pair` allow, and offers each to the shortlist.
+/// Scores every spin that the frames `pair` allow, and offers each to the shortlist.
 pub(super) fn judge_pair(
     measurements: &[Measurement],
     pair: (usize, usize),
@@ -146,7 +146,7 @@ pub(super) fn judge_pair(
     let interval = second.time_s - first.time_s;
     let relative = second.orientation.into_inner() * first.orientation.into_inner().conjugate();
     let (axis, phi) = axis_angle(&relative);
-    judge(measurements, pair, &axis, settings, seen);
+    score_hypothesis(measurements, pair, &axis, settings, seen);
 
     let radius = pair_radius(settings.sigma_rad, interval);
     let max_gain: f64 = seen.iter().map(|s| s.peak).sum();
@@ -180,7 +180,7 @@ pub(super) fn pair_radius(sigma_rad: f64, interval: f64) -> f64 {
 }
 
 /// Fills `seen` with the frames outside the pair.
-fn judge(
+fn score_hypothesis(
     measurements: &[Measurement],
     pair: (usize, usize),
     axis: &Vec3,

@@ -16,7 +16,7 @@ use super::{Measurement, Motion};
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, random_direction, random_rotation};
 
-/// Most frames of a sequence: eight hours at 350 fps.
+/// Maximum number of frames of a sequence: eight hours at 350 fps.
 const MAX_FRAMES: usize = 10_000_000;
 
 /// Which frames never arrive.
@@ -28,7 +28,7 @@ pub enum Drops {
     Keep(usize),
 }
 
-/// What a camera and an orientation estimator do to a turning ball.
+/// A simulated camera and orientation estimator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scenario {
     /// Frames taken, before any are dropped.

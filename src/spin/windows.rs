@@ -1,7 +1,7 @@
 //! Spin over time: the spin of short runs of a long sequence, each taken as constant.
 //!
-//! Runs overlap by half, so that neighbors are not independent. A run on which the estimator
-//! declines to answer leaves a gap.
+//! Runs overlap by half, so that neighbors are not independent. A run that the estimator rejects
+//! leaves a gap.
 
 use super::robust::{RobustEstimator, RobustSpinConfig};
 use super::{Fit, MIN_FRAMES, Measurement, SpinRejection, check};

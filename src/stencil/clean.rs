@@ -1,13 +1,14 @@
-//! Cleaning a mesh of slivers without opening it or moving its surface.
+//! Removes slivers from a mesh without opening it or moving its surface beyond a tolerance.
 //!
-//! Booleans leave needles (one very short edge) and caps (a corner almost on the opposite edge), some of
-//! which lose their area or change sides once coordinates are rounded to 32 bits. Two operations remove
-//! them, both of which keep a closed 2-manifold closed: collapsing an edge whose ends share exactly two
-//! neighbors (the link condition: H. Edelsbrunner, "Geometry and Topology for Mesh Generation", 2001,
-//! sec. 4.2), and flipping an edge. An operation is refused where it would move the surface by more than
-//! a tolerance or turn a triangle over.
+//! Booleans leave needles (one very short edge) and caps (a corner almost on the opposite edge),
+//! some of which lose their area or change sides once coordinates are rounded to 32 bits. Two
+//! operations remove them, both of which keep a closed 2-manifold closed: collapsing an edge whose
+//! ends share exactly two neighbors (the link condition: H. Edelsbrunner, "Geometry and Topology
+//! for Mesh Generation", 2001, sec. 4.2), and flipping an edge. An operation is skipped where it
+//! would move the surface by more than a tolerance or turn a triangle over.
 //!
-//! What it does not promise: that no sliver remains, where edges of the solid meet at small angles.
+//! Guaranteed: the mesh stays a closed 2-manifold. Not guaranteed: that no sliver remains, where
+//! edges of the solid meet at small angles.
 
 use crate::geometry::Vec3;
 
@@ -22,8 +23,8 @@ const ROUNDS: usize = 12;
 /// A triangle flatter than this has no side that it could be turned over from, mm.
 const FLAT_MM: f64 = 1e-4;
 
-/// `mesh` without slivers as far as that goes with moves of the surface up to `tolerance_mm`; unused
-/// vertices are dropped.
+/// `mesh` without slivers as far as that goes with moves of the surface up to `tolerance_mm`;
+/// unused vertices are dropped.
 pub(super) fn cleaned(mesh: &Mesh, tolerance_mm: f64) -> Mesh {
     let mut work = Work::new(mesh, tolerance_mm);
     for _ in 0..ROUNDS {

@@ -4,7 +4,7 @@ use crate::error::{Result, require};
 
 /// Smallest hole that is made, mm.
 pub(super) const MIN_HOLE_MM: f64 = 0.5;
-/// Play of a pen's tip in its hole, per side, mm: printers draw holes too small.
+/// Clearance of a pen's tip in its hole, per side, mm: printers draw holes too small.
 const PEN_PLAY_MM: f64 = 0.2;
 
 /// Parameters of a stencil. Angles in radians; lengths in millimeters, the unit of the files it is
@@ -14,7 +14,8 @@ const PEN_PLAY_MM: f64 = 0.2;
 /// ([`super::coupon`]).
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StencilConfig {
-    /// Diameter of the ball, mm. Default 40.0. Table-tennis balls are 40.0 to 40.6 mm: measure yours.
+    /// Diameter of the ball, mm. Default 40.0. Table-tennis balls are 40.0 to 40.6 mm: measure
+    /// yours.
     pub ball_diameter_mm: f64,
     /// Gap between ball and shell, per side, mm. Default 0.2.
     pub clearance_mm: f64,
@@ -29,8 +30,8 @@ pub struct StencilConfig {
     /// Minimum material between two holes, and between a hole and a rim, the hinge or the tab, mm.
     /// Default 0.8.
     pub min_web_mm: f64,
-    /// Wanted distance of the dots' centers from the seam, radians. Default 10 degrees. Where no plane
-    /// keeps it, the plane that comes nearest is taken and holes pass through both rims.
+    /// Wanted distance of the dots' centers from the seam, radians. Default 10 degrees. Where no
+    /// plane keeps it, the plane that comes nearest is taken and holes pass through both rims.
     pub seam_margin_rad: f64,
     /// Gap between the two rims, square to their cone, mm. Default 0.2.
     pub seam_gap_mm: f64,
@@ -93,8 +94,8 @@ impl StencilConfig {
         self.inner_radius_mm() + self.wall_mm
     }
 
-    /// Diameter of the hole through which a pen's tip of `pen_diameter_mm` just goes, mm: 0.2 mm of play on
-    /// each side.
+    /// Diameter of the hole through which a pen's tip of `pen_diameter_mm` just goes, mm: 0.2 mm of
+    /// clearance on each side.
     pub fn hole_for_pen_mm(pen_diameter_mm: f64) -> f64 {
         pen_diameter_mm + 2.0 * PEN_PLAY_MM
     }
@@ -169,7 +170,8 @@ impl StencilConfig {
     }
 }
 
-/// An angle in degrees as a person wrote it: rounded to 1e-9, since radians hold few degrees exactly.
+/// An angle in degrees as a person wrote it: rounded to 1e-9, since radians hold few degrees
+/// exactly.
 pub(super) fn degrees(radians: f64) -> f64 {
     (radians.to_degrees() * 1e9).round() / 1e9
 }

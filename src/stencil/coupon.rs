@@ -1,9 +1,10 @@
-//! The coupon: rings to print before the stencil, to find the clearance that suits ball and printer.
+//! The coupon: rings to print before the stencil, to find the clearance that suits ball and
+//! printer.
 //!
-//! Printers draw holes too small, by an amount that differs from one to the next, and balls of one name
-//! differ in size. Each ring is the lowest part of a half shell with another clearance, engraved with it
-//! in tenths of a millimetre: the lowest number whose ring takes the ball down to its equator without
-//! force is the clearance to use.
+//! Printers draw holes too small, by an amount that differs from one to the next, and balls of one
+//! name differ in size. Each ring is the lowest part of a half shell with another clearance,
+//! engraved with it in tenths of a millimeter: the clearance to use is the lowest number whose ring
+//! takes the ball down to its equator without force.
 
 use crate::error::Result;
 use crate::geometry::Vec3;
@@ -12,7 +13,7 @@ use super::mesh::Mesh;
 use super::solid::Solid;
 use super::{StencilConfig, clean, marks, shapes};
 
-/// Clearances of the rings, tenths of a millimetre.
+/// Clearances of the rings, tenths of a millimeter.
 const TENTHS: std::ops::RangeInclusive<u32> = 0..=5;
 /// Rings in a row.
 const IN_A_ROW: u32 = 3;
@@ -24,8 +25,8 @@ const GAP_MM: f64 = 4.0;
 /// The rings as one mesh, side by side on the bed z = 0, rounded to 32-bit floats.
 ///
 /// # Errors
-/// [`crate::Error::Argument`] where a parameter is outside its domain; [`crate::Error::Internal`] where a
-/// mesh fails its own checks.
+/// [`crate::Error::Argument`] where a parameter is outside its domain; [`crate::Error::Internal`]
+/// where a mesh fails its own checks.
 pub fn coupon(config: &StencilConfig) -> Result<Mesh> {
     config.validate()?;
     let mut all = Mesh::default();
@@ -48,7 +49,7 @@ pub fn coupon(config: &StencilConfig) -> Result<Mesh> {
     Ok(all)
 }
 
-/// The ring with a clearance of `tenths` of a millimetre.
+/// The ring with a clearance of `tenths` of a millimeter.
 fn ring(tenths: u32, config: &StencilConfig) -> Result<Mesh> {
     let config = StencilConfig {
         clearance_mm: f64::from(tenths) / 10.0,

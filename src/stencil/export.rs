@@ -21,15 +21,15 @@ const HALF_FILES: [&str; 2] = ["half_a.stl", "half_b.stl"];
 const FORMAT_VERSION: u32 = 1;
 /// First bytes of an STL file's header.
 const STL_HEADER: &str = "spindoe pattern";
-/// How the frames hang together, in words.
-const FRAMES: &str = "stencil = R * pattern, R the unit quaternion given; millimetres, origin in the \
+/// How the frames are related, in words.
+const FRAMES: &str = "stencil = R * pattern, R the unit quaternion given; millimeters, origin in the \
     ball's center, seam in z = 0, half A in z > 0, hinge axis along y through (axis_mm, 0, 0), thumb tab \
     towards -x. A point (x, y, z) of half_a.stl lies at (x, y, z - lip_mm), a point of half_b.stl at \
     (x, -y, lip_mm - z).";
 
 impl Stencil {
-    /// Writes `half_a.stl`, `half_b.stl`, `stencil.3mf` and `stencil.json` to `dir`, which is made if
-    /// it does not exist. Each file appears whole or not at all.
+    /// Writes `half_a.stl`, `half_b.stl`, `stencil.3mf` and `stencil.json` to `dir`, which is made
+    /// if it does not exist. Each file is written atomically.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
@@ -46,7 +46,8 @@ impl Stencil {
         files::write_bytes(&dir.join("stencil.json"), text.as_bytes())
     }
 
-    /// What `stencil.json` holds (angles in degrees): parameters, frames, where each dot lies, and what each half's check found.
+    /// What `stencil.json` holds (angles in degrees): parameters, frames, where each dot lies, and
+    /// what each half's check found.
     pub fn description(&self) -> Result<serde_json::Value> {
         let q = self.layout.rotation.quaternion();
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };

@@ -1,5 +1,5 @@
-//! Words as outlines of a real font: DejaVu Sans Condensed Bold, whose strokes are wider than a nozzle at
-//! the sizes used here, and whose 1 and 7 cannot be taken for ticks.
+//! Text as outlines of a font: DejaVu Sans Condensed Bold. Its strokes are wider than a nozzle at
+//! the sizes used here, and its 1 and 7 are distinct from ticks.
 
 use ttf_parser::{Face, OutlineBuilder};
 

@@ -1,15 +1,16 @@
 //! Where the halves meet: the rims' cone and the hinge, as lengths.
 //!
-//! Both halves are printed rim down and share one hinge pin, so each half must reach around the pin and
-//! yet lie on the bed: with flat rims that is impossible. The rims therefore overlap by a band as high
-//! as a knuckle. In the stencil frame half A keeps the outer layer of the wall down to `z = -lip`, half
-//! B the inner layer up to `z = +lip`, and a cone parts them: it widens downwards, so that it centers the
-//! halves and lets go at once when they open. Each rim's lowest ring and its knuckles stand on the bed,
-//! and what overhangs is a ledge less than a lip wide.
+//! Both halves are printed rim down and share one hinge pin, so each half must reach around the pin
+//! and yet lie on the bed: with flat rims that is impossible. The rims therefore overlap by a band
+//! as high as a knuckle. In the stencil frame half A keeps the outer layer of the wall down to `z =
+//! -lip`, half B the inner layer up to `z = +lip`, and a cone parts them: it widens downwards, so
+//! that it centers the halves and lets go at once when they open. Each rim's lowest ring and its
+//! knuckles stand on the bed, and what overhangs is a ledge less than a lip wide.
 //!
-//! The hinge's axis runs along y through `(axis, 0, 0)`. A point of half B at `(-d, z)` from the axis
-//! moves on a circle about it; B's lip stays clear of A's as long as it is farther from the axis than
-//! A's innermost rim edge, or has passed it: what comes nearer is cut away ([`Joint::relief_mm`]).
+//! The hinge's axis runs along y through `(axis, 0, 0)`. A point of half B at `(-d, z)` from the
+//! axis moves on a circle about it; B's lip stays clear of A's as long as it is farther from the
+//! axis than A's innermost rim edge, or has passed it: what comes nearer is cut away
+//! ([`Joint::relief_mm`]).
 
 use crate::error::{Error, Result};
 
@@ -27,14 +28,15 @@ const ARM_MM: f64 = 3.0;
 const TAB_THICKNESS_MM: f64 = 3.0;
 /// Width of the thumb tab, mm.
 const TAB_WIDTH_MM: f64 = 12.0;
-/// How far the inner lip may narrow the way of the ball, as a fraction of the ball's radius: more would
-/// stretch a printed ring beyond what it bears.
+/// How far the inner lip may narrow the ball's passage, as a fraction of the ball's radius: more
+/// would overstretch a printed ring.
 const MAX_SNAP: f64 = 0.012;
 
 /// Lengths of rims, hinge and tab, mm.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Joint {
-    /// Half the height of the band in which the rims overlap; each half stands on its own `z = -lip`.
+    /// Half the height of the band in which the rims overlap; each half stands on its own `z =
+    /// -lip`.
     pub lip_mm: f64,
     /// Radius of the middle of the cone's gap at the outer lip's edge.
     pub cone_wide_mm: f64,
@@ -66,8 +68,8 @@ impl Joint {
     /// Lays out rims and hinge.
     ///
     /// # Errors
-    /// [`Error::Argument`] with the value where a wall would be thinner than the nozzle, knuckles have no
-    /// length, or the ball would not pass the inner lip.
+    /// [`Error::Argument`] with the value where a wall would be thinner than the nozzle, knuckles
+    /// have no length, or the ball would not pass the inner lip.
     pub fn new(config: &StencilConfig) -> Result<Self> {
         let (inner, outer) = (config.inner_radius_mm(), config.outer_radius_mm());
         let bore_radius_mm = 0.5 * (config.screw_diameter_mm + config.bore_allowance_mm);
@@ -75,20 +77,20 @@ impl Joint {
         let lip_mm = knuckle_radius_mm - FLAT_MM;
         let narrow = |radius: f64| (radius * radius - lip_mm * lip_mm).max(0.0).sqrt();
         let snap = 0.5 * config.ball_diameter_mm - narrow(inner);
-        let most = MAX_SNAP * 0.5 * config.ball_diameter_mm;
-        if snap > most {
+        let max_snap = MAX_SNAP * 0.5 * config.ball_diameter_mm;
+        if snap > max_snap {
             return Err(Error::argument(
                 "screw_diameter_mm",
                 format!(
                     "the rim that its hinge needs narrows the ball's way by {snap:.2} mm, expected at \
-                     most {most:.2} mm: take a thinner screw or more clearance"
+                     most {max_snap:.2} mm: take a thinner screw or more clearance"
                 ),
             ));
         }
-        let room = narrow(outer) - narrow(inner);
-        let lip_thickness_mm = 0.5 * (room * (1.0 - CONE_FRACTION) - config.seam_gap_mm);
+        let width = narrow(outer) - narrow(inner);
+        let lip_thickness_mm = 0.5 * (width * (1.0 - CONE_FRACTION) - config.seam_gap_mm);
         // Along the radius the gap is wider than square to the cone.
-        let slope = CONE_FRACTION * room / (2.0 * lip_mm);
+        let slope = CONE_FRACTION * width / (2.0 * lip_mm);
         let half_gap_mm = 0.5 * config.seam_gap_mm * slope.hypot(1.0);
         let cone_wide_mm = narrow(outer) - lip_thickness_mm - half_gap_mm;
         let cone_narrow_mm = narrow(inner) + lip_thickness_mm + half_gap_mm;
@@ -113,10 +115,10 @@ impl Joint {
         Ok(joint)
     }
 
-    /// Refuses walls that the nozzle cannot draw.
+    /// Rejects walls that the nozzle cannot draw.
     fn refuse_thin_walls(&self, config: &StencilConfig) -> Result<()> {
         let relieved = self.axis_mm - self.relief_mm(0.0, config) - config.inner_radius_mm();
-        for (name, what, value, least) in [
+        for (name, what, value, min_thickness) in [
             (
                 "wall_mm",
                 "a rim's lip",
@@ -131,10 +133,12 @@ impl Joint {
             ),
             ("hinge_length_mm", "a knuckle", self.knuckle_mm, 1.5),
         ] {
-            if value < least {
+            if value < min_thickness {
                 return Err(Error::argument(
                     name,
-                    format!("{what} would be {value:.2} mm thick, expected at least {least} mm"),
+                    format!(
+                        "{what} would be {value:.2} mm thick, expected at least {min_thickness} mm"
+                    ),
                 ));
             }
         }
@@ -148,16 +152,17 @@ impl Joint {
         (from, from + self.knuckle_mm)
     }
 
-    /// How far from the hinge's axis half B's lip must stay at `y_mm` along it: as far as the inner edge
-    /// of half A's rim, and half the gap between the rims: a whole gap would graze the lip's own edge.
+    /// How far from the hinge's axis half B's lip must stay at `y_mm` along it: as far as the inner
+    /// edge of half A's rim, and half the gap between the rims: a whole gap would graze the lip's
+    /// own edge.
     pub fn relief_mm(&self, y_mm: f64, config: &StencilConfig) -> f64 {
         let edge = self.cone_wide_mm + self.half_gap_mm;
         let x = (edge * edge - y_mm * y_mm).max(0.0).sqrt();
         (self.axis_mm - x).hypot(self.lip_mm) + 0.5 * config.seam_gap_mm
     }
 
-    /// The distance along the hinge's axis beyond which half B's lip keeps [`Joint::relief_mm`] without
-    /// being cut, mm.
+    /// The distance along the hinge's axis beyond which half B's lip keeps [`Joint::relief_mm`]
+    /// without being cut, mm.
     pub fn relief_half_width(&self, config: &StencilConfig) -> f64 {
         let clear = |y: f64| {
             (0..=40).all(|i| {

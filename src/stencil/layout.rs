@@ -1,9 +1,9 @@
-//! How the stencil lies on the pattern: seam, hinge, and what each hole meets.
+//! The layout of the stencil on the pattern: seam, hinge, and which parts each hole cuts.
 //!
-//! The seam is the plane farthest from all dots along which hinge and tab keep clear of the holes; the
-//! hinge then goes where it is farthest from them. Distances between a hole and hinge or tab are measured
-//! from points on their surfaces to the hole's cone, which is taken to go on outside the shell as a
-//! cylinder: there the pen stands.
+//! The seam is the plane farthest from all dots along which hinge and tab keep clear of the holes;
+//! the hinge then goes where it is farthest from them. Distances between a hole and hinge or tab
+//! are measured from points on their surfaces to the hole's cone, which is taken to go on outside
+//! the shell as a cylinder: there the pen stands.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -18,8 +18,8 @@ use super::{HalfName, StencilConfig, shapes};
 const AZIMUTHS: usize = 120;
 /// Distance of the points that stand for a surface, mm.
 const SPACING_MM: f64 = 1.0;
-/// A hole that misses a rim's edge by less than this counts as cutting it, mm: tangent circles have no
-/// certain topology.
+/// A hole that misses a rim's edge by less than this counts as cutting it, mm: tangent circles have
+/// no certain topology.
 const TANGENT_MM: f64 = 0.05;
 
 /// What a hole does to a half.
@@ -48,7 +48,8 @@ pub(super) struct Layout {
     pub clearance_mm: f64,
 }
 
-/// Outline of a hinge arm with its knuckle in the plane y = 0 of a half's own frame (dome up): x, z.
+/// Outline of a hinge arm with its knuckle in the plane y = 0 of a half's own frame (dome up): x,
+/// z.
 pub(super) fn arm_outline(config: &StencilConfig, joint: &Joint) -> Vec<(f64, f64)> {
     let chord = config.chord_error_mm;
     let segments = shapes::circle_segments(joint.knuckle_radius_mm, chord);
@@ -119,10 +120,11 @@ fn distance_to_hole(dot: &Vec3, points: &[Vec3], config: &StencilConfig) -> f64 
         .fold(f64::INFINITY, f64::min)
 }
 
-/// Lowest and highest point above the bed of the circle that the hole of `dot` (a half's own frame, dome
-/// up) makes on the sphere of `radius`, mm.
+/// Lowest and highest point above the bed of the circle that the hole of `dot` (a half's own frame,
+/// dome up) makes on the sphere of `radius`, mm.
 fn reach(dot: &Vec3, radius: f64, config: &StencilConfig, joint: &Joint) -> [f64; 2] {
-    // A point of the circle is at `height` along the hole's axis and at the hole's radius there from it.
+    // A point of the circle is at `height` along the hole's axis and at the hole's radius there
+    // from it.
     let mut height = radius;
     for _ in 0..4 {
         let r = config.hole_radius_mm(height);
@@ -148,8 +150,8 @@ fn reaches(
         .collect()
 }
 
-/// What the hole of `dot` (a half's own frame, dome up) does to that half; an error where it leaves a web
-/// of the given thickness, mm, too thin to print.
+/// What the hole of `dot` (a half's own frame, dome up) does to that half; an error where it leaves
+/// a web of the given thickness, mm, too thin to print.
 fn cut(
     dot: &Vec3,
     name: HalfName,
@@ -181,8 +183,8 @@ fn cut(
     }
 }
 
-/// Thickness of what the hole of `dot` (a half's own frame) leaves of that half's ledge, mm: infinite
-/// where it clearly misses or cuts the ledge, zero where it grazes it.
+/// Thickness of what the hole of `dot` (a half's own frame) leaves of that half's ledge, mm:
+/// infinite where it clearly misses or cuts the ledge, zero where it grazes it.
 fn ledge_web(dot: &Vec3, name: HalfName, config: &StencilConfig, joint: &Joint) -> f64 {
     let ledge = 2.0 * joint.lip_mm + joint.ledge_gap_mm;
     let radii = match name {
@@ -238,8 +240,8 @@ impl Obstacle {
         }
     }
 
-    /// Whether the hole of `dot` is certainly farther away than `distance`, mm: no point lies nearer to
-    /// the hole's axis than the near end of the cone.
+    /// Whether the hole of `dot` is certainly farther away than `distance`, mm: no point lies
+    /// nearer to the hole's axis than the near end of the cone.
     fn is_beyond(&self, distance: f64, dot: &Vec3, config: &StencilConfig) -> bool {
         let angle = (dot.angle(&self.axis) - self.half_angle).clamp(0.0, FRAC_PI_2);
         self.nearest * angle.sin() - config.opening_radius_mm() > distance
@@ -260,23 +262,23 @@ impl Obstacles {
         }
     }
 
-    /// Minimum distance of a hole from hinge or tab for dots in the stencil's frame, mm. Stops early below
-    /// `enough`.
+    /// Minimum distance of a hole from hinge or tab for dots in the stencil's frame, mm. Stops
+    /// early below `enough`.
     fn clearance(&self, dots: &[Vec3], config: &StencilConfig, enough: f64) -> f64 {
-        let mut least = f64::INFINITY;
+        let mut clearance = f64::INFINITY;
         for d in dots {
             // The hinge's arms reach up on both sides of the seam.
             let up = Vec3::new(d.x, d.y, d.z.abs());
             for (dot, obstacle) in [(&up, &self.hinge), (d, &self.tab)] {
-                if !obstacle.is_beyond(least, dot, config) {
-                    least = least.min(distance_to_hole(dot, &obstacle.points, config));
+                if !obstacle.is_beyond(clearance, dot, config) {
+                    clearance = clearance.min(distance_to_hole(dot, &obstacle.points, config));
                 }
             }
-            if least < enough {
+            if clearance < enough {
                 break;
             }
         }
-        least
+        clearance
     }
 }
 
@@ -313,7 +315,7 @@ fn try_seam(
         }
         cuts.push(both.map(|(name, own)| {
             cut(&own, name, config, joint).unwrap_or_else(|web| {
-                if thin.is_none_or(|(least, _)| web < least) {
+                if thin.is_none_or(|(thinnest, _)| web < thinnest) {
                     thin = Some((web, i));
                 }
                 Cut::Through
@@ -334,9 +336,10 @@ fn try_seam(
 }
 
 impl Layout {
-    /// Lays seam and hinge out: of the planes that keep holes clear of the hinge and leave no web too thin
-    /// to print, the one farthest from the dots. A plane where no hole leaves a sliver of a ledge goes
-    /// first, unless it comes nearer to the dots than the margin asked for and another does not.
+    /// Lays seam and hinge out: of the planes that keep holes clear of the hinge and leave no web
+    /// too thin to print, the one farthest from the dots. A plane where no hole leaves a sliver of
+    /// a ledge goes first, unless it comes nearer to the dots than the margin asked for and another
+    /// does not.
     ///
     /// # Errors
     /// [`Error::Argument`] with the value of the best attempt where no plane will do.

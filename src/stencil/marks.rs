@@ -1,9 +1,10 @@
 //! The dots' numbers, engraved beside their holes.
 //!
-//! Numbers are outlines of a real font, upright when the dome is up, engraved to the same depth below the
-//! sphere everywhere. A number keeps clear of holes, rims, hinge, tab and other numbers, and lies nearer to
-//! its own hole than to any other: at most three quarters as far, where there is such a place. Where there
-//! is none it is set smaller, then nearer to another; a dot around which nothing fits stays without.
+//! Numbers are outlines of a real font, upright when the dome is up, engraved to the same depth
+//! below the sphere everywhere. A number keeps clear of holes, rims, hinge, tab and other numbers,
+//! and lies nearer to its own hole than to any other: at most three quarters as far, where there is
+//! such a place. Where there is none it is set smaller, then nearer to another; a dot around which
+//! nothing fits stays without.
 
 use crate::error::Result;
 use crate::geometry::{Vec3, tangent_frame};
@@ -16,8 +17,8 @@ use super::{StencilConfig, shapes};
 
 /// Height of a number as a fraction of the ball's diameter, and its bounds, mm.
 const HEIGHT: (f64, f64, f64) = (0.08, 2.8, 8.0);
-/// Sizes that are tried, as parts of that height, with how far a number may be from its own hole, as a part
-/// of its distance from any other.
+/// Sizes that are tried, as parts of that height, with how far a number may be from its own hole,
+/// as a part of its distance from any other.
 const TRIES: [(f64, f64); 4] = [(1.0, 0.75), (0.8, 0.75), (1.0, 0.95), (0.8, 0.95)];
 /// Depth of the engraving as a fraction of the wall, and its bound, mm.
 const DEPTH: (f64, f64) = (0.2, 0.5);
@@ -64,7 +65,8 @@ impl Place {
         }
     }
 
-    /// Distance of a point from the rectangle in its plane, mm; infinite on the far side of the ball.
+    /// Distance of a point from the rectangle in its plane, mm; infinite on the far side of the
+    /// ball.
     fn distance(&self, p: &Vec3) -> f64 {
         if p.dot(&self.center) <= 0.0 {
             return f64::INFINITY;
@@ -180,7 +182,7 @@ pub(super) fn words_at(
     tool(&Place::new(*center, &words), &words, config)
 }
 
-/// Depth of the engraving, mm: four fifths of the wall stay whole, which is more than a nozzle's width.
+/// Depth of the engraving, mm: four fifths of the wall remain, which is more than a nozzle's width.
 fn depth_mm(config: &StencilConfig) -> f64 {
     (DEPTH.0 * config.wall_mm).min(DEPTH.1)
 }
@@ -191,8 +193,8 @@ pub(super) fn floor(config: &StencilConfig) -> Mesh {
     shapes::sphere(radius, config.chord_error_mm)
 }
 
-/// Places around the hole of `dot` that keep clear of everything but other numbers, nearest first, sideways
-/// ones before others.
+/// Places around the hole of `dot` that keep clear of everything but other numbers, nearest first,
+/// sideways ones before others.
 fn places(
     dot: &Vec3,
     words: &Words,

@@ -1,16 +1,17 @@
 //! Triangle meshes of solids, and the check that they bound one.
 //!
-//! A mesh is good when every directed edge has exactly one opposite (closed and consistently
-//! oriented), the triangles around each vertex form one fan, and the enclosed volume is positive. The
-//! check works on indices alone, so [`Mesh::rounded`] first merges vertices that become equal in the
-//! 32-bit floats of an STL file: a reader of that file sees exactly the topology that was checked.
+//! A mesh is valid when every directed edge has exactly one opposite (closed and consistently
+//! oriented), the triangles around each vertex form one fan, and the enclosed volume is positive.
+//! The check works on indices alone, so [`Mesh::rounded`] first merges vertices that become equal
+//! in the 32-bit floats of an STL file: a reader of that file sees exactly the topology that was
+//! checked.
 
 use std::collections::HashMap;
 
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 
-/// A triangle mesh in millimetres; triangles turn counter-clockwise seen from outside.
+/// A triangle mesh in millimeters; triangles turn counter-clockwise seen from outside.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mesh {
     /// Vertex positions, mm.
@@ -57,7 +58,7 @@ impl MeshCheck {
         (2 - self.euler_characteristic) / 2
     }
 
-    /// Refuses anything but one closed, oriented body of positive volume.
+    /// Rejects anything but one closed, oriented body of positive volume.
     ///
     /// # Errors
     /// [`Error::Internal`] naming `part` and the first value that fails.
@@ -235,7 +236,7 @@ impl Mesh {
     }
 }
 
-/// Least interior angle of a triangle, radians; zero where it has no area.
+/// Minimum interior angle of a triangle, radians; zero where it has no area.
 pub(super) fn min_angle(c: &[Vec3; 3]) -> f64 {
     let area = (c[1] - c[0]).cross(&(c[2] - c[0])).norm();
     (0..3)

@@ -1,21 +1,23 @@
 //! The stencil: two printable half shells that close around a ball, with a hole for each dot.
 //!
-//! Method: the pattern is turned so that the great circle farthest from all dots ([`max_margin_seam`])
-//! along which hinge and thumb tab keep clear of the holes lies in the plane z = 0 of the *stencil
-//! frame*. The shell between two spheres is parted there into half A (z > 0) and half B (z < 0), whose
-//! rims overlap by a narrow band and meet in a cone ([`Joint`]); a tapered tool is subtracted for each
-//! dot by mesh booleans. A dot near the seam leaves matching holes in both rims. Slivers are removed.
+//! Method: the pattern is rotated so that the great circle farthest from all dots
+//! ([`max_margin_seam`]) along which hinge and thumb tab keep clear of the holes lies in the plane
+//! z = 0 of the *stencil frame*. The shell between two spheres is parted there into half A (z > 0)
+//! and half B (z < 0), whose rims overlap by a narrow band and meet in a cone ([`Joint`]); a
+//! tapered tool is subtracted for each dot by mesh booleans. A dot near the seam leaves matching
+//! holes in both rims. Slivers are removed.
 //!
-//! Guarantees: each half is one closed, oriented 2-manifold that does not cut itself and has exactly the
-//! expected holes, after rounding to the 32-bit floats of STL. Not promised: that a printer keeps the
-//! modeled clearances ([`coupon`]).
+//! Guaranteed: each half is one closed, oriented 2-manifold that does not intersect itself and has
+//! exactly the expected holes, after rounding to the 32-bit floats of STL. Not guaranteed: that a
+//! printer keeps the modeled clearances ([`coupon`]).
 //!
-//! Units: angles in radians. Lengths are millimeters, as in the files that leave this module (STL, 3MF),
-//! and carry `_mm` in their names.
+//! Units: angles in radians. Lengths are millimeters, as in the files that leave this module (STL,
+//! 3MF), and carry `_mm` in their names.
 //!
-//! Frames: `stencil = rotation * pattern`, origin at the ball's center, hinge towards +x with its axis
-//! along y, thumb tab towards -x. Half A is laid as it is; half B is turned by half a turn about x (y and
-//! z change sign). Both are then raised by the lip's height, so that the bed is z = 0.
+//! Frames: `stencil = rotation * pattern`, origin at the ball's center, hinge towards +x with its
+//! axis along y, thumb tab towards -x. Half A is laid as it is; half B is turned by half a turn
+//! about x (y and z change sign). Both are then raised by the lip's height, so that the bed is z =
+//! 0.
 //!
 //! ```
 //! use spindoe::geometry::spiral_directions;
@@ -82,7 +84,8 @@ impl HalfName {
     /// Both, in the order in which [`Stencil::halves`] holds them.
     pub const BOTH: [Self; 2] = [Self::A, Self::B];
 
-    /// A point between the stencil's frame and this half's own (dome up): the same way there and back.
+    /// A point between the stencil's frame and this half's own (dome up): the map is its own
+    /// inverse.
     fn own_frame(self, v: &Vec3) -> Vec3 {
         match self {
             Self::A => *v,
@@ -143,7 +146,7 @@ pub struct Stencil {
     halves: [Half; 2],
 }
 
-/// What a stencil is made from: where everything lies, before any solid is built.
+/// The layout of a stencil, before any solid is built.
 struct Plan {
     joint: Joint,
     layout: Layout,
@@ -153,15 +156,15 @@ impl Plan {
     fn new(pattern: &Pattern, config: &StencilConfig) -> Result<Self> {
         config.validate()?;
         let joint = Joint::new(config)?;
-        refuse_overlaps(pattern.dots(), config)?;
+        check_overlaps(pattern.dots(), config)?;
         let layout = Layout::choose(pattern.dots(), config, &joint)?;
         Ok(Self { joint, layout })
     }
 }
 
 impl Stencil {
-    /// Checks that a pattern leaves place for the stencil's holes, rims, hinge and tab. Builds nothing,
-    /// which takes thousands of times longer.
+    /// Checks that a pattern leaves space for the stencil's holes, rims, hinge and tab. Builds
+    /// nothing, which takes thousands of times longer.
     ///
     /// # Errors
     /// [`Error::Argument`] as [`Stencil::build`].
@@ -169,12 +172,12 @@ impl Stencil {
         Plan::new(pattern, config).map(drop)
     }
 
-    /// The largest hole diameter, in steps of 0.1 mm, with which the stencil of `pattern` is possible when
-    /// all else is as in `config`; `None` where there is none. Tries diameters one by one from the largest
-    /// that webs between holes allow, each as long as [`Stencil::check`].
+    /// The largest hole diameter, in steps of 0.1 mm, with which the stencil of `pattern` is
+    /// possible when all else is as in `config`; `None` where there is none. Tries diameters one by
+    /// one from the largest that webs between holes allow, each as long as [`Stencil::check`].
     pub fn largest_hole_mm(pattern: &Pattern, config: &StencilConfig) -> Option<f64> {
-        let most = widest_holes(pattern.dots(), config).min(0.5 * config.ball_diameter_mm);
-        let from = (10.0 * most + 1e-6).floor().max(0.0) as u32;
+        let largest = widest_holes(pattern.dots(), config).min(0.5 * config.ball_diameter_mm);
+        let from = (10.0 * largest + 1e-6).floor().max(0.0) as u32;
         let to = (10.0 * MIN_HOLE_MM) as u32;
         let diameters = (to..=from).rev().map(|tenths| f64::from(tenths) / 10.0);
         let mut sized = diameters.map(|hole_diameter_mm| StencilConfig {
@@ -189,8 +192,8 @@ impl Stencil {
     /// Designs the stencil of `pattern`.
     ///
     /// # Errors
-    /// [`Error::Argument`] where a parameter is outside its domain or the geometry cannot work (with
-    /// the value that fails); [`Error::Internal`] where a mesh fails its own checks.
+    /// [`Error::Argument`] where a parameter is outside its domain or the geometry cannot work
+    /// (with the value that fails); [`Error::Internal`] where a mesh fails its own checks.
     pub fn build(pattern: &Pattern, config: &StencilConfig) -> Result<Self> {
         let Plan { joint, layout } = Plan::new(pattern, config)?;
         let sides = layout.dots.iter().zip(&layout.cuts).map(|(d, cuts)| {
@@ -264,8 +267,8 @@ impl Stencil {
         }
     }
 
-    /// A half where it stands in the stencil frame when half B is opened by `opening_rad` about the hinge
-    /// (0 is closed).
+    /// A half where it stands in the stencil frame when half B is opened by `opening_rad` about the
+    /// hinge (0 is closed).
     pub fn placed_half(&self, name: HalfName, opening_rad: f64) -> Mesh {
         let up = Vec3::new(0.0, 0.0, self.joint.lip_mm);
         let mesh = &self.half(name).mesh;
@@ -284,8 +287,8 @@ impl Stencil {
     }
 }
 
-/// Refuses holes that leave too little material between them.
-fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
+/// Rejects holes that leave too little material between them.
+fn check_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
     for (i, a) in dots.iter().enumerate() {
         for (j, b) in dots[..i].iter().enumerate() {
             let angle = angle_between(a, b);
@@ -293,12 +296,12 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
             let web = |radius: f64, hole: f64| 2.0 * radius * (0.5 * angle).sin() - 2.0 * hole;
             let inner = web(config.inner_radius_mm(), 0.5 * config.hole_diameter_mm);
             let outer = web(config.outer_radius_mm(), config.opening_radius_mm());
-            let least = inner.min(outer);
-            if least < config.min_web_mm {
+            let thinnest = inner.min(outer);
+            if thinnest < config.min_web_mm {
                 return Err(Error::argument(
                     "hole_diameter_mm",
                     format!(
-                        "the holes of dots {j} and {i} ({:.1} degrees apart) leave {least:.2} mm \
+                        "the holes of dots {j} and {i} ({:.1} degrees apart) leave {thinnest:.2} mm \
                          between them, expected at least {} mm; {}",
                         angle.to_degrees(),
                         config.min_web_mm,
@@ -311,8 +314,8 @@ fn refuse_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
     Ok(())
 }
 
-/// The hole diameter at which the thinnest web between two holes is as thick as asked for, mm; negative
-/// where no hole is small enough.
+/// The hole diameter at which the thinnest web between two holes is as thick as asked for, mm;
+/// negative where no hole is small enough.
 fn widest_holes(dots: &[Vec3], config: &StencilConfig) -> f64 {
     // How much wider a hole is at its outer end.
     let widening = 2.0 * config.opening_radius_mm() - config.hole_diameter_mm;
@@ -373,8 +376,8 @@ fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) 
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"
     )));
-    // Where surfaces that all but coincide make the mesh cut itself, other facets may not; and where
-    // cleaning does, less of it may not.
+    // Nearly coincident surfaces may make the mesh intersect itself; other facets may avoid that.
+    // Where cleaning causes it, less cleaning may avoid it.
     'tried: for fineness in FINENESS {
         let tessellated = StencilConfig {
             chord_error_mm: fineness * config.chord_error_mm,
@@ -408,7 +411,7 @@ fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) 
     })
 }
 
-/// The half with this mesh, if it is what it should be.
+/// The half with this mesh, if it passes all checks.
 fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
     let check = mesh.check();
     check.require_solid(&name.to_string())?;
@@ -419,7 +422,9 @@ fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
         )));
     }
     if Solid::new(&mesh)?.self_intersects() {
-        return Err(Error::Internal(format!("{name}: the surface cuts itself")));
+        return Err(Error::Internal(format!(
+            "{name}: the surface intersects itself"
+        )));
     }
     Ok(Half {
         mesh,

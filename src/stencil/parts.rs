@@ -1,8 +1,8 @@
 //! The two half shells as solids: sphere, rims, holes, hinge, tab and marks put together.
 //!
-//! Everything is built in the half's *own frame*: dome up, ball's center in the origin, hinge towards
-//! +x. Half A's own frame is the stencil's; half B's is turned by half a turn about x. In both, the bed is
-//! the plane `z = -lip`.
+//! Everything is built in the half's *own frame*: dome up, ball's center in the origin, hinge
+//! towards +x. Half A's own frame is the stencil's; half B's is turned by half a turn about x. In
+//! both, the bed is the plane `z = -lip`.
 
 use std::f64::consts::PI;
 
@@ -96,8 +96,8 @@ impl Shell<'_> {
         )
     }
 
-    /// A knuckle and the arm that joins it to the shell. Half A's arms reach down to the bed; half B's
-    /// end at the axis' height, where half A's lip passes.
+    /// A knuckle and the arm that joins it to the shell. Half A's arms reach down to the bed; half
+    /// B's end at the axis' height, where half A's lip passes.
     fn knuckle(&self, from: f64, to: f64) -> Mesh {
         let joint = self.joint;
         let mut outline = arm_outline(self.config, joint);
@@ -133,12 +133,12 @@ impl Shell<'_> {
         Self::along_y(&circle, (joint.axis_mm, 0.0), [-end, end])
     }
 
-    /// What half B's lip leaves free so that half A's passes it when the halves open: at each y the part
-    /// of a disc about the hinge's axis that lies beneath the ledge and within the rim.
+    /// What half B's lip leaves free so that half A's passes it when the halves open: at each y the
+    /// part of a disc about the hinge's axis that lies beneath the ledge and within the rim.
     fn relief(&self) -> Mesh {
         let joint = self.joint;
-        // Between the edge of half A's lip and the ledge above it, in no plane with either; and as far
-        // out as the middle of half A's lip.
+        // Between the edge of half A's lip and the ledge above it, in no plane with either; and as
+        // far out as the middle of half A's lip.
         let top = joint.lip_mm + 0.5 * joint.ledge_gap_mm;
         let out = 0.5 * (joint.cone_wide_mm + self.config.outer_radius_mm());
         let half = joint.relief_half_width(self.config).min(0.9 * out);

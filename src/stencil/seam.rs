@@ -1,9 +1,9 @@
-//! Where to part the ball: great circles that stay far from all dots.
+//! The seam: great circles that stay far from all dots.
 //!
-//! Maximizing `min_i |n . d_i|` over unit normals `n` is a max-min problem whose maximum is held down
-//! by one, two or three dots: there, with suitable signs, `s_i n . d_i` are equal and `n` is a
-//! non-negative combination of the `s_i d_i`. All such candidates are enumerated, so the best of them is
-//! the global maximum and needs no start value.
+//! Maximizing `min_i |n . d_i|` over unit normals `n` is a max-min problem whose maximum is
+//! determined by one, two or three dots. There, with suitable signs, `s_i n . d_i` are equal and
+//! `n` is a non-negative combination of the `s_i d_i`. All such candidates are enumerated, so the
+//! best of them is the global maximum and needs no start value.
 
 use crate::geometry::{Vec3, spiral_directions};
 
@@ -11,8 +11,8 @@ use crate::geometry::{Vec3, spiral_directions};
 const SAME_RAD: f64 = 0.035;
 /// Maximum number of candidates handed on.
 const MAX: usize = 300;
-/// Evenly spread planes added to the candidates, for patterns whose best planes leave no place for a
-/// hinge.
+/// Evenly spread planes added to the candidates, for patterns whose best planes leave no place for
+/// a hinge.
 const SPREAD: usize = 1000;
 
 /// A great circle and its distance from the dots.
@@ -27,10 +27,10 @@ pub struct Seam {
 impl Seam {
     /// The seam with normal `n`, a unit vector.
     fn new(n: Vec3, dots: &[Vec3]) -> Self {
-        let least = dots.iter().map(|d| n.dot(d).abs()).fold(1.0, f64::min);
+        let min_sine = dots.iter().map(|d| n.dot(d).abs()).fold(1.0, f64::min);
         Self {
             normal: n,
-            margin_rad: least.clamp(0.0, 1.0).asin(),
+            margin_rad: min_sine.clamp(0.0, 1.0).asin(),
         }
     }
 

@@ -6,15 +6,16 @@ use crate::geometry::{Vec3, tangent_frame};
 
 use super::mesh::Mesh;
 
-/// Segments of a circle of `radius_mm` whose chords leave it by at most `chord_mm`; a multiple of 4.
+/// Segments of a circle of `radius_mm` whose chords leave it by at most `chord_mm`; a multiple of
+/// 4.
 pub fn circle_segments(radius_mm: f64, chord_mm: f64) -> usize {
     let half = (1.0 - (chord_mm / radius_mm).min(0.5)).acos();
     let n = (std::f64::consts::PI / half).ceil() as usize;
     n.div_ceil(4).max(4) * 4
 }
 
-/// A sphere about the origin with edges on the three coordinate planes, so that a cut through one of
-/// them makes no new triangles. Its facets leave the sphere by at most `chord_mm`.
+/// A sphere about the origin with edges on the three coordinate planes, so that a cut through one
+/// of them makes no new triangles. Its facets leave the sphere by at most `chord_mm`.
 pub fn sphere(radius_mm: f64, chord_mm: f64) -> Mesh {
     // The largest facets of this subdivision have a circumradius near 0.65 of the edge length.
     let edge = (2.0 * radius_mm * chord_mm).sqrt() / 0.65;
@@ -89,8 +90,8 @@ pub fn revolve(axis: &Vec3, outline: &[(f64, f64)], segments: usize) -> Mesh {
     mesh
 }
 
-/// The ring that the closed outline `(distance along axis, radius)` sweeps around `axis` (unit vector).
-/// All radii are positive; the outline runs outside upwards and inside downwards.
+/// The ring that the closed outline `(distance along axis, radius)` sweeps around `axis` (unit
+/// vector). All radii are positive; the outline runs outside upwards and inside downwards.
 pub fn ring(axis: &Vec3, outline: &[(f64, f64)], segments: usize) -> Mesh {
     let [u, v] = tangent_frame(axis);
     let mut mesh = Mesh::default();
@@ -113,8 +114,8 @@ pub fn ring(axis: &Vec3, outline: &[(f64, f64)], segments: usize) -> Mesh {
     mesh
 }
 
-/// The prism over a polygon (counter-clockwise in `e1`, `e2`) from `from` to `to` along `e1 x e2`, with
-/// its origin at `origin`. All of the polygon must be seen from its point `kernel`.
+/// The prism over a polygon (counter-clockwise in `e1`, `e2`) from `from` to `to` along `e1 x e2`,
+/// with its origin at `origin`. All of the polygon must be seen from its point `kernel`.
 pub fn prism(
     origin: &Vec3,
     [e1, e2]: [&Vec3; 2],

@@ -1,7 +1,7 @@
 //! Boolean operations on solids.
 //!
 //! They are Manifold's (E. Lalish), in its pure-Rust port: results stay closed whatever coincides,
-//! because ties are broken by symbolic perturbation. This file is the only one that knows the library.
+//! because ties are broken by symbolic perturbation. Only this file depends on the library.
 
 use manifold_rust::linalg::Vec2;
 use manifold_rust::manifold::Manifold;
@@ -36,8 +36,8 @@ impl Solid {
         Self(Manifold::from_mesh_gl64(&gl)).checked("a building block")
     }
 
-    /// The prism over outlines in the plane (outer ones counter-clockwise, holes clockwise), from z = 0 to
-    /// `height`.
+    /// The prism over outlines in the plane (outer ones counter-clockwise, holes clockwise), from z
+    /// = 0 to `height`.
     ///
     /// # Errors
     /// [`Error::Internal`] where the engine fails.

@@ -1,8 +1,8 @@
 //! 3MF files: a zip package with a model in XML.
 //!
-//! Format: 3MF Core Specification 1.3 (3MF Consortium), sections 2 (package) and 3 (model). The model part
-//! has its customary path, `3D/3dmodel.model`: some readers look for it there without following the
-//! package's relationships. The same meshes give the same bytes.
+//! Format: 3MF Core Specification 1.3 (3MF Consortium), sections 2 (package) and 3 (model). The
+//! model part has its customary path, `3D/3dmodel.model`: some readers look for it there without
+//! following the package's relationships. The same meshes give the same bytes.
 
 use std::fmt::Write as _;
 use std::io::{Cursor, Write as _};
@@ -94,8 +94,8 @@ fn model(title: &str, objects: &[Object<'_>]) -> String {
     xml
 }
 
-/// Appends one object. Coordinates are those of a [`Mesh::rounded`] mesh, written with the fewest digits
-/// that read back as the same 32-bit float: every reader sees the topology that was checked.
+/// Appends one object. Coordinates are those of a [`Mesh::rounded`] mesh, written with the fewest
+/// digits that read back as the same 32-bit float: every reader sees the topology that was checked.
 fn write_object(xml: &mut String, id: usize, object: &Object<'_>) {
     let name = &object.name;
     line(

@@ -1,7 +1,7 @@
-//! What is behind the ball: surfaces, lines, people, lamps, other balls.
+//! The background: surfaces, lines, people, lamps, other balls.
 //!
-//! Positions and lengths are in ball radii about a fixed pixel, so that textures keep their scale against the ball in crops and
-//! whole frames alike, and stand still while the ball moves.
+//! Positions and lengths are in ball radii about a fixed pixel, so that textures keep their scale
+//! against the ball in crops and whole frames alike, and stand still while the ball moves.
 
 use std::f32::consts::TAU;
 
@@ -129,7 +129,7 @@ pub struct Disc {
     pub is_ball: bool,
 }
 
-/// What is behind the ball.
+/// The background of a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Background {
     /// The pixel at which positions are 0.
@@ -162,8 +162,8 @@ impl Background {
         }
     }
 
-    /// A random background about a ball whose brightest part has the gray `brightest`; `reach` is half the image's
-    /// larger side in ball radii.
+    /// A random background about a ball whose brightest part has the gray `brightest`; `reach` is
+    /// half the image's larger side in ball radii.
     pub(super) fn random<R: Rng + ?Sized>(
         brightest: f32,
         reach: f32,
@@ -203,8 +203,8 @@ impl Background {
             _ => (Texture::Plain, second),
         };
         // As many about the ball in a whole frame as in a crop, up to a bound on the cost.
-        let most = (6.0 * (0.5 * reach).max(1.0)).min(40.0) as u32;
-        let count = rng.random_range(1..=most) * u32::from(is_cluttered);
+        let max_count = (6.0 * (0.5 * reach).max(1.0)).min(40.0) as u32;
+        let count = rng.random_range(1..=max_count) * u32::from(is_cluttered);
         Self {
             origin: Pixel::default(),
             radius_px: 1.0,

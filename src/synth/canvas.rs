@@ -1,7 +1,7 @@
 //! The ball as a grid of rays: what each ray meets, how it is lit, and the paint on it.
 //!
-//! The grid covers the ball's box in the image only, so that the cost grows with the ball's area. What a ray meets and
-//! how it is lit does not change while the ball turns; the paint does.
+//! The grid covers the ball's box in the image only, so that the cost grows with the ball's area.
+//! What a ray meets and how it is lit does not change while the ball turns; the paint does.
 
 use super::color::Color;
 use super::pen::Spot;
@@ -201,7 +201,8 @@ impl Canvas {
                 } else {
                     let (a, b) = (part(n, &long), part(n, &short));
                     let square = (a * a + b * b).max(1e-12);
-                    // To second order, 1 - cos is half the angle's square: a stretched radius divides it.
+                    // To second order, 1 - cos is half the angle's square: a stretched radius
+                    // divides it.
                     let stretch = 1.0 + spot.elongation * (a * a - b * b) / square;
                     let cos = 1.0 - (1.0 - cos) / (stretch * stretch);
                     let streak = 0.5 + 0.5 * (frequency * b + streaks.phase).sin();
@@ -236,7 +237,8 @@ impl Canvas {
         }
     }
 
-    /// Columns and rows of rays that may meet the cap of the given angular radius; `None` where the cap is out of sight.
+    /// Columns and rows of rays that may meet the cap of the given angular radius; `None` where the
+    /// cap is out of sight.
     fn window(
         &self,
         middle: &Vec3,

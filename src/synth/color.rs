@@ -10,7 +10,7 @@ pub fn luma(c: Color) -> f32 {
     0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]
 }
 
-/// The color `share` of the way from `a` to `b`.
+/// The color between `a` and `b` at the fraction `share`.
 pub(super) fn mix(a: Color, b: Color, share: f32) -> Color {
     [0, 1, 2].map(|k| a[k] + share * (b[k] - a[k]))
 }

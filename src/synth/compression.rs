@@ -1,8 +1,9 @@
-//! What compression leaves of an image: JPEG as files have it, and blocks as video has them.
+//! Image compression: JPEG, and the blocks of video codecs.
 //!
-//! Video codecs keep color at half the resolution and quantize the cosine transform of blocks. Here each block of 8 x 8 is coded
-//! alone, with the flat quantizer step of H.264, `2^((QP - 4) / 6)` in steps of 8 bits (ITU-T H.264, 8.5.12), which
-//! shows the same blocks, ringing and lost detail as a codec's intra frames; motion compensation is not modeled.
+//! Video codecs keep color at half the resolution and quantize the cosine transform of blocks. Here
+//! each block of 8 x 8 is coded alone, with the flat quantizer step of H.264, `2^((QP - 4) / 6)` in
+//! steps of 8 bits (ITU-T H.264, 8.5.12), which shows the same blocks, ringing and lost detail as a
+//! codec's intra frames; motion compensation is not modeled.
 
 use std::f32::consts::PI;
 
@@ -15,7 +16,8 @@ use crate::vision::image::RgbImage;
 
 /// Side of a block.
 const SIDE: usize = 8;
-/// Added before a coefficient is cut to a whole number of steps; below 1/2, as encoders have it, small ones vanish.
+/// Added before a coefficient is cut to a whole number of steps; below 1/2, as encoders have it,
+/// small ones vanish.
 const ROUNDING: f32 = 1.0 / 3.0;
 
 /// How an image is compressed.
@@ -81,7 +83,8 @@ fn jpeg(image: &RgbImage, quality: u8) -> Result<RgbImage> {
     RgbImage::new(image.width(), image.height(), values)
 }
 
-/// Brightness at full resolution, two color differences at half (BT.601, as JPEG and most cameras have it).
+/// Brightness at full resolution, two color differences at half (BT.601, as JPEG and most cameras
+/// have it).
 struct Planes {
     size: [usize; 2],
     planes: [Plane; 3],

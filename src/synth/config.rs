@@ -1,8 +1,9 @@
-//! How far random frames reach.
+//! The ranges from which random frames are drawn.
 //!
-//! The defaults are wider than what a camera and a ball are in use: a detector that is trained on them
-//! meets nothing new in a photograph. They follow from optics and from what balls look like, and are fit to no
-//! set of images. [`SynthConfig::good`] is the narrow counterpart: what a user arranges.
+//! The defaults are wider than the conditions in use, so that a photograph lies within the training
+//! distribution. They follow from optics and from the appearance of balls; they are not fitted to
+//! any set of images. [`SynthConfig::good`] is the narrow counterpart: the conditions that a user
+//! arranges.
 
 use std::f64::consts::{PI, TAU};
 
@@ -52,7 +53,7 @@ impl SynthKind {
         Self::Noise,
     ];
 
-    /// As written on the command line.
+    /// The name on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Dotted => "dotted",
@@ -91,7 +92,7 @@ impl std::str::FromStr for SynthKind {
     }
 }
 
-/// How far random frames reach. Pairs are `[minimum, maximum]`; a value is drawn once for a frame.
+/// The ranges of random frames. Pairs are `[minimum, maximum]`; a value is drawn once for a frame.
 ///
 /// ```
 /// use spindoe::synth::SynthConfig;
@@ -140,8 +141,8 @@ pub struct SynthConfig {
     pub dot_radius_rad: [f64; 2],
     /// Relative standard deviation of the dots' radii within a ball. Default: 0.02 to 0.2.
     pub dot_radius_spread: [f64; 2],
-    /// Standard deviation of a drawn dot from its place, per tangent axis, radians.
-    /// Default: 0.004 to 0.03.
+    /// Standard deviation of a dot's placement error, per tangent axis, radians. Default: 0.004 to
+    /// 0.03.
     pub placement_sigma_rad: [f64; 2],
     /// Maximum of (long axis - short axis) / (long + short) of a dot. Default: 0.2.
     pub max_dot_elongation: f64,
@@ -167,7 +168,7 @@ pub struct SynthConfig {
     pub rps: [f64; 2],
     /// Maximum angle that the ball turns during the exposure, radians. Default: 0.3.
     pub max_arc_rad: f64,
-    /// Maximum way of the ball during the exposure, pixels of a crop of 60. Default: 6.
+    /// Maximum displacement of the ball during the exposure, pixels of a crop of 60. Default: 6.
     pub max_shift_px: f64,
 
     // Light.
@@ -183,7 +184,8 @@ pub struct SynthConfig {
     pub max_limb: f64,
 
     // What is behind and before the ball.
-    /// Maximum brightness of the background against that of the ball's brightest part. Default: 1.3.
+    /// Maximum brightness of the background against that of the ball's brightest part. Default:
+    /// 1.3.
     pub max_background: f64,
     /// Share of the frames with a textured background. Default: 0.5.
     pub texture_share: f64,
@@ -277,8 +279,9 @@ impl Default for SynthConfig {
 }
 
 impl SynthConfig {
-    /// Good conditions, as a user arranges them: a ball of 60 pixels, sharp and well lit, short exposures, clear
-    /// ink, a background darker than the ball, nothing in the way. Cameras are as near as by default.
+    /// Good conditions, as a user arranges them: a ball of 60 pixels, sharp and well lit, short
+    /// exposures, clear ink, a background darker than the ball, no occluders. Cameras are as near
+    /// as by default.
     pub fn good() -> Self {
         Self {
             ball_px: Some([60.0, 60.0]),

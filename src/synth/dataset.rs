@@ -1,8 +1,9 @@
 //! Frames with their truth: independent ones, and sequences of one turning ball.
 //!
-//! Every frame is drawn from a generator of its own, seeded by the set's seed and the frame's number: it is the
-//! same whichever thread draws it, and whatever others are drawn. Frame `k` of a seed is the same scene for every
-//! pattern; only the dots differ. [`super::folder`] writes frames to disk.
+//! Every frame is drawn from a generator of its own, seeded by the set's seed and the frame's
+//! number: it is the same whichever thread draws it, and whatever others are drawn. Frame `k` of a
+//! seed is the same scene for every pattern; only the dots differ. [`super::folder`] writes frames
+//! to disk.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -35,8 +36,8 @@ pub struct SequenceConfig {
     pub spin: Option<[f64; 3]>,
     /// Exposure, s; as drawn where not given.
     pub exposure_s: Option<f64>,
-    /// Way of the ball's center over the whole sequence, pixels (u, v); at random, a tenth of the radius at
-    /// most, where not given.
+    /// Displacement of the ball's center over the whole sequence, pixels (u, v); where not given,
+    /// at random, with a maximum of a tenth of the radius.
     pub drift_px: Option<[f64; 2]>,
 }
 
@@ -76,8 +77,8 @@ pub struct FrameTruth {
     pub size: [usize; 2],
     /// Orientation at mid-exposure, `w, x, y, z`, pattern to view frame (see [`Rendering`]).
     pub quaternion_wxyz: [f64; 4],
-    /// Orientation at mid-exposure, `w, x, y, z`, pattern to camera frame: the same for a ball on the optical
-    /// axis and for parallel rays.
+    /// Orientation at mid-exposure, `w, x, y, z`, pattern to camera frame: the same for a ball on
+    /// the optical axis and for parallel rays.
     pub camera_quaternion_wxyz: [f64; 4],
     /// Spin, camera frame, rad/s.
     pub spin_rad_s: [f64; 3],
@@ -120,7 +121,7 @@ pub struct Frame {
     pub image: RgbImage,
     /// Share of each pixel that shows the ball, 0 to 255, row after row.
     pub mask: Vec<u8>,
-    /// What is known of it.
+    /// Its truth.
     pub truth: FrameTruth,
 }
 
@@ -161,15 +162,15 @@ pub fn frames(
         .collect()
 }
 
-/// One ball in a row of frames: it turns at a constant spin and moves at a constant speed across the image.
-/// Camera, light and background stand still.
+/// One ball in a row of frames: it turns at a constant spin and moves at a constant speed across
+/// the image. Camera, light and background stand still.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sequence {
     first: Scene,
     fps: f64,
     seed: u64,
     count: usize,
-    /// Way of the ball's center over the whole sequence, pixels (u, v).
+    /// Displacement of the ball's center over the whole sequence, pixels (u, v).
     drift_px: [f64; 2],
 }
 
@@ -177,8 +178,8 @@ impl Sequence {
     /// A random ball, seen `count` times.
     ///
     /// # Errors
-    /// [`Error::Argument`] where a configuration is out of its domain, or the exposure longer than the time
-    /// between two frames.
+    /// [`Error::Argument`] where a configuration is out of its domain, or the exposure longer than
+    /// the time between two frames.
     pub fn random(
         pattern: &Pattern,
         config: &SynthConfig,
@@ -204,8 +205,8 @@ impl Sequence {
             if spin.iter().any(|w| !w.is_finite()) {
                 return Err(Error::argument("spin", "expected three finite numbers"));
             }
-            // The arc that was drawn stays: an exposure fit for a slow ball would smear a fast one beyond
-            // recognition.
+            // The arc that was drawn stays: an exposure fit for a slow ball would smear a fast one
+            // beyond recognition.
             let arc = first.spin.norm() * first.exposure_s;
             first.spin = Vec3::from(spin);
             if arc > 0.0 && first.spin.norm() > 0.0 {
@@ -219,8 +220,8 @@ impl Sequence {
             require(inside, "exposure_s", &expected, exposure_s)?;
             first.exposure_s = exposure_s;
         }
-        let way = MAX_DRIFT * first.circle.radius;
-        let random_px = [0, 1].map(|_| way * rng.random_range(-1.0..1.0));
+        let drift = MAX_DRIFT * first.circle.radius;
+        let random_px = [0, 1].map(|_| drift * rng.random_range(-1.0..1.0));
         let drift_px = drift_px.unwrap_or(random_px);
         if drift_px.iter().any(|d| !d.is_finite()) {
             return Err(Error::argument("drift_px", "expected two finite numbers"));

@@ -3,17 +3,18 @@
 //! A folder holds
 //! - `images/*.png`;
 //! - `masks/*.png` where asked for: white where the ball is seen;
-//! - `index.csv`, as the SpinDOE authors' reader (`DotDataset`) takes it: no header; the image's path from the
-//!   folder, the orientation as a quaternion `w, x, y, z` (their regression's order; pattern to view frame), then
-//!   from the sixth column on the pixel positions `u0, v0, u1, v1, ...` of the dots that a detector should find, so
-//!   that rows differ in length. That reader cannot take rows without dots: such frames are left out
-//!   of the index, and are in the truth only;
-//! - `truth.json`: everything known of every frame ([`FrameTruth`]), with the seed, the configuration and the pattern;
-//! - `orientations.csv` for a sequence, as `spindoe spin` reads it, pattern to camera frame; the images' names are
-//!   nanoseconds then;
+//! - `index.csv`, as the SpinDOE authors' reader (`DotDataset`) takes it: no header; the image's
+//!   path from the folder, the orientation as a quaternion `w, x, y, z` (their regression's order;
+//!   pattern to view frame), then from the sixth column on the pixel positions `u0, v0, u1, v1,
+//!   ...` of the dots that a detector should find, so that rows differ in length. That reader fails
+//!   on rows without dots, so such frames are in the truth only;
+//! - `truth.json`: the full truth of every frame ([`FrameTruth`]), with the seed, the configuration
+//!   and the pattern;
+//! - `orientations.csv` for a sequence, as `spindoe spin` reads it, pattern to camera frame; the
+//!   images' names are nanoseconds then;
 //! - `contact_sheet.png`: the first frames side by side.
 //!
-//! The index comes last: where it is, everything is.
+//! The index is written last: a folder with an index is complete.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -87,8 +88,8 @@ pub struct Written {
     pub visible_dots: usize,
 }
 
-/// Draws `count` frames and writes them to `dir`; each file whole or not at all. `progress` learns how many are
-/// done.
+/// Draws `count` frames and writes them to `dir`; each file is written atomically. `progress`
+/// learns how many are done.
 ///
 /// # Errors
 /// [`crate::Error::Write`] where the system refuses, or the error of `draw`.
@@ -195,7 +196,8 @@ fn index(frames: &[FrameTruth]) -> String {
     text
 }
 
-/// Images side by side, each enlarged or shrunk to fit into a square; `cell` is its side with the gap, pixels.
+/// Images side by side, each enlarged or shrunk to fit into a square; `cell` is its side with the
+/// gap, pixels.
 ///
 /// # Errors
 /// [`crate::Error::Argument`] where there is no image, or the cell no larger than the gap.

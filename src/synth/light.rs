@@ -1,11 +1,13 @@
-//! Lamps, shadows and gloss.
+//! Light on the ball: lamps, shadows and highlights.
 //!
 //! The light from a point of the ball with the normal `n` is
 //!
-//! `albedo (ambient + s sum_i lamp_i max(0, n . l_i)) (1 - limb (1 - f)) + s sum_i gloss_i max(0, n . h_i)^m_i`,
+//! `albedo (ambient + s sum_i lamp_i max(0, n . l_i)) (1 - limb (1 - f)) + s sum_i gloss_i max(0, n
+//! . h_i)^m_i`,
 //!
-//! with `f` the cosine at which the surface is seen and `s` the share of light that a shadow leaves (Lambert; a little darker towards
-//! the limb; Blinn's highlight with the half vector `h`: J. F. Blinn, SIGGRAPH 1977).
+//! with `f` the cosine at which the surface is seen and `s` the share of light that a shadow leaves
+//! (Lambert; a little darker towards the limb; Blinn's highlight with the half vector `h`: J. F.
+//! Blinn, SIGGRAPH 1977).
 
 use rand::{Rng, RngExt};
 
@@ -102,8 +104,8 @@ impl Light {
         luma(self.ambient) + self.lamps.iter().map(|l| luma(l.color)).fold(0.0, f32::max)
     }
 
-    /// Factor on the albedo, and highlight, at a normal that is seen at the cosine `facing`; `towards` leads to the
-    /// camera.
+    /// Factor on the albedo, and highlight, at a normal that is seen at the cosine `facing`;
+    /// `towards` leads to the camera.
     pub(super) fn at(&self, n: &Vec3, facing: f64, towards: &Vec3) -> [Color; 2] {
         let left = self.shadow.map_or(1.0, |s| s.leaves(n));
         let (mut factor, mut gloss) = (self.ambient, [0.0; 3]);

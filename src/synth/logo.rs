@@ -1,8 +1,9 @@
-//! Logos: marks that are no dots, as makers print them and players draw them.
+//! Logos: marks other than dots, as makers print them and players draw them.
 //!
-//! A logo is made of strokes, arcs, discs and bars in a plane that touches the ball at the logo's middle; a point at the angle
-//! `theta` from it lies at the distance `theta` in the plane (azimuthal equidistant). Its ink is drawn once into a
-//! square raster, from which the renderer interpolates.
+//! A logo is made of strokes, arcs, discs and bars in a plane that touches the ball at the logo's
+//! middle; a point at the angle `theta` from it lies at the distance `theta` in the plane
+//! (azimuthal equidistant). Its ink is drawn once into a square raster, from which the renderer
+//! interpolates.
 
 use std::f32::consts::{PI, TAU};
 

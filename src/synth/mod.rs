@@ -1,18 +1,20 @@
 //! The synthetic ball spinner: frames of a turning ball with exact truth.
 //!
-//! A [`Scene`] says everything about a frame: the ball and what is drawn on it, light, camera, motion and noise. It is drawn
-//! at random ([`Scene::random`], as widely as [`SynthConfig`] allows) or set by hand, and [`Scene::render`] makes the image. The
-//! stages follow the light:
+//! A [`Scene`] describes a frame completely: the ball and what is drawn on it, light, camera,
+//! motion and noise. It is drawn at random ([`Scene::random`], as widely as [`SynthConfig`] allows)
+//! or set by the caller, and [`Scene::render`] makes the image. The stages follow the light:
 //!
 //! 1. the ball's [`surface`] with the dots of a [`pen`] and with [`logo`]s, under the [`light`];
-//! 2. the camera's [`view`] of it, integrated over the exposure ([`render`]), before a [`background`] and
-//!    behind what hides it ([`occlusion`]);
+//! 2. the camera's [`view`] of it, integrated over the exposure ([`render`]), before a
+//!    [`background`] and behind what hides it ([`occlusion`]);
 //! 3. the [`sensor`]: defocus, noise, tone; and [`compression`].
 //!
-//! [`dataset`] makes sets and sequences, [`folder`] writes them. Colors are linear light until the sensor's encoding.
+//! [`dataset`] makes sets and sequences, [`folder`] writes them. Colors are linear light until the
+//! sensor's encoding.
 //!
-//! The truth is exact for the scene. Not modeled: lens distortion, rolling shutters, shadows of the
-//! surroundings' own shapes, motion compensation of video, a spin that is not constant.
+//! Guaranteed: the truth is exact for the scene. Not modeled: lens distortion, rolling shutters,
+//! shadows of the surroundings' own shapes, motion compensation of video, a spin that is not
+//! constant.
 //!
 //! ```
 //! use spindoe::geometry::spiral_directions;

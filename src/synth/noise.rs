@@ -1,4 +1,5 @@
-//! Smooth random fields over the plane, from a hash of the lattice: no table, the same on every machine.
+//! Smooth random fields over the plane, from a hash of the lattice: no table, the same on every
+//! machine.
 
 /// A number in [0, 1) for a lattice point.
 pub(super) fn hash(x: i32, y: i32, seed: u32) -> f32 {

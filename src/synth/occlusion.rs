@@ -1,7 +1,8 @@
-//! What hides a part of the ball: fingers, a hand, a bat, a net.
+//! Occluders: fingers, a hand, a bat or a net before the ball.
 //!
-//! Shapes are signed distances in the image, in ball radii about the outline's center, x right and y down. A finger, hand or
-//! bat comes from one side to a given depth; a net lies before the whole ball.
+//! Shapes are signed distances in the image, in ball radii about the outline's center, x right and
+//! y down. A finger, hand or bat comes from one side to a given depth; a net lies before the whole
+//! ball.
 
 use std::f32::consts::TAU;
 
@@ -163,7 +164,8 @@ impl Occluder {
         }
     }
 
-    /// How much of a pixel of the given side (ball radii) about a point is hidden, in [0, 1], and the light that is seen instead.
+    /// How much of a pixel of the given side (ball radii) about a point is hidden, in [0, 1], and
+    /// the light that is seen instead.
     pub fn at(&self, point: [f32; 2], pixel: f32) -> (f32, Color) {
         let nearest = self
             .shapes

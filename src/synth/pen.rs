@@ -1,8 +1,8 @@
-//! Dots as a hand draws them: off their place, uneven, streaked.
+//! Hand-drawn dots: with a placement error, uneven, streaked.
 //!
-//! A dot is a cap of the angular radius `rho`; its edge is soft: ink falls from 1 to 0 between `rho - s` and
-//! `rho + s`, linearly in the cosine of the angle, which is what is cheap to work out. A stretched dot has
-//! the radius `rho (1 + e cos(2 phi))`, `phi` the angle from its longer axis.
+//! A dot is a cap of the angular radius `rho` with a soft edge. Its ink falls from 1 to 0 between
+//! `rho - s` and `rho + s`, linearly in the cosine of the angle, which is cheap to compute. A
+//! stretched dot has the radius `rho (1 + e cos(2 phi))`, `phi` the angle from its longer axis.
 
 use std::f64::consts::TAU;
 
@@ -99,7 +99,8 @@ impl Pen {
         }
     }
 
-    /// The dot meant for the direction `at`. It takes the same number of random numbers whatever they are.
+    /// The dot meant for the direction `at`. It takes the same number of random numbers whatever
+    /// they are.
     fn dot<R: Rng + ?Sized>(&self, at: &Vec3, rng: &mut R) -> Spot {
         let [e1, e2] = tangent_frame(at);
         let mut off = || rng.sample::<f64, _>(StandardNormal);
@@ -140,7 +141,7 @@ pub(super) fn draw_pattern<R: Rng + ?Sized>(
     .collect()
 }
 
-/// The dots of a pattern that is no one's: 8 to 32, apart from each other.
+/// The dots of a random pattern: 8 to 32, with a minimum separation.
 pub(super) fn draw_strangers<R: Rng + ?Sized>(
     config: &SynthConfig,
     pen: &mut R,

@@ -1,7 +1,8 @@
-//! Random numbers: a stream for each part of a scene, and draws from the ranges of the configuration.
+//! Random numbers: a stream for each part of a scene, and draws from the ranges of the
+//! configuration.
 //!
-//! A frame has one key. Each part of its scene draws from a stream of its own of that key, so that a
-//! part that draws more or fewer numbers changes no other: frame `k` of a seed shows the same
+//! A frame has one key. Each part of its scene draws from a stream of its own of that key, so that
+//! a part that draws more or fewer numbers changes no other: frame `k` of a seed shows the same
 //! pose, light, camera, noise and background whatever pattern is on the ball.
 
 use rand::{Rng, RngExt, SeedableRng};

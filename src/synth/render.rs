@@ -1,11 +1,12 @@
-//! From a scene to an image with its truth.
+//! Renders a scene to an image with its truth.
 //!
-//! Each pixel is the mean over a grid of rays. Motion is integrated: the exposure is cut into instants, no more than about a
-//! pixel of motion (or the lens' blur) apart, at each of which the turned surface is painted anew, and the moved image is added
-//! up. The cost grows with the image's pixels, and for the ball with its own pixels times the instants.
+//! Each pixel is the mean over a grid of rays. Motion is integrated: the exposure is cut into
+//! instants, no more than about a pixel of motion (or the lens' blur) apart, at each of which the
+//! turned surface is painted anew, and the moved image is added up. The cost grows with the image's
+//! pixels, and for the ball with its own pixels times the instants.
 //!
-//! The truth is exact for the scene: no detector, fit or estimate enters it. The perspective of a moved ball is that of
-//! mid-exposure.
+//! The truth is exact for the scene: no detector, fit or estimate enters it. The perspective of a
+//! moved ball is that of mid-exposure.
 
 use super::canvas::{Canvas, Exposure};
 use super::color::{Color, luma, mix};
@@ -42,7 +43,8 @@ pub struct TrueDot {
     pub radius_rad: f64,
     /// The cosine at which the surface is seen there: 1 face on, 0 at the horizon.
     pub facing: f64,
-    /// How much darker it is than the surface about it, over the ball's own brightness: near 0 for a dot on a dark logo.
+    /// How much darker it is than the surface about it, over the ball's own brightness: near 0 for
+    /// a dot on a dark logo.
     pub contrast: f64,
     /// Whether its middle lies within the image.
     pub inside: bool,
@@ -51,7 +53,8 @@ pub struct TrueDot {
 }
 
 impl TrueDot {
-    /// Whether a detector should find it: within the image, not hidden, not edge-on, and not on ink as dark as its own.
+    /// Whether a detector should find it: within the image, not hidden, not edge-on, and not on ink
+    /// as dark as its own.
     pub fn is_visible(&self) -> bool {
         self.inside && !self.occluded && self.facing >= MIN_FACING && self.contrast >= MIN_CONTRAST
     }
@@ -59,11 +62,12 @@ impl TrueDot {
 
 /// An image with its truth.
 ///
-/// The *view frame* is the camera's frame, turned by the smallest rotation that lets its z point from the ball's center to the
-/// camera: the frame in which a ball is seen by who does not know where the optical axis is.
+/// The *view frame* is the camera's frame, turned by the smallest rotation that lets its z point
+/// from the ball's center to the camera: the frame of an observer who does not know where the
+/// optical axis is.
 ///
-/// Of a mirrored image, pixels, outline and mask are those of the flipped image; rotations and directions are
-/// those of the ball.
+/// Of a mirrored image, pixels, outline and mask are those of the flipped image; rotations and
+/// directions are those of the ball.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rendering {
     /// The image.

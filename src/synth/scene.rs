@@ -1,4 +1,4 @@
-//! Everything about a frame, and how it is drawn at random.
+//! A scene: the complete description of a frame, and how it is drawn at random.
 
 use std::f64::consts::TAU;
 
@@ -35,7 +35,8 @@ pub struct Scene {
     pub size: [usize; 2],
     /// The ball and what is on it.
     pub surface: Surface,
-    /// Where the ball is at mid-exposure, as [`View::new`] takes it: for parallel rays, or on the optical axis, its outline.
+    /// Where the ball is at mid-exposure, as [`View::new`] takes it: for parallel rays, or on the
+    /// optical axis, its outline.
     pub circle: BallCircle,
     /// The camera.
     pub camera: Camera,
@@ -45,7 +46,7 @@ pub struct Scene {
     pub spin: Vec3,
     /// Duration of the exposure, s.
     pub exposure_s: f64,
-    /// Way of the ball's center during the exposure, pixels (u, v).
+    /// Displacement of the ball's center during the exposure, pixels (u, v).
     pub shift_px: [f64; 2],
     /// The light on the ball.
     pub light: Light,
@@ -62,8 +63,9 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A random frame of a ball with the given pattern. The generator gives one number, from which each part
-    /// of the scene has a stream of its own: all but the dots is the same for every pattern.
+    /// A random frame of a ball with the given pattern. The generator gives one number, from which
+    /// each part of the scene has a stream of its own: all but the dots is the same for every
+    /// pattern.
     ///
     /// # Errors
     /// [`crate::Error::Argument`] where the configuration is out of its domain.
@@ -83,7 +85,7 @@ impl Scene {
         let (mut spin, exposure_s) = random_motion(config, motion);
         let max = config.max_shift_px * side / 60.0;
         let (s, c) = motion.random_range(0.0..TAU).sin_cos();
-        let way = max * motion.random::<f64>().powi(2);
+        let displacement = max * motion.random::<f64>().powi(2);
         if config.kind == SynthKind::Wheel {
             // A wheel faces the camera and turns about its axle.
             let towards = View::new(&camera, circle)?.towards();
@@ -115,7 +117,7 @@ impl Scene {
             rotation,
             spin,
             exposure_s,
-            shift_px: [way * c, way * s],
+            shift_px: [displacement * c, displacement * s],
             light,
             background,
             occluder,
@@ -130,14 +132,16 @@ impl Scene {
         })
     }
 
-    /// Puts a pinhole at the given distance, in ball radii, on the ray through the ball's center, which is its optical axis.
+    /// Puts a pinhole at the given distance, in ball radii, on the ray through the ball's center,
+    /// which is its optical axis.
     #[must_use]
     pub fn with_camera_at(mut self, distance: f64) -> Self {
         self.camera = pinhole(&self.circle, distance, 0.0, 0.0);
         self
     }
 
-    /// Maximum of the surface's motion in the image during the exposure, pixels: its turn and the ball's way.
+    /// Maximum of the surface's motion in the image during the exposure, pixels: the rotation and
+    /// the displacement of the ball.
     pub fn blur_px(&self) -> f64 {
         let [u, v] = self.shift_px;
         self.spin.norm() * self.exposure_s * self.circle.radius + u.hypot(v)
@@ -166,8 +170,8 @@ impl Place {
             let limit = 0.5 * side * config.off_center;
             // Mostly near the middle, as a ball detector would cut it.
             let near = (0.4 * limit * rng.sample::<f64, _>(StandardNormal)).clamp(-limit, limit);
-            let room = (0.5 * n as f64 - radius).max(0.0);
-            let anywhere = room * rng.random_range(-1.0..1.0);
+            let free = (0.5 * n as f64 - radius).max(0.0);
+            let anywhere = free * rng.random_range(-1.0..1.0);
             middle
                 + if config.image_px.is_some() {
                     anywhere
@@ -214,8 +218,8 @@ fn random_camera<R: Rng + ?Sized>(
     }
 }
 
-/// A pinhole at the given distance whose optical axis leaves the ball's center under the angle `off_axis`; `azimuth` leads, in the
-/// image, from the principal point to the ball.
+/// A pinhole at the given distance whose optical axis leaves the ball's center under the angle
+/// `off_axis`; `azimuth` leads, in the image, from the principal point to the ball.
 fn pinhole(circle: &BallCircle, distance: f64, off_axis: f64, azimuth: f64) -> Camera {
     let half_angle = (1.0 / distance.max(NEAREST)).asin();
     // The outline must not reach the plane of the camera.

@@ -1,5 +1,5 @@
-//! From light to the numbers in a file: lens blur, gain, noise, color mosaic, tone curve, sharpening, eight bits,
-//! compression.
+//! The sensor, from light to the values in a file: lens blur, gain, noise, color mosaic, tone
+//! curve, sharpening, eight bits, compression.
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -44,7 +44,8 @@ pub struct Sensor {
     pub encoding: Encoding,
     /// Exponent on the encoded values.
     pub gamma: f32,
-    /// Strength of the sharpening: the part of the difference from the mean of 3 x 3 pixels that is added.
+    /// Strength of the sharpening: the part of the difference from the mean of 3 x 3 pixels that is
+    /// added.
     pub sharpening: f32,
     /// How the image is compressed.
     pub compression: Compression,
@@ -66,7 +67,8 @@ impl Sensor {
         compression: Compression::None,
     };
 
-    /// A random sensor, exposed for a ball of the given brightness; `scale` is the crop's side over 60 pixels.
+    /// A random sensor, exposed for a ball of the given brightness; `scale` is the crop's side over
+    /// 60 pixels.
     pub(super) fn random<R: Rng + ?Sized>(
         brightest: f32,
         scale: f64,
@@ -114,7 +116,8 @@ impl Sensor {
     /// Takes an image of the light on every pixel.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`] where there is no pixel; [`crate::Error::Internal`] where the compression fails.
+    /// [`crate::Error::Argument`] where there is no pixel; [`crate::Error::Internal`] where the
+    /// compression fails.
     pub fn take(
         &self,
         light: Vec<Color>,
@@ -174,8 +177,8 @@ impl Sensor {
         }
     }
 
-    /// Coarse color noise: white noise, averaged over three by three pixels, without brightness; empty where
-    /// there is none.
+    /// Coarse color noise: white noise, averaged over three by three pixels, without brightness;
+    /// empty where there is none.
     fn color_noise_map(&self, width: usize, height: usize, rng: &mut ChaCha8Rng) -> Vec<Color> {
         if self.color_noise <= 0.0 {
             return Vec::new();
@@ -223,7 +226,8 @@ fn sum_about(values: &[Color], width: usize, i: usize) -> Color {
     sum
 }
 
-/// What is left when each pixel keeps one color (RGGB) and takes the others from the mean of its neighbors.
+/// What is left when each pixel keeps one color (RGGB) and takes the others from the mean of its
+/// neighbors.
 fn through_mosaic(signal: &[Color], width: usize) -> Vec<Color> {
     let height = signal.len() / width;
     let channel = |u: usize, v: usize| match (u % 2, v % 2) {

@@ -1,7 +1,7 @@
-//! What is on the ball: its color, dots, logos, seams, stains.
+//! The ball's surface: its color, dots, logos, seams, stains.
 //!
-//! Positions are unit vectors in the pattern's frame. What the ball has besides the pattern's dots is drawn
-//! apart from them, so that a ball keeps its color, logo and stains under every pattern.
+//! Positions are unit vectors in the pattern's frame. What the ball has besides the pattern's dots
+//! is drawn apart from them, so that a ball keeps its color, logo and stains under every pattern.
 
 use std::f64::consts::TAU;
 
@@ -89,7 +89,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// A random ball, with the pattern drawn on it by hand where the kind has it.
+    /// A random ball, with the hand-drawn pattern where the kind has one.
     pub(super) fn random(pattern: &Pattern, config: &SynthConfig, streams: Streams) -> Self {
         let mut surface = Self::bare(config, &mut streams.of(Stream::Ball));
         let dots = &mut streams.of(Stream::Dots);

@@ -1,17 +1,18 @@
 //! The camera's geometry: rays to the ball, points of the ball to pixels, the ball's outline.
 //!
-//! Lengths are in ball radii. In the camera's frame (x right, y up, z towards the camera) a pinhole at the
-//! origin sees a ball of radius 1 whose center lies at the distance `D`, at the angle `theta` from the optical
-//! axis, under the half angle `alpha = asin(1 / D)`. The rays that touch it form a cone about the ray
-//! to its center; the image plane cuts the cone in an ellipse. With the focal length `f`, along the
-//! direction from the principal point it reaches from `f tan(theta - alpha)` to `f tan(theta + alpha)`, so that
+//! Lengths are in ball radii. In the camera's frame (x right, y up, z towards the camera) a pinhole
+//! at the origin sees a ball of radius 1 whose center lies at the distance `D`, at the angle
+//! `theta` from the optical axis, under the half angle `alpha = asin(1 / D)`. The rays that touch
+//! it form a cone about the ray to its center; the image plane cuts the cone in an ellipse. With
+//! the focal length `f`, along the direction from the principal point it reaches from
+//! `f tan(theta - alpha)` to `f tan(theta + alpha)`, so that
 //!
 //! - the center lies at `f sin(theta) cos(theta) / q`,
 //! - the half axis along that direction is `f sin(alpha) cos(alpha) / q`,
 //! - the one across is `f sin(alpha) / sqrt(q)`, with `q = cos(theta)^2 - sin(alpha)^2`.
 //!
-//! A point `n` of the sphere (unit vector from its center) is in sight where `n . e > 1 / D`, `e` the unit vector from the
-//! ball's center to the camera.
+//! A point `n` of the sphere (unit vector from its center) is in sight where `n . e > 1 / D`, `e`
+//! the unit vector from the ball's center to the camera.
 //!
 //! This module shares no code with [`crate::vision::camera`], which is measured on its images.
 
@@ -53,7 +54,7 @@ impl Ellipse {
     }
 }
 
-/// A camera that looks at a ball.
+/// A camera and a ball in its view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     circle: BallCircle,
@@ -70,12 +71,13 @@ struct Pinhole {
 }
 
 impl View {
-    /// The view of a ball whose center is seen at `circle.center` and whose outline has the half axis `circle.radius` across the
-    /// direction to the principal point: to first order, the outline moved so that it is centered on the
-    /// projection of the ball's center.
+    /// The view of a ball whose center is seen at `circle.center` and whose outline has the half
+    /// axis `circle.radius` across the direction to the principal point: to first order, the
+    /// outline moved so that it is centered on the projection of the ball's center.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`] where the circle or the intrinsics are not finite or not positive.
+    /// [`crate::Error::Argument`] where the circle or the intrinsics are not finite or not
+    /// positive.
     pub fn new(camera: &Camera, circle: BallCircle) -> Result<Self> {
         let BallCircle { center, radius } = circle;
         require(
@@ -100,7 +102,8 @@ impl View {
         let focal = [k.fx, k.fy];
         let principal = Pixel { u: k.cx, v: k.cy };
         let ray = ray(focal, principal, center);
-        // Across the direction to the principal point, pixels at the ball's center are |ray| focal lengths away.
+        // Across the direction to the principal point, pixels at the ball's center are |ray| focal
+        // lengths away.
         let half_angle = (radius / ((k.fx * k.fy).sqrt() * ray.norm())).atan();
         let distance = 1.0 / half_angle.sin();
         Ok(Self {
@@ -124,14 +127,15 @@ impl View {
         self.pinhole.map_or(Vec3::z(), |p| -p.center / p.distance)
     }
 
-    /// The smallest rotation that turns the direction to the camera into z: camera frame to view frame.
+    /// The smallest rotation that turns the direction to the camera into z: camera frame to view
+    /// frame.
     pub fn to_view(&self) -> Rotation {
         // None only for a ball behind the camera, which a pixel's ray cannot be.
         Rotation::rotation_between(&self.towards(), &Vec3::z()).unwrap_or_default()
     }
 
-    /// The cosine of the angle at which the surface at `n` (unit vector, camera frame) is seen: 1 face on, 0 at the horizon,
-    /// negative on the far side.
+    /// The cosine of the angle at which the surface at `n` (unit vector, camera frame) is seen: 1
+    /// face on, 0 at the horizon, negative on the far side.
     pub fn facing(&self, n: &Vec3) -> f64 {
         match self.pinhole {
             None => n.z,
@@ -159,7 +163,8 @@ impl View {
         }
     }
 
-    /// The point of the ball (unit vector, camera frame) on the ray of a pixel; `None` where the ray misses.
+    /// The point of the ball (unit vector, camera frame) on the ray of a pixel; `None` where the
+    /// ray misses.
     pub fn normal(&self, pixel: Pixel) -> Option<Vec3> {
         match self.pinhole {
             None => {

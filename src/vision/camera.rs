@@ -1,24 +1,25 @@
 //! From pixels on the ball's image to directions from its center, and back.
 //!
-//! Without intrinsics the camera looks at the ball's center from a distance of `1 / k` ball radii. With the outline's center
-//! `c` and radius `r` in pixels, the direction `(x, y, z)` is seen at
+//! Without intrinsics the camera points at the ball's center from a distance of `1 / k` ball radii.
+//! With the outline's center `c` and radius `r` in pixels, the direction `(x, y, z)` is seen at
 //!
 //! ```text
 //! u = c_u + r s x,   v = c_v - r s y,   s = sqrt(1 - k^2) / (1 - k z)
 //! ```
 //!
-//! since the outline is where `z = k`. Parallel rays are `k = 0`. A camera at 12 radii moves a dot at half the radius by 4 %
-//! of it. With intrinsics the projection is that of a pinhole camera. The ball's center then lies at the
-//! distance `d = R / sin(alpha)`, for the half angle `alpha` under which the ball is seen, and a ray `q` meets the sphere at
-//! its nearer intersection.
+//! since the outline is where `z = k`. Parallel rays are `k = 0`. A camera at 12 radii moves a dot
+//! at half the radius by 4 % of it. With intrinsics the projection is that of a pinhole camera. The
+//! ball's center then lies at the distance `d = R / sin(alpha)`, for the half angle `alpha` under
+//! which the ball is seen, and a ray `q` meets the sphere at its nearer intersection.
 //!
-//! Directions are in the *view frame*, whose z points from the ball's center to the camera; it is the camera's
-//! frame turned by the smallest rotation that does so. [`BallView::to_camera`] leads back. Under an orthographic
-//! projection both are the same.
+//! Directions are in the *view frame*, whose z points from the ball's center to the camera; it is
+//! the camera's frame turned by the smallest rotation that does so. [`BallView::to_camera`] is the
+//! rotation from the view frame to the camera's. Under an orthographic projection both are the
+//! same.
 //!
-//! A pixel's covariance `S` becomes the tangent covariance `J S J^T`, `J` the derivative of the tangent coordinates by the
-//! pixel. Towards the limb it grows as `1 / z` along the radius; there the linearization fails, and the
-//! error is held below what a dot of that depth can be off by.
+//! A pixel's covariance `S` becomes the tangent covariance `J S J^T`, `J` the derivative of the
+//! tangent coordinates by the pixel. Towards the limb it grows as `1 / z` along the radius; there
+//! the linearization fails, and the covariance is bounded by its value at a fixed depth.
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2};
 
@@ -26,9 +27,10 @@ use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 use crate::recognize::{DotUncertainty, ObservedDot};
 
-/// Depth below which a dot's covariance grows no further: nearer to the limb the derivative has a pole.
+/// Depth below which a dot's covariance grows no further: nearer to the limb the derivative has a
+/// pole.
 const MIN_DEPTH: f64 = 0.12;
-/// Dots up to this far outside the circle, in radii, are laid on the limb.
+/// Dots up to this far outside the circle, in radii, are projected onto the limb.
 const BEYOND_LIMB: f64 = 0.06;
 
 /// A position in an image, pixels: u right, v down, the center of the top-left pixel at (0, 0).
@@ -65,10 +67,10 @@ pub struct Intrinsics {
 /// How the camera projects.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub enum Camera {
-    /// Along parallel rays: right for a ball that is small against its distance.
+    /// Along parallel rays: correct for a ball that is small compared with its distance.
     #[default]
     Orthographic,
-    /// From a known distance, straight at the ball.
+    /// From a known distance, pointed at the ball's center.
     Near {
         /// Ball radii over the distance from the camera to the ball's center, in [0, 1).
         inverse_distance: f64,
@@ -77,7 +79,7 @@ pub enum Camera {
     Perspective(Intrinsics),
 }
 
-/// A camera that looks at a ball whose outline is known.
+/// A camera and a ball whose outline is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallView {
     circle: BallCircle,
@@ -86,7 +88,7 @@ pub struct BallView {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Projection {
-    /// Straight at the ball, from 1 / `inverse_distance` radii; parallel rays for 0.
+    /// Pointed at the ball, from 1 / `inverse_distance` radii; parallel rays for 0.
     Central { inverse_distance: f64 },
     Perspective {
         intrinsics: Intrinsics,
@@ -104,7 +106,8 @@ impl BallView {
     /// extent across the direction to the principal point, which perspective leaves alone to first order.
     ///
     /// # Errors
-    /// [`Error::Argument`] where the radius or a focal length is not positive, or a number not finite.
+    /// [`Error::Argument`] where the radius or a focal length is not positive, or a number not
+    /// finite.
     pub fn new(camera: &Camera, circle: BallCircle) -> Result<Self> {
         let finite = circle.center.u.is_finite() && circle.center.v.is_finite();
         if !(finite && circle.radius > 0.0 && circle.radius.is_finite()) {
@@ -134,8 +137,9 @@ impl BallView {
             return Err(Error::argument("intrinsics", problem));
         }
         let ray = ray(&k, circle.center);
-        // Angle between the rays to the center and to the outline, across the direction to the principal
-        // point, where the distance from the pinhole to the image point is that of the center.
+        // Angle between the rays to the center and to the outline, across the direction to the
+        // principal point, where the distance from the pinhole to the image point is that of the
+        // center.
         let focal = (k.fx * k.fy).sqrt() * ray.norm();
         let half_angle = (circle.radius / focal).atan();
         let towards = -ray.normalize();
@@ -161,7 +165,8 @@ impl BallView {
         }
     }
 
-    /// Least z, in the view frame, that is in sight: 0, or under perspective the ball's radius over its distance.
+    /// Minimum z, in the view frame, that is in sight: 0, or under perspective the ball's radius
+    /// over its distance.
     pub fn horizon(&self) -> f64 {
         match self.projection {
             Projection::Central { inverse_distance } => inverse_distance,
@@ -169,8 +174,8 @@ impl BallView {
         }
     }
 
-    /// d(pixel of a direction)/d(ball radii over the camera's distance), pixels; `None` where the distance follows from the
-    /// intrinsics.
+    /// d(pixel of a direction)/d(ball radii over the camera's distance), pixels; `None` where the
+    /// distance follows from the intrinsics.
     pub fn by_inverse_distance(&self, direction: &Vec3) -> Option<Vector2<f64>> {
         let Projection::Central {
             inverse_distance: k,
@@ -211,8 +216,8 @@ impl BallView {
         }
     }
 
-    /// The direction (unit vector, view frame) of the ball's point that is seen at a pixel. Points just outside the
-    /// outline are laid on it; `None` for those farther out.
+    /// The direction (unit vector, view frame) of the ball's point that is seen at a pixel. Points
+    /// just outside the outline are laid on it; `None` for those farther out.
     pub fn direction(&self, pixel: Pixel) -> Option<Vec3> {
         match self.projection {
             Projection::Central { inverse_distance } => {
@@ -239,18 +244,18 @@ impl BallView {
         }
     }
 
-    /// The dot seen at a pixel with the covariance `covariance_px2` (u, v), in the view frame. `None` outside the
-    /// ball.
+    /// The dot seen at a pixel with the covariance `covariance_px2` (u, v), in the view frame.
+    /// `None` outside the ball.
     pub fn back_project(&self, pixel: Pixel, covariance_px2: &Matrix2<f64>) -> Option<ObservedDot> {
         let direction = self.direction(pixel)?;
         let forward = self.jacobian(&direction);
         let [e1, e2] = tangent_frame(&direction);
         let tangent = Matrix3x2::from_columns(&[e1, e2]);
-        // d(pixel)/d(tangent), inverted with its small singular value held up.
+        // d(pixel)/d(tangent), inverted with its small singular value bounded from below.
         let svd = (forward * tangent).svd(true, true);
         let (u, v_t) = (svd.u?, svd.v_t?);
-        let least = MIN_DEPTH * svd.singular_values.max();
-        let inverse = svd.singular_values.map(|s| 1.0 / s.max(least));
+        let min_value = MIN_DEPTH * svd.singular_values.max();
+        let inverse = svd.singular_values.map(|s| 1.0 / s.max(min_value));
         let back = v_t.transpose() * Matrix2::from_diagonal(&inverse) * u.transpose();
         let covariance = back * covariance_px2 * back.transpose();
         Some(ObservedDot {
@@ -308,8 +313,8 @@ fn on_sphere(x: f64, y: f64, k: f64) -> Option<Vec3> {
         return None;
     }
     let held = at / out.max(1.0);
-    // (x, y) = a (1 - k z) with a = held / sqrt(1 - k^2), and x^2 + y^2 + z^2 = 1: a quadratic in z, whose
-    // larger root faces the camera.
+    // (x, y) = a (1 - k z) with a = held / sqrt(1 - k^2), and x^2 + y^2 + z^2 = 1: a quadratic in
+    // z, whose larger root faces the camera.
     let a = held / (1.0 - k * k).sqrt();
     let a2 = a.norm_squared();
     let denominator = 1.0 + k * k * a2;

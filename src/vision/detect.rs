@@ -1,4 +1,4 @@
-//! What a dot detector is and gives.
+//! The interface of a dot detector: its input and its output.
 
 use nalgebra::Matrix2;
 
@@ -16,7 +16,7 @@ pub struct DotDetection {
     pub confidence: f64,
 }
 
-/// A way to find dots on a ball.
+/// A method that finds dots on a ball.
 pub trait DotDetector: Sync {
     /// Buffers reused from call to call; one a thread.
     type Workspace: Send;
@@ -24,7 +24,7 @@ pub trait DotDetector: Sync {
     /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
 
-    /// Finds the dots of a ball and writes them into `out`, the most confident first. None is an answer
-    /// too; a detector that exists cannot fail.
+    /// Finds the dots of a ball and writes them into `out`, the most confident first. None is an
+    /// answer too; a detector that exists cannot fail.
     fn detect_into(&self, patch: &Patch, ws: &mut Self::Workspace, out: &mut Vec<DotDetection>);
 }

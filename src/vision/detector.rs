@@ -20,7 +20,7 @@ impl DetectorName {
     /// All detectors.
     pub const ALL: [Self; 2] = [Self::Cnn, Self::Blob];
 
-    /// As written on the command line.
+    /// The name on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Cnn => "cnn",
@@ -31,7 +31,7 @@ impl DetectorName {
     /// The detector with its default configuration.
     ///
     /// # Errors
-    /// [`Error::Internal`](crate::Error::Internal) where this crate was built with damaged weights.
+    /// [`Error::Internal`] where this crate was built with damaged weights.
     pub fn build(self) -> Result<NamedDetector> {
         Ok(match self {
             Self::Cnn => NamedDetector::Cnn(CnnDetector::built_in()?),
@@ -66,8 +66,8 @@ pub enum NamedDetector {
     Blob(Box<BlobDetector>),
 }
 
-/// Working memory of a [`NamedDetector`]. It serves any of them: the buffers of a detector are made when
-/// it is first used with the workspace.
+/// Working memory of a [`NamedDetector`]. It serves any of them: the buffers of a detector are made
+/// when it is first used with the workspace.
 #[derive(Debug, Default)]
 pub struct NamedWorkspace {
     cnn: Option<CnnWorkspace>,

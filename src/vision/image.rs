@@ -1,7 +1,8 @@
-//! Images in memory, and their way from files.
+//! Images in memory: reading, decoding and writing them.
 //!
-//! Gray is the luma of ITU-R BT.709, `0.2126 R + 0.7152 G + 0.0722 B`, of the values as stored (without undoing the gamma
-//! curve: the detector is trained on what cameras store). Transparent pixels are laid on black.
+//! Gray is the luma of ITU-R BT.709, `0.2126 R + 0.7152 G + 0.0722 B`, of the values as stored
+//! (without undoing the gamma curve: the detector is trained on what cameras store). Transparent
+//! pixels are laid on black.
 
 use std::path::Path;
 
@@ -10,13 +11,14 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, ImageResult, i
 use crate::error::{Error, Result};
 use crate::files;
 
-/// Most pixels of an image that is read; beyond, the file is refused rather than the memory filled.
+/// Maximum number of pixels of an image that is read; a larger file is rejected before it fills the
+/// memory.
 pub const MAX_PIXELS: u64 = 200_000_000;
 
 /// The middle and the corners of an image: distances from its center, in sides.
 const MIDDLE: f32 = 0.3;
 const CORNERS: f32 = 0.58;
-/// Least distance of their mean colors.
+/// Minimum distance of their mean colors.
 const MIN_CONTRAST: f32 = 0.02;
 /// Weights of red, green and blue in gray.
 const LUMA: [f32; 3] = [0.2126, 0.7152, 0.0722];
@@ -89,8 +91,9 @@ impl GrayImage {
         self.values[v * self.width + u]
     }
 
-    /// Half as large along both sides, each value the mean of four, written into `out`, whose memory is reused. The
-    /// pixel (u, v) of `out` has its center at (2 u + 0.5, 2 v + 0.5) of this image.
+    /// Half as large along both sides, each value the mean of four, written into `out`, whose
+    /// memory is reused. The pixel (u, v) of `out` has its center at (2 u + 0.5, 2 v + 0.5) of this
+    /// image.
     pub fn halve_into(&self, out: &mut Self) {
         (out.width, out.height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         out.values.clear();
@@ -121,7 +124,8 @@ impl GrayImage {
     }
 }
 
-/// A color image with values in [0, 1], row after row from the top, as a screen would show them (sRGB).
+/// A color image with values in [0, 1], row after row from the top, as a screen would show them
+/// (sRGB).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RgbImage {
     width: usize,
@@ -152,7 +156,8 @@ impl RgbImage {
     /// Reads a PNG, JPEG, BMP, TIFF or PNM file of any depth, by its content and not its name.
     ///
     /// # Errors
-    /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no image that can be decoded.
+    /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no image that
+    /// can be decoded.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = files::read_bytes(path)?;
         Self::decode(path, &bytes)
@@ -163,25 +168,25 @@ impl RgbImage {
     /// # Errors
     /// [`Error::Input`] where the bytes are no image that can be decoded.
     pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let refuse = |problem: String| Error::input(path, "image", problem);
+        let reject = |problem: String| Error::input(path, "image", problem);
         let reader = ImageReader::new(std::io::Cursor::new(bytes))
             .with_guessed_format()
-            .map_err(|e| refuse(e.to_string()))?;
+            .map_err(|e| reject(e.to_string()))?;
         if reader.format().is_none() {
-            return Err(refuse(
+            return Err(reject(
                 "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them".into(),
             ));
         }
         let (width, height) = reader
             .into_dimensions()
-            .map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
+            .map_err(|e| reject(format!("cannot be decoded: {e}")))?;
         if u64::from(width) * u64::from(height) > MAX_PIXELS {
             let problem = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
-            return Err(refuse(problem));
+            return Err(reject(problem));
         }
         let decoded =
-            decode_upright(bytes).map_err(|e| refuse(format!("cannot be decoded: {e}")))?;
-        Self::from_decoded(&decoded).map_err(|e| refuse(e.to_string()))
+            decode_upright(bytes).map_err(|e| reject(format!("cannot be decoded: {e}")))?;
+        Self::from_decoded(&decoded).map_err(|e| reject(e.to_string()))
     }
 
     fn from_decoded(decoded: &DynamicImage) -> Result<Self> {
@@ -197,10 +202,11 @@ impl RgbImage {
         Self::new(width, height, values)
     }
 
-    /// Writes a PNG file, whole or not at all.
+    /// Writes a PNG file atomically.
     ///
     /// # Errors
-    /// [`Error::Write`] where the system refuses; [`Error::Internal`] where the image cannot be encoded.
+    /// [`Error::Write`] where the system refuses; [`Error::Internal`] where the image cannot be
+    /// encoded.
     pub fn write_png(&self, path: &Path) -> Result<()> {
         let mut bytes = std::io::Cursor::new(Vec::new());
         self.to_buffer()?
@@ -275,7 +281,7 @@ impl RgbImage {
         gray
     }
 
-    /// As [`RgbImage::to_gray`], into the memory at hand.
+    /// As [`RgbImage::to_gray`], into existing memory.
     pub fn to_gray_into(&self, gray: &mut GrayImage) {
         (gray.width, gray.height) = (self.width, self.height);
         let luma = |c: &[f32; 3]| LUMA[0] * c[0] + LUMA[1] * c[1] + LUMA[2] * c[2];
@@ -283,9 +289,9 @@ impl RgbImage {
         gray.values.extend(self.values.iter().map(luma));
     }
 
-    /// Gray along the color in which the middle differs most plainly from the corners (their means' difference), from 0 to 1: a ball
-    /// as bright as what is behind it, but of another color, stands out. Says whether there is such a color; where there is none,
-    /// `gray` stays as it is.
+    /// Gray along the color in which the middle differs most plainly from the corners (their means'
+    /// difference), from 0 to 1: a ball as bright as what is behind it, but of another color,
+    /// stands out. Says whether there is such a color; where there is none, `gray` stays as it is.
     pub(crate) fn to_contrast_into(&self, gray: &mut GrayImage) -> bool {
         let (width, height) = (self.width as f32, self.height as f32);
         let (mut middle, mut corners) = ([0.0f32; 4], [0.0f32; 4]);

@@ -1,10 +1,11 @@
-//! Images as people have them: files, folders, videos, in the order in which they were taken.
+//! Images from files, folders and videos, in the order in which they were taken.
 //!
-//! Folders are read for files with the ending of an image. Everything is sorted by number and not by
-//! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images and
-//! videos that say that the camera was turned are turned upright. Times: a file's stem as an integer is
-//! nanoseconds (SpinDOE's convention); a video's frames have their own; [`read_times`] reads others from
-//! a table. Videos are decoded by `ffmpeg`, which must be installed, to 8 bits a color.
+//! Folders are read for files with the extension of an image. Names are sorted by number and not by
+//! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images
+//! and videos whose metadata says that the camera was rotated are rotated upright. Times: a file's
+//! stem as an integer is nanoseconds (SpinDOE's convention); a video's frames have their own;
+//! [`read_times`] reads others from a table. Videos are decoded by `ffmpeg`, which must be
+//! installed, to 8 bits a color.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -27,8 +28,8 @@ const VIDEOS: [&str; 9] = [
     "mp4", "avi", "mov", "mkv", "webm", "m4v", "mpg", "mpeg", "wmv",
 ];
 
-/// Compares names as people do: runs of digits as numbers, the rest by letter. Names that differ in leading
-/// zeros alone are told apart by these.
+/// Compares names in natural order: runs of digits as numbers, the rest by letter. Names that
+/// differ only in leading zeros are ordered by these.
 pub fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a, b);
     loop {
@@ -85,7 +86,8 @@ pub struct InputFrame {
     pub image: RgbImage,
 }
 
-/// The sources behind files and folders, in order. A file that is named is taken whatever its ending.
+/// The sources behind files and folders, in order. A file that is named is taken whatever its
+/// ending.
 ///
 /// # Errors
 /// [`Error::Read`] where a path cannot be read, [`Error::Input`] for a folder without images.
@@ -131,8 +133,8 @@ fn stem(path: &Path) -> String {
         .map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
-/// Hands over the frames of a source one by one. A video's times are known at its end only: they are returned, one a
-/// frame, empty for an image.
+/// Passes the frames of a source on one by one. A video's times are known at its end only: they are
+/// returned, one a frame, empty for an image.
 ///
 /// # Errors
 /// Those of reading and decoding, and of `visit`.
@@ -247,7 +249,7 @@ impl Log {
 /// The next picture of a stream of binary PPM files; `None` at its end.
 fn next_picture(path: &Path, from: &mut impl BufRead) -> Result<Option<RgbImage>> {
     let broken =
-        |what: &str| Error::input(path, "video", format!("ffmpeg's output breaks off: {what}"));
+        |what: &str| Error::input(path, "video", format!("ffmpeg's output ends early: {what}"));
     let mut header = [0usize; 3];
     match token(from).as_deref() {
         None => return Ok(None),
@@ -258,8 +260,8 @@ fn next_picture(path: &Path, from: &mut impl BufRead) -> Result<Option<RgbImage>
         let text = token(from).ok_or_else(|| broken("no size"))?;
         *number = text.parse().map_err(|_| broken("no size"))?;
     }
-    let [width, height, most] = header;
-    if most != 255 || (width as u64).saturating_mul(height as u64) > MAX_PIXELS {
+    let [width, height, max_value] = header;
+    if max_value != 255 || (width as u64).saturating_mul(height as u64) > MAX_PIXELS {
         return Err(broken("a size or depth that is not expected"));
     }
     let mut bytes = vec![0u8; width * height * 3];
@@ -334,9 +336,9 @@ pub fn read_times(path: &Path) -> Result<FrameTimes> {
 
 /// The times of frames, by their names.
 ///
-/// A row names a frame by its file's name, with or without the ending, and by as many of the folders
-/// before it as it gives: `7`, `7.png` and `left/7.png` all name `run/left/7.png`. Of several such
-/// rows the one that gives most folders counts. Frames of a video `film.mkv` are named
+/// A row names a frame by its file's name, with or without the ending, and by as many of the
+/// folders before it as it gives: `7`, `7.png` and `left/7.png` all name `run/left/7.png`. Of
+/// several such rows the one that gives most folders counts. Frames of a video `film.mkv` are named
 /// `film_000001`, `film_000002` and so on.
 #[derive(Debug, Clone)]
 pub struct FrameTimes {
@@ -376,7 +378,7 @@ impl FrameTimes {
         Ok(times)
     }
 
-    /// The row that names a frame most closely.
+    /// The row that names a frame most specifically.
     fn row_of(&self, frame: &Path) -> Result<usize> {
         let mut folders = components(frame);
         let name = folders.pop().unwrap_or_default();
@@ -412,7 +414,7 @@ impl FrameTimes {
     }
 }
 
-/// The folders and the name of a path, without what leads nowhere.
+/// The folders and the name of a path, without `.` components.
 fn components(path: &Path) -> Vec<String> {
     let component = |c| match c {
         Component::CurDir => None,

@@ -1,14 +1,19 @@
 //! The estimator on images: from pixels to dots, and from dots to the ball's orientation.
 //!
-//! The way of a frame: [`input`] reads it, [`image`] decodes it to gray; [`circle`] fits the ball's outline; [`patch`] cuts the ball out at
-//! one scale and brightness whatever the camera; a detector finds the dots ([`detect`], by name [`detector`]: the trained [`net`], or the classical [`blob`]); [`camera`] lays
-//! them on the sphere with their uncertainty; the recognizer tells which is which, and the orientation is
-//! refined on the dots that it accepts. [`estimator`] does all
-//! that for a frame, and lets the frames of a flight help each other. [`synth`] draws frames with a known truth, on which the
-//! workspace's `spindoe-train` makes the net.
 //!
-//! Pixels: u right, v down, the center of the top-left pixel at (0, 0). Camera frame: x right, y up, z from the
-//! ball towards the camera.
+//! The pipeline: [`input`] reads a frame and [`image`] decodes it to gray. [`circle`] fits the
+//! ball's outline. [`patch`] cuts the ball out at one scale and one brightness, whatever the
+//! camera. A detector finds the dots ([`detect`]): the trained [`net`] or the classical [`blob`],
+//! chosen by name in [`detector`]. [`camera`] projects the dots onto the sphere with their
+//! uncertainty. The recognizer identifies them, and the orientation is refined on the dots that it
+//! accepts. [`estimator`] runs these stages for a frame and uses the frames of a sequence as hints
+//! for each other.
+//!
+//! The renderer `synth` draws frames with a known truth. The workspace's `spindoe-train` trains the
+//! net on them.
+//!
+//! Pixels: u right, v down, the center of the top-left pixel at (0, 0). Camera frame: x right, y
+//! up, z from the ball towards the camera.
 
 pub mod blob;
 pub mod camera;

@@ -1,9 +1,11 @@
-//! The ball cut out at one scale and one brightness, whatever the camera: what detectors see.
+//! The ball cut out at one scale and one brightness, whatever the camera: the input of the
+//! detectors.
 //!
-//! The circle's center comes to lie in the middle of [`SIZE`] x [`SIZE`] values, its radius is [`RADIUS`] values. Where
-//! the image is finer, each value is the mean over its square; where it is coarser, values are interpolated.
-//! Values are then shifted and scaled to mean 0 and standard deviation 1 over the ball, and set to 0 from
-//! [`RIM`] radii outwards: the background says nothing about dots.
+//! The circle's center is mapped to the middle of [`SIZE`] x [`SIZE`] values, its radius is
+//! [`RADIUS`] values. Where the image is finer, each value is the mean over its square; where it is
+//! coarser, values are interpolated. Values are then shifted and scaled to mean 0 and standard
+//! deviation 1 over the ball, and set to 0 from [`RIM`] radii outwards: the background carries no
+//! information about dots.
 
 use super::camera::{BallCircle, Pixel};
 use super::image::GrayImage;
@@ -14,7 +16,7 @@ pub const SIZE: usize = 64;
 pub const RADIUS: f64 = 28.0;
 /// Values farther out, in radii, are 0.
 pub const RIM: f64 = 1.1;
-/// Least standard deviation over the ball: a plain ball's noise is not blown up beyond that.
+/// Minimum standard deviation over the ball: a plain ball's noise is not blown up beyond that.
 const MIN_SPREAD: f32 = 0.01;
 
 /// A ball, cut out.
@@ -45,7 +47,7 @@ impl Patch {
         patch
     }
 
-    /// As [`Patch::cut`], into the memory at hand.
+    /// As [`Patch::cut`], into existing memory.
     pub fn cut_into(&mut self, image: &GrayImage, circle: &BallCircle) {
         self.circle = *circle;
         let step = circle.radius / RADIUS;

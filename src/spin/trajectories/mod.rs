@@ -1,13 +1,13 @@
 //! Trajectories of balls with known spin, in the format of the published SpinDOE set.
 //!
-//! A folder with `index.csv` (header `traj_file,x_spin,y_spin,z_spin`; a number and a spin vector in
-//! rad/s per trajectory) and a file `NNN.csv` for each, rows `t;x;y;z` in seconds and metres without a
-//! header. The frame is the publisher's: z points up, and it is not the camera frame of this crate.
+//! A folder with `index.csv` (header `traj_file,x_spin,y_spin,z_spin`; a number and a spin vector
+//! in rad/s per trajectory) and a file `NNN.csv` for each, rows `t;x;y;z` in seconds and meters
+//! without a header. The frame is the publisher's: z points up, and it is not the camera frame of
+//! this crate.
 //!
 //! What cannot be read as numbers is an error, and so are two files of one number (`1.csv` and
-//! `001.csv`). What can be read but not be believed (times that stand still, gaps, jumps, spins beyond
-//! the sampling's reach, holes in the numbering) is listed as an [`Oddity`]: real recordings have
-//! them, and a reader should know.
+//! `001.csv`). Implausible values (repeated times, gaps, jumps, spins beyond the sampling's limit,
+//! missing numbers) are listed as an [`Oddity`], since real recordings have them.
 
 mod oddities;
 
@@ -31,7 +31,7 @@ const INDEX_HEADER: [&str; 4] = ["traj_file", "x_spin", "y_spin", "z_spin"];
 pub struct TrajectoryPoint {
     /// Time, seconds.
     pub time_s: f64,
-    /// Position, metres, in the publisher's frame.
+    /// Position, meters, in the publisher's frame.
     pub position_m: Vec3,
     /// The point's line in its file, counted from 1.
     pub line: u64,
@@ -44,7 +44,7 @@ pub struct Trajectory {
     pub number: u32,
     /// Spin, rad/s, in the publisher's frame; `None` where the index has none.
     pub spin: Option<Vec3>,
-    /// Where it was when, in the order of the file.
+    /// Its positions over time, in the order of the file.
     pub points: Vec<TrajectoryPoint>,
 }
 
@@ -68,12 +68,12 @@ impl Trajectory {
         self.points.windows(2).map(move |w| (&w[1], interval(w)))
     }
 
-    /// Speeds between successive points, m/s, with the later one; only where time goes on.
+    /// Speeds between successive points, m/s, with the later one; only where time increases.
     fn speeds(&self) -> impl Iterator<Item = (&TrajectoryPoint, f64)> {
         self.points.windows(2).filter_map(|w| {
             let interval = w[1].time_s - w[0].time_s;
-            let way = (w[1].position_m - w[0].position_m).norm();
-            (interval > 0.0).then(|| (&w[1], way / interval))
+            let distance = (w[1].position_m - w[0].position_m).norm();
+            (interval > 0.0).then(|| (&w[1], distance / interval))
         })
     }
 }
@@ -94,7 +94,7 @@ pub struct Summary {
     pub trajectories: usize,
     /// Points of all trajectories.
     pub points: usize,
-    /// Fewest, median and most points of a trajectory.
+    /// Minimum, median and maximum number of points of a trajectory.
     pub points_each: [f64; 3],
     /// Shortest, median and longest trajectory, seconds.
     pub duration_s: [f64; 3],
@@ -127,7 +127,7 @@ impl TrajectorySet {
         })
     }
 
-    /// Writes the set as a folder in the same format; each file appears whole or not at all.
+    /// Writes the set as a folder in the same format; each file is written atomically.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -181,12 +181,12 @@ impl TrajectorySet {
 fn spread(mut values: Vec<f64>) -> [f64; 3] {
     let middle = median(&mut values);
     match (values.first(), values.last()) {
-        (Some(least), Some(most)) => [*least, middle, *most],
+        (Some(min), Some(max)) => [*min, middle, *max],
         _ => [0.0; 3],
     }
 }
 
-/// The shortest text that reads back the same number, with three decimals at least, as published.
+/// The shortest text that reads back the same number, with at least three decimals, as published.
 fn decimal(x: f64) -> String {
     let (short, padded) = (x.to_string(), format!("{x:.3}"));
     if short.len() > padded.len() {

@@ -1,4 +1,4 @@
-//! What is odd about a set of trajectories.
+//! Anomalies of a set of trajectories.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -24,9 +24,10 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// 175 rps (half a turn a frame at the paper's 350 frames per second: faster ones cannot have been
-    /// measured so); 20 m/s (the set's median is 5, and a ball shot by a robot does not double it in one
-    /// interval); 5 m; 5 cm below the table, whose top is z = 0; three intervals (two frames missing); ten points.
+    /// 175 rps (half a turn a frame at the paper's 350 frames per second: faster ones cannot have
+    /// been measured so); 20 m/s (the set's median is 5, and a ball shot by a robot does not double
+    /// it in one interval); 5 m; 5 cm below the table, whose top is z = 0; three intervals (two
+    /// frames missing); ten points.
     fn default() -> Self {
         Self {
             max_rps: 175.0,
@@ -39,7 +40,7 @@ impl Default for Limits {
     }
 }
 
-/// Something in a set that a user should know of. Lines count from 1, as editors do.
+/// An anomaly in a set. Lines count from 1, as editors do.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Oddity {
@@ -91,7 +92,7 @@ pub enum Oddity {
         /// The limit.
         limit: usize,
     },
-    /// Time does not go on.
+    /// Time does not increase.
     #[error(
         "{number:03}.csv, line {line}: {interval_s:.3} s after the line before, expected more than 0"
     )]
@@ -164,7 +165,7 @@ fn hole(first: u32, last: u32) -> String {
 }
 
 impl TrajectorySet {
-    /// Everything that is odd about the set.
+    /// All anomalies of the set.
     pub fn oddities(&self, limits: &Limits) -> Vec<Oddity> {
         let mut found = self.set_oddities();
         for t in &self.trajectories {

@@ -1,10 +1,11 @@
-//! The ball's shading taken off: what is left is dots, marks and noise.
+//! Subtracts the ball's shading: dots, marks and noise remain.
 //!
-//! A matt ball under any distant light shines like a polynomial of second degree in the surface's normal (R. Ramamoorthi, P.
-//! Hanrahan, "An efficient representation for irradiance environment maps", SIGGRAPH 2001): nine functions
-//! `1, x, y, z, xy, xz, yz, x^2 - y^2, z^2`. They are fitted by reweighted least squares that lets go of what is darker than
-//! the surface (dots) and, later, of what is brighter (glints). What the limb's blur leaves is the same all around: the
-//! median of each ring is taken off as well.
+//! The brightness of a matt ball under distant light is a polynomial of second degree in the
+//! surface's normal (R. Ramamoorthi, P. Hanrahan, "An efficient representation for irradiance
+//! environment maps", SIGGRAPH 2001): nine functions `1, x, y, z, xy, xz, yz, x^2 - y^2, z^2`. They
+//! are fitted by reweighted least squares that rejects pixels darker than the surface (dots) and,
+//! later, brighter ones (glints). The blur of the limb leaves a residual that is the same all
+//! around: the median of each ring is subtracted as well.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -117,7 +118,8 @@ impl Shading {
                 break;
             };
             surface = factor.solve(&vector);
-            // The first fits are drawn down by the dots: what is brighter than they are is the better measure.
+            // The first fits are drawn down by the dots: what is brighter than they are is the
+            // better measure.
             flat.residuals.clear();
             let residual = |p: &Place| values[p.index] - p.terms.dot(&surface);
             flat.residuals

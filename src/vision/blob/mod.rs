@@ -1,12 +1,15 @@
-//! A classical detector of dark dots: a baseline, and a check on the trained one.
+//! A classical detector of dark dots: the baseline for the trained one.
 //!
-//! 1. The ball's shading, a smooth surface fitted to all that is no dot, is taken off.
-//! 2. Differences of Gaussians at three scales find dark blobs (T. Lindeberg, "Feature detection with automatic
-//!    scale selection", IJCV 30, 1998); towards the border they are normalized by the part of the Gaussian on the ball.
-//! 3. At each blob a dot as the ball shows it is fitted, a Gaussian foreshortened along the radius and blurred
-//!    like the image. It gives the center to a fraction of a pixel, its covariance, and how dot-like the blob is.
+//! 1. A smooth surface is fitted to the ball's shading and subtracted.
+//! 2. Differences of Gaussians at three scales find dark blobs (T. Lindeberg, "Feature detection
+//!    with automatic scale selection", IJCV 30, 1998); towards the border they are normalized by
+//!    the part of the Gaussian on the ball.
+//! 3. At each blob the projection of a dot is fitted: a Gaussian foreshortened along the radius and
+//!    blurred like the image. The fit gives the center to a fraction of a pixel, its covariance,
+//!    and a measure of how dot-like the blob is.
 //!
-//! It knows dark spots, not dots: a logo's letters are dots to it. It takes dots to be darker than the ball.
+//! Not guaranteed: that a blob is a dot. The detector finds dark spots, so a logo's letters are
+//! dots to it, and it assumes that dots are darker than the ball.
 
 mod flatten;
 mod shape;
@@ -18,9 +21,9 @@ use shape::Blob;
 
 /// Standard deviations of the Gaussians, patch values; each difference is of two neighbors.
 const SIGMAS: [f32; 4] = [1.2, 1.9, 3.0, 4.8];
-/// Blobs fainter than this part of the strongest are not looked at.
+/// Blobs fainter than this part of the strongest are not processed.
 const FAINT: f32 = 0.12;
-/// Most blobs that are looked at.
+/// Maximum number of blobs that are processed.
 const MAX_BLOBS: usize = 48;
 /// Dots nearer than this, in patch values, are one.
 const ONE_DOT: f64 = 2.5;
@@ -30,21 +33,22 @@ const ONE_DOT: f64 = 2.5;
 pub struct BlobConfig {
     /// Blur of the image, standard deviation in ball radii.
     pub blur: f64,
-    /// Least and largest radius of a dot, ball radii.
+    /// Minimum and maximum radius of a dot, ball radii.
     pub dot_radius: (f64, f64),
     /// Contrast over the noise of a dot's mean at which a blob is as likely a dot as not.
     pub signal_to_noise: f64,
     /// Part of the strong dots' contrast at which a blob is as likely a dot as not.
     pub relative_contrast: f64,
-    /// Depth (z) below which dots are seen too obliquely to be told from the limb.
+    /// Depth (z) below which dots are seen too obliquely to be distinguished from the limb.
     pub min_depth: f64,
-    /// Detections with less confidence are left out.
+    /// Detections with less confidence are dropped.
     pub min_confidence: f64,
 }
 
 impl Default for BlobConfig {
-    /// A pixel of blur on a ball of 60 px; dots of a twentieth to a quarter of the radius; six times the noise; a third of
-    /// the strong dots' contrast; 0.16 deep; nothing below one in twenty.
+    /// A pixel of blur on a ball of 60 px; dots of a twentieth to a quarter of the radius; six
+    /// times the noise; a third of the strong dots' contrast; 0.16 deep; nothing below one in
+    /// twenty.
     fn default() -> Self {
         Self {
             blur: 0.035,
@@ -127,7 +131,7 @@ impl BlobDetector {
 
     /// Peaks of the response, strongest first.
     fn candidates(ws: &mut BlobWorkspace) {
-        let most = ws.response.iter().copied().fold(0.0, f32::max);
+        let strongest = ws.response.iter().copied().fold(0.0, f32::max);
         ws.candidates.clear();
         // No two peaks are neighbors.
         ws.candidates.reserve(SIZE * SIZE / 4);
@@ -135,7 +139,7 @@ impl BlobDetector {
             for column in 1..SIZE - 1 {
                 let i = row * SIZE + column;
                 let response = ws.response[i];
-                if response <= FAINT * most || response <= 0.0 {
+                if response <= FAINT * strongest || response <= 0.0 {
                     continue;
                 }
                 let mut is_peak = true;
@@ -212,7 +216,8 @@ impl DotDetector for BlobDetector {
             if confidence >= self.config.min_confidence {
                 out.push(DotDetection {
                     pixel: patch.to_image(blob.column, blob.row),
-                    // Values of a coarse image are interpolated: their noise is shared by neighbors.
+                    // Values of a coarse image are interpolated: their noise is shared by
+                    // neighbors.
                     covariance: blob.covariance * (step * step).max(1.0),
                     confidence,
                 });

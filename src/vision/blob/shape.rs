@@ -1,9 +1,10 @@
-//! A dot as the ball shows it, fitted to a dark blob.
+//! Fits the projection of a dot to a dark blob.
 //!
-//! A round dot of the size `a` at `(x, y)` on the ball (in radii) is seen with the covariance
-//! `S = a^2 (I - (x, y)(x, y)^T) + b^2 I`, foreshortened along the radius by `z` and blurred by `b`. As blur keeps the volume,
-//! a dot of contrast `c` is `c a^2 z / sqrt(det S) exp(-d^T S^-1 d / 2)` deep. Center, contrast, size and the level around it
-//! are fitted by Gauss-Newton with Levenberg's damping; the center's covariance is `s^2 (J^T J)^-1` for the noise `s`.
+//! A round dot of the size `a` at `(x, y)` on the ball (in radii) is seen with the covariance `S =
+//! a^2 (I - (x, y)(x, y)^T) + b^2 I`, foreshortened along the radius by `z` and blurred by `b`. As
+//! blur keeps the volume, a dot of contrast `c` is `c a^2 z / sqrt(det S) exp(-d^T S^-1 d / 2)`
+//! deep. Center, contrast, size and the level around it are fitted by Gauss-Newton with Levenberg's
+//! damping; the center's covariance is `s^2 (J^T J)^-1` for the noise `s`.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
@@ -11,15 +12,16 @@ use super::super::patch::{RADIUS, SIZE};
 use super::flatten::Flat;
 use super::in_radii;
 
-/// Steps at most.
+/// Maximum number of steps.
 const STEPS: usize = 8;
 /// Pixels within so many standard deviations of the blob take part.
 const REACH: f64 = 2.6;
-/// Least and largest half width of what takes part, patch values.
+/// Minimum and maximum half width of what takes part, patch values.
 const WINDOW: (f64, f64) = (3.0, 8.0);
 /// A center that leaves its start by more than this (patch values) has gone to another blob.
 const STRAYED: f64 = 3.5;
-/// Error of a center, patch values, that is there without any noise: the dot's true shape, the shading's rest.
+/// Error of a center, patch values, that is there without any noise: the dot's true shape, the
+/// shading's rest.
 const SYSTEMATIC: f64 = 0.25;
 
 /// A fitted blob.
@@ -88,7 +90,8 @@ struct Sums {
     variance: f64,
 }
 
-/// Fits a dot near `start` (column, row) of the size `sigma` to the flattened patch; `None` where there is none.
+/// Fits a dot near `start` (column, row) of the size `sigma` to the flattened patch; `None` where
+/// there is none.
 pub(super) fn fit(
     flat: &Flat,
     mask: &[f32],

@@ -14,7 +14,7 @@ use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
 const RAYS: usize = 72;
 /// Samples a pixel along a ray.
 const FINE: f64 = 2.0;
-/// Most samples on a ray, and most edges on it.
+/// Maximum number of samples on a ray, and of edges on it.
 const SAMPLES: usize = 96;
 const EDGES: usize = 4;
 /// Standard deviation of the smoothing of derivatives, pixels.
@@ -30,7 +30,7 @@ const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];
 const LAST_REACH: f64 = 1.5;
 /// An edge off the outline by less than this, in radii, supports it.
 const TOLERANCE: f64 = 0.04;
-/// Least share of rays with an edge at a rough radius; what has less is not fitted.
+/// Minimum share of rays with an edge at a rough radius; what has less is not fitted.
 const WORTHWHILE: f64 = 0.3;
 /// The reach is at least this many standard deviations of the residuals.
 const TUKEY: f64 = 4.7;

@@ -4,12 +4,12 @@
 //! 1. The image is halved again and again. At every size, pixels on strong edges vote for centers 10 to
 //!    20 pixels along their gradient (Hough's transform for circles: D. H. Ballard, "Generalizing the Hough
 //!    transform to detect arbitrary shapes", Pattern Recognition 13, 1981), apart for balls brighter and darker than what is
-//!    behind them, and where that gives no whole outline, for edges of either sign: such circles are only offered ([`BallFinder::others`]). A ball of any size is of that size at one of them.
-//! 2. Around each center with many votes the image is unrolled into angle and radius; edges of the right sign are
+//!    behind them, and where that gives no complete outline, for edges of either sign: such circles are only offered ([`BallFinder::others`]). A ball of any size is of that size at one of them.
+//! 2. Around each center with many votes the image is unrolled into angle and radius; edges of the correct sign are
 //!    found on every ray to a fraction of a sample, and the circle is fitted to them by iteratively reweighted
 //!    least squares with Tukey's biweight (P. J. Huber, "Robust Statistics", 1981), which leaves out dots on the
 //!    rim, logos and things behind the ball.
-//! 3. Of the circles that are whole enough, the best is the ball. What else is as good is counted: two balls.
+//! 3. Of the circles that are complete enough, the best is the ball. What else is as good is counted: two balls.
 //!
 //! # What it does and does not promise
 //! A ball may be cut by the border, or touch all four; rays that leave the image say nothing. It finds circles, not
@@ -29,15 +29,15 @@ use vote::{Center, Votes};
 /// What is accepted as a ball.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CircleConfig {
-    /// Least radius, pixels: on smaller balls dots cannot be told.
+    /// Minimum radius, pixels: on smaller balls dots cannot be identified.
     pub min_radius_px: f64,
     /// Largest radius as a multiple of the image's longer side.
     pub max_radius: f64,
-    /// Least share of the rays within the image on which the outline's edge is seen.
+    /// Minimum share of the rays within the image on which the outline's edge is seen.
     pub min_support: f64,
-    /// Least share of the whole circle that lies within the image.
+    /// Minimum share of the whole circle that lies within the image.
     pub min_visible: f64,
-    /// Least difference in brightness across the outline (the image's values span 0 to 1).
+    /// Minimum difference in brightness across the outline (the image's values span 0 to 1).
     pub min_contrast: f64,
     /// Another circle counts as a second ball where its score is this part of the best one's.
     pub rival_score: f64,
@@ -65,12 +65,12 @@ pub enum Polarity {
     Brighter,
     /// The ball is darker.
     Darker,
-    /// Here the one, there the other. Noise has such outlines too: they are worth a look, but no proof of a ball.
+    /// Here the one, there the other. Noise has such outlines too: they are candidates, but no evidence of a ball.
     Mixed,
 }
 
 impl Polarity {
-    /// The sign of the edges looked for; 0 for either.
+    /// The sign of the edges searched for; 0 for either.
     fn sign(self) -> f64 {
         match self {
             Self::Brighter => 1.0,
@@ -113,7 +113,7 @@ pub enum NoBall {
     },
     /// Nothing stands out from anything.
     NoContrast,
-    /// No outline is whole enough; the best had this share of its edge.
+    /// No outline is complete enough; the best had this share of its edge.
     NoCircle {
         /// See [`BallFit::support`].
         support: f64,
@@ -129,19 +129,19 @@ impl std::fmt::Display for NoBall {
             Self::NoContrast => f.write_str("nothing stands out in the image"),
             Self::NoCircle { support } => write!(
                 f,
-                "no whole outline (the best circle has {:.0} % of its edge)",
+                "no complete outline (the best circle has {:.0} % of its edge)",
                 100.0 * support
             ),
         }
     }
 }
 
-/// Centers looked at closely at each size and for each sign of the contrast: in crops, and in large images, where much
+/// Centers examined at each size and for each sign of the contrast: in crops, and in large images, where much
 /// else has edges.
 const CENTRES: (usize, usize) = (3, 16);
 /// Images with a longer side beyond this, pixels, are large.
 const LARGE: f64 = 320.0;
-/// A whole outline of this support ends the search where smaller images are left for balls below this part of
+/// A complete outline of this support ends the search where smaller images are left for balls below this part of
 /// its radius only.
 const SETTLED: (f64, f64) = (0.7, 0.8);
 /// An outline with this support is taken without looking for others with edges of either sign.
@@ -152,7 +152,7 @@ const FITTED_RADIUS: f64 = 44.0;
 
 /// More support asked for where the whole circle lies outside the image; in proportion for parts.
 const HIDDEN: f64 = 0.2;
-/// Least width of an edge, pixels of the image in which it is fitted: the smoothing alone makes it 2.
+/// Minimum width of an edge, pixels of the image in which it is fitted: the smoothing alone makes it 2.
 const MIN_WIDTH: f64 = 1.2;
 
 /// Finds balls; keeps its memory from image to image.
@@ -189,7 +189,7 @@ impl BallFinder {
         }
     }
 
-    /// The ball in an image: the largest of the circles that are whole enough, where they are about as good.
+    /// The ball in an image: the largest of the circles that are complete enough, where they are about as good.
     ///
     /// # Errors
     /// A [`NoBall`] that says why there is none.
@@ -198,7 +198,7 @@ impl BallFinder {
         self.search(image)
     }
 
-    /// As [`BallFinder::find`] in the image's gray, and where that gives no whole outline, also in the color in which the ball differs most
+    /// As [`BallFinder::find`] in the image's gray, and where that gives no complete outline, also in the color in which the ball differs most
     /// from what is behind it.
     ///
     /// # Errors
@@ -221,7 +221,7 @@ impl BallFinder {
         found
     }
 
-    /// Other circles of the last search, the best first: what the ball may be where the one found shows no dots that can be told.
+    /// Other circles of the last search, the best first: what the ball may be where the one found shows no dots that can be identified.
     pub fn others(&self) -> impl Iterator<Item = BallFit> + '_ {
         let best = self.best();
         let tried = self.found.iter().take(Self::MAX_OTHERS + 1);
@@ -311,7 +311,7 @@ impl BallFinder {
         }
     }
 
-    /// Makes room for whatever a search of an image of this size may meet.
+    /// Reserves capacity for whatever a search of an image of this size may meet.
     fn reserve(&mut self, image: &GrayImage) {
         self.votes.reserve(image.values().len());
         // Every center of every size and polarity may give a circle, in gray and in color.
@@ -428,13 +428,13 @@ impl BallFinder {
     }
 }
 
-/// A circle's worth: whole outlines first, then clear ones, then large ones. Dots and logos are smaller and fainter than
+/// A circle's worth: complete outlines first, then clear ones, then large ones. Dots and logos are smaller and fainter than
 /// the ball that bears them.
 fn score(fit: &BallFit) -> f64 {
     completeness(fit) * (fit.contrast.abs() * fit.circle.radius).sqrt()
 }
 
-/// Sorts circles, the most whole first; equal ones keep their order. Insertion needs no memory, which a
+/// Sorts circles, the most complete first; equal ones keep their order. Insertion needs no memory, which a
 /// library's stable sort would, and the circles are few.
 fn sort_by_completeness(found: &mut [BallFit]) {
     for i in 1..found.len() {

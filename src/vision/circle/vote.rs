@@ -2,9 +2,9 @@
 
 use super::GrayImage;
 
-/// Least radius that is voted for, pixels.
+/// Minimum radius that is voted for, pixels.
 pub(super) const MIN: usize = 10;
-/// Largest radius that is voted for: twice the least, as images are halved.
+/// Largest radius that is voted for: twice the minimum, as images are halved.
 pub(super) const MAX: usize = 20;
 /// Gradients above that of this rank (an outline has about as many pixels) count as no more: one bright edge is not ten.
 const STRONG: usize = 64;
@@ -33,7 +33,7 @@ pub(super) struct Votes {
 }
 
 impl Votes {
-    /// Makes room for images of as many pixels.
+    /// Reserves capacity for images of as many pixels.
     pub fn reserve(&mut self, pixels: usize) {
         self.gradients
             .reserve(pixels.saturating_sub(self.gradients.len()));

@@ -84,11 +84,11 @@ pub struct EstimatorConfig {
     pub recognizer: RobustConfig,
     /// Standard deviation of a drawn dot's place from the pattern's, along one tangent axis, radians.
     pub placement_sigma_rad: f64,
-    /// Least confidence of the detections that are looked at first, and where these leave doubt.
+    /// Minimum confidence of the detections that are used first, and where these leave doubt.
     pub dot_confidence: [f64; 2],
-    /// False dots expected beyond the recognizer's where doubtful detections are looked at.
+    /// False dots expected beyond the recognizer's where doubtful detections are used.
     pub doubtful_false_dots: f64,
-    /// Least probability of a pose that is told.
+    /// Minimum probability of a pose that is accepted.
     pub min_confidence: f64,
     /// Width of the outline's edge, in radii, from which on a refusal is put down to blur.
     pub max_blur: f64,
@@ -96,8 +96,8 @@ pub struct EstimatorConfig {
 
 impl Default for EstimatorConfig {
     /// A camera at an unknown distance; dots from z = 0.2, 85 % of them detected, one false dot a frame (a logo); drawn to
-    /// 1.2 deg; detections likelier dots than not, then those down to 0.15, with 1.5 false dots more. A pose is told
-    /// where it is likelier right than wrong: the spin's estimator weighs each by its probability, and a user
+    /// 1.2 deg; detections likelier dots than not, then those down to 0.15, with 1.5 false dots more. A pose is accepted
+    /// where it is likelier correct than wrong: the spin's estimator weighs each by its probability, and a user
     /// who wants fewer wrong ones asks for more.
     fn default() -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! A frame on its way in, and what was seen in it.
+//! The input frame, and the estimate from it: outline, detections, pose or rejection.
 
 use std::time::Duration;
 
@@ -33,16 +33,16 @@ impl<'a> From<&'a RgbImage> for FrameImage<'a> {
     }
 }
 
-/// An orientation that is told.
+/// An accepted orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// From the pattern's frame to the camera's.
     pub rotation: Rotation,
     /// Covariance of the rotation vector, camera frame, rad^2.
     pub covariance: Matrix3<f64>,
-    /// Probability that every dot has its right name.
+    /// Probability that every dot is identified correctly.
     pub confidence: f64,
-    /// Probability that the rotation is right, whatever single dots are.
+    /// Probability that the rotation is correct, whatever single dots are.
     pub pose_confidence: f64,
     /// Root mean square angle between the named dots and the rotated pattern, radians.
     pub residual_rad: f64,
@@ -58,11 +58,11 @@ pub struct Pose {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum FrameRejection {
-    /// Nothing was looked at yet.
+    /// The frame is not processed yet.
     NotProcessed,
     /// There is no ball to be seen.
     NoBall(NoBall),
-    /// The ball's outline is too soft for dots to be told.
+    /// The ball's outline is too blurred for dots to be identified.
     TooBlurred {
         /// Width of the outline's edge, ball radii.
         edge_width: f64,
@@ -86,7 +86,7 @@ pub enum FrameRejection {
 impl std::fmt::Display for FrameRejection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::NotProcessed => f.write_str("not looked at"),
+            Self::NotProcessed => f.write_str("not processed"),
             Self::NoBall(why) => write!(f, "no ball: {why}"),
             Self::TooBlurred { edge_width } => write!(
                 f,
@@ -121,7 +121,7 @@ pub struct Timings {
     pub locate: Duration,
     /// Cutting it out and finding dots.
     pub detect: Duration,
-    /// Telling the dots apart and refining the orientation.
+    /// Identifying the dots and refining the orientation.
     pub identify: Duration,
 }
 
@@ -146,12 +146,12 @@ pub struct FrameEstimate {
     pub(super) known_distance: Option<CameraDistance>,
     /// Runs of the recognizer on other outlines of this frame.
     pub(super) earlier_attempts: usize,
-    /// Those and the runs on this outline: each had its chance to be right by accident.
+    /// Those and the runs on this outline: each had its chance to be correct by accident.
     pub(super) attempts: usize,
 }
 
 impl Default for FrameEstimate {
-    /// Nothing looked at.
+    /// Not processed.
     fn default() -> Self {
         Self {
             outline: None,
@@ -169,7 +169,7 @@ impl Default for FrameEstimate {
 }
 
 impl FrameEstimate {
-    /// The orientation, if told.
+    /// The orientation, if accepted.
     pub fn pose(&self) -> Option<&Pose> {
         self.outcome.as_ref().ok()
     }

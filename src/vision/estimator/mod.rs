@@ -97,7 +97,7 @@ impl PoseHypothesis {
 const GIVEN_OUTLINE: f64 = 0.01;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 const CLEAR: f64 = 0.9;
-/// More detections than either detector gives for a ball: room for as many is made beforehand.
+/// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
 const EXPECTED_DOTS: usize = 256;
 
 impl<D: DotDetector> Estimator<D> {
@@ -128,7 +128,7 @@ impl<D: DotDetector> Estimator<D> {
         &self.config
     }
 
-    /// The pattern looked for.
+    /// The pattern to identify.
     pub fn pattern(&self) -> &Pattern {
         &self.pattern
     }
@@ -460,7 +460,7 @@ impl<D: DotDetector> Estimator<D> {
         })
     }
 
-    /// Where the pattern's dots in sight are expected in a frame that is told: number, pixel and z.
+    /// Where the pattern's dots in sight are expected in a frame with a pose: number, pixel and z.
     pub fn expected_dots(&self, frame: &FrameEstimate) -> Vec<(u16, super::Pixel, f64)> {
         let (Some(pose), Some(view)) = (frame.pose(), self.view(frame)) else {
             return Vec::new();

@@ -2,7 +2,7 @@
 //!
 //! Parameters are a turn `R -> exp([x]x) R`, a change of the outline `(u, v, r)`, for which the fit of the outline
 //! is a Gaussian prior, and where the camera's distance is unknown, ball radii over that distance, with a prior of its own. With the residual `e = p - project(R d)` and the covariance `S = S_detector + s^2 J T T^T J^T` (the
-//! hand's error `s` in the tangent plane `T`), each dot has the weight of Student's law with `nu` degrees of freedom,
+//! placement error `s` in the tangent plane `T`), each dot has the weight of Student's distribution with `nu` degrees of freedom,
 //! `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA
 //! 84, 1989).
 
@@ -13,11 +13,11 @@ use super::{EstimatorConfig, FrameEstimate};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::vision::camera::{BallCircle, BallView, Camera, Pixel};
 
-/// Steps at most.
+/// Maximum number of steps.
 const STEPS: usize = 12;
 /// A shorter step, radians, ends the iteration.
 const CONVERGED: f64 = 1e-5;
-/// Degrees of freedom of the dots' distribution: hands and detectors err with heavy tails.
+/// Degrees of freedom of the dots' distribution: drawn dots and detectors err with heavy tails.
 const DEGREES: f64 = 5.0;
 /// A detection nearer to an expected dot than this many standard deviations takes its name.
 const TAKEN_UP: f64 = 3.0;

@@ -1,13 +1,13 @@
 //! One convolution on the CPU.
 //!
-//! Values lie pixel by pixel with their channels together, framed by [`BORDER`] pixels of zeros. A row
-//! of the kernel then meets one run of consecutive numbers of the input, and no edge needs a case of its
-//! own. For a block of neighboring pixels and [`LANES`] or more output channels, the sums stay in
-//! registers while the kernel passes over them: each number of the input is multiplied with a vector of
-//! weights, one output channel a lane.
+//! Values lie pixel by pixel with their channels together, framed by [`BORDER`] pixels of zeros. A
+//! row of the kernel then meets one run of consecutive numbers of the input, and no edge needs a
+//! case of its own. For a block of neighboring pixels and [`LANES`] or more output channels, the
+//! sums stay in registers while the kernel passes over them: each number of the input is multiplied
+//! with a vector of weights, one output channel a lane.
 //!
-//! The code is compiled for every SIMD level that `fearless_simd` knows and chosen at run time. Sums are
-//! fused (FMA) where the processor can, so results differ between processors by rounding.
+//! The code is compiled for every SIMD level that `fearless_simd` knows and chosen at run time.
+//! Sums are fused (FMA) where the processor can, so results differ between processors by rounding.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
@@ -174,7 +174,8 @@ impl PackedConvolution {
     /// Computes `out` from `input`, with `max(0, x)` at the end where asked for.
     #[inline(always)]
     pub fn run<S: Simd>(&self, simd: S, relu: bool, input: &FeatureMap, out: &mut FeatureMap) {
-        // As many sums as 16 registers hold beside the weights, and enough to hide an addition's latency.
+        // As many sums as 16 registers hold beside the weights, and enough to hide an addition's
+        // latency.
         simd.vectorize(
             #[inline(always)]
             || match self.vectors {

@@ -1,7 +1,8 @@
 //! From the net's cells to dots.
 //!
-//! A cell whose heat is not below that of its eight neighbors is a peak. It says where the dot lies, to
-//! a fraction of a pixel, and with which covariance; a second peak for the same dot is dropped.
+//! A cell whose heat is not below that of its eight neighbors is a peak. It says where the dot
+//! lies, to a fraction of a pixel, and with which covariance; a second peak for the same dot is
+//! dropped.
 
 use nalgebra::Matrix2;
 
@@ -71,7 +72,8 @@ impl CnnDetector {
     /// A detector with the given weights.
     ///
     /// # Errors
-    /// [`Error::Argument`] where the weights do not fit the net or the configuration is out of its domain.
+    /// [`Error::Argument`] where the weights do not fit the net or the configuration is out of its
+    /// domain.
     pub fn new(weights: &Weights, config: CnnConfig) -> Result<Self> {
         if !(0.0..=1.0).contains(&config.min_confidence) {
             let problem = format!("expected 0 to 1, found {}", config.min_confidence);

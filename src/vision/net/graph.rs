@@ -1,8 +1,9 @@
-//! The net's layers and how they are joined: the one description that inference, training and export share.
+//! The net's layers and how they are joined: the one description that inference, training and
+//! export share.
 //!
-//! An hourglass with two skips. Resolution falls to an eighth of the patch's, where one value sees the
-//! whole ball and can tell a logo from dots. It comes back to a half, where a dot is some three cells
-//! wide. A multiplication with its addition counts as two operations.
+//! An hourglass with two skips. Resolution falls to an eighth of the patch's, where one value sees
+//! the whole ball and can distinguish a logo from dots. It comes back to a half, where a dot is
+//! some three cells wide. A multiplication with its addition counts as two operations.
 
 use crate::vision::patch;
 
@@ -21,7 +22,8 @@ pub enum Channel {
     Column,
     /// The dot's row minus the cell's, in the patch's values.
     Row,
-    /// ln `a` of the factor `L = [[a, 0], [b, c]]`; `|L e|^2` is the error's squared Mahalanobis length.
+    /// ln `a` of the factor `L = [[a, 0], [b, c]]`; `|L e|^2` is the error's squared Mahalanobis
+    /// length.
     LnA,
     /// `b` of that factor.
     B,

@@ -1,7 +1,7 @@
 //! The net on the CPU: one patch at a time, on the calling thread, without allocating.
 //!
-//! [`Network`] holds the weights and is shared; [`Activations`] holds all intermediate values, one set a
-//! thread. Nothing can fail once both exist.
+//! [`Network`] holds the weights and is shared; [`Activations`] holds all intermediate values, one
+//! set a thread. Nothing can fail once both exist.
 
 use fearless_simd::{Level, Simd, dispatch};
 
@@ -35,8 +35,8 @@ impl Default for Activations {
 }
 
 impl Network {
-    /// A net of the given numbers, in the order of [`CONVOLUTIONS`]. The fastest instructions that this
-    /// processor has are chosen here.
+    /// A net of the given numbers, in the order of [`CONVOLUTIONS`]. The fastest instructions that
+    /// this processor has are chosen here.
     ///
     /// # Errors
     /// [`Error::Argument`] where the numbers do not fit the graph.

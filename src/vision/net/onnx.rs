@@ -1,10 +1,10 @@
 //! The net as an ONNX file, for estimators in Python or C++.
 //!
-//! Input `patches`: float (n, 1, 64, 64), cut and scaled as [`crate::vision::patch`] says. Outputs: `cells`,
-//! float (n, 6, 32, 32), whose channels are those of [`Channel`](super::graph::Channel), and `probability`,
-//! float (n, 1, 32, 32), the calibrated probability of a dot. The calibration also stands in the model's
-//! metadata. Messages are those of the ONNX specification (onnx.proto, IR version 8, operator set 13);
-//! only the fields in use are written.
+//! Input `patches`: float (n, 1, 64, 64), cut and scaled as [`crate::vision::patch`] says. Outputs:
+//! `cells`, float (n, 6, 32, 32), whose channels are those of [`Channel`](super::graph::Channel),
+//! and `probability`, float (n, 1, 32, 32), the calibrated probability of a dot. The calibration
+//! also stands in the model's metadata. Messages are those of the ONNX specification (onnx.proto,
+//! IR version 8, operator set 13); only the fields in use are written.
 
 use prost::Message;
 
@@ -137,8 +137,8 @@ fn add_probability(nodes: &mut Vec<Node>, initializers: &mut Vec<Tensor>, weight
     nodes.push(Node::new("Sigmoid", &named(&["odds"]), "probability"));
 }
 
-// onnx.proto is of the second version of the language, where repeated numbers are not packed unless it
-// says so: strict readers refuse packed ones.
+// onnx.proto is of the second version of the language, where repeated numbers are not packed unless
+// it says so: strict readers refuse packed ones.
 
 #[derive(Clone, PartialEq, Message)]
 struct Model {
@@ -353,7 +353,8 @@ mod tests {
 
     #[test]
     fn repeated_numbers_are_not_packed() {
-        // A field's number times 8, plus 0 for a plain integer; packed ones would have 2 and a length.
+        // A field's number times 8, plus 0 for a plain integer; packed ones would have 2 and a
+        // length.
         let tensor = Tensor::integers("", &[5, 6]);
         assert!(tensor.encode_to_vec().starts_with(&[8, 2]));
         let ints = Attribute::ints("", &[3, 4]).encode_to_vec();

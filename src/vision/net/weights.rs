@@ -1,7 +1,8 @@
-//! The net's numbers and what is known of them, as a NumPy archive.
+//! The net's weights and their metadata, as a NumPy archive.
 //!
 //! Arrays: `convolution_00_weight` f32 (outputs, inputs, kernel, kernel), `convolution_00_bias` f32
-//! (outputs,), and so on in the order of [`CONVOLUTIONS`]; `meta` u8 (k,), UTF-8 JSON of [`WeightsMeta`].
+//! (outputs,), and so on in the order of [`CONVOLUTIONS`]; `meta` u8 (k,), UTF-8 JSON of
+//! [`WeightsMeta`].
 
 use std::io::Cursor;
 use std::path::Path;
@@ -50,7 +51,7 @@ impl Default for Calibration {
     }
 }
 
-/// What is known of a set of weights.
+/// The metadata of a set of weights.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct WeightsMeta {
     /// Of this format.
@@ -68,7 +69,7 @@ pub struct WeightsMeta {
 pub struct Weights {
     /// In the order of [`CONVOLUTIONS`].
     pub layers: Vec<Layer>,
-    /// What is known of them.
+    /// Their metadata.
     pub meta: WeightsMeta,
 }
 
@@ -85,7 +86,8 @@ impl Weights {
     /// Reads weights from a file.
     ///
     /// # Errors
-    /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the array and what is wrong with it.
+    /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the array and what is
+    /// wrong with it.
     pub fn read(path: &Path) -> Result<Self> {
         Self::from_npz(path, &files::read_bytes(path)?)
     }
@@ -161,7 +163,7 @@ impl Weights {
         Ok(zip.finish().map_err(|e| internal(&e))?.into_inner())
     }
 
-    /// Writes the weights, whole or not at all.
+    /// Writes the weights atomically.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
