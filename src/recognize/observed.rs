@@ -326,7 +326,7 @@ mod tests {
 
     #[test]
     fn a_frame_is_handed_out_when_the_next_begins() {
-        /// Counts what is asked of it.
+        /// Counts the reads.
         struct Lines<'a>(
             std::str::SplitInclusive<'a, char>,
             &'a std::cell::Cell<usize>,
