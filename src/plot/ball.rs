@@ -18,7 +18,7 @@ pub const VIEWS_SIZE: (u32, u32) = (1280, 760);
 /// Radius of a drawn ball, file pixels.
 const RADIUS: f64 = 265.0;
 /// Height of the ball's center beneath the title, file pixels.
-const CENTRE_Y: f64 = 318.0;
+const CENTER_Y: f64 = 318.0;
 /// Size of the dots' numbers, file pixels.
 const NUMBER: f64 = 17.0;
 /// Dots lower than this (z of the unit vector) have their numbers outside the ball.
@@ -110,7 +110,7 @@ pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallDrawing) -> Resu
             let dots: Vec<Vec3> = pattern.dots().iter().map(|d| side.view(d)).collect();
             draw_ball(half, &dots, dot_radius)?;
             draw_numbers(half, &dots, dot_radius)?;
-            let at = (center(half).0, px(CENTRE_Y + RADIUS + 52.0));
+            let at = (center(half).0, px(CENTER_Y + RADIUS + 52.0));
             text(half, side.caption, at, HPos::Center, LABEL + 2.0, INK)?;
             draw_axes(half, &side)?;
         }
@@ -128,7 +128,7 @@ pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallDrawing) -> Resu
 
 /// The drawn ball's center.
 fn center(area: &Area<'_>) -> (i32, i32) {
-    (area.dim_in_pixel().0 as i32 / 2, px(CENTRE_Y))
+    (area.dim_in_pixel().0 as i32 / 2, px(CENTER_Y))
 }
 
 /// Shades the ball and its dots pixel by pixel: what a pixel shows follows from its point on the
@@ -297,7 +297,7 @@ fn draw_axes(area: &Area<'_>, side: &Side) -> Drawn {
     let length = px(44.0);
     let forwards = if side.z_towards { 1 } else { -1 };
     let x = px(if side.z_towards { 46.0 } else { 90.0 });
-    let y = px(CENTRE_Y + RADIUS + 64.0);
+    let y = px(CENTER_Y + RADIUS + 64.0);
     let line = stroke(INK, 1.6);
     let head = px(5.0);
     let tip = (x + forwards * length, y);

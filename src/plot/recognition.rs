@@ -19,7 +19,7 @@ pub const RECOGNITION_VIEW_SIZE: (u32, u32) = (430, 640);
 /// Radius of a drawn ball, file pixels.
 const RADIUS: f64 = 175.0;
 /// Height of the ball's center beneath title and legend, file pixels.
-const CENTRE_Y: f64 = 205.0;
+const CENTER_Y: f64 = 205.0;
 /// Height of a line of the caption, file pixels.
 const LINE: f64 = 21.0;
 /// Series whose colors stand for what was seen, for the truth and for the answer.
@@ -77,7 +77,7 @@ pub fn recognition_views(
 }
 
 fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Drawn {
-    let center = (area.dim_in_pixel().0 as i32 / 2, px(CENTRE_Y));
+    let center = (area.dim_in_pixel().0 as i32 / 2, px(CENTER_Y));
     let place = |d: &Vec3| {
         let at = |c: f64| (c * f64::from(px(RADIUS))).round() as i32;
         (center.0 + at(d.x), center.1 - at(d.y))
@@ -132,7 +132,7 @@ fn draw_caption(area: &Area<'_>, caption: &str) -> Drawn {
         }
     }
     for (k, line) in lines.iter().enumerate() {
-        let at = (px(18.0), px(CENTRE_Y + RADIUS + 34.0 + LINE * k as f64));
+        let at = (px(18.0), px(CENTER_Y + RADIUS + 34.0 + LINE * k as f64));
         super::canvas::styled_text(area, line, at, HPos::Left, font(SMALL), INK)?;
     }
     Ok(())
