@@ -1,12 +1,12 @@
-//! Estimates the ball's orientation in every image of a folder, and its spin.
+//! Estimates the orientation of the ball in every image of a folder, and its spin.
 //!
 //!     cargo run --release --example estimate_folder -- PATTERN.csv DIR
 //!
-//! File names are times in nanoseconds, as in the SpinDOE data.
+//! File names are times in nanoseconds, as SpinDOE has them.
 
-use spindoe::pattern::Pattern;
-use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, input};
+use spindoe::vision::DetectorName;
+use spindoe::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
+use spindoe::{Estimator, EstimatorConfig, Pattern};
 
 fn main() -> spindoe::Result<()> {
     let mut arguments = std::env::args_os().skip(1);
@@ -17,45 +17,31 @@ fn main() -> spindoe::Result<()> {
     let pattern = Pattern::read_csv(pattern.as_ref())?;
     let detector = DetectorName::Cnn.build()?;
     let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-    let mut workspace = estimator.workspace();
-    let (mut names, mut times, mut frames) = (Vec::new(), Vec::new(), Vec::new());
-    for source in input::sources(&[dir.into()])? {
-        input::read_frames(&source, &mut |frame| {
-            let mut seen = FrameEstimate::default();
-            estimator.estimate_frame(&frame.image, None, None, &mut workspace, &mut seen);
-            times.push(frame.time_s);
-            names.push(frame.name);
-            frames.push(seen);
-            Ok(())
-        })?;
-    }
-    let times: Option<Vec<f64>> = times.into_iter().collect();
-    let config = SequenceConfig::default();
-    if let Some(times) = &times {
-        track_sequence(&estimator, &config, times, &mut frames, &mut workspace);
-    }
-    for (name, frame) in names.iter().zip(&frames) {
-        match &frame.outcome {
+    let batch = estimate_inputs(&estimator, &[dir.into()], &BatchConfig::default(), &())?;
+    for frame in &batch.frames {
+        match &frame.estimate.outcome {
             Ok(pose) => {
-                let q = pose.rotation.into_inner();
-                let [w, x, y, z] = [q.w, q.i, q.j, q.k];
-                println!(
-                    "{name}: {w:.4} {x:.4} {y:.4} {z:.4}, p = {:.3}",
-                    pose.pose_confidence
-                );
+                let [w, x, y, z] = spindoe::geometry::to_wxyz(&pose.rotation);
+                let p = pose.pose_confidence;
+                println!("{}: {w:.4} {x:.4} {y:.4} {z:.4}, p = {p:.3}", frame.name);
             }
-            Err(rejection) => println!("{name}: {rejection}"),
+            Err(rejection) => println!("{}: {rejection}", frame.name),
         }
     }
-    if let Some(times) = &times {
-        match estimate_spin(&config, times, &frames) {
-            Ok(fit) => println!(
+    match &batch.sequence {
+        SequenceOutcome::Estimated { spin: Ok(fit), .. } => {
+            println!(
                 "{:.2} rps, spin {:?} rad/s",
                 fit.motion.rps(),
                 fit.motion.spin
-            ),
-            Err(rejection) => println!("no spin: {rejection}"),
+            );
         }
+        SequenceOutcome::Estimated {
+            spin: Err(rejection),
+            ..
+        } => println!("no spin: {rejection}"),
+        SequenceOutcome::NoTimes => println!("no spin: the frames have no times"),
+        SequenceOutcome::TimesNotIncreasing => println!("no spin: the times do not increase"),
     }
     Ok(())
 }

@@ -8,17 +8,15 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use rayon::prelude::*;
 
 use super::output::one_of;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::Pattern;
-use crate::spin::{Fit, SpinRejection};
 use crate::vision::estimator::{
-    CameraModel, SequenceConfig, SequenceSummary, estimate_spin, track_sequence,
+    BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
 };
-use crate::vision::input::{self, InputFrame};
+use crate::vision::input;
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
 use crate::vision::{
@@ -129,72 +127,56 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Number of frames estimated at once.
-const AT_ONCE: usize = 64;
-
-/// All frames, and their estimates.
-#[derive(Default)]
-struct Seen {
-    names: Vec<String>,
-    paths: Vec<PathBuf>,
-    times: Vec<Option<f64>>,
-    frames: Vec<FrameEstimate>,
-    /// Pictures for the overlays, with the corner at which each was cropped.
-    pictures: Vec<(RgbImage, usize, usize)>,
+/// Keeps the pictures that overlays need.
+struct Pictures {
+    #[cfg_attr(not(feature = "plot"), allow(dead_code))]
+    wanted: bool,
 }
 
-/// The times of a sequence, and its result.
-struct Sequence {
-    summary: SequenceSummary,
-    spin: std::result::Result<Fit, SpinRejection>,
+/// A picture, with the corner at which it was cropped.
+type Picture = Option<(RgbImage, usize, usize)>;
+
+impl BatchObserver for Pictures {
+    type Kept = Picture;
+
+    #[cfg(feature = "plot")]
+    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Picture> {
+        self.wanted
+            .then(|| overlay::picture(image, estimate))
+            .transpose()
+    }
+
+    #[cfg(not(feature = "plot"))]
+    fn keep(&self, _: &RgbImage, _: &FrameEstimate) -> Result<Picture> {
+        Ok(None)
+    }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let pattern = super::read_table(&arguments.table)?.pattern().clone();
     let estimator = arguments.estimator(&pattern)?;
-    let circle = arguments.circle()?;
+    let config = arguments.batch()?;
+    #[cfg(feature = "plot")]
+    let wanted = arguments.overlay.is_some();
+    #[cfg(not(feature = "plot"))]
+    let wanted = false;
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
         files::create_writable_dir(dir)?;
     }
-    let mut workspace = estimator.workspace();
-    let mut seen = arguments.detect(&estimator, circle.as_ref())?;
-    arguments.set_times(&mut seen)?;
-    let config = arguments.sequence_config();
-    let times: Option<Vec<f64>> = seen.times.iter().copied().collect();
-    let rising = |t: &Vec<f64>| t.windows(2).all(|w| w[0] < w[1]);
-    let sequence = match times {
-        Some(times) if rising(&times) && times.len() > 1 => {
-            let summary = if arguments.no_sequence {
-                SequenceSummary::default()
-            } else {
-                track_sequence(
-                    &estimator,
-                    &config,
-                    &times,
-                    &mut seen.frames,
-                    &mut workspace,
-                )
-            };
-            let spin = estimate_spin(&config, &times, &seen.frames);
-            Some(Sequence { summary, spin })
-        }
-        Some(times) if times.len() > 1 => {
-            errln!(
-                "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
-            );
-            None
-        }
-        _ => None,
-    };
+    let batch = estimate_inputs(&estimator, &arguments.images, &config, &Pictures { wanted })?;
+    if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
+        errln!(
+            "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
+        );
+    }
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
-        overlay::draw(dir, &estimator, &seen)?;
+        overlay::draw(dir, &estimator, &batch)?;
     }
     let report = Report {
         arguments,
-        seen: &seen,
-        sequence: sequence.as_ref(),
+        batch: &batch,
     };
     let text = report.orientations_csv();
     if let Some(path) = &arguments.output {
@@ -279,85 +261,19 @@ impl Arguments {
         }
     }
 
-    fn sequence_config(&self) -> SequenceConfig {
-        let mut config = SequenceConfig::default();
-        config.spin.max_rps = self.max_spin_rps;
-        config
-    }
-
-    /// Detects and estimates all frames, each independently.
-    fn detect(
-        &self,
-        estimator: &Estimator<NamedDetector>,
-        circle: Option<&BallCircle>,
-    ) -> Result<Seen> {
-        let mut seen = Seen::default();
-        let mut waiting = Vec::with_capacity(AT_ONCE);
-        for source in input::sources(&self.images)? {
-            let first = seen.times.len();
-            let mut visit = |frame: InputFrame| {
-                waiting.push(frame);
-                if waiting.len() == AT_ONCE {
-                    self.estimate(estimator, circle, &mut waiting, &mut seen)?;
-                }
-                Ok(())
-            };
-            let times = input::read_frames(&source, &mut visit)?;
-            self.estimate(estimator, circle, &mut waiting, &mut seen)?;
-            for (k, time) in times.into_iter().enumerate() {
-                seen.times[first + k] = time;
-            }
-        }
-        Ok(seen)
-    }
-
-    /// Estimates the waiting frames, spread over all cores. Each is independent, so the order of
-    /// work changes nothing.
-    fn estimate(
-        &self,
-        estimator: &Estimator<NamedDetector>,
-        circle: Option<&BallCircle>,
-        waiting: &mut Vec<InputFrame>,
-        seen: &mut Seen,
-    ) -> Result<()> {
-        let done: Result<Vec<_>> = waiting
-            .par_drain(..)
-            .map_init(
-                || estimator.workspace(),
-                |workspace, frame| {
-                    let mut estimate = FrameEstimate::default();
-                    estimator.estimate_frame(&frame.image, circle, None, workspace, &mut estimate);
-                    #[cfg(feature = "plot")]
-                    let picture = (self.overlay.is_some())
-                        .then(|| overlay::picture(&frame.image, &estimate))
-                        .transpose()?;
-                    #[cfg(not(feature = "plot"))]
-                    let picture = None;
-                    Ok((frame, estimate, picture))
-                },
-            )
-            .collect();
-        for (frame, estimate, picture) in done? {
-            seen.names.push(frame.name);
-            seen.paths.push(frame.path);
-            seen.times.push(frame.time_s);
-            seen.frames.push(estimate);
-            seen.pictures.extend(picture);
-        }
-        Ok(())
-    }
-
-    /// Sets the times that the user specifies.
-    fn set_times(&self, seen: &mut Seen) -> Result<()> {
-        if let Some(fps) = self.fps {
-            for (k, time) in seen.times.iter_mut().enumerate() {
-                *time = Some(k as f64 / fps);
-            }
+    fn batch(&self) -> Result<BatchConfig> {
+        let mut config = BatchConfig {
+            circle: self.circle()?,
+            independent: self.no_sequence,
+            ..BatchConfig::default()
+        };
+        config.sequence.spin.max_rps = self.max_spin_rps;
+        if let Some(rate) = self.fps {
+            config.clock = FrameClock::FramesPerSecond(rate);
         }
         if let Some(path) = &self.times {
-            let known = input::read_times(path)?.of_frames(&seen.paths)?;
-            seen.times = known.into_iter().map(Some).collect();
+            config.clock = FrameClock::Table(input::read_times(path)?);
         }
-        Ok(())
+        Ok(config)
     }
 }

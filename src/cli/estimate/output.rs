@@ -2,17 +2,17 @@
 
 use serde_json::{Value, json};
 
-use super::{Arguments, Frame, Seen, Sequence};
+use super::{Arguments, Frame, Picture};
 use crate::geometry::{Rotation, Vec3, to_wxyz};
 use crate::spin::Fit;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::vision::FrameEstimate;
+use crate::vision::estimator::{Batch, BatchFrame, SequenceOutcome};
 
 /// Everything that is reported.
 pub(super) struct Report<'a> {
     pub arguments: &'a Arguments,
-    pub seen: &'a Seen,
-    pub sequence: Option<&'a Sequence>,
+    pub batch: &'a Batch<Picture>,
 }
 
 /// The outcome of a frame, in words.
@@ -45,12 +45,13 @@ impl Report<'_> {
     }
 
     pub fn orientations_csv(&self) -> String {
-        let frames = self.seen.frames.iter().enumerate();
-        let rows = frames.map(|(k, frame)| {
+        let frames = self.batch.frames.iter();
+        let rows = frames.map(|shown| {
+            let frame = &shown.estimate;
             let pose = frame.pose();
             OrientationRow {
-                frame: self.seen.names[k].clone(),
-                time_s: self.seen.times[k].unwrap_or(f64::NAN),
+                frame: shown.name.clone(),
+                time_s: shown.time_s.unwrap_or(f64::NAN),
                 orientation: pose.map(|p| self.in_output_frame(&p.rotation)),
                 dots: Some(frame.dots.len()),
                 matched: Some(frame.matched()),
@@ -65,8 +66,8 @@ impl Report<'_> {
     }
 
     pub fn to_json(&self) -> Value {
-        let count = self.seen.frames.len();
-        let frames: Vec<Value> = (0..count).map(|k| self.frame_json(k)).collect();
+        let frames = self.batch.frames.iter();
+        let frames: Vec<Value> = frames.map(|frame| self.frame_json(frame)).collect();
         let mut json = json!({
             "detector": self.arguments.detector,
             "frame": match self.arguments.frame {
@@ -74,10 +75,10 @@ impl Report<'_> {
                 Frame::Optical => "optical",
             },
             "frames": frames,
-            "identified": self.identified(),
+            "identified": self.batch.identified(),
         });
-        if let Some(sequence) = self.sequence {
-            match &sequence.spin {
+        if let SequenceOutcome::Estimated { spin, .. } = &self.batch.sequence {
+            match spin {
                 Ok(fit) => json["spin"] = self.spin_json(fit),
                 Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
             }
@@ -100,11 +101,11 @@ impl Report<'_> {
             spin_covariance: covariance,
             ..*fit
         };
-        crate::cli::spin::fit_json(&turned, self.seen.frames.len(), self.identified())
+        crate::cli::spin::fit_json(&turned, self.batch.frames.len(), self.batch.identified())
     }
 
-    fn frame_json(&self, k: usize) -> Value {
-        let frame = &self.seen.frames[k];
+    fn frame_json(&self, shown: &BatchFrame<Picture>) -> Value {
+        let frame = &shown.estimate;
         let dots: Vec<Value> = frame
             .dots
             .iter()
@@ -122,8 +123,8 @@ impl Report<'_> {
             .collect();
         let ms = |d: std::time::Duration| 1e3 * d.as_secs_f64();
         let mut json = json!({
-            "frame": self.seen.names[k],
-            "time_s": self.seen.times[k],
+            "frame": shown.name,
+            "time_s": shown.time_s,
             "circle": frame.circle.map(|c| json!({
                 "u": c.center.u, "v": c.center.v, "radius": c.radius,
             })),
@@ -163,31 +164,24 @@ impl Report<'_> {
         json
     }
 
-    fn identified(&self) -> usize {
-        self.seen
-            .frames
-            .iter()
-            .filter(|f| f.pose().is_some())
-            .count()
-    }
-
     /// Summarizes the outcome of the frames on standard error.
     pub fn say(&self) {
-        for (name, frame) in self.seen.names.iter().zip(&self.seen.frames) {
+        for shown in &self.batch.frames {
+            let (name, frame) = (&shown.name, &shown.estimate);
             let several = frame.fit.is_some_and(|f| f.rivals > 0);
             if frame.pose().is_none() || several {
                 errln!("{name}: {}", words(frame));
             }
         }
-        let count = self.seen.frames.len();
-        errln!("{} of {count} frames identified", self.identified());
-        let Some(sequence) = self.sequence else {
+        let count = self.batch.frames.len();
+        errln!("{} of {count} frames identified", self.batch.identified());
+        let SequenceOutcome::Estimated { summary, spin } = &self.batch.sequence else {
             return;
         };
-        if sequence.summary.together > sequence.summary.alone {
-            errln!("{} of them independently", sequence.summary.alone);
+        if summary.together > summary.alone {
+            errln!("{} of them independently", summary.alone);
         }
-        match &sequence.spin {
+        match spin {
             Ok(fit) => {
                 let mut spin = fit.motion.spin;
                 if self.arguments.frame == Frame::Optical {

@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use super::{Seen, output};
+use super::{Picture, output};
 use crate::error::Result;
 use crate::plot::{self, OverlayFrame};
+use crate::vision::estimator::Batch;
 use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel, RgbImage};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
@@ -31,16 +32,23 @@ pub(super) fn picture(
 }
 
 /// Draws all frames, and the sheets.
-pub(super) fn draw(dir: &Path, estimator: &Estimator<NamedDetector>, seen: &Seen) -> Result<()> {
+pub(super) fn draw(
+    dir: &Path,
+    estimator: &Estimator<NamedDetector>,
+    batch: &Batch<Picture>,
+) -> Result<()> {
     let mut frames = Vec::new();
-    for (k, frame) in seen.frames.iter().enumerate() {
-        let (image, left, top) = &seen.pictures[k];
+    for (k, shown) in batch.frames.iter().enumerate() {
+        let frame = &shown.estimate;
+        let Some((image, left, top)) = &shown.kept else {
+            continue;
+        };
         let place = |p: Pixel| Pixel {
             u: p.u - *left as f64,
             v: p.v - *top as f64,
         };
         let drawn = OverlayFrame {
-            name: seen.names[k].clone(),
+            name: shown.name.clone(),
             words: output::words(frame),
             refused: frame.pose().is_none(),
             image: image.clone(),

@@ -13,11 +13,15 @@
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
 
+mod batch;
 mod config;
 mod frame;
 mod refine;
 mod sequence;
 
+pub use batch::{
+    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
+};
 pub use config::{CameraDistance, CameraModel, EstimatorConfig};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
