@@ -1,6 +1,7 @@
 //! From an image to the ball's orientation, and from a sequence of images to all of them.
 //!
-//! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given), [`Patch`] cuts it out, a
+//! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given; off the axis of a known camera its image is
+//! warped to one taken straight at it), [`Patch`] cuts it out, a
 //! [`DotDetector`] finds dots, [`BallView`] lays them on the sphere; their covariance is the detector's and that of the hand
 //! that drew them. The recognizer tells which is which, once with the detections that are likelier dots than not and, where
 //! that leaves doubt, once with the doubtful ones as well. A refinement then fits the orientation to the dots in the
@@ -15,6 +16,7 @@
 
 mod config;
 mod frame;
+mod recenter;
 mod refine;
 mod sequence;
 
@@ -26,7 +28,7 @@ use std::time::Instant;
 
 use nalgebra::{Matrix2, Matrix3};
 
-use super::camera::{BallCircle, BallView, Camera};
+use super::camera::{BallCircle, BallView, Camera, Intrinsics};
 use super::circle::{BallFinder, BallFit};
 use super::detect::{DotDetection, DotDetector};
 use super::image::GrayImage;
@@ -38,6 +40,7 @@ use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorks
 use crate::recognize::{
     DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
 };
+use recenter::Recentering;
 use refine::{Match, Prior, Refiner};
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
@@ -60,6 +63,8 @@ pub struct EstimatorWorkspace<W> {
     other: FrameEstimate,
     others: Vec<BallFit>,
     finder: BallFinder,
+    /// Only where the camera's intrinsics are known.
+    recentering: Option<Recentering>,
     patch: Patch,
     detector: W,
     recognizer: RobustWorkspace,
@@ -145,6 +150,9 @@ impl<D: DotDetector> Estimator<D> {
             other,
             others: Vec::with_capacity(BallFinder::MAX_OTHERS),
             finder: BallFinder::new(self.config.circle),
+            recentering: self
+                .intrinsics()
+                .map(|_| Recentering::new(self.config.circle)),
             patch: Patch::default(),
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
@@ -259,14 +267,33 @@ impl<D: DotDetector> Estimator<D> {
         out.dots.reserve(EXPECTED_DOTS);
         out.assignment.clear();
         out.assignment.reserve(EXPECTED_DOTS);
-        if let Some(circle) = out.circle {
+        if let Some(outline) = out.outline {
             let begun = Instant::now();
-            ws.patch.cut_into(gray, &circle);
+            let recentered = match (self.intrinsics(), &mut ws.recentering) {
+                (Some(k), Some(r)) => r.recenter(&k, gray, ws.finder.color_contrast(), out),
+                _ => None,
+            };
+            match (recentered, &ws.recentering) {
+                (Some(ball), Some(r)) => ws.patch.cut_into(r.image(), &ball.circle),
+                _ => ws.patch.cut_into(gray, &outline.circle),
+            }
             self.detector
                 .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
+            if let Some(ball) = recentered {
+                ball.camera.dots_to_image(&mut out.dots);
+            }
+            out.circle = out.outline.map(|o| o.circle);
             out.timings.detect = begun.elapsed();
         }
         out.assignment.resize(out.dots.len(), None);
+    }
+
+    /// The camera's intrinsics, where they are known.
+    fn intrinsics(&self) -> Option<Intrinsics> {
+        match self.config.camera {
+            CameraModel::Known(Camera::Perspective(intrinsics)) => Some(intrinsics),
+            _ => None,
+        }
     }
 
     /// Estimates the orientation from the detected dots of a frame; again, with another hint, as often as wanted: the
