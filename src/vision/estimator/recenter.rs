@@ -104,7 +104,7 @@ impl VirtualCamera {
         into.fill_with(self.side, self.side, |u, v| {
             let mut sum = 0.0;
             for k in 0..fine * fine {
-                let at = self.to_image(Pixel {
+                let at = self.image_of(Pixel {
                     u: u as f64 + sub(k % fine),
                     v: v as f64 + sub(k / fine),
                 });
@@ -122,7 +122,7 @@ impl VirtualCamera {
     }
 
     /// Where a pixel of the virtual image lies in the image.
-    fn to_image(&self, pixel: Pixel) -> Pixel {
+    fn image_of(&self, pixel: Pixel) -> Pixel {
         let (q, k) = (self.ray(pixel), &self.intrinsics);
         Pixel {
             u: k.cx - k.fx * q.x / q.z,
@@ -152,7 +152,7 @@ impl VirtualCamera {
             circle.center.v - self.middle(),
         );
         let tan = circle.radius / Vector2::new(du, dv).norm().hypot(self.focal);
-        let center = self.to_image(circle.center);
+        let center = self.image_of(circle.center);
         BallCircle {
             center,
             radius: tan * mean_focal(&self.intrinsics) * ray(&self.intrinsics, center).norm(),
@@ -192,7 +192,7 @@ impl VirtualCamera {
             let jacobian = self.jacobian(dot.pixel);
             let covariance = jacobian * dot.covariance * jacobian.transpose();
             dot.covariance = 0.5 * (covariance + covariance.transpose());
-            dot.pixel = self.to_image(dot.pixel);
+            dot.pixel = self.image_of(dot.pixel);
         }
     }
 }
@@ -366,11 +366,11 @@ mod tests {
         let at = Pixel { u: 20.0, v: 55.0 };
         let jacobian = camera.jacobian(at);
         for (column, (du, dv)) in [(1e-5, 0.0), (0.0, 1e-5)].into_iter().enumerate() {
-            let a = camera.to_image(Pixel {
+            let a = camera.image_of(Pixel {
                 u: at.u + du,
                 v: at.v + dv,
             });
-            let b = camera.to_image(Pixel {
+            let b = camera.image_of(Pixel {
                 u: at.u - du,
                 v: at.v - dv,
             });
