@@ -102,8 +102,9 @@ enum Projection {
 impl BallView {
     /// The view of a ball with the outline `circle`.
     ///
-    /// The outline of a sphere off the optical axis is an ellipse; `circle` is taken as the circle through its
-    /// extent across the direction to the principal point, which perspective leaves alone to first order.
+    /// The outline of a sphere off the optical axis of a pinhole is an ellipse. There `circle` has its center where the ball's
+    /// center is seen, and the radius `sqrt(fx fy) |q| tan a`, with `q` the ray to the center at unit depth and `a` the half
+    /// angle of the ball: to first order in `a` the ellipse's half-axis across the direction to the principal point.
     ///
     /// # Errors
     /// [`Error::Argument`] where the radius or a focal length is not positive, or a number not
@@ -300,7 +301,7 @@ impl BallView {
 }
 
 /// The ray through a pixel, camera frame (x right, y up, z towards the camera), with z = -1.
-fn ray(k: &Intrinsics, pixel: Pixel) -> Vec3 {
+pub(super) fn ray(k: &Intrinsics, pixel: Pixel) -> Vec3 {
     Vec3::new((pixel.u - k.cx) / k.fx, (k.cy - pixel.v) / k.fy, -1.0)
 }
 

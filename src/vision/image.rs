@@ -63,6 +63,19 @@ impl GrayImage {
         }
     }
 
+    /// As [`GrayImage::from_fn`], into the memory at hand.
+    pub(crate) fn fill_with(
+        &mut self,
+        width: usize,
+        height: usize,
+        value: impl Fn(usize, usize) -> f32,
+    ) {
+        (self.width, self.height) = (width, height);
+        self.values.clear();
+        self.values
+            .extend((0..width * height).map(|i| value(i % width, i / width)));
+    }
+
     /// Makes room for as many pixels.
     pub(crate) fn reserve(&mut self, pixels: usize) {
         self.values

@@ -159,10 +159,12 @@ const MIN_WIDTH: f64 = 1.2;
 #[derive(Debug, Default)]
 pub struct BallFinder {
     config: CircleConfig,
-    /// Half size, quarter size, ...
+    /// Half size, quarter size, ...; the first `levels` of them are the present image's.
     halves: Vec<GrayImage>,
-    /// What stands out in color.
+    levels: usize,
+    /// What stands out in color, and whether the last search looked at it.
     contrast: GrayImage,
+    has_contrast: bool,
     votes: Votes,
     centers: Vec<Center>,
     unrolled: Unrolled,
@@ -195,6 +197,7 @@ impl BallFinder {
     /// A [`NoBall`] that says why there is none.
     pub fn find(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
         self.found.clear();
+        self.has_contrast = false;
         self.search(image)
     }
 
@@ -211,7 +214,8 @@ impl BallFinder {
             return in_gray;
         }
         let mut contrast = std::mem::take(&mut self.contrast);
-        let found = if color.to_contrast_into(&mut contrast) {
+        self.has_contrast = color.to_contrast_into(&mut contrast);
+        let found = if self.has_contrast {
             let in_color = self.search(&contrast);
             self.best().ok_or(()).or(in_color).or(in_gray)
         } else {
@@ -229,6 +233,34 @@ impl BallFinder {
             .filter(move |f| best.is_none_or(|b| b.circle != f.circle))
             .take(Self::MAX_OTHERS)
             .copied()
+    }
+
+    /// Fits the outline of a ball that is known roughly; circles of the last search stay. `None`
+    /// where no circle fits.
+    pub(crate) fn fit_near(
+        &mut self,
+        image: &GrayImage,
+        rough: &BallCircle,
+        polarity: Polarity,
+    ) -> Option<BallFit> {
+        self.halve(image, rough.radius);
+        self.refine(image, rough, polarity)
+    }
+
+    /// The color contrast in which the last search looked for a ball, if it did.
+    pub(crate) fn color_contrast(&self) -> Option<&GrayImage> {
+        self.has_contrast.then_some(&self.contrast)
+    }
+
+    /// Makes room for [`BallFinder::fit_near`] in images of so many pixels.
+    pub(crate) fn reserve_near(&mut self, pixels: usize) {
+        let mut left = pixels;
+        while left > (vote::MIN * vote::MIN) {
+            left /= 2;
+            let mut half = GrayImage::default();
+            half.reserve(left);
+            self.halves.push(half);
+        }
     }
 
     /// Adds an image's circles to those found; the best of all.
@@ -265,7 +297,7 @@ impl BallFinder {
         let count = if longer > LARGE { CENTERS.1 } else { CENTERS.0 };
         let mut best_support: Option<f64> = None;
         // Large balls first: what is found spares the finer images.
-        for level in (0..=self.halves.len()).rev() {
+        for level in (0..=self.levels).rev() {
             let largest = vote::MAX as f64 * (1u64 << level) as f64;
             let smallest = self.level(image, level);
             let side = smallest.width().min(smallest.height());
@@ -304,7 +336,10 @@ impl BallFinder {
         while ((vote::MAX as f64) * (1u64 << levels) as f64) < most {
             levels += 1;
         }
-        self.halves.resize_with(levels, GrayImage::default);
+        self.levels = levels;
+        if self.halves.len() < levels {
+            self.halves.resize_with(levels, GrayImage::default);
+        }
         for level in 0..levels {
             let (done, rest) = self.halves.split_at_mut(level);
             done.last().unwrap_or(image).halve_into(&mut rest[0]);
@@ -315,7 +350,7 @@ impl BallFinder {
     fn reserve(&mut self, image: &GrayImage) {
         self.votes.reserve(image.values().len());
         // Every center of every size and polarity may give a circle, in gray and in color.
-        let circles = 2 * 3 * CENTERS.1 * (self.halves.len() + 1);
+        let circles = 2 * 3 * CENTERS.1 * (self.levels + 1);
         let circles = circles.saturating_sub(self.found.len());
         self.found.reserve(circles);
         self.centers
@@ -361,7 +396,7 @@ impl BallFinder {
         polarity: Polarity,
     ) -> Option<BallFit> {
         let mut level = 0;
-        while level < self.halves.len() && rough.radius / (1u64 << level) as f64 > FITTED_RADIUS {
+        while level < self.levels && rough.radius / (1u64 << level) as f64 > FITTED_RADIUS {
             level += 1;
         }
         let scale = (1u64 << level) as f64;

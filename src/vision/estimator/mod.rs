@@ -1,6 +1,7 @@
 //! From an image to the ball's orientation, and from a sequence of images to all of them.
 //!
-//! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given), [`Patch`] cuts it out, a
+//! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given; off the axis of a known camera its image is
+//! warped to one taken straight at it), [`Patch`] cuts it out, a
 //! [`DotDetector`] finds dots, [`BallView`] lays them on the sphere; their covariance is the detector's and that of the hand
 //! that drew them. The recognizer tells which is which, once with the detections that are likelier dots than not and, where
 //! that leaves doubt, once with the doubtful ones as well. A refinement then fits the orientation to the dots in the
@@ -16,6 +17,7 @@
 mod batch;
 mod config;
 mod frame;
+mod recenter;
 mod refine;
 mod sequence;
 
@@ -30,7 +32,7 @@ use std::time::Instant;
 
 use nalgebra::{Matrix2, Matrix3};
 
-use super::camera::{BallCircle, BallView, Camera};
+use super::camera::{BallCircle, BallView, Camera, Intrinsics};
 use super::circle::{BallFinder, BallFit};
 use super::detect::{DotDetection, DotDetector};
 use super::image::GrayImage;
@@ -42,6 +44,7 @@ use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorks
 use crate::recognize::{
     DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
 };
+use recenter::Recentering;
 use refine::{Match, Prior, Refiner};
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
@@ -64,6 +67,8 @@ pub struct EstimatorWorkspace<W> {
     other: FrameEstimate,
     others: Vec<BallFit>,
     finder: BallFinder,
+    /// Only where the camera's intrinsics are known.
+    recentering: Option<Recentering>,
     patch: Patch,
     detector: W,
     recognizer: RobustWorkspace,
@@ -99,6 +104,10 @@ impl PoseHypothesis {
 
 /// Standard deviations of a given outline: of its center and radius, in radii.
 const GIVEN_OUTLINE: f64 = 0.01;
+/// Confidence of a detection that is more likely a dot than not.
+const LIKELY_DOT: f64 = 0.5;
+/// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
+const MIN_LIKELY_DOTS: usize = 5;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 const CLEAR: f64 = 0.9;
 /// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
@@ -149,6 +158,9 @@ impl<D: DotDetector> Estimator<D> {
             other,
             others: Vec::with_capacity(BallFinder::MAX_OTHERS),
             finder: BallFinder::new(self.config.circle),
+            recentering: self
+                .intrinsics()
+                .map(|_| Recentering::new(self.config.circle)),
             patch: Patch::default(),
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
@@ -190,7 +202,9 @@ impl<D: DotDetector> Estimator<D> {
             other.outcome = Err(FrameRejection::NotProcessed);
             self.find_dots(image, ws, &mut other);
             self.estimate_pose(hint, ws, &mut other);
-            if other.pose().is_some_and(|p| p.pose_confidence >= CLEAR) {
+            let clear = other.pose().is_some_and(|p| p.pose_confidence >= CLEAR);
+            // The circle itself is no evidence of a ball: the dots have to be.
+            if clear && likely_dots(&other) >= MIN_LIKELY_DOTS {
                 other.timings.locate = out.timings.locate;
                 std::mem::swap(&mut other, out);
                 break;
@@ -263,14 +277,33 @@ impl<D: DotDetector> Estimator<D> {
         out.dots.reserve(EXPECTED_DOTS);
         out.assignment.clear();
         out.assignment.reserve(EXPECTED_DOTS);
-        if let Some(circle) = out.circle {
+        if let Some(outline) = out.outline {
             let begun = Instant::now();
-            ws.patch.cut_into(gray, &circle);
+            let recentered = match (self.intrinsics(), &mut ws.recentering) {
+                (Some(k), Some(r)) => r.recenter(&k, gray, ws.finder.color_contrast(), out),
+                _ => None,
+            };
+            match (recentered, &ws.recentering) {
+                (Some(ball), Some(r)) => ws.patch.cut_into(r.image(), &ball.circle),
+                _ => ws.patch.cut_into(gray, &outline.circle),
+            }
             self.detector
                 .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
+            if let Some(ball) = recentered {
+                ball.camera.dots_to_image(&mut out.dots);
+            }
+            out.circle = out.outline.map(|o| o.circle);
             out.timings.detect = begun.elapsed();
         }
         out.assignment.resize(out.dots.len(), None);
+    }
+
+    /// The camera's intrinsics, where they are known.
+    fn intrinsics(&self) -> Option<Intrinsics> {
+        match self.config.camera {
+            CameraModel::Known(Camera::Perspective(intrinsics)) => Some(intrinsics),
+            _ => None,
+        }
     }
 
     /// Estimates the orientation from the detected dots of a frame; again, with another hint, as often as wanted: the
@@ -481,6 +514,14 @@ impl<D: DotDetector> Estimator<D> {
     pub fn camera(&self) -> &CameraModel {
         &self.config.camera
     }
+}
+
+/// Number of identified dots that are more likely dots than not.
+fn likely_dots(frame: &FrameEstimate) -> usize {
+    let named = frame.dots.iter().zip(&frame.assignment);
+    named
+        .filter(|(dot, name)| dot.confidence >= LIKELY_DOT && name.is_some())
+        .count()
 }
 
 /// A hint in the camera's frame, in the view frame.

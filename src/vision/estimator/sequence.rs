@@ -1,9 +1,11 @@
-//! Frames of one flight help each other: a ball turns evenly for a while.
+//! Frames of one sequence help each other: a ball turns evenly for a while.
 //!
-//! Frames that are told alone give the spin around each of their neighbors in time; where it predicts the
-//! orientation of a frame that is not told, or told otherwise, that is a [`Hint`] to tell the frame again. A hint may be
-//! wrong, and says so: the recognizer weighs it against the dots. It is made of other frames only, so that no frame
-//! confirms itself. This goes on, forwards and backwards, until nothing changes.
+//! Frames that are identified independently give the spin around each of their neighbors in time; where it predicts the
+//! orientation of a frame that has no pose, or another one, that is a [`Hint`] to identify the frame again. A hint may be
+//! wrong, and says so: the recognizer weighs it against the dots.
+//!
+//! A hint is made of other frames only, and only of poses found without a hint: no frame confirms
+//! itself, neither directly nor by way of a frame that it has itself hinted at.
 
 use nalgebra::Matrix3;
 
@@ -24,23 +26,21 @@ const MIN_DISTANCE_SIGMA: f64 = 0.003;
 pub struct SequenceConfig {
     /// Estimation of the spin.
     pub spin: RobustSpinConfig,
-    /// PoseHypothesis frames nearest in time that predict a frame.
+    /// Independent frames nearest in time that predict a frame.
     pub neighbors: usize,
     /// Error of a predicted orientation beyond the fit's own, radians, about every axis: the spin changes, and so does the
     /// direction under which the ball is seen.
     pub hint_sigma_rad: f64,
     /// Probability that a hint is altogether wrong.
     pub wrong: f64,
-    /// A told frame farther off the predicted orientation than this, radians, is told again.
+    /// A frame farther off the predicted orientation than this, radians, is estimated again.
     pub disagreement_rad: f64,
-    /// Least probability of frames that predict others.
+    /// Minimum probability of frames that predict others.
     pub trusted: f64,
-    /// Rounds at most.
-    pub rounds: usize,
 }
 
 impl Default for SequenceConfig {
-    /// Ten neighbors, 5 deg, one hint in ten wrong, doubt from 25 deg, frames of 0.8, four rounds.
+    /// Ten neighbors, 5 deg, one hint in ten wrong, doubt from 25 deg, frames of 0.8.
     fn default() -> Self {
         Self {
             spin: RobustSpinConfig::default(),
@@ -49,7 +49,6 @@ impl Default for SequenceConfig {
             wrong: 0.1,
             disagreement_rad: 25f64.to_radians(),
             trusted: 0.8,
-            rounds: 4,
         }
     }
 }
@@ -63,7 +62,7 @@ pub struct SequenceSummary {
     pub together: usize,
 }
 
-/// Tells the frames of one sequence, which were looked at, again with the help of each other. `times_s` are in seconds, one
+/// Estimates the frames of one sequence, which were processed, again with the help of each other. `times_s` are in seconds, one
 /// a frame, each later than the one before.
 pub fn track_sequence<D: DotDetector>(
     estimator: &Estimator<D>,
@@ -72,45 +71,45 @@ pub fn track_sequence<D: DotDetector>(
     frames: &mut [FrameEstimate],
     ws: &mut EstimatorWorkspace<D::Workspace>,
 ) -> SequenceSummary {
-    let told = |frames: &[FrameEstimate]| frames.iter().filter(|f| f.pose().is_some()).count();
-    let alone = told(frames);
+    let answered = |frames: &[FrameEstimate]| frames.iter().filter(|f| f.pose().is_some()).count();
+    let alone = answered(frames);
+    // What an earlier hint has brought is no evidence; it is found again if the frames still say so.
+    for frame in frames.iter_mut() {
+        if frame.pose().is_some_and(|p| p.hinted) {
+            estimator.estimate_pose(None, ws, frame);
+        }
+    }
     share_distance(estimator, config, frames, ws);
+    let independent: Vec<Option<Measurement>> = times_s
+        .iter()
+        .zip(&*frames)
+        .map(|(time_s, frame)| {
+            let pose = frame.pose()?;
+            (pose.pose_confidence >= config.trusted)
+                .then(|| measurement(*time_s, pose.rotation, pose.pose_confidence))
+        })
+        .collect();
     let mut fitter = RobustEstimator::new(config.spin);
     let mut around = Vec::new();
-    for _ in 0..config.rounds {
-        let mut changed = false;
-        for i in 0..frames.len().min(times_s.len()) {
-            if frames[i].circle.is_none() {
-                continue;
-            }
-            neighbors(config, times_s, frames, i, &mut around);
-            let Ok(fit) = fitter.fit(&around) else {
-                continue;
-            };
-            let hint = predict(config, &fit, &around, times_s[i]);
-            let off = frames[i]
-                .pose()
-                .map(|pose| pose.rotation.angle_to(&hint.rotation));
-            if off.is_some_and(|angle| angle < config.disagreement_rad) {
-                continue;
-            }
-            let before = frames[i].pose().map(|p| (p.rotation, p.hinted));
-            estimator.estimate_pose(Some(&hint), ws, &mut frames[i]);
-            changed |= match (before, frames[i].pose()) {
-                (None, None) => false,
-                (Some((rotation, _)), Some(pose)) => {
-                    rotation.angle_to(&pose.rotation) > config.disagreement_rad
-                }
-                _ => true,
-            };
+    for (i, (time_s, frame)) in times_s.iter().zip(frames.iter_mut()).enumerate() {
+        if frame.circle.is_none() {
+            continue;
         }
-        if !changed {
-            break;
+        neighbors(config, times_s, &independent, i, &mut around);
+        let Ok(fit) = fitter.fit(&around) else {
+            continue;
+        };
+        let hint = predict(config, &fit, &around, *time_s);
+        let off = frame
+            .pose()
+            .map(|pose| pose.rotation.angle_to(&hint.rotation));
+        if off.is_none_or(|angle| angle >= config.disagreement_rad) {
+            estimator.estimate_pose(Some(&hint), ws, frame);
         }
     }
     SequenceSummary {
         alone,
-        together: told(frames),
+        together: answered(frames),
     }
 }
 
@@ -168,24 +167,21 @@ fn share_distance<D: DotDetector>(
     }
 }
 
-/// The told frames nearest in time to frame `i`, without it, in order of time.
+/// The measurements nearest in time to frame `i`, without its own, in order of time.
 fn neighbors(
     config: &SequenceConfig,
     times_s: &[f64],
-    frames: &[FrameEstimate],
+    measurements: &[Option<Measurement>],
     i: usize,
     into: &mut Vec<Measurement>,
 ) {
     into.clear();
-    let measurement = |k: usize| {
-        let pose = frames[k].pose()?;
-        (pose.pose_confidence >= config.trusted)
-            .then(|| measurement(times_s[k], pose.rotation, pose.pose_confidence))
-    };
     let (mut before, mut after) = (i, i + 1);
     while into.len() < config.neighbors {
         let left = before.checked_sub(1).map(|k| times_s[i] - times_s[k]);
-        let right = times_s.get(after).map(|t| t - times_s[i]);
+        let right = times_s[..measurements.len()]
+            .get(after)
+            .map(|t| t - times_s[i]);
         let go_left = match (left, right) {
             (None, None) => break,
             (Some(l), Some(r)) => l <= r,
@@ -198,7 +194,7 @@ fn neighbors(
             after += 1;
             after - 1
         };
-        into.extend(measurement(k));
+        into.extend(measurements[k]);
     }
     into.sort_unstable_by(|a, b| a.time_s.total_cmp(&b.time_s));
 }

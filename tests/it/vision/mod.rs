@@ -6,3 +6,6 @@ mod circle;
 mod detector;
 mod estimate;
 mod input;
+mod noise;
+mod off_axis;
+mod sequence;

@@ -1,0 +1,169 @@
+//! How often does the estimator answer images that show no ball, and what do their outlines look like
+//! beside those of balls?
+//!
+//! Noise of five spectra (white; white after a Gaussian of 1, 2 and 4 px; pink) and of sides from 40
+//! to 200 px is estimated, and frames of balls in all conditions. The table gives the share answered
+//! at a confidence of 0.5 and of 0.9; with `--all`, every answered image is listed.
+//!
+//!     cargo run --release -p spindoe-studies --bin noise_answers [IMAGES] [SEED] [--all]
+
+use std::error::Error;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use spindoe::pattern::Pattern;
+use spindoe::synth::dataset::independent_frame;
+use spindoe::synth::{SynthConfig, SynthKind};
+use spindoe::validate::Proportion;
+use spindoe::vision::estimator::FrameImage;
+use spindoe::vision::{
+    DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, NamedDetector, RgbImage,
+};
+
+/// Standard deviations of the blur of white noise, pixels; the last spectrum is the sum of octaves.
+const BLURS: [f64; 4] = [0.0, 1.0, 2.0, 4.0];
+const OCTAVES: [f64; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
+
+/// White noise after a Gaussian, mean 0 and standard deviation 1.
+fn blurred(side: usize, sigma: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let mut values: Vec<f64> = (0..side * side).map(|_| rng.random::<f64>()).collect();
+    if sigma > 0.0 {
+        let half = (3.0 * sigma).ceil() as isize;
+        let weight = |k: isize| (-0.5 * (k as f64 / sigma).powi(2)).exp();
+        // Wrapped around: noise without a border.
+        let wrap = |x: isize| x.rem_euclid(side as isize) as usize;
+        for (du, dv) in [(1, 0), (0, 1)] {
+            let before = values.clone();
+            for (i, value) in values.iter_mut().enumerate() {
+                let (u, v) = ((i % side) as isize, (i / side) as isize);
+                let at = |k: isize| before[wrap(v + k * dv) * side + wrap(u + k * du)];
+                *value = (-half..=half).map(|k| weight(k) * at(k)).sum();
+            }
+        }
+    }
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let spread = (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
+    values.iter().map(|x| (x - mean) / spread).collect()
+}
+
+fn noise(seed: u64, k: u64) -> Result<(String, GrayImage), spindoe::Error> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(k);
+    let side = (40.0 * 5f64.powf(rng.random())) as usize;
+    let deviation = rng.random_range(0.02..0.3);
+    let spectrum = (k % 5) as usize;
+    let (name, values) = match BLURS.get(spectrum) {
+        Some(sigma) => (
+            format!("blur {sigma}, {side} px, {deviation:.2}"),
+            blurred(side, *sigma, &mut rng),
+        ),
+        None => {
+            let mut sum = vec![0.0; side * side];
+            for sigma in OCTAVES {
+                let octave = blurred(side, sigma, &mut rng);
+                sum.iter_mut().zip(octave).for_each(|(s, x)| *s += x);
+            }
+            let root = (OCTAVES.len() as f64).sqrt();
+            sum.iter_mut().for_each(|s| *s /= root);
+            (format!("pink, {side} px, {deviation:.2}"), sum)
+        }
+    };
+    let values = values
+        .iter()
+        .map(|x| (0.5 + deviation * x).clamp(0.0, 1.0) as f32);
+    Ok((name, GrayImage::new(side, side, values.collect())?))
+}
+
+/// An image without a ball, or with one.
+enum Picture {
+    Gray(String, GrayImage),
+    Color(String, RgbImage),
+}
+
+fn picture(group: &str, seed: u64, k: u64, pattern: &Pattern) -> spindoe::Result<Picture> {
+    let config = match group {
+        "noise" => {
+            let (name, image) = noise(seed, k)?;
+            return Ok(Picture::Gray(name, image));
+        }
+        "rendered noise" => SynthConfig {
+            kind: SynthKind::Noise,
+            ..SynthConfig::default()
+        },
+        "balls, good conditions" => SynthConfig::good(),
+        _ => SynthConfig::default(),
+    };
+    let frame = independent_frame(pattern, &config, seed, k as usize)?;
+    Ok(Picture::Color(format!("{k}"), frame.image))
+}
+
+fn line(name: &str, out: &FrameEstimate) -> String {
+    let pose = out.pose().map_or(0.0, |p| p.pose_confidence);
+    let fit = out.fit.map_or_else(String::new, |f| {
+        format!(
+            "radius {:.0} support {:.2} visible {:.2} {:?} contrast {:.3} edge {:.2} rivals {}",
+            f.circle.radius, f.support, f.visible, f.polarity, f.contrast, f.edge_width, f.rivals
+        )
+    });
+    let likely = out.dots.iter().filter(|d| d.confidence >= 0.5).count();
+    format!(
+        "{name}: {pose:.4} | {fit} | dots {likely} of {}, matched {}",
+        out.dots.len(),
+        out.matched()
+    )
+}
+
+fn estimate(estimator: &Estimator<NamedDetector>, picture: &Picture) -> (f64, String, bool) {
+    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+    let (name, image) = match picture {
+        Picture::Gray(name, image) => (name, FrameImage::from(image)),
+        Picture::Color(name, image) => (name, FrameImage::from(image)),
+    };
+    estimator.estimate_frame(image, None, None, &mut ws, &mut out);
+    let confidence = out.pose().map_or(0.0, |p| p.pose_confidence);
+    (confidence, line(name, &out), out.circle.is_some())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let is_all = std::env::args().any(|a| a == "--all");
+    let mut arguments = std::env::args().skip(1).filter(|a| a != "--all");
+    let count: u64 = arguments.next().map_or(Ok(300), |a| a.parse())?;
+    let seed: u64 = arguments.next().map_or(Ok(90), |a| a.parse())?;
+    let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
+    let config = EstimatorConfig::default();
+    let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
+    println!("{count} images a line, seed {seed}\n");
+    println!("| images | outline found | answered at 0.5 | at 0.9 |\n|---|---|---|---|");
+    for group in [
+        "noise",
+        "rendered noise",
+        "balls, all conditions",
+        "balls, good conditions",
+    ] {
+        let answers: spindoe::Result<Vec<_>> = (0..count)
+            .into_par_iter()
+            .map(|k| {
+                let picture = picture(group, seed, k, &pattern)?;
+                Ok(estimate(&estimator, &picture))
+            })
+            .collect();
+        let answers = answers?;
+        let share = |test: &dyn Fn(&(f64, String, bool)) -> bool| {
+            Proportion::new(answers.iter().filter(|a| test(a)).count() as u64, count)
+        };
+        println!(
+            "| {group} | {} | {} | {} |",
+            share(&|a| a.2),
+            share(&|a| a.0 >= 0.5),
+            share(&|a| a.0 >= 0.9),
+        );
+        if is_all {
+            for (_, line, _) in answers.iter().filter(|a| a.0 > 0.0) {
+                println!("    {line}");
+            }
+        }
+    }
+    Ok(())
+}

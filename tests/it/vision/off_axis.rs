@@ -1,0 +1,152 @@
+//! Balls off the optical axis with known intrinsics: images made by ray casting, which shares nothing
+//! with the projection under test.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use spindoe::geometry::{Rotation, Vec3, random_rotation};
+use spindoe::pattern::Pattern;
+use spindoe::vision::{
+    BallCircle, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage,
+    Intrinsics, NamedDetector, Pixel,
+};
+
+use crate::common::ball::blur;
+
+/// Seen across the direction to the principal point, the ball's radius, pixels.
+const RADIUS_PX: f64 = 30.0;
+/// Side of the images, pixels.
+const SIDE: usize = 96;
+/// Angular radius of the dots, radians.
+const DOT_RAD: f64 = 0.1;
+const TRIALS: usize = 40;
+
+/// A sphere of radius 1 before a pinhole at the origin, which looks along -z (x right, y up).
+struct Cast {
+    intrinsics: Intrinsics,
+    center: Vec3,
+    /// Pattern to camera frame.
+    rotation: Rotation,
+}
+
+impl Cast {
+    fn random(distance: f64, off_axis_rad: f64, rng: &mut ChaCha8Rng) -> Self {
+        let (sin, cos) = off_axis_rad.sin_cos();
+        let (y, x) = (std::f64::consts::TAU * rng.random::<f64>()).sin_cos();
+        let center = Vec3::new(sin * x, sin * y, -cos) * distance;
+        // A sphere of the half angle a, off the axis by t, has the minor half-axis f tan a / cos t.
+        let focal = RADIUS_PX * cos / (1.0 / distance).asin().tan();
+        let middle = 0.5 * (SIDE as f64 - 1.0);
+        let shift = |rng: &mut ChaCha8Rng| 4.0 * rng.random::<f64>() - 2.0;
+        let intrinsics = Intrinsics {
+            fx: focal,
+            fy: focal,
+            cx: middle + shift(rng) - focal * sin / cos * x,
+            cy: middle + shift(rng) + focal * sin / cos * y,
+        };
+        Self {
+            intrinsics,
+            center,
+            rotation: random_rotation(rng),
+        }
+    }
+
+    /// The light on a point of the image.
+    fn light(&self, dots: &[Vec3], u: f64, v: f64) -> f64 {
+        let k = &self.intrinsics;
+        let ray = Vec3::new((u - k.cx) / k.fx, (k.cy - v) / k.fy, -1.0).normalize();
+        let along = ray.dot(&self.center);
+        let inside = 1.0 - (self.center.norm_squared() - along * along);
+        if inside < 0.0 {
+            return 0.08;
+        }
+        let normal = ray * (along - inside.sqrt()) - self.center;
+        let is_dot = dots.iter().any(|d| d.angle(&normal) < DOT_RAD);
+        let albedo = if is_dot { 0.1 } else { 0.75 };
+        let lamp = Vec3::new(-0.4, 0.6, 0.7).normalize();
+        albedo * (0.5 + 0.5 * normal.dot(&lamp).max(0.0))
+    }
+
+    fn image(&self, pattern: &Pattern, rng: &mut ChaCha8Rng) -> GrayImage {
+        let dots: Vec<Vec3> = pattern.dots().iter().map(|d| self.rotation * d).collect();
+        let fine = 4;
+        let sub = |i: usize| (i as f64 + 0.5) / fine as f64 - 0.5;
+        let sharp = GrayImage::from_fn(SIDE, SIDE, |u, v| {
+            let at = |k: usize| (u as f64 + sub(k % fine), v as f64 + sub(k / fine));
+            let sum: f64 = (0..fine * fine)
+                .map(|k| self.light(&dots, at(k).0, at(k).1))
+                .sum();
+            (sum / (fine * fine) as f64) as f32
+        });
+        let soft = blur(&sharp, 0.7);
+        let noisy = soft.values().iter().map(|v| {
+            let normal: f32 = (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0;
+            (v + 0.01 * normal).clamp(0.0, 1.0)
+        });
+        GrayImage::new(SIDE, SIDE, noisy.collect()).expect("as many values")
+    }
+
+    /// The outline as `BallCircle` has it under perspective: where the center is seen, and the half-axis across the direction
+    /// to the principal point.
+    fn circle(&self) -> BallCircle {
+        let (k, c) = (&self.intrinsics, &self.center);
+        BallCircle {
+            center: Pixel {
+                u: k.cx - k.fx * c.x / c.z,
+                v: k.cy + k.fy * c.y / c.z,
+            },
+            radius: RADIUS_PX,
+        }
+    }
+}
+
+fn estimator(pattern: &Pattern, intrinsics: Intrinsics) -> Estimator<NamedDetector> {
+    let config = EstimatorConfig {
+        camera: Camera::Perspective(intrinsics).into(),
+        ..EstimatorConfig::default()
+    };
+    let detector = DetectorName::Cnn.build().expect("weights");
+    Estimator::new(pattern, config, detector).expect("valid settings")
+}
+
+/// Errors of the answers, sorted, degrees.
+fn errors(distance: f64, off_axis_deg: f64, is_given: bool) -> Vec<f64> {
+    let pattern = crate::common::random_pattern(20, 5);
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let mut errors = Vec::new();
+    for _ in 0..TRIALS {
+        let cast = Cast::random(distance, off_axis_deg.to_radians(), &mut rng);
+        let image = cast.image(&pattern, &mut rng);
+        let estimator = estimator(&pattern, cast.intrinsics);
+        let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+        let circle = is_given.then(|| cast.circle());
+        estimator.estimate_frame(&image, circle.as_ref(), None, &mut ws, &mut out);
+        if let Some(pose) = out.pose() {
+            errors.push(pose.rotation.angle_to(&cast.rotation).to_degrees());
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    let median = errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN);
+    let most = errors.last().copied().unwrap_or(f64::NAN);
+    println!(
+        "{distance} radii, {off_axis_deg} deg off axis, outline {}: {} of {TRIALS} answered, median {median:.2}, at most {most:.2} deg",
+        if is_given { "given" } else { "found" },
+        errors.len()
+    );
+    errors
+}
+
+#[test]
+fn balls_off_the_axis_are_as_well_estimated_as_on_it() {
+    for distance in [8.0, 15.0, 30.0] {
+        let on_axis = errors(distance, 0.0, false);
+        for off_axis_deg in [10.0, 25.0] {
+            for is_given in [false, true] {
+                let off_axis = errors(distance, off_axis_deg, is_given);
+                assert!(off_axis.len() + 2 >= on_axis.len());
+                assert!(off_axis.last().is_some_and(|e| *e < 20.0));
+                let [on, off] = [&on_axis, &off_axis].map(|e| e[e.len() / 2]);
+                assert!(off < 1.3 * on + 0.1, "{off}, on the axis {on}");
+            }
+        }
+    }
+}
