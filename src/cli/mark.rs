@@ -213,7 +213,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     outln!("{}", drawing.title);
     if format == Format::Pdf {
         outln!(
-            "{} pages; print at 100 % and measure the check line",
+            "number of pages: {}; print at 100 % and measure the check line",
             drawing.pages.len()
         );
     }

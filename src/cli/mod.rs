@@ -170,7 +170,10 @@ fn words(error: &Error, name: &str) -> String {
     let library = full.rsplit('.').next().unwrap_or(full);
     let special = FLAGS.iter().find(|(parameter, _)| *parameter == library);
     let flag = special.map_or_else(
-        || library.replace("_rad", "_deg").replace('_', "-"),
+        || match library.strip_suffix("_rad") {
+            Some(angle) => format!("{}-deg", angle.replace('_', "-")),
+            None => library.replace('_', "-"),
+        },
         |(_, flag)| (*flag).to_owned(),
     );
     let cli = Cli::command();
