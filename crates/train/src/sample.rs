@@ -12,7 +12,6 @@ use rand_distr::StandardNormal;
 use spindoe::Result;
 use spindoe::design::random_pattern;
 use spindoe::synth::{Rendering, Scene, SynthConfig};
-use spindoe::vision::GrayImage;
 use spindoe::vision::camera::{BallCircle, Pixel};
 use spindoe::vision::net::detector::cell_center;
 use spindoe::vision::net::graph::CELLS;
@@ -82,17 +81,11 @@ pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> Sample {
         .iter()
         .map(|dot| PatchDot {
             at: patch.from_image(dot.pixel),
-            // Beyond the image's edge there is no evidence of a dot.
-            certain: dot.is_visible() && is_inside(&gray, dot.pixel),
+            // Neither beyond the image's edge nor behind a hand is there evidence of a dot.
+            certain: dot.is_visible(),
         })
         .collect();
     Sample { patch, dots }
-}
-
-/// Whether a position lies on one of the image's pixels.
-fn is_inside(image: &GrayImage, at: Pixel) -> bool {
-    let within = |x: f64, pixels: usize| (-0.5..pixels as f64 - 0.5).contains(&x);
-    within(at.u, image.width()) && within(at.v, image.height())
 }
 
 /// One of the eight symmetries of a square.

@@ -56,7 +56,8 @@ fn a_resumed_training_ends_as_one_without_a_break() {
     let mut rest = Keep(None);
     let outcome = train(&short(), Some(from), &AtomicBool::new(false), &mut rest).unwrap();
     // The result: the calibrated weights and their score.
-    assert_eq!(outcome, whole_outcome);
+    // As text: a net of eight steps finds no dot, and the median error of none is not a number.
+    assert!(format!("{outcome:?}") == format!("{whole_outcome:?}"));
     assert_ne!(outcome.weights.meta.calibration, Calibration::default());
     let [whole, rest] = [whole, rest].map(|k| k.0.unwrap());
     assert_eq!(whole.state, rest.state);
@@ -78,8 +79,9 @@ fn dots_beyond_the_edge_of_the_image_are_not_asked_for() {
         for (dot, asked) in frame.dots.iter().zip(asked) {
             let inside = (-0.5..width - 0.5).contains(&dot.pixel.u)
                 && (-0.5..height - 0.5).contains(&dot.pixel.v);
-            assert_eq!(asked.certain, dot.is_visible() && inside);
-            outside += usize::from(dot.is_visible() && !inside);
+            assert!(inside || !asked.certain);
+            assert_eq!(asked.certain, dot.is_visible());
+            outside += usize::from(!inside && !dot.occluded && dot.facing > 0.3);
         }
     }
     assert!(outside > 0, "no such dot: the test shows nothing");
