@@ -175,3 +175,21 @@ pub(crate) fn require(
         Err(Error::argument(parameter, problem))
     }
 }
+
+/// The one of `all` whose name, by `as_str`, is `name`.
+///
+/// # Errors
+/// [`Error::Argument`] that names the parameter and lists the names.
+pub(crate) fn by_name<T: Copy>(
+    all: &[T],
+    as_str: fn(T) -> &'static str,
+    parameter: &'static str,
+    name: &str,
+) -> Result<T> {
+    let found = all.iter().copied().find(|&value| as_str(value) == name);
+    found.ok_or_else(|| {
+        let known: Vec<&str> = all.iter().map(|&value| as_str(value)).collect();
+        let problem = format!("expected one of {}, found {name:?}", known.join(", "));
+        Error::argument(parameter, problem)
+    })
+}

@@ -1,6 +1,6 @@
 //! `spindoe stencil`: two printable halves that draw a pattern on a ball.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
@@ -176,7 +176,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config(&pattern)?;
     let dir = &arguments.output;
     if !arguments.overwrite {
-        reject_taken(dir)?;
+        let advice = "choose another folder, or --overwrite it";
+        files::reject_taken(dir, &FILES, "a stencil", advice)?;
     }
     let stencil = Stencil::build(&pattern, &config)
         .map_err(|error| with_largest(error, &pattern, &config))?;
@@ -210,20 +211,6 @@ fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Erro
             Error::argument(parameter.as_str().to_owned(), problem + &fits)
         }
         other => other,
-    }
-}
-
-/// Rejects a folder that holds a stencil already: files of two stencils must not mix in one.
-fn reject_taken(dir: &Path) -> Result<()> {
-    match FILES.iter().find(|name| dir.join(name).exists()) {
-        None => Ok(()),
-        Some(name) => {
-            let problem = format!(
-                "{} holds a stencil already ({name}); choose another folder, or --overwrite it",
-                dir.display()
-            );
-            Err(Error::argument("out", problem))
-        }
     }
 }
 

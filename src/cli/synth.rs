@@ -252,7 +252,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let sequence = sequence_config
         .map(|s| Sequence::random(&pattern, &config, &s, seed, frames))
         .transpose()?;
-    reject_taken(&arguments.out)?;
+    let taken = ["index.csv", "truth.json", "images"];
+    files::reject_taken(&arguments.out, &taken, "frames", "choose another folder")?;
     files::create_writable_dir(&arguments.out)?;
     let origin = Origin {
         seed,
@@ -332,20 +333,6 @@ fn read_pattern(path: &Path) -> Result<Pattern> {
     } else {
         Pattern::from_csv(path, &bytes)
     }
-}
-
-/// Rejects a folder that holds frames already: two sets must not mix in one.
-fn reject_taken(dir: &Path) -> Result<()> {
-    for name in ["index.csv", "truth.json", "images"] {
-        if dir.join(name).exists() {
-            let problem = format!(
-                "{} holds frames already ({name}); choose another folder",
-                dir.display()
-            );
-            return Err(Error::argument("out", problem));
-        }
-    }
-    Ok(())
 }
 
 /// A bar on a terminal, plain lines elsewhere.

@@ -55,16 +55,7 @@ impl std::str::FromStr for RecognizerName {
     type Err = crate::error::Error;
 
     fn from_str(name: &str) -> Result<Self, Self::Err> {
-        Self::ALL
-            .into_iter()
-            .find(|known| known.as_str() == name)
-            .ok_or_else(|| {
-                let known = Self::ALL.map(Self::as_str).join(", ");
-                crate::error::Error::argument(
-                    "recognizer",
-                    format!("expected one of {known}, found \"{name}\""),
-                )
-            })
+        crate::error::by_name(&Self::ALL, Self::as_str, "recognizer", name)
     }
 }
 

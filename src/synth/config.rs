@@ -84,11 +84,7 @@ impl std::str::FromStr for SynthKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        let found = Self::ALL.into_iter().find(|kind| kind.as_str() == name);
-        found.ok_or_else(|| {
-            let known = Self::ALL.map(Self::as_str).join(", ");
-            Error::argument("kind", format!("expected one of {known}, found {name:?}"))
-        })
+        crate::error::by_name(&Self::ALL, Self::as_str, "kind", name)
     }
 }
 

@@ -44,10 +44,7 @@ impl std::str::FromStr for DetectorName {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        let found = Self::ALL.into_iter().find(|d| d.as_str() == name);
-        found.ok_or_else(|| {
-            Error::argument("detector", format!("expected cnn or blob, found {name:?}"))
-        })
+        crate::error::by_name(&Self::ALL, Self::as_str, "detector", name)
     }
 }
 

@@ -101,16 +101,7 @@ impl std::str::FromStr for ObjectiveName {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        Self::ALL
-            .into_iter()
-            .find(|known| known.as_str() == name)
-            .ok_or_else(|| {
-                let known = Self::ALL.map(Self::as_str).join(", ");
-                Error::argument(
-                    "objective",
-                    format!("expected one of {known}, found \"{name}\""),
-                )
-            })
+        crate::error::by_name(&Self::ALL, Self::as_str, "objective", name)
     }
 }
 

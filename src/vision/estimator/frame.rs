@@ -114,6 +114,15 @@ pub struct Outline {
     pub covariance: Matrix3<f64>,
 }
 
+impl From<&BallFit> for Outline {
+    fn from(fit: &BallFit) -> Self {
+        Self {
+            circle: fit.circle,
+            covariance: fit.covariance,
+        }
+    }
+}
+
 /// How long the stages of a frame took.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Timings {

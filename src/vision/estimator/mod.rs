@@ -193,10 +193,7 @@ impl<D: DotDetector> Estimator<D> {
         other.attempts = 0;
         for k in 0..ws.others.len() {
             let fit = ws.others[k];
-            other.outline = Some(Outline {
-                circle: fit.circle,
-                covariance: fit.covariance,
-            });
+            other.outline = Some(Outline::from(&fit));
             (other.circle, other.fit) = (Some(fit.circle), Some(fit));
             other.earlier_attempts = out.attempts.max(other.attempts);
             other.outcome = Err(FrameRejection::NotProcessed);
@@ -248,10 +245,7 @@ impl<D: DotDetector> Estimator<D> {
             };
             match found {
                 Ok(fit) => {
-                    out.outline = Some(Outline {
-                        circle: fit.circle,
-                        covariance: fit.covariance,
-                    });
+                    out.outline = Some(Outline::from(&fit));
                     out.fit = Some(fit);
                 }
                 Err(why) => out.outcome = Err(FrameRejection::NoBall(why)),

@@ -56,9 +56,9 @@ impl Default for SequenceConfig {
 /// What a pass over a sequence did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SequenceSummary {
-    /// Frames told before.
+    /// Frames with a pose before.
     pub alone: usize,
-    /// Frames told now.
+    /// Frames with a pose now.
     pub together: usize,
 }
 
@@ -233,22 +233,17 @@ fn predict(config: &SequenceConfig, fit: &Fit, around: &[Measurement], time_s: f
 /// distance, so that taking them as independent makes the covariance too small and the spin no better.
 ///
 /// # Errors
-/// A [`SpinRejection`] where too few frames are told, or they agree on nothing.
+/// A [`SpinRejection`] where too few frames have a pose, or they agree on nothing.
 pub fn estimate_spin(
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &[FrameEstimate],
 ) -> Result<Fit, SpinRejection> {
-    let poses = || {
-        times_s
-            .iter()
-            .zip(frames)
-            .filter(|(_, f)| f.pose().is_some())
-    };
-    let measurements: Vec<_> = poses()
-        .filter_map(|(t, f)| {
-            f.pose()
-                .map(|p| measurement(*t, p.rotation, p.pose_confidence))
+    let poses = times_s.iter().zip(frames);
+    let measurements: Vec<_> = poses
+        .filter_map(|(time_s, frame)| {
+            let pose = frame.pose()?;
+            Some(measurement(*time_s, pose.rotation, pose.pose_confidence))
         })
         .collect();
     RobustEstimator::new(config.spin).fit(&measurements)
