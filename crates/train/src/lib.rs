@@ -18,13 +18,13 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::frame_rng;
+use spindoe::synth::{Rendering, SynthConfig};
 use spindoe::vision::net::graph::CELLS;
 use spindoe::vision::net::network::{Activations, Network};
 use spindoe::vision::net::weights::{Calibration, FORMAT_VERSION, Layer, Weights, WeightsMeta};
@@ -42,7 +42,7 @@ pub use score::Score;
 
 use loss::{Loss, Targets};
 use model::{Net, floats};
-use sample::{Batch, Sample, Symmetry, random_frame};
+use sample::{Batch, DISTRACTORS, Sample, Symmetry, random_frame};
 use score::MatchedPeak;
 
 /// Batches drawn ahead of the net.
@@ -97,6 +97,9 @@ pub struct TrainConfig {
     pub eval_frames: usize,
     /// Evaluations without a better net after which training ends.
     pub patience: usize,
+    /// Share of the frames that show something else than a dotted ball
+    /// ([`sample::DISTRACTORS`]): where there is no dot the net must find none.
+    pub distractor_share: f64,
     /// Distribution of the frames.
     pub synth: SynthConfig,
 }
@@ -115,6 +118,7 @@ impl Default for TrainConfig {
             eval_every: 500,
             eval_frames: 500,
             patience: 12,
+            distractor_share: 0.12,
             synth: SynthConfig {
                 // Larger balls are downscaled to the patch anyway.
                 size_px: [40, 120],
@@ -146,6 +150,10 @@ impl TrainConfig {
             let problem = format!("expected a positive number, found {}", self.learning_rate);
             return Err(Error::argument("learning_rate", problem));
         }
+        if !(0.0..=0.9).contains(&self.distractor_share) {
+            let problem = format!("expected 0 to 0.9, found {}", self.distractor_share);
+            return Err(Error::argument("distractor_share", problem));
+        }
         Ok(())
     }
 
@@ -156,13 +164,28 @@ impl TrainConfig {
         self.learning_rate * warmup * 0.5 * (1.0 + (std::f64::consts::PI * done).cos())
     }
 
+    /// A frame of the training's distribution.
+    fn random_frame(&self, rng: &mut ChaCha8Rng) -> Result<Rendering> {
+        if !rng.random_bool(self.distractor_share) {
+            return random_frame(&self.synth, rng);
+        }
+        let kind = DISTRACTORS[rng.random_range(0..DISTRACTORS.len())];
+        random_frame(
+            &SynthConfig {
+                kind,
+                ..self.synth.clone()
+            },
+            rng,
+        )
+    }
+
     /// The samples of a step.
     fn batch_at(&self, step: u64) -> Result<Batch> {
         let frames = self.batch.div_ceil(self.samples_per_frame) as u64;
         let made: Result<Vec<Vec<(Sample, Symmetry)>>> = (step * frames..(step + 1) * frames)
             .map(|frame| {
                 let mut rng = frame_rng(FrameSet::Train.seed(self.seed), frame);
-                let rendering = random_frame(&self.synth, &mut rng)?;
+                let rendering = self.random_frame(&mut rng)?;
                 Ok((0..self.samples_per_frame)
                     .map(|_| {
                         let sample = sample::sample(&rendering, &mut rng);
@@ -184,7 +207,7 @@ impl TrainConfig {
             .into_par_iter()
             .map(|frame| {
                 let mut rng = frame_rng(set.seed(self.seed), frame);
-                let rendering = random_frame(&self.synth, &mut rng)?;
+                let rendering = self.random_frame(&mut rng)?;
                 Ok(sample::sample(&rendering, &mut rng))
             })
             .collect()
@@ -236,7 +259,18 @@ pub struct Trained {
     pub steps: u64,
 }
 
-/// Trains a net, from the beginning or from a checkpoint. Setting `stop` ends the training at the
+/// Where a training begins.
+#[derive(Debug, Clone)]
+pub enum TrainStart {
+    /// With random parameters.
+    Random,
+    /// With the parameters of another training.
+    Weights(Box<Weights>),
+    /// Where a run of the same configuration stopped.
+    Checkpoint(Box<Checkpoint>),
+}
+
+/// Trains a net. Setting `stop` ends the training at the
 /// next step; the best weights so far are calibrated and returned.
 ///
 /// # Errors
@@ -244,12 +278,12 @@ pub struct Trained {
 /// [`Error::Internal`] where burn fails.
 pub fn train(
     config: &TrainConfig,
-    from: Option<Checkpoint>,
+    start: TrainStart,
     stop: &AtomicBool,
     observer: &mut dyn TrainObserver,
 ) -> Result<Trained> {
     config.check()?;
-    let mut trainer = Trainer::new(config, from)?;
+    let mut trainer = Trainer::new(config, start)?;
     let first = trainer.state.step;
     let (send, batches) = sync_channel(AHEAD);
     std::thread::scope(|scope| {
@@ -283,13 +317,17 @@ struct Trainer<'a> {
 const REPORT_EVERY: u64 = 20;
 
 impl<'a> Trainer<'a> {
-    fn new(config: &'a TrainConfig, from: Option<Checkpoint>) -> Result<Self> {
+    fn new(config: &'a TrainConfig, start: TrainStart) -> Result<Self> {
         let device = Device::flex().autodiff();
         let optimizer = AdamWConfig::new()
             .with_weight_decay(config.weight_decay)
             .init();
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-        let net = Net::new(&Net::random_layers(&mut rng)?, &device)?;
+        let layers = match &start {
+            TrainStart::Weights(weights) => weights.layers.clone(),
+            _ => Net::random_layers(&mut rng)?,
+        };
+        let net = Net::new(&layers, &device)?;
         let mut trainer = Self {
             config,
             device,
@@ -300,7 +338,7 @@ impl<'a> Trainer<'a> {
             calibration: config.samples(FrameSet::Calibration)?,
             best: None,
         };
-        if let Some(from) = from {
+        if let TrainStart::Checkpoint(from) = start {
             let restored = from.restore(trainer.net.clone(), trainer.optimizer.clone())?;
             (trainer.net, trainer.optimizer) = (restored.net, restored.optimizer);
             (trainer.state, trainer.best) = (from.state, from.best);

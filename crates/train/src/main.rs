@@ -17,7 +17,7 @@ use spindoe::vision::net::{Weights, onnx};
 use spindoe::vision::patch::RADIUS;
 use spindoe::{Error, Result, files};
 use spindoe_train::{
-    Checkpoint, Score, TrainConfig, TrainObserver, TrainProgress, Trained, test, train,
+    Checkpoint, Score, TrainConfig, TrainObserver, TrainProgress, TrainStart, Trained, test, train,
 };
 
 /// The checkpoint within the folder.
@@ -71,6 +71,9 @@ struct Arguments {
     /// Evaluations without a better net after which training ends.
     #[arg(long, value_name = "N", default_value_t = TrainConfig::default().patience)]
     patience: usize,
+    /// Begin with these weights instead of random ones.
+    #[arg(long, value_name = "WEIGHTS.npz", conflicts_with_all = ["resume", "score"])]
+    from: Option<PathBuf>,
     /// Continue from the checkpoint in --out.
     #[arg(long)]
     resume: bool,
@@ -95,9 +98,13 @@ impl Arguments {
 
     /// The command that reproduces this training, independent of other versions' defaults.
     fn command(&self) -> String {
+        let from = self
+            .from
+            .as_ref()
+            .map_or_else(String::new, |path| format!(" --from {}", path.display()));
         format!(
             "spindoe-train --seed {} --steps {} --batch {} --learning-rate {} --eval-every {} \
-             --eval-frames {} --patience {}",
+             --eval-frames {} --patience {}{from}",
             self.seed,
             self.steps,
             self.batch,
@@ -150,17 +157,21 @@ fn run(arguments: &Arguments) -> Result<()> {
         return Err(Error::argument("--out", "expected a folder"));
     };
     let path = dir.join(CHECKPOINT);
-    let from = if arguments.resume {
-        Some(Checkpoint::read(&path, &config)?)
-    } else {
+    if !arguments.resume {
         reject_taken(dir)?;
-        None
+    }
+    let start = match &arguments.from {
+        _ if arguments.resume => {
+            TrainStart::Checkpoint(Box::new(Checkpoint::read(&path, &config)?))
+        }
+        Some(weights) => TrainStart::Weights(Box::new(Weights::read(weights)?)),
+        None => TrainStart::Random,
     };
     files::create_writable_dir(dir)?;
     let stop = stop_on_interrupt()?;
     let clock = Instant::now();
     let mut progress = Progress::new(&config, path);
-    let mut trained = train(&config, from, &stop, &mut progress)?;
+    let mut trained = train(&config, start, &stop, &mut progress)?;
     progress.bar.finish_and_clear();
     trained.weights.meta.command = arguments.command();
     let outcome = write(dir, &config, &trained, clock.elapsed().as_secs_f64())?;

@@ -11,7 +11,7 @@ use rand_distr::StandardNormal;
 
 use spindoe::Result;
 use spindoe::design::random_pattern;
-use spindoe::synth::{Rendering, Scene, SynthConfig};
+use spindoe::synth::{Rendering, Scene, SynthConfig, SynthKind};
 use spindoe::vision::camera::{BallCircle, Pixel};
 use spindoe::vision::net::detector::cell_center;
 use spindoe::vision::net::graph::CELLS;
@@ -28,6 +28,18 @@ const BLIND: f64 = 4.0;
 const CIRCLE_SIGMA: f64 = 0.012;
 /// Share of the circles with three times that deviation.
 const BAD_CIRCLES: f64 = 0.1;
+
+/// What is shown where there is nothing to find.
+pub const DISTRACTORS: [SynthKind; 8] = [
+    SynthKind::Dotless,
+    SynthKind::LogoOnly,
+    SynthKind::SeamsOnly,
+    SynthKind::Fruit,
+    SynthKind::Lamp,
+    SynthKind::Wheel,
+    SynthKind::Speckled,
+    SynthKind::Noise,
+];
 
 /// A dot in a patch.
 #[derive(Debug, Clone, Copy, PartialEq)]

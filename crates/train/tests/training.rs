@@ -10,7 +10,7 @@ use rand_chacha::rand_core::SeedableRng;
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::weights::Calibration;
 use spindoe_train::sample::{random_frame, sample};
-use spindoe_train::{Checkpoint, TrainConfig, TrainObserver, train};
+use spindoe_train::{Checkpoint, TrainConfig, TrainObserver, TrainStart, train};
 
 /// Keeps the last checkpoint.
 struct Keep(Option<Checkpoint>);
@@ -37,7 +37,7 @@ fn short() -> TrainConfig {
 fn a_resumed_training_ends_as_one_without_a_break() {
     let stop = AtomicBool::new(false);
     let mut whole = Keep(None);
-    let whole_outcome = train(&short(), None, &stop, &mut whole).unwrap();
+    let whole_outcome = train(&short(), TrainStart::Random, &stop, &mut whole).unwrap();
     // The rate depends on the number of steps: the same training, stopped at its first checkpoint.
     struct StopAtFirst<'a>(Keep, &'a AtomicBool);
     impl TrainObserver for StopAtFirst<'_> {
@@ -47,14 +47,20 @@ fn a_resumed_training_ends_as_one_without_a_break() {
         }
     }
     let mut first = StopAtFirst(Keep(None), &stop);
-    train(&short(), None, &stop, &mut first).unwrap();
+    train(&short(), TrainStart::Random, &stop, &mut first).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("checkpoint.zip");
     first.0.0.unwrap().write(&path).unwrap();
     let from = Checkpoint::read(&path, &short()).unwrap();
     assert_eq!(from.state.step, 4);
     let mut rest = Keep(None);
-    let outcome = train(&short(), Some(from), &AtomicBool::new(false), &mut rest).unwrap();
+    let outcome = train(
+        &short(),
+        TrainStart::Checkpoint(Box::new(from)),
+        &AtomicBool::new(false),
+        &mut rest,
+    )
+    .unwrap();
     // The result: the calibrated weights and their score.
     // As text: a net of eight steps finds no dot, and the median error of none is not a number.
     assert!(format!("{outcome:?}") == format!("{whole_outcome:?}"));
