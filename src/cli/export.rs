@@ -8,6 +8,7 @@ use clap::Args;
 
 use crate::error::{Error, Result};
 use crate::files;
+use crate::vision::net::graph::Head;
 use crate::vision::net::{Weights, onnx};
 
 #[derive(Debug, Args)]
@@ -23,7 +24,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let weights = match &arguments.weights {
         Some(path) => Weights::read(path)?,
-        None => Weights::built_in()?,
+        None => Weights::built_in(Head::Dots)?,
     };
     files::write_bytes(&arguments.out, &onnx::to_onnx(&weights))?;
     outln!("{}", arguments.out.display());

@@ -33,6 +33,7 @@ pub mod dots;
 pub mod orientations;
 pub mod quatera;
 pub mod robust;
+pub mod shared;
 pub mod simulate;
 #[cfg(feature = "native")]
 pub mod trajectories;

@@ -15,6 +15,7 @@ use nalgebra::Matrix3;
 use super::chance::expected_by_chance;
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
+use super::shared::{SharedError, shared_covariance};
 use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check, require};
 use crate::geometry::Vec3;
 
@@ -58,6 +59,8 @@ pub struct RobustSpinConfig {
     /// Weight of `sigma_rad`, in degrees of freedom, when the noise is estimated from the
     /// residuals; infinite: the noise is known and fixed.
     pub sigma_degrees: f64,
+    /// An error that frames share, if there is one: it widens the covariance.
+    pub shared: Option<SharedError>,
     /// Prior of the magnitude, if there is one.
     pub prior: Option<MagnitudePrior>,
     /// Expected number of spins with as much agreement by chance that is still accepted.
@@ -73,6 +76,7 @@ impl Default for RobustSpinConfig {
             max_rps: 175.0,
             sigma_rad: 2f64.to_radians(),
             sigma_degrees: 4.0,
+            shared: None,
             prior: None,
             false_alarms: 0.2,
         }
@@ -325,7 +329,12 @@ impl RobustEstimator {
             d if d.is_finite() => d / (d - 2.0).max(1.0),
             _ => 1.0,
         };
-        Some(covariance.fixed_view::<3, 3>(3, 3).into_owned() * widening)
+        let own = covariance.fixed_view::<3, 3>(3, 3).into_owned() * widening;
+        let Some(shared) = &self.config.shared else {
+            return Some(own);
+        };
+        let (sigma, probabilities) = (best.sigma_rad, &self.probabilities);
+        Some(own + shared_covariance(measurements, motion, sigma, probabilities, shared)?)
     }
 }
 

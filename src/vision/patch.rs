@@ -19,28 +19,65 @@ pub const RIM: f64 = 1.1;
 /// Minimum standard deviation over the ball: a plain ball's noise is not blown up beyond that.
 const MIN_SPREAD: f32 = 0.01;
 
+/// How a ball lies in a patch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Framing {
+    /// The ball's radius, values.
+    pub radius: f64,
+    /// Values farther out, in radii, are 0.
+    pub rim: f64,
+    /// Mean and standard deviation are taken up to here, in radii.
+    pub scaled_by: f64,
+    /// Whether values beyond the image are 0 rather than those of its border.
+    pub is_blank_outside: bool,
+}
+
+impl Framing {
+    /// For dots: the ball fills the patch, and what is behind it says nothing.
+    pub const DOTS: Self = Self {
+        radius: RADIUS,
+        rim: RIM,
+        scaled_by: 0.97,
+        is_blank_outside: false,
+    };
+    /// For outlines: with what is around the ball.
+    pub const OUTLINE: Self = Self {
+        radius: 20.0,
+        rim: f64::INFINITY,
+        scaled_by: f64::INFINITY,
+        is_blank_outside: true,
+    };
+}
+
 /// A ball, cut out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Patch {
     values: Vec<f32>,
     circle: BallCircle,
+    framing: Framing,
 }
 
 impl Default for Patch {
-    /// An empty patch, to be filled by [`Patch::cut_into`].
+    /// An empty patch for dots, to be filled by [`Patch::cut_into`].
     fn default() -> Self {
-        Self {
-            values: vec![0.0; SIZE * SIZE],
-            circle: BallCircle {
-                center: Pixel::default(),
-                radius: RADIUS,
-            },
-        }
+        Self::new(Framing::DOTS)
     }
 }
 
 impl Patch {
-    /// Cuts the ball out of an image.
+    /// An empty patch, to be filled by [`Patch::cut_into`].
+    pub fn new(framing: Framing) -> Self {
+        Self {
+            values: vec![0.0; SIZE * SIZE],
+            circle: BallCircle {
+                center: Pixel::default(),
+                radius: framing.radius,
+            },
+            framing,
+        }
+    }
+
+    /// Cuts the ball out of an image, framed for dots.
     pub fn cut(image: &GrayImage, circle: &BallCircle) -> Self {
         let mut patch = Self::default();
         patch.cut_into(image, circle);
@@ -50,7 +87,14 @@ impl Patch {
     /// As [`Patch::cut`], into existing memory.
     pub fn cut_into(&mut self, image: &GrayImage, circle: &BallCircle) {
         self.circle = *circle;
-        let step = circle.radius / RADIUS;
+        let Framing {
+            radius,
+            rim,
+            scaled_by,
+            is_blank_outside,
+        } = self.framing;
+        let (right, bottom) = (image.width() as f64 - 0.5, image.height() as f64 - 0.5);
+        let step = circle.radius / radius;
         // Samples a side of a value's square, so that none of the image's pixels is passed over.
         let fine = (step.ceil() as usize).clamp(1, 64);
         let weight = 1.0 / (fine * fine) as f32;
@@ -59,7 +103,10 @@ impl Patch {
             for column in 0..SIZE {
                 let out = out_of_middle(column, row);
                 let value = &mut self.values[row * SIZE + column];
-                if out > RIM * RADIUS {
+                let u = circle.center.u + step * (column as f64 - MIDDLE);
+                let v = circle.center.v + step * (row as f64 - MIDDLE);
+                let is_outside = !((-0.5..=right).contains(&u) && (-0.5..=bottom).contains(&v));
+                if out > rim * radius || (is_blank_outside && is_outside) {
                     *value = f32::NAN;
                     continue;
                 }
@@ -75,13 +122,14 @@ impl Patch {
                     }
                 }
                 *value = total * weight;
-                if out < 0.97 * RADIUS {
+                if out < scaled_by * radius {
                     sum += f64::from(*value);
                     squares += f64::from(*value) * f64::from(*value);
                     count += 1.0;
                 }
             }
         }
+        let count = count.max(1.0);
         let mean = sum / count;
         let spread = ((squares / count - mean * mean).max(0.0).sqrt() as f32).max(MIN_SPREAD);
         for value in &mut self.values {
@@ -105,7 +153,7 @@ impl Patch {
 
     /// Pixels of the image per value of the patch.
     pub fn step(&self) -> f64 {
-        self.circle.radius / RADIUS
+        self.circle.radius / self.framing.radius
     }
 
     /// Where a position in the patch (column, row) lies in the image.

@@ -10,12 +10,12 @@ use spindoe::vision::patch::{Patch, SIZE};
 use spindoe_train::model::{Net, floats};
 
 fn inference(c: &mut Criterion) {
-    let Ok(weights) = Weights::built_in() else {
+    let Ok(weights) = Weights::built_in(Head::Dots) else {
         return;
     };
     let device = Device::flex();
     let (Ok(network), Ok(net)) = (
-        Network::new(&weights.layers),
+        Network::new(Head::Dots, &weights.layers),
         Net::new(&weights.layers, &device),
     ) else {
         return;

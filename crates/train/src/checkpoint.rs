@@ -12,7 +12,6 @@ use serde::{Deserialize, Serialize};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
-use spindoe::vision::net::graph::CONVOLUTIONS;
 use spindoe::vision::net::weights::{Layer, Weights};
 use spindoe::{Error, Result, files};
 
@@ -27,8 +26,8 @@ const MAX_BYTES: u64 = 64 << 20;
 pub struct State {
     /// Steps done.
     pub step: u64,
-    /// The best net's F1.
-    pub best_f1: f64,
+    /// The best net's [`Score::quality`](crate::Score::quality).
+    pub best_quality: f64,
     /// Evaluations since.
     pub since_best: usize,
 }
@@ -52,7 +51,7 @@ pub(crate) struct Restored {
 }
 
 #[derive(Serialize, Deserialize)]
-struct Head {
+struct StateFile {
     config: TrainConfig,
     state: State,
 }
@@ -98,11 +97,12 @@ impl Checkpoint {
     /// # Errors
     /// [`Error::Argument`] where the checkpoint is not that of this net.
     pub fn layers(&self) -> Result<Vec<Layer>> {
-        let blank = CONVOLUTIONS.map(|c| Layer {
+        let head = self.config.head;
+        let blank = head.convolutions().map(|c| Layer {
             weight: vec![0.0; c.weights()],
             bias: vec![0.0; c.outputs],
         });
-        let net = Net::new(&blank, &Device::flex())?;
+        let net = Net::new(head, &blank, &Device::flex())?;
         self.restore(net, AdamWConfig::new().init())?.net.layers()
     }
 
@@ -114,7 +114,7 @@ impl Checkpoint {
         let packed = |e: &dyn std::fmt::Display| {
             Error::Internal(format!("the checkpoint cannot be packed: {e}"))
         };
-        let head = Head {
+        let head = StateFile {
             config: self.config.clone(),
             state: self.state,
         };
@@ -161,7 +161,7 @@ impl Checkpoint {
                 .map_err(|e| reject(name, &e))?;
             Ok(bytes)
         };
-        let head: Head =
+        let head: StateFile =
             serde_json::from_slice(&entry("state.json")?).map_err(|e| reject("state.json", &e))?;
         let same = TrainConfig {
             steps: config.steps,

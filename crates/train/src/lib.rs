@@ -1,4 +1,4 @@
-//! Training the dot detector of `spindoe` on synthetic frames.
+//! Training the nets of `spindoe`, for dots and for outlines, on synthetic frames.
 //!
 //! AdamW (I. Loshchilov, F. Hutter, ICLR 2019) with a linear warm-up and a cosine decay of the
 //! learning rate, on frames that are drawn during the training and never seen twice. The net is
@@ -25,23 +25,26 @@ use serde::{Deserialize, Serialize};
 
 use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::{Rendering, SynthConfig};
-use spindoe::vision::net::graph::CELLS;
+use spindoe::vision::net::graph::{CELLS, Head};
 use spindoe::vision::net::network::{Activations, Network};
 use spindoe::vision::net::weights::{Calibration, FORMAT_VERSION, Layer, Weights, WeightsMeta};
-use spindoe::vision::patch::SIZE;
+use spindoe::vision::patch::{RADIUS, SIZE};
 use spindoe::{Error, Result};
 
 pub mod checkpoint;
 pub mod loss;
 pub mod model;
+pub mod outline;
 pub mod sample;
 pub mod score;
 
 pub use checkpoint::Checkpoint;
-pub use score::Score;
+pub use outline::OutlineScore;
+pub use score::DotScore;
 
 use loss::{Loss, Targets};
 use model::{Net, floats};
+use outline::{OutlineBatch, OutlineSample};
 use sample::{Batch, DISTRACTORS, Sample, Symmetry, random_frame};
 use score::MatchedPeak;
 
@@ -77,6 +80,8 @@ impl FrameSet {
 /// Configuration of a training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrainConfig {
+    /// What the net is for.
+    pub head: Head,
     /// Seed of the initial weights and of all frames.
     pub seed: u64,
     /// Steps of the optimizer.
@@ -108,6 +113,7 @@ impl Default for TrainConfig {
     /// 12 000 steps of 32 samples, two from a frame; evaluated on 500 frames every 500 steps.
     fn default() -> Self {
         Self {
+            head: Head::Dots,
             seed: 0,
             steps: 12_000,
             batch: 32,
@@ -129,6 +135,26 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
+    /// The defaults for a net. For outlines, four patches of a frame and more of the ball's
+    /// surroundings.
+    pub fn of(head: Head) -> Self {
+        let dots = Self::default();
+        match head {
+            Head::Dots => dots,
+            Head::Outline => Self {
+                head,
+                samples_per_frame: 4,
+                synth: SynthConfig {
+                    ball_px: Some([32.0, 110.0]),
+                    fill: [0.35, 1.0],
+                    off_center: 0.4,
+                    ..dots.synth
+                },
+                ..dots
+            },
+        }
+    }
+
     /// Checks the domains of all parameters.
     ///
     /// # Errors
@@ -170,6 +196,7 @@ impl TrainConfig {
             return random_frame(&self.synth, rng);
         }
         let kind = DISTRACTORS[rng.random_range(0..DISTRACTORS.len())];
+        // Where there is no ball, the net for outlines learns that nothing can be known.
         random_frame(
             &SynthConfig {
                 kind,
@@ -180,37 +207,123 @@ impl TrainConfig {
     }
 
     /// The samples of a step.
-    fn batch_at(&self, step: u64) -> Result<Batch> {
+    fn batch_at(&self, step: u64) -> Result<HeadBatch> {
+        Ok(match self.head {
+            Head::Dots => {
+                let mut batch = Batch::default();
+                self.draw(step, sample::sample, |s, symmetry| batch.push(s, symmetry))?;
+                HeadBatch::Dots(batch)
+            }
+            Head::Outline => {
+                let mut batch = OutlineBatch::default();
+                self.draw(step, outline::sample, |s, symmetry| {
+                    batch.push(s, symmetry);
+                })?;
+                HeadBatch::Outline(batch)
+            }
+        })
+    }
+
+    /// Draws the samples of a step, in order.
+    fn draw<S>(
+        &self,
+        step: u64,
+        sample: impl Fn(&Rendering, &mut ChaCha8Rng) -> S,
+        mut push: impl FnMut(&S, Symmetry),
+    ) -> Result<()> {
         let frames = self.batch.div_ceil(self.samples_per_frame) as u64;
-        let made: Result<Vec<Vec<(Sample, Symmetry)>>> = (step * frames..(step + 1) * frames)
-            .map(|frame| {
-                let mut rng = frame_rng(FrameSet::Train.seed(self.seed), frame);
-                let rendering = self.random_frame(&mut rng)?;
-                Ok((0..self.samples_per_frame)
-                    .map(|_| {
-                        let sample = sample::sample(&rendering, &mut rng);
-                        (sample, Symmetry::random(&mut rng))
-                    })
-                    .collect())
-            })
-            .collect();
-        let mut batch = Batch::default();
-        for (sample, symmetry) in made?.iter().flatten().take(self.batch) {
-            batch.push(sample, *symmetry);
+        let mut left = self.batch;
+        for frame in step * frames..(step + 1) * frames {
+            let mut rng = frame_rng(FrameSet::Train.seed(self.seed), frame);
+            let rendering = self.random_frame(&mut rng)?;
+            for _ in 0..self.samples_per_frame.min(left) {
+                let sample = sample(&rendering, &mut rng);
+                push(&sample, Symmetry::random(&mut rng));
+                left -= 1;
+            }
         }
-        Ok(batch)
+        Ok(())
     }
 
     /// A set of samples that the net does not train on.
-    fn samples(&self, set: FrameSet) -> Result<Vec<Sample>> {
+    fn samples(&self, set: FrameSet) -> Result<Samples> {
+        Ok(match self.head {
+            Head::Dots => Samples::Dots(self.sample_set(set, sample::sample)?),
+            Head::Outline => Samples::Outline(self.sample_set(set, outline::sample)?),
+        })
+    }
+
+    fn sample_set<S: Send>(
+        &self,
+        set: FrameSet,
+        sample: impl Fn(&Rendering, &mut ChaCha8Rng) -> S + Sync,
+    ) -> Result<Vec<S>> {
         (0..self.eval_frames as u64)
             .into_par_iter()
             .map(|frame| {
                 let mut rng = frame_rng(set.seed(self.seed), frame);
                 let rendering = self.random_frame(&mut rng)?;
-                Ok(sample::sample(&rendering, &mut rng))
+                Ok(sample(&rendering, &mut rng))
             })
             .collect()
+    }
+}
+
+/// The samples of a step, for either net.
+enum HeadBatch {
+    Dots(Batch),
+    Outline(OutlineBatch),
+}
+
+/// Samples that a net does not train on.
+enum Samples {
+    Dots(Vec<Sample>),
+    Outline(Vec<OutlineSample>),
+}
+
+/// How good a net is, on frames that it was not trained on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Score {
+    /// A net for dots, at a probability of one half.
+    Dots(DotScore),
+    /// A net for outlines.
+    Outline(OutlineScore),
+}
+
+impl Score {
+    /// What selects the best weights: larger is better.
+    pub fn quality(&self) -> f64 {
+        match self {
+            Self::Dots(score) => score.f1(),
+            Self::Outline(score) => -score.mean_error,
+        }
+    }
+}
+
+impl std::fmt::Display for Score {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Dots(s) => write!(
+                f,
+                "of {} dots on {} frames {:.2} % found, {:.3} false per frame, median error {:.2} % of the radius",
+                s.dots,
+                s.frames,
+                100.0 * s.recall(),
+                s.false_peaks as f64 / s.frames as f64,
+                100.0 * s.median_error / RADIUS,
+            ),
+            Self::Outline(s) => write!(
+                f,
+                "of {} outlines {} within 1 %, {} within 2 % and {} within 5 % of the radius, median error {:.2} %, mean {:.2} %",
+                s.frames,
+                s.within[0],
+                s.within[1],
+                s.within[2],
+                100.0 * s.median_error,
+                100.0 * s.mean_error,
+            ),
+        }
     }
 }
 
@@ -307,8 +420,8 @@ struct Trainer<'a> {
     net: Net,
     optimizer: ModuleOptimizer,
     state: checkpoint::State,
-    validation: Vec<Sample>,
-    calibration: Vec<Sample>,
+    validation: Samples,
+    calibration: Samples,
     /// The best net's parameters.
     best: Option<Weights>,
 }
@@ -325,9 +438,9 @@ impl<'a> Trainer<'a> {
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         let layers = match &start {
             TrainStart::Weights(weights) => weights.layers.clone(),
-            _ => Net::random_layers(&mut rng)?,
+            _ => Net::random_layers(config.head, &mut rng)?,
         };
-        let net = Net::new(&layers, &device)?;
+        let net = Net::new(config.head, &layers, &device)?;
         let mut trainer = Self {
             config,
             device,
@@ -348,7 +461,7 @@ impl<'a> Trainer<'a> {
 
     fn run(
         &mut self,
-        batches: Receiver<Result<Batch>>,
+        batches: Receiver<Result<HeadBatch>>,
         stop: &AtomicBool,
         observer: &mut dyn TrainObserver,
     ) -> Result<()> {
@@ -379,7 +492,31 @@ impl<'a> Trainer<'a> {
     }
 
     /// One step of the optimizer; returns the parts of the loss.
-    fn step(&mut self, batch: &Batch) -> Result<[f64; 2]> {
+    fn step(&mut self, batch: &HeadBatch) -> Result<[f64; 2]> {
+        let (total, parts) = match batch {
+            HeadBatch::Dots(batch) => self.dot_loss(batch)?,
+            HeadBatch::Outline(batch) => self.outline_loss(batch)?,
+        };
+        let gradients = GradientsParams::from_grads(total.backward(), &self.net);
+        let rate = self.config.rate_at(self.state.step);
+        self.net = self.optimizer.step(rate, self.net.clone(), gradients);
+        self.state.step += 1;
+        Ok(parts)
+    }
+
+    fn outline_loss(&self, batch: &OutlineBatch) -> Result<(Tensor<1>, [f64; 2])> {
+        let tensor = |values: &[f32], side: usize| {
+            let data = TensorData::new(values.to_vec(), [batch.len, 1, side, side]);
+            Tensor::<4>::from_data(data, &self.device)
+        };
+        let cells = self.net.forward(tensor(&batch.patches, SIZE));
+        let distance = tensor(&batch.distance, CELLS);
+        let total = outline::loss(cells, distance, tensor(&batch.weight, CELLS));
+        let loss = f64::from(floats(total.clone())?[0]);
+        Ok((total, [0.0, loss]))
+    }
+
+    fn dot_loss(&self, batch: &Batch) -> Result<(Tensor<1>, [f64; 2])> {
         let n = batch.len;
         let tensor = |values: &[f32], channels: usize, side: usize| {
             let data = TensorData::new(values.to_vec(), [n, channels, side, side]);
@@ -397,29 +534,24 @@ impl<'a> Trainer<'a> {
             heat,
             position,
         } = loss::loss(cells, &targets);
-        let gradients = GradientsParams::from_grads(total.backward(), &self.net);
-        let rate = self.config.rate_at(self.state.step);
-        self.net = self.optimizer.step(rate, self.net.clone(), gradients);
-        self.state.step += 1;
         let number = |t: Tensor<1>| Ok::<_, Error>(f64::from(floats(t)?[0]));
-        Ok([number(heat)?, number(position)?])
+        Ok((total, [number(heat)?, number(position)?]))
     }
 
     /// Calibrates the net and evaluates it, and keeps its parameters where they are the best so
     /// far.
     fn evaluate(&mut self) -> Result<Score> {
         let layers = self.net.valid().layers()?;
-        let matched = match_all(&layers, &self.calibration, &Calibration::default())?;
-        let calibration = score::calibrate(&matched);
-        let matched = match_all(&layers, &self.validation, &calibration)?;
-        let score = score::score(&matched, &self.validation, 0.5);
-        if self.best.is_none() || score.f1() > self.state.best_f1 {
-            self.state.best_f1 = score.f1();
+        let calibration = calibrate(&layers, &self.calibration)?;
+        let score = evaluate(&layers, &self.validation, &calibration)?;
+        if self.best.is_none() || score.quality() > self.state.best_quality {
+            self.state.best_quality = score.quality();
             self.state.since_best = 0;
             self.best = Some(Weights {
                 layers,
                 meta: WeightsMeta {
                     format_version: FORMAT_VERSION,
+                    head: self.config.head,
                     calibration,
                     command: String::new(),
                     frames: self.state.step * self.config.batch as u64
@@ -458,17 +590,58 @@ impl<'a> Trainer<'a> {
     }
 }
 
-/// The score of weights on the test set of a training with this configuration, at a probability of
-/// one half.
+/// The score of weights on the test set of a training with this configuration.
 ///
 /// # Errors
 /// [`Error::Argument`] where the configuration is out of its domain or the weights do not fit the
 /// net.
 pub fn test(config: &TrainConfig, weights: &Weights) -> Result<Score> {
     config.check()?;
+    if weights.meta.head != config.head {
+        let problem = format!("expected those of a net for {}", config.head.as_str());
+        return Err(Error::argument("weights", problem));
+    }
     let samples = config.samples(FrameSet::Test)?;
-    let matched = match_all(&weights.layers, &samples, &weights.meta.calibration)?;
-    Ok(score::score(&matched, &samples, 0.5))
+    evaluate(&weights.layers, &samples, &weights.meta.calibration)
+}
+
+/// Fits the calibration of a net on samples.
+fn calibrate(layers: &[Layer], samples: &Samples) -> Result<Calibration> {
+    Ok(match samples {
+        Samples::Dots(samples) => {
+            score::calibrate(&match_all(layers, samples, &Calibration::default())?)
+        }
+        Samples::Outline(samples) => Calibration {
+            covariance_factor: outline::covariance_factor(&outline_errors(layers, samples)?),
+            ..Calibration::default()
+        },
+    })
+}
+
+/// The score of a net on samples.
+fn evaluate(layers: &[Layer], samples: &Samples, calibration: &Calibration) -> Result<Score> {
+    Ok(match samples {
+        Samples::Dots(samples) => {
+            let matched = match_all(layers, samples, calibration)?;
+            Score::Dots(score::score(&matched, samples, 0.5))
+        }
+        Samples::Outline(samples) => {
+            Score::Outline(outline::score(&outline_errors(layers, samples)?))
+        }
+    })
+}
+
+/// The errors of the circles that a net gives on samples.
+fn outline_errors(
+    layers: &[Layer],
+    samples: &[OutlineSample],
+) -> Result<Vec<outline::OutlineError>> {
+    let network = Network::new(Head::Outline, layers)?;
+    let mut activations = Activations::default();
+    Ok(samples
+        .iter()
+        .map(|s| outline::error(network.forward(&s.patch, &mut activations), s))
+        .collect())
 }
 
 /// Runs a net on samples, as `spindoe` runs it, and matches its peaks with their dots.
@@ -477,7 +650,7 @@ fn match_all(
     samples: &[Sample],
     calibration: &Calibration,
 ) -> Result<Vec<MatchedPeak>> {
-    let network = Network::new(layers)?;
+    let network = Network::new(Head::Dots, layers)?;
     let mut activations = Activations::default();
     let mut matched = Vec::new();
     for sample in samples {
@@ -505,7 +678,7 @@ mod tests {
         ];
         let samples: Vec<Sample> = sets
             .iter()
-            .flat_map(|&set| config.samples(set).expect("frames"))
+            .flat_map(|&set| config.sample_set(set, sample::sample).expect("frames"))
             .collect();
         for (i, a) in samples.iter().enumerate() {
             assert!(samples[..i].iter().all(|b| a.patch != b.patch), "{i}");

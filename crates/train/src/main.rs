@@ -1,4 +1,4 @@
-//! `spindoe-train`: trains the dot detector of `spindoe`.
+//! `spindoe-train`: trains the nets of `spindoe`.
 //!
 //! Exit codes: 0 done; 2 unusable arguments or input, with one line that names the problem; 1
 //! anything else.
@@ -13,21 +13,19 @@ use std::time::Instant;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
+use spindoe::vision::net::graph::Head;
 use spindoe::vision::net::{Weights, onnx};
-use spindoe::vision::patch::RADIUS;
 use spindoe::{Error, Result, files};
 use spindoe_train::{
-    Checkpoint, Score, TrainConfig, TrainObserver, TrainProgress, TrainStart, Trained, test, train,
+    Checkpoint, TrainConfig, TrainObserver, TrainProgress, TrainStart, Trained, test, train,
 };
 
 /// The checkpoint within the folder.
 const CHECKPOINT: &str = "checkpoint.zip";
-/// The weights within the folder.
-const WEIGHTS: &str = "dots.npz";
 /// Minimum time between plain lines, seconds.
 const MIN_LINE_INTERVAL_S: f64 = 10.0;
 
-/// Trains the dot detector on synthetic frames.
+/// Trains the net for dots, or that for outlines, on synthetic frames.
 #[derive(Debug, Parser)]
 #[command(
     version,
@@ -49,6 +47,9 @@ struct Arguments {
     /// Train nothing; score these weights on the test set.
     #[arg(long, value_name = "WEIGHTS.npz", conflicts_with_all = ["out", "resume"])]
     score: Option<PathBuf>,
+    /// What the net is for: dots or outline.
+    #[arg(long, value_name = "NAME", default_value = "dots")]
+    head: Head,
     /// Seed of the initial weights and of all frames.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -92,7 +93,7 @@ impl Arguments {
             eval_every: self.eval_every,
             eval_frames: self.eval_frames,
             patience: self.patience,
-            ..TrainConfig::default()
+            ..TrainConfig::of(self.head)
         }
     }
 
@@ -103,8 +104,9 @@ impl Arguments {
             .as_ref()
             .map_or_else(String::new, |path| format!(" --from {}", path.display()));
         format!(
-            "spindoe-train --seed {} --steps {} --batch {} --learning-rate {} --eval-every {} \
+            "spindoe-train --head {} --seed {} --steps {} --batch {} --learning-rate {} --eval-every {} \
              --eval-frames {} --patience {}{from}",
+            self.head.as_str(),
             self.seed,
             self.steps,
             self.batch,
@@ -149,7 +151,7 @@ fn run(arguments: &Arguments) -> Result<()> {
         let words = if arguments.json {
             json!(score).to_string()
         } else {
-            describe(&score)
+            score.to_string()
         };
         return print(&words);
     }
@@ -181,21 +183,9 @@ fn run(arguments: &Arguments) -> Result<()> {
     print(&format!(
         "{} steps; {}\n{}",
         trained.steps,
-        describe(&trained.score),
+        trained.score,
         dir.display()
     ))
-}
-
-/// A score in words.
-fn describe(score: &Score) -> String {
-    format!(
-        "of {} dots on {} frames {:.2} % found, {:.3} false per frame, median error {:.2} % of the radius",
-        score.dots,
-        score.frames,
-        100.0 * score.recall(),
-        score.false_peaks as f64 / score.frames as f64,
-        100.0 * score.median_error / RADIUS,
-    )
 }
 
 fn print(words: &str) -> Result<()> {
@@ -208,8 +198,10 @@ fn write(
     trained: &Trained,
     seconds: f64,
 ) -> Result<serde_json::Value> {
-    trained.weights.write(&dir.join(WEIGHTS))?;
-    files::write_bytes(&dir.join("dots.onnx"), &onnx::to_onnx(&trained.weights))?;
+    let name = config.head.as_str();
+    trained.weights.write(&dir.join(format!("{name}.npz")))?;
+    let onnx = onnx::to_onnx(&trained.weights);
+    files::write_bytes(&dir.join(format!("{name}.onnx")), &onnx)?;
     let outcome = json!({
         "version": env!("CARGO_PKG_VERSION"),
         "command": trained.weights.meta.command,
@@ -217,9 +209,7 @@ fn write(
         "steps": trained.steps,
         "frames": trained.weights.meta.frames,
         "calibration": trained.weights.meta.calibration,
-        "score_at_one_half": trained.score,
-        "recall": trained.score.recall(),
-        "precision": trained.score.precision(),
+        "score": trained.score,
         "seconds": seconds,
     });
     let text = serde_json::to_vec_pretty(&outcome)
@@ -230,7 +220,7 @@ fn write(
 
 /// Rejects a folder that holds a detector already: two must not mix in one.
 fn reject_taken(dir: &Path) -> Result<()> {
-    for name in [WEIGHTS, CHECKPOINT] {
+    for name in ["dots.npz", "outline.npz", CHECKPOINT] {
         if dir.join(name).exists() {
             let problem = format!(
                 "{} holds a detector already ({name}); choose another folder, or --resume it",
@@ -278,13 +268,9 @@ impl TrainObserver for Progress {
         let first = *self.first.get_or_insert(progress.step);
         let samples = (progress.step - first) * self.batch as u64;
         let rate = samples as f64 / self.began.elapsed().as_secs_f64();
-        let evaluated = progress.score.map_or(String::new(), |s| {
-            format!(
-                "; evaluated: {:.2} % of the dots found, {:.2} % of the peaks correct",
-                100.0 * s.recall(),
-                100.0 * s.precision()
-            )
-        });
+        let evaluated = progress
+            .score
+            .map_or(String::new(), |s| format!("; evaluated: {s}"));
         let what = format!(
             "step {}: heat loss {:.3}, position loss {:.3}, {rate:.0} patches/s{evaluated}",
             progress.step, progress.heat_loss, progress.position_loss,

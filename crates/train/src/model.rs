@@ -14,7 +14,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 use rand_distr::{Distribution, Normal};
 
-use spindoe::vision::net::graph::{CONVOLUTIONS, Channel, STEPS, Step};
+use spindoe::vision::net::graph::{Channel, Head, STEPS, Step};
 use spindoe::vision::net::weights::Layer;
 use spindoe::{Error, Result};
 
@@ -32,15 +32,16 @@ impl Net {
     ///
     /// # Errors
     /// [`Error::Argument`] where they do not fit the graph.
-    pub fn new(layers: &[Layer], device: &Device) -> Result<Self> {
-        let fits = layers.len() == CONVOLUTIONS.len()
-            && std::iter::zip(layers, &CONVOLUTIONS).all(|(layer, c)| {
+    pub fn new(head: Head, layers: &[Layer], device: &Device) -> Result<Self> {
+        let shapes = head.convolutions();
+        let fits = layers.len() == shapes.len()
+            && std::iter::zip(layers, &shapes).all(|(layer, c)| {
                 layer.weight.len() == c.weights() && layer.bias.len() == c.outputs
             });
         if !fits {
             return Err(Error::argument("weights", "expected those of this net"));
         }
-        let convolutions = std::iter::zip(layers, &CONVOLUTIONS)
+        let convolutions = std::iter::zip(layers, &shapes)
             .map(|(layer, c)| {
                 let pad = c.kernel / 2;
                 let mut built = Conv2dConfig::new([c.inputs, c.outputs], [c.kernel, c.kernel])
@@ -63,17 +64,18 @@ impl Net {
     ///
     /// # Errors
     /// None in fact: the deviations are positive.
-    pub fn random_layers<R: Rng + ?Sized>(rng: &mut R) -> Result<Vec<Layer>> {
-        let last = CONVOLUTIONS.len() - 1;
+    pub fn random_layers<R: Rng + ?Sized>(head: Head, rng: &mut R) -> Result<Vec<Layer>> {
+        let shapes = head.convolutions();
+        let last = shapes.len() - 1;
         let mut layers = Vec::new();
-        for (i, c) in CONVOLUTIONS.iter().enumerate() {
+        for (i, c) in shapes.iter().enumerate() {
             let fan = (c.inputs * c.kernel * c.kernel) as f32;
             let gain = if i == last { 0.1 } else { 1.0 };
             let normal = Normal::new(0.0, gain * (2.0 / fan).sqrt())
                 .map_err(|e| Error::Internal(e.to_string()))?;
             let weight = (0..c.weights()).map(|_| normal.sample(rng)).collect();
             let mut bias = vec![0.0; c.outputs];
-            if i == last {
+            if i == last && head == Head::Dots {
                 bias[Channel::Heat as usize] = FIRST_HEAT;
             }
             layers.push(Layer { weight, bias });
@@ -99,8 +101,7 @@ impl Net {
             .collect()
     }
 
-    /// Patches (n, 1, side, side) to cells (n, [`CHANNELS`](spindoe::vision::net::graph::CHANNELS),
-    /// side / 2, side / 2).
+    /// Patches (n, 1, side, side) to cells (n, channels of the head, side / 2, side / 2).
     pub fn forward(&self, patches: Tensor<4>) -> Tensor<4> {
         let mut values = vec![patches];
         for step in STEPS {

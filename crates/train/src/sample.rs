@@ -118,8 +118,23 @@ impl Symmetry {
         }
     }
 
+    /// A patch's values in their new places.
+    pub fn apply(self, values: &[f32]) -> Vec<f32> {
+        let mut placed = vec![0.0; SIZE * SIZE];
+        for row in 0..SIZE {
+            for column in 0..SIZE {
+                let to = self.place(Pixel {
+                    u: column as f64,
+                    v: row as f64,
+                });
+                placed[to.v as usize * SIZE + to.u as usize] = values[row * SIZE + column];
+            }
+        }
+        placed
+    }
+
     /// The new position of the value at (column, row).
-    fn place(self, at: Pixel) -> Pixel {
+    pub fn place(self, at: Pixel) -> Pixel {
         let flip = |x: f64, yes: bool| if yes { 2.0 * MIDDLE - x } else { x };
         let (u, v) = if self.transpose {
             (at.v, at.u)
@@ -153,19 +168,7 @@ pub struct Batch {
 impl Batch {
     /// Appends a sample, rotated and mirrored.
     pub fn push(&mut self, sample: &Sample, symmetry: Symmetry) {
-        let start = self.patches.len();
-        self.patches.resize(start + SIZE * SIZE, 0.0);
-        let values = sample.patch.values();
-        for row in 0..SIZE {
-            for column in 0..SIZE {
-                let to = symmetry.place(Pixel {
-                    u: column as f64,
-                    v: row as f64,
-                });
-                let at = to.v as usize * SIZE + to.u as usize;
-                self.patches[start + at] = values[row * SIZE + column];
-            }
-        }
+        self.patches.extend(symmetry.apply(sample.patch.values()));
         let dots: Vec<PatchDot> = sample
             .dots
             .iter()

@@ -28,7 +28,7 @@ pub struct MatchedPeak {
 
 /// The result of a net on a set of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Score {
+pub struct DotScore {
     /// Frames.
     pub frames: usize,
     /// Dots to be found.
@@ -41,7 +41,7 @@ pub struct Score {
     pub median_error: f64,
 }
 
-impl Score {
+impl DotScore {
     /// Share of the dots found.
     pub fn recall(&self) -> f64 {
         self.found as f64 / self.dots.max(1) as f64
@@ -92,7 +92,7 @@ pub fn match_peaks(
 }
 
 /// The score of peaks with at least the given probability.
-pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_confidence: f64) -> Score {
+pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_confidence: f64) -> DotScore {
     let shown = || {
         matched
             .iter()
@@ -102,7 +102,7 @@ pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_confidence: f64) -
         .filter_map(|j| j.error.map(|[u, v]| u.hypot(v)))
         .collect();
     errors.sort_by(f64::total_cmp);
-    Score {
+    DotScore {
         frames: samples.len(),
         dots: samples
             .iter()

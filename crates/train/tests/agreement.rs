@@ -26,7 +26,7 @@ fn samples(count: u64) -> Vec<Sample> {
 fn difference(layers: &[Layer], samples: &[Sample]) -> f32 {
     let device = Device::flex();
     let net = Net::new(layers, &device).unwrap();
-    let network = Network::new(layers).unwrap();
+    let network = Network::new(Head::Dots, layers).unwrap();
     let mut activations = Activations::default();
     let mut worst = 0f32;
     for sample in samples {
@@ -44,7 +44,7 @@ fn difference(layers: &[Layer], samples: &[Sample]) -> f32 {
 #[test]
 fn both_give_the_same_cells() {
     let samples = samples(12);
-    let built_in = difference(&Weights::built_in().unwrap().layers, &samples);
+    let built_in = difference(&Weights::built_in(Head::Dots).unwrap().layers, &samples);
     assert!(built_in < 1e-4, "{built_in:.1e}");
     for seed in 0..3 {
         let layers = Net::random_layers(&mut ChaCha8Rng::seed_from_u64(seed)).unwrap();

@@ -116,7 +116,7 @@ fn the_command_trains_and_rejects_bad_arguments() {
     let scored: serde_json::Value = serde_json::from_slice(&scored.stdout).unwrap();
     let report = std::fs::read(dir.path().join("net/training.json")).unwrap();
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
-    assert_eq!(scored, report["score_at_one_half"]);
+    assert_eq!(scored, report["score"]);
     let weights = Weights::read(&dir.path().join("net/dots.npz")).unwrap();
     assert!(weights.meta.command.starts_with("spindoe-train --seed 0 "));
     for (wrong, expected) in [

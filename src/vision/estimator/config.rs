@@ -73,6 +73,38 @@ impl From<Camera> for CameraModel {
     }
 }
 
+/// How the ball's outline is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OutlineMethod {
+    /// By its edges alone.
+    Edges,
+    /// By its edges where they show it whole, else with a net.
+    #[default]
+    Net,
+}
+
+impl OutlineMethod {
+    /// All methods.
+    pub const ALL: [Self; 2] = [Self::Edges, Self::Net];
+
+    /// The name on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Edges => "edges",
+            Self::Net => "net",
+        }
+    }
+}
+
+impl std::str::FromStr for OutlineMethod {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        crate::error::by_name(&Self::ALL, Self::as_str, "outline", name)
+    }
+}
+
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct EstimatorConfig {
@@ -80,6 +112,8 @@ pub struct EstimatorConfig {
     pub camera: CameraModel,
     /// What is accepted as a ball.
     pub circle: CircleConfig,
+    /// How the outline is found.
+    pub outline: OutlineMethod,
     /// What the recognizer expects of the dots that are likely enough.
     pub recognizer: RobustConfig,
     /// Standard deviation of a drawn dot's place from the pattern's, along one tangent axis, radians.
@@ -103,6 +137,7 @@ impl Default for EstimatorConfig {
         Self {
             camera: CameraModel::default(),
             circle: CircleConfig::default(),
+            outline: OutlineMethod::default(),
             recognizer: RobustConfig {
                 visibility_limit: 0.2,
                 detection_probability: 0.85,

@@ -17,6 +17,7 @@
 mod batch;
 mod config;
 mod frame;
+mod locate;
 mod recenter;
 mod refine;
 mod sequence;
@@ -24,7 +25,7 @@ mod sequence;
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
 };
-pub use config::{CameraDistance, CameraModel, EstimatorConfig};
+pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 
@@ -33,9 +34,9 @@ use std::time::Instant;
 use nalgebra::{Matrix2, Matrix3};
 
 use super::camera::{BallCircle, BallView, Camera, Intrinsics};
-use super::circle::{BallFinder, BallFit};
 use super::detect::{DotDetection, DotDetector};
 use super::image::GrayImage;
+use super::net::OutlineNet;
 use super::patch::Patch;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
@@ -44,6 +45,7 @@ use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorks
 use crate::recognize::{
     DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
 };
+use locate::Locator;
 use recenter::Recentering;
 use refine::{Match, Prior, Refiner};
 
@@ -55,6 +57,8 @@ pub struct Estimator<D> {
     /// For the likely detections, and for all.
     recognizers: [RobustRecognizer; 2],
     refiner: Refiner,
+    /// Where the method uses it.
+    outline_net: Option<OutlineNet>,
     config: EstimatorConfig,
 }
 
@@ -65,8 +69,7 @@ pub struct EstimatorWorkspace<W> {
     gray: GrayImage,
     /// An estimate for another outline.
     other: FrameEstimate,
-    others: Vec<BallFit>,
-    finder: BallFinder,
+    locator: Locator,
     /// Only where the camera's intrinsics are known.
     recentering: Option<Recentering>,
     patch: Patch,
@@ -132,6 +135,7 @@ impl<D: DotDetector> Estimator<D> {
                 RobustRecognizer::new(pattern, doubtful)?,
             ],
             refiner: Refiner::new(&config),
+            outline_net: config.outline.net()?,
             config,
         })
     }
@@ -156,8 +160,7 @@ impl<D: DotDetector> Estimator<D> {
         EstimatorWorkspace {
             gray: GrayImage::default(),
             other,
-            others: Vec::with_capacity(BallFinder::MAX_OTHERS),
-            finder: BallFinder::new(self.config.circle),
+            locator: Locator::new(self.config.circle),
             recentering: self
                 .intrinsics()
                 .map(|_| Recentering::new(self.config.circle)),
@@ -188,13 +191,14 @@ impl<D: DotDetector> Estimator<D> {
             return;
         }
         let mut other = std::mem::take(&mut ws.other);
-        ws.others.clear();
-        ws.others.extend(ws.finder.others());
         other.attempts = 0;
-        for k in 0..ws.others.len() {
-            let fit = ws.others[k];
-            other.outline = Some(Outline::from(&fit));
-            (other.circle, other.fit) = (Some(fit.circle), Some(fit));
+        let (net, mut start) = (self.outline_net.as_ref(), 0);
+        while let Some(candidate) = {
+            let gray = gray_of(image, &ws.gray);
+            ws.locator.other(gray, net, &mut start)
+        } {
+            other.outline = Some(candidate.outline);
+            (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
             other.earlier_attempts = out.attempts.max(other.attempts);
             other.outcome = Err(FrameRejection::NotProcessed);
             self.find_dots(image, ws, &mut other);
@@ -223,10 +227,7 @@ impl<D: DotDetector> Estimator<D> {
         if let FrameImage::Color(color) = image {
             color.to_gray_into(&mut ws.gray);
         }
-        let gray = match image {
-            FrameImage::Gray(gray) => gray,
-            FrameImage::Color(_) => &ws.gray,
-        };
+        let gray = gray_of(image, &ws.gray);
         out.dots.clear();
         out.assignment.clear();
         out.outcome = Err(FrameRejection::NotProcessed);
@@ -239,14 +240,10 @@ impl<D: DotDetector> Estimator<D> {
             covariance: Matrix3::from_diagonal_element((GIVEN_OUTLINE * circle.radius).powi(2)),
         });
         if circle.is_none() {
-            let found = match image {
-                FrameImage::Gray(gray) => ws.finder.find(gray),
-                FrameImage::Color(color) => ws.finder.find_in_color(gray, color),
-            };
-            match found {
-                Ok(fit) => {
-                    out.outline = Some(Outline::from(&fit));
-                    out.fit = Some(fit);
+            match ws.locator.find(gray, image, self.outline_net.as_ref()) {
+                Ok(found) => {
+                    out.outline = Some(found.outline);
+                    out.fit = found.fit;
                 }
                 Err(why) => out.outcome = Err(FrameRejection::NoBall(why)),
             }
@@ -263,10 +260,7 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
-        let gray = match image {
-            FrameImage::Gray(gray) => gray,
-            FrameImage::Color(_) => &ws.gray,
-        };
+        let gray = gray_of(image, &ws.gray);
         out.dots.clear();
         out.dots.reserve(EXPECTED_DOTS);
         out.assignment.clear();
@@ -274,7 +268,7 @@ impl<D: DotDetector> Estimator<D> {
         if let Some(outline) = out.outline {
             let begun = Instant::now();
             let recentered = match (self.intrinsics(), &mut ws.recentering) {
-                (Some(k), Some(r)) => r.recenter(&k, gray, ws.finder.color_contrast(), out),
+                (Some(k), Some(r)) => r.recenter(&k, gray, ws.locator.color_contrast(), out),
                 _ => None,
             };
             match (recentered, &ws.recentering) {
@@ -507,6 +501,14 @@ impl<D: DotDetector> Estimator<D> {
     /// What is known of the camera.
     pub fn camera(&self) -> &CameraModel {
         &self.config.camera
+    }
+}
+
+/// An image's gray: its own, or that made of its colors.
+fn gray_of<'a>(image: FrameImage<'a>, made: &'a GrayImage) -> &'a GrayImage {
+    match image {
+        FrameImage::Gray(gray) => gray,
+        FrameImage::Color(_) => made,
     }
 }
 

@@ -10,9 +10,10 @@
 use nalgebra::Matrix3;
 
 use super::config::{CameraDistance, CameraModel};
-use super::{Estimator, EstimatorWorkspace, FrameEstimate};
+use super::{Estimator, EstimatorWorkspace, FrameEstimate, Pose};
 use crate::recognize::robust::Hint;
 use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
+use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 use crate::vision::detect::DotDetector;
 
@@ -20,6 +21,14 @@ use crate::vision::detect::DotDetector;
 const OUTLYING: f64 = 4.0;
 /// Smallest standard deviation of the shared ball radii over the camera's distance: the ball moves in depth.
 const MIN_DISTANCE_SIGMA: f64 = 0.003;
+
+/// An orientation's shared error over that of a dot: some eight dots are seen, and the residuals of
+/// their fit are smaller than their errors. Measured by `spin_coverage`.
+const SHARED: f64 = 0.5;
+/// Over this angle the dots in sight, and with them the shared error, change.
+const CORRELATION_RAD: f64 = 0.7;
+/// No orientation is known better than this, radians: a tenth of a degree.
+const MIN_SIGMA_RAD: f64 = 1.75e-3;
 
 /// How frames of a sequence help each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -229,6 +238,9 @@ fn predict(config: &SequenceConfig, fit: &Fit, around: &[Measurement], time_s: f
 
 /// The spin of a sequence, from the orientations of its frames.
 ///
+/// Each frame has the weight of its pose's covariance; how large the deviations are altogether is
+/// estimated from the residuals, with the covariances' typical value for a prior.
+///
 /// It is not refined on the dots of all frames: those of one frame share the errors of its outline and of the camera's
 /// distance, so that taking them as independent makes the covariance too small and the spin no better.
 ///
@@ -239,12 +251,44 @@ pub fn estimate_spin(
     times_s: &[f64],
     frames: &[FrameEstimate],
 ) -> Result<Fit, SpinRejection> {
-    let poses = times_s.iter().zip(frames);
-    let measurements: Vec<_> = poses
-        .filter_map(|(time_s, frame)| {
-            let pose = frame.pose()?;
-            Some(measurement(*time_s, pose.rotation, pose.pose_confidence))
+    let poses = || {
+        let frames = times_s.iter().zip(frames);
+        frames.filter_map(|(time_s, frame)| Some((*time_s, frame.pose()?)))
+    };
+    let mut sigmas: Vec<f64> = poses().map(|(_, pose)| sigma(pose)).collect();
+    sigmas.sort_unstable_by(f64::total_cmp);
+    let Some(&typical) = sigmas.get(sigmas.len() / 2) else {
+        return RobustEstimator::new(config.spin).fit(&[]);
+    };
+    let measurements: Vec<_> = poses()
+        .map(|(time_s, pose)| Measurement {
+            sigma_scale: sigma(pose) / typical,
+            ..measurement(time_s, pose.rotation, pose.pose_confidence)
         })
         .collect();
-    RobustEstimator::new(config.spin).fit(&measurements)
+    let spin = RobustSpinConfig {
+        sigma_rad: typical,
+        shared: Some(SharedError {
+            sigma_rad: SHARED * drawn_error(poses().map(|(_, pose)| pose)),
+            correlation_rad: CORRELATION_RAD,
+        }),
+        ..config.spin
+    };
+    RobustEstimator::new(spin).fit(&measurements)
+}
+
+/// Standard deviation of a dot along an axis, radians, as the residuals show it: their root mean
+/// square over frames, half of it along either axis.
+fn drawn_error<'a>(poses: impl Iterator<Item = &'a Pose>) -> f64 {
+    let (sum, count) = poses.fold((0.0, 0.0), |(sum, count), pose| {
+        (sum + 0.5 * pose.residual_rad.powi(2), count + 1.0)
+    });
+    (sum / f64::max(count, 1.0)).sqrt()
+}
+
+/// Standard deviation of a pose about an axis, radians: the root mean square over all axes.
+fn sigma(pose: &Pose) -> f64 {
+    (pose.covariance.trace() / 3.0)
+        .max(MIN_SIGMA_RAD * MIN_SIGMA_RAD)
+        .sqrt()
 }

@@ -6,7 +6,7 @@
 
 use nalgebra::Matrix2;
 
-use super::graph::{CELLS, CHANNELS, Channel};
+use super::graph::{CELLS, CHANNELS, Channel, Head};
 use super::network::{Activations, Network};
 use super::weights::{Calibration, Weights};
 use crate::error::{Error, Result};
@@ -66,7 +66,7 @@ impl CnnDetector {
     /// # Errors
     /// [`Error::Internal`] where this crate was built with damaged weights.
     pub fn built_in() -> Result<Self> {
-        Self::new(&Weights::built_in()?, CnnConfig::default())
+        Self::new(&Weights::built_in(Head::Dots)?, CnnConfig::default())
     }
 
     /// A detector with the given weights.
@@ -79,8 +79,12 @@ impl CnnDetector {
             let problem = format!("expected 0 to 1, found {}", config.min_confidence);
             return Err(Error::argument("min_confidence", problem));
         }
+        if weights.meta.head != Head::Dots {
+            let problem = "expected those of a net for dots, found those of one for the outline";
+            return Err(Error::argument("weights", problem));
+        }
         Ok(Self {
-            network: Network::new(&weights.layers)?,
+            network: Network::new(Head::Dots, &weights.layers)?,
             calibration: weights.meta.calibration,
             config,
         })

@@ -1,5 +1,6 @@
-//! The net's layers and how they are joined: the one description that inference, training and
-//! export share.
+//! The nets' layers and how they are joined: the one description that inference, training and
+//! export share. The net of the dots and that of the outline differ in their last convolution only
+//! ([`Head`]).
 //!
 //! An hourglass with two skips. Resolution falls to an eighth of the patch's, where one value sees
 //! the whole ball and can distinguish a logo from dots. It comes back to a half, where a dot is
@@ -9,8 +10,64 @@ use crate::vision::patch;
 
 /// Cells along a side of the net's output.
 pub const CELLS: usize = patch::SIZE / 2;
-/// Values of a cell: see [`Channel`].
+/// Values of a cell of the dots' net: see [`Channel`].
 pub const CHANNELS: usize = 6;
+/// Values of a cell of the outline's net: see [`OutlineChannel`].
+pub const OUTLINE_CHANNELS: usize = 2;
+
+/// What a net is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Head {
+    /// Dots on a ball whose outline is known.
+    #[default]
+    Dots,
+    /// The outline of a ball whose place is known roughly.
+    Outline,
+}
+
+impl Head {
+    /// Values of a cell.
+    pub const fn channels(self) -> usize {
+        match self {
+            Self::Dots => CHANNELS,
+            Self::Outline => OUTLINE_CHANNELS,
+        }
+    }
+
+    /// All convolutions, in order of use.
+    pub const fn convolutions(self) -> [Convolution; CONVOLUTIONS.len()] {
+        let mut all = CONVOLUTIONS;
+        all[CONVOLUTIONS.len() - 1].outputs = self.channels();
+        all
+    }
+
+    /// The name in files and on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Dots => "dots",
+            Self::Outline => "outline",
+        }
+    }
+}
+
+impl std::str::FromStr for Head {
+    type Err = crate::error::Error;
+
+    fn from_str(name: &str) -> crate::error::Result<Self> {
+        crate::error::by_name(&[Self::Dots, Self::Outline], Self::as_str, "head", name)
+    }
+}
+
+/// What the values of a cell of the outline's net say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+pub enum OutlineChannel {
+    /// The cell's signed distance from the outline, outwards, in [`super::outline::UNIT`].
+    Distance,
+    /// ln of the inverse of its standard deviation, in the same unit.
+    LnPrecision,
+}
 
 /// What a cell's values say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,7 +117,7 @@ const fn convolution(inputs: usize, outputs: usize, kernel: usize, stride: usize
     }
 }
 
-/// All convolutions, in order of use.
+/// All convolutions of the dots' net, in order of use.
 pub const CONVOLUTIONS: [Convolution; 12] = [
     convolution(1, 16, 5, 2),
     convolution(16, 16, 3, 1),

@@ -20,7 +20,9 @@ pub mod detector;
 pub mod graph;
 pub mod network;
 pub mod onnx;
+pub mod outline;
 pub mod weights;
 
 pub use detector::{CnnDetector, CnnWorkspace};
+pub use outline::OutlineNet;
 pub use weights::Weights;

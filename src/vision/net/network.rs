@@ -6,7 +6,7 @@
 use fearless_simd::{Level, Simd, dispatch};
 
 use super::convolution::{FeatureMap, PackedConvolution};
-use super::graph::{CELLS, CHANNELS, CONVOLUTIONS, STEPS, Step, shapes};
+use super::graph::{CELLS, CHANNELS, Head, STEPS, Step, shapes};
 use super::weights::Layer;
 use crate::error::{Error, Result};
 use crate::vision::patch::{Patch, SIZE};
@@ -15,6 +15,7 @@ use crate::vision::patch::{Patch, SIZE};
 #[derive(Debug, Clone)]
 pub struct Network {
     level: Level,
+    head: Head,
     convolutions: Vec<PackedConvolution>,
 }
 
@@ -29,39 +30,43 @@ impl Default for Activations {
     fn default() -> Self {
         Self {
             values: shapes(SIZE).map(FeatureMap::new).into(),
+            // As many as either net gives.
             cells: vec![0.0; CHANNELS * CELLS * CELLS],
         }
     }
 }
 
 impl Network {
-    /// A net of the given numbers, in the order of [`CONVOLUTIONS`]. The fastest instructions that
-    /// this processor has are chosen here.
+    /// A net of the given numbers, in the order of [`Head::convolutions`]. The fastest instructions
+    /// that this processor has are chosen here.
     ///
     /// # Errors
     /// [`Error::Argument`] where the numbers do not fit the graph.
-    pub fn new(layers: &[Layer]) -> Result<Self> {
-        let fits = layers.len() == CONVOLUTIONS.len()
-            && std::iter::zip(layers, &CONVOLUTIONS).all(|(layer, c)| {
+    pub fn new(head: Head, layers: &[Layer]) -> Result<Self> {
+        let shapes = head.convolutions();
+        let fits = layers.len() == shapes.len()
+            && std::iter::zip(layers, &shapes).all(|(layer, c)| {
                 layer.weight.len() == c.weights() && layer.bias.len() == c.outputs
             });
         if !fits {
             return Err(Error::argument("weights", "expected those of this net"));
         }
-        let convolutions = std::iter::zip(CONVOLUTIONS, layers)
+        let convolutions = std::iter::zip(shapes, layers)
             .map(|(c, layer)| PackedConvolution::new(c, layer))
             .collect();
         Ok(Self {
             level: Level::new(),
+            head,
             convolutions,
         })
     }
 
-    /// The cells of a patch: [`CHANNELS`] x [`CELLS`] x [`CELLS`].
+    /// The cells of a patch: channels x [`CELLS`] x [`CELLS`].
     pub fn forward<'a>(&self, patch: &Patch, activations: &'a mut Activations) -> &'a [f32] {
         let Activations { values, cells } = activations;
         values[0].set_gray(patch.values());
         dispatch!(self.level, simd => self.run(simd, values));
+        let cells = &mut cells[..self.head.channels() * CELLS * CELLS];
         values[STEPS.len()].write_planes(cells);
         cells
     }

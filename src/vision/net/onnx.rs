@@ -8,7 +8,7 @@
 
 use prost::Message;
 
-use super::graph::{CELLS, CHANNELS, CONVOLUTIONS, STEPS, Step};
+use super::graph::{CELLS, CONVOLUTIONS, STEPS, Step};
 use super::weights::Weights;
 use crate::vision::patch::SIZE;
 
@@ -25,7 +25,9 @@ const INT64: i32 = 7;
 pub fn to_onnx(weights: &Weights) -> Vec<u8> {
     let mut nodes = Vec::new();
     let mut initializers = Vec::new();
-    for (i, (c, layer)) in std::iter::zip(&CONVOLUTIONS, &weights.layers).enumerate() {
+    for (i, (c, layer)) in
+        std::iter::zip(&weights.meta.head.convolutions(), &weights.layers).enumerate()
+    {
         let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| n as i64);
         initializers.push(Tensor::floats(
             &format!("weight{i:02}"),
@@ -54,7 +56,7 @@ pub fn to_onnx(weights: &Weights) -> Vec<u8> {
             initializer: initializers,
             input: vec![ValueInfo::floats("patches", 1, SIZE)],
             output: vec![
-                ValueInfo::floats("cells", CHANNELS, CELLS),
+                ValueInfo::floats("cells", weights.meta.head.channels(), CELLS),
                 ValueInfo::floats("probability", 1, CELLS),
             ],
         }),
@@ -85,6 +87,7 @@ fn add_step(nodes: &mut Vec<Node>, k: usize, step: &Step) {
             of,
             relu,
         } => {
+            // Kernels and strides are the same for every head.
             let c = CONVOLUTIONS[convolution];
             let (kernel, stride, pad) = (c.kernel as i64, c.stride as i64, (c.kernel / 2) as i64);
             let raw = if relu {

@@ -1,7 +1,7 @@
 //! The net's weights and their metadata, as a NumPy archive.
 //!
 //! Arrays: `convolution_00_weight` f32 (outputs, inputs, kernel, kernel), `convolution_00_bias` f32
-//! (outputs,), and so on in the order of [`CONVOLUTIONS`]; `meta` u8 (k,), UTF-8 JSON of
+//! (outputs,), and so on in the order of [`Head::convolutions`]; `meta` u8 (k,), UTF-8 JSON of
 //! [`WeightsMeta`].
 
 use std::io::Cursor;
@@ -10,7 +10,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use zip::ZipWriter;
 
-use super::graph::CONVOLUTIONS;
+use super::graph::Head;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::npz::{Checked, Problem, add_array, one_line, open, read_array};
@@ -19,7 +19,8 @@ use crate::npz::{Checked, Problem, add_array, one_line, open, read_array};
 pub const FORMAT_VERSION: u32 = 1;
 
 /// The weights that come with this crate: models/README.md says how they were made.
-static BUILT_IN: &[u8] = include_bytes!("../../../models/dots.npz");
+static DOTS: &[u8] = include_bytes!("../../../models/dots.npz");
+static OUTLINE: &[u8] = include_bytes!("../../../models/outline.npz");
 
 /// One convolution's numbers.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,6 +57,9 @@ impl Default for Calibration {
 pub struct WeightsMeta {
     /// Of this format.
     pub format_version: u32,
+    /// What the net is for; that of the dots where it is not said.
+    #[serde(default)]
+    pub head: Head,
     /// How to read the outputs.
     pub calibration: Calibration,
     /// The command that made the weights.
@@ -67,7 +71,7 @@ pub struct WeightsMeta {
 /// A trained net.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
-    /// In the order of [`CONVOLUTIONS`].
+    /// In the order of [`Head::convolutions`].
     pub layers: Vec<Layer>,
     /// Their metadata.
     pub meta: WeightsMeta,
@@ -78,8 +82,12 @@ impl Weights {
     ///
     /// # Errors
     /// [`Error::Internal`] where this crate was built with damaged weights.
-    pub fn built_in() -> Result<Self> {
-        Self::from_npz(Path::new("models/dots.npz"), BUILT_IN)
+    pub fn built_in(head: Head) -> Result<Self> {
+        let (name, bytes) = match head {
+            Head::Dots => ("models/dots.npz", DOTS),
+            Head::Outline => ("models/outline.npz", OUTLINE),
+        };
+        Self::from_npz(Path::new(name), bytes)
             .map_err(|e| Error::Internal(format!("the built-in weights: {e}")))
     }
 
@@ -101,7 +109,7 @@ impl Weights {
     }
 
     fn parse(bytes: &[u8]) -> Checked<Self> {
-        let names: Vec<String> = (0..CONVOLUTIONS.len())
+        let names: Vec<String> = (0..Head::Dots.convolutions().len())
             .flat_map(|i| [weight_name(i), bias_name(i)])
             .chain(["meta".to_owned()])
             .collect();
@@ -116,7 +124,7 @@ impl Weights {
             return Err(Problem::at("meta", problem));
         }
         let mut layers = Vec::new();
-        for (i, c) in CONVOLUTIONS.iter().enumerate() {
+        for (i, c) in meta.head.convolutions().iter().enumerate() {
             let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| Some(n as u64));
             let mut read = |name: String, shape: &[Option<u64>]| -> Checked<Vec<f32>> {
                 let values: Vec<f32> = read_array(&mut archive, &name, "f32", shape)?;
@@ -143,7 +151,9 @@ impl Weights {
             Error::Internal(format!("the weights cannot be packed: {e}"))
         };
         let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-        for (i, (c, layer)) in std::iter::zip(&CONVOLUTIONS, &self.layers).enumerate() {
+        for (i, (c, layer)) in
+            std::iter::zip(&self.meta.head.convolutions(), &self.layers).enumerate()
+        {
             let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| n as u64);
             add_array(
                 &mut zip,

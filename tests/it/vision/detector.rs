@@ -5,7 +5,7 @@ use std::process::Command;
 
 use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::{Rendering, Scene, SynthConfig};
-use spindoe::vision::net::graph::CONVOLUTIONS;
+use spindoe::vision::net::graph::{CONVOLUTIONS, Head};
 use spindoe::vision::net::{CnnDetector, Weights, onnx};
 use spindoe::vision::patch::Patch;
 use spindoe::vision::{DotDetection, DotDetector};
@@ -95,7 +95,7 @@ fn onnx_runtime_gives_the_same_cells() {
         crate::common::skipped("python3 with NumPy and ONNX Runtime is not installed");
         return;
     }
-    let weights = Weights::built_in().unwrap();
+    let weights = Weights::built_in(Head::Dots).unwrap();
     let detector = CnnDetector::built_in().unwrap();
     let mut ws = detector.workspace();
     let (mut patches, mut cells) = (Vec::new(), Vec::new());
@@ -127,7 +127,7 @@ fn onnx_runtime_gives_the_same_cells() {
 
 #[test]
 fn weights_read_back_and_damage_is_named() {
-    let weights = Weights::built_in().unwrap();
+    let weights = Weights::built_in(Head::Dots).unwrap();
     let bytes = weights.to_npz().unwrap();
     let path = Path::new("w.npz");
     assert_eq!(Weights::from_npz(path, &bytes).unwrap(), weights);
@@ -152,7 +152,7 @@ fn weights_read_back_and_damage_is_named() {
 #[test]
 fn the_command_exports_and_says_where_training_is() {
     let dir = tempfile::tempdir().unwrap();
-    let weights = Weights::built_in().unwrap();
+    let weights = Weights::built_in(Head::Dots).unwrap();
     weights.write(&dir.path().join("mine.npz")).unwrap();
     crate::common::done(dir.path(), &["export", "-o", "dots.onnx"]);
     let mine = ["export", "-o", "mine.onnx", "--weights", "mine.npz"];

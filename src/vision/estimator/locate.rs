@@ -1,0 +1,234 @@
+//! Where the ball is: the edges' circle where it is whole, else what the net for outlines makes of
+//! it.
+//!
+//! Edges give a circle to a part of a pixel, but a shadow, a hand or a background of the ball's
+//! brightness leads them astray. The net sees what is a ball and what is not, to about a hundredth of
+//! the radius, and says how sure it is. Here the net judges every circle that the edges do not show
+//! whole; where the edges agree with it they give the last digits, and both are combined by their
+//! inverse covariances.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::config::OutlineMethod;
+use super::{FrameImage, Outline};
+use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity};
+use crate::vision::image::GrayImage;
+use crate::vision::net::outline::{NetOutline, OutlineNet, OutlineWorkspace};
+
+/// An outline of the edges with this support and this part of it in the image needs no judge.
+const WHOLE: f64 = 0.9;
+/// An outline that the net knows worse than this, in radii, is none.
+const MAX_SIGMA: f64 = 0.06;
+/// Edges farther from the net's outline than this many deviations are those of something else.
+const AGREES: f64 = 3.0;
+/// The net's systematic error, in radii.
+const SYSTEMATIC: f64 = 0.006;
+/// Edges that lie on fewer of the rays than this say nothing.
+const MIN_SUPPORT: f64 = 0.4;
+/// Outlines nearer than this to each other, in radii, are the same.
+const SAME: f64 = 0.04;
+/// Maximum number of outlines of a frame.
+pub(super) const MAX_CANDIDATES: usize = BallFinder::MAX_OTHERS + 2;
+
+/// An outline that may be the ball's.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Candidate {
+    pub outline: Outline,
+    /// The edges on it, where they show it.
+    pub fit: Option<BallFit>,
+}
+
+/// Finds the ball; keeps its memory from image to image.
+#[derive(Debug)]
+pub(super) struct Locator {
+    finder: BallFinder,
+    net: OutlineWorkspace,
+    candidates: Vec<Candidate>,
+}
+
+impl Locator {
+    pub fn new(config: CircleConfig) -> Self {
+        Self {
+            finder: BallFinder::new(config),
+            net: OutlineWorkspace::default(),
+            candidates: Vec::with_capacity(MAX_CANDIDATES),
+        }
+    }
+
+    /// The color contrast in which the last search looked for a ball, if it did.
+    pub fn color_contrast(&self) -> Option<&GrayImage> {
+        self.finder.color_contrast()
+    }
+
+    /// The likeliest outline; others follow by [`Locator::other`].
+    pub fn find(
+        &mut self,
+        gray: &GrayImage,
+        image: FrameImage<'_>,
+        net: Option<&OutlineNet>,
+    ) -> Result<Candidate, NoBall> {
+        self.candidates.clear();
+        let found = match image {
+            FrameImage::Gray(gray) => self.finder.find(gray),
+            FrameImage::Color(color) => self.finder.find_in_color(gray, color),
+        };
+        let candidate = match (found, net) {
+            (Ok(fit), Some(net)) if !is_whole(&fit) => self.judge(gray, &fit.circle, net),
+            (Ok(fit), _) => Some(Candidate {
+                outline: Outline::from(&fit),
+                fit: Some(fit),
+            }),
+            (Err(_), _) => None,
+        };
+        // A crop shows the ball in its middle.
+        let candidate = candidate.or_else(|| self.judge(gray, &inscribed(gray), net?));
+        let candidate = candidate.ok_or(match found {
+            Err(why) => why,
+            Ok(fit) => NoBall::NoCircle {
+                support: fit.support,
+            },
+        })?;
+        self.candidates.push(candidate);
+        Ok(candidate)
+    }
+
+    /// The next outline that is worth trying where those before show no dots that can be identified;
+    /// `start` counts the circles that were looked at and moves on.
+    pub fn other(
+        &mut self,
+        gray: &GrayImage,
+        net: Option<&OutlineNet>,
+        start: &mut usize,
+    ) -> Option<Candidate> {
+        while *start <= BallFinder::MAX_OTHERS {
+            let k = *start;
+            *start += 1;
+            let fit = self.finder.others().nth(k);
+            let candidate = match (fit, net) {
+                (Some(fit), Some(net)) => self.judge(gray, &fit.circle, net),
+                (Some(fit), None) => Some(Candidate {
+                    outline: Outline::from(&fit),
+                    fit: Some(fit),
+                }),
+                (None, Some(net)) => {
+                    // The last one: the circle that a crop suggests.
+                    *start = usize::MAX;
+                    self.judge(gray, &inscribed(gray), net)
+                }
+                (None, None) => None,
+            };
+            let is_new = |c: &Candidate| self.candidates.iter().all(|known| !is_same(known, c));
+            if let Some(candidate) = candidate.filter(is_new) {
+                self.candidates.push(candidate);
+                return Some(candidate);
+            }
+            if fit.is_none() {
+                break;
+            }
+        }
+        None
+    }
+
+    /// The net's outline near a circle, made precise by the edges that agree with it.
+    fn judge(
+        &mut self,
+        gray: &GrayImage,
+        rough: &BallCircle,
+        net: &OutlineNet,
+    ) -> Option<Candidate> {
+        let seen = net.find_near(gray, rough, &mut self.net)?;
+        let radius = seen.circle.radius;
+        let floor = Matrix3::from_diagonal_element((SYSTEMATIC * radius).powi(2));
+        let covariance = seen.covariance + floor;
+        let variance = seen.covariance.diagonal().max();
+        if !(variance.sqrt() < MAX_SIGMA * radius) {
+            return None;
+        }
+        let edges = [Polarity::Brighter, Polarity::Darker]
+            .into_iter()
+            .filter_map(|p| self.finder.fit_near(gray, &seen.circle, p))
+            .filter(|fit| fit.support >= MIN_SUPPORT)
+            .max_by(|a, b| a.support.total_cmp(&b.support));
+        let alone = Candidate {
+            outline: Outline {
+                circle: seen.circle,
+                covariance,
+            },
+            fit: None,
+        };
+        Some(
+            edges
+                .and_then(|fit| combine(&seen, &covariance, &fit))
+                .unwrap_or(alone),
+        )
+    }
+}
+
+/// The net's outline and that of edges which agree with it.
+fn combine(seen: &NetOutline, covariance: &Matrix3<f64>, fit: &BallFit) -> Option<Candidate> {
+    let vector = |c: &BallCircle| Vector3::new(c.center.u, c.center.v, c.radius);
+    let (a, b) = (vector(&seen.circle), vector(&fit.circle));
+    let between = (covariance + fit.covariance).try_inverse()?;
+    let off = a - b;
+    if off.dot(&(between * off)) > AGREES * AGREES {
+        return None;
+    }
+    // Of edges that are not seen all around, as many as are missing may be another thing's.
+    let doubt = (1.0 / fit.support).powi(4);
+    let (of_net, of_edges) = (
+        covariance.try_inverse()?,
+        (fit.covariance * doubt).try_inverse()?,
+    );
+    let together = (of_net + of_edges).try_inverse()?;
+    let mean = together * (of_net * a + of_edges * b);
+    Some(Candidate {
+        outline: Outline {
+            circle: BallCircle {
+                center: Pixel {
+                    u: mean.x,
+                    v: mean.y,
+                },
+                radius: mean.z,
+            },
+            covariance: together,
+        },
+        fit: Some(*fit),
+    })
+}
+
+/// Whether the edges leave no doubt.
+fn is_whole(fit: &BallFit) -> bool {
+    fit.support >= WHOLE && fit.visible >= WHOLE && fit.polarity != Polarity::Mixed
+}
+
+fn is_same(a: &Candidate, b: &Candidate) -> bool {
+    let (a, b) = (&a.outline.circle, &b.outline.circle);
+    let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
+    apart.max((a.radius - b.radius).abs()) < SAME * a.radius
+}
+
+/// The circle in the middle of an image that fills most of it.
+fn inscribed(image: &GrayImage) -> BallCircle {
+    let (width, height) = (image.width() as f64, image.height() as f64);
+    BallCircle {
+        center: Pixel {
+            u: 0.5 * (width - 1.0),
+            v: 0.5 * (height - 1.0),
+        },
+        radius: 0.4 * width.min(height),
+    }
+}
+
+impl OutlineMethod {
+    /// The net, where the method uses it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Internal`] where this crate was built with damaged weights.
+    pub(super) fn net(self) -> crate::error::Result<Option<OutlineNet>> {
+        match self {
+            Self::Edges => Ok(None),
+            Self::Net => OutlineNet::built_in().map(Some),
+        }
+    }
+}
