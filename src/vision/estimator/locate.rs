@@ -4,8 +4,9 @@
 //! Edges give a circle to a part of a pixel, but a shadow, a hand or a background of the ball's
 //! brightness leads them astray. The net sees what is a ball and what is not, to about a hundredth of
 //! the radius, and says how sure it is. Here the net judges every circle that the edges do not show
-//! whole; where the edges agree with it they give the last digits, and both are combined by their
-//! inverse covariances.
+//! whole. Where it is not sure of any outline, there is no ball. Where the edges agree with it they
+//! give the last digits, and both are combined by their inverse covariances. Where they do not, both
+//! outlines are candidates, and the dots decide.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -18,6 +19,9 @@ use crate::vision::net::outline::{NetOutline, OutlineNet, OutlineWorkspace};
 
 /// An outline of the edges with this support and this part of it in the image needs no judge.
 const WHOLE: f64 = 0.9;
+/// An outline of the edges with this support counts although the net sees none: noise has such ones
+/// in one image of some hundreds.
+const CLEAR: f64 = 0.78;
 /// An outline that the net knows worse than this, in radii, is none.
 const MAX_SIGMA: f64 = 0.06;
 /// Edges farther from the net's outline than this many deviations are those of something else.
@@ -27,9 +31,9 @@ const SYSTEMATIC: f64 = 0.006;
 /// Edges that lie on fewer of the rays than this say nothing.
 const MIN_SUPPORT: f64 = 0.4;
 /// Outlines nearer than this to each other, in radii, are the same.
-const SAME: f64 = 0.04;
+const SAME: f64 = 0.03;
 /// Maximum number of outlines of a frame.
-pub(super) const MAX_CANDIDATES: usize = BallFinder::MAX_OTHERS + 2;
+pub(super) const MAX_CANDIDATES: usize = BallFinder::MAX_OTHERS + 3;
 
 /// An outline that may be the ball's.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +48,10 @@ pub(super) struct Candidate {
 pub(super) struct Locator {
     finder: BallFinder,
     net: OutlineWorkspace,
+    /// All that were given out.
     candidates: Vec<Candidate>,
+    /// The edges' own circle, where the net contradicts it.
+    contested: Option<Candidate>,
 }
 
 impl Locator {
@@ -53,6 +60,7 @@ impl Locator {
             finder: BallFinder::new(config),
             net: OutlineWorkspace::default(),
             candidates: Vec::with_capacity(MAX_CANDIDATES),
+            contested: None,
         }
     }
 
@@ -69,12 +77,13 @@ impl Locator {
         net: Option<&OutlineNet>,
     ) -> Result<Candidate, NoBall> {
         self.candidates.clear();
+        self.contested = None;
         let found = match image {
             FrameImage::Gray(gray) => self.finder.find(gray),
             FrameImage::Color(color) => self.finder.find_in_color(gray, color),
         };
         let candidate = match (found, net) {
-            (Ok(fit), Some(net)) if !is_whole(&fit) => self.judge(gray, &fit.circle, net),
+            (Ok(fit), Some(net)) if !is_whole(&fit) => self.judge(gray, &fit, net),
             (Ok(fit), _) => Some(Candidate {
                 outline: Outline::from(&fit),
                 fit: Some(fit),
@@ -82,7 +91,7 @@ impl Locator {
             (Err(_), _) => None,
         };
         // A crop shows the ball in its middle.
-        let candidate = candidate.or_else(|| self.judge(gray, &inscribed(gray), net?));
+        let candidate = candidate.or_else(|| self.see(gray, &inscribed(gray), net?));
         let candidate = candidate.ok_or(match found {
             Err(why) => why,
             Ok(fit) => NoBall::NoCircle {
@@ -91,6 +100,13 @@ impl Locator {
         })?;
         self.candidates.push(candidate);
         Ok(candidate)
+    }
+
+    /// The edges' own circle, where the net contradicts it: the dots tell which of both is the ball's.
+    pub fn contested(&mut self) -> Option<Candidate> {
+        let candidate = self.contested.take()?;
+        self.candidates.push(candidate);
+        Some(candidate)
     }
 
     /// The next outline that is worth trying where those before show no dots that can be identified;
@@ -106,7 +122,7 @@ impl Locator {
             *start += 1;
             let fit = self.finder.others().nth(k);
             let candidate = match (fit, net) {
-                (Some(fit), Some(net)) => self.judge(gray, &fit.circle, net),
+                (Some(fit), Some(net)) => self.see(gray, &fit.circle, net),
                 (Some(fit), None) => Some(Candidate {
                     outline: Outline::from(&fit),
                     fit: Some(fit),
@@ -114,7 +130,7 @@ impl Locator {
                 (None, Some(net)) => {
                     // The last one: the circle that a crop suggests.
                     *start = usize::MAX;
-                    self.judge(gray, &inscribed(gray), net)
+                    self.see(gray, &inscribed(gray), net)
                 }
                 (None, None) => None,
             };
@@ -130,13 +146,24 @@ impl Locator {
         None
     }
 
+    /// What the net makes of a circle of the edges.
+    fn judge(&mut self, gray: &GrayImage, fit: &BallFit, net: &OutlineNet) -> Option<Candidate> {
+        let own = Candidate {
+            outline: Outline::from(fit),
+            fit: Some(*fit),
+        };
+        let Some(seen) = self.see(gray, &fit.circle, net) else {
+            let is_clear = fit.support >= CLEAR && fit.visible >= WHOLE;
+            return is_clear.then_some(own);
+        };
+        if !is_same(&own, &seen) {
+            self.contested = Some(own);
+        }
+        Some(seen)
+    }
+
     /// The net's outline near a circle, made precise by the edges that agree with it.
-    fn judge(
-        &mut self,
-        gray: &GrayImage,
-        rough: &BallCircle,
-        net: &OutlineNet,
-    ) -> Option<Candidate> {
+    fn see(&mut self, gray: &GrayImage, rough: &BallCircle, net: &OutlineNet) -> Option<Candidate> {
         let seen = net.find_near(gray, rough, &mut self.net)?;
         let radius = seen.circle.radius;
         let floor = Matrix3::from_diagonal_element((SYSTEMATIC * radius).powi(2));

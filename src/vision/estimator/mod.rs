@@ -45,7 +45,7 @@ use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorks
 use crate::recognize::{
     DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
 };
-use locate::Locator;
+use locate::{Candidate, Locator};
 use recenter::Recentering;
 use refine::{Match, Prior, Refiner};
 
@@ -113,6 +113,8 @@ const LIKELY_DOT: f64 = 0.5;
 const MIN_LIKELY_DOTS: usize = 5;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 const CLEAR: f64 = 0.9;
+/// Poses from here on are all but certain.
+const CERTAIN: f64 = 0.99;
 /// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
 const EXPECTED_DOTS: usize = 256;
 
@@ -187,31 +189,51 @@ impl<D: DotDetector> Estimator<D> {
         let image = image.into();
         self.detect(image, circle, ws, out);
         self.estimate_pose(hint, ws, out);
-        if circle.is_some() || out.pose().is_some() {
+        if circle.is_some() {
             return;
         }
         let mut other = std::mem::take(&mut ws.other);
         other.attempts = 0;
-        let (net, mut start) = (self.outline_net.as_ref(), 0);
-        while let Some(candidate) = {
+        if let Some(candidate) = ws.locator.contested() {
+            self.try_outline(&candidate, image, hint, ws, out, &mut other);
+            if is_better(&other, out) {
+                std::mem::swap(&mut other, out);
+            }
+        }
+        let mut start = 0;
+        while out.pose().is_none() {
             let gray = gray_of(image, &ws.gray);
-            ws.locator.other(gray, net, &mut start)
-        } {
-            other.outline = Some(candidate.outline);
-            (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
-            other.earlier_attempts = out.attempts.max(other.attempts);
-            other.outcome = Err(FrameRejection::NotProcessed);
-            self.find_dots(image, ws, &mut other);
-            self.estimate_pose(hint, ws, &mut other);
+            let net = self.outline_net.as_ref();
+            let Some(candidate) = ws.locator.other(gray, net, &mut start) else {
+                break;
+            };
+            self.try_outline(&candidate, image, hint, ws, out, &mut other);
             let clear = other.pose().is_some_and(|p| p.pose_confidence >= CLEAR);
             // The circle itself is no evidence of a ball: the dots have to be.
             if clear && likely_dots(&other) >= MIN_LIKELY_DOTS {
-                other.timings.locate = out.timings.locate;
                 std::mem::swap(&mut other, out);
-                break;
             }
         }
         ws.other = other;
+    }
+
+    /// Estimates a frame on another outline than that of `first`, into `other`.
+    fn try_outline(
+        &self,
+        candidate: &Candidate,
+        image: FrameImage<'_>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        first: &FrameEstimate,
+        other: &mut FrameEstimate,
+    ) {
+        other.outline = Some(candidate.outline);
+        (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
+        other.earlier_attempts = first.attempts.max(other.attempts);
+        other.outcome = Err(FrameRejection::NotProcessed);
+        other.timings.locate = first.timings.locate;
+        self.find_dots(image, ws, other);
+        self.estimate_pose(hint, ws, other);
     }
 
     /// Finds the ball, unless its outline is given, and the dots on it.
@@ -501,6 +523,18 @@ impl<D: DotDetector> Estimator<D> {
     /// What is known of the camera.
     pub fn camera(&self) -> &CameraModel {
         &self.config.camera
+    }
+}
+
+/// Whether the dots speak for `a`'s outline rather than for `b`'s: by the pose's probability and,
+/// where both are all but certain, by how well the dots fit.
+fn is_better(a: &FrameEstimate, b: &FrameEstimate) -> bool {
+    match (a.pose(), b.pose()) {
+        (Some(a), Some(b)) if a.pose_confidence.min(b.pose_confidence) >= CERTAIN => {
+            a.residual_rad < b.residual_rad
+        }
+        (Some(a), Some(b)) => a.pose_confidence > b.pose_confidence,
+        (a, _) => a.is_some(),
     }
 }
 

@@ -6,4 +6,5 @@ mod decay;
 mod dots;
 mod estimators;
 mod scipy;
+mod shared;
 mod trajectories;

@@ -8,4 +8,5 @@ mod estimate;
 mod input;
 mod noise;
 mod off_axis;
+mod outline;
 mod sequence;

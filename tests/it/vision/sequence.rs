@@ -239,8 +239,7 @@ fn the_spin_is_as_well_known_as_its_covariance_says() {
         distances.len()
     );
     assert!(distances.len() >= 36);
-    // Not too small. It is too large: the spin's estimator expects more noise than these frames have, and
-    // few frames do not convince it of less.
-    assert!(median > 0.1 * MEDIAN && median < 1.3 * MEDIAN, "{median}");
+    // Somewhat too large for balls that are drawn better than most.
+    assert!(median > 0.25 * MEDIAN && median < 1.3 * MEDIAN, "{median}");
     assert!(beyond <= 3, "{beyond}");
 }

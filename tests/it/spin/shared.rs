@@ -1,0 +1,102 @@
+//! The covariance of a spin whose orientations share an error: the side of the ball that is seen has
+//! an error of its own, the same at every turn.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+use spindoe::geometry::{Rotation, Vec3, random_rotation};
+use spindoe::spin::Measurement;
+use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::shared::SharedError;
+
+const SIGMA: f64 = 0.01;
+const CORRELATION: f64 = 0.7;
+/// Independent noise of each frame.
+const NOISE: f64 = 0.004;
+/// SciPy's `chi2(3).ppf` of 0.5 and 0.99.
+const MEDIAN: f64 = 2.366;
+const BEYOND: f64 = 11.345;
+const FEATURES: usize = 60;
+
+/// A smooth random field of vectors on the sphere, by random Fourier features: its correlation is
+/// `exp(-|v - w|^2 / (2 l^2))` (A. Rahimi, B. Recht, NIPS 2007).
+struct Field {
+    waves: Vec<(Vec3, f64, Vec3)>,
+}
+
+fn normal(rng: &mut ChaCha8Rng) -> Vec3 {
+    Vec3::from_fn(|_, _| rng.sample(StandardNormal))
+}
+
+impl Field {
+    fn new(rng: &mut ChaCha8Rng) -> Self {
+        let wave = |rng: &mut ChaCha8Rng| {
+            let phase = rng.random_range(0.0..std::f64::consts::TAU);
+            (normal(rng) / CORRELATION, phase, normal(rng))
+        };
+        Self {
+            waves: (0..FEATURES).map(|_| wave(rng)).collect(),
+        }
+    }
+
+    fn at(&self, side: &Vec3) -> Vec3 {
+        let sum: Vec3 = self
+            .waves
+            .iter()
+            .map(|(wave, phase, amplitude)| amplitude * (wave.dot(side) + phase).cos())
+            .sum();
+        sum * (SIGMA * (2.0 / FEATURES as f64).sqrt())
+    }
+}
+
+/// Squared Mahalanobis distances of spins from the truth.
+fn distances(shared: Option<SharedError>, frames: usize) -> Vec<f64> {
+    let config = RobustSpinConfig {
+        shared,
+        ..RobustSpinConfig::default()
+    };
+    let mut estimator = RobustEstimator::new(config);
+    let mut distances: Vec<f64> = (0..300)
+        .map(|k| {
+            let mut rng = ChaCha8Rng::seed_from_u64(900 + k);
+            let field = Field::new(&mut rng);
+            let spin = normal(&mut rng).normalize() * rng.random_range(40.0..400.0);
+            let start = random_rotation(&mut rng);
+            let measurements: Vec<Measurement> = (0..frames)
+                .map(|i| {
+                    let time_s = i as f64 / 400.0;
+                    let truth = Rotation::from_scaled_axis(spin * time_s) * start;
+                    let side = truth.inverse() * Vec3::z();
+                    let drawn = Rotation::from_scaled_axis(field.at(&side));
+                    let seen = Rotation::from_scaled_axis(normal(&mut rng) * NOISE);
+                    Measurement::new(time_s, seen * truth * drawn)
+                })
+                .collect();
+            let fit = estimator.fit(&measurements).expect("a spin");
+            let off = fit.motion.spin - spin;
+            let covariance = fit.spin_covariance.expect("a covariance");
+            off.dot(&(covariance.try_inverse().expect("positive definite") * off))
+        })
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    distances
+}
+
+#[test]
+fn the_covariance_covers_what_frames_share() {
+    let shared = SharedError {
+        sigma_rad: SIGMA,
+        correlation_rad: CORRELATION,
+    };
+    for frames in [8, 30, 200] {
+        let with = distances(Some(shared), frames);
+        let beyond = with.iter().filter(|d| **d > BEYOND).count();
+        let without = distances(None, frames);
+        let (with, without) = (with[150], without[150]);
+        println!("{frames} frames: median {with:.2} (without {without:.2}), {beyond} of 300 beyond");
+        assert!(with > 0.4 * MEDIAN && with < 1.25 * MEDIAN, "{frames}: {with}");
+        assert!(beyond <= 12, "{frames}: {beyond}");
+        // As if frames were independent, the covariance of many is far too small.
+        assert!(frames < 30 || without > 2.0 * MEDIAN, "{frames}: {without}");
+    }
+}
