@@ -53,6 +53,8 @@ impl Field {
 fn distances(shared: Option<SharedError>, frames: usize) -> Vec<f64> {
     let config = RobustSpinConfig {
         shared,
+        // What the frames' own noise is.
+        sigma_rad: NOISE,
         ..RobustSpinConfig::default()
     };
     let mut estimator = RobustEstimator::new(config);
