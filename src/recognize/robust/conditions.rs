@@ -44,6 +44,9 @@ const LIMITS: usize = 12;
 const MIN_LIMIT: f64 = 0.0;
 const LIMIT_STEP: f64 = 0.05;
 const RATES: [f64; 10] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.87, 0.93, 0.97, 0.99];
+/// Their prior probabilities: most detectors find most dots.
+const RATES_PRIOR: [f64; RATES.len()] =
+    [0.03, 0.04, 0.06, 0.08, 0.10, 0.16, 0.18, 0.18, 0.12, 0.05];
 const VISIBILITIES: usize = LIMITS * RATES.len();
 
 /// Mean numbers of false dots, where their number varies (Poisson).
@@ -283,7 +286,7 @@ impl Weights {
             noise: std::array::from_fn(|n| -0.5 * (scale(n).ln() / prior.ln_scale_sigma).powi(2)),
             visibility: std::array::from_fn(|v| {
                 let off = (limit(v) - prior.visibility_limit) / prior.visibility_sigma;
-                -0.5 * off * off
+                RATES_PRIOR[v % RATES.len()].ln() - 0.5 * off * off
             }),
             false_dots: std::array::from_fn(|f| if f < MEANS.len() { varying } else { usual }),
         };

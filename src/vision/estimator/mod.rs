@@ -22,7 +22,8 @@ mod refine;
 mod sequence;
 
 pub use batch::{
-    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
+    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
+    estimate_inputs, identify_batch,
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
@@ -134,6 +135,17 @@ impl<D: DotDetector> Estimator<D> {
             refiner: Refiner::new(&config),
             config,
         })
+    }
+
+    /// The same estimator for another pattern.
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
+    pub fn for_pattern(&self, pattern: &Pattern) -> Result<Self>
+    where
+        D: Clone,
+    {
+        Self::new(pattern, self.config, self.detector.clone())
     }
 
     /// The settings in use.
