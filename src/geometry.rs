@@ -19,8 +19,10 @@
 //! direction, several on one line or within a nanoradian, a mirror image that fits two rotations
 //! equally well). Those are errors.
 
+mod camera_frame;
 mod quaternion;
 
+pub use camera_frame::CameraFrame;
 pub use quaternion::{from_wxyz, to_wxyz};
 
 use nalgebra::{Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3};

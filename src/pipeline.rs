@@ -81,7 +81,33 @@ where
     O: Send,
     E: Send,
 {
+    let limit = NonZero::new(MAX_IN_FLIGHT).unwrap_or(NonZero::<usize>::MIN);
+    map_ordered_within(limit, input, threads, workspace, work, sink)
+}
+
+/// As [`map_ordered`], for large items: at most `limit` of them are read and not yet passed on, and
+/// one more waits to be one of them.
+///
+/// # Errors
+/// As [`map_ordered`].
+///
+/// # Panics
+/// As [`map_ordered`].
+pub fn map_ordered_within<T, W, O, E>(
+    limit: NonZero<usize>,
+    input: impl Iterator<Item = Result<T, E>> + Send,
+    threads: NonZero<usize>,
+    workspace: impl Fn() -> W + Sync,
+    work: impl Fn(&mut W, T) -> O + Sync,
+    sink: &mut impl Sink<O, Error = E>,
+) -> Result<(), E>
+where
+    T: Send,
+    O: Send,
+    E: Send,
+{
     let line = &Line {
+        limit: limit.get(),
         state: Mutex::new(State::default()),
         work: Condvar::new(),
         results: Condvar::new(),
@@ -114,6 +140,8 @@ where
 
 /// What the threads share.
 struct Line<T, O> {
+    /// Maximum number of items in flight.
+    limit: usize,
     state: Mutex<State<T, O>>,
     /// There are items, or there will be no more.
     work: Condvar,
@@ -179,7 +207,7 @@ impl<T, O> Line<T, O> {
                 }
             };
             let mut state = self.lock();
-            while state.read - state.handed_on >= MAX_IN_FLIGHT && !state.stopped {
+            while state.read - state.handed_on >= self.limit && !state.stopped {
                 state = wait(&self.space, state);
             }
             if state.stopped {

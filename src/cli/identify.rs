@@ -14,8 +14,11 @@ use crate::geometry::to_wxyz;
 use crate::hash::HashTable;
 use crate::pipeline::Sink;
 use crate::recognize::observed::ObservedReader;
-use crate::recognize::robust::{RobustConfig, RobustRecognizer};
-use crate::recognize::stream::{FrameAnswer, RivalConfig, identify_frames, identify_with_rivals};
+use crate::recognize::robust::{ConditionsPrior, RobustConfig, RobustRecognizer};
+use crate::recognize::stream::{
+    FrameAnswer, LearnedConditions, LearningConfig, LearningOrder, RivalConfig, identify_frames,
+    identify_learning, identify_with_rivals,
+};
 use crate::recognize::{
     Identification, Outcome, PaperRecognizer, RecognizerName, RecognizerRejection,
 };
@@ -31,10 +34,12 @@ outward in the image, second across it, counter-clockwise.
 
 Without time_s, a frame named by a whole number is that many nanoseconds; any other has no time.
 
-The robust recognizer's confidence is the probability that every dot is identified correctly, given that misses,
-false dots and noise are about as expected (--expect, --false-dots, --miss-probability, --sigma-deg). That of
-the paper's recognizer is a share of votes and no probability. --json lists the rival poses of each frame:
-a pattern with a rotational symmetry has several of about the same confidence.
+The robust recognizer learns noise, misses and false dots from the frames themselves, a file's from its first 256,
+a pipe's from those that came before, and says what it learned; --expect, --false-dots and --miss-probability say
+what is known, --no-learning takes the defaults. Its confidence is the probability that the orientation is correct;
+that of the paper's recognizer is a share of votes and no probability. --json also has the probability that every
+dot is identified correctly, and lists the rival poses of each frame: a pattern with a rotational symmetry has
+several of about the same confidence.
 
 Answers leave as the frames arrive: a detector that writes to a pipe gets each frame's row when the next frame
 begins. A file of orientations appears complete or not at all, and so does the JSON object.
@@ -68,27 +73,32 @@ pub struct Arguments {
     /// Probability that a visible dot is missed.
     #[arg(long, value_name = "P", allow_negative_numbers = true)]
     miss_probability: Option<f64>,
-    /// Reject answers with a lower confidence than this, 0 to 1.
-    #[arg(
-        long,
-        value_name = "P",
-        default_value_t = 0.0,
-        allow_negative_numbers = true
-    )]
-    min_confidence: f64,
+    /// Do not learn misses, false dots and noise from the frames: take defaults for what is not
+    /// given.
+    #[arg(long, conflicts_with = "expect")]
+    no_learning: bool,
+    /// Reject orientations with a lower confidence than this, 0 to 1 [default: 0.5; the paper's
+    /// recognizer: 0].
+    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    min_confidence: Option<f64>,
     /// Print one JSON object instead, with every dot's identity and the rival poses.
     #[arg(long)]
     json: bool,
 }
 
+/// Minimum probability of an orientation that is reported: likelier correct than wrong.
+const MIN_CONFIDENCE: f64 = 0.5;
 /// Minimum ratio of a rival's probability to the best one's that counts as a tie.
 const TIE: f64 = 0.5;
 /// Bytes per write.
 const WRITE_BYTES: usize = 1 << 16;
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if !(0.0..=1.0).contains(&arguments.min_confidence) {
-        let problem = format!("expected 0 to 1, found {}", arguments.min_confidence);
+    if let Some(p) = arguments
+        .min_confidence
+        .filter(|p| !(0.0..=1.0).contains(p))
+    {
+        let problem = format!("expected 0 to 1, found {p}");
         return Err(Error::argument("--min-confidence", problem));
     }
     let table = super::read_table(&arguments.table)?;
@@ -104,20 +114,65 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             identify_frames(&recognizer, frames, threads, &mut outputs)?;
         }
         RecognizerName::Robust => {
-            let recognizer = RobustRecognizer::new(table.pattern(), config)?;
             let listed = RivalConfig::default();
             let rivals = RivalConfig {
                 // Only JSON lists them; the first one detects a tie.
                 max_rivals: if arguments.json { listed.max_rivals } else { 1 },
                 ..listed
             };
-            identify_with_rivals(&recognizer, rivals, frames, threads, &mut outputs)?;
+            let pattern = table.pattern();
+            if arguments.learns() {
+                let learning = arguments.learning(&table);
+                let outputs_of = &mut outputs;
+                let learned = identify_learning(
+                    pattern, &config, &learning, rivals, frames, threads, outputs_of,
+                )?;
+                outputs.learned = Some(learned);
+            } else {
+                let recognizer = RobustRecognizer::new(pattern, config)?;
+                identify_with_rivals(&recognizer, rivals, frames, threads, &mut outputs)?;
+            }
         }
     }
     outputs.finish(&input.name)
 }
 
 impl Arguments {
+    /// Whether the frames tell what to expect of them.
+    fn learns(&self) -> bool {
+        self.expect.is_none() && !self.no_learning
+    }
+
+    /// How they tell it, and what is known before.
+    fn learning(&self, table: &HashTable) -> LearningConfig {
+        let known = ConditionsPrior::default();
+        let is_file = std::fs::metadata(&self.dots).is_ok_and(|m| m.is_file());
+        LearningConfig {
+            prior: ConditionsPrior {
+                visibility_limit: known
+                    .visibility_limit
+                    .max(table.meta().recognizer.visibility_limit),
+                detection_probability: self.miss_probability.map(|p| 1.0 - p),
+                expected_false_dots: self.false_dots,
+                ..known
+            },
+            // Answers to a pipe must not wait.
+            order: match is_file && self.dots != Path::new("-") {
+                true => LearningOrder::InAdvance,
+                false => LearningOrder::AsTheyCome,
+            },
+            ..LearningConfig::default()
+        }
+    }
+
+    fn min_confidence(&self) -> f64 {
+        self.min_confidence.unwrap_or(match self.recognizer {
+            RecognizerName::Robust => MIN_CONFIDENCE,
+            // A share of votes is no probability.
+            RecognizerName::Paper => 0.0,
+        })
+    }
+
     fn sigma_rad(&self, table: &HashTable) -> Result<f64> {
         match self.sigma_deg {
             None => Ok(table.meta().recognizer.sigma_rad / 3f64.sqrt()),
@@ -162,6 +217,8 @@ struct Outputs<'a> {
     file: Option<OrientationWriter<BufWriter<OutputFile>>>,
     stdout: Stdout,
     tally: Tally,
+    /// What was learned of the conditions.
+    learned: Option<LearnedConditions>,
 }
 
 /// Content of standard output.
@@ -197,6 +254,7 @@ impl<'a> Outputs<'a> {
                 Stdout::Nothing
             },
             tally: Tally::default(),
+            learned: None,
         })
     }
 
@@ -213,7 +271,16 @@ impl<'a> Outputs<'a> {
             Stdout::Orientations(writer) => {
                 writer.finish().map_err(super::stdout_error)?;
             }
-            Stdout::Json(frames) => frames.print(self.arguments.recognizer, &self.tally)?,
+            Stdout::Json(frames) => {
+                frames.print(
+                    self.arguments.recognizer,
+                    &self.tally,
+                    self.learned.as_ref(),
+                )?;
+            }
+        }
+        if let Some(learned) = self.learned.as_ref().filter(|l| l.frames > 0) {
+            errln!("{}: {}", input.display(), words(learned));
         }
         self.tally.say(input)
     }
@@ -223,12 +290,13 @@ impl Sink<FrameAnswer> for Outputs<'_> {
     type Error = Error;
 
     fn take(&mut self, mut answer: FrameAnswer) -> Result<()> {
-        let confidence = answer.identification().map(|found| found.confidence);
-        let is_doubtful = confidence.is_some_and(|c| c < self.arguments.min_confidence);
-        if is_doubtful {
+        let confidence = answer.identification().map(|found| found.pose_confidence);
+        let doubtful = confidence.filter(|c| *c < self.arguments.min_confidence());
+        if doubtful.is_some() {
             answer.outcome = Outcome::Unidentified(RecognizerRejection::NoHypothesis);
+            answer.rivals.clear();
         }
-        self.tally.count(&answer, is_doubtful);
+        self.tally.count(&answer, doubtful.is_some());
         let row = row(&answer);
         if let (Some(file), Some(path)) = (&mut self.file, &self.arguments.output) {
             file.write(&row).map_err(|e| Error::write(path, e))?;
@@ -236,7 +304,7 @@ impl Sink<FrameAnswer> for Outputs<'_> {
         match &mut self.stdout {
             Stdout::Nothing => Ok(()),
             Stdout::Orientations(writer) => writer.write(&row).map_err(super::stdout_error),
-            Stdout::Json(frames) => frames.push(&answer),
+            Stdout::Json(frames) => frames.push(&answer, doubtful),
         }
     }
 
@@ -257,18 +325,32 @@ fn spool_error(error: std::io::Error) -> Error {
 }
 
 impl JsonFrames {
-    fn push(&mut self, answer: &FrameAnswer) -> Result<()> {
+    /// Adds a frame; `doubtful` is the confidence for which its answer was rejected.
+    fn push(&mut self, answer: &FrameAnswer, doubtful: Option<f64>) -> Result<()> {
         let lead = if self.is_first { "{\"frames\":[" } else { "," };
         self.is_first = false;
         self.spool.write_all(lead.as_bytes()).map_err(spool_error)?;
-        serde_json::to_writer(&mut self.spool, &to_json(answer)).map_err(|e| spool_error(e.into()))
+        let mut json = to_json(answer);
+        if let Some(confidence) = doubtful {
+            let words = format!("ambiguous: the best pose has a probability of {confidence:.2}");
+            json["refusal"] = words.into();
+        }
+        serde_json::to_writer(&mut self.spool, &json).map_err(|e| spool_error(e.into()))
     }
 
-    fn print(mut self, recognizer: RecognizerName, tally: &Tally) -> Result<()> {
+    fn print(
+        mut self,
+        recognizer: RecognizerName,
+        tally: &Tally,
+        learned: Option<&LearnedConditions>,
+    ) -> Result<()> {
         let identified = tally.identified;
+        let begin = if self.is_first { "{\"frames\":[" } else { "" };
+        // What the conditions were taken for, where the frames told.
+        let conditions = json!(learned);
         writeln!(
             self.spool,
-            "],\"identified\":{identified},\"recognizer\":\"{recognizer}\"}}"
+            "{begin}],\"identified\":{identified},\"recognizer\":\"{recognizer}\",\"conditions\":{conditions}}}"
         )
         .map_err(spool_error)?;
         let mut spool = self
@@ -299,8 +381,24 @@ fn row(answer: &FrameAnswer) -> OrientationRow {
         dots: Some(answer.frame.dots.len()),
         matched: Some(found.map_or(0, Identification::matched)),
         residual_rad: found.map(|f| f.residual_rad),
-        confidence: found.map(|f| f.confidence),
+        confidence: found.map(|f| f.pose_confidence),
     }
+}
+
+/// What was learned of the conditions, in words.
+fn words(learned: &LearnedConditions) -> String {
+    let c = &learned.conditions;
+    let false_dots = match c.usual_false_dots {
+        Some(n) => format!("{n} false dots in nearly every frame"),
+        None => format!("{:.2} false dots a frame", c.expected_false_dots),
+    };
+    format!(
+        "learned from {} frames: {false_dots}, {:.0} % of the dots with z > {:.2} missed, noise {:.2} times that given",
+        learned.frames,
+        100.0 * (1.0 - c.detection_probability),
+        c.visibility_limit,
+        c.noise_scale,
+    )
 }
 
 fn to_json(answer: &FrameAnswer) -> serde_json::Value {

@@ -37,6 +37,7 @@ mod simulate;
 mod spin;
 #[cfg(feature = "plot")]
 mod spin_plot;
+mod spin_summary;
 mod stencil;
 #[cfg(feature = "vision")]
 mod synth;
@@ -142,7 +143,10 @@ pub fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            errln!("spindoe: {}", words(&error, &name));
+            // Whatever an error quotes, it is one line.
+            let words = words(&error, &name);
+            let line: Vec<&str> = words.lines().map(str::trim).collect();
+            errln!("spindoe: {}", line.join(" "));
             ExitCode::from(match error {
                 Error::NoAnswer { .. } => 3,
                 error if error.is_usage() => 2,
@@ -258,7 +262,14 @@ fn print_json(value: &impl serde::Serialize) -> Result<()> {
     let mut text = serde_json::to_vec(value)
         .map_err(|e| Error::Internal(format!("cannot be written as JSON: {e}")))?;
     text.push(b'\n');
-    std::io::stdout()
-        .write_all(&text)
-        .map_err(|e| Error::write("standard output", e))
+    write_stdout(&text)
+}
+
+/// Writes on standard output.
+fn write_stdout(bytes: &[u8]) -> Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    stdout
+        .write_all(bytes)
+        .and_then(|()| stdout.flush())
+        .map_err(stdout_error)
 }

@@ -5,28 +5,29 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
+use super::output::one_of;
+use super::spin_summary;
 use crate::error::{Error, Result};
-use crate::geometry::{Vec3, to_wxyz};
+use crate::geometry::CameraFrame;
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
-use crate::spin::alias::{AliasConfig, Alternative, alternatives};
+use crate::spin::alias::AliasConfig;
 #[cfg(feature = "plot")]
 use crate::spin::decay::DecayFit;
 use crate::spin::decay::{DecayConfig, DecayOutcome, fit_decay};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
-use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig, standard_deviations};
+use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig};
+use crate::spin::summary::SpinSummary;
 #[cfg(feature = "plot")]
 use crate::spin::windows::spin_over_time;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 
 /// Alternatives are listed up to this multiple of the largest spin searched.
-const LISTED_BEYOND: f64 = 2.0;
+pub(super) const LISTED_BEYOND: f64 = 2.0;
 /// Standard deviation of a prior magnitude where none is given, as a fraction of the magnitude.
 const PRIOR_SPREAD: f64 = 0.2;
 /// Ratio of the residuals to the expected ones above which a warning is printed.
 const SUSPICIOUS_NOISE: f64 = 3.0;
-/// Alternatives printed in words; `--json` has them all.
-const MAX_PRINTED: usize = 6;
 
 /// How the spin is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -46,6 +47,13 @@ pub struct Arguments {
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
     method: Method,
+    /// Frames per second, for rows at equal intervals: their times in the file are passed over.
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    fps: Option<f64>,
+    /// The camera frame that the spin is written in: ours, x right, y up, z towards the camera;
+    /// optical, x right, y down, z forward [default: that of the file].
+    #[arg(long, value_parser = one_of(&CameraFrame::ALL, CameraFrame::as_str))]
+    frame: Option<CameraFrame>,
     /// Maximum spin considered, revolutions per second. At equal times T apart, spins beyond 1/(2
     /// T) appear as slower ones (aliases).
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
@@ -91,6 +99,7 @@ impl Arguments {
 
     fn check(&self) -> Result<()> {
         let flags = [
+            ("--fps", self.fps),
             ("--max-spin-rps", Some(self.max_spin_rps)),
             ("--prior-rps", self.prior_rps),
             ("--prior-std-rps", self.prior_std_rps),
@@ -145,9 +154,27 @@ impl Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     arguments.check()?;
     let input = super::open_input(&arguments.orientations)?;
-    let file = Orientations::read(&input.name, input.reader)?;
+    let file = match arguments.fps {
+        None => Orientations::read(&input.name, input.reader)?,
+        Some(fps) => Orientations::read_at_rate(&input.name, input.reader, fps)?,
+    };
     let measurements = file.measurements();
-    let rejected = |r: SpinRejection| r.in_file(&input.name);
+    let rejected = |r: SpinRejection| match r {
+        SpinRejection::NoConsensus { .. } => Error::NoAnswer {
+            path: input.name.clone(),
+            reason: r.to_string(),
+        },
+        SpinRejection::TooFewFrames { .. } if !file.rows.is_empty() && measurements.is_empty() => {
+            Error::NoAnswer {
+                path: input.name.clone(),
+                reason: format!(
+                    "no spin: none of {} frames has an orientation",
+                    file.rows.len()
+                ),
+            }
+        }
+        _ => r.in_file(&input.name),
+    };
     let options = DecayConfig {
         robust: arguments.robust_options(),
         window: arguments.window,
@@ -169,6 +196,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         sigma_rad: arguments.sigma_deg.to_radians(),
         ..AliasConfig::default()
     };
+    // The decay has no alternatives of its own beyond its first window.
+    let summary = SpinSummary {
+        orientations: measurements.len(),
+        ..SpinSummary::new(constant, &fit, &listed, file.rows.len())
+    };
+    let frame = file.camera_frame.unwrap_or_default();
+    let written = arguments.frame.unwrap_or(frame);
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
     if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
         errln!(
@@ -183,10 +217,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let found = Found {
         method: arguments.method,
-        frames: file.rows.len(),
-        orientations: measurements.len(),
-        alternatives: alternatives(constant, &fit, &listed),
-        fit,
+        summary: summary.turned(&(written.turn() * frame.turn())),
+        camera_frame: written,
         decay: decay.map(|d| Decay::new(d, arguments)),
     };
     #[cfg(feature = "plot")]
@@ -262,20 +294,11 @@ impl Decay {
     }
 }
 
-/// Standard deviation of a fit's magnitude, rad/s.
-pub(super) fn std_along(fit: &Fit) -> Option<f64> {
-    let axis = unit(&fit.motion.spin);
-    let covariance = fit.spin_covariance?;
-    Some(axis.dot(&(covariance * axis)).max(0.0).sqrt())
-}
-
 /// Everything that is reported.
 pub(super) struct Found {
     method: Method,
-    frames: usize,
-    orientations: usize,
-    pub(super) fit: Fit,
-    alternatives: Vec<Alternative>,
+    pub(super) summary: SpinSummary,
+    camera_frame: CameraFrame,
     decay: Option<Decay>,
 }
 
@@ -289,27 +312,13 @@ impl Found {
         }
     }
 
-    fn std_rad_s(&self) -> Option<Vec3> {
-        self.fit.spin_covariance.as_ref().map(standard_deviations)
-    }
-
     fn to_json(&self) -> serde_json::Value {
-        let alternatives: Vec<_> = self
-            .alternatives
-            .iter()
-            .map(|a| {
-                let mut entry = vector_json(&a.spin);
-                entry["log_likelihood_ratio"] = a.log_likelihood_ratio.into();
-                entry
-            })
-            .collect();
-        let mut json = fit_json(&self.fit, self.frames, self.orientations);
+        let mut json = spin_summary::to_json(&self.summary, self.camera_frame);
         json["method"] = match self.method {
             Method::Quatera => "quatera",
             Method::Robust => "robust",
         }
         .into();
-        json["alternatives"] = alternatives.into();
         if let Some(decay) = &self.decay {
             json["decay"] = decay.to_json();
         }
@@ -317,85 +326,11 @@ impl Found {
     }
 
     fn print(&self) {
-        let spin = &self.fit.motion.spin;
-        let along = std_along(&self.fit).map_or(String::new(), |s| {
-            format!(" +- {:.3}", s / std::f64::consts::TAU)
-        });
-        let [x, y, z] = [spin.x, spin.y, spin.z];
-        outln!(
-            "{:.3}{along} rps about {}",
-            self.fit.motion.rps(),
-            axis_words(spin)
-        );
-        outln!("  spin      [{x:.3}, {y:.3}, {z:.3}] rad/s, camera frame");
-        if let Some(s) = self.std_rad_s() {
-            outln!("  std       [{:.3}, {:.3}, {:.3}] rad/s", s.x, s.y, s.z);
-        }
-        outln!(
-            "  {} frames, {} with an orientation, {} of them agree",
-            self.frames,
-            self.orientations,
-            self.fit.inliers
-        );
-        if let Some(sigma) = self.fit.sigma_rad {
-            outln!("  noise     {:.2} deg per axis", sigma.to_degrees());
+        for line in spin_summary::lines(&self.summary, self.camera_frame) {
+            outln!("{line}");
         }
         if let Some(decay) = &self.decay {
             decay.print();
         }
-        for a in self.alternatives.iter().take(MAX_PRINTED) {
-            let likelihood = match a.log_likelihood_ratio {
-                r if r.abs() < 5e-3 => "as likely".to_owned(),
-                r => format!("log-likelihood ratio {r:+.2}"),
-            };
-            outln!(
-                "  also possible: {:.3} rps about {} ({likelihood})",
-                a.spin.norm() / std::f64::consts::TAU,
-                axis_words(&a.spin),
-            );
-        }
-        let more = self.alternatives.len().saturating_sub(MAX_PRINTED);
-        if more > 0 {
-            outln!("  and {more} more");
-        }
     }
-}
-
-/// A fit's fields, of a sequence of `frames` of which `orientations` are known.
-pub(super) fn fit_json(fit: &Fit, frames: usize, orientations: usize) -> serde_json::Value {
-    let mut json = vector_json(&fit.motion.spin);
-    let std = fit.spin_covariance.as_ref().map(standard_deviations);
-    json["std_rad_s"] = json!(std.map(|s| [s.x, s.y, s.z]));
-    json["std_rps"] = json!(std_along(fit).map(|s| s / std::f64::consts::TAU));
-    json["covariance_rad2_s2"] = json!(
-        fit.spin_covariance
-            .map(|c| [0, 1, 2].map(|i| [0, 1, 2].map(|j| c[(i, j)])))
-    );
-    json["sigma_deg"] = json!(fit.sigma_rad.map(f64::to_degrees));
-    json["inliers"] = fit.inliers.into();
-    json["frames"] = frames.into();
-    json["orientations"] = orientations.into();
-    json["time_s"] = fit.motion.time_s.into();
-    json["orientation_wxyz"] = json!(to_wxyz(&fit.motion.orientation));
-    json
-}
-
-/// A spin's fields; no axis where the ball does not rotate.
-fn vector_json(spin: &Vec3) -> serde_json::Value {
-    let axis = unit(spin);
-    json!({
-        "spin_rad_s": [spin.x, spin.y, spin.z],
-        "rps": spin.norm() / std::f64::consts::TAU,
-        "axis": [axis.x, axis.y, axis.z],
-    })
-}
-
-fn axis_words(spin: &Vec3) -> String {
-    let axis = unit(spin);
-    format!("[{:.4}, {:.4}, {:.4}]", axis.x, axis.y, axis.z)
-}
-
-/// The direction of a spin; zero where it has none.
-fn unit(spin: &Vec3) -> Vec3 {
-    spin.try_normalize(0.0).unwrap_or_default()
 }

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::spin::{Found, std_along};
+use super::spin::Found;
+use super::spin_summary::std_along;
 use crate::error::{Error, Result};
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use crate::spin::windows::WindowFit;
@@ -38,7 +39,7 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> 
     let curve = |i: usize| {
         let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
         let rate = found.decaying().map(|d| d.rate_at(t));
-        (t, rate.map_or(found.fit.motion.rps(), |r| r / TAU))
+        (t, rate.map_or(found.summary.fit.motion.rps(), |r| r / TAU))
     };
     let name = match found.decaying() {
         Some(d) => format!(

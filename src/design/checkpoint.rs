@@ -12,6 +12,10 @@ use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 
+/// How much nearer than demanded two dots of a candidate may be, radians: the constraints' own
+/// tolerance.
+const SEPARATION_ROUNDING: f64 = 2e-3;
+
 /// Version of the checkpoint's format.
 pub const CHECKPOINT_VERSION: u32 = 3;
 
@@ -113,6 +117,60 @@ impl SearchState {
                 "belongs to a search with other arguments; repeat those, or leave --resume out";
             return Err(Error::input(path, "config", problem));
         }
+        file.state.check(path, config)?;
         Ok(file.state)
     }
+
+    /// Checks that every candidate could come from this search: a file that was edited would end as
+    /// a pattern that breaks its own constraints.
+    fn check(&self, path: &Path, config: &DesignConfig) -> Result<()> {
+        let groups = [
+            ("scouted", &self.scouted),
+            ("climbed", &self.climbed),
+            ("pool", &self.pool),
+        ];
+        for (name, candidates) in groups {
+            for (k, candidate) in candidates.iter().enumerate() {
+                check_candidate(path, &format!("{name} {k}"), candidate, config)?;
+            }
+        }
+        if let Some(polish) = &self.polish {
+            check_candidate(path, "polish.from", &polish.from, config)?;
+            check_candidate(path, "polish.at", &polish.at, config)?;
+            let (corrections, dots) = (polish.correction.len(), config.dots);
+            if corrections != dots {
+                let problem = format!("expected {dots} corrections, found {corrections}");
+                return Err(Error::input(path, "polish.correction", problem));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Checks the dots of a candidate, and of one that is not known to violate a constraint its
+/// separations.
+fn check_candidate(
+    path: &Path,
+    place: &str,
+    candidate: &Candidate,
+    config: &DesignConfig,
+) -> Result<()> {
+    let reject = |problem: String| Err(Error::input(path, place, problem));
+    let (expected, found) = (config.dots, candidate.dots.len());
+    if found != expected {
+        return reject(format!("expected {expected} dots, found {found}"));
+    }
+    let pattern = match candidate.pattern() {
+        Ok(pattern) => pattern,
+        Err(error) => return reject(error.to_string()),
+    };
+    let separation = pattern.summary().min_separation_rad;
+    let expected = config.constraints.min_separation_rad;
+    if candidate.missed.is_none() && separation < expected - SEPARATION_ROUNDING {
+        let [expected, found] = [expected, separation].map(f64::to_degrees);
+        return reject(format!(
+            "expected dots at least {expected:.2} deg apart, found {found:.2} deg"
+        ));
+    }
+    Ok(())
 }

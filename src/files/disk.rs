@@ -1,4 +1,5 @@
-//! Atomic file writes: a temporary file in the target's folder, then a rename.
+//! Atomic file writes: a temporary file in the target's folder, brought to the disk, then a rename.
+//! A link is followed: its target is replaced, and the link stays.
 
 use std::fs;
 use std::io::{BufReader, Write};
@@ -63,8 +64,38 @@ pub fn write_atomic(
 /// all. A target that is no regular file (a pipe, a terminal, `/dev/stdout`) gets the bytes
 /// directly.
 pub struct OutputFile {
+    /// As named by the user.
     path: PathBuf,
+    /// What appears at the end, behind all links.
+    target: PathBuf,
     file: Target,
+}
+
+/// Maximum number of links in a row that are followed.
+const MAX_LINKS: usize = 40;
+
+/// The file behind a chain of links; it need not exist.
+fn behind_links(path: &Path) -> std::io::Result<PathBuf> {
+    let mut target = path.to_path_buf();
+    for _ in 0..MAX_LINKS {
+        match fs::read_link(&target) {
+            // Relative to the link's own folder.
+            Ok(next) => target = folder(&target).join(next),
+            Err(_) => return Ok(target),
+        }
+    }
+    Err(std::io::Error::new(
+        std::io::ErrorKind::InvalidInput,
+        "too many links in a row",
+    ))
+}
+
+/// The folder of a file.
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    }
 }
 
 enum Target {
@@ -88,18 +119,22 @@ impl OutputFile {
     /// [`Error::Write`] on an I/O failure.
     pub fn create(path: &Path) -> Result<Self> {
         let io = |e| Error::write(path, e);
+        let target = behind_links(path).map_err(io)?;
+        if fs::metadata(&target).is_ok_and(|m| m.is_dir()) {
+            return Err(io(std::io::ErrorKind::IsADirectory.into()));
+        }
         let is_special = fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir());
         let file = if is_special {
             Target::Direct(fs::OpenOptions::new().write(true).open(path).map_err(io)?)
         } else {
-            let dir = match path.parent() {
-                Some(p) if !p.as_os_str().is_empty() => p,
-                _ => Path::new("."),
-            };
-            Target::Aside(builder().prefix(".spindoe-").tempfile_in(dir).map_err(io)?)
+            let aside = builder()
+                .prefix(".spindoe-")
+                .tempfile_in(folder(&target));
+            Target::Aside(aside.map_err(io)?)
         };
         Ok(Self {
             path: path.to_path_buf(),
+            target,
             file,
         })
     }
@@ -112,7 +147,9 @@ impl OutputFile {
         let io = |e| Error::write(&self.path, e);
         self.file.as_file_mut().flush().map_err(io)?;
         if let Target::Aside(aside) = self.file {
-            aside.persist(&self.path).map_err(|e| io(e.error))?;
+            // A rename that reaches the disk before the content would leave an empty file.
+            aside.as_file().sync_all().map_err(io)?;
+            aside.persist(&self.target).map_err(|e| io(e.error))?;
         }
         Ok(())
     }
@@ -141,6 +178,123 @@ fn builder() -> tempfile::Builder<'static, 'static> {
 #[cfg(not(unix))]
 fn builder() -> tempfile::Builder<'static, 'static> {
     tempfile::Builder::new()
+}
+
+/// A folder that one process at a time works in. The lock ends with the process, however that ends.
+#[derive(Debug)]
+pub struct FolderLock {
+    _file: fs::File,
+}
+
+/// The lock's file.
+const LOCK: &str = ".spindoe.lock";
+
+impl FolderLock {
+    /// Creates `dir` and takes its lock.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] of the parameter `out` where another process has it; [`Error::Write`] on
+    /// an I/O failure.
+    pub fn take(dir: &Path) -> Result<Self> {
+        create_writable_dir(dir)?;
+        let path = dir.join(LOCK);
+        let file = fs::OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(&path)
+            .map_err(|e| Error::write(&path, e))?;
+        match file.try_lock() {
+            Ok(()) => Ok(Self { _file: file }),
+            Err(fs::TryLockError::WouldBlock) => {
+                let dir = dir.display();
+                let problem = format!("another run works in {dir}: choose another folder");
+                Err(Error::argument("out", problem))
+            }
+            // A file system without locks keeps nobody out.
+            Err(fs::TryLockError::Error(e)) if e.kind() == std::io::ErrorKind::Unsupported => {
+                Ok(Self { _file: file })
+            }
+            Err(fs::TryLockError::Error(e)) => Err(Error::write(&path, e)),
+        }
+    }
+}
+
+/// A set of files that replaces another one in a folder: written aside, then moved. At no time do
+/// files of both sets stand beside each other; an interruption may leave some of the new ones
+/// alone.
+#[derive(Debug)]
+pub struct Replacement {
+    dir: PathBuf,
+    aside: tempfile::TempDir,
+}
+
+impl Replacement {
+    /// Begins a set of files for `dir`.
+    ///
+    /// # Errors
+    /// [`Error::Write`] on an I/O failure.
+    pub fn begin(dir: &Path) -> Result<Self> {
+        let aside = tempfile::Builder::new()
+            .prefix(".spindoe-")
+            .tempdir_in(dir)
+            .map_err(|e| Error::write(dir, e))?;
+        Ok(Self {
+            dir: dir.to_path_buf(),
+            aside,
+        })
+    }
+
+    /// Where the files are written.
+    pub fn path(&self) -> &Path {
+        self.aside.path()
+    }
+
+    /// Removes the old files of the folder, all but those `kept`, and moves the new ones in; `last`
+    /// appears when all others are there.
+    ///
+    /// # Errors
+    /// [`Error::Read`] and [`Error::Write`] on an I/O failure.
+    pub fn publish(self, kept: &[&str], last: &str) -> Result<()> {
+        let from = self.aside.path();
+        let mut names = Vec::new();
+        for entry in fs::read_dir(from).map_err(|e| Error::read(from, e))? {
+            names.push(entry.map_err(|e| Error::read(from, e))?.file_name());
+        }
+        names.sort_by_key(|name| (name == last, name.clone()));
+        for name in names.iter().rev() {
+            if !kept.iter().any(|k| name == k) {
+                remove_any(&self.dir.join(name))?;
+            }
+        }
+        for name in &names {
+            let to = self.dir.join(name);
+            fs::rename(from.join(name), &to).map_err(|e| Error::write(&to, e))?;
+        }
+        sync_dir(&self.dir)
+    }
+}
+
+/// Removes a file, or a folder with all that is in it, if it exists.
+///
+/// # Errors
+/// [`Error::Write`] on an I/O failure.
+pub fn remove_any(path: &Path) -> Result<()> {
+    match fs::symlink_metadata(path) {
+        Ok(found) if found.is_dir() => fs::remove_dir_all(path).map_err(|e| Error::write(path, e)),
+        _ => remove_if_present(path),
+    }
+}
+
+/// Brings renames within a folder to the disk.
+fn sync_dir(dir: &Path) -> Result<()> {
+    #[cfg(unix)]
+    fs::File::open(dir)
+        .and_then(|d| d.sync_all())
+        .map_err(|e| Error::write(dir, e))?;
+    #[cfg(not(unix))]
+    let _ = dir;
+    Ok(())
 }
 
 /// Writes bytes to `path` atomically.

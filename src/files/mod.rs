@@ -9,6 +9,6 @@ mod disk;
 pub(crate) use disk::reject_taken;
 #[cfg(feature = "native")]
 pub use disk::{
-    OutputFile, create_dir, create_writable_dir, open, read_bytes, remove_if_present, write_atomic,
-    write_bytes,
+    FolderLock, OutputFile, Replacement, create_dir, create_writable_dir, open, read_bytes,
+    remove_any, remove_if_present, write_atomic, write_bytes,
 };

@@ -39,8 +39,9 @@ use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
 use crate::geometry::{Spherical, Vec3, tangent_frame};
 use crate::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE};
 
-/// Maximum number of dots of a frame; far more than any pattern and its false dots show.
-pub const MAX_FRAME_DOTS: usize = 1 << 16;
+/// Maximum number of dots of a frame; far more than any pattern and its false dots show. The
+/// recognizers compare all pairs of them.
+pub const MAX_FRAME_DOTS: usize = 1 << 10;
 /// Frames whose names are remembered, to detect rows separated from their frame: 6 minutes at 350
 /// frames per second, in 4 MB.
 pub const REMEMBERED_FRAMES: usize = 1 << 17;

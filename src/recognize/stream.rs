@@ -1,16 +1,23 @@
 //! Recognition of a stream of frames, on all cores: frames of dots in, answers out.
 //!
 //! [`identify_frames`] runs any recognizer. [`identify_with_rivals`] runs the robust one, which
-//! also lists the other poses that explain a frame. Answers leave in the order of the frames, each
+//! also lists the other poses that explain a frame. [`identify_learning`] runs it without knowing
+//! the noise, the misses and the false dots: the frames tell. Answers leave in the order of the frames, each
 //! as soon as it and all answers before it are ready; see [`pipeline`](crate::pipeline) for the
 //! guarantees.
 
 use std::num::NonZero;
+use std::sync::Arc;
 
 use super::observed::ObservedFrame;
-use super::robust::RobustRecognizer;
+use super::robust::{
+    Conditions, ConditionsPosterior, ConditionsPrior, FrameEvidence, RobustConfig,
+    RobustRecognizer, RobustWorkspace,
+};
 use super::{Identification, Outcome, Recognizer};
+use crate::concurrency;
 use crate::error::{Error, Result};
+use crate::pattern::Pattern;
 use crate::pipeline::{Sink, map_ordered};
 
 /// A frame and its outcome.
@@ -78,20 +85,269 @@ pub fn identify_with_rivals(
     threads: NonZero<usize>,
     sink: &mut impl Sink<FrameAnswer, Error = Error>,
 ) -> Result<()> {
-    let list = |workspace: &_| {
-        let mut found = Vec::new();
-        let mut rival = Identification::default();
-        for rank in 1..=rivals.max_rivals {
-            if !recognizer.explanation(rank, workspace, &mut rival)
-                || rival.pose_confidence < rivals.min_pose_confidence
-            {
-                break;
-            }
-            found.push(rival.clone());
-        }
-        found
-    };
+    let list = |workspace: &_| list_rivals(recognizer, rivals, workspace);
     identify(recognizer, list, frames, threads, sink)
+}
+
+/// The other poses that explain the last view of `workspace`, the most probable first.
+fn list_rivals(
+    recognizer: &RobustRecognizer,
+    config: RivalConfig,
+    workspace: &RobustWorkspace,
+) -> Vec<Identification> {
+    let mut found = Vec::new();
+    let mut rival = Identification::default();
+    for rank in 1..=config.max_rivals {
+        if !recognizer.explanation(rank, workspace, &mut rival)
+            || rival.pose_confidence < config.min_pose_confidence
+        {
+            break;
+        }
+        found.push(rival.clone());
+    }
+    found
+}
+
+/// How noise, misses and false dots are learned from the frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LearningConfig {
+    /// What is known before.
+    pub prior: ConditionsPrior,
+    /// Number of frames that have a say, the first ones.
+    pub max_frames: usize,
+    /// When the answers may depend on later frames.
+    pub order: LearningOrder,
+}
+
+/// Which frames an answer may depend on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LearningOrder {
+    /// The first frames are read and learned from; then all are answered.
+    InAdvance,
+    /// Every frame is answered as it comes, by what the frames before it told: those before the
+    /// last power of two.
+    AsTheyCome,
+}
+
+impl Default for LearningConfig {
+    /// 256 frames in advance, under the weak prior.
+    fn default() -> Self {
+        Self {
+            prior: ConditionsPrior::default(),
+            max_frames: 256,
+            order: LearningOrder::InAdvance,
+        }
+    }
+}
+
+/// What was learned.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct LearnedConditions {
+    /// The conditions expected.
+    #[serde(flatten)]
+    pub conditions: Conditions,
+    /// Number of frames that had a say.
+    pub frames: usize,
+}
+
+/// Passes over the first frames; after the first one the conditions are nearly right.
+const LEARNING_ROUNDS: usize = 3;
+
+/// As [`identify_with_rivals`], under conditions that the frames themselves tell. `base` holds what
+/// [`Conditions`] does not cover.
+///
+/// # Errors
+/// As [`identify_frames`], and [`Error::Argument`] for a parameter outside its domain.
+pub fn identify_learning(
+    pattern: &Pattern,
+    base: &RobustConfig,
+    learning: &LearningConfig,
+    rivals: RivalConfig,
+    frames: impl Iterator<Item = Result<ObservedFrame>> + Send,
+    threads: NonZero<usize>,
+    sink: &mut impl Sink<FrameAnswer, Error = Error>,
+) -> Result<LearnedConditions> {
+    let mut frames = frames.fuse();
+    let learner = Learner {
+        pattern,
+        base,
+        prior: ConditionsPosterior::new(&learning.prior)?,
+    };
+    let mut told = Told::nothing(&learner);
+    match learning.order {
+        LearningOrder::InAdvance => {
+            let mut first: Vec<ObservedFrame> = Vec::new();
+            let mut failed = None;
+            while first.len() < learning.max_frames && failed.is_none() {
+                match frames.next() {
+                    Some(Ok(frame)) => first.push(frame),
+                    Some(Err(error)) => failed = Some(error),
+                    None => break,
+                }
+            }
+            told = learner.learn(&first)?;
+            if !told.posterior.is_settled() {
+                // No frame confirms itself.
+                for (k, frame) in first.drain(..).enumerate() {
+                    let recognizer = learner.without(&told, k)?;
+                    let mut workspace = recognizer.workspace();
+                    sink.take(answer(&recognizer, rivals, &mut workspace, frame))?;
+                }
+            }
+            let first = first.into_iter().map(Ok).chain(failed.map(Err));
+            let recognizer = learner.recognizer(&told.posterior)?;
+            identify_with_rivals(&recognizer, rivals, first.chain(frames), threads, sink)?;
+        }
+        LearningOrder::AsTheyCome => {
+            let mut seen: Vec<ObservedFrame> = Vec::new();
+            let mut share = 1;
+            while seen.len() < learning.max_frames {
+                let before = seen.len();
+                let recognizer = learner.recognizer(&told.posterior)?;
+                let frames = frames.by_ref().take(share);
+                let mut keeper = Keeper {
+                    sink,
+                    seen: &mut seen,
+                };
+                let work = |workspace: &mut RobustWorkspace, frame: ObservedFrame| {
+                    answer(&recognizer, rivals, workspace, frame)
+                };
+                map_ordered(
+                    frames,
+                    threads,
+                    || recognizer.workspace(),
+                    work,
+                    &mut keeper,
+                )?;
+                if seen.len() == before {
+                    break;
+                }
+                share = seen.len();
+                told = learner.learn(&seen)?;
+            }
+            drop(seen);
+            let recognizer = learner.recognizer(&told.posterior)?;
+            identify_with_rivals(&recognizer, rivals, frames, threads, sink)?;
+        }
+    }
+    Ok(LearnedConditions {
+        conditions: told.posterior.expected(),
+        frames: told.posterior.frames(),
+    })
+}
+
+/// What conditions are learned for.
+struct Learner<'a> {
+    pattern: &'a Pattern,
+    base: &'a RobustConfig,
+    /// Nothing is seen yet.
+    prior: ConditionsPosterior,
+}
+
+/// What some frames have told.
+struct Told {
+    evidence: Vec<FrameEvidence>,
+    posterior: Arc<ConditionsPosterior>,
+}
+
+impl Told {
+    fn nothing(learner: &Learner<'_>) -> Self {
+        Self {
+            evidence: Vec::new(),
+            posterior: Arc::new(learner.prior.clone()),
+        }
+    }
+}
+
+impl Learner<'_> {
+    fn recognizer(&self, posterior: &Arc<ConditionsPosterior>) -> Result<RobustRecognizer> {
+        RobustRecognizer::with_conditions(self.pattern, self.base, posterior)
+    }
+
+    /// What the frames tell: they are identified, tell the conditions, and are identified again.
+    fn learn(&self, frames: &[ObservedFrame]) -> Result<Told> {
+        let mut told = Told::nothing(self);
+        for _ in 0..LEARNING_ROUNDS {
+            let recognizer = self.recognizer(&told.posterior)?;
+            told.evidence = evidence(&recognizer, &told.posterior, frames);
+            Arc::make_mut(&mut told.posterior).learn(&told.evidence);
+        }
+        Ok(told)
+    }
+
+    /// The recognizer that knows what all frames but one have told.
+    fn without(&self, told: &Told, frame: usize) -> Result<RobustRecognizer> {
+        let mut others = told.evidence.clone();
+        others.remove(frame);
+        let mut posterior = self.prior.clone();
+        posterior.learn(&others);
+        self.recognizer(&Arc::new(posterior))
+    }
+}
+
+/// What each frame says of the conditions.
+fn evidence(
+    recognizer: &RobustRecognizer,
+    posterior: &ConditionsPosterior,
+    frames: &[ObservedFrame],
+) -> Vec<FrameEvidence> {
+    let chunks = frames.len().div_ceil(LEARNING_CHUNK);
+    let told = concurrency::map_range(0..chunks as u64, |chunk| {
+        let from = chunk as usize * LEARNING_CHUNK;
+        let to = (from + LEARNING_CHUNK).min(frames.len());
+        let mut workspace = recognizer.workspace();
+        let mut found = Identification::default();
+        let one = |frame: &ObservedFrame| {
+            let mut evidence = FrameEvidence::default();
+            // A rejected view may still have explanations.
+            let _ = recognizer.identify_into(&frame.dots, &mut workspace, &mut found);
+            recognizer.conditions_evidence(posterior, &workspace, &mut evidence);
+            evidence
+        };
+        frames[from..to].iter().map(one).collect::<Vec<_>>()
+    });
+    told.into_iter().flatten().collect()
+}
+
+/// Frames that one task learns from; small enough to balance.
+const LEARNING_CHUNK: usize = 16;
+
+/// Passes answers on, and keeps their frames.
+struct Keeper<'a, S> {
+    sink: &'a mut S,
+    seen: &'a mut Vec<ObservedFrame>,
+}
+
+impl<S: Sink<FrameAnswer, Error = Error>> Sink<FrameAnswer> for Keeper<'_, S> {
+    type Error = Error;
+
+    fn take(&mut self, answer: FrameAnswer) -> Result<()> {
+        self.seen.push(answer.frame.clone());
+        self.sink.take(answer)
+    }
+
+    fn idle(&mut self) -> Result<()> {
+        self.sink.idle()
+    }
+}
+
+/// A frame's answer with its rivals.
+fn answer(
+    recognizer: &RobustRecognizer,
+    rivals: RivalConfig,
+    workspace: &mut RobustWorkspace,
+    frame: ObservedFrame,
+) -> FrameAnswer {
+    let outcome = recognizer.identify(&frame.dots, workspace);
+    let rivals = match &outcome {
+        Outcome::Identified(_) => list_rivals(recognizer, rivals, workspace),
+        Outcome::Unidentified(_) => Vec::new(),
+    };
+    FrameAnswer {
+        frame,
+        outcome,
+        rivals,
+    }
 }
 
 fn identify<R: Recognizer>(

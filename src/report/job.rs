@@ -2,7 +2,10 @@
 //!
 //! During the run the folder holds `search.json`, from which a stopped or killed search continues,
 //! and `pattern.csv`, the best so far. At the end it holds all that [`DesignEvaluation`] writes,
-//! and the stencil. A job that is stopped finishes with the best so far.
+//! and the stencil. A job that is stopped finishes with the best so far. Whatever interrupts it, no
+//! two results stand beside each other: what an earlier run left goes when another pattern comes,
+//! the new results are written aside and moved in together, `report.json` last, and a lock keeps
+//! other jobs out of the folder.
 //!
 //! What it does not do: limit its time. Budgets belong to the observer
 //! ([`DesignObserver::another_round`]).
@@ -28,13 +31,17 @@ use super::{DesignEvaluation, EvaluationConfig, evaluate};
 use crate::design::checkpoint::SearchState;
 use crate::design::{DesignConfig, DesignObserver, Stage, design};
 use crate::error::Result;
-use crate::files;
+use crate::files::{self, FolderLock, Replacement};
 use crate::stencil::StencilConfig;
 
 /// The search's checkpoint within the folder.
 pub const CHECKPOINT: &str = "search.json";
 /// The pattern within the folder.
 const PATTERN: &str = "pattern.csv";
+/// The report within the folder; the last file to appear.
+const REPORT: &str = "report.json";
+/// What depends on the pattern, the mark of a whole result first.
+const RESULTS: [&str; 4] = [REPORT, "stencil", "table.npz", "sensitivity.csv"];
 
 /// Configuration of a design and its output folder.
 #[derive(Debug, Clone, PartialEq)]
@@ -101,8 +108,13 @@ impl DesignJob {
     ) -> Result<DesignEvaluation> {
         self.stencil.validate()?;
         self.config.check()?;
-        let mut state = self.state(start)?;
-        files::create_writable_dir(&self.dir)?;
+        let state_before = self.state(start)?;
+        let _lock = FolderLock::take(&self.dir)?;
+        // Another job may have ended in the folder before the lock was taken.
+        let mut state = match start {
+            Start::Resume => state_before,
+            Start::Fresh => self.state(start)?,
+        };
         let clock = Instant::now();
         observer.begins(&state);
         let mut keeper = Keeper {
@@ -126,10 +138,13 @@ impl DesignJob {
         })?;
         found.report.command = command;
         found.report.timing.search_s = search_s;
+        let results = Replacement::begin(&self.dir)?;
         observer.step("drawing the plots");
-        found.write(&self.dir, &self.stencil)?;
+        found.write(results.path(), &self.stencil)?;
         observer.step("making the stencil");
-        found.write_stencil(&self.dir, &self.stencil)?;
+        found.write_stencil(results.path(), &self.stencil)?;
+        // The pattern is replaced at once: it is what a search leaves at any time.
+        results.publish(&[PATTERN], REPORT)?;
         Ok(found)
     }
 
@@ -139,7 +154,7 @@ impl DesignJob {
             Start::Fresh => {
                 files::reject_taken(
                     &self.dir,
-                    &[PATTERN, "report.json", CHECKPOINT],
+                    &[PATTERN, REPORT, CHECKPOINT],
                     "a design",
                     "choose another folder, or --resume it",
                 )?;
@@ -169,7 +184,14 @@ impl DesignObserver for Keeper<'_> {
         if let Some(best) = state.best(stage)
             && self.saved.as_ref() != Some(&best.dots)
         {
-            best.pattern()?.write_csv(&self.path(PATTERN))?;
+            let pattern = best.pattern()?;
+            let path = self.path(PATTERN);
+            if files::read_bytes(&path).ok().as_deref() != Some(pattern.to_csv().as_bytes()) {
+                for name in RESULTS {
+                    files::remove_any(&self.path(name))?;
+                }
+                pattern.write_csv(&path)?;
+            }
             self.saved = Some(best.dots.clone());
         }
         self.observer.progress(state, stage)

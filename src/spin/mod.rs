@@ -17,7 +17,7 @@
 //! ```
 //!
 //! The other modules: [`orientations`] is the file that they read, [`alias`] lists the spins that
-//! the sampling cannot distinguish, [`bound`] is the Cramér-Rao bound; [`windows`] and [`decay`]
+//! the sampling cannot distinguish, [`summary`] says all of a sequence at once, [`bound`] is the Cramér-Rao bound; [`windows`] and [`decay`]
 //! (with the theory in [`air`]) follow a spin through a long sequence; [`dots`] refines it on the
 //! dots themselves; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
 //! published ones.
@@ -35,6 +35,7 @@ pub mod quatera;
 pub mod robust;
 pub mod shared;
 pub mod simulate;
+pub mod summary;
 #[cfg(feature = "native")]
 pub mod trajectories;
 pub mod windows;

@@ -11,7 +11,8 @@
 //! four fields empty where the identification gave up; `dots` seen and `matched`, the matched dots'
 //! RMS angular `residual_deg`, and the `confidence` in [0, 1] that the identification is correct.
 //! Only `time_s` and the quaternion are indispensable; other columns may be missing or empty, and
-//! unknown ones are passed over.
+//! unknown ones are passed over. A last column `camera_frame` says in which convention of the camera
+//! frame the quaternions are, `ours` (without the column) or `optical`; it is the same in all rows.
 //!
 //! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
 //! file; [`OrientationWriter`] writes them likewise.
@@ -26,8 +27,8 @@ use super::{DEFAULT_CONFIDENCE, Measurement};
 use crate::error::Result;
 #[cfg(feature = "native")]
 use crate::files;
-use crate::files::csv::{Columns, Field, Table, TableRow, quoted};
-use crate::geometry::{Rotation, from_wxyz, to_wxyz};
+use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
+use crate::geometry::{CameraFrame, Rotation, from_wxyz, to_wxyz};
 
 /// Maximum deviation of a quaternion's length from 1 that is normalized instead of rejected: most
 /// writers keep six decimals, some only three.
@@ -39,7 +40,7 @@ const SCALE_LIMIT: f64 = 2.0;
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
 /// The columns, in the order in which they are written.
-static COLUMNS: Columns<10> = Columns {
+static COLUMNS: Columns<11> = Columns {
     names: [
         "frame",
         "time_s",
@@ -51,9 +52,17 @@ static COLUMNS: Columns<10> = Columns {
         "matched",
         "residual_deg",
         "confidence",
+        "camera_frame",
     ],
     // The time and the quaternion.
     required: 1..6,
+};
+/// Those that are always written.
+const WRITTEN: usize = 10;
+/// The same where the times come from elsewhere: only the quaternion is needed.
+static UNTIMED: Columns<11> = Columns {
+    names: COLUMNS.names,
+    required: 2..6,
 };
 
 /// One frame of an orientations file.
@@ -81,6 +90,8 @@ pub struct OrientationRow {
 pub struct Orientations {
     /// The frames.
     pub rows: Vec<OrientationRow>,
+    /// The convention of the camera frame, where the file says it.
+    pub camera_frame: Option<CameraFrame>,
 }
 
 impl Orientations {
@@ -97,6 +108,7 @@ impl Orientations {
         };
         Self {
             rows: measurements.iter().enumerate().map(row).collect(),
+            camera_frame: None,
         }
     }
 
@@ -116,15 +128,32 @@ impl Orientations {
     /// [`crate::Error::Read`], or [`crate::Error::Input`] naming the line and what was expected
     /// there.
     pub fn read(path: &Path, input: impl BufRead) -> Result<Self> {
-        let rows = OrientationReader::new(path, input)?.collect::<Result<_>>()?;
-        Ok(Self { rows })
+        Self::collect(OrientationReader::new(path, input)?)
+    }
+
+    /// As [`Orientations::read`], of rows at equal intervals, so many a second; times in the file
+    /// are passed over.
+    ///
+    /// # Errors
+    /// Those of [`Orientations::read`], and [`crate::Error::Argument`] for a rate that is not
+    /// positive.
+    pub fn read_at_rate(path: &Path, input: impl BufRead, fps: f64) -> Result<Self> {
+        Self::collect(OrientationReader::at_rate(path, input, fps)?)
+    }
+
+    fn collect<R: BufRead>(mut reader: OrientationReader<R>) -> Result<Self> {
+        let rows = reader.by_ref().collect::<Result<_>>()?;
+        Ok(Self {
+            rows,
+            camera_frame: reader.camera_frame,
+        })
     }
 
     /// The file's text; quaternions scalar first with `qw >= 0`, digits enough to read back the
     /// same bits.
     pub fn to_csv(&self) -> String {
         let mut text = Vec::new();
-        let mut writer = OrientationWriter::new(&mut text);
+        let mut writer = OrientationWriter::in_frame(&mut text, self.camera_frame);
         for row in &self.rows {
             // Writing to memory cannot fail.
             let _ = writer.write(row);
@@ -182,9 +211,13 @@ impl Orientations {
 
 /// The rows of an orientations file, one by one. After an error there are no more.
 pub struct OrientationReader<R> {
-    table: Table<R, 10>,
+    table: Table<R, 11>,
     /// Time of the row before, seconds.
     time_s: f64,
+    /// The interval of the rows, where it does not come from the file, and their number.
+    interval_s: Option<f64>,
+    count: u64,
+    camera_frame: Option<CameraFrame>,
     ended: bool,
 }
 
@@ -195,18 +228,56 @@ impl<R: BufRead> OrientationReader<R> {
     /// [`crate::Error::Read`], or [`crate::Error::Input`] where a column is missing or occurs
     /// twice.
     pub fn new(path: &Path, input: R) -> Result<Self> {
-        Ok(Self {
-            table: Table::new(path, input, &COLUMNS)?,
+        Ok(Self::of(Table::new(path, input, &COLUMNS)?, None))
+    }
+
+    /// As [`OrientationReader::new`], of rows at equal intervals, so many a second; times in the
+    /// file are passed over.
+    ///
+    /// # Errors
+    /// Those of [`OrientationReader::new`], and [`crate::Error::Argument`] for a rate that is not
+    /// positive.
+    pub fn at_rate(path: &Path, input: R, fps: f64) -> Result<Self> {
+        let inside = fps > 0.0 && fps.is_finite();
+        crate::error::require(inside, "fps", "a positive number", fps)?;
+        let table = Table::new(path, input, &UNTIMED)?;
+        Ok(Self::of(table, Some(fps.recip())))
+    }
+
+    fn of(table: Table<R, 11>, interval_s: Option<f64>) -> Self {
+        Self {
+            table,
             time_s: f64::NEG_INFINITY,
+            interval_s,
+            count: 0,
+            camera_frame: None,
             ended: false,
-        })
+        }
+    }
+
+    /// The convention of the camera frame, where the rows read so far say it.
+    pub fn camera_frame(&self) -> Option<CameraFrame> {
+        self.camera_frame
     }
 
     fn read_row(&mut self) -> Result<Option<OrientationRow>> {
         let Some(row) = self.table.next_row()? else {
             return Ok(None);
         };
-        let parsed = parse(&row).map_err(|problem| row.error(problem))?;
+        let time_s = self.interval_s.map(|interval| interval * self.count as f64);
+        let parsed = parse(&row, time_s).map_err(|problem| row.error(problem))?;
+        let named = row.text(10).map(str::parse::<CameraFrame>).transpose();
+        let frame = named.map_err(|_| {
+            let found = shown(row.text(10).unwrap_or_default());
+            row.error(format!(
+                "camera_frame: expected ours or optical, found \"{found}\""
+            ))
+        })?;
+        if self.count > 0 && frame != self.camera_frame {
+            return Err(row.error("camera_frame: expected the same in all rows"));
+        }
+        self.camera_frame = frame;
+        self.count += 1;
         if self.time_s >= parsed.time_s {
             return Err(row.error(format!(
                 "expected a time later than the {} s before it, found {} s",
@@ -234,13 +305,24 @@ impl<R: BufRead> Iterator for OrientationReader<R> {
 /// Writes an orientations file row by row; the header goes before the first one.
 pub struct OrientationWriter<W> {
     to: W,
+    camera_frame: Option<CameraFrame>,
     begun: bool,
 }
 
 impl<W: Write> OrientationWriter<W> {
     /// Nothing is written yet.
     pub fn new(to: W) -> Self {
-        Self { to, begun: false }
+        Self::in_frame(to, None)
+    }
+
+    /// As [`OrientationWriter::new`]; every row names this convention of the camera frame, which
+    /// the orientations are in.
+    pub fn in_frame(to: W, camera_frame: Option<CameraFrame>) -> Self {
+        Self {
+            to,
+            camera_frame,
+            begun: false,
+        }
     }
 
     /// Writes a row; a quaternion scalar first with `qw >= 0`, digits enough to read back the same
@@ -266,6 +348,9 @@ impl<W: Write> OrientationWriter<W> {
         optional(&mut self.to, row.residual_rad.map(f64::to_degrees))?;
         self.to.write_all(b",")?;
         optional(&mut self.to, row.confidence)?;
+        if let Some(frame) = self.camera_frame {
+            write!(self.to, ",{frame}")?;
+        }
         self.to.write_all(b"\n")
     }
 
@@ -290,7 +375,11 @@ impl<W: Write> OrientationWriter<W> {
     fn begin(&mut self) -> std::io::Result<()> {
         if !self.begun {
             self.begun = true;
-            writeln!(self.to, "{}", COLUMNS.names.join(","))?;
+            let columns = match self.camera_frame {
+                Some(_) => &COLUMNS.names[..],
+                None => &COLUMNS.names[..WRITTEN],
+            };
+            writeln!(self.to, "{}", columns.join(","))?;
         }
         Ok(())
     }
@@ -300,7 +389,14 @@ fn optional(to: &mut impl Write, value: Option<impl std::fmt::Display>) -> std::
     value.map_or(Ok(()), |v| write!(to, "{v}"))
 }
 
-fn parse(row: &TableRow<'_, 10>) -> Field<OrientationRow> {
+/// A row; `time_s` is its time where that does not come from the file.
+fn parse(row: &TableRow<'_, 11>, time_s: Option<f64>) -> Field<OrientationRow> {
+    let time_s = match time_s {
+        Some(time_s) => time_s,
+        None => row.number(1)?.ok_or(
+            "time_s: expected a time in seconds, found nothing (--fps gives equal intervals)",
+        )?,
+    };
     let confidence = row.number(9)?;
     if let Some(c) = confidence.filter(|c| !(0.0..=1.0).contains(c)) {
         return Err(format!("confidence: expected 0 to 1, found {c}"));
@@ -317,9 +413,7 @@ fn parse(row: &TableRow<'_, 10>) -> Field<OrientationRow> {
     ];
     Ok(OrientationRow {
         frame: row.text(0).unwrap_or_default().to_owned(),
-        time_s: row
-            .number(1)?
-            .ok_or("time_s: expected a time in seconds, found nothing")?,
+        time_s,
         orientation: orientation(quaternion)?,
         dots: row.count(6)?,
         matched: row.count(7)?,

@@ -35,6 +35,9 @@ use crate::recognize::{Identification, Recognizer};
 /// Orientation errors of this value or more are failures, radians (20 degrees, SpinDOE Sec. IV).
 pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
+/// Maximum number of trials of one run: their results are held, some 40 bytes each.
+pub const MAX_TRIALS: u64 = 100_000_000;
+
 /// Trials handled by one task; small enough to balance, large enough to reuse a workspace.
 const CHUNK: u64 = 64;
 
@@ -103,7 +106,7 @@ pub enum TrialResult {
 /// Runs every trial and returns the results in their order.
 ///
 /// # Errors
-/// [`Error::Argument`] for zero trials or a protocol outside its domain.
+/// [`Error::Argument`] for zero trials, too many, or a protocol outside its domain.
 pub fn run_trials<R: Recognizer>(
     pattern: &Pattern,
     recognizer: &R,
@@ -117,6 +120,10 @@ pub fn run_trials<R: Recognizer>(
             "samples",
             "expected at least 1 trial, found 0",
         ));
+    }
+    if samples > MAX_TRIALS {
+        let problem = format!("expected at most {MAX_TRIALS} trials, found {samples}");
+        return Err(Error::argument("samples", problem));
     }
     let chunks = samples.div_ceil(CHUNK);
     let results = concurrency::map_range(0..chunks, |chunk| {

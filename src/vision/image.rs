@@ -6,14 +6,11 @@
 
 use std::path::Path;
 
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, ImageResult, imageops};
+use image::{ImageFormat, imageops};
 
+use super::picture::{DEFAULT_MAX_PIXELS, Picture};
 use crate::error::{Error, Result};
 use crate::files;
-
-/// Maximum number of pixels of an image that is read; a larger file is rejected before it fills the
-/// memory.
-pub const MAX_PIXELS: u64 = 200_000_000;
 
 /// The middle and the corners of an image: distances from its center, in sides.
 const MIDDLE: f32 = 0.3;
@@ -181,38 +178,8 @@ impl RgbImage {
     /// # Errors
     /// [`Error::Input`] where the bytes are no image that can be decoded.
     pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let reject = |problem: String| Error::input(path, "image", problem);
-        let reader = ImageReader::new(std::io::Cursor::new(bytes))
-            .with_guessed_format()
-            .map_err(|e| reject(e.to_string()))?;
-        if reader.format().is_none() {
-            return Err(reject(
-                "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them".into(),
-            ));
-        }
-        let (width, height) = reader
-            .into_dimensions()
-            .map_err(|e| reject(format!("cannot be decoded: {e}")))?;
-        if u64::from(width) * u64::from(height) > MAX_PIXELS {
-            let problem = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
-            return Err(reject(problem));
-        }
-        let decoded =
-            decode_upright(bytes).map_err(|e| reject(format!("cannot be decoded: {e}")))?;
-        Self::from_decoded(&decoded).map_err(|e| reject(e.to_string()))
-    }
-
-    fn from_decoded(decoded: &DynamicImage) -> Result<Self> {
-        let pixels = decoded.to_rgba32f();
-        let (width, height) = (pixels.width() as usize, pixels.height() as usize);
-        let values = pixels
-            .pixels()
-            .map(|p| {
-                let [r, g, b, alpha] = p.0;
-                [r, g, b].map(|c| (c * alpha).clamp(0.0, 1.0))
-            })
-            .collect();
-        Self::new(width, height, values)
+        let picture = Picture::decode(path, bytes, DEFAULT_MAX_PIXELS)?;
+        Ok(picture.to_rgb()?.into_owned())
     }
 
     /// Writes a PNG file atomically.
@@ -348,14 +315,4 @@ impl RgbImage {
             .flat_map(|c| c.map(|x| (255.0 * x.clamp(0.0, 1.0) + 0.5) as u8))
             .collect()
     }
-}
-
-/// The image as the camera's EXIF data want it seen.
-fn decode_upright(bytes: &[u8]) -> ImageResult<DynamicImage> {
-    let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format()?;
-    let mut decoder = reader.into_decoder()?;
-    let orientation = decoder.orientation()?;
-    let mut decoded = DynamicImage::from_decoder(decoder)?;
-    decoded.apply_orientation(orientation);
-    Ok(decoded)
 }

@@ -25,6 +25,8 @@ pub mod image;
 pub mod input;
 pub mod net;
 pub mod patch;
+pub mod picture;
+pub mod verdict;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};

@@ -3,15 +3,17 @@
 mod output;
 #[cfg(feature = "plot")]
 mod overlay;
+mod verdict;
 
 use std::io::Write;
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use super::output::one_of;
 use crate::error::{Error, Result};
 use crate::files;
+use crate::geometry::CameraFrame;
 use crate::pattern::Pattern;
 use crate::vision::estimator::{
     BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
@@ -19,20 +21,13 @@ use crate::vision::estimator::{
 use crate::vision::input;
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
+use crate::vision::picture::DEFAULT_MAX_PIXELS;
 use crate::vision::{
     BallCircle, Camera, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     Intrinsics, NamedDetector, Pixel, RgbImage,
 };
 use output::Report;
-
-/// The camera frame that orientations are written in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Frame {
-    /// x right, y up, z from the ball towards the camera.
-    Ours,
-    /// x right, y down, z forward (REP 103).
-    Optical,
-}
+use verdict::Judgement;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -47,7 +42,10 @@ Orientations: CSV, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence
 empty where a frame is rejected. The confidence is the probability that the orientation is correct. The
 quaternion maps the pattern's frame to the camera's. --frame ours: x right, y up, z towards the camera.
 --frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_ours; the spin's vector is rotated
-likewise.
+likewise. The last column, camera_frame, says which it is.
+
+All frames together decide whether the table fits these images, which of several tables it is, and whether the
+images are mirrored: frames of another ball are identified by accident now and then, but not one after the other.
 
 Rejected frames are listed on standard error with the reason, and in --json.
 
@@ -57,9 +55,10 @@ pub struct Arguments {
     /// Images, folders of images, or videos.
     #[arg(value_name = "IMAGES_OR_DIR", required = true)]
     images: Vec<PathBuf>,
-    /// The pattern's hash table (.npz), or the pattern (CSV of unit vectors x,y,z).
-    #[arg(long, value_name = "TABLE.npz")]
-    table: PathBuf,
+    /// The pattern's hash table (.npz), or the pattern (CSV of unit vectors x,y,z). Given several
+    /// times, the one that fits all frames best is chosen.
+    #[arg(long, value_name = "TABLE.npz", required = true)]
+    table: Vec<PathBuf>,
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     output: Option<PathBuf>,
@@ -106,8 +105,19 @@ pub struct Arguments {
     #[arg(long, value_name = "CSV")]
     times: Option<PathBuf>,
     /// The camera frame that orientations and spin are written in.
-    #[arg(long, value_enum, default_value = "ours")]
-    frame: Frame,
+    #[arg(long, value_parser = one_of(&CameraFrame::ALL, CameraFrame::as_str), default_value_t = CameraFrame::Ours)]
+    frame: CameraFrame,
+    /// The images are mirrored (a flipped camera, a selfie video): exchange left and right first.
+    /// Pixels in the output are those of the images so exchanged.
+    #[arg(long)]
+    mirrored: bool,
+    /// Judge every frame for itself: no verdict over all of them on whether the table fits and the
+    /// images are mirrored.
+    #[arg(long)]
+    no_verdict: bool,
+    /// Maximum number of pixels of an image.
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_MAX_PIXELS)]
+    max_pixels: u64,
     /// Minimum probability of a reported orientation, 0 to 1.
     #[arg(
         long,
@@ -141,30 +151,45 @@ impl BatchObserver for Pictures {
 
     #[cfg(feature = "plot")]
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Picture> {
-        self.wanted
-            .then(|| overlay::picture(image, estimate))
-            .transpose()
+        overlay::picture(image, estimate).map(Some)
     }
 
     #[cfg(not(feature = "plot"))]
     fn keep(&self, _: &RgbImage, _: &FrameEstimate) -> Result<Picture> {
         Ok(None)
     }
+
+    fn wants_images(&self) -> bool {
+        self.wanted
+    }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let pattern = super::read_table(&arguments.table)?.pattern().clone();
-    let estimator = arguments.estimator(&pattern)?;
-    let config = arguments.batch()?;
+    let estimators = arguments.estimators()?;
+    let [estimator, ..] = &estimators[..] else {
+        return Err(Error::argument("table", "expected at least one"));
+    };
+    let mut config = arguments.batch()?;
     #[cfg(feature = "plot")]
     let wanted = arguments.overlay.is_some();
     #[cfg(not(feature = "plot"))]
     let wanted = false;
+    // What cannot be written is known before the work.
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
         files::create_writable_dir(dir)?;
     }
-    let batch = estimate_inputs(&estimator, &arguments.images, &config, &Pictures { wanted })?;
+    let file = arguments.output.as_deref().map(files::OutputFile::create);
+    let file = file.transpose()?;
+    let mut batch = estimate_inputs(estimator, &arguments.images, &config, &Pictures { wanted })?;
+    let judgement = match arguments.no_verdict {
+        true => Judgement::none(),
+        false => {
+            // Identified anew, a batch has its outlines already.
+            config.clock = FrameClock::Inputs;
+            Judgement::of(&estimators, &arguments.table, &config, &mut batch)?
+        }
+    };
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!(
             "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
@@ -172,28 +197,37 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
-        overlay::draw(dir, &estimator, &batch)?;
+        overlay::draw(dir, &estimators[judgement.table()], &batch)?;
     }
-    let report = Report {
-        arguments,
-        batch: &batch,
-    };
+    let report = Report::new(arguments, &batch, &judgement);
     let text = report.orientations_csv();
-    if let Some(path) = &arguments.output {
-        files::write_bytes(path, text.as_bytes())?;
+    if let (Some(mut file), Some(path)) = (file, &arguments.output) {
+        file.write_all(text.as_bytes())
+            .map_err(|e| Error::write(path, e))?;
+        file.finish()?;
     }
     if arguments.json {
         super::print_json(&report.to_json())?;
     } else if arguments.output.is_none() {
-        std::io::stdout()
-            .write_all(text.as_bytes())
-            .map_err(|e| Error::write("standard output", e))?;
+        super::write_stdout(text.as_bytes())?;
     }
     report.say();
-    Ok(())
+    match report.no_answer() {
+        None => Ok(()),
+        Some(reason) => Err(Error::NoAnswer {
+            path: arguments.images[0].clone(),
+            reason,
+        }),
+    }
 }
 
 impl Arguments {
+    /// One for each table.
+    fn estimators(&self) -> Result<Vec<Estimator<NamedDetector>>> {
+        let table = |path: &PathBuf| self.estimator(super::read_table(path)?.pattern());
+        self.table.iter().map(table).collect()
+    }
+
     fn estimator(&self, pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             let problem = format!("expected 0 to 1, found {}", self.min_confidence);
@@ -265,6 +299,8 @@ impl Arguments {
         let mut config = BatchConfig {
             circle: self.circle()?,
             independent: self.no_sequence,
+            mirrored: self.mirrored,
+            max_pixels: self.max_pixels,
             ..BatchConfig::default()
         };
         config.sequence.spin.max_rps = self.max_spin_rps;

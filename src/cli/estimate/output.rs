@@ -2,17 +2,77 @@
 
 use serde_json::{Value, json};
 
-use super::{Arguments, Frame, Picture};
-use crate::geometry::{Rotation, Vec3, to_wxyz};
-use crate::spin::Fit;
+use super::verdict::Judgement;
+use super::{Arguments, Picture};
+use crate::cli::spin::LISTED_BEYOND;
+use crate::cli::spin_summary;
+use crate::files::csv::shown;
+use crate::geometry::{CameraFrame, to_wxyz};
+use crate::spin::SpinRejection;
+use crate::spin::alias::AliasConfig;
 use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
+use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::{Batch, BatchFrame, SequenceOutcome};
+use crate::vision::estimator::{Batch, BatchFrame, SequenceOutcome, TimeSource};
+use crate::vision::input::VideoClock;
+
+/// Skipped files that are named.
+const MAX_NAMED: usize = 5;
 
 /// Everything that is reported.
 pub(super) struct Report<'a> {
-    pub arguments: &'a Arguments,
-    pub batch: &'a Batch<Picture>,
+    arguments: &'a Arguments,
+    batch: &'a Batch<Picture>,
+    judgement: &'a Judgement,
+    orientations: Orientations,
+    /// Where the frames have times.
+    spin: Option<Result<SpinSummary, SpinRejection>>,
+}
+
+/// The file of orientations.
+fn orientations(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
+    let turn = frame.turn();
+    let row = |shown: &BatchFrame<Picture>| {
+        let estimate = &shown.estimate;
+        let pose = estimate.pose();
+        OrientationRow {
+            frame: shown.name.clone(),
+            time_s: shown.time_s.unwrap_or(f64::NAN),
+            orientation: pose.map(|p| turn * p.rotation),
+            dots: Some(estimate.dots.len()),
+            matched: Some(estimate.matched()),
+            residual_rad: pose.map(|p| p.residual_rad),
+            confidence: pose.map(|p| p.pose_confidence),
+        }
+    };
+    Orientations {
+        rows: batch.frames.iter().map(row).collect(),
+        camera_frame: Some(frame),
+    }
+}
+
+/// The spin, from the very orientations that are written: `spindoe spin` on the file gives the same.
+fn spin(
+    arguments: &Arguments,
+    batch: &Batch<Picture>,
+    orientations: &Orientations,
+) -> Option<Result<SpinSummary, SpinRejection>> {
+    if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
+        return None;
+    }
+    let config = RobustSpinConfig {
+        max_rps: arguments.max_spin_rps,
+        ..RobustSpinConfig::default()
+    };
+    let listed = AliasConfig {
+        max_rps: LISTED_BEYOND * arguments.max_spin_rps,
+        sigma_rad: config.sigma_rad,
+        ..AliasConfig::default()
+    };
+    let measurements = orientations.measurements();
+    let fit = RobustEstimator::new(config).fit(&measurements);
+    Some(fit.map(|fit| SpinSummary::new(&measurements, &fit, &listed, batch.frames.len())))
 }
 
 /// The outcome of a frame, in words.
@@ -35,34 +95,26 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
     }
 }
 
-impl Report<'_> {
-    /// An orientation in the requested frame.
-    fn in_output_frame(&self, rotation: &Rotation) -> Rotation {
-        match self.arguments.frame {
-            Frame::Ours => *rotation,
-            Frame::Optical => half_turn() * rotation,
+impl<'a> Report<'a> {
+    /// The report of a batch.
+    pub fn new(
+        arguments: &'a Arguments,
+        batch: &'a Batch<Picture>,
+        judgement: &'a Judgement,
+    ) -> Self {
+        let orientations = orientations(arguments.frame, batch);
+        let spin = spin(arguments, batch, &orientations);
+        Self {
+            arguments,
+            batch,
+            judgement,
+            orientations,
+            spin,
         }
     }
 
     pub fn orientations_csv(&self) -> String {
-        let frames = self.batch.frames.iter();
-        let rows = frames.map(|shown| {
-            let frame = &shown.estimate;
-            let pose = frame.pose();
-            OrientationRow {
-                frame: shown.name.clone(),
-                time_s: shown.time_s.unwrap_or(f64::NAN),
-                orientation: pose.map(|p| self.in_output_frame(&p.rotation)),
-                dots: Some(frame.dots.len()),
-                matched: Some(frame.matched()),
-                residual_rad: pose.map(|p| p.residual_rad),
-                confidence: pose.map(|p| p.pose_confidence),
-            }
-        });
-        Orientations {
-            rows: rows.collect(),
-        }
-        .to_csv()
+        self.orientations.to_csv()
     }
 
     pub fn to_json(&self) -> Value {
@@ -70,38 +122,51 @@ impl Report<'_> {
         let frames: Vec<Value> = frames.map(|frame| self.frame_json(frame)).collect();
         let mut json = json!({
             "detector": self.arguments.detector,
-            "frame": match self.arguments.frame {
-                Frame::Ours => "ours",
-                Frame::Optical => "optical",
-            },
+            "frame": self.arguments.frame,
+            "mirrored": self.arguments.mirrored,
             "frames": frames,
             "identified": self.batch.identified(),
+            "times": self.batch.times,
+            "times_words": self.times_words(),
+            "verdict": self.judgement.to_json(),
+            "skipped": self.batch.skipped.iter().map(|s| json!({
+                "folder": s.folder, "files": s.names,
+            })).collect::<Vec<_>>(),
         });
-        if let SequenceOutcome::Estimated { spin, .. } = &self.batch.sequence {
-            match spin {
-                Ok(fit) => json["spin"] = self.spin_json(fit),
-                Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
+        match &self.spin {
+            Some(Ok(summary)) => {
+                json["spin"] = spin_summary::to_json(summary, self.arguments.frame);
             }
+            Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
+            None => {}
         }
         json
     }
 
-    fn spin_json(&self, fit: &Fit) -> Value {
-        let mut motion = fit.motion;
-        let mut covariance = fit.spin_covariance;
-        if self.arguments.frame == Frame::Optical {
-            let turn = half_turn();
-            motion.spin = turn * motion.spin;
-            motion.orientation = turn * motion.orientation;
-            let matrix = turn.to_rotation_matrix();
-            covariance = covariance.map(|c| matrix.matrix() * c * matrix.matrix().transpose());
-        }
-        let turned = Fit {
-            motion,
-            spin_covariance: covariance,
-            ..*fit
+    /// Where the times came from, and what is to be done where they are missing or doubtful.
+    fn times_words(&self) -> Option<String> {
+        let count = self.batch.frames.len();
+        let words = match self.batch.times {
+            TimeSource::None => {
+                return (count > 1)
+                    .then(|| "no times, so no spin: --fps or --times gives them".to_owned());
+            }
+            TimeSource::Partial { timed } => format!(
+                "{timed} of {count} names are times in nanoseconds, so no spin: --fps or --times gives all"
+            ),
+            TimeSource::FrameNumbers { .. } => {
+                "the names are frame numbers, not times in nanoseconds, so no spin: give --fps"
+                    .into()
+            }
+            TimeSource::Names { .. } if count < 2 => return None,
+            TimeSource::Names { fps } => {
+                format!("times from the names, in nanoseconds: {fps:.2} fps on average")
+            }
+            TimeSource::Rate { fps } => format!("{fps} fps as given by --fps"),
+            TimeSource::Table => "times from the table".into(),
+            TimeSource::Video(clock) => video_words(&clock),
         };
-        crate::cli::spin::fit_json(&turned, self.batch.frames.len(), self.batch.identified())
+        Some(words)
     }
 
     fn frame_json(&self, shown: &BatchFrame<Picture>) -> Value {
@@ -147,7 +212,8 @@ impl Report<'_> {
         }
         match &frame.outcome {
             Ok(pose) => {
-                json["orientation_wxyz"] = json!(to_wxyz(&self.in_output_frame(&pose.rotation)));
+                let turned = self.arguments.frame.turn() * pose.rotation;
+                json["orientation_wxyz"] = json!(to_wxyz(&turned));
                 json["matched"] = frame.matched().into();
                 json["residual_deg"] = pose.residual_rad.to_degrees().into();
                 json["residual_px"] = pose.residual_px.into();
@@ -159,14 +225,42 @@ impl Report<'_> {
                     json["inverse_distance_sigma"] = distance.sigma.into();
                 }
             }
-            Err(rejection) => json["refusal"] = rejection.to_string().into(),
+            Err(rejection) => {
+                let words = shown.unreadable.clone();
+                json["refusal"] = words.unwrap_or_else(|| rejection.to_string()).into();
+            }
         }
         json
     }
 
     /// Summarizes the outcome of the frames on standard error.
     pub fn say(&self) {
+        for skipped in &self.batch.skipped {
+            let folder = skipped.folder.display();
+            let (count, names) = (skipped.names.len(), &skipped.names);
+            let listed = names
+                .iter()
+                .take(MAX_NAMED)
+                .map(|n| shown(n))
+                .collect::<Vec<_>>();
+            let more = if count > MAX_NAMED { ", ..." } else { "" };
+            errln!(
+                "{folder}: {count} files are no images and are skipped: {}{more}",
+                listed.join(", ")
+            );
+        }
+        for (path, why) in &self.batch.cut_short {
+            errln!(
+                "{}: ends early, its frames so far are used: {}",
+                path.display(),
+                shown(why)
+            );
+        }
         for shown in &self.batch.frames {
+            if let Some(why) = &shown.unreadable {
+                errln!("{why}");
+                continue;
+            }
             let (name, frame) = (&shown.name, &shown.estimate);
             let several = frame.fit.is_some_and(|f| f.rivals > 0);
             if frame.pose().is_none() || several {
@@ -175,34 +269,52 @@ impl Report<'_> {
         }
         let count = self.batch.frames.len();
         errln!("{} of {count} frames identified", self.batch.identified());
-        let SequenceOutcome::Estimated { summary, spin } = &self.batch.sequence else {
-            return;
-        };
-        if summary.together > summary.alone {
+        if let Some(words) = self.judgement.words() {
+            errln!("{words}");
+        }
+        if let SequenceOutcome::Estimated { summary, .. } = &self.batch.sequence
+            && summary.together > summary.alone
+        {
             errln!("{} of them independently", summary.alone);
         }
-        match spin {
-            Ok(fit) => {
-                let mut spin = fit.motion.spin;
-                if self.arguments.frame == Frame::Optical {
-                    spin = half_turn() * spin;
-                }
-                let axis = spin.try_normalize(0.0).unwrap_or_default();
-                errln!(
-                    "spin: {:.3} rps about [{:.4}, {:.4}, {:.4}], {} frames agree",
-                    fit.motion.rps(),
-                    axis.x,
-                    axis.y,
-                    axis.z,
-                    fit.inliers
-                );
+        if let Some(words) = self.times_words() {
+            errln!("times: {words}");
+        }
+        match &self.spin {
+            Some(Ok(summary)) => {
+                let lines = spin_summary::lines(summary, self.arguments.frame);
+                errln!("spin: {}", lines.join("\n"));
             }
-            Err(rejection) => errln!("spin: {rejection}"),
+            Some(Err(rejection)) => errln!("spin: {rejection}"),
+            None => {}
+        }
+    }
+
+    /// Why nothing is answered, where no frame is.
+    pub fn no_answer(&self) -> Option<String> {
+        let count = self.batch.frames.len();
+        match self.batch.identified() {
+            0 => Some(self.judgement.rejection().unwrap_or_else(|| {
+                let first = self.batch.frames.first();
+                let why = first.map(|f| words(&f.estimate)).unwrap_or_default();
+                format!("none of {count} frames is identified; the first: {why}")
+            })),
+            _ => None,
         }
     }
 }
 
-/// From our camera frame to the optical one: diag(1, -1, -1), a half-turn about x.
-fn half_turn() -> Rotation {
-    Rotation::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI)
+/// The rate of a video, and what the file leaves open.
+fn video_words(clock: &VideoClock) -> String {
+    let stored = clock.stored_fps;
+    let rate = match clock.is_variable {
+        true => format!("{stored:.2} fps on average, each frame at its own time stamp"),
+        false => format!("{stored:.2} fps"),
+    };
+    match clock.capture_fps {
+        Some(capture) => format!(
+            "slow motion: taken at {capture:.2} fps as the file says, stored at {rate} (--fps overrides)"
+        ),
+        None => format!("{rate} as the file says; phone slow motion? give --fps"),
+    }
 }

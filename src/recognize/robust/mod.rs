@@ -25,6 +25,12 @@
 //! A view that remains in doubt is searched again mirrored. Where the mirrored pattern is certain,
 //! the answer is [`RecognizerRejection::Mirrored`]: an axis of the image is flipped.
 //!
+//! # Unknown conditions
+//! Where noise, misses and false dots are not known, [`ConditionsPosterior`] learns them from the
+//! frames ([`RobustRecognizer::conditions_evidence`]), and
+//! [`RobustRecognizer::with_conditions`] expects what was learned. As long as only a few frames have
+//! had a say, the explanations are compared by their evidence over all conditions.
+//!
 //! # Hint
 //! A prior orientation ([`Hint`]) is tried before the search. With it two dots are enough. A wrong
 //! hint costs one refinement; the search follows.
@@ -32,6 +38,7 @@
 //! What it does not guarantee: that no better explanation exists. The validation measures how often
 //! the best one found is correct.
 
+mod conditions;
 mod config;
 mod hint;
 mod model;
@@ -41,9 +48,12 @@ mod refine;
 mod screen;
 mod search;
 
+pub use conditions::{Conditions, ConditionsPosterior, ConditionsPrior, FrameEvidence};
 pub use config::{NoiseShape, RobustConfig};
 pub use hint::Hint;
 pub use search::RobustWorkspace;
+
+use std::sync::Arc;
 
 use nalgebra::Rotation3;
 
@@ -63,6 +73,8 @@ const MIN_DOTS: usize = 3;
 const MIN_DOTS_HINTED: usize = 2;
 /// Below this probability of the pose a view is also searched mirrored.
 const MIRROR_DOUBT: f64 = 0.9;
+/// Nats behind the best explanation from which on others say nothing of the conditions.
+const NEGLIGIBLE: f64 = 20.0;
 /// Minimum probability at which a view counts as mirrored.
 const MIRROR_SURE: f64 = 0.9;
 
@@ -75,6 +87,8 @@ pub struct RobustRecognizer {
     screen: ScreenModel,
     null: NullHypothesis,
     config: RobustConfig,
+    /// The conditions, as long as they are uncertain.
+    uncertain: Option<Arc<ConditionsPosterior>>,
 }
 
 impl RobustRecognizer {
@@ -83,10 +97,32 @@ impl RobustRecognizer {
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a parameter outside its domain.
     pub fn new(pattern: &Pattern, config: RobustConfig) -> Result<Self> {
+        Self::build(pattern, config, 1.0)
+    }
+
+    /// Prepares the recognizer for what the frames so far have told of the conditions; `base` holds
+    /// what they do not cover.
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for a parameter outside its domain.
+    pub fn with_conditions(
+        pattern: &Pattern,
+        base: &RobustConfig,
+        conditions: &Arc<ConditionsPosterior>,
+    ) -> Result<Self> {
+        let expected = conditions.expected();
+        let known = Self::build(pattern, expected.config(base), expected.noise_scale)?;
+        Ok(Self {
+            uncertain: (!conditions.is_settled()).then(|| Arc::clone(conditions)),
+            ..known
+        })
+    }
+
+    fn build(pattern: &Pattern, config: RobustConfig, noise_scale: f64) -> Result<Self> {
         config.check()?;
         let dots = pattern.dots().to_vec();
         let pairs = PatternPairs::new(&dots);
-        let model = Model::new(&config);
+        let model = Model::new(&config, noise_scale);
         Ok(Self {
             screen: ScreenModel::new(&config, &model, dots.len(), &pairs),
             null: NullHypothesis::new(&config, dots.len()),
@@ -94,6 +130,7 @@ impl RobustRecognizer {
             pairs,
             model,
             config,
+            uncertain: None,
         })
     }
 
@@ -149,6 +186,78 @@ impl RobustRecognizer {
         Some(best.refined.ln_evidence - self.null.ln_evidence(dots.len()))
     }
 
+    /// What the explanations of the last view of `ws` say of the conditions, written into `out`;
+    /// nothing where there are none.
+    pub fn conditions_evidence(
+        &self,
+        conditions: &ConditionsPosterior,
+        ws: &RobustWorkspace,
+        out: &mut FrameEvidence,
+    ) {
+        out.explanations.clear();
+        out.ln_null = self.null.ln_density(ws.dots.len(), std::f64::consts::TAU);
+        let Some(best) = ws.found.best() else {
+            return;
+        };
+        for explanation in ws.found.explanations() {
+            let refined = &explanation.refined;
+            if refined.ln_evidence < best.refined.ln_evidence - NEGLIGIBLE {
+                continue;
+            }
+            let assignment = ws.found.assignment(explanation);
+            let mut likelihood = self.ln_likelihood(conditions, explanation, assignment, &ws.dots);
+            likelihood.constant += refined.ln_alternatives;
+            out.explanations.push(likelihood);
+        }
+    }
+
+    /// An explanation's likelihood under every condition.
+    fn ln_likelihood(
+        &self,
+        conditions: &ConditionsPosterior,
+        explanation: &Explanation,
+        assignment: &[u16],
+        dots: &[model::Dot],
+    ) -> conditions::LnLikelihood {
+        let matched = || {
+            dots.iter()
+                .zip(assignment)
+                .filter(|(_, j)| **j != UNASSIGNED)
+        };
+        let peaks: f64 = matched().map(|(d, _)| self.model.ln_gaussian_peak(d)).sum();
+        let constant = explanation.refined.ln_volume + explanation.refined.ln_prior + peaks;
+        let mut tally = conditions.tally(constant, self.model.noise_scale());
+        for (j, dot) in self.dots.iter().enumerate() {
+            let q = explanation.refined.rotation * dot;
+            match matched().find(|(_, k)| usize::from(**k) == j) {
+                Some((seen, _)) => tally.matched(q.z, seen.distance_squared(&q).sqrt()),
+                None => tally.missed(q.z),
+            }
+        }
+        tally.finish(dots.len() - matched().count())
+    }
+
+    /// Weighs the explanations by their evidence over all conditions.
+    fn marginalize(&self, conditions: &ConditionsPosterior, ws: &mut RobustWorkspace) {
+        let Some(best) = ws.found.best() else {
+            return;
+        };
+        let least = best.refined.ln_evidence - NEGLIGIBLE;
+        let all_false = self.model.ln_all_false(ws.dots.len());
+        let dots = &ws.dots;
+        let marginal = |e: &Explanation, assignment: &[u16]| {
+            let likelihood = self.ln_likelihood(conditions, e, assignment, dots);
+            conditions.ln_marginal(&likelihood) - all_false
+        };
+        // What is negligible stays behind by as much.
+        let shift = marginal(best, ws.found.assignment(best)) - best.refined.ln_evidence;
+        ws.found
+            .reweigh(|e, assignment| match e.refined.ln_evidence {
+                ln_evidence if ln_evidence < least => ln_evidence + shift,
+                _ => marginal(e, assignment),
+            });
+    }
+
     fn identify_with(
         &self,
         dots: &[ObservedDot],
@@ -170,6 +279,9 @@ impl RobustRecognizer {
         }
         self.prepare(dots, ws)?;
         self.search(prior.as_ref(), ws)?;
+        if let Some(conditions) = &self.uncertain {
+            self.marginalize(conditions, ws);
+        }
         let sure = ws.found.best().is_some_and(|best| {
             ws.found
                 .confidence(best, &self.null, f64::NEG_INFINITY)

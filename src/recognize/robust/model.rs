@@ -54,6 +54,10 @@ pub(super) struct Model {
     pub lines: [[f64; 2]; 3],
     /// False dots per steradian.
     ln_false_density: f64,
+    /// Mean number of false dots.
+    mean_false: f64,
+    /// Ratio of the dots' standard deviations to those given.
+    noise_scale: f64,
     /// ln of the prior of so many false dots over Poisson's.
     false_count: Vec<f64>,
     /// For each number of false dots the maximum of these from it on.
@@ -102,7 +106,9 @@ impl Dot {
 }
 
 impl Model {
-    pub fn new(config: &RobustConfig) -> Self {
+    /// The tables of a configuration, for dots whose standard deviations are `noise_scale` times
+    /// those given.
+    pub fn new(config: &RobustConfig, noise_scale: f64) -> Self {
         let steps = (GATE * KERNEL_STEPS) as usize + 2;
         let kernel = (0..steps)
             .map(|k| ln_kernel(config.noise, k as f64 / KERNEL_STEPS))
@@ -128,6 +134,8 @@ impl Model {
             ln_missed: detected.map(|d| (1.0 - d).ln()).collect(),
             lines: TANGENTS.map(|u| tangent(config.noise, u)),
             ln_false_density: (config.expected_false_dots / cap).ln(),
+            mean_false: config.expected_false_dots,
+            noise_scale,
             false_count,
             max_false_count,
             most: config.detection_probability.ln() + ln_kernel(config.noise, 0.0),
@@ -173,6 +181,21 @@ impl Model {
         self.max_false_count[count.min(self.max_false_count.len() - 1)]
     }
 
+    /// ln of the density of `count` dots that are all false, up to the prior of their number.
+    pub fn ln_all_false(&self, count: usize) -> f64 {
+        count as f64 * self.ln_false_density - self.mean_false
+    }
+
+    /// ln of the Gaussian's peak density of a prepared dot, per steradian.
+    pub fn ln_gaussian_peak(&self, dot: &Dot) -> f64 {
+        dot.ln_peak + self.ln_false_density
+    }
+
+    /// Ratio of the dots' standard deviations to those given.
+    pub fn noise_scale(&self) -> f64 {
+        self.noise_scale
+    }
+
     /// Prepares a dot; `None` where its direction or its covariance is invalid.
     pub fn prepare(&self, dot: &ObservedDot) -> Option<Dot> {
         let direction = dot.direction;
@@ -183,13 +206,15 @@ impl Model {
         let [e1, e2] = tangent_frame(&direction);
         let (axes, det_root, sigma_max, isotropic) = match dot.uncertainty {
             DotUncertainty::Isotropic { sigma_rad } => {
+                let sigma_rad = sigma_rad * self.noise_scale;
                 if !SIGMAS_RAD.contains(&sigma_rad) {
                     return None;
                 }
                 let axes = [e1 / sigma_rad, e2 / sigma_rad];
                 (axes, sigma_rad * sigma_rad, sigma_rad, true)
             }
-            DotUncertainty::Tangent { covariance: c } => {
+            DotUncertainty::Tangent { covariance } => {
+                let c = covariance * (self.noise_scale * self.noise_scale);
                 // C = L L^T; the rows of L^-1 [e1; e2] are the whitened axes.
                 let l11 = c[(0, 0)].sqrt();
                 let l21 = 0.5 * (c[(1, 0)] + c[(0, 1)]) / l11;
@@ -237,8 +262,22 @@ fn false_count(config: &RobustConfig) -> Vec<f64> {
     ratios
 }
 
+/// ln of the probability of `count` false dots times the number of their orders, `count!`: Poisson
+/// with this mean, or for all but a few views the usual number.
+pub(super) fn ln_false_dots(mean: f64, usual: Option<usize>, count: usize) -> f64 {
+    let ln_poisson = count as f64 * mean.ln() - mean;
+    match usual {
+        None => ln_poisson,
+        Some(usual) if usual != count => UNUSUAL.ln() + ln_poisson,
+        Some(_) => {
+            let orders: f64 = (1..=count).map(|k| k as f64).product();
+            (UNUSUAL * ln_poisson.exp() + (1.0 - UNUSUAL) * orders).ln()
+        }
+    }
+}
+
 /// ln of the density at `u` standard deviations over the Gaussian's density at 0.
-fn ln_kernel(noise: NoiseShape, u: f64) -> f64 {
+pub(super) fn ln_kernel(noise: NoiseShape, u: f64) -> f64 {
     match noise {
         NoiseShape::Gaussian => {
             let h = -0.5 * u * u;
@@ -310,7 +349,7 @@ mod tests {
 
     #[test]
     fn what_is_beyond_the_gate_has_no_kernel() {
-        let model = Model::new(&RobustConfig::default());
+        let model = Model::new(&RobustConfig::default(), 1.0);
         assert!(model.ln_kernel(GATE * GATE).is_some());
         for d2 in [GATE * GATE * 1.001, 1e300, f64::INFINITY, f64::NAN] {
             assert_eq!(model.ln_kernel(d2), None, "{d2}");
@@ -327,7 +366,7 @@ mod tests {
             usual_false_dots: Some(2),
             ..RobustConfig::default()
         };
-        let model = Model::new(&config);
+        let model = Model::new(&config, 1.0);
         for from in 0..6 {
             let brute = (from..40).map(|k| model.false_count(k));
             let brute = brute.fold(f64::NEG_INFINITY, f64::max);

@@ -42,6 +42,8 @@ pub(super) struct NullHypothesis {
     ln_odds: f64,
     ln_ratio: f64,
     excess: f64,
+    /// Mean number of dots.
+    mean: f64,
 }
 
 /// Probabilities of the best explanation.
@@ -62,12 +64,18 @@ impl NullHypothesis {
             ln_odds: (config.null_prior / (1.0 - config.null_prior)).ln(),
             ln_ratio: (mean / false_dots).ln(),
             excess: mean - false_dots,
+            mean,
         }
     }
 
     /// Log-evidence of the null hypothesis with so many dots, against "all dots are false".
     pub fn ln_evidence(&self, dots: usize) -> f64 {
         dots as f64 * self.ln_ratio - self.excess
+    }
+
+    /// ln of the prior odds times the density of so many dots, spread over `area` steradians.
+    pub fn ln_density(&self, dots: usize, area: f64) -> f64 {
+        dots as f64 * (self.mean / area).ln() - self.mean + self.ln_odds
     }
 
     /// The same against a mirrored view, which is itself unlikely.
@@ -146,6 +154,19 @@ impl Found {
         self.explanations
             .iter()
             .max_by(|a, b| a.refined.ln_evidence.total_cmp(&b.refined.ln_evidence))
+    }
+
+    /// All explanations, in no order.
+    pub fn explanations(&self) -> &[Explanation] {
+        &self.explanations
+    }
+
+    /// Replaces the log-evidence of every explanation by what `of` makes of it and its assignment.
+    pub fn reweigh(&mut self, of: impl Fn(&Explanation, &[u16]) -> f64) {
+        for explanation in &mut self.explanations {
+            let assignment = &self.assignments[explanation.slot..][..self.dots];
+            explanation.refined.ln_evidence = of(explanation, assignment);
+        }
     }
 
     /// Replaces an explanation's rotation.

@@ -2,25 +2,34 @@
 //! together as a sequence where all of them have a time.
 //!
 //! Guarantees: frames come in the order of the inputs; each is estimated independently, so that the
-//! number of threads changes nothing. Not guaranteed: little memory; a few dozen images are held at
-//! a time, and all estimates.
+//! number of threads changes nothing; a file that cannot be read is a rejected frame. Memory: two
+//! pictures more than there are threads wait, 8 bits a color; a large one is estimated by its
+//! brightness, and by its colors, one at a time, only where that shows no ball. All estimates are
+//! held.
 
+use std::num::NonZero;
 use std::path::PathBuf;
-
-use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError, mpsc};
 
 use super::{
-    Estimator, FrameEstimate, SequenceConfig, SequenceSummary, estimate_spin, track_sequence,
+    Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, SequenceConfig, SequenceSummary,
+    estimate_spin, track_sequence,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::pipeline::{Sink, map_ordered_within};
 use crate::spin::{Fit, SpinRejection};
 use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
 use crate::vision::image::RgbImage;
-use crate::vision::input::{self, FrameTimes, InputFrame};
+use crate::vision::input::{self, FrameTimes, InputFrame, SkippedFiles, VideoClock};
+use crate::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
 
-/// Frames that are held and estimated at once.
-const FRAMES_AT_ONCE: usize = 64;
+/// Pictures that wait, beyond one a thread.
+const WAITING: usize = 2;
+/// Pixels of a picture from which on its colors take too much memory on every thread.
+const LARGE: usize = 4_000_000;
+/// Minimum time between frames, seconds: a million a second. Names that count frames are closer.
+const MIN_STEP_S: f64 = 1e-6;
 
 /// Where the times of the frames come from.
 #[derive(Debug, Clone, Default)]
@@ -35,7 +44,7 @@ pub enum FrameClock {
 }
 
 /// What is estimated, and how.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct BatchConfig {
     /// The ball's outline in all frames; by default it is found in each.
     pub circle: Option<BallCircle>,
@@ -45,18 +54,74 @@ pub struct BatchConfig {
     pub sequence: SequenceConfig,
     /// Whether frames stay independent of each other.
     pub independent: bool,
+    /// Whether left and right are exchanged before anything else.
+    pub mirrored: bool,
+    /// Maximum number of pixels of a picture.
+    pub max_pixels: u64,
+}
+
+impl Default for BatchConfig {
+    /// Outlines found, times from the inputs, frames as they are, up to 64 million pixels each.
+    fn default() -> Self {
+        Self {
+            circle: None,
+            clock: FrameClock::default(),
+            sequence: SequenceConfig::default(),
+            independent: false,
+            mirrored: false,
+            max_pixels: DEFAULT_MAX_PIXELS,
+        }
+    }
+}
+
+/// Where the times of a batch came from.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[serde(rename_all = "snake_case", tag = "source")]
+pub enum TimeSource {
+    /// No frame has a time.
+    None,
+    /// Some frames have a time by their names, others not.
+    Partial {
+        /// How many have one.
+        timed: usize,
+    },
+    /// The names are numbers, but so near to each other that they count frames: they are no times.
+    FrameNumbers {
+        /// The smallest step of the names, taken as nanoseconds, in seconds.
+        step_s: f64,
+    },
+    /// The names of the files, in nanoseconds.
+    Names {
+        /// Mean frames per second.
+        fps: f64,
+    },
+    /// A rate that was given.
+    Rate {
+        /// Frames per second.
+        fps: f64,
+    },
+    /// A table.
+    Table,
+    /// The time stamps of a video.
+    Video(VideoClock),
 }
 
 /// Sees every frame while its image is there; see [`estimate_inputs`].
 pub trait BatchObserver: Sync {
-    /// What is kept of an image.
-    type Kept: Send;
+    /// What is kept of an image; the default where there is none, since the file cannot be read or
+    /// [`BatchObserver::wants_images`] says no.
+    type Kept: Send + Default;
 
     /// Chooses what is kept of an image. Called from several threads.
     ///
     /// # Errors
     /// Those of the observer; they end the batch.
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Self::Kept>;
+
+    /// Whether [`BatchObserver::keep`] is to be called: colors take memory.
+    fn wants_images(&self) -> bool {
+        true
+    }
 
     /// Hears how many frames are estimated.
     fn progress(&self, _frames: usize) {}
@@ -68,6 +133,10 @@ impl BatchObserver for () {
 
     fn keep(&self, _: &RgbImage, _: &FrameEstimate) -> Result<()> {
         Ok(())
+    }
+
+    fn wants_images(&self) -> bool {
+        false
     }
 }
 
@@ -82,6 +151,8 @@ pub struct BatchFrame<K> {
     pub time_s: Option<f64>,
     /// What was estimated.
     pub estimate: FrameEstimate,
+    /// Why the file cannot be read, where it cannot: one line that names it.
+    pub unreadable: Option<String>,
     /// What the observer kept.
     pub kept: K,
 }
@@ -109,6 +180,12 @@ pub struct Batch<K> {
     pub frames: Vec<BatchFrame<K>>,
     /// See [`SequenceOutcome`].
     pub sequence: SequenceOutcome,
+    /// Where the times came from.
+    pub times: TimeSource,
+    /// Files of the folders that are no images.
+    pub skipped: Vec<SkippedFiles>,
+    /// Videos that end early, with the reason.
+    pub cut_short: Vec<(PathBuf, String)>,
 }
 
 impl<K> Batch<K> {
@@ -134,80 +211,251 @@ where
     D: DotDetector + Sync,
     O: BatchObserver,
 {
-    let mut frames = Vec::new();
-    let mut waiting = Vec::with_capacity(FRAMES_AT_ONCE);
-    for source in input::sources(inputs)? {
-        let first = frames.len();
-        let mut visit = |frame: InputFrame| {
-            waiting.push(frame);
-            if waiting.len() == FRAMES_AT_ONCE {
-                estimate_waiting(estimator, config, observer, &mut waiting, &mut frames)?;
+    let listed = input::list_sources(inputs)?;
+    let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
+    let large = Mutex::new(());
+    let job = FrameJob {
+        estimator,
+        config,
+        observer,
+        large: &large,
+    };
+    let mut frames: Vec<BatchFrame<O::Kept>> = Vec::new();
+    let mut clocks = Vec::new();
+    let mut cut_short = Vec::new();
+    let mut first_error = None;
+    // The reader decodes while the threads estimate; it waits where they do not keep up.
+    let (sender, receiver) = mpsc::sync_channel::<Result<InputFrame>>(0);
+    let sources = &listed.sources;
+    let read = std::thread::scope(|scope| {
+        let reader = scope.spawn(move || {
+            let mut all = Vec::new();
+            for source in sources {
+                let mut count = 0;
+                let read = input::read_frames(source, config.max_pixels, &mut |frame| {
+                    count += 1;
+                    // Nobody listens after an error.
+                    let gone = |_| Error::Internal("the estimation has ended".into());
+                    sender.send(Ok(frame)).map_err(gone)
+                });
+                match read {
+                    Ok(times) => all.push((source, count, times)),
+                    Err(error) => {
+                        let _ = sender.send(Err(error));
+                        return all;
+                    }
+                }
             }
-            Ok(())
+            all
+        });
+        let mut sink = Collected {
+            frames: &mut frames,
+            first_error: &mut first_error,
+            observer,
         };
-        let times = input::read_frames(&source, &mut visit)?;
-        estimate_waiting(estimator, config, observer, &mut waiting, &mut frames)?;
-        for (frame, time) in frames[first..].iter_mut().zip(times) {
+        let limit = NonZero::new(threads.get() + WAITING).unwrap_or(threads);
+        let outcome = map_ordered_within(
+            limit,
+            receiver.into_iter(),
+            threads,
+            || estimator.workspace(),
+            |workspace, frame| job.run(frame, workspace),
+            &mut sink,
+        );
+        let read = reader.join().unwrap_or_default();
+        outcome.map(|()| read)
+    })?;
+    // A file that is no image is a rejected frame among others, and an error alone.
+    let is_hopeless = frames.iter().all(|f| f.unreadable.is_some());
+    if let Some(error) = first_error.filter(|_| is_hopeless) {
+        return Err(error);
+    }
+    let mut first = 0;
+    for (source, count, times) in read {
+        for (frame, time) in frames[first..].iter_mut().zip(times.times_s) {
             frame.time_s = time;
         }
+        first += count;
+        clocks.extend(times.clock);
+        if let (input::Source::Video(path), Some(why)) = (source, times.cut_short) {
+            cut_short.push((path.clone(), why));
+        }
     }
-    set_times(&config.clock, &mut frames)?;
+    let times = set_times(&config.clock, clocks.last().copied(), &mut frames)?;
     let sequence = as_sequence(estimator, config, &mut frames);
-    Ok(Batch { frames, sequence })
+    Ok(Batch {
+        frames,
+        sequence,
+        times,
+        skipped: listed.skipped,
+        cut_short,
+    })
 }
 
-/// Estimates the waiting frames on all cores.
-fn estimate_waiting<D, O>(
+/// Estimates the frames of a batch anew for another pattern: the outlines and dots as found, their
+/// identification and the sequence by `estimator`.
+pub fn identify_batch<D: DotDetector, K>(
     estimator: &Estimator<D>,
     config: &BatchConfig,
-    observer: &O,
-    waiting: &mut Vec<InputFrame>,
-    frames: &mut Vec<BatchFrame<O::Kept>>,
-) -> Result<()>
-where
-    D: DotDetector + Sync,
-    O: BatchObserver,
-{
-    let circle = config.circle.as_ref();
-    let done: Result<Vec<_>> = waiting
-        .par_drain(..)
-        .map_init(
-            || estimator.workspace(),
-            |workspace, frame| {
-                let mut estimate = FrameEstimate::default();
-                estimator.estimate_frame(&frame.image, circle, None, workspace, &mut estimate);
-                let kept = observer.keep(&frame.image, &estimate)?;
-                Ok(BatchFrame {
-                    name: frame.name,
-                    path: frame.path,
-                    time_s: frame.time_s,
-                    estimate,
-                    kept,
-                })
-            },
-        )
-        .collect();
-    frames.append(&mut done?);
-    observer.progress(frames.len());
-    Ok(())
+    batch: &mut Batch<K>,
+) {
+    let mut workspace = estimator.workspace();
+    for frame in &mut batch.frames {
+        estimator.estimate_pose(None, &mut workspace, &mut frame.estimate);
+    }
+    batch.sequence = as_sequence(estimator, config, &mut batch.frames);
 }
 
-fn set_times<K>(clock: &FrameClock, frames: &mut [BatchFrame<K>]) -> Result<()> {
+/// What a thread needs to estimate a frame.
+struct FrameJob<'a, D, O> {
+    estimator: &'a Estimator<D>,
+    config: &'a BatchConfig,
+    observer: &'a O,
+    /// Held by the one thread that works on the colors of a large picture.
+    large: &'a Mutex<()>,
+}
+
+/// A frame and the error by which it is unreadable.
+type Estimated<K> = Result<(BatchFrame<K>, Option<Error>)>;
+
+impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
+    fn run(
+        &self,
+        frame: InputFrame,
+        workspace: &mut EstimatorWorkspace<D::Workspace>,
+    ) -> Estimated<O::Kept> {
+        let mut done = BatchFrame {
+            name: frame.name,
+            path: frame.path,
+            time_s: frame.time_s,
+            estimate: FrameEstimate::default(),
+            unreadable: None,
+            kept: O::Kept::default(),
+        };
+        let picture = match frame.picture {
+            Ok(picture) => picture,
+            Err(error) => {
+                done.estimate.outcome = Err(FrameRejection::Unreadable);
+                done.unreadable = Some(error.to_string());
+                return Ok((done, Some(error)));
+            }
+        };
+        let picture = match self.config.mirrored {
+            true => picture.mirrored()?,
+            false => picture,
+        };
+        done.kept = self.estimate(&picture, workspace, &mut done.estimate)?;
+        Ok((done, None))
+    }
+
+    fn estimate(
+        &self,
+        picture: &Picture,
+        workspace: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> Result<O::Kept> {
+        let circle = self.config.circle.as_ref();
+        let is_large = picture.width() * picture.height() > LARGE;
+        if is_large {
+            let gray = picture.to_gray()?;
+            self.estimator
+                .estimate_frame(&gray, circle, None, workspace, out);
+            let is_found = !matches!(out.outcome, Err(FrameRejection::NoBall(_)));
+            if is_found && !self.observer.wants_images() {
+                return Ok(O::Kept::default());
+            }
+            drop(gray);
+            let _alone = self.large.lock().unwrap_or_else(PoisonError::into_inner);
+            let rgb = picture.to_rgb()?;
+            if !is_found {
+                self.estimator
+                    .estimate_frame(&*rgb, circle, None, workspace, out);
+            }
+            return self.keep(&rgb, out);
+        }
+        let rgb = picture.to_rgb()?;
+        self.estimator
+            .estimate_frame(&*rgb, circle, None, workspace, out);
+        self.keep(&rgb, out)
+    }
+
+    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<O::Kept> {
+        match self.observer.wants_images() {
+            true => self.observer.keep(image, estimate),
+            false => Ok(O::Kept::default()),
+        }
+    }
+}
+
+/// Collects the frames in order.
+struct Collected<'a, O: BatchObserver> {
+    frames: &'a mut Vec<BatchFrame<O::Kept>>,
+    first_error: &'a mut Option<Error>,
+    observer: &'a O,
+}
+
+impl<O: BatchObserver> Sink<Estimated<O::Kept>> for Collected<'_, O> {
+    type Error = Error;
+
+    fn take(&mut self, estimated: Estimated<O::Kept>) -> Result<()> {
+        let (frame, error) = estimated?;
+        self.frames.push(frame);
+        if self.first_error.is_none() {
+            *self.first_error = error;
+        }
+        self.observer.progress(self.frames.len());
+        Ok(())
+    }
+}
+
+fn set_times<K>(
+    clock: &FrameClock,
+    video: Option<VideoClock>,
+    frames: &mut [BatchFrame<K>],
+) -> Result<TimeSource> {
     match clock {
-        FrameClock::Inputs => {}
+        FrameClock::Inputs => Ok(input_times(video, frames)),
         FrameClock::FramesPerSecond(rate) => {
             for (k, frame) in frames.iter_mut().enumerate() {
                 frame.time_s = Some(k as f64 / rate);
             }
+            Ok(TimeSource::Rate { fps: *rate })
         }
         FrameClock::Table(table) => {
             let paths: Vec<PathBuf> = frames.iter().map(|f| f.path.clone()).collect();
             for (frame, time) in frames.iter_mut().zip(table.of_frames(&paths)?) {
                 frame.time_s = Some(time);
             }
+            Ok(TimeSource::Table)
         }
     }
-    Ok(())
+}
+
+/// What the inputs say of the times; names that count frames are no times.
+fn input_times<K>(video: Option<VideoClock>, frames: &mut [BatchFrame<K>]) -> TimeSource {
+    if let Some(clock) = video {
+        return TimeSource::Video(clock);
+    }
+    let times: Vec<f64> = frames.iter().filter_map(|f| f.time_s).collect();
+    let [first, .., last] = times[..] else {
+        return match times.len() == frames.len() {
+            _ if times.is_empty() => TimeSource::None,
+            true => TimeSource::Names { fps: 0.0 },
+            false => TimeSource::Partial { timed: 1 },
+        };
+    };
+    if times.len() < frames.len() {
+        return TimeSource::Partial { timed: times.len() };
+    }
+    let steps = times.windows(2).map(|w| w[1] - w[0]);
+    let step_s = steps.fold(f64::INFINITY, f64::min);
+    if step_s > 0.0 && step_s < MIN_STEP_S {
+        frames.iter_mut().for_each(|f| f.time_s = None);
+        return TimeSource::FrameNumbers { step_s };
+    }
+    TimeSource::Names {
+        fps: (times.len() - 1) as f64 / (last - first),
+    }
 }
 
 /// Lets the frames inform each other, and estimates their spin.

@@ -81,6 +81,10 @@ pub enum FrameRejection {
     },
     /// The recognizer refuses.
     Recognizer(RecognizerRejection),
+    /// The file is no image that can be read.
+    Unreadable,
+    /// The frame has a pose, but all frames together say that the ball does not carry this pattern.
+    Foreign,
 }
 
 impl std::fmt::Display for FrameRejection {
@@ -101,6 +105,8 @@ impl std::fmt::Display for FrameRejection {
                 "ambiguous: the best pose has a probability of {pose_confidence:.2}"
             ),
             Self::Recognizer(refusal) => refusal.fmt(f),
+            Self::Unreadable => f.write_str("cannot be read"),
+            Self::Foreign => f.write_str("the table does not fit these images"),
         }
     }
 }

@@ -23,7 +23,8 @@ mod refine;
 mod sequence;
 
 pub use batch::{
-    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
+    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
+    estimate_inputs, identify_batch,
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
@@ -140,6 +141,17 @@ impl<D: DotDetector> Estimator<D> {
             outline_net: config.outline.net()?,
             config,
         })
+    }
+
+    /// The same estimator for another pattern.
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
+    pub fn for_pattern(&self, pattern: &Pattern) -> Result<Self>
+    where
+        D: Clone,
+    {
+        Self::new(pattern, self.config, self.detector.clone())
     }
 
     /// The settings in use.

@@ -42,6 +42,38 @@ pub struct Calibration {
     pub covariance_factor: f64,
 }
 
+impl Calibration {
+    /// Checks that probabilities and covariances can come of it.
+    fn check(&self) -> Checked<()> {
+        for (name, value, inside, expected) in [
+            (
+                "slope",
+                self.slope,
+                self.slope > 0.0 && self.slope <= 1e3,
+                "more than 0 and at most 1000",
+            ),
+            (
+                "offset",
+                self.offset,
+                self.offset.abs() <= 1e3,
+                "-1000 to 1000",
+            ),
+            (
+                "covariance_factor",
+                self.covariance_factor,
+                (1e-4..=1e4).contains(&self.covariance_factor),
+                "0.0001 to 10000",
+            ),
+        ] {
+            if !inside {
+                let problem = format!("calibration.{name}: expected {expected}, found {value}");
+                return Err(Problem::at("meta", problem));
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Default for Calibration {
     fn default() -> Self {
         Self {
@@ -123,6 +155,7 @@ impl Weights {
             let problem = format!("expected format_version {FORMAT_VERSION}, found {found}");
             return Err(Problem::at("meta", problem));
         }
+        meta.calibration.check()?;
         let mut layers = Vec::new();
         for (i, c) in meta.head.convolutions().iter().enumerate() {
             let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| Some(n as u64));

@@ -1,0 +1,189 @@
+//! Files of frames that are told nothing of noise, misses and false dots, against the same files told
+//! the protocol.
+
+use std::num::NonZero;
+use std::path::Path;
+
+use rayon::prelude::*;
+use spindoe::pattern::Pattern;
+use spindoe::pipeline::Sink;
+use spindoe::recognize::observed::ObservedFrame;
+use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
+use spindoe::recognize::stream::{
+    FrameAnswer, LearningConfig, LearningOrder, RivalConfig, identify_learning,
+};
+use spindoe::recognize::{Outcome, Recognizer};
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, Protocol, ProtocolName};
+use spindoe::validate::{Trial, TrialGenerator};
+use spindoe::{Error, Result};
+
+/// Frames of a file.
+const FILES: [usize; 3] = [1, 10, 200];
+
+/// What became of a frame.
+#[derive(Debug, Clone, Copy)]
+struct Judged {
+    identity: bool,
+    orientation: bool,
+    pose_confidence: f64,
+}
+
+fn judge(outcome: &Outcome, trial: &Trial) -> Judged {
+    match outcome {
+        Outcome::Identified(found) => Judged {
+            identity: found.assignment == trial.truth,
+            orientation: found.rotation.angle_to(&trial.rotation) < ORIENTATION_FAILURE_RAD,
+            pose_confidence: found.pose_confidence,
+        },
+        Outcome::Unidentified(_) => Judged {
+            identity: false,
+            orientation: false,
+            pose_confidence: 0.0,
+        },
+    }
+}
+
+/// Views of a protocol, `frames` a file.
+fn files(
+    pattern: &Pattern,
+    protocol: &Protocol,
+    trials: u64,
+    frames: usize,
+    seed: u64,
+) -> Vec<Vec<Trial>> {
+    let mut generator = TrialGenerator::new(pattern, *protocol, seed);
+    let mut all = Vec::new();
+    for index in 0..trials {
+        let mut trial = Trial::default();
+        generator.generate(index, &mut trial);
+        if trial.real_dots() >= protocol.min_dots {
+            all.push(trial);
+        }
+    }
+    all.chunks(frames).map(<[Trial]>::to_vec).collect()
+}
+
+#[derive(Default)]
+struct Outcomes(Vec<Outcome>);
+
+impl Sink<FrameAnswer> for Outcomes {
+    type Error = Error;
+
+    fn take(&mut self, answer: FrameAnswer) -> Result<()> {
+        self.0.push(answer.outcome);
+        Ok(())
+    }
+}
+
+fn learned(pattern: &Pattern, file: &[Trial], order: LearningOrder) -> Result<Vec<Judged>> {
+    let frames = file.iter().enumerate().map(|(k, trial)| {
+        Ok(ObservedFrame {
+            name: k.to_string(),
+            time_s: None,
+            dots: trial.dots.clone(),
+        })
+    });
+    let frames: Vec<_> = frames.collect();
+    let learning = LearningConfig {
+        order,
+        ..LearningConfig::default()
+    };
+    let rivals = RivalConfig {
+        max_rivals: 0,
+        ..RivalConfig::default()
+    };
+    let mut sink = Outcomes::default();
+    let base = RobustConfig::default();
+    let threads = NonZero::<usize>::MIN;
+    let told = identify_learning(
+        pattern,
+        &base,
+        &learning,
+        rivals,
+        frames.into_iter(),
+        threads,
+        &mut sink,
+    )?;
+    if std::env::var_os("SHOW").is_some() {
+        eprintln!("{told:?}");
+    }
+    Ok(file.iter().zip(&sink.0).map(|(t, o)| judge(o, t)).collect())
+}
+
+fn fixed(pattern: &Pattern, file: &[Trial], config: RobustConfig) -> Result<Vec<Judged>> {
+    let recognizer = RobustRecognizer::new(pattern, config)?;
+    let mut workspace = recognizer.workspace();
+    let one = |trial: &Trial| judge(&recognizer.identify(&trial.dots, &mut workspace), trial);
+    Ok(file.iter().map(one).collect())
+}
+
+fn percent(judged: &[Judged], of: impl Fn(&Judged) -> bool) -> String {
+    let n = judged.iter().filter(|j| of(j)).count() as u64;
+    let p = Proportion::new(n, judged.len() as u64);
+    format!(
+        "{:.2} [{:.2}, {:.2}]",
+        100.0 * p.rate,
+        100.0 * p.low,
+        100.0 * p.high
+    )
+}
+
+fn row(name: &str, judged: &[Judged]) {
+    let sure = judged.iter().filter(|j| j.pose_confidence >= 0.9).copied();
+    let sure: Vec<Judged> = sure.collect();
+    println!(
+        "| {name} | {} | {} | {} |",
+        percent(judged, |j| j.identity),
+        percent(judged, |j| j.orientation),
+        percent(&sure, |j| j.orientation),
+    );
+}
+
+pub fn print(trials: u64, seed: u64) -> Result<()> {
+    let patterns = [
+        ("published", "/work/shared/data/spindoe2023/ref_pattern.csv"),
+        ("dots20", "designs/dots20/pattern.csv"),
+    ];
+    println!("{trials} trials a row, seed {seed}\n");
+    println!("| file | identity % | orientation % | orientation % of those above 0.9 |");
+    println!("|---|---|---|---|");
+    let degrees = |d: f64| Protocol::standard(ProtocolName::Paper).with_sigma_rad(d.to_radians());
+    let mut protocols: Vec<(String, Protocol)> = ProtocolName::ALL
+        .map(|name| (name.to_string(), Protocol::standard(name)))
+        .into();
+    let harder = Protocol {
+        false_dots: 3,
+        ..degrees(8.0)
+    };
+    protocols.push(("8 deg, 3 false".into(), harder));
+    for (name, path) in patterns {
+        if !Path::new(path).exists() {
+            eprintln!("{name}: skipped, {path} is not here");
+            continue;
+        }
+        let pattern = Pattern::read_csv(path.as_ref())?;
+        for (protocol_name, protocol) in &protocols {
+            let all = files(&pattern, protocol, trials, 200, seed);
+            let each = |of: &(dyn Fn(&[Trial]) -> Result<Vec<Judged>> + Sync),
+                        files: &[Vec<Trial>]|
+             -> Result<Vec<Judged>> {
+                let judged: Result<Vec<_>> = files.par_iter().map(|f| of(f)).collect();
+                Ok(judged?.concat())
+            };
+            let of = format!("{name}, {protocol_name}");
+            let told = each(&|f| fixed(&pattern, f, protocol.recognizer_config()), &all)?;
+            row(&format!("{of}: told the protocol"), &told);
+            let default = each(&|f| fixed(&pattern, f, RobustConfig::default()), &all)?;
+            row(&format!("{of}: defaults"), &default);
+            for frames in FILES {
+                let split = files(&pattern, protocol, trials, frames, seed);
+                let order = LearningOrder::InAdvance;
+                let judged = each(&|f| learned(&pattern, f, order), &split)?;
+                row(&format!("{of}: learned, {frames} frames"), &judged);
+            }
+            let judged = each(&|f| learned(&pattern, f, LearningOrder::AsTheyCome), &all)?;
+            row(&format!("{of}: learned as they come, 200 frames"), &judged);
+        }
+    }
+    Ok(())
+}
