@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::constraints::Constraints;
+use super::objective::Objective;
 use super::objective::bound::BoundSummary;
-use super::objective::{Objective, confusion};
-use crate::error::{Error, Result, require};
+use crate::error::{Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::validate::{Protocol, ProtocolName};
 
@@ -76,7 +76,7 @@ impl DesignConfig {
     /// Checks the domains of all parameters.
     ///
     /// # Errors
-    /// [`Error::Argument`] naming the parameter.
+    /// [`crate::Error::Argument`] naming the parameter.
     pub fn check(&self) -> Result<()> {
         let dots = format!("{MIN_DOTS} to {MAX_DOTS}");
         require(
@@ -100,14 +100,6 @@ impl DesignConfig {
         ] {
             let inside = weight >= 0.0 && weight.is_finite();
             require(inside, name, "a number not below 0", weight)?;
-        }
-        if !self.objective.name().suits(self.dots) {
-            let problem = format!(
-                "confusion is computed for at most {} dots, found {}; choose another",
-                confusion::MAX_DOTS,
-                self.dots
-            );
-            return Err(Error::argument("objective", problem));
         }
         self.protocol.check()?;
         self.constraints.check_demand(self.dots)

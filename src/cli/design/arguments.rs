@@ -53,7 +53,7 @@ pub struct Arguments {
     /// Continue the search saved in --out.
     #[arg(long, requires = "out")]
     pub(super) resume: bool,
-    /// Objective that a descent minimizes; by default confusion, for more than 24 dots whitened-nn.
+    /// Objective that a descent minimizes; by default confusion.
     #[arg(long, value_parser = one_of(&ObjectiveName::ALL, ObjectiveName::as_str), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
@@ -184,10 +184,7 @@ impl Arguments {
                 stencil: Some(self.stencil()),
                 ..Constraints::default()
             },
-            objective: Objective::for_protocol(
-                self.objective.unwrap_or(ObjectiveName::for_dots(dots)),
-                &protocol,
-            ),
+            objective: Objective::for_protocol(self.objective.unwrap_or_default(), &protocol),
             bound_weight: self.bound_weight,
             bound_goal: self.bound_goal(dots),
             basis_weight: self.basis_weight,
