@@ -44,6 +44,9 @@ pub struct DesignConfig {
     /// Weight of the pairs' quality as bases, on which the paper's recognizer depends; 0 leaves it
     /// out.
     pub basis_weight: f64,
+    /// Weight of the rate at which views are explained by the pattern's mirror image; 0 leaves it
+    /// out.
+    pub mirror_weight: f64,
     /// A pattern to improve instead of random starts.
     pub from: Option<Vec<[f64; 3]>>,
 }
@@ -67,6 +70,7 @@ impl Default for DesignConfig {
             bound_weight: 10.0,
             bound_goal: None,
             basis_weight: 0.0,
+            mirror_weight: 0.0,
             from: None,
         }
     }
@@ -97,6 +101,7 @@ impl DesignConfig {
         for (name, weight) in [
             ("bound_weight", self.bound_weight),
             ("basis_weight", self.basis_weight),
+            ("mirror_weight", self.mirror_weight),
         ] {
             let inside = weight >= 0.0 && weight.is_finite();
             require(inside, name, "a number not below 0", weight)?;

@@ -42,7 +42,7 @@
 
 use super::Evaluation;
 use super::cube_map::Interpolation;
-use super::poses::{Kernel, Match, PoseSearch, WrongPose, add_frame_gradient};
+use super::poses::{Image, Kernel, Match, PoseSearch, WrongPose, add_frame_gradient};
 use super::views::{DotModel, MAX_COUNT, VIEWS, ViewSlopes, Views};
 use crate::error::{Result, require};
 use crate::geometry::{Vec3, angle_between};
@@ -228,6 +228,20 @@ impl Confusion {
     /// [`crate::Error::Argument`] for parameters outside their domains, and for fewer than 2 or more
     /// than 64 dots.
     pub fn evaluate(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        self.evaluate_against(dots, Image::Own)
+    }
+
+    /// The same rate for the poses of the pattern's mirror image: how often a view of the ball is
+    /// explained as well by that of a mirrored ball. A pattern of low rate tells flipped images from
+    /// others.
+    ///
+    /// # Errors
+    /// As [`Confusion::evaluate`].
+    pub fn evaluate_mirrored(&self, dots: &[Vec3]) -> Result<Evaluation> {
+        self.evaluate_against(dots, Image::Mirrored)
+    }
+
+    fn evaluate_against(&self, dots: &[Vec3], image: Image) -> Result<Evaluation> {
         self.check(dots.len())?;
         let sigma = self.sigma_rad * self.tail_factor;
         let views = Views::new(
@@ -235,6 +249,7 @@ impl Confusion {
             DotModel::new(self.detection, self.visibility_limit, sigma),
         );
         let search = PoseSearch {
+            image,
             kernel: Kernel::new(sigma, REACH[0], REACH[1]),
             pair_kernel: Kernel::new(sigma, PAIR_REACH[0], PAIR_REACH[1]),
             min_matches: match self.detection {
@@ -246,8 +261,11 @@ impl Confusion {
         };
         let found = search.run(dots);
         let scale = 0.5 * self.view_stride as f64 / (VIEWS as f64 * found.fraction);
+        let others = image.of(dots);
         let mut work = Work {
             dots,
+            others: &others,
+            sign: image.sign(),
             views: &views,
             scale,
             stride: self.view_stride,
@@ -362,6 +380,9 @@ impl Confusion {
 /// What the passes over all poses share.
 struct Work<'a> {
     dots: &'a [Vec3],
+    /// The dots that they are taken for, each `sign` times the dot.
+    others: &'a [Vec3],
+    sign: f64,
     views: &'a Views,
     scale: f64,
     stride: usize,
@@ -378,7 +399,8 @@ impl Work<'_> {
         if pair[0][0] * pair[1][0] < MIN_PRODUCT {
             return None;
         }
-        let claimed_direction = pose.rotation * self.views.direction(view);
+        // The mirror image shows in a direction what the pattern shows in the opposite one.
+        let claimed_direction = self.sign * (pose.rotation * self.views.direction(view));
         let claimed = self
             .views
             .claimed
@@ -488,11 +510,13 @@ impl Work<'_> {
             }
             let slope = -2.0 * by_likeness[at] * m.likeness.slope;
             let moved = pose.rotation * self.dots[m.seen];
-            let other = self.dots[m.other];
-            gradient[m.other] += slope * moved;
+            let other = self.others[m.other];
+            gradient[m.other] += self.sign * slope * moved;
             gradient[m.seen] += slope * pose.rotation.tr_mul(&other);
             torque += slope * moved.cross(&other);
         }
+        // An opposite pair has the opposite midpoint and direction, and the same angle: a move of the
+        // dots turns its frame as it turns theirs.
         add_frame_gradient(self.dots, pose.other, &torque, gradient);
         add_frame_gradient(
             self.dots,

@@ -17,7 +17,7 @@ pub mod bound;
 pub mod confusion;
 mod cube_map;
 pub mod mean_nn;
-mod poses;
+pub(super) mod poses;
 mod views;
 pub mod whitened;
 

@@ -3,7 +3,8 @@
 //! A pair of dots laid on another pair, midpoint on midpoint, gives a rotation `G`. Under it further
 //! dots come to lie near others. The distance of a pair from the other is known from their angles
 //! alone, so similar pairs are neighbors in a list that is sorted by angle; the dots near a direction
-//! come from an index ([`DotIndex`]).
+//! come from an index ([`DotIndex`]). The others are the pattern's own dots, or those of its mirror
+//! image.
 //!
 //! Where there are more pairs of pairs than wanted, each is taken with the same probability. Whether
 //! it is taken depends on the dots' numbers alone, so a sum over the sample, divided by that
@@ -21,7 +22,7 @@ const MIN_SINE: f64 = 1e-6;
 ///
 /// This is the Bhattacharyya coefficient of two Gaussians of sigma per axis at a distance `r`.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Kernel {
+pub(in crate::design) struct Kernel {
     sigma: f64,
     begin_squared: f64,
     reach_squared: f64,
@@ -29,7 +30,7 @@ pub(super) struct Kernel {
 
 /// A value with its derivative with respect to the squared distance.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Likeness {
+pub(in crate::design) struct Likeness {
     pub value: f64,
     pub slope: f64,
 }
@@ -60,7 +61,7 @@ impl Kernel {
 
 /// A dot that lies near another once it is rotated.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Match {
+pub(in crate::design) struct Match {
     /// The dot that is seen.
     pub seen: usize,
     /// The dot that it is taken for.
@@ -71,7 +72,7 @@ pub(super) struct Match {
 
 /// A pair of dots laid on another, and what else matches then.
 #[derive(Debug, Clone)]
-pub(super) struct WrongPose {
+pub(in crate::design) struct WrongPose {
     /// The pair that is seen, and the pair it is taken for, in this order.
     pub seen: [usize; 2],
     pub other: [usize; 2],
@@ -88,16 +89,42 @@ pub(super) struct WrongPose {
 }
 
 /// All poses with at least so many further matches, and these matches.
-pub(super) struct WrongPoses {
+pub(in crate::design) struct WrongPoses {
     pub poses: Vec<WrongPose>,
     pub matches: Vec<Match>,
     /// The part of all pairs of pairs that was looked at.
     pub fraction: f64,
 }
 
+/// The dots that others are taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::design) enum Image {
+    /// The pattern's own.
+    Own,
+    /// Those of its mirror image, each opposite to the pattern's.
+    Mirrored,
+}
+
+impl Image {
+    /// The factor of each dot's position.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Own => 1.0,
+            Self::Mirrored => -1.0,
+        }
+    }
+
+    /// The dots' positions in the image.
+    pub fn of(self, dots: &[Vec3]) -> Vec<Vec3> {
+        dots.iter().map(|d| self.sign() * d).collect()
+    }
+}
+
 /// What is looked for.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PoseSearch {
+pub(in crate::design) struct PoseSearch {
+    /// The dots that others are taken for.
+    pub image: Image,
     /// Of two dots.
     pub kernel: Kernel,
     /// Of two pairs.
@@ -148,14 +175,16 @@ impl PoseSearch {
             matches: Vec::new(),
             fraction,
         };
-        let index = DotIndex::new(dots, self.kernel.reach_squared.sqrt());
+        let others = self.image.of(dots);
+        let index = DotIndex::new(&others, self.kernel.reach_squared.sqrt());
+        let both = [dots, &others];
         for (x, first) in pairs.iter().enumerate() {
             for second in &pairs[..=x] {
                 // The half angles differ by what each dot is off.
                 if first.half_angle - second.half_angle > reach {
                     continue;
                 }
-                self.lay(dots, first, second, &index, &mut found);
+                self.lay(both, first, second, &index, &mut found);
             }
         }
         found
@@ -169,7 +198,7 @@ impl PoseSearch {
 
     fn lay(
         &self,
-        dots: &[Vec3],
+        [dots, others]: [&[Vec3]; 2],
         first: &Pair,
         second: &Pair,
         index: &DotIndex,
@@ -179,7 +208,7 @@ impl PoseSearch {
         let [c, d] = second.dots;
         let same = (a, b) == (c, d);
         for other in [[c, d], [d, c]] {
-            if same && other == [a, b] {
+            if self.image == Image::Own && other == [a, b] {
                 continue;
             }
             let hash = mix(self.seed, first.dots, other);
@@ -192,10 +221,10 @@ impl PoseSearch {
             if likeness.value == 0.0 {
                 continue;
             }
-            let rotation = frame(dots, other) * frame(dots, first.dots).transpose();
+            let rotation = frame(others, other) * frame(dots, first.dots).transpose();
             let from = found.matches.len();
             self.add_matches(
-                dots,
+                [dots, others],
                 [first.dots, other],
                 &rotation,
                 index,
@@ -219,7 +248,7 @@ impl PoseSearch {
 
     fn add_matches(
         &self,
-        dots: &[Vec3],
+        [dots, others]: [&[Vec3]; 2],
         [seen, other]: [[usize; 2]; 2],
         rotation: &Matrix3<f64>,
         index: &DotIndex,
@@ -235,7 +264,7 @@ impl PoseSearch {
             while near != 0 {
                 let j = near.trailing_zeros() as usize;
                 near &= near - 1;
-                let squared = 2.0 - 2.0 * at.dot(&dots[j]);
+                let squared = 2.0 - 2.0 * at.dot(&others[j]);
                 if squared < self.kernel.reach_squared {
                     let likeness = self.kernel.at(squared);
                     matches.push(Match {

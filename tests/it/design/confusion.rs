@@ -83,7 +83,8 @@ fn unions(dots: &[Vec3], config: &Confusion) -> Vec<f64> {
     let n = dots.len();
     let sigma = config.sigma_rad * config.tail_factor;
     let views: Vec<Vec3> = spiral_directions(400).collect();
-    let seen = |d: &Vec3, v: &Vec3| 1.0 / (1.0 + (-(d.dot(v) - config.visibility_limit) / 0.04).exp());
+    let seen =
+        |d: &Vec3, v: &Vec3| 1.0 / (1.0 + (-(d.dot(v) - config.visibility_limit) / 0.04).exp());
     // Probability of detection and factor of a dot without a match.
     let model = |d: &Vec3, v: &Vec3| match config.detection {
         Detection::Given { .. } => (seen(d, v), 1.0),
@@ -92,7 +93,8 @@ fn unions(dots: &[Vec3], config: &Confusion) -> Vec<f64> {
             false_dots,
         } => {
             let p = probability.min(0.98) * seen(d, v);
-            let density = false_dots / (2.0 * std::f64::consts::PI * (1.0 - config.visibility_limit));
+            let density =
+                false_dots / (2.0 * std::f64::consts::PI * (1.0 - config.visibility_limit));
             let by_chance = (density * 8.0 * std::f64::consts::PI).sqrt() * sigma;
             (p, (1.0 - p).sqrt() + by_chance * p.sqrt())
         }
@@ -111,7 +113,8 @@ fn unions(dots: &[Vec3], config: &Confusion) -> Vec<f64> {
             let Some(turn) = pair_rotation([&dots[a], &dots[b]], [&dots[c], &dots[d]]) else {
                 continue;
             };
-            let off = (turn * dots[a] - dots[c]).norm_squared() + (turn * dots[b] - dots[d]).norm_squared();
+            let off = (turn * dots[a] - dots[c]).norm_squared()
+                + (turn * dots[b] - dots[d]).norm_squared();
             let alike = likeness(off, sigma, [3.0, 4.0]);
             if alike == 0.0 {
                 continue;
@@ -120,7 +123,9 @@ fn unions(dots: &[Vec3], config: &Confusion) -> Vec<f64> {
                 .map(|i| {
                     let others = (0..n).filter(|&j| i != a && i != b && j != c && j != d);
                     others
-                        .map(|j| likeness((turn * dots[i] - dots[j]).norm_squared(), sigma, [4.0, 5.5]))
+                        .map(|j| {
+                            likeness((turn * dots[i] - dots[j]).norm_squared(), sigma, [4.0, 5.5])
+                        })
                         .sum()
                 })
                 .collect();
@@ -133,8 +138,12 @@ fn unions(dots: &[Vec3], config: &Confusion) -> Vec<f64> {
                     Detection::Given { .. } => 1.0,
                     Detection::Independent { .. } => weight(&(turn * v)),
                 };
-                let x: Vec<f64> = (0..n).map(|i| matched[i] * factor(i)).filter(|x| *x > 0.0).collect();
-                let whole = 0.5 * weight(v) * claimed * alike * factor(a) * factor(b) / views.len() as f64;
+                let x: Vec<f64> = (0..n)
+                    .map(|i| matched[i] * factor(i))
+                    .filter(|x| *x > 0.0)
+                    .collect();
+                let whole =
+                    0.5 * weight(v) * claimed * alike * factor(a) * factor(b) / views.len() as f64;
                 for k in 3..=n.min(x.len() + 2) {
                     unions[k] += whole * subsets(&x, k - 2) * 2.0 / (k * (k - 1)) as f64;
                 }
@@ -151,7 +160,10 @@ fn counts(dots: &[Vec3], config: &Confusion, probability: f64) -> Vec<f64> {
     for v in spiral_directions(400) {
         let p: Vec<f64> = dots
             .iter()
-            .map(|d| probability.min(0.98) / (1.0 + (-(d.dot(&v) - config.visibility_limit) / 0.04).exp()))
+            .map(|d| {
+                probability.min(0.98)
+                    / (1.0 + (-(d.dot(&v) - config.visibility_limit) / 0.04).exp())
+            })
             .collect();
         let none: f64 = p.iter().map(|p| 1.0 - p).product();
         let odds: Vec<f64> = p.iter().map(|p| p / (1.0 - p)).collect();
@@ -209,7 +221,10 @@ fn confusion_is_the_sum_over_all_pairs_of_pairs_and_subsets() {
 #[test]
 fn a_sample_of_poses_and_views_stands_for_all() {
     let dots = crate::common::random_pattern(16, 5).dots().to_vec();
-    for protocol in [Protocol::standard(ProtocolName::Sparse), small_ball(15.0, 0.3)] {
+    for protocol in [
+        Protocol::standard(ProtocolName::Sparse),
+        small_ball(15.0, 0.3),
+    ] {
         let whole = Confusion {
             poses_per_square: 1e9,
             view_stride: 1,
@@ -245,7 +260,11 @@ fn confusion_s_slope_matches_central_differences() {
     let many = crate::common::random_pattern(40, 6).dots().to_vec();
     for protocol in protocols() {
         let config = confusion(&protocol);
-        for dots in [with_a_pair(9, 0.14, 2), with_a_pair(12, 0.7, 4), many.clone()] {
+        for dots in [
+            with_a_pair(9, 0.14, 2),
+            with_a_pair(12, 0.7, 4),
+            many.clone(),
+        ] {
             let gradient = config.evaluate(&dots).unwrap().gradient;
             let largest = gradient.iter().map(Vec3::norm).fold(0.0, f64::max);
             for i in (0..dots.len()).step_by(dots.len() / 8) {
@@ -299,10 +318,34 @@ fn confusion_rejects_parameters_outside_their_domains() {
     };
     let given = |dots| Detection::Given { dots };
     let base = Confusion::default();
-    rejected(Confusion { sigma_rad: 0.0, ..base }, "sigma_rad");
-    rejected(Confusion { view_stride: 0, ..base }, "view_stride");
-    rejected(Confusion { detection: given(2), ..base }, "dots_given");
-    rejected(Confusion { detection: given(10), ..base }, "dots_given");
+    rejected(
+        Confusion {
+            sigma_rad: 0.0,
+            ..base
+        },
+        "sigma_rad",
+    );
+    rejected(
+        Confusion {
+            view_stride: 0,
+            ..base
+        },
+        "view_stride",
+    );
+    rejected(
+        Confusion {
+            detection: given(2),
+            ..base
+        },
+        "dots_given",
+    );
+    rejected(
+        Confusion {
+            detection: given(10),
+            ..base
+        },
+        "dots_given",
+    );
     let all = vec![Vec3::x(); 65];
     assert!(base.evaluate(&all).is_err());
 }
