@@ -144,6 +144,16 @@ fn print_words(found: &Comparison) {
             number_or_dash(p.orientation_bound.mean),
             number_or_dash(p.orientation_bound.worst)
         );
+        outln!(
+            "  mirror image: {} of {} dots within 12 deg of it, {:.1} deg root mean square",
+            p.mirror_likeness.near,
+            p.mirror_likeness.dots,
+            deg(p.mirror_likeness.rms_rad)
+        );
+        outln!(
+            "  mean nearest-neighbor distance of the features: {:.4}",
+            p.mean_feature_distance
+        );
         for o in &p.objectives {
             outln!("  {}: {:.4}", o.name, o.value);
         }

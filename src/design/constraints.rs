@@ -24,8 +24,13 @@ use crate::stencil::{Stencil, StencilConfig, max_margin_seam};
 const VIEWS: usize = 600;
 /// Required height above the limit, since directions between the samples count too.
 const VISIBILITY_RESERVE: f64 = 0.02;
+/// Directions by which the area outside all cones is measured.
+const AREA_SAMPLES: usize = 4_000;
 /// An angle may miss its bound by this much, radians (0.06 degrees: 0.02 mm on a ball of 40 mm).
 const ANGLE_TOLERANCE: f64 = 1e-3;
+
+/// The beginning of what a pattern misses that has no stencil.
+pub(super) const NO_STENCIL: &str = "no stencil";
 
 /// A cone that must stay free of dots: a printed logo.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -82,7 +87,9 @@ impl Constraints {
     ///
     /// By L. Fejes Toth, n points cannot all be farther apart than `acos((cot^2 w - 1) / 2)`,
     /// `w = pi n / (6 (n - 2))`. A view and its opposite share the dots, so at most half of them can be
-    /// visible from everywhere.
+    /// visible from everywhere. The stencil's holes need a separation, whatever less is asked for. The
+    /// caps of half the separation around the dots do not overlap, so they must fit beside the seam
+    /// and outside the cones.
     ///
     /// # Errors
     /// [`Error::Argument`] with the nearest value that might work.
@@ -100,6 +107,7 @@ impl Constraints {
             );
             return Err(Error::argument("min_separation_rad", problem));
         }
+        self.check_holes()?;
         let maximum = dots / 2;
         let expected = format!("at most {maximum} of {dots} dots (opposite views share them)");
         require(
@@ -115,6 +123,78 @@ impl Constraints {
             let angle = cone.half_angle_rad.to_degrees();
             let inside = angle > 0.0 && angle < 90.0;
             require(inside, "keep_out", "a half angle of 0 to 90 degrees", angle)?;
+        }
+        self.check_space(dots)
+    }
+
+    /// Rejects a separation below that of the stencil's holes: no pattern that uses it has a stencil.
+    fn check_holes(&self) -> Result<()> {
+        let Some(stencil) = &self.stencil else {
+            return Ok(());
+        };
+        let needed = stencil.min_separation_rad();
+        if self.min_separation_rad >= needed - ANGLE_TOLERANCE {
+            return Ok(());
+        }
+        let fitting = (5..(10.0 * stencil.hole_diameter_mm) as u32)
+            .rev()
+            .map(|tenths| f64::from(tenths) / 10.0)
+            .find(|&hole_diameter_mm| {
+                let smaller = StencilConfig {
+                    hole_diameter_mm,
+                    ..stencil.clone()
+                };
+                smaller.min_separation_rad() <= self.min_separation_rad
+            })
+            .map_or(String::new(), |mm| {
+                format!(", or for holes of at most {mm:.1} mm")
+            });
+        let problem = format!(
+            "holes of {} mm on a ball of {} mm, with the wall that the stencil needs between them, are at least \
+             {:.1} degrees apart, found {:.1}; ask for more{fitting}",
+            stencil.hole_diameter_mm,
+            stencil.ball_diameter_mm,
+            // Rounded up: the figure itself must be accepted.
+            (10.0 * needed.to_degrees()).ceil() / 10.0,
+            self.min_separation_rad.to_degrees(),
+        );
+        Err(Error::argument("min_separation_rad", problem))
+    }
+
+    /// Rejects a seam margin or cones that leave less area than the dots' caps have.
+    fn check_space(&self, dots: usize) -> Result<()> {
+        let cap = 0.5 * self.min_separation_rad;
+        // Areas as parts of the sphere.
+        let needed = dots as f64 * 0.5 * (1.0 - cap.cos());
+        let beside_seam = |margin: f64| 1.0 - (margin - cap).max(0.0).sin();
+        if beside_seam(self.seam_margin_rad) < needed {
+            let most = (1.0 - needed).clamp(0.0, 1.0).asin() + cap;
+            let problem = format!(
+                "{dots} dots that are {:.1} degrees apart need {:.0} % of the ball, and beside this seam there is \
+                 {:.0} %; ask for at most {:.1} degrees",
+                self.min_separation_rad.to_degrees(),
+                100.0 * needed,
+                100.0 * beside_seam(self.seam_margin_rad),
+                (10.0 * most.to_degrees()).floor() / 10.0,
+            );
+            return Err(Error::argument("seam_margin_rad", problem));
+        }
+        let outside = |v: &Vec3| {
+            let free = |cone: &KeepOut| angle_between(v, &cone.axis) > cone.half_angle_rad - cap;
+            self.keep_out.iter().all(free)
+        };
+        let free = spiral_directions(AREA_SAMPLES).filter(outside).count() as f64;
+        let free = free / AREA_SAMPLES as f64;
+        // The samples' own error is below half a percent of the sphere.
+        if free + 0.005 < needed {
+            let problem = format!(
+                "{dots} dots that are {:.1} degrees apart need {:.0} % of the ball, and the cones leave {:.0} %; \
+                 ask for smaller cones, fewer dots or less separation",
+                self.min_separation_rad.to_degrees(),
+                100.0 * needed,
+                100.0 * free,
+            );
+            return Err(Error::argument("keep_out", problem));
         }
         Ok(())
     }
@@ -147,7 +227,7 @@ impl Constraints {
         }
         let rejected = self.stencil.as_ref()?;
         let rejected = Stencil::check(pattern, rejected).err()?;
-        Some(format!("no stencil ({rejected})"))
+        Some(format!("{NO_STENCIL} ({rejected})"))
     }
 
     /// The largest violation at `x`: the dots, and the seam's normal after them.

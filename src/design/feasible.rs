@@ -25,6 +25,9 @@ const TRIES: u64 = 6;
 /// Steps of a descent between two checks of the constraints, and the number of checks.
 const STEPS: u64 = 10;
 const CHECKS: usize = 8;
+/// Attempts, and halvings of the interval, that tell which demand is too large and by how much.
+const RELAXED_TRIES: u64 = 2;
+const BISECTIONS: usize = 3;
 /// Steps of a packing at each sharpness, and how often that doubles.
 const PACKING_STEPS: usize = 150;
 const DOUBLINGS: i32 = 9;
@@ -123,6 +126,88 @@ impl Cost for Charges {
     }
 }
 
+/// A constraint that can be relaxed by itself.
+#[derive(Debug, Clone, Copy)]
+enum Demand {
+    SeamMargin,
+    KeepOut,
+    MinVisible,
+    Separation,
+}
+
+impl Demand {
+    const ALL: [Self; 4] = [
+        Self::SeamMargin,
+        Self::KeepOut,
+        Self::MinVisible,
+        Self::Separation,
+    ];
+
+    fn parameter(self) -> &'static str {
+        match self {
+            Self::SeamMargin => "seam_margin_rad",
+            Self::KeepOut => "keep_out",
+            Self::MinVisible => "min_visible",
+            Self::Separation => "min_separation_rad",
+        }
+    }
+
+    fn is_made(self, constraints: &Constraints) -> bool {
+        match self {
+            Self::SeamMargin => constraints.seam_margin_rad > 0.0,
+            Self::KeepOut => !constraints.keep_out.is_empty(),
+            Self::MinVisible => constraints.min_visible > 0,
+            Self::Separation => constraints.min_separation_rad > Self::min_separation(constraints),
+        }
+    }
+
+    /// The stencil's holes need theirs in any case.
+    fn min_separation(constraints: &Constraints) -> f64 {
+        let of_holes = |s: &crate::stencil::StencilConfig| s.min_separation_rad();
+        constraints.stencil.as_ref().map_or(0.0, of_holes)
+    }
+
+    /// The constraints with this part of the demand.
+    fn relaxed(self, constraints: &Constraints, part: f64) -> Constraints {
+        let mut relaxed = constraints.clone();
+        match self {
+            Self::SeamMargin => relaxed.seam_margin_rad *= part,
+            Self::KeepOut => {
+                for cone in &mut relaxed.keep_out {
+                    cone.half_angle_rad *= part;
+                }
+            }
+            Self::MinVisible => {
+                relaxed.min_visible = (part * constraints.min_visible as f64) as usize;
+            }
+            Self::Separation => {
+                let least = Self::min_separation(constraints);
+                relaxed.min_separation_rad =
+                    least + part * (constraints.min_separation_rad - least);
+            }
+        }
+        relaxed
+    }
+
+    /// Its value in words.
+    fn value(self, constraints: &Constraints) -> String {
+        let degrees = |angle: f64| format!("{:.1} degrees", angle.to_degrees());
+        match self {
+            Self::SeamMargin => degrees(constraints.seam_margin_rad),
+            Self::KeepOut => {
+                let angles: Vec<String> = constraints
+                    .keep_out
+                    .iter()
+                    .map(|cone| degrees(cone.half_angle_rad))
+                    .collect();
+                format!("a half angle of {}", angles.join(", "))
+            }
+            Self::MinVisible => format!("{} visible dots", constraints.min_visible),
+            Self::Separation => degrees(constraints.min_separation_rad),
+        }
+    }
+}
+
 impl Constraints {
     /// Rejects constraints that no pattern of `dots` dots can satisfy
     /// ([`Constraints::check_demand`]), and constraints that none of a few attempts satisfied.
@@ -144,21 +229,51 @@ impl Constraints {
             );
             return Err(Error::argument("min_separation_rad", problem));
         }
+        if self.met_by(dots, TRIES)? {
+            return Ok(());
+        }
+        Err(self.unmet(dots)?)
+    }
+
+    /// Whether one of so many attempts satisfies the constraints.
+    fn met_by(&self, dots: usize, tries: u64) -> Result<bool> {
         let met = concurrency::find_any(
-            0..TRIES,
+            0..tries,
             |stream| self.missed_after_descent(dots, stream),
             |tried| !matches!(tried, Ok(Some(_))),
         );
         match met {
-            Some(Ok(_)) => return Ok(()),
-            Some(Err(error)) => return Err(error),
-            None => {}
+            Some(Ok(_)) => Ok(true),
+            Some(Err(error)) => Err(error),
+            None => Ok(false),
+        }
+    }
+
+    /// The error for constraints that no attempt satisfied: the demand whose absence helps, with the
+    /// largest part of it that was reached.
+    fn unmet(&self, dots: usize) -> Result<Error> {
+        let together =
+            format!("no pattern of {dots} dots was found that meets all demands at once");
+        for demand in Demand::ALL {
+            if !demand.is_made(self) || !demand.relaxed(self, 0.0).met_by(dots, RELAXED_TRIES)? {
+                continue;
+            }
+            let (mut met, mut unmet) = (0.0, 1.0);
+            for _ in 0..BISECTIONS {
+                let part = 0.5 * (met + unmet);
+                if demand.relaxed(self, part).met_by(dots, RELAXED_TRIES)? {
+                    met = part;
+                } else {
+                    unmet = part;
+                }
+            }
+            let reached = demand.value(&demand.relaxed(self, met));
+            let problem = format!("{together}; with the others as they are, {reached} was reached");
+            return Ok(Error::argument(demand.parameter(), problem));
         }
         let missed = self.missed_after_descent(dots, 0)?.unwrap_or_default();
-        let problem = format!(
-            "no pattern of {dots} dots was found that meets all of them at once; the closest attempt has: {missed}"
-        );
-        Err(Error::argument("constraints", problem))
+        let problem = format!("{together}; the closest attempt has: {missed}");
+        Ok(Error::argument("constraints", problem))
     }
 
     fn missed_after_descent(&self, dots: usize, stream: u64) -> Result<Option<String>> {

@@ -19,6 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::candidate::{Candidate, Milestone, Stage, sort_by_rate};
 use super::checkpoint::SearchState;
 use super::config::DesignConfig;
+use super::constraints::NO_STENCIL;
 use super::polish::{Polish, PolishStep};
 use super::work::{attempt, climb, rate, scout};
 use crate::concurrency::{self, Stopwatch};
@@ -128,9 +129,18 @@ fn nothing_found(state: &SearchState, stopped: bool) -> Error {
         .missed
         .as_ref()
         .map_or(String::new(), |m| format!(" (the last one missed: {m})"));
+    // The demands were found possible one by one before the search: what is missing is its luck.
+    let cure = if state
+        .missed
+        .as_deref()
+        .is_some_and(|m| m.starts_with(NO_STENCIL))
+    {
+        "more separation or smaller holes"
+    } else {
+        "less of that"
+    };
     let problem = format!(
-        "no start led to a pattern that satisfies the constraints{missed}; ask for less separation, \
-         fewer visible dots, a smaller seam margin, or more starts"
+        "no start led to a pattern that satisfies the constraints{missed}; ask for {cure}, or for more starts"
     );
     Error::argument("design", problem)
 }

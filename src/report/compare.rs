@@ -7,7 +7,7 @@
 use serde::Serialize;
 
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{Objective, ObjectiveName, OrientationBound};
+use crate::design::{MirrorLikeness, Objective, ObjectiveName, OrientationBound};
 use crate::error::{Error, Result};
 use crate::geometry::angle_between;
 use crate::hash::HashTable;
@@ -36,12 +36,14 @@ pub struct PatternMeasures {
     pub summary: PatternSummary,
     /// Spread of the neighbors' distances.
     pub neighbors: NeighborSpread,
-    /// Each objective's value, on the `sparse` protocol's views, where it can be computed.
+    /// Each objective's value, on the `sparse` protocol's views.
     pub objectives: Vec<ObjectiveScore>,
     /// Mean distance from each feature of the table to the nearest other one, without unit.
     pub mean_feature_distance: f64,
     /// The orientation bound of the visible dots, in units of the dots' noise.
     pub orientation_bound: BoundSummary,
+    /// How much of the pattern lies near its own mirror image.
+    pub mirror_likeness: MirrorLikeness,
 }
 
 /// An objective's value.
@@ -125,7 +127,6 @@ fn measures(entry: &Entry) -> Result<PatternMeasures> {
     let sparse = Protocol::standard(ProtocolName::Sparse);
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
         .into_iter()
-        .filter(|name| name.suits(pattern.len()))
         .map(|name| {
             let value = Objective::for_protocol(name, &sparse)
                 .evaluate_at(pattern.dots())?
@@ -142,6 +143,7 @@ fn measures(entry: &Entry) -> Result<PatternMeasures> {
         objectives: objectives?,
         mean_feature_distance: distances.iter().sum::<f64>() / distances.len() as f64,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
+        mirror_likeness: MirrorLikeness::of(pattern)?,
     })
 }
 

@@ -19,7 +19,9 @@ use serde::Serialize;
 use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::polish::PolishStep;
-use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
+use crate::design::{
+    Candidate, DesignConfig, DesignOutcome, Milestone, MirrorLikeness, OrientationBound,
+};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
@@ -106,6 +108,11 @@ pub struct DesignReport {
     pub pattern: PatternReport,
     /// The orientation bound of its dots, in units of the dots' noise.
     pub orientation_bound: BoundSummary,
+    /// How much of the winner lies near its own mirror image.
+    pub mirror_likeness: MirrorLikeness,
+    /// Mean distance from each feature of its table to the nearest other one, without unit: the
+    /// value of the SpinDOE paper.
+    pub mean_feature_distance: f64,
     /// Rates of the winner on the report's trials: every recognizer, every protocol.
     pub validation: Vec<NamedValidation>,
     /// How the rates depend on noise and alpha.
@@ -208,6 +215,11 @@ pub fn evaluate(
         polish: outcome.polish.clone(),
         objective,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
+        mirror_likeness: MirrorLikeness::of(pattern)?,
+        mean_feature_distance: {
+            let distances = table.nearest_distances();
+            distances.iter().sum::<f64>() / distances.len() as f64
+        },
         pattern: PatternReport {
             sha256: pattern.sha256(),
             summary: pattern.summary(),

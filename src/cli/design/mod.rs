@@ -23,6 +23,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config()?;
     arguments.stencil().validate()?;
     arguments.check_holes(&config)?;
+    if let Some(warning) = arguments.dot_size_warning() {
+        errln!("spindoe: {warning}");
+    }
     let job = DesignJob {
         evaluation: EvaluationConfig::of_samples(config.samples),
         config,
@@ -65,6 +68,12 @@ fn print_words(found: &DesignEvaluation, seconds: f64) {
         summary.min_separation_rad.to_degrees(),
         summary.min_visible,
         report.starts,
+    );
+    outln!(
+        "{} of {} dots within 12 deg of the pattern's mirror image; mean nearest-neighbor distance of the features {:.4}",
+        report.mirror_likeness.near,
+        report.mirror_likeness.dots,
+        report.mean_feature_distance,
     );
     outln!(
         "{:<9} {:<8} {:>29} {:>29} {:>11}",

@@ -158,9 +158,11 @@ fn whitened_distance_matches_brute_force() {
 }
 
 /// Two quadruples that look alike, far apart on the ball, and nothing else: the rate at which the one is
-/// taken for the other is a matter of the normal distribution, and can be drawn.
+/// taken for the other is a matter of the normal distribution, and can be drawn. The objective is half
+/// the Bhattacharyya coefficient, which is above that rate, at the poses of pairs, which are not the
+/// best ones.
 #[test]
-fn the_rate_of_confusion_is_what_is_drawn() {
+fn the_rate_of_confusion_is_near_what_is_drawn() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let sigma = 0.03;
     let first = [[0.0, 0.0], [0.7, 0.3], [0.6, 2.4], [0.8, 4.1]]
@@ -176,8 +178,9 @@ fn the_rate_of_confusion_is_what_is_drawn() {
         sigma_rad: sigma,
         tail_factor: 1.0,
         visibility_limit: 0.5,
+        ..Confusion::default()
     };
-    let worked_out = confusion.evaluate(&dots).value;
+    let computed = confusion.evaluate(&dots).unwrap().value;
     // Draw: which of the two explanations lies nearer, after the best rotation?
     let residual = |seen: &[Vec3; 4], of: &[Vec3; 4]| -> f64 {
         let r = kabsch(of, seen, None).unwrap();
@@ -204,8 +207,8 @@ fn the_rate_of_confusion_is_what_is_drawn() {
     assert!(drawn > 0.02 && views > 0.02, "{drawn} {views}");
     let expected = drawn * views;
     assert!(
-        (worked_out - expected).abs() < 0.15 * expected,
-        "worked out {worked_out}, drawn {expected} ({drawn} of {views})"
+        computed > 0.5 * expected && computed < 3.0 * expected,
+        "computed {computed}, drawn {expected} ({drawn} of {views})"
     );
 }
 
