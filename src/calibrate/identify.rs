@@ -2,7 +2,7 @@
 
 use crate::concurrency;
 use crate::error::Result;
-use crate::pattern::Pattern;
+use crate::hash::HashTable;
 use crate::vision::estimator::EstimatorConfig;
 use crate::vision::{DotDetection, DotDetector, Estimator, FrameEstimate, Patch};
 
@@ -23,13 +23,16 @@ impl DotDetector for NoDetector {
     }
 }
 
-/// The frames, identified anew and independently from their detections with this pattern.
-pub(super) fn identify(
-    pattern: &Pattern,
+/// The frames, identified anew and independently from their detections with the ball of this table.
+///
+/// # Errors
+/// As [`Estimator::for_table`].
+pub fn identify_frames(
+    table: &HashTable,
     config: &EstimatorConfig,
     frames: &[FrameEstimate],
 ) -> Result<Vec<FrameEstimate>> {
-    let estimator = Estimator::new(pattern, *config, NoDetector)?;
+    let estimator = Estimator::for_table(table, *config, NoDetector)?;
     let chunks: Vec<&[FrameEstimate]> = frames.chunks(CHUNK).collect();
     let done = concurrency::map(&chunks, |chunk| {
         let mut workspace = estimator.workspace();

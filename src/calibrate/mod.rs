@@ -55,6 +55,7 @@
 mod bundle;
 mod config;
 mod fitted;
+mod holdout;
 mod identify;
 mod marks;
 mod presence;
@@ -62,9 +63,11 @@ mod result;
 mod rounds;
 
 pub use config::CalibrationConfig;
-pub use result::{
-    CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark,
+pub use holdout::{
+    FrameResidual, HeldOut, HeldOutFrame, MotionResidual, held_out, motion_residual,
 };
+pub use identify::identify_frames;
+pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
 
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;

@@ -50,7 +50,6 @@ pub(super) struct DetectionRate {
 }
 
 impl DetectionRate {
-
     /// The mean over all depths.
     pub fn mean(&self) -> f64 {
         self.rates.iter().sum::<f64>() / self.rates.len() as f64

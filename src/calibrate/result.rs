@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between, tangent_frame};
+use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 use crate::vision::FrameEstimate;
 
@@ -113,11 +114,26 @@ impl Calibration {
         let dots = self.dots.iter().filter(|d| d.state != DotState::Missing);
         let dots = dots.map(|d| (d.direction, d.covariance));
         let marks = self.learned().filter_map(|m| Some((m.direction, m.covariance?)));
-        let in_space = |(direction, covariance): (Vec3, Matrix2<f64>)| {
-            let axes = Matrix3x2::from_columns(&tangent_frame(&direction));
-            axes * covariance * axes.transpose()
-        };
+        let in_space = |(direction, covariance)| in_space(&direction, &covariance);
         dots.chain(marks).map(in_space).collect()
+    }
+
+    /// The hash table of [`Calibration::pattern`] with the dots' covariances. `nominal_sha256` names the
+    /// nominal pattern, where there was one.
+    ///
+    /// # Errors
+    /// As [`HashTable::build`].
+    pub fn table(&self, nominal_sha256: Option<String>) -> Result<HashTable> {
+        let views = self.dots.iter().filter(|d| d.state != DotState::Missing);
+        let views = views.map(|d| d.views).chain(self.learned().map(|m| m.found));
+        let record = CalibrationRecord {
+            nominal_sha256,
+            nominal_numbers: self.nominal_numbers(),
+            views: views.map(|v| v as u32).collect(),
+        };
+        let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
+        HashTable::build(self.pattern()?, rule, recognizer)?
+            .with_calibration(self.covariances(), record)
     }
 
     /// Number of dots in this state.
@@ -141,6 +157,13 @@ impl Calibration {
     fn learned(&self) -> impl Iterator<Item = &SteadyMark> {
         self.marks.iter().filter(|m| m.covariance.is_some())
     }
+}
+
+/// A covariance in the axes of the direction's tangent frame, in the pattern's frame.
+pub(super) fn in_space(direction: &Vec3, covariance: &Matrix2<f64>) -> Matrix3<f64> {
+    let axes = Matrix3x2::from_columns(&tangent_frame(direction));
+    let turned = axes * covariance * axes.transpose();
+    0.5 * (turned + turned.transpose())
 }
 
 /// Why a clip cannot be calibrated.

@@ -5,29 +5,33 @@ use nalgebra::Matrix2;
 use super::bundle::{Bundle, BundleFrame, DotFit, DotPrior, Observation};
 use super::config::CalibrationConfig;
 use super::fitted::FittedFrame;
-use super::identify::identify;
+use super::identify::identify_frames;
 use super::marks::{Mark, steady_marks};
 use super::presence::{DetectionRate, Presence, presences};
-use super::result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
+use super::result::{
+    CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, in_space,
+};
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
+use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
 use crate::pattern::{MAX_DOTS, Pattern};
+use crate::stats::median;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::EstimatorConfig;
 
 /// Minimum number of named dots of a frame that takes part in the fit.
 const MIN_MATCHED: usize = 4;
-/// A detection this near to a direction is a find of it, radians.
-const FIND_RAD: f64 = 0.09;
+/// An unnamed detection this near to a dot that was left out is a find of it, radians.
+const FIND_RAD: f64 = 0.05;
 /// A mark nearer to a dot than this is that dot, found twice, radians.
 const SAME_RAD: f64 = 0.07;
-/// Smallest placement error with which frames are identified anew, radians: what drawing and detector
-/// do beyond a fixed direction.
-const MIN_SIGMA_RAD: f64 = 0.004;
 /// Share of the dots in view that may be missing.
 const MAX_MISSING: f64 = 0.34;
 /// Expected finds from which on a dot counts as in view.
 const IN_VIEW: f64 = 3.0;
+/// A dot may be drawn off by so many standard deviations: 1 in 500 lies farther.
+const FAR_OFF: f64 = 3.5;
+/// Median length of a normal vector in the plane over its standard deviation per axis.
+const MEDIAN_OFFSET: f64 = 1.1774;
 /// Change of the dots, radians, below which the rounds end.
 const SETTLED_RAD: f64 = 1e-4;
 
@@ -177,6 +181,10 @@ impl<'a> Rounds<'a> {
         for (candidate, presence) in self.candidates.iter_mut().zip(presences) {
             candidate.presence = presence;
             candidate.active = !presence.is_missing();
+            if !candidate.active {
+                // What was taken for it lies elsewhere.
+                candidate.direction = candidate.prior.direction;
+            }
         }
         self.check_dots()?;
         let marks = self.learn(marks);
@@ -253,14 +261,15 @@ impl<'a> Rounds<'a> {
         fitted.iter().map(of).collect()
     }
 
-    /// The candidates found in each fitted frame: by name, or by an unnamed detection in their place.
+    /// The candidates found in each fitted frame: by name, or, of those left out, by an unnamed detection
+    /// in their place.
     fn finds(&self, fitted: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<Vec<usize>> {
         let of_frame = |(f, strays): (&FittedFrame, &Vec<Vec3>)| {
             let named = self.frames[f.index].assignment.iter().flatten();
             let mut found: Vec<usize> = named.map(|j| self.names[usize::from(*j)]).collect();
             for (j, candidate) in self.candidates.iter().enumerate() {
                 let is_at = |s: &Vec3| angle_between(s, &candidate.direction) < FIND_RAD;
-                if !found.contains(&j) && strays.iter().any(is_at) {
+                if !candidate.active && strays.iter().any(is_at) {
                     found.push(j);
                 }
             }
@@ -282,10 +291,11 @@ impl<'a> Rounds<'a> {
 
     /// A dot that no frame has by name, and a mark near its place: the dot was drawn there.
     fn take_displaced(&mut self, marks: &[Mark]) {
+        let max_offset = self.max_offset();
         for mark in marks {
             let near = |c: &Candidate| angle_between(&c.prior.direction, &mark.direction);
             let unfound = self.candidates.iter_mut().filter(|c| {
-                c.mark.is_none() && c.views == 0 && near(c) < self.config.max_offset_rad
+                c.mark.is_none() && c.views == 0 && near(c) < max_offset
             });
             if let Some(dot) = unfound.min_by(|a, b| near(a).total_cmp(&near(b))) {
                 dot.direction = mark.direction;
@@ -294,6 +304,16 @@ impl<'a> Rounds<'a> {
                 dot.views = mark.found;
             }
         }
+    }
+
+    /// How far off a dot may have been drawn: as the other dots are, and within the setting.
+    fn max_offset(&self) -> f64 {
+        let measured = self.candidates.iter().filter(|c| c.mark.is_none() && c.views > 0);
+        let mut offsets: Vec<f64> = measured
+            .map(|c| angle_between(&c.prior.direction, &c.direction))
+            .collect();
+        let sigma = median(&mut offsets) / MEDIAN_OFFSET;
+        (FAR_OFF * sigma).clamp(SAME_RAD, self.config.max_offset_rad)
     }
 
     /// Takes marks in where that is asked for; the marks that are none of the dots.
@@ -329,18 +349,21 @@ impl<'a> Rounds<'a> {
     fn identify_again(&mut self, summary: &FitSummary) -> Result<()> {
         let active = self.candidates.iter().enumerate().filter(|(_, c)| c.active);
         let (names, dots): (Vec<usize>, Vec<Vec3>) = active.map(|(j, c)| (j, c.direction)).unzip();
-        let seen = self.candidates.iter().filter(|c| c.active && c.views > 0);
-        let (sum, count) = seen.fold((0.0, 0usize), |(sum, count), c| {
-            (sum + 0.5 * c.covariance.trace(), count + 1)
-        });
         // What the detector does not state counts as placement.
         let unstated = (summary.noise_scale.powi(2) - 1.0).max(0.0) * summary.detection_variance;
-        let variance = sum / count.max(1) as f64 + unstated;
-        let config = EstimatorConfig {
-            placement_sigma_rad: variance.sqrt().max(MIN_SIGMA_RAD),
-            ..self.config.estimator
+        let covariances = names.iter().map(|&j| {
+            let c = &self.candidates[j];
+            in_space(&c.direction, &(c.covariance + Matrix2::identity() * unstated))
+        });
+        let record = CalibrationRecord {
+            nominal_sha256: None,
+            nominal_numbers: names.iter().map(|&j| Some(j as u16)).collect(),
+            views: names.iter().map(|&j| self.candidates[j].views as u32).collect(),
         };
-        self.frames = identify(&Pattern::new(dots)?, &config, &self.frames)?;
+        let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
+        let table = HashTable::build(Pattern::new(dots)?, rule, recognizer)?
+            .with_calibration(covariances.collect(), record)?;
+        self.frames = identify_frames(&table, &self.config.estimator, &self.frames)?;
         self.names = names;
         Ok(())
     }

@@ -47,6 +47,8 @@ const MAX_DAMPING: f64 = 1e6;
 const GAUGE: f64 = 1e3;
 /// Fits with a new scale of the noise.
 const SCALINGS: usize = 3;
+/// Fits in which the prior of motion may turn out too strong.
+const RELAXATIONS: usize = 5;
 /// The scale of the detector's standard deviations stays within these.
 const SCALES: [f64; 2] = [0.3, 5.0];
 /// Minimum degrees of freedom from which the scale is estimated.
@@ -184,7 +186,13 @@ impl Bundle {
         if smooth && let Some(motion) = self.learn_motion() {
             self.spins.clone_from(&motion.spins);
             self.motion = Some(motion);
-            self.minimize();
+            for _ in 0..RELAXATIONS {
+                self.minimize();
+                let (rotations, spins) = (self.rotations(), self.spins.clone());
+                if !self.motion.as_mut().is_some_and(|m| m.relax(&rotations, &spins)) {
+                    break;
+                }
+            }
         }
         self.align();
     }

@@ -32,6 +32,8 @@ const CHI2_3_MEDIAN: f64 = 2.366;
 /// The density never falls below the one that bends a path over so many frames by one standard
 /// deviation of a frame: no ball turns evenly without end.
 const EVEN_FRAMES: f64 = 8.0;
+/// Numbers of frames over which the change of the rate is measured.
+const SPANS: [usize; 4] = [1, 2, 4, 8];
 /// Start of the orientation and of the spin within a frame's block.
 const TURN: usize = 0;
 /// See [`TURN`].
@@ -131,6 +133,17 @@ impl MotionPrior {
         information
     }
 
+    /// Weakens the prior where its residuals are larger than it allows; whether that was so.
+    pub fn relax(&mut self, rotations: &[Rotation], spins: &[Vec3]) -> bool {
+        // Six residuals an interval, each of which would have a square of 1.
+        let mean = 2.0 * self.cost(rotations, spins) / (6.0 * self.intervals.len() as f64);
+        let too_strong = mean > 1.0;
+        if too_strong {
+            self.density *= mean;
+        }
+        too_strong
+    }
+
     /// Half the squared Mahalanobis length of all residuals.
     pub fn cost(&self, rotations: &[Rotation], spins: &[Vec3]) -> f64 {
         let cost = |k: usize| {
@@ -181,25 +194,37 @@ fn turn_beyond(spin: &Vec3, t: f64, from: &Rotation, to: &Rotation) -> Vec3 {
     (Rotation::from_scaled_axis(-spin * t) * to * from.inverse()).scaled_axis()
 }
 
-/// Density of the angular acceleration, from the changes of the rates between successive intervals.
-/// A change over the intervals `a` and `b` has the variance `q (a + b) / 3` beyond that of the poses.
+/// Density of the angular acceleration, from the changes of the mean rate between successive spans of
+/// one and more frames: a steady acceleration shows over the long ones only. The largest counts, so that
+/// the prior is rather too weak than too strong. A change over the spans `a` and `b` has the variance
+/// `q (a + b) / 3` beyond that of the poses.
 fn density(poses: &[TimedPose], intervals: &[f64], rates: &[Vec3]) -> f64 {
-    let mut densities: Vec<f64> = Vec::with_capacity(rates.len());
-    let mut floors: Vec<f64> = Vec::with_capacity(rates.len());
-    for (k, w) in rates.windows(2).enumerate() {
-        let [a, b] = [intervals[k], intervals[k + 1]];
-        let of_pose = [
-            poses[k].variance / (a * a),
-            poses[k + 1].variance * (1.0 / a + 1.0 / b).powi(2),
-            poses[k + 2].variance / (b * b),
-        ];
-        let noise: f64 = of_pose.iter().sum();
-        let measured = (w[1] - w[0]).norm_squared() / CHI2_3_MEDIAN;
-        densities.push((measured - noise) * 3.0 / (a + b));
-        let span = EVEN_FRAMES * 0.5 * (a + b);
-        floors.push(3.0 * poses[k + 1].variance / span.powi(3));
+    let mut largest = 0.0f64;
+    for span in SPANS {
+        let mut densities = Vec::with_capacity(rates.len());
+        let mut floors = Vec::with_capacity(rates.len());
+        for start in 0..(rates.len() + 1).saturating_sub(2 * span) {
+            let [first, second] = [start, start + span].map(|from| {
+                let steps = from..from + span;
+                let time: f64 = intervals[steps.clone()].iter().sum();
+                let turn: Vec3 = steps.map(|k| rates[k] * intervals[k]).sum();
+                (time, turn / time)
+            });
+            let (a, b) = (first.0, second.0);
+            let middle = poses[start + span].variance;
+            let noise = poses[start].variance / (a * a)
+                + middle * (1.0 / a + 1.0 / b).powi(2)
+                + poses[start + 2 * span].variance / (b * b);
+            let measured = (second.1 - first.1).norm_squared() / CHI2_3_MEDIAN;
+            densities.push((measured - noise) * 3.0 / (a + b));
+            let even = EVEN_FRAMES * 0.5 * (a + b) / span as f64;
+            floors.push(3.0 * middle / even.powi(3));
+        }
+        if densities.len() >= MIN_TRIPLES {
+            largest = largest.max(median(&mut densities)).max(median(&mut floors));
+        }
     }
-    median(&mut densities).max(median(&mut floors))
+    largest
 }
 
 /// The left Jacobian of the rotation group: `exp(a + d) = exp(J d) exp(a)` for a small `d`.

@@ -10,11 +10,12 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::output::one_of;
+use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::pattern::Pattern;
+use crate::hash::HashTable;
 use crate::vision::estimator::{
-    BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
+    Batch, BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
 };
 use crate::vision::input;
 use crate::vision::net::Weights;
@@ -116,6 +117,9 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     min_confidence: f64,
+    /// Calibrate the ball on these frames first, and use its dots as they are drawn.
+    #[arg(long)]
+    calibrate: bool,
     /// Estimate every frame independently.
     #[arg(long)]
     no_sequence: bool,
@@ -153,8 +157,8 @@ impl BatchObserver for Pictures {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let pattern = super::read_table(&arguments.table)?.pattern().clone();
-    let estimator = arguments.estimator(&pattern)?;
+    let table = super::read_table(&arguments.table)?;
+    let estimator = arguments.estimator(&table)?;
     let config = arguments.batch()?;
     #[cfg(feature = "plot")]
     let wanted = arguments.overlay.is_some();
@@ -164,7 +168,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(dir) = &arguments.overlay {
         files::create_writable_dir(dir)?;
     }
-    let batch = estimate_inputs(&estimator, &arguments.images, &config, &Pictures { wanted })?;
+    let mut batch = estimate_inputs(&estimator, &arguments.images, &config, &Pictures { wanted })?;
+    let estimator = if arguments.calibrate {
+        calibrate_in_place(arguments, &estimator, &config, &mut batch)?
+    } else {
+        estimator
+    };
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!(
             "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
@@ -193,8 +202,42 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// The second pass: the ball is calibrated on the frames, which are then estimated again with its own
+/// pattern. A clip that cannot be calibrated keeps the estimates of the first, and that is said.
+fn calibrate_in_place(
+    arguments: &Arguments,
+    estimator: &Estimator<NamedDetector>,
+    config: &BatchConfig,
+    batch: &mut Batch<Picture>,
+) -> Result<Estimator<NamedDetector>> {
+    let frames: Vec<FrameEstimate> = batch.frames.iter().map(|f| f.estimate.clone()).collect();
+    let times: Option<Vec<f64>> = match batch.sequence {
+        SequenceOutcome::Estimated { .. } => batch.frames.iter().map(|f| f.time_s).collect(),
+        _ => None,
+    };
+    let settings = CalibrationConfig {
+        estimator: *estimator.config(),
+        ..CalibrationConfig::default()
+    };
+    let found = calibrate(estimator.pattern(), &frames, times.as_deref(), &settings)?;
+    let calibration = match found {
+        Ok(calibration) => calibration,
+        Err(rejection) => {
+            errln!("spindoe: not calibrated: {rejection}");
+            return Ok(estimator.clone());
+        }
+    };
+    let table = calibration.table(Some(estimator.pattern().sha256()))?;
+    let calibrated = arguments.estimator(&table)?;
+    for (frame, estimate) in batch.frames.iter_mut().zip(calibration.frames) {
+        frame.estimate = estimate;
+    }
+    batch.track(&calibrated, config);
+    Ok(calibrated)
+}
+
 impl Arguments {
-    fn estimator(&self, pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
+    fn estimator(&self, table: &HashTable) -> Result<Estimator<NamedDetector>> {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             let problem = format!("expected 0 to 1, found {}", self.min_confidence);
             return Err(Error::argument("--min-confidence", problem));
@@ -230,7 +273,7 @@ impl Arguments {
             min_confidence: self.min_confidence,
             ..EstimatorConfig::default()
         };
-        Estimator::new(pattern, config, self.detector()?)
+        Estimator::for_table(table, config, self.detector()?)
     }
 
     fn detector(&self) -> Result<NamedDetector> {

@@ -10,7 +10,6 @@
 
 use std::error::Error;
 
-use nalgebra::{Quaternion, UnitQuaternion};
 use rand::seq::index::sample;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -240,7 +239,7 @@ fn fresh(
     let detector = || DetectorName::Cnn.build();
     let estimators = [
         estimator.clone(),
-        Estimator::new(&calibration.pattern()?, known, detector()?)?,
+        Estimator::for_table(&calibration.table(None)?, known, detector()?)?,
         Estimator::new(&ball.drawn, known, detector()?)?,
     ];
     // The least turn between drawn and nominal dots is no error of the orientation.
@@ -255,8 +254,8 @@ fn fresh(
     let mut errors: [Vec<f64>; 3] = Default::default();
     for _ in 0..FRESH {
         let seen = frame(ball, random_rotation(rng), Vec3::zeros(), rng)?;
-        let q = seen.camera_rotation.into_inner();
-        let truth = UnitQuaternion::new_normalize(Quaternion::new(q.w, q.i, q.j, q.k));
+        // Without intrinsics orientations are those in the view frame.
+        let truth = seen.rotation;
         let mut found = [f64::NAN; 3];
         for (k, error) in found.iter_mut().enumerate() {
             let mut out = FrameEstimate::default();

@@ -1,0 +1,339 @@
+//! `spindoe calibrate`: the dots of a ball as they were really drawn, from a clip of it.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::output::one_of;
+use crate::calibrate::{Calibration, CalibrationConfig, DotState, calibrate, identify_frames};
+use crate::error::{Error, Result};
+use crate::files;
+use crate::hash::HashTable;
+use crate::report::calibration::{
+    CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, FILES,
+    evaluate_calibration,
+};
+use crate::vision::estimator::{
+    BatchConfig, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
+};
+use crate::vision::net::Weights;
+use crate::vision::net::detector::CnnConfig;
+use crate::vision::{
+    BallCircle, Camera, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
+    Intrinsics, NamedDetector, Pixel, input,
+};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Film the ball while you turn it slowly, once about one axis and once about another, so that every dot faces
+the camera for a while: 60 frames or more, sharp, with the ball 60 pixels wide or wider.
+
+The folder holds pattern.csv and table.npz of the ball as it is drawn (give the table to estimate, identify
+and validate as any other), report.json, and the offsets of the dots as a table and a picture.
+
+Dots that are never found where they should be are left out; steady marks that the pattern lacks are reported
+and, with --learn-extra, taken in. Where --table is given several times, the one that fits best is taken.
+
+Example:
+  spindoe calibrate --table table.npz clip.mp4 --out my-ball")]
+pub struct Arguments {
+    /// Images, folders of images, or videos of one ball.
+    #[arg(value_name = "CLIP_OR_FOLDER", required = true)]
+    clip: Vec<PathBuf>,
+    /// The hash table (.npz) or pattern (CSV) that the ball was drawn from; several: the ball is one of
+    /// them.
+    #[arg(long, value_name = "TABLE.npz", required = true)]
+    table: Vec<PathBuf>,
+    /// The folder to write to.
+    #[arg(long, value_name = "DIR", default_value = "calibrated")]
+    out: PathBuf,
+    /// Take steady marks that the pattern lacks into it.
+    #[arg(long)]
+    learn_extra: bool,
+    /// Expected error of a drawn dot per tangent axis, degrees.
+    #[arg(
+        long,
+        value_name = "DEG",
+        default_value_t = 3.0,
+        allow_negative_numbers = true
+    )]
+    placement_sigma_deg: f64,
+    /// Use no smooth rotation, whatever the frames' times.
+    #[arg(long)]
+    no_smooth: bool,
+    /// Monte Carlo trials for each protocol; 0 for none.
+    #[arg(long, value_name = "N", default_value_t = 2000)]
+    samples: u64,
+    /// Seed of the trials.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// The dot detector.
+    #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
+    detector: DetectorName,
+    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
+    #[arg(long, value_name = "WEIGHTS.npz")]
+    weights: Option<PathBuf>,
+    /// The ball's outline in all frames: center and radius in pixels [default: detected].
+    #[arg(
+        long,
+        value_name = "U,V,R",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    circle: Vec<f64>,
+    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
+    /// [default: it is fitted].
+    #[arg(
+        long,
+        value_name = "D",
+        conflicts_with = "intrinsics",
+        allow_negative_numbers = true
+    )]
+    camera_distance_radii: Option<f64>,
+    /// The camera's focal lengths and principal point in pixels.
+    #[arg(
+        long,
+        value_name = "FX,FY,CX,CY",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    intrinsics: Vec<f64>,
+    /// Frames per second, for frames at equal intervals.
+    #[arg(
+        long,
+        value_name = "F",
+        conflicts_with = "times",
+        allow_negative_numbers = true
+    )]
+    fps: Option<f64>,
+    /// Times of the frames: CSV with the header frame,time_s.
+    #[arg(long, value_name = "CSV")]
+    times: Option<PathBuf>,
+    /// Print the report as one JSON object instead of words.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The frames of the clip, as the best table identifies them.
+struct Clip {
+    table: HashTable,
+    path: PathBuf,
+    frames: Vec<FrameEstimate>,
+    times_s: Option<Vec<f64>>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let config = arguments.config()?;
+    files::reject_taken(&arguments.out, &FILES, "a calibration", "choose another folder")?;
+    let tables: Result<Vec<HashTable>> =
+        arguments.table.iter().map(|path| super::read_table(path)).collect();
+    let clip = arguments.read(tables?, &config)?;
+    let nominal = clip.table.pattern();
+    if arguments.table.len() > 1 {
+        errln!("the ball fits {}", clip.path.display());
+    }
+    let times = clip.times_s.as_deref();
+    let calibration = match calibrate(nominal, &clip.frames, times, &config)? {
+        Ok(calibration) => calibration,
+        Err(rejection) => {
+            let path = arguments.clip[0].clone();
+            let reason = rejection.to_string();
+            return Err(Error::NoAnswer { path, reason });
+        }
+    };
+    errln!("judging the calibration on frames that take no part, and by Monte Carlo");
+    let evaluation = CalibrationEvaluationConfig {
+        samples: arguments.samples,
+        seed: arguments.seed,
+    };
+    let evaluated =
+        evaluate_calibration(&calibration, nominal, &clip.frames, times, &config, &evaluation)?;
+    evaluated.write(&arguments.out)?;
+    if arguments.json {
+        return super::print_json(&evaluated.report);
+    }
+    say(&calibration, &evaluated, &arguments.out);
+    Ok(())
+}
+
+impl Arguments {
+    fn config(&self) -> Result<CalibrationConfig> {
+        if let Some(rate) = self.fps.filter(|x| !(*x > 0.0 && x.is_finite())) {
+            let problem = format!("expected a positive number, found {rate}");
+            return Err(Error::argument("fps", problem));
+        }
+        let camera = match (&self.intrinsics[..], self.camera_distance_radii) {
+            ([], None) => CameraModel::default(),
+            ([], Some(distance)) if distance > 1.0 => CameraModel::Known(Camera::Near {
+                inverse_distance: 1.0 / distance,
+            }),
+            ([], Some(distance)) => {
+                let problem = format!("expected more than 1 ball radius, found {distance}");
+                return Err(Error::argument("camera_distance_radii", problem));
+            }
+            (&[fx, fy, cx, cy], _) if fx > 0.0 && fy > 0.0 => {
+                CameraModel::Known(Camera::Perspective(Intrinsics { fx, fy, cx, cy }))
+            }
+            _ => {
+                let problem = "expected FX,FY,CX,CY with positive focal lengths";
+                return Err(Error::argument("intrinsics", problem));
+            }
+        };
+        let config = CalibrationConfig {
+            estimator: EstimatorConfig {
+                camera,
+                ..EstimatorConfig::default()
+            },
+            placement_sigma_rad: self.placement_sigma_deg.to_radians(),
+            learn_extra: self.learn_extra,
+            smooth: !self.no_smooth,
+            ..CalibrationConfig::default()
+        };
+        config.check()?;
+        Ok(config)
+    }
+
+    fn detector(&self) -> Result<NamedDetector> {
+        match (&self.weights, self.detector) {
+            (None, name) => name.build(),
+            (Some(path), DetectorName::Cnn) => {
+                let net = CnnDetector::new(&Weights::read(path)?, CnnConfig::default())?;
+                Ok(NamedDetector::Cnn(net))
+            }
+            (Some(_), DetectorName::Blob) => {
+                let problem = "expected --detector cnn: blobs have no weights";
+                Err(Error::argument("weights", problem))
+            }
+        }
+    }
+
+    fn batch(&self) -> Result<BatchConfig> {
+        let circle = match self.circle[..] {
+            [] => None,
+            [u, v, radius] if radius > 0.0 && radius.is_finite() => Some(BallCircle {
+                center: Pixel { u, v },
+                radius,
+            }),
+            _ => {
+                let problem = "expected U,V,R in pixels with a positive radius";
+                return Err(Error::argument("circle", problem));
+            }
+        };
+        let clock = match (self.fps, &self.times) {
+            (Some(rate), _) => FrameClock::FramesPerSecond(rate),
+            (None, Some(path)) => FrameClock::Table(input::read_times(path)?),
+            (None, None) => FrameClock::Inputs,
+        };
+        Ok(BatchConfig {
+            circle,
+            clock,
+            ..BatchConfig::default()
+        })
+    }
+
+    /// Reads the clip with the first table, and identifies its frames with the others.
+    fn read(&self, tables: Vec<HashTable>, config: &CalibrationConfig) -> Result<Clip> {
+        let mut tables = tables.into_iter().zip(&self.table);
+        let (table, path) = tables
+            .next()
+            .ok_or_else(|| Error::argument("table", "expected a table"))?;
+        let estimator = Estimator::for_table(&table, config.estimator, self.detector()?)?;
+        let batch = estimate_inputs(&estimator, &self.clip, &self.batch()?, &())?;
+        if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
+            errln!("spindoe: the times do not increase from frame to frame: they are not used");
+        }
+        let times_s = match batch.sequence {
+            SequenceOutcome::Estimated { .. } => batch.frames.iter().map(|f| f.time_s).collect(),
+            _ => None,
+        };
+        let frames = batch.frames.into_iter().map(|f| f.estimate).collect();
+        let mut best = Clip {
+            table,
+            path: path.clone(),
+            frames,
+            times_s,
+        };
+        for (table, path) in tables {
+            let frames = identify_frames(&table, &config.estimator, &best.frames)?;
+            if trust(&frames) > trust(&best.frames) {
+                best = Clip {
+                    table,
+                    path: path.clone(),
+                    frames,
+                    ..best
+                };
+            }
+        }
+        Ok(best)
+    }
+}
+
+/// The sum of the poses' probabilities: the expected number of frames identified correctly.
+fn trust(frames: &[FrameEstimate]) -> f64 {
+    let poses = frames.iter().filter_map(FrameEstimate::pose);
+    poses.map(|p| p.pose_confidence).sum()
+}
+
+/// Summarizes the calibration.
+fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path) {
+    let CalibrationReport {
+        frames,
+        held_out,
+        motion,
+        advice,
+        ..
+    } = &evaluated.report;
+    outln!(
+        "{}: {} of {} dots measured from {} of {} frames, {:.2} deg rms off their nominal places",
+        out.display(),
+        calibration.measured(),
+        calibration.dots.len(),
+        frames.fitted,
+        frames.given,
+        evaluated.report.rms_offset_deg
+    );
+    for (state, words) in [
+        (DotState::Missing, "never found where they should be, left out"),
+        (DotState::Unseen, "not seen, left at their nominal places"),
+    ] {
+        let dots = evaluated.report.dots.iter().filter(|d| d.state == state);
+        let numbers: Vec<String> = dots.map(|d| d.nominal_number.to_string()).collect();
+        if !numbers.is_empty() {
+            outln!("  {words}: dots {}", numbers.join(", "));
+        }
+    }
+    for mark in &evaluated.report.marks {
+        let [x, y, z] = mark.direction;
+        let taken = match mark.number {
+            Some(number) => format!("taken in as dot {number}"),
+            None => "left out (--learn-extra takes it in)".to_owned(),
+        };
+        outln!(
+            "  a mark at ({x:.3}, {y:.3}, {z:.3}), found in {} of {} views: {taken}",
+            mark.found,
+            mark.views
+        );
+    }
+    if frames.with_other_balls > 0 {
+        outln!("  {} frames show more than one ball", frames.with_other_balls);
+    }
+    if !held_out.frames.is_empty() {
+        outln!(
+            "  frames that took no part: median residual {:.2} deg before, {:.2} deg after; {:.1} and {:.1} dots a frame",
+            held_out.median_deg[0],
+            held_out.median_deg[1],
+            held_out.mean_matched[0],
+            held_out.mean_matched[1]
+        );
+    }
+    if let Some([before, after]) = motion {
+        outln!(
+            "  off one spin: median {:.2} deg before, {:.2} deg after",
+            before.median_deg,
+            after.median_deg
+        );
+    }
+    for line in advice {
+        outln!("  {line}");
+    }
+}
