@@ -61,7 +61,12 @@ impl CalibrationConfig {
         let inside = offset > 0.0 && offset < 0.5;
         require(inside, "max_offset_rad", expected, offset)?;
         let expected = "3 frames or more";
-        require(self.min_frames >= 3, "min_frames", expected, self.min_frames)?;
+        require(
+            self.min_frames >= 3,
+            "min_frames",
+            expected,
+            self.min_frames,
+        )?;
         for (name, p) in [
             ("trusted", self.trusted),
             ("min_identified", self.min_identified),

@@ -2,8 +2,8 @@
 
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::camera::BallView;
-use crate::vision::{Camera, FrameEstimate};
 use crate::vision::estimator::CameraModel;
+use crate::vision::{Camera, FrameEstimate};
 
 /// Detections less likely dots than this say nothing of a mark.
 const LIKELY: f64 = 0.5;

@@ -64,7 +64,11 @@ pub fn held_out(
     times_s: Option<&[f64]>,
     config: &CalibrationConfig,
 ) -> Result<HeldOut> {
-    let folds = if frames.len() <= LEAVE_ONE_OUT { frames.len() } else { FOLDS };
+    let folds = if frames.len() <= LEAVE_ONE_OUT {
+        frames.len()
+    } else {
+        FOLDS
+    };
     let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
     let nominal_table = HashTable::build(nominal.clone(), rule, recognizer)?;
     let judge = |fold: u64| -> Result<Vec<HeldOutFrame>> {
@@ -101,7 +105,10 @@ pub fn held_out(
     let of = |side: usize| {
         let mut residuals: Vec<f64> = both.iter().map(|b| b[side].residual_deg).collect();
         let matched: usize = both.iter().map(|b| b[side].matched).sum();
-        (median(&mut residuals), matched as f64 / both.len().max(1) as f64)
+        (
+            median(&mut residuals),
+            matched as f64 / both.len().max(1) as f64,
+        )
     };
     let (before, after) = (of(0), of(1));
     Ok(HeldOut {
@@ -138,10 +145,17 @@ pub fn motion_residual(frames: &[FrameEstimate], times_s: &[f64]) -> Option<Moti
         .zip(times_s)
         .filter_map(|(frame, time_s)| Some(Measurement::new(*time_s, frame.pose()?.rotation)))
         .collect();
-    let fit = RobustEstimator::new(RobustSpinConfig::default()).fit(&measured).ok()?;
+    let fit = RobustEstimator::new(RobustSpinConfig::default())
+        .fit(&measured)
+        .ok()?;
     let mut angles: Vec<f64> = measured
         .iter()
-        .map(|m| fit.motion.at(m.time_s).angle_to(&m.orientation).to_degrees())
+        .map(|m| {
+            fit.motion
+                .at(m.time_s)
+                .angle_to(&m.orientation)
+                .to_degrees()
+        })
         .collect();
     angles.sort_unstable_by(f64::total_cmp);
     let agreeing = &angles[..fit.inliers.min(angles.len())];

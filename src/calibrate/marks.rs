@@ -82,5 +82,7 @@ pub(super) fn steady_marks(frames: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<
 
 fn near<'a>(strays: &'a [Stray], at: &'a Vec3) -> impl Iterator<Item = &'a Stray> {
     let min_cosine = REACH_RAD.cos();
-    strays.iter().filter(move |s| s.direction.dot(at) > min_cosine)
+    strays
+        .iter()
+        .filter(move |s| s.direction.dot(at) > min_cosine)
 }

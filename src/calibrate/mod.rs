@@ -5,11 +5,11 @@
 //! any one frame. [`calibrate`] alternates between two steps until they agree:
 //!
 //! 1. the dots, the frames' orientations and outlines, and the camera's distance are fitted together
-//!    ([`bundle`]: robust, with every detection's covariance, and a smooth rotation where the frames
-//!    have times);
+//!    (bundle adjustment: robust, with every detection's covariance, and a smooth rotation where the
+//!    frames have times);
 //! 2. the frames are identified anew with the fitted dots, which takes in more frames and more
-//!    detections; dots that are not found where they should be are left out ([`presence`]), and steady
-//!    marks that have no name are found ([`marks`]).
+//!    detections; dots that are not found where they should be are left out, and steady marks that have
+//!    no name are found.
 //!
 //! The calibrated pattern is the one least rotated from the nominal one, so that orientations mean
 //! the same as before.
@@ -61,6 +61,7 @@ mod marks;
 mod presence;
 mod result;
 mod rounds;
+mod unknown;
 
 pub use config::CalibrationConfig;
 pub use holdout::{
@@ -68,6 +69,7 @@ pub use holdout::{
 };
 pub use identify::identify_frames;
 pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
+pub use unknown::{UnknownRejection, build_pattern, matching_design};
 
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;

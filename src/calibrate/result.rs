@@ -113,7 +113,9 @@ impl Calibration {
     pub fn covariances(&self) -> Vec<Matrix3<f64>> {
         let dots = self.dots.iter().filter(|d| d.state != DotState::Missing);
         let dots = dots.map(|d| (d.direction, d.covariance));
-        let marks = self.learned().filter_map(|m| Some((m.direction, m.covariance?)));
+        let marks = self
+            .learned()
+            .filter_map(|m| Some((m.direction, m.covariance?)));
         let in_space = |(direction, covariance)| in_space(&direction, &covariance);
         dots.chain(marks).map(in_space).collect()
     }
@@ -125,7 +127,9 @@ impl Calibration {
     /// As [`HashTable::build`].
     pub fn table(&self, nominal_sha256: Option<String>) -> Result<HashTable> {
         let views = self.dots.iter().filter(|d| d.state != DotState::Missing);
-        let views = views.map(|d| d.views).chain(self.learned().map(|m| m.found));
+        let views = views
+            .map(|d| d.views)
+            .chain(self.learned().map(|m| m.found));
         let record = CalibrationRecord {
             nominal_sha256,
             nominal_numbers: self.nominal_numbers(),

@@ -43,6 +43,8 @@ struct Candidate {
     direction: Vec3,
     covariance: Matrix2<f64>,
     views: usize,
+    /// Whether a frame of the last fit names it.
+    named: bool,
     /// Not left out.
     active: bool,
     presence: Presence,
@@ -90,6 +92,7 @@ impl<'a> Rounds<'a> {
             direction: *direction,
             covariance: Matrix2::identity() * variance,
             views: 0,
+            named: false,
             active: true,
             presence: Presence::default(),
             mark: None,
@@ -112,15 +115,17 @@ impl<'a> Rounds<'a> {
         let mut round = 1;
         loop {
             let before: Vec<(Vec3, bool)> = self.state().collect();
-            let (summary, marks, rate) = match self.round() {
+            let is_last = round == self.config.rounds;
+            let (summary, marks, rate) = match self.round(is_last) {
                 Ok(done) => done,
                 Err(rejection) => return Ok(Err(rejection)),
             };
             let settled = before.len() == self.candidates.len()
-                && before.iter().zip(self.state()).all(|(a, b)| {
-                    a.1 == b.1 && angle_between(&a.0, &b.0) < SETTLED_RAD
-                });
-            if settled || round == self.config.rounds {
+                && before
+                    .iter()
+                    .zip(self.state())
+                    .all(|(a, b)| a.1 == b.1 && angle_between(&a.0, &b.0) < SETTLED_RAD);
+            if settled || is_last {
                 return Ok(self.finish(&summary, &marks, &rate));
             }
             self.identify_again(&summary)?;
@@ -138,7 +143,9 @@ impl<'a> Rounds<'a> {
     /// Whether a frame's orientation is beyond doubt.
     fn is_trusted(&self, frame: &FrameEstimate) -> bool {
         frame.matched() >= MIN_MATCHED
-            && frame.pose().is_some_and(|p| p.pose_confidence >= self.config.trusted)
+            && frame
+                .pose()
+                .is_some_and(|p| p.pose_confidence >= self.config.trusted)
     }
 
     fn check_frames(&self) -> Outcome<()> {
@@ -164,12 +171,13 @@ impl<'a> Rounds<'a> {
     }
 
     /// A fit, and what it says of each dot and of the marks.
-    fn round(&mut self) -> Outcome<(FitSummary, Vec<Mark>, DetectionRate)> {
+    fn round(&mut self, is_last: bool) -> Outcome<(FitSummary, Vec<Mark>, DetectionRate)> {
         let (fits, summary, mut fitted) = self.fit().ok_or(CalibrationRejection::Singular)?;
         for (candidate, fit) in self.candidates.iter_mut().zip(&fits) {
             candidate.direction = fit.direction;
             candidate.covariance = fit.covariance;
             candidate.views = fit.views;
+            candidate.named = fit.views > 0;
         }
         fitted.sort_by_key(|f| f.index);
         let strays = self.strays(&fitted);
@@ -187,7 +195,8 @@ impl<'a> Rounds<'a> {
             }
         }
         self.check_dots()?;
-        let marks = self.learn(marks);
+        // What is taken in must take part in a fit.
+        let marks = self.learn(marks, self.config.learn_extra && !is_last);
         Ok((summary, marks, rate))
     }
 
@@ -261,15 +270,15 @@ impl<'a> Rounds<'a> {
         fitted.iter().map(of).collect()
     }
 
-    /// The candidates found in each fitted frame: by name, or, of those left out, by an unnamed detection
-    /// in their place.
+    /// The candidates found in each fitted frame: by name, or, of those that no frame names, by an
+    /// unnamed detection in their place.
     fn finds(&self, fitted: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<Vec<usize>> {
         let of_frame = |(f, strays): (&FittedFrame, &Vec<Vec3>)| {
             let named = self.frames[f.index].assignment.iter().flatten();
             let mut found: Vec<usize> = named.map(|j| self.names[usize::from(*j)]).collect();
             for (j, candidate) in self.candidates.iter().enumerate() {
                 let is_at = |s: &Vec3| angle_between(s, &candidate.direction) < FIND_RAD;
-                if !candidate.active && strays.iter().any(is_at) {
+                if !candidate.named && strays.iter().any(is_at) {
                     found.push(j);
                 }
             }
@@ -294,9 +303,10 @@ impl<'a> Rounds<'a> {
         let max_offset = self.max_offset();
         for mark in marks {
             let near = |c: &Candidate| angle_between(&c.prior.direction, &mark.direction);
-            let unfound = self.candidates.iter_mut().filter(|c| {
-                c.mark.is_none() && c.views == 0 && near(c) < max_offset
-            });
+            let unfound = self
+                .candidates
+                .iter_mut()
+                .filter(|c| c.mark.is_none() && c.views == 0 && near(c) < max_offset);
             if let Some(dot) = unfound.min_by(|a, b| near(a).total_cmp(&near(b))) {
                 dot.direction = mark.direction;
                 dot.active = true;
@@ -308,7 +318,10 @@ impl<'a> Rounds<'a> {
 
     /// How far off a dot may have been drawn: as the other dots are, and within the setting.
     fn max_offset(&self) -> f64 {
-        let measured = self.candidates.iter().filter(|c| c.mark.is_none() && c.views > 0);
+        let measured = self
+            .candidates
+            .iter()
+            .filter(|c| c.mark.is_none() && c.views > 0);
         let mut offsets: Vec<f64> = measured
             .map(|c| angle_between(&c.prior.direction, &c.direction))
             .collect();
@@ -316,13 +329,13 @@ impl<'a> Rounds<'a> {
         (FAR_OFF * sigma).clamp(SAME_RAD, self.config.max_offset_rad)
     }
 
-    /// Takes marks in where that is asked for; the marks that are none of the dots.
-    fn learn(&mut self, mut marks: Vec<Mark>) -> Vec<Mark> {
+    /// Takes marks in where `take_in` says so; the marks that are left.
+    fn learn(&mut self, mut marks: Vec<Mark>, take_in: bool) -> Vec<Mark> {
         marks.retain(|m| {
             let mut dots = self.candidates.iter().filter(|c| c.active);
             dots.all(|c| angle_between(&c.direction, &m.direction) > SAME_RAD)
         });
-        if !self.config.learn_extra {
+        if !take_in {
             return marks;
         }
         for mark in &marks {
@@ -336,6 +349,7 @@ impl<'a> Rounds<'a> {
                     direction: mark.direction,
                     covariance: Matrix2::identity() * self.config.placement_sigma_rad.powi(2),
                     views: mark.found,
+                    named: false,
                     active: true,
                     presence: Presence::default(),
                     mark: Some(*mark),
@@ -353,12 +367,18 @@ impl<'a> Rounds<'a> {
         let unstated = (summary.noise_scale.powi(2) - 1.0).max(0.0) * summary.detection_variance;
         let covariances = names.iter().map(|&j| {
             let c = &self.candidates[j];
-            in_space(&c.direction, &(c.covariance + Matrix2::identity() * unstated))
+            in_space(
+                &c.direction,
+                &(c.covariance + Matrix2::identity() * unstated),
+            )
         });
         let record = CalibrationRecord {
             nominal_sha256: None,
             nominal_numbers: names.iter().map(|&j| Some(j as u16)).collect(),
-            views: names.iter().map(|&j| self.candidates[j].views as u32).collect(),
+            views: names
+                .iter()
+                .map(|&j| self.candidates[j].views as u32)
+                .collect(),
         };
         let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
         let table = HashTable::build(Pattern::new(dots)?, rule, recognizer)?
@@ -378,15 +398,17 @@ impl<'a> Rounds<'a> {
         let fitted = self.frames.iter().filter(|f| self.is_trusted(f)).count();
         let designed = self.candidates.iter().take(self.nominal.len());
         let dots = designed.map(|c| self.calibrated(c)).collect();
-        let learned = self.candidates[self.nominal.len()..].iter().filter_map(|c| {
-            let mark = c.mark.filter(|_| c.active)?;
-            Some(SteadyMark {
-                direction: c.direction,
-                covariance: Some(c.covariance),
-                found: mark.found,
-                views: mark.views,
-            })
-        });
+        let learned = self.candidates[self.nominal.len()..]
+            .iter()
+            .filter_map(|c| {
+                let mark = c.mark.filter(|_| c.active)?;
+                Some(SteadyMark {
+                    direction: c.direction,
+                    covariance: Some(c.covariance),
+                    found: mark.found,
+                    views: mark.views,
+                })
+            });
         let noted = marks.iter().map(|m| SteadyMark {
             direction: m.direction,
             covariance: None,
@@ -430,7 +452,11 @@ impl<'a> Rounds<'a> {
             nominal: c.prior.direction,
             direction,
             covariance,
-            views: if state == DotState::Measured { c.views } else { 0 },
+            views: if state == DotState::Measured {
+                c.views
+            } else {
+                0
+            },
             expected_views: c.presence.expected,
             state,
         }

@@ -5,13 +5,18 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::output::one_of;
-use crate::calibrate::{Calibration, CalibrationConfig, DotState, calibrate, identify_frames};
+use crate::calibrate::{
+    Calibration, CalibrationConfig, DotState, build_pattern, calibrate, identify_frames,
+    matching_design,
+};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::hash::HashTable;
+use crate::geometry::spiral_directions;
+use crate::hash::{HashTable, PairRule, RecognizerConfig};
+use crate::pattern::Pattern;
 use crate::report::calibration::{
-    CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, FILES,
-    evaluate_calibration,
+    CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, CalibrationSource,
+    FILES, evaluate_calibration,
 };
 use crate::vision::estimator::{
     BatchConfig, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
@@ -42,8 +47,14 @@ pub struct Arguments {
     clip: Vec<PathBuf>,
     /// The hash table (.npz) or pattern (CSV) that the ball was drawn from; several: the ball is one of
     /// them.
-    #[arg(long, value_name = "TABLE.npz", required = true)]
+    #[arg(long, value_name = "TABLE.npz", required_unless_present = "unknown")]
     table: Vec<PathBuf>,
+    /// Build the pattern from the clip alone; with --table, say which of these designs it is.
+    #[arg(long)]
+    unknown: bool,
+    /// Number of dots on the ball, where it is known.
+    #[arg(long, value_name = "N", requires = "unknown")]
+    dots: Option<usize>,
     /// The folder to write to.
     #[arg(long, value_name = "DIR", default_value = "calibrated")]
     out: PathBuf,
@@ -117,37 +128,52 @@ pub struct Arguments {
 /// The frames of the clip, as the best table identifies them.
 struct Clip {
     table: HashTable,
-    path: PathBuf,
+    /// The table's file; none where the pattern was built from the clip.
+    path: Option<PathBuf>,
     frames: Vec<FrameEstimate>,
     times_s: Option<Vec<f64>>,
 }
 
+/// Directions of the pattern that stands in where none is known: only its detections are used.
+const STAND_IN_DOTS: usize = 20;
+
 pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config()?;
-    files::reject_taken(&arguments.out, &FILES, "a calibration", "choose another folder")?;
-    let tables: Result<Vec<HashTable>> =
-        arguments.table.iter().map(|path| super::read_table(path)).collect();
+    files::reject_taken(
+        &arguments.out,
+        &FILES,
+        "a calibration",
+        "choose another folder",
+    )?;
+    let tables: Result<Vec<HashTable>> = arguments
+        .table
+        .iter()
+        .map(|path| super::read_table(path))
+        .collect();
     let clip = arguments.read(tables?, &config)?;
     let nominal = clip.table.pattern();
-    if arguments.table.len() > 1 {
-        errln!("the ball fits {}", clip.path.display());
+    match &clip.path {
+        Some(path) if arguments.unknown || arguments.table.len() > 1 => {
+            errln!("the ball is drawn from {}", path.display());
+        }
+        None if !arguments.table.is_empty() => errln!("the ball is none of these designs"),
+        _ => {}
     }
     let times = clip.times_s.as_deref();
-    let calibration = match calibrate(nominal, &clip.frames, times, &config)? {
-        Ok(calibration) => calibration,
-        Err(rejection) => {
-            let path = arguments.clip[0].clone();
-            let reason = rejection.to_string();
-            return Err(Error::NoAnswer { path, reason });
-        }
-    };
+    let calibration =
+        calibrate(nominal, &clip.frames, times, &config)?.map_err(|r| arguments.no_answer(&r))?;
     errln!("judging the calibration on frames that take no part, and by Monte Carlo");
     let evaluation = CalibrationEvaluationConfig {
         samples: arguments.samples,
         seed: arguments.seed,
     };
-    let evaluated =
-        evaluate_calibration(&calibration, nominal, &clip.frames, times, &config, &evaluation)?;
+    let source = CalibrationSource {
+        nominal,
+        is_design: clip.path.is_some(),
+        frames: &clip.frames,
+        times_s: times,
+    };
+    let evaluated = evaluate_calibration(&calibration, &source, &config, &evaluation)?;
     evaluated.write(&arguments.out)?;
     if arguments.json {
         return super::print_json(&evaluated.report);
@@ -231,13 +257,19 @@ impl Arguments {
         })
     }
 
-    /// Reads the clip with the first table, and identifies its frames with the others.
+    /// The clip cannot be calibrated.
+    fn no_answer(&self, reason: &dyn std::fmt::Display) -> Error {
+        Error::NoAnswer {
+            path: self.clip[0].clone(),
+            reason: reason.to_string(),
+        }
+    }
+
+    /// Reads the clip with the first table, and identifies its frames with the one that fits.
     fn read(&self, tables: Vec<HashTable>, config: &CalibrationConfig) -> Result<Clip> {
-        let mut tables = tables.into_iter().zip(&self.table);
-        let (table, path) = tables
-            .next()
-            .ok_or_else(|| Error::argument("table", "expected a table"))?;
-        let estimator = Estimator::for_table(&table, config.estimator, self.detector()?)?;
+        let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
+        let pattern = tables.first().map_or(&stand_in, |t| t.pattern());
+        let estimator = Estimator::new(pattern, config.estimator, self.detector()?)?;
         let batch = estimate_inputs(&estimator, &self.clip, &self.batch()?, &())?;
         if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
             errln!("spindoe: the times do not increase from frame to frame: they are not used");
@@ -246,25 +278,61 @@ impl Arguments {
             SequenceOutcome::Estimated { .. } => batch.frames.iter().map(|f| f.time_s).collect(),
             _ => None,
         };
-        let frames = batch.frames.into_iter().map(|f| f.estimate).collect();
-        let mut best = Clip {
+        let frames: Vec<FrameEstimate> = batch.frames.into_iter().map(|f| f.estimate).collect();
+        let (table, path, frames) = if self.unknown {
+            self.unknown_ball(tables, &frames, config)?
+        } else {
+            self.best_table(tables, frames, config)?
+        };
+        Ok(Clip {
             table,
-            path: path.clone(),
+            path,
             frames,
             times_s,
-        };
+        })
+    }
+
+    /// The table that fits the frames best. They come identified with the first.
+    fn best_table(
+        &self,
+        tables: Vec<HashTable>,
+        frames: Vec<FrameEstimate>,
+        config: &CalibrationConfig,
+    ) -> Result<(HashTable, Option<PathBuf>, Vec<FrameEstimate>)> {
+        let mut tables = tables.into_iter().zip(&self.table);
+        let (table, path) = tables
+            .next()
+            .ok_or_else(|| Error::argument("table", "expected a table"))?;
+        let mut best = (table, Some(path.clone()), frames);
         for (table, path) in tables {
-            let frames = identify_frames(&table, &config.estimator, &best.frames)?;
-            if trust(&frames) > trust(&best.frames) {
-                best = Clip {
-                    table,
-                    path: path.clone(),
-                    frames,
-                    ..best
-                };
+            let frames = identify_frames(&table, &config.estimator, &best.2)?;
+            if trust(&frames) > trust(&best.2) {
+                best = (table, Some(path.clone()), frames);
             }
         }
         Ok(best)
+    }
+
+    /// The pattern built from the clip, or the design that it is.
+    fn unknown_ball(
+        &self,
+        tables: Vec<HashTable>,
+        frames: &[FrameEstimate],
+        config: &CalibrationConfig,
+    ) -> Result<(HashTable, Option<PathBuf>, Vec<FrameEstimate>)> {
+        let built = build_pattern(frames, self.dots, config)?.map_err(|r| self.no_answer(&r))?;
+        let designs: Vec<Pattern> = tables.iter().map(|t| t.pattern().clone()).collect();
+        let known = matching_design(&built, &designs)?
+            .and_then(|k| Some((tables.into_iter().nth(k)?, self.table[k].clone())));
+        let (table, path) = match known {
+            Some((table, path)) => (table, Some(path)),
+            None => {
+                let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
+                (HashTable::build(built, rule, recognizer)?, None)
+            }
+        };
+        let frames = identify_frames(&table, &config.estimator, frames)?;
+        Ok((table, path, frames))
     }
 }
 
@@ -293,7 +361,10 @@ fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path)
         evaluated.report.rms_offset_deg
     );
     for (state, words) in [
-        (DotState::Missing, "never found where they should be, left out"),
+        (
+            DotState::Missing,
+            "never found where they should be, left out",
+        ),
         (DotState::Unseen, "not seen, left at their nominal places"),
     ] {
         let dots = evaluated.report.dots.iter().filter(|d| d.state == state);
@@ -315,7 +386,10 @@ fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path)
         );
     }
     if frames.with_other_balls > 0 {
-        outln!("  {} frames show more than one ball", frames.with_other_balls);
+        outln!(
+            "  {} frames show more than one ball",
+            frames.with_other_balls
+        );
     }
     if !held_out.frames.is_empty() {
         outln!(

@@ -72,7 +72,12 @@ impl HashTable {
             .and_then(|()| add_array(&mut zip, "feature_dots", &[m], feature_dots))
             .and_then(|()| match self.dot_covariances() {
                 // Symmetric: row by row or column by column is the same.
-                Some(all) => add_array(&mut zip, COVARIANCES, &[n, 3, 3], all.iter().flatten().copied()),
+                Some(all) => add_array(
+                    &mut zip,
+                    COVARIANCES,
+                    &[n, 3, 3],
+                    all.iter().flatten().copied(),
+                ),
                 None => Ok(()),
             })
             .and_then(|()| {
@@ -135,7 +140,11 @@ fn read_meta(archive: &mut Archive<'_>) -> Checked<TableMeta> {
         .map_err(|e| reject(format!("not JSON: {}", one_line(&e))))?;
     // The version first: a later format may have other fields.
     let version = json.get("format_version").and_then(|v| v.as_u64());
-    if !version.is_some_and(|v| [FORMAT_VERSION, CALIBRATED_VERSION].map(u64::from).contains(&v)) {
+    if !version.is_some_and(|v| {
+        [FORMAT_VERSION, CALIBRATED_VERSION]
+            .map(u64::from)
+            .contains(&v)
+    }) {
         let found = version.map_or("none".to_owned(), |v| v.to_string());
         return Err(reject(format!(
             "expected format_version {FORMAT_VERSION} or {CALIBRATED_VERSION}, found {found}"
@@ -163,7 +172,10 @@ fn read_covariances(
     }
     if !is_calibrated {
         let prefix = COVARIANCES.as_bytes();
-        if archive.file_names_raw().any(|name| name.starts_with(prefix)) {
+        if archive
+            .file_names_raw()
+            .any(|name| name.starts_with(prefix))
+        {
             let problem = format!("expected in format_version {CALIBRATED_VERSION} only");
             return Err(Problem::at(COVARIANCES, problem));
         }

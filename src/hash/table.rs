@@ -220,7 +220,10 @@ impl HashTable {
             require(found == n, name, &format!("{n} of them"), found)?;
         }
         let dots = self.pattern.dots().iter().zip(&covariances);
-        if let Some(j) = dots.map(|(d, c)| is_covariance(d, c)).position(|good| !good) {
+        if let Some(j) = dots
+            .map(|(d, c)| is_covariance(d, c))
+            .position(|good| !good)
+        {
             let problem = format!(
                 "dot {j}: expected a covariance in the plane across the dot, found {:?}",
                 covariances[j].as_slice()

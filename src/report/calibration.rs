@@ -24,8 +24,8 @@ use crate::vision::FrameEstimate;
 pub const CALIBRATION_REPORT_VERSION: u32 = 1;
 /// A dot whose standard deviation is larger needs more views, degrees.
 const WELL_MEASURED_DEG: f64 = 0.5;
-/// What the folder is known by.
-pub(crate) const FILES: [&str; 4] = ["pattern.csv", "table.npz", "report.json", "offsets.csv"];
+/// Files by which a folder with a calibration is known.
+pub const FILES: [&str; 4] = ["pattern.csv", "table.npz", "report.json", "offsets.csv"];
 
 /// A dot of the nominal pattern in the report.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -158,20 +158,38 @@ impl Default for CalibrationEvaluationConfig {
     }
 }
 
-/// Evaluates a calibration of the ball `nominal` from `frames`.
+/// What was calibrated: the arguments of [`crate::calibrate::calibrate`].
+#[derive(Debug, Clone, Copy)]
+pub struct CalibrationSource<'a> {
+    /// The nominal pattern.
+    pub nominal: &'a Pattern,
+    /// Whether it is a design; else it was built from the clip alone.
+    pub is_design: bool,
+    /// The frames as first identified.
+    pub frames: &'a [FrameEstimate],
+    /// Their times, seconds.
+    pub times_s: Option<&'a [f64]>,
+}
+
+/// Evaluates a calibration.
 ///
 /// # Errors
 /// As [`held_out`] and [`run_trials`].
 pub fn evaluate_calibration(
     calibration: &Calibration,
-    nominal: &Pattern,
-    frames: &[FrameEstimate],
-    times_s: Option<&[f64]>,
+    source: &CalibrationSource<'_>,
     config: &CalibrationConfig,
     evaluation: &CalibrationEvaluationConfig,
 ) -> Result<CalibrationEvaluation> {
+    let CalibrationSource {
+        nominal,
+        is_design,
+        frames,
+        times_s,
+    } = *source;
     let pattern = calibration.pattern()?;
-    let table = calibration.table(Some(nominal.sha256()))?;
+    let nominal_sha256 = is_design.then(|| nominal.sha256());
+    let table = calibration.table(nominal_sha256.clone())?;
     let numbers = calibration.nominal_numbers();
     let number = |j: usize| numbers.iter().position(|n| *n == Some(j as u16));
     let dots: Vec<DotReport> = calibration
@@ -191,12 +209,16 @@ pub fn evaluate_calibration(
         })
         .collect();
     let first_mark = calibration.dots.len() - calibration.count(DotState::Missing);
-    let marks = calibration.marks.iter().enumerate().map(|(k, m)| MarkReport {
-        direction: m.direction.into(),
-        found: m.found,
-        views: m.views,
-        number: m.covariance.map(|_| first_mark + k),
-    });
+    let marks = calibration
+        .marks
+        .iter()
+        .enumerate()
+        .map(|(k, m)| MarkReport {
+            direction: m.direction.into(),
+            found: m.found,
+            views: m.views,
+            number: m.covariance.map(|_| first_mark + k),
+        });
     let monte_carlo = match evaluation.samples {
         0 => Vec::new(),
         _ => monte_carlo(calibration, nominal, &pattern, evaluation)?,
@@ -204,7 +226,7 @@ pub fn evaluate_calibration(
     let mut report = CalibrationReport {
         format_version: CALIBRATION_REPORT_VERSION,
         spindoe_version: env!("CARGO_PKG_VERSION"),
-        nominal_sha256: Some(nominal.sha256()),
+        nominal_sha256,
         pattern_sha256: pattern.sha256(),
         frames: FramesReport {
             given: frames.len(),
@@ -288,7 +310,10 @@ fn advice(report: &CalibrationReport) -> Vec<String> {
     let missing = report.dots.iter().filter(|d| d.state == DotState::Missing);
     let missing: Vec<usize> = missing.map(|d| d.nominal_number).collect();
     if !missing.is_empty() {
-        advice.push(format!("never found where they should be: dots {}", list(&missing)));
+        advice.push(format!(
+            "never found where they should be: dots {}",
+            list(&missing)
+        ));
     }
     let lost = |p: &ProtocolReport| {
         let [nominal, drawn]: [&Proportion; 2] =
@@ -333,7 +358,10 @@ impl CalibrationEvaluation {
         files::create_dir(dir)?;
         self.table.pattern().write_csv(&dir.join("pattern.csv"))?;
         self.table.write_npz(&dir.join("table.npz"))?;
-        files::write_bytes(&dir.join("offsets.csv"), self.report.offsets_csv().as_bytes())?;
+        files::write_bytes(
+            &dir.join("offsets.csv"),
+            self.report.offsets_csv().as_bytes(),
+        )?;
         #[cfg(feature = "plot")]
         self.report.draw(&dir.join("offsets.png"))?;
         let mut json = serde_json::to_string_pretty(&self.report)
@@ -347,7 +375,8 @@ impl CalibrationReport {
     /// The offsets of the dots as CSV: along the meridian towards +z, and to the east of it.
     pub fn offsets_csv(&self) -> String {
         let mut text =
-            "dot,number,state,offset_deg,north_deg,east_deg,sigma_deg,views,expected_views\n".to_owned();
+            "dot,number,state,offset_deg,north_deg,east_deg,sigma_deg,views,expected_views\n"
+                .to_owned();
         for dot in &self.dots {
             let (nominal, drawn) = (Vec3::from(dot.nominal), Vec3::from(dot.drawn));
             let [north, east] = compass(&nominal).map(|axis| axis.dot(&drawn).to_degrees());
@@ -385,7 +414,10 @@ impl CalibrationReport {
         let title = format!(
             "Drawn minus nominal: {:.2} deg rms over {} dots",
             self.rms_offset_deg,
-            self.dots.iter().filter(|d| d.state == DotState::Measured).count()
+            self.dots
+                .iter()
+                .filter(|d| d.state == DotState::Measured)
+                .count()
         );
         offset_views(path, &dots.chain(marks).collect::<Vec<_>>(), &title)
     }

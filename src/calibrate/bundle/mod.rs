@@ -150,7 +150,8 @@ impl Bundle {
     /// The problem of these dots, seen by one camera.
     pub fn new(priors: Vec<DotPrior>, frames: Vec<BundleFrame>, camera: &CameraModel) -> Self {
         let dots = priors.iter().map(|p| p.direction).collect();
-        let radius = frames.iter().map(|f| f.circle.radius).sum::<f64>() / frames.len().max(1) as f64;
+        let radius =
+            frames.iter().map(|f| f.circle.radius).sum::<f64>() / frames.len().max(1) as f64;
         let camera = match *camera {
             CameraModel::Known(camera) => SharedCamera::Known(camera),
             CameraModel::Unknown(prior) => {
@@ -189,7 +190,11 @@ impl Bundle {
             for _ in 0..RELAXATIONS {
                 self.minimize();
                 let (rotations, spins) = (self.rotations(), self.spins.clone());
-                if !self.motion.as_mut().is_some_and(|m| m.relax(&rotations, &spins)) {
+                if !self
+                    .motion
+                    .as_mut()
+                    .is_some_and(|m| m.relax(&rotations, &spins))
+                {
                     break;
                 }
             }
@@ -212,7 +217,10 @@ impl Bundle {
         let SharedCamera::Unknown { inverse_focal, .. } = self.camera else {
             return None;
         };
-        let of_frames = self.frames.iter().map(|f| inverse_distance(inverse_focal * f.circle.radius));
+        let of_frames = self
+            .frames
+            .iter()
+            .map(|f| inverse_distance(inverse_focal * f.circle.radius));
         Some(of_frames.sum::<f64>() / self.frames.len().max(1) as f64)
     }
 
@@ -278,7 +286,12 @@ impl Bundle {
             let [e1, e2] = tangent_frame(dot);
             *dot = (*dot + e1 * step.border[2 * j] + e2 * step.border[2 * j + 1]).normalize();
         }
-        for ((frame, spin), x) in moved.frames.iter_mut().zip(&mut moved.spins).zip(&step.frames) {
+        for ((frame, spin), x) in moved
+            .frames
+            .iter_mut()
+            .zip(&mut moved.spins)
+            .zip(&step.frames)
+        {
             let turn = Rotation::from_scaled_axis(Vec3::new(x[0], x[1], x[2]));
             frame.rotation = Rotation::new_normalize((turn * frame.rotation).into_inner());
             frame.circle.center.u += x[3];
@@ -413,7 +426,9 @@ impl Bundle {
         let information = inverse * ((DEGREES + 2.0) / (DEGREES + distance));
         let mut of_frame = SMatrix::<f64, 2, BLOCK>::zeros();
         of_frame.fixed_view_mut::<2, 3>(0, 0).copy_from(&p.by_turn);
-        of_frame.fixed_view_mut::<2, 3>(0, 3).copy_from(&p.by_outline);
+        of_frame
+            .fixed_view_mut::<2, 3>(0, 3)
+            .copy_from(&p.by_outline);
         let weighted = of_frame.transpose() * information;
         equations.diagonal[k] += weighted * of_frame;
         equations.gradient[k] += weighted * residual;
@@ -443,7 +458,12 @@ impl Bundle {
     /// Adds the priors of dots, camera and motion, and the gauge.
     fn add_priors(&self, equations: &mut NormalEquations, axes: &[Matrix3x2<f64>]) {
         let focal = 2 * self.dots.len();
-        let stiffness = GAUGE * equations.corner.view((0, 0), (focal, focal)).diagonal().max();
+        let stiffness = GAUGE
+            * equations
+                .corner
+                .view((0, 0), (focal, focal))
+                .diagonal()
+                .max();
         for (j, (prior, axes)) in self.priors.iter().zip(axes).enumerate() {
             let information = prior.sigma_rad.powi(-2);
             let back = axes.transpose() * (prior.direction - self.dots[j]) * information;
@@ -503,7 +523,8 @@ impl Bundle {
             }
         }
         for frame in &mut self.frames {
-            frame.rotation = Rotation::new_normalize((frame.rotation * turn.inverse()).into_inner());
+            frame.rotation =
+                Rotation::new_normalize((frame.rotation * turn.inverse()).into_inner());
         }
     }
 
@@ -545,7 +566,8 @@ impl Bundle {
             .zip(&equations.diagonal)
             .map(|(frame, information)| {
                 let of_pose = information.fixed_view::<6, 6>(0, 0).into_owned();
-                let covariance: Matrix3<f64> = of_pose.try_inverse()?.fixed_view::<3, 3>(0, 0).into();
+                let covariance: Matrix3<f64> =
+                    of_pose.try_inverse()?.fixed_view::<3, 3>(0, 0).into();
                 Some(TimedPose {
                     time_s: frame.time_s?,
                     rotation: frame.rotation,

@@ -63,7 +63,10 @@ pub(super) struct TimedPose {
 impl MotionPrior {
     /// Learns the prior; `None` where there is none (see the module's head).
     pub fn learn(poses: &[TimedPose]) -> Option<Self> {
-        let intervals: Vec<f64> = poses.windows(2).map(|w| w[1].time_s - w[0].time_s).collect();
+        let intervals: Vec<f64> = poses
+            .windows(2)
+            .map(|w| w[1].time_s - w[0].time_s)
+            .collect();
         if intervals.len() < MIN_TRIPLES + 1 || intervals.iter().any(|t| *t < MIN_INTERVAL_S) {
             return None;
         }
@@ -71,7 +74,9 @@ impl MotionPrior {
         let rates: Vec<Vec3> = poses
             .windows(2)
             .zip(&intervals)
-            .map(|(w, t)| reference + turn_beyond(&reference, *t, &w[0].rotation, &w[1].rotation) / *t)
+            .map(|(w, t)| {
+                reference + turn_beyond(&reference, *t, &w[0].rotation, &w[1].rotation) / *t
+            })
             .collect();
         let density = density(poses, &intervals, &rates);
         // A frame's spin: the mean of those before and after.
@@ -102,7 +107,9 @@ impl MotionPrior {
         let turn = turn_beyond(spins[0], t, rotations[0], rotations[1]);
         let mut residual = SVector::<f64, 6>::zeros();
         residual.fixed_rows_mut::<3>(0).copy_from(&turn);
-        residual.fixed_rows_mut::<3>(3).copy_from(&(spins[1] - spins[0]));
+        residual
+            .fixed_rows_mut::<3>(3)
+            .copy_from(&(spins[1] - spins[0]));
         let mut here = SMatrix::<f64, 6, BLOCK>::zeros();
         let mut next = SMatrix::<f64, 6, BLOCK>::zeros();
         // exp(-(w + dw) t) exp(x') R' R^-1 exp(-x): to first order, for a small residual.
@@ -112,7 +119,8 @@ impl MotionPrior {
             .copy_from(&-Matrix3::identity());
         here.fixed_view_mut::<3, 3>(0, SPIN)
             .copy_from(&(left_jacobian(&back) * -t));
-        next.fixed_view_mut::<3, 3>(0, TURN).copy_from(turned.matrix());
+        next.fixed_view_mut::<3, 3>(0, TURN)
+            .copy_from(turned.matrix());
         here.fixed_view_mut::<3, 3>(3, SPIN)
             .copy_from(&-Matrix3::identity());
         next.fixed_view_mut::<3, 3>(3, SPIN)
@@ -161,8 +169,10 @@ impl MotionPrior {
             let (residual, [here, next]) =
                 self.residual(k, [&rotations[k], &rotations[at]], [&spins[k], &spins[at]]);
             let information = self.information(k);
-            let weighted: [SMatrix<f64, BLOCK, 6>; 2] =
-                [here.transpose() * information, next.transpose() * information];
+            let weighted: [SMatrix<f64, BLOCK, 6>; 2] = [
+                here.transpose() * information,
+                next.transpose() * information,
+            ];
             equations.diagonal[k] += weighted[0] * here;
             equations.diagonal[at] += weighted[1] * next;
             let coupling: Block = weighted[0] * next;
@@ -176,7 +186,9 @@ impl MotionPrior {
 /// The spin that all frames share, or 0 where they turn little from one to the next; `None` for
 /// neither.
 fn reference_spin(poses: &[TimedPose]) -> Option<Vec3> {
-    let angles = poses.windows(2).map(|w| w[0].rotation.angle_to(&w[1].rotation));
+    let angles = poses
+        .windows(2)
+        .map(|w| w[0].rotation.angle_to(&w[1].rotation));
     if median(&mut angles.collect::<Vec<_>>()) < SLOW_RAD {
         return Some(Vec3::zeros());
     }
@@ -184,7 +196,9 @@ fn reference_spin(poses: &[TimedPose]) -> Option<Vec3> {
         .iter()
         .map(|p| Measurement::new(p.time_s, p.rotation))
         .collect();
-    let fit = RobustEstimator::new(RobustSpinConfig::default()).fit(&measurements).ok()?;
+    let fit = RobustEstimator::new(RobustSpinConfig::default())
+        .fit(&measurements)
+        .ok()?;
     let enough = fit.inliers as f64 >= MIN_AGREEING * poses.len() as f64;
     enough.then_some(fit.motion.spin)
 }
@@ -305,6 +319,10 @@ mod tests {
             })
             .collect();
         let prior = MotionPrior::learn(&poses).unwrap();
-        assert!((q / 2.0..q * 2.0).contains(&prior.density), "{}", prior.density);
+        assert!(
+            (q / 2.0..q * 2.0).contains(&prior.density),
+            "{}",
+            prior.density
+        );
     }
 }

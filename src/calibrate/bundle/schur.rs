@@ -88,7 +88,9 @@ impl NormalEquations {
                 rest -= f.next[k] * after;
             }
             // L^T x = rest.
-            f.lower[k].l_dirty().tr_solve_lower_triangular_mut(&mut rest);
+            f.lower[k]
+                .l_dirty()
+                .tr_solve_lower_triangular_mut(&mut rest);
             frames[k] = rest;
         }
         Some(Step { frames, border })
@@ -171,7 +173,9 @@ mod tests {
                 }
             }
             let at = k * BLOCK;
-            dense.view_mut((at, at), (BLOCK, BLOCK)).copy_from(&system.diagonal[k]);
+            dense
+                .view_mut((at, at), (BLOCK, BLOCK))
+                .copy_from(&system.diagonal[k]);
             gradient.rows_mut(at, BLOCK).copy_from(&system.gradient[k]);
             dense
                 .view_mut((at, frames * BLOCK), (BLOCK, border))
@@ -187,8 +191,12 @@ mod tests {
             system.corner_gradient[i] = draw();
         }
         let at = frames * BLOCK;
-        dense.view_mut((at, at), (border, border)).copy_from(&system.corner);
-        gradient.rows_mut(at, border).copy_from(&system.corner_gradient);
+        dense
+            .view_mut((at, at), (border, border))
+            .copy_from(&system.corner);
+        gradient
+            .rows_mut(at, border)
+            .copy_from(&system.corner_gradient);
         dense.fill_lower_triangle_with_upper_triangle();
         (system, dense, gradient)
     }

@@ -52,7 +52,9 @@ pub(super) struct View<'a> {
 
 /// Ratio by which the place of pattern dot `j` widens the variance of `dot`.
 fn widening(spread: &[f64], j: usize, dot: &Dot) -> f64 {
-    spread.get(j).map_or(1.0, |variance| 1.0 + variance * dot.radial)
+    spread
+        .get(j)
+        .map_or(1.0, |variance| 1.0 + variance * dot.radial)
 }
 
 /// A rough rotation.

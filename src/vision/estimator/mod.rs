@@ -174,7 +174,9 @@ impl<D: DotDetector> Estimator<D> {
             doubtful.with_dot_variances(beyond)?,
         ];
         self.placement_variance = least;
-        self.refiner = self.refiner.with_placement(Placement::Measured(covariances));
+        self.refiner = self
+            .refiner
+            .with_placement(Placement::Measured(covariances));
         Ok(self)
     }
 

@@ -15,6 +15,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
+use spindoe::Pattern;
 use spindoe::calibrate::{Calibration, CalibrationConfig, DotState, calibrate};
 use spindoe::geometry::{
     Rotation, Vec3, angle_between, kabsch, random_direction, random_rotation, tangent_frame,
@@ -22,7 +23,6 @@ use spindoe::geometry::{
 use spindoe::synth::{Rendering, Scene, SynthConfig};
 use spindoe::validate::Proportion;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
-use spindoe::Pattern;
 
 /// Fresh frames of each ball.
 const FRESH: usize = 20;
@@ -74,7 +74,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let sigma = number(4, 2.0)?.to_radians();
     let text = include_bytes!("../../../designs/dots20/pattern.csv");
     let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
-    let estimator = Estimator::new(&nominal, EstimatorConfig::default(), DetectorName::Cnn.build()?)?;
+    let estimator = Estimator::new(
+        &nominal,
+        EstimatorConfig::default(),
+        DetectorName::Cnn.build()?,
+    )?;
     println!(
         "{balls} balls of {px} px, {frames} frames, placement error {:.1} deg per axis, seed {seed}\n",
         sigma.to_degrees()
@@ -99,7 +103,9 @@ fn ball<R: Rng>(
 ) -> Result<Ball, Box<dyn Error>> {
     let count = rng.random_range(0..3);
     let missing = sample(rng, nominal.len(), count).into_vec();
-    let numbers: Vec<usize> = (0..nominal.len()).filter(|j| !missing.contains(j)).collect();
+    let numbers: Vec<usize> = (0..nominal.len())
+        .filter(|j| !missing.contains(j))
+        .collect();
     let drawn = numbers.iter().map(|&j| {
         let dot = nominal.dots()[j];
         let [e1, e2] = tangent_frame(&dot);
@@ -193,7 +199,11 @@ fn one(
     let false_alarms = calibration.dots.iter().enumerate().filter(wrong).count();
     let (to, from, predicted) = pairs(&ball, &calibration);
     let turn = kabsch(&from, &to, None)?;
-    let squared_error = from.iter().zip(&to).map(|(a, b)| angle_between(&(turn * a), b).powi(2)).sum();
+    let squared_error = from
+        .iter()
+        .zip(&to)
+        .map(|(a, b)| angle_between(&(turn * a), b).powi(2))
+        .sum();
     let errors = fresh(nominal, estimator, &ball, &calibration, turn, rng)?;
     Ok(Outcome {
         calibrated: Some(Measured {
@@ -275,7 +285,10 @@ fn fresh(
 }
 
 fn report(outcomes: &[Outcome]) {
-    let measured: Vec<&Measured> = outcomes.iter().filter_map(|o| o.calibrated.as_ref()).collect();
+    let measured: Vec<&Measured> = outcomes
+        .iter()
+        .filter_map(|o| o.calibrated.as_ref())
+        .collect();
     let n = measured.len() as u64;
     println!("calibrated: {}", Proportion::new(n, outcomes.len() as u64));
     if measured.is_empty() {
@@ -300,17 +313,30 @@ fn report(outcomes: &[Outcome]) {
         Proportion::new(measured.iter().filter(|m| test(m)).count() as u64, n)
     };
     println!("all missing dots named: {}", count(&|m| m.named));
-    println!("no dot called missing that can be seen: {}", count(&|m| m.false_alarms == 0));
-    let mean = |value: &dyn Fn(&Measured) -> f64| measured.iter().map(|m| value(m)).sum::<f64>() / n as f64;
+    println!(
+        "no dot called missing that can be seen: {}",
+        count(&|m| m.false_alarms == 0)
+    );
+    let mean = |value: &dyn Fn(&Measured) -> f64| {
+        measured.iter().map(|m| value(m)).sum::<f64>() / n as f64
+    };
     println!(
         "noise over the detector's own: {:.2}; marks beside the pattern: {:.2} a ball",
         mean(&|m| m.noise_scale),
         mean(&|m| m.marks as f64)
     );
     let all: Vec<Vec<f64>> = (0..3)
-        .map(|k| measured.iter().flat_map(|m| m.errors[k].iter().copied()).collect())
+        .map(|k| {
+            measured
+                .iter()
+                .flat_map(|m| m.errors[k].iter().copied())
+                .collect()
+        })
         .collect();
-    println!("\norientation error of {} fresh frames, deg: mean, rms, median", all[0].len());
+    println!(
+        "\norientation error of {} fresh frames, deg: mean, rms, median",
+        all[0].len()
+    );
     for (name, errors) in ["nominal", "calibrated", "true"].iter().zip(&all) {
         let mut sorted = errors.clone();
         sorted.sort_by(f64::total_cmp);
