@@ -126,6 +126,8 @@ match &estimate.outcome {
 "#
 )]
 
+#[cfg(feature = "vision")]
+pub mod calibrate;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

@@ -22,6 +22,8 @@ macro_rules! errln {
     }};
 }
 
+#[cfg(feature = "vision")]
+mod calibrate;
 mod compare;
 mod design;
 #[cfg(feature = "vision")]
@@ -84,6 +86,9 @@ enum Command {
     /// Estimate orientations and the spin from images or videos.
     #[cfg(feature = "vision")]
     Estimate(Box<estimate::Arguments>),
+    /// Measure a ball's dots as they were really drawn, from a clip of it.
+    #[cfg(feature = "vision")]
+    Calibrate(Box<calibrate::Arguments>),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
     /// Mark a pattern on a ball without a stencil: paper lobes, stickers, files for plotters.
@@ -127,6 +132,8 @@ pub fn main() -> ExitCode {
         Command::Identify(arguments) => identify::run(&arguments),
         #[cfg(feature = "vision")]
         Command::Estimate(arguments) => estimate::run(&arguments),
+        #[cfg(feature = "vision")]
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
         #[cfg(feature = "mark")]
         Command::Mark(arguments) => mark::run(&arguments),

@@ -17,4 +17,4 @@ pub mod npz;
 pub mod table;
 
 pub use features::{Basis, BasisFrame, Feature, PairRule};
-pub use table::{HashTable, ObjectiveRecord, RecognizerConfig, TableMeta};
+pub use table::{CalibrationRecord, HashTable, ObjectiveRecord, RecognizerConfig, TableMeta};

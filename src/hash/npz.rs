@@ -1,7 +1,8 @@
 //! The hash table as a NumPy archive (`.npz`: a zip of `.npy` arrays).
 //!
 //! Arrays: `dots` f64 (n, 3); `features` f64 (m, 3); `bases` u16 (m, 2); `feature_dots` u16 (m,);
-//! `meta` u8 (k,), UTF-8 JSON of [`TableMeta`]. Rows of the last three are in the order of
+//! `meta` u8 (k,), UTF-8 JSON of [`TableMeta`]. A table whose dots were measured on a ball has
+//! format version 2 and a sixth array: `dot_covariances` f64 (n, 3, 3), rad^2, in the pattern's frame. Rows of the last three are in the order of
 //! [`PairRule::features`](super::PairRule::features). A written table reads back bit for bit, and
 //! the same table gives the same bytes.
 //!
@@ -15,10 +16,11 @@ use std::fmt::Display;
 use std::io::Cursor;
 use std::path::Path;
 
+use nalgebra::Matrix3;
 use zip::ZipWriter;
 
 use super::features::Basis;
-use super::table::{Arrays, FORMAT_VERSION, HashTable, TableMeta};
+use super::table::{Arrays, CALIBRATED_VERSION, FORMAT_VERSION, HashTable, TableMeta};
 use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
@@ -30,7 +32,15 @@ use crate::pattern::{LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
 /// allows for other writers' rounding, which a basis near the pair rule's limit amplifies.
 const FEATURE_TOLERANCE: f64 = 1e-9;
 
-const ARRAYS: [&str; 5] = ["dots", "features", "bases", "feature_dots", "meta"];
+const COVARIANCES: &str = "dot_covariances";
+const ARRAYS: [&str; 6] = [
+    "dots",
+    "features",
+    "bases",
+    "feature_dots",
+    COVARIANCES,
+    "meta",
+];
 
 impl HashTable {
     /// Writes the table as `.npz` atomically.
@@ -60,6 +70,16 @@ impl HashTable {
             .and_then(|()| add_array(&mut zip, "features", &[m, 3], features))
             .and_then(|()| add_array(&mut zip, "bases", &[m, 2], bases))
             .and_then(|()| add_array(&mut zip, "feature_dots", &[m], feature_dots))
+            .and_then(|()| match self.dot_covariances() {
+                // Symmetric: row by row or column by column is the same.
+                Some(all) => add_array(
+                    &mut zip,
+                    COVARIANCES,
+                    &[n, 3, 3],
+                    all.iter().flatten().copied(),
+                ),
+                None => Ok(()),
+            })
             .and_then(|()| {
                 let length = meta.len() as u64;
                 add_array(&mut zip, "meta", &[length], meta.iter().copied())
@@ -100,7 +120,16 @@ impl HashTable {
         }
         let arrays = read_columns(&mut archive)?;
         check_features(&pattern, &arrays, &meta)?;
-        Self::assemble(pattern, arrays, meta).map_err(|e| Problem::at("features", e.to_string()))
+        let covariances = read_covariances(&mut archive, &meta, pattern.len())?;
+        let record = meta.calibration.clone();
+        let table = Self::assemble(pattern, arrays, meta)
+            .map_err(|e| Problem::at("features", e.to_string()))?;
+        match (covariances, record) {
+            (Some(covariances), Some(record)) => table
+                .with_calibration(covariances, record)
+                .map_err(|e| Problem::at(COVARIANCES, e.to_string())),
+            _ => Ok(table),
+        }
     }
 }
 
@@ -111,16 +140,51 @@ fn read_meta(archive: &mut Archive<'_>) -> Checked<TableMeta> {
         .map_err(|e| reject(format!("not JSON: {}", one_line(&e))))?;
     // The version first: a later format may have other fields.
     let version = json.get("format_version").and_then(|v| v.as_u64());
-    if version != Some(u64::from(FORMAT_VERSION)) {
+    if !version.is_some_and(|v| {
+        [FORMAT_VERSION, CALIBRATED_VERSION]
+            .map(u64::from)
+            .contains(&v)
+    }) {
         let found = version.map_or("none".to_owned(), |v| v.to_string());
         return Err(reject(format!(
-            "expected format_version {FORMAT_VERSION}, found {found}"
+            "expected format_version {FORMAT_VERSION} or {CALIBRATED_VERSION}, found {found}"
         )));
     }
     let meta: TableMeta = serde_json::from_value(json).map_err(|e| reject(one_line(&e)))?;
     meta.pair_rule.check().map_err(|e| reject(e.to_string()))?;
     meta.recognizer.check().map_err(|e| reject(e.to_string()))?;
     Ok(meta)
+}
+
+/// The covariances of a calibrated table; `None` in one that is not.
+fn read_covariances(
+    archive: &mut Archive<'_>,
+    meta: &TableMeta,
+    dots: usize,
+) -> Checked<Option<Vec<Matrix3<f64>>>> {
+    let is_calibrated = meta.format_version == CALIBRATED_VERSION;
+    if is_calibrated != meta.calibration.is_some() {
+        let problem = format!(
+            "expected a calibration in format_version {CALIBRATED_VERSION} and in no other, found version {}",
+            meta.format_version
+        );
+        return Err(Problem::at("meta", problem));
+    }
+    if !is_calibrated {
+        let prefix = COVARIANCES.as_bytes();
+        if archive
+            .file_names_raw()
+            .any(|name| name.starts_with(prefix))
+        {
+            let problem = format!("expected in format_version {CALIBRATED_VERSION} only");
+            return Err(Problem::at(COVARIANCES, problem));
+        }
+        return Ok(None);
+    }
+    let shape = [Some(dots as u64), Some(3), Some(3)];
+    let flat: Vec<f64> = read_array(archive, COVARIANCES, "f64", &shape)?;
+    let matrices = flat.chunks_exact(9).map(Matrix3::from_row_slice);
+    Ok(Some(matrices.collect()))
 }
 
 fn read_dots(archive: &mut Archive<'_>) -> Checked<Pattern> {

@@ -7,14 +7,21 @@
 use std::num::NonZeroUsize;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::{Matrix2, Matrix3};
 use serde::{Deserialize, Serialize};
 
 use super::features::{Basis, PairRule};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
+use crate::geometry::{Vec3, tangent_frame};
 use crate::pattern::Pattern;
 
-/// Version of the file format that this crate reads and writes.
+/// Version of the file format of a table whose dots are where the pattern has them.
 pub const FORMAT_VERSION: u32 = 1;
+/// Version of the file format of a table whose dots were measured on a ball: it has their covariances,
+/// which readers of the first version do not know.
+pub const CALIBRATED_VERSION: u32 = 2;
+/// A variance beyond this is no measurement, rad^2.
+const MAX_VARIANCE: f64 = 1.0;
 
 /// Parameters of the recognizer that a table was designed and validated for.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -89,10 +96,22 @@ pub struct ObjectiveRecord {
     pub value: f64,
 }
 
+/// How the dots of a calibrated table were measured.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CalibrationRecord {
+    /// [`Pattern::sha256`] of the nominal pattern; `None` where the pattern was built from images alone.
+    pub nominal_sha256: Option<String>,
+    /// For each dot its number in the nominal pattern; `None` for a mark that the pattern lacks.
+    pub nominal_numbers: Vec<Option<u16>>,
+    /// Number of frames that saw each dot; 0 for one that is where the nominal pattern has it.
+    pub views: Vec<u32>,
+}
+
 /// A table's metadata (the `meta` array of the file, as JSON).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TableMeta {
-    /// Version of the file format, [`FORMAT_VERSION`].
+    /// Version of the file format, [`FORMAT_VERSION`] or [`CALIBRATED_VERSION`].
     pub format_version: u32,
     /// [`Pattern::sha256`] of the dots.
     pub pattern_sha256: String,
@@ -107,6 +126,9 @@ pub struct TableMeta {
     /// The validation result that the table shipped with.
     #[serde(default)]
     pub validation: Option<serde_json::Value>,
+    /// How the dots were measured, in a table of [`CALIBRATED_VERSION`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<CalibrationRecord>,
 }
 
 /// A feature found near a query.
@@ -126,6 +148,8 @@ pub struct HashTable {
     bases: Vec<Basis>,
     feature_dots: Vec<u16>,
     tree: ImmutableKdTree<f64, 3>,
+    /// Of a calibrated table.
+    dot_covariances: Option<Vec<Matrix3<f64>>>,
     meta: TableMeta,
 }
 
@@ -151,6 +175,7 @@ impl HashTable {
             pair_rule: rule,
             objective: None,
             validation: None,
+            calibration: None,
         };
         Self::assemble(pattern, arrays, meta)
     }
@@ -171,8 +196,50 @@ impl HashTable {
             bases: arrays.bases,
             feature_dots: arrays.feature_dots,
             tree,
+            dot_covariances: None,
             meta,
         })
+    }
+
+    /// The table of a ball whose dots were measured, with their covariances (rad^2, pattern frame).
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the record or the covariances are not those of as many dots, or a
+    /// covariance is not one.
+    pub fn with_calibration(
+        mut self,
+        covariances: Vec<Matrix3<f64>>,
+        record: CalibrationRecord,
+    ) -> Result<Self> {
+        let n = self.pattern.len();
+        for (name, found) in [
+            ("dot_covariances", covariances.len()),
+            ("nominal_numbers", record.nominal_numbers.len()),
+            ("views", record.views.len()),
+        ] {
+            require(found == n, name, &format!("{n} of them"), found)?;
+        }
+        let dots = self.pattern.dots().iter().zip(&covariances);
+        if let Some(j) = dots
+            .map(|(d, c)| is_covariance(d, c))
+            .position(|good| !good)
+        {
+            let problem = format!(
+                "dot {j}: expected a covariance in the plane across the dot, found {:?}",
+                covariances[j].as_slice()
+            );
+            return Err(Error::argument("dot_covariances", problem));
+        }
+        self.meta.format_version = CALIBRATED_VERSION;
+        self.meta.calibration = Some(record);
+        self.dot_covariances = Some(covariances);
+        Ok(self)
+    }
+
+    /// Covariance of each dot's direction, rad^2, pattern frame, singular along the dot; `None` where
+    /// the dots were not measured on a ball.
+    pub fn dot_covariances(&self) -> Option<&[Matrix3<f64>]> {
+        self.dot_covariances.as_deref()
     }
 
     /// The pattern.
@@ -240,6 +307,26 @@ impl HashTable {
             })
             .collect()
     }
+}
+
+/// Whether this is a covariance of a direction: symmetric, of positive variance in the plane across it,
+/// of none along it.
+fn is_covariance(direction: &Vec3, covariance: &Matrix3<f64>) -> bool {
+    let scale = covariance.trace();
+    let [e1, e2] = tangent_frame(direction);
+    let across = Matrix2::new(
+        e1.dot(&(covariance * e1)),
+        e1.dot(&(covariance * e2)),
+        e2.dot(&(covariance * e1)),
+        e2.dot(&(covariance * e2)),
+    );
+    let small = 1e-6 * scale;
+    // A NaN fails the first comparison.
+    scale > 0.0
+        && scale <= MAX_VARIANCE
+        && (covariance - covariance.transpose()).amax() <= small
+        && (covariance * direction).amax() <= small
+        && across.determinant() > 0.0
 }
 
 /// The columns of a table.

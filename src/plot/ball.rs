@@ -57,8 +57,8 @@ impl BallDrawing {
 }
 
 /// A side from which the ball is seen, orthographically, with +y up.
-struct Side {
-    caption: &'static str,
+pub(super) struct Side {
+    pub caption: &'static str,
     /// Direction that points right in the picture.
     right: Vec3,
     /// Direction towards the viewer.
@@ -69,7 +69,7 @@ struct Side {
 
 impl Side {
     /// Front, then back. The back is what is seen after half a turn of the ball about y.
-    fn both() -> [Self; 2] {
+    pub fn both() -> [Self; 2] {
         [
             Self {
                 caption: "front (seen from +z)",
@@ -87,7 +87,7 @@ impl Side {
     }
 
     /// Coordinates of `v` in this view: right, up, towards the viewer.
-    fn view(&self, v: &Vec3) -> Vec3 {
+    pub fn view(&self, v: &Vec3) -> Vec3 {
         Vec3::new(v.dot(&self.right), v.y, v.dot(&self.towards))
     }
 }

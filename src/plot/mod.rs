@@ -11,6 +11,7 @@ mod bars;
 mod canvas;
 mod curves;
 mod features;
+mod offsets;
 #[cfg(feature = "vision")]
 mod overlay;
 mod recognition;
@@ -25,6 +26,7 @@ pub use curves::{
     line_plot, rate_curves, reliability_plot, scatter_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
+pub use offsets::{OFFSET_SCALE, OffsetDot, OffsetMark, offset_views};
 #[cfg(feature = "vision")]
 pub use overlay::{
     OVERLAY_SIDE, OverlayDot, OverlayFrame, SHEET_FRAMES, contact_sheet, frame_overlay,

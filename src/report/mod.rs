@@ -5,6 +5,8 @@
 //! `stencil/`. For the same arguments every file is identical byte for byte, on any number of
 //! threads, except for measured times: the key `timing` of `report.json`, and `progress.png`.
 
+#[cfg(feature = "vision")]
+pub mod calibration;
 pub mod compare;
 #[cfg(feature = "plot")]
 mod compare_plots;

@@ -190,6 +190,15 @@ impl BallView {
         Some(Vector2::new(direction.x, -direction.y) * (self.circle.radius * rate))
     }
 
+    /// d(pixel of a direction)/d(outline's center u, v and radius): the shift moves all dots alike, the
+    /// growth moves them away from the center. The camera's distance stays as it is.
+    pub fn by_outline(&self, direction: &Vec3) -> Matrix2x3<f64> {
+        let BallCircle { center, radius } = self.circle;
+        let at = self.project(direction);
+        let (u, v) = ((at.u - center.u) / radius, (at.v - center.v) / radius);
+        Matrix2x3::new(1.0, 0.0, u, 0.0, 1.0, v)
+    }
+
     /// Where a direction (unit vector, view frame) lies in the image, seen or not.
     pub fn project(&self, direction: &Vec3) -> Pixel {
         let BallCircle { center, radius } = self.circle;

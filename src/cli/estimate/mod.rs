@@ -11,12 +11,13 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::output::one_of;
+use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::CameraFrame;
-use crate::pattern::Pattern;
+use crate::hash::HashTable;
 use crate::vision::estimator::{
-    BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
+    Batch, BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
 };
 use crate::vision::input;
 use crate::vision::net::Weights;
@@ -126,6 +127,9 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     min_confidence: f64,
+    /// Calibrate the ball on these frames first, and use its dots as they are drawn.
+    #[arg(long)]
+    calibrate: bool,
     /// Estimate every frame independently.
     #[arg(long)]
     no_sequence: bool,
@@ -165,10 +169,10 @@ impl BatchObserver for Pictures {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let estimators = arguments.estimators()?;
-    let [estimator, ..] = &estimators[..] else {
+    let mut estimators = arguments.estimators()?;
+    if estimators.is_empty() {
         return Err(Error::argument("table", "expected at least one"));
-    };
+    }
     let mut config = arguments.batch()?;
     #[cfg(feature = "plot")]
     let wanted = arguments.overlay.is_some();
@@ -181,7 +185,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
-    let mut batch = estimate_inputs(estimator, &arguments.images, &config, &Pictures { wanted })?;
+    let pictures = Pictures { wanted };
+    let mut batch = estimate_inputs(&estimators[0], &arguments.images, &config, &pictures)?;
     let judgement = match arguments.no_verdict {
         true => Judgement::none(),
         false => {
@@ -190,6 +195,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             Judgement::of(&estimators, &arguments.table, &config, &mut batch)?
         }
     };
+    if arguments.calibrate {
+        let chosen = &mut estimators[judgement.table()];
+        *chosen = calibrate_in_place(arguments, chosen, &config, &mut batch)?;
+    }
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!(
             "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
@@ -221,14 +230,48 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
+/// The second pass: the ball is calibrated on the frames, which are then estimated again with its own
+/// pattern. A clip that cannot be calibrated keeps the estimates of the first, and that is said.
+fn calibrate_in_place(
+    arguments: &Arguments,
+    estimator: &Estimator<NamedDetector>,
+    config: &BatchConfig,
+    batch: &mut Batch<Picture>,
+) -> Result<Estimator<NamedDetector>> {
+    let frames: Vec<FrameEstimate> = batch.frames.iter().map(|f| f.estimate.clone()).collect();
+    let times: Option<Vec<f64>> = match batch.sequence {
+        SequenceOutcome::Estimated { .. } => batch.frames.iter().map(|f| f.time_s).collect(),
+        _ => None,
+    };
+    let settings = CalibrationConfig {
+        estimator: *estimator.config(),
+        ..CalibrationConfig::default()
+    };
+    let found = calibrate(estimator.pattern(), &frames, times.as_deref(), &settings)?;
+    let calibration = match found {
+        Ok(calibration) => calibration,
+        Err(rejection) => {
+            errln!("spindoe: not calibrated: {rejection}");
+            return Ok(estimator.clone());
+        }
+    };
+    let table = calibration.table(Some(estimator.pattern().sha256()))?;
+    let calibrated = arguments.estimator(&table)?;
+    for (frame, estimate) in batch.frames.iter_mut().zip(calibration.frames) {
+        frame.estimate = estimate;
+    }
+    batch.track(&calibrated, config);
+    Ok(calibrated)
+}
+
 impl Arguments {
     /// One for each table.
     fn estimators(&self) -> Result<Vec<Estimator<NamedDetector>>> {
-        let table = |path: &PathBuf| self.estimator(super::read_table(path)?.pattern());
+        let table = |path: &PathBuf| self.estimator(&super::read_table(path)?);
         self.table.iter().map(table).collect()
     }
 
-    fn estimator(&self, pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
+    fn estimator(&self, table: &HashTable) -> Result<Estimator<NamedDetector>> {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             let problem = format!("expected 0 to 1, found {}", self.min_confidence);
             return Err(Error::argument("--min-confidence", problem));
@@ -264,7 +307,7 @@ impl Arguments {
             min_confidence: self.min_confidence,
             ..EstimatorConfig::default()
         };
-        Estimator::new(pattern, config, self.detector()?)
+        Estimator::for_table(table, config, self.detector()?)
     }
 
     fn detector(&self) -> Result<NamedDetector> {

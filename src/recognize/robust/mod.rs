@@ -58,7 +58,7 @@ use std::sync::Arc;
 use nalgebra::Rotation3;
 
 use super::{Identification, ObservedDot, Recognizer, RecognizerRejection};
-use crate::error::Result;
+use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
 use hint::Prior;
@@ -86,6 +86,8 @@ pub struct RobustRecognizer {
     model: Model,
     screen: ScreenModel,
     null: NullHypothesis,
+    /// See [`refine::View::spread`].
+    spread: Vec<f64>,
     config: RobustConfig,
     /// The conditions, as long as they are uncertain.
     uncertain: Option<Arc<ConditionsPosterior>>,
@@ -129,9 +131,28 @@ impl RobustRecognizer {
             dots,
             pairs,
             model,
+            spread: Vec::new(),
             config,
             uncertain: None,
         })
+    }
+
+    /// States for each dot of the pattern how uncertain its place is beyond what the observed dots'
+    /// uncertainties already hold: a variance per tangent axis, rad^2. A dot that was never measured
+    /// then counts less than one that was.
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for another number of variances than dots, or one
+    /// below 0 or not finite.
+    pub fn with_dot_variances(mut self, variances_rad2: Vec<f64>) -> Result<Self> {
+        let (found, n) = (variances_rad2.len(), self.dots.len());
+        require(found == n, "dot_variances", &format!("{n} of them"), found)?;
+        for &variance in &variances_rad2 {
+            let inside = (0.0..1.0).contains(&variance);
+            require(inside, "dot_variances", "0 to 1 rad^2", variance)?;
+        }
+        self.spread = variances_rad2;
+        Ok(self)
     }
 
     /// The parameters in use.

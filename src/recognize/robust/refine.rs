@@ -45,6 +45,16 @@ pub(super) struct View<'a> {
     pub pattern: &'a [Vec3],
     pub dots: &'a [Dot],
     pub prior: Option<&'a Prior>,
+    /// For each dot of the pattern the variance of its place beyond what the observed dots'
+    /// covariances hold, rad^2; empty where there is none.
+    pub spread: &'a [f64],
+}
+
+/// Ratio by which the place of pattern dot `j` widens the variance of `dot`.
+fn widening(spread: &[f64], j: usize, dot: &Dot) -> f64 {
+    spread
+        .get(j)
+        .map_or(1.0, |variance| 1.0 + variance * dot.radial)
 }
 
 /// A rough rotation.
@@ -140,12 +150,13 @@ impl Refiner {
             pattern,
             dots,
             prior,
+            spread,
         } = view;
         let mut rotation = start.rotation;
         let mut ratio = start.widening;
         for turn in 0..MAX_TURNS {
             let penalty = self.project(model, pattern, &rotation);
-            let score = penalty + self.assign(model, dots, ratio);
+            let score = penalty + self.assign(model, dots, spread, ratio);
             let matched = self.assignment.iter().filter(|&&j| j != UNASSIGNED).count();
             if matched < MIN_MATCHED {
                 return None;
@@ -210,19 +221,20 @@ impl Refiner {
     }
 
     /// Assigns observed to pattern dots, best link first; what the matches gain over missing.
-    fn assign(&mut self, model: &Model, dots: &[Dot], ratio: f64) -> f64 {
+    fn assign(&mut self, model: &Model, dots: &[Dot], spread: &[f64], ratio: f64) -> f64 {
         self.links.clear();
-        let (narrow, widened) = (1.0 / ratio, ratio.ln());
         for (i, dot) in dots.iter().enumerate() {
-            let min_cosine = 1.0 - 0.5 * GATE * GATE * ratio * dot.sigma_max * dot.sigma_max;
+            let reach = 0.5 * GATE * GATE * ratio * dot.sigma_max * dot.sigma_max;
             for (j, q) in self.rotated.iter().enumerate() {
-                if dot.direction.dot(q) < min_cosine {
+                let own = widening(spread, j, dot);
+                if dot.direction.dot(q) < 1.0 - reach * own {
                     continue;
                 }
-                let Some(kernel) = model.ln_kernel(dot.distance_squared(q) * narrow) else {
+                let wide = ratio * own;
+                let Some(kernel) = model.ln_kernel(dot.distance_squared(q) / wide) else {
                     continue;
                 };
-                let gain = dot.ln_peak - widened + kernel + self.worth[j];
+                let gain = dot.ln_peak - wide.ln() + kernel + self.worth[j];
                 if gain > MIN_GAIN {
                     self.links.push(Link {
                         gain,
@@ -402,15 +414,16 @@ impl Refiner {
             let q = self.rotated[usize::from(j)];
             let residual = dot.axes.map(|u| u.dot(&q));
             let d2 = residual[0] * residual[0] + residual[1] * residual[1];
-            let weight = view.model.weight(d2 / ratio, max_weight);
+            let own = widening(view.spread, usize::from(j), dot);
+            let weight = view.model.weight(d2 / (ratio * own), max_weight);
             for (u, r) in dot.axes.iter().zip(residual) {
                 // A small rotation w moves q by w x q, and the whitened displacement u.q by w.(q x
                 // u).
                 let row = q.cross(u);
-                let square = row * row.transpose();
+                let square = row * row.transpose() / own;
                 information += square;
                 weighted += square * weight;
-                gradient -= row * (r * weight);
+                gradient -= row * (r * weight / own);
             }
         }
         let w = weighted.cholesky()?.solve(&gradient);

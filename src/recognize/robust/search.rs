@@ -231,6 +231,7 @@ impl RobustRecognizer {
             pattern: &self.dots,
             dots: &ws.dots,
             prior: None,
+            spread: &self.spread,
         };
         let assignment = ws.found.assignment(&best);
         let rotation = ws.refiner.polish(&view, &best.refined.rotation, assignment);
@@ -257,6 +258,7 @@ impl RobustRecognizer {
             pattern: &self.dots,
             dots: &ws.dots,
             prior,
+            spread: &self.spread,
         };
         let Some(refined) = ws.refiner.refine(&view, start, least) else {
             return false;

@@ -194,6 +194,11 @@ impl<K> Batch<K> {
         let posed = self.frames.iter().filter(|f| f.estimate.pose().is_some());
         posed.count()
     }
+
+    /// Lets the frames inform each other anew, after their estimates have changed.
+    pub fn track<D: DotDetector>(&mut self, estimator: &Estimator<D>, config: &BatchConfig) {
+        self.sequence = as_sequence(estimator, config, &mut self.frames);
+    }
 }
 
 /// Estimates the frames of files, folders and videos.

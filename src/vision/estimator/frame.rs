@@ -184,6 +184,17 @@ impl Default for FrameEstimate {
 }
 
 impl FrameEstimate {
+    /// A frame whose ball and dots another detector has found; it is not identified yet.
+    pub fn from_detections(outline: Outline, dots: Vec<DotDetection>) -> Self {
+        Self {
+            outline: Some(outline),
+            circle: Some(outline.circle),
+            assignment: vec![None; dots.len()],
+            dots,
+            ..Self::default()
+        }
+    }
+
     /// The orientation, if accepted.
     pub fn pose(&self) -> Option<&Pose> {
         self.outcome.as_ref().ok()

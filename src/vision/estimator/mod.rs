@@ -41,6 +41,7 @@ use super::net::OutlineNet;
 use super::patch::Patch;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
+use crate::hash::HashTable;
 use crate::pattern::Pattern;
 use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorkspace};
 use crate::recognize::{
@@ -48,7 +49,7 @@ use crate::recognize::{
 };
 use locate::{Candidate, Locator};
 use recenter::Recentering;
-use refine::{Match, Prior, Refiner};
+use refine::{Match, Placement, Prior, Refiner};
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
 #[derive(Debug, Clone)]
@@ -60,6 +61,8 @@ pub struct Estimator<D> {
     refiner: Refiner,
     /// Where the method uses it.
     outline_net: Option<OutlineNet>,
+    /// Variance per tangent axis of the drawn dots' places that every observed dot is given, rad^2.
+    placement_variance: f64,
     config: EstimatorConfig,
 }
 
@@ -108,6 +111,9 @@ impl PoseHypothesis {
 
 /// Standard deviations of a given outline: of its center and radius, in radii.
 const GIVEN_OUTLINE: f64 = 0.01;
+/// Standard deviation per tangent axis of what a measured dot's middle does beyond its covariance, radians:
+/// ink and light change from view to view.
+const MEASURED_DOT: f64 = 0.004;
 /// Confidence of a detection that is more likely a dot than not.
 const LIKELY_DOT: f64 = 0.5;
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
@@ -139,6 +145,7 @@ impl<D: DotDetector> Estimator<D> {
             ],
             refiner: Refiner::new(&config),
             outline_net: config.outline.net()?,
+            placement_variance: config.placement_sigma_rad.powi(2),
             config,
         })
     }
@@ -152,6 +159,43 @@ impl<D: DotDetector> Estimator<D> {
         D: Clone,
     {
         Self::new(pattern, self.config, self.detector.clone())
+    }
+
+    /// An estimator for the ball of a table. Where the table is calibrated, its dots' own covariances
+    /// take the place of [`EstimatorConfig::placement_sigma_rad`].
+    ///
+    /// # Errors
+    /// As [`Estimator::new`].
+    pub fn for_table(table: &HashTable, config: EstimatorConfig, detector: D) -> Result<Self> {
+        let estimator = Self::new(table.pattern(), config, detector)?;
+        match table.dot_covariances() {
+            Some(covariances) => estimator.with_measured_dots(covariances),
+            None => Ok(estimator),
+        }
+    }
+
+    /// Gives each dot its own covariance, rad^2, pattern frame.
+    fn with_measured_dots(mut self, covariances: &[Matrix3<f64>]) -> Result<Self> {
+        let dots = self.pattern.dots().iter().zip(covariances);
+        let covariances: Vec<Matrix3<f64>> = dots
+            .map(|(dot, covariance)| {
+                let tangent = Matrix3::identity() - dot * dot.transpose();
+                covariance + tangent * MEASURED_DOT.powi(2)
+            })
+            .collect();
+        let variances: Vec<f64> = covariances.iter().map(|c| 0.5 * c.trace()).collect();
+        let least = variances.iter().copied().fold(f64::INFINITY, f64::min);
+        let beyond: Vec<f64> = variances.iter().map(|v| v - least).collect();
+        let [likely, doubtful] = self.recognizers;
+        self.recognizers = [
+            likely.with_dot_variances(beyond.clone())?,
+            doubtful.with_dot_variances(beyond)?,
+        ];
+        self.placement_variance = least;
+        self.refiner = self
+            .refiner
+            .with_placement(Placement::Measured(covariances));
+        Ok(self)
     }
 
     /// The settings in use.
@@ -410,7 +454,7 @@ impl<D: DotDetector> Estimator<D> {
         dots: &[DotDetection],
     ) -> std::result::Result<PoseHypothesis, FrameRejection> {
         let min_depth = self.config.recognizer.visibility_limit.max(view.horizon());
-        let hand = Matrix2::from_diagonal_element(self.config.placement_sigma_rad.powi(2));
+        let hand = Matrix2::from_diagonal_element(self.placement_variance);
         ws.observed.clear();
         ws.indices.clear();
         for (i, dot) in dots.iter().enumerate() {

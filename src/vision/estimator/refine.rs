@@ -2,7 +2,7 @@
 //!
 //! Parameters are a turn `R -> exp([x]x) R`, a change of the outline `(u, v, r)`, for which the fit of the outline
 //! is a Gaussian prior, and where the camera's distance is unknown, ball radii over that distance, with a prior of its own. With the residual `e = p - project(R d)` and the covariance `S = S_detector + s^2 J T T^T J^T` (the
-//! placement error `s` in the tangent plane `T`), each dot has the weight of Student's distribution with `nu` degrees of freedom,
+//! placement error `s` in the tangent plane `T`, or a calibrated dot's own covariance), each dot has the weight of Student's distribution with `nu` degrees of freedom,
 //! `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA
 //! 84, 1989).
 
@@ -45,9 +45,9 @@ pub(super) struct Refined {
 }
 
 /// The refinement's settings.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Refiner {
-    hand2: f64,
+    placement: Placement,
     min_depth: f64,
     dot_confidence: f64,
 }
@@ -70,10 +70,40 @@ pub(super) struct Prior {
     pub start: Camera,
 }
 
+/// How far the drawn dots may lie from the pattern's.
+#[derive(Debug, Clone)]
+pub(super) enum Placement {
+    /// All alike: variance per tangent axis, rad^2.
+    Alike(f64),
+    /// Measured: each dot's covariance, rad^2, pattern frame.
+    Measured(Vec<Matrix3<f64>>),
+}
+
+impl Placement {
+    /// Covariance in the view frame of dot `name`, expected at `expected` under `rotation`.
+    fn covariance(&self, name: usize, rotation: &Rotation, expected: &Vec3) -> Matrix3<f64> {
+        match self {
+            Self::Alike(variance) => {
+                (Matrix3::identity() - expected * expected.transpose()) * *variance
+            }
+            Self::Measured(covariances) => {
+                let turn = rotation.to_rotation_matrix();
+                turn.matrix() * covariances[name] * turn.matrix().transpose()
+            }
+        }
+    }
+}
+
 impl Refiner {
+    /// With dots that were measured.
+    pub fn with_placement(mut self, placement: Placement) -> Self {
+        self.placement = placement;
+        self
+    }
+
     pub fn new(config: &EstimatorConfig) -> Self {
         Self {
-            hand2: config.placement_sigma_rad.powi(2),
+            placement: Placement::Alike(config.placement_sigma_rad.powi(2)),
             // What the recognizer does not see is still there to be named.
             min_depth: 0.7 * config.recognizer.visibility_limit,
             dot_confidence: config.dot_confidence[1],
@@ -172,9 +202,11 @@ impl Refiner {
             }
             for m in matches {
                 let dot = &frame.dots[m.detection];
-                let expected = state.rotation * names[usize::from(m.name)];
+                let name = usize::from(m.name);
+                let expected = state.rotation * names[name];
+                let hand = self.placement.covariance(name, &state.rotation, &expected);
                 let (mut by_parameters, inverse, residual) =
-                    self.residual(&state.view, &expected, dot.pixel, &dot.covariance)?;
+                    residual(&state.view, &expected, dot.pixel, &dot.covariance, &hand)?;
                 if matches!(prior.camera, CameraModel::Known(_)) {
                     by_parameters.column_mut(6).fill(0.0);
                 }
@@ -210,37 +242,6 @@ impl Refiner {
         Some(state)
     }
 
-    /// Derivative by (turn, outline, inverse distance), inverse covariance, and residual of a dot.
-    fn residual(
-        &self,
-        view: &BallView,
-        expected: &Vec3,
-        pixel: Pixel,
-        covariance: &Matrix2<f64>,
-    ) -> Option<(SMatrix<f64, 2, 7>, Matrix2<f64>, Vector2<f64>)> {
-        let by_direction: Matrix2x3<f64> = view.jacobian(expected);
-        let tangent = Matrix3::identity() - expected * expected.transpose();
-        let hand = by_direction * tangent * by_direction.transpose() * self.hand2;
-        let inverse = (covariance + hand).try_inverse()?;
-        let at = view.project(expected);
-        let BallCircle { center, radius } = *view.circle();
-        let mut by_parameters = SMatrix::<f64, 2, 7>::zeros();
-        // d(R d) = x cross R d.
-        by_parameters
-            .fixed_view_mut::<2, 3>(0, 0)
-            .copy_from(&(by_direction * -expected.cross_matrix()));
-        // The outline's shift moves all, its growth moves dots away from the center.
-        by_parameters[(0, 3)] = 1.0;
-        by_parameters[(1, 4)] = 1.0;
-        by_parameters
-            .fixed_view_mut::<2, 1>(0, 5)
-            .copy_from(&(offset(at, center) / radius));
-        if let Some(rate) = view.by_inverse_distance(expected) {
-            by_parameters.fixed_view_mut::<2, 1>(0, 6).copy_from(&rate);
-        }
-        Some((by_parameters, inverse, offset(pixel, at)))
-    }
-
     /// Names detections that lie where a dot is expected, unnames those that lie elsewhere; whether anything changed.
     fn rename(
         &self,
@@ -252,7 +253,8 @@ impl Refiner {
         let distance = |name: usize, detection: usize| -> f64 {
             let dot = &frame.dots[detection];
             let expected = state.rotation * names[name];
-            match self.residual(&state.view, &expected, dot.pixel, &dot.covariance) {
+            let hand = self.placement.covariance(name, &state.rotation, &expected);
+            match residual(&state.view, &expected, dot.pixel, &dot.covariance, &hand) {
                 Some((_, inverse, residual)) => residual.dot(&(inverse * residual)),
                 None => f64::INFINITY,
             }
@@ -284,6 +286,37 @@ impl Refiner {
         }
         changed
     }
+}
+
+/// Derivative by (turn, outline, inverse distance), inverse covariance, and residual of a dot
+/// whose place has the covariance `placement` (view frame).
+fn residual(
+    view: &BallView,
+    expected: &Vec3,
+    pixel: Pixel,
+    covariance: &Matrix2<f64>,
+    placement: &Matrix3<f64>,
+) -> Option<(SMatrix<f64, 2, 7>, Matrix2<f64>, Vector2<f64>)> {
+    let by_direction: Matrix2x3<f64> = view.jacobian(expected);
+    let hand = by_direction * placement * by_direction.transpose();
+    let inverse = (covariance + hand).try_inverse()?;
+    let at = view.project(expected);
+    let BallCircle { center, radius } = *view.circle();
+    let mut by_parameters = SMatrix::<f64, 2, 7>::zeros();
+    // d(R d) = x cross R d.
+    by_parameters
+        .fixed_view_mut::<2, 3>(0, 0)
+        .copy_from(&(by_direction * -expected.cross_matrix()));
+    // The outline's shift moves all, its growth moves dots away from the center.
+    by_parameters[(0, 3)] = 1.0;
+    by_parameters[(1, 4)] = 1.0;
+    by_parameters
+        .fixed_view_mut::<2, 1>(0, 5)
+        .copy_from(&(offset(at, center) / radius));
+    if let Some(rate) = view.by_inverse_distance(expected) {
+        by_parameters.fixed_view_mut::<2, 1>(0, 6).copy_from(&rate);
+    }
+    Some((by_parameters, inverse, offset(pixel, at)))
 }
 
 /// From `b` to `a`, pixels.

@@ -10,7 +10,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use spindoe::Error;
-use spindoe::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
+use spindoe::geometry::tangent_frame;
+use spindoe::hash::{CalibrationRecord, HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
@@ -353,6 +354,78 @@ fn tampered_columns_are_refused() {
     );
 }
 
+fn calibrated() -> HashTable {
+    let plain = table();
+    let covariances = plain.pattern().dots().iter().map(|d| {
+        let [e1, e2] = tangent_frame(d);
+        let (a, b) = (e1 * 0.01, (e1 + e2) * 0.003);
+        a * a.transpose() + b * b.transpose()
+    });
+    let covariances = covariances.collect();
+    let record = CalibrationRecord {
+        nominal_sha256: Some("00".repeat(32)),
+        nominal_numbers: vec![Some(0), Some(2), None, Some(3), Some(4), Some(5), Some(6)],
+        views: vec![12, 0, 4, 5, 6, 7, 8],
+    };
+    plain.with_calibration(covariances, record).expect("fits")
+}
+
+#[test]
+fn a_calibrated_table_reads_back_and_has_a_version_of_its_own() {
+    let calibrated = calibrated();
+    let bytes = calibrated.to_npz().expect("packs");
+    let back = HashTable::from_npz(Path::new("t.npz"), &bytes).expect("reads");
+    assert_eq!(back.meta(), calibrated.meta());
+    assert_eq!(back.meta().format_version, 2);
+    assert_eq!(back.dot_covariances(), calibrated.dot_covariances());
+    // A table without a calibration is what older readers know.
+    let plain = table();
+    let text = String::from_utf8_lossy(&plain.to_npz().expect("packs")).into_owned();
+    assert!(text.contains("\"format_version\":1") && !text.contains("calibration"));
+}
+
+#[test]
+fn tampered_covariances_are_refused() {
+    let entries = unpack(&calibrated().to_npz().expect("packs"));
+    let refused = |name: &str, array: Option<Vec<u8>>, words: &str| {
+        let mut entries = entries.clone();
+        match array {
+            Some(array) => entries.insert(name.to_owned(), array),
+            None => entries.remove(name),
+        };
+        let bytes = pack(&entries, CompressionMethod::Stored);
+        let error = HashTable::from_npz(Path::new("t.npz"), &bytes).expect_err("tampered");
+        assert!(error.to_string().contains(words), "{error}");
+    };
+    let flat: Vec<f64> = calibrated()
+        .dot_covariances()
+        .expect("calibrated")
+        .iter()
+        .flatten()
+        .copied()
+        .collect();
+    let with = |at: usize, value: f64| {
+        let mut flat = flat.clone();
+        flat[at] = value;
+        Some(npy(&[7, 3, 3], Order::C, &flat))
+    };
+    refused("dot_covariances", None, "dot_covariances");
+    refused("dot_covariances", with(0, f64::NAN), "dot 0");
+    refused("dot_covariances", with(9, -1.0), "dot 1");
+    refused("dot_covariances", with(10, 0.5), "dot 1");
+    let short = Some(npy(&[6, 3, 3], Order::C, &flat[9..]));
+    refused("dot_covariances", short, "expected shape (7, 3, 3)");
+    // The array in a table of the first version.
+    let mut plain = unpack(&table().to_npz().expect("packs"));
+    plain.insert("dot_covariances".into(), entries["dot_covariances"].clone());
+    let bytes = pack(&plain, CompressionMethod::Stored);
+    let error = HashTable::from_npz(Path::new("t.npz"), &bytes).expect_err("version 1");
+    assert!(
+        error.to_string().contains("format_version 2 only"),
+        "{error}"
+    );
+}
+
 #[test]
 fn tampered_metadata_is_refused() {
     let meta = serde_json::to_value(table().meta()).expect("JSON");
@@ -363,7 +436,9 @@ fn tampered_metadata_is_refused() {
         npy(&[text.len() as u64], Order::C, text.as_bytes())
     };
     let text = |text: &str| npy(&[text.len() as u64], Order::C, text.as_bytes());
-    refused("meta", with("/format_version", json!(2)), "meta", "found 2");
+    refused("meta", with("/format_version", json!(3)), "meta", "found 3");
+    let uncalibrated = with("/format_version", json!(2));
+    refused("meta", uncalibrated, "meta", "expected a calibration");
     refused(
         "meta",
         with("/format_version", json!("1")),

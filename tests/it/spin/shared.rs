@@ -95,8 +95,13 @@ fn the_covariance_covers_what_frames_share() {
         let beyond = with.iter().filter(|d| **d > BEYOND).count();
         let without = distances(None, frames);
         let (with, without) = (with[150], without[150]);
-        println!("{frames} frames: median {with:.2} (without {without:.2}), {beyond} of 300 beyond");
-        assert!(with > 0.4 * MEDIAN && with < 1.25 * MEDIAN, "{frames}: {with}");
+        println!(
+            "{frames} frames: median {with:.2} (without {without:.2}), {beyond} of 300 beyond"
+        );
+        assert!(
+            with > 0.4 * MEDIAN && with < 1.25 * MEDIAN,
+            "{frames}: {with}"
+        );
         assert!(beyond <= 12, "{frames}: {beyond}");
         // As if frames were independent, the covariance of many is far too small.
         assert!(frames < 30 || without > 2.0 * MEDIAN, "{frames}: {without}");

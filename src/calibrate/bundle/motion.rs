@@ -1,0 +1,328 @@
+//! The prior of smooth rotation: a ball's spin changes little between two frames.
+//!
+//! The spin `w` is a random walk with the density `q` (white angular acceleration), so that over the
+//! time `t` the orientation and the spin move by
+//!
+//! ```text
+//! r = log(exp(-w t) R' R^-1),   s = w' - w,   cov(r, s) = q | t^3/3  t^2/2 |
+//!                                                           | t^2/2  t     |
+//! ```
+//!
+//! (the constant-velocity model of Kalman filters: Y. Bar-Shalom et al., "Estimation with applications
+//! to tracking and navigation", 2001, Sec. 6.2.2). `q` is learned from the second differences of the
+//! orientations that the dots alone give. Where frames are too far apart to say how the ball turned
+//! between them, and no single spin explains them, there is no such prior.
+
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+use super::schur::{BLOCK, Block, NormalEquations};
+use crate::geometry::{Rotation, Vec3};
+use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
+use crate::spin::{MIN_INTERVAL_S, Measurement};
+use crate::stats::median;
+
+/// Frame to frame turns up to this median angle, radians, are taken as they are: the shorter way.
+const SLOW_RAD: f64 = 0.8;
+/// Minimum share of the frames that one spin must explain to be the motion of faster ones.
+const MIN_AGREEING: f64 = 0.7;
+/// Minimum number of frames with a neighbor on both sides from which the density is learned.
+const MIN_TRIPLES: usize = 5;
+/// Squared median of the length of a normal vector in space, over its variance per axis.
+const CHI2_3_MEDIAN: f64 = 2.366;
+/// The density never falls below the one that bends a path over so many frames by one standard
+/// deviation of a frame: no ball turns evenly without end.
+const EVEN_FRAMES: f64 = 8.0;
+/// Numbers of frames over which the change of the rate is measured.
+const SPANS: [usize; 4] = [1, 2, 4, 8];
+/// Start of the orientation and of the spin within a frame's block.
+const TURN: usize = 0;
+/// See [`TURN`].
+pub(super) const SPIN: usize = 6;
+
+/// How a ball moves between its frames.
+#[derive(Debug, Clone)]
+pub(super) struct MotionPrior {
+    /// Time from each frame to the next, seconds.
+    intervals: Vec<f64>,
+    /// Density of the angular acceleration, rad^2/s^3.
+    density: f64,
+    /// Spin at each frame to start from, rad/s.
+    pub spins: Vec<Vec3>,
+}
+
+/// A frame as the dots alone give it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TimedPose {
+    pub time_s: f64,
+    /// Pattern to camera.
+    pub rotation: Rotation,
+    /// Mean variance per axis, rad^2.
+    pub variance: f64,
+}
+
+impl MotionPrior {
+    /// Learns the prior; `None` where there is none (see the module's head).
+    pub fn learn(poses: &[TimedPose]) -> Option<Self> {
+        let intervals: Vec<f64> = poses
+            .windows(2)
+            .map(|w| w[1].time_s - w[0].time_s)
+            .collect();
+        if intervals.len() < MIN_TRIPLES + 1 || intervals.iter().any(|t| *t < MIN_INTERVAL_S) {
+            return None;
+        }
+        let reference = reference_spin(poses)?;
+        let rates: Vec<Vec3> = poses
+            .windows(2)
+            .zip(&intervals)
+            .map(|(w, t)| {
+                reference + turn_beyond(&reference, *t, &w[0].rotation, &w[1].rotation) / *t
+            })
+            .collect();
+        let density = density(poses, &intervals, &rates);
+        // A frame's spin: the mean of those before and after.
+        let mut spins = Vec::with_capacity(poses.len());
+        for k in 0..poses.len() {
+            let before = k.checked_sub(1).map(|i| rates[i]);
+            let after = rates.get(k).copied();
+            spins.push(match (before, after) {
+                (Some(a), Some(b)) => 0.5 * (a + b),
+                (a, b) => a.or(b)?,
+            });
+        }
+        Some(Self {
+            intervals,
+            density,
+            spins,
+        })
+    }
+
+    /// Residual, and its derivatives by the blocks of frame `k` and of the next.
+    fn residual(
+        &self,
+        k: usize,
+        rotations: [&Rotation; 2],
+        spins: [&Vec3; 2],
+    ) -> (SVector<f64, 6>, [SMatrix<f64, 6, BLOCK>; 2]) {
+        let t = self.intervals[k];
+        let turn = turn_beyond(spins[0], t, rotations[0], rotations[1]);
+        let mut residual = SVector::<f64, 6>::zeros();
+        residual.fixed_rows_mut::<3>(0).copy_from(&turn);
+        residual
+            .fixed_rows_mut::<3>(3)
+            .copy_from(&(spins[1] - spins[0]));
+        let mut here = SMatrix::<f64, 6, BLOCK>::zeros();
+        let mut next = SMatrix::<f64, 6, BLOCK>::zeros();
+        // exp(-(w + dw) t) exp(x') R' R^-1 exp(-x): to first order, for a small residual.
+        let back = -spins[0] * t;
+        let turned = Rotation::from_scaled_axis(back).to_rotation_matrix();
+        here.fixed_view_mut::<3, 3>(0, TURN)
+            .copy_from(&-Matrix3::identity());
+        here.fixed_view_mut::<3, 3>(0, SPIN)
+            .copy_from(&(left_jacobian(&back) * -t));
+        next.fixed_view_mut::<3, 3>(0, TURN)
+            .copy_from(turned.matrix());
+        here.fixed_view_mut::<3, 3>(3, SPIN)
+            .copy_from(&-Matrix3::identity());
+        next.fixed_view_mut::<3, 3>(3, SPIN)
+            .copy_from(&Matrix3::identity());
+        (residual, [here, next])
+    }
+
+    /// Inverse covariance of the residual over interval `k`.
+    fn information(&self, k: usize) -> SMatrix<f64, 6, 6> {
+        let (t, q) = (self.intervals[k], self.density);
+        let mut information = SMatrix::<f64, 6, 6>::zeros();
+        for axis in 0..3 {
+            information[(axis, axis)] = 12.0 / (q * t.powi(3));
+            information[(axis, axis + 3)] = -6.0 / (q * t * t);
+            information[(axis + 3, axis)] = -6.0 / (q * t * t);
+            information[(axis + 3, axis + 3)] = 4.0 / (q * t);
+        }
+        information
+    }
+
+    /// Weakens the prior where its residuals are larger than it allows; whether that was so.
+    pub fn relax(&mut self, rotations: &[Rotation], spins: &[Vec3]) -> bool {
+        // Six residuals an interval, each of which would have a square of 1.
+        let mean = 2.0 * self.cost(rotations, spins) / (6.0 * self.intervals.len() as f64);
+        let too_strong = mean > 1.0;
+        if too_strong {
+            self.density *= mean;
+        }
+        too_strong
+    }
+
+    /// Half the squared Mahalanobis length of all residuals.
+    pub fn cost(&self, rotations: &[Rotation], spins: &[Vec3]) -> f64 {
+        let cost = |k: usize| {
+            let at = k + 1;
+            let (r, _) = self.residual(k, [&rotations[k], &rotations[at]], [&spins[k], &spins[at]]);
+            0.5 * r.dot(&(self.information(k) * r))
+        };
+        (0..self.intervals.len()).map(cost).sum()
+    }
+
+    /// Adds the prior to the normal equations.
+    pub fn add_to(&self, equations: &mut NormalEquations, rotations: &[Rotation], spins: &[Vec3]) {
+        for k in 0..self.intervals.len() {
+            let at = k + 1;
+            let (residual, [here, next]) =
+                self.residual(k, [&rotations[k], &rotations[at]], [&spins[k], &spins[at]]);
+            let information = self.information(k);
+            let weighted: [SMatrix<f64, BLOCK, 6>; 2] = [
+                here.transpose() * information,
+                next.transpose() * information,
+            ];
+            equations.diagonal[k] += weighted[0] * here;
+            equations.diagonal[at] += weighted[1] * next;
+            let coupling: Block = weighted[0] * next;
+            equations.coupling[k] += coupling;
+            equations.gradient[k] -= weighted[0] * residual;
+            equations.gradient[at] -= weighted[1] * residual;
+        }
+    }
+}
+
+/// The spin that all frames share, or 0 where they turn little from one to the next; `None` for
+/// neither.
+fn reference_spin(poses: &[TimedPose]) -> Option<Vec3> {
+    let angles = poses
+        .windows(2)
+        .map(|w| w[0].rotation.angle_to(&w[1].rotation));
+    if median(&mut angles.collect::<Vec<_>>()) < SLOW_RAD {
+        return Some(Vec3::zeros());
+    }
+    let measurements: Vec<Measurement> = poses
+        .iter()
+        .map(|p| Measurement::new(p.time_s, p.rotation))
+        .collect();
+    let fit = RobustEstimator::new(RobustSpinConfig::default())
+        .fit(&measurements)
+        .ok()?;
+    let enough = fit.inliers as f64 >= MIN_AGREEING * poses.len() as f64;
+    enough.then_some(fit.motion.spin)
+}
+
+/// `log(exp(-w t) R' R^-1)`: the turn beyond that of the spin `w`.
+fn turn_beyond(spin: &Vec3, t: f64, from: &Rotation, to: &Rotation) -> Vec3 {
+    (Rotation::from_scaled_axis(-spin * t) * to * from.inverse()).scaled_axis()
+}
+
+/// Density of the angular acceleration, from the changes of the mean rate between successive spans of
+/// one and more frames: a steady acceleration shows over the long ones only. The largest counts, so that
+/// the prior is rather too weak than too strong. A change over the spans `a` and `b` has the variance
+/// `q (a + b) / 3` beyond that of the poses.
+fn density(poses: &[TimedPose], intervals: &[f64], rates: &[Vec3]) -> f64 {
+    let mut largest = 0.0f64;
+    for span in SPANS {
+        let mut densities = Vec::with_capacity(rates.len());
+        let mut floors = Vec::with_capacity(rates.len());
+        for start in 0..(rates.len() + 1).saturating_sub(2 * span) {
+            let [first, second] = [start, start + span].map(|from| {
+                let steps = from..from + span;
+                let time: f64 = intervals[steps.clone()].iter().sum();
+                let turn: Vec3 = steps.map(|k| rates[k] * intervals[k]).sum();
+                (time, turn / time)
+            });
+            let (a, b) = (first.0, second.0);
+            let middle = poses[start + span].variance;
+            let noise = poses[start].variance / (a * a)
+                + middle * (1.0 / a + 1.0 / b).powi(2)
+                + poses[start + 2 * span].variance / (b * b);
+            let measured = (second.1 - first.1).norm_squared() / CHI2_3_MEDIAN;
+            densities.push((measured - noise) * 3.0 / (a + b));
+            let even = EVEN_FRAMES * 0.5 * (a + b) / span as f64;
+            floors.push(3.0 * middle / even.powi(3));
+        }
+        if densities.len() >= MIN_TRIPLES {
+            largest = largest.max(median(&mut densities)).max(median(&mut floors));
+        }
+    }
+    largest
+}
+
+/// The left Jacobian of the rotation group: `exp(a + d) = exp(J d) exp(a)` for a small `d`.
+fn left_jacobian(a: &Vec3) -> Matrix3<f64> {
+    let angle = a.norm();
+    let cross = a.cross_matrix();
+    if angle < 1e-4 {
+        return Matrix3::identity() + cross * 0.5;
+    }
+    let (sin, cos) = angle.sin_cos();
+    Matrix3::identity()
+        + cross * ((1.0 - cos) / (angle * angle))
+        + cross * cross * ((angle - sin) / angle.powi(3))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_derivatives_are_those_of_differences() {
+        let prior = MotionPrior {
+            intervals: vec![0.02],
+            density: 1.0,
+            spins: Vec::new(),
+        };
+        let spin = Vec3::new(40.0, -60.0, 20.0);
+        let from = Rotation::from_scaled_axis(Vec3::new(0.3, 1.0, -0.4));
+        // Exactly the predicted orientation: the linearization is about a residual of 0.
+        let to = Rotation::from_scaled_axis(spin * 0.02) * from;
+        let (_, jacobians) = prior.residual(0, [&from, &to], [&spin, &spin]);
+        let step = 1e-6;
+        for (which, jacobian) in jacobians.iter().enumerate() {
+            for column in (0..3).chain(SPIN..BLOCK) {
+                let mut moved = [(from, spin), (to, spin)];
+                let mut delta = Vec3::zeros();
+                delta[column % 3] = step;
+                let (rotation, spin) = &mut moved[which];
+                if column < 3 {
+                    *rotation = Rotation::from_scaled_axis(delta) * *rotation;
+                } else {
+                    *spin += delta;
+                }
+                let [a, b] = &moved;
+                let (residual, _) = prior.residual(0, [&a.0, &b.0], [&a.1, &b.1]);
+                let found = residual / step;
+                let off = (found - jacobian.column(column)).norm();
+                assert!(off < 1e-4, "frame {which}, column {column}: {off}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_density_of_a_made_motion_is_found_within_a_factor() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let (q, t, sigma) = (4.0f64, 0.01, 0.002);
+        let mut normal = || Vec3::from_fn(|_, _| StandardNormal.sample(&mut rng));
+        let mut spin = Vec3::new(10.0, 0.0, 3.0);
+        let mut rotation = Rotation::identity();
+        let poses: Vec<TimedPose> = (0..400)
+            .map(|k| {
+                let noise: Vec3 = normal() * sigma;
+                let pose = TimedPose {
+                    time_s: f64::from(k) * t,
+                    rotation: Rotation::from_scaled_axis(noise) * rotation,
+                    variance: sigma * sigma,
+                };
+                // Ten steps of the walk within a frame.
+                for _ in 0..10 {
+                    let kick: Vec3 = normal() * (q * t / 10.0).sqrt();
+                    spin += kick;
+                    rotation = Rotation::from_scaled_axis(spin * (t / 10.0)) * rotation;
+                }
+                pose
+            })
+            .collect();
+        let prior = MotionPrior::learn(&poses).unwrap();
+        assert!(
+            (q / 2.0..q * 2.0).contains(&prior.density),
+            "{}",
+            prior.density
+        );
+    }
+}

@@ -1,0 +1,47 @@
+//! Identification of frames whose dots are already detected, with another pattern than before.
+
+use crate::concurrency;
+use crate::error::Result;
+use crate::hash::HashTable;
+use crate::vision::estimator::EstimatorConfig;
+use crate::vision::{DotDetection, DotDetector, Estimator, FrameEstimate, Patch};
+
+/// Frames handled by one task: a workspace serves them all.
+const CHUNK: usize = 32;
+
+/// The frames come with their detections.
+#[derive(Debug, Clone, Copy)]
+struct NoDetector;
+
+impl DotDetector for NoDetector {
+    type Workspace = ();
+
+    fn workspace(&self) {}
+
+    fn detect_into(&self, _: &Patch, _: &mut (), out: &mut Vec<DotDetection>) {
+        out.clear();
+    }
+}
+
+/// The frames, identified anew and independently from their detections with the ball of this table.
+///
+/// # Errors
+/// As [`Estimator::for_table`].
+pub fn identify_frames(
+    table: &HashTable,
+    config: &EstimatorConfig,
+    frames: &[FrameEstimate],
+) -> Result<Vec<FrameEstimate>> {
+    let estimator = Estimator::for_table(table, *config, NoDetector)?;
+    let chunks: Vec<&[FrameEstimate]> = frames.chunks(CHUNK).collect();
+    let done = concurrency::map(&chunks, |chunk| {
+        let mut workspace = estimator.workspace();
+        let identified = chunk.iter().map(|frame| {
+            let mut frame = frame.clone();
+            estimator.estimate_pose(None, &mut workspace, &mut frame);
+            frame
+        });
+        identified.collect::<Vec<_>>()
+    });
+    Ok(done.into_iter().flatten().collect())
+}

@@ -1,0 +1,107 @@
+//! Which dots are there: how often each is found where it should be, and what that says.
+//!
+//! The detector's rate by depth `z` is learned from the clip itself: from the dots that are found more
+//! often than not. A dot that should have been found in `n` views at the rates `p_i` and was found in
+//! none has the likelihood `prod (1 - p_i)`; one that is not there is "found" at the rate `q` of false
+//! detections. The log-ratio of both is the evidence. Views that follow each other are not
+//! independent (a reflection stays where it is), so that a dot found in more than a few of the
+//! expected views is never called missing, whatever the ratio says.
+
+use super::fitted::FittedFrames;
+use crate::geometry::Vec3;
+
+/// Depths of the bins' edges.
+const EDGES: [f64; 8] = [0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.88, 1.01];
+/// Rate at which something else lies where a missing dot should be.
+const FALSE_RATE: f64 = 0.05;
+/// Log-evidence from which on a dot is missing: odds of a thousand to one.
+const MISSING: f64 = -6.9;
+/// A dot found in more than this share of the views expected is there.
+const SOMETIMES: f64 = 0.15;
+/// Expected number of finds below which nothing is said.
+const MIN_EXPECTED: f64 = 3.0;
+
+/// How often a dot was found.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Presence {
+    /// Views in which it faced the camera well.
+    pub views: usize,
+    /// Expected number of finds in them.
+    pub expected: f64,
+    /// Finds in them.
+    pub found: usize,
+    /// Log-likelihood ratio of a dot over none.
+    pub evidence: f64,
+}
+
+impl Presence {
+    /// Whether the evidence says that there is no such dot.
+    pub fn is_missing(&self) -> bool {
+        self.expected >= MIN_EXPECTED
+            && (self.found as f64) < SOMETIMES * self.expected
+            && self.evidence < MISSING
+    }
+}
+
+/// The detector's rate by depth.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct DetectionRate {
+    rates: [f64; EDGES.len() - 1],
+}
+
+impl DetectionRate {
+    /// The mean over all depths.
+    pub fn mean(&self) -> f64 {
+        self.rates.iter().sum::<f64>() / self.rates.len() as f64
+    }
+}
+
+fn bin(z: f64) -> Option<usize> {
+    let above = EDGES.iter().take_while(|e| **e <= z).count();
+    above.checked_sub(1).filter(|b| *b + 1 < EDGES.len())
+}
+
+/// The presence of every direction (pattern frame), and the detector's rate. `finds[k]` holds the
+/// directions found in frame `k`.
+pub(super) fn presences(
+    frames: &FittedFrames,
+    directions: &[Vec3],
+    finds: &[Vec<usize>],
+) -> (Vec<Presence>, DetectionRate) {
+    let mut hits = vec![[0usize; EDGES.len() - 1]; directions.len()];
+    let mut views = hits.clone();
+    for (frame, finds) in frames.iter().zip(finds) {
+        for (j, direction) in directions.iter().enumerate() {
+            if let Some(b) = bin(frame.depth(direction)) {
+                views[j][b] += 1;
+                hits[j][b] += usize::from(finds.contains(&j));
+            }
+        }
+    }
+    let mut all = [[0usize; 2]; EDGES.len() - 1];
+    for (hits, views) in hits.iter().zip(&views) {
+        let found: usize = hits.iter().sum();
+        if 2 * found > views.iter().sum() {
+            for (b, sums) in all.iter_mut().enumerate() {
+                sums[0] += hits[b];
+                sums[1] += views[b];
+            }
+        }
+    }
+    // Rule of succession: a bin with few views says little, and none is certain.
+    let rates = all.map(|[hits, views]| (hits + 1) as f64 / (views + 2) as f64);
+    let rate = DetectionRate { rates };
+    let presences = hits.iter().zip(&views).map(|(hits, views)| {
+        let mut presence = Presence::default();
+        for b in 0..rates.len() {
+            let (p, missed) = (rates[b], views[b] - hits[b]);
+            presence.views += views[b];
+            presence.found += hits[b];
+            presence.expected += p * views[b] as f64;
+            presence.evidence += hits[b] as f64 * (p / FALSE_RATE).ln()
+                + missed as f64 * ((1.0 - p) / (1.0 - FALSE_RATE)).ln();
+        }
+        presence
+    });
+    (presences.collect(), rate)
+}

@@ -1,0 +1,476 @@
+//! Fit and identification in turn.
+
+use nalgebra::Matrix2;
+
+use super::bundle::{Bundle, BundleFrame, DotFit, DotPrior, Observation};
+use super::config::CalibrationConfig;
+use super::fitted::FittedFrame;
+use super::identify::identify_frames;
+use super::marks::{Mark, steady_marks};
+use super::presence::{DetectionRate, Presence, presences};
+use super::result::{
+    CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, in_space,
+};
+use crate::error::Result;
+use crate::geometry::{Vec3, angle_between};
+use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
+use crate::pattern::{MAX_DOTS, Pattern};
+use crate::stats::median;
+use crate::vision::FrameEstimate;
+
+/// Minimum number of named dots of a frame that takes part in the fit.
+const MIN_MATCHED: usize = 4;
+/// An unnamed detection this near to a dot that was left out is a find of it, radians.
+const FIND_RAD: f64 = 0.05;
+/// A mark nearer to a dot than this is that dot, found twice, radians.
+const SAME_RAD: f64 = 0.07;
+/// Share of the dots in view that may be missing.
+const MAX_MISSING: f64 = 0.34;
+/// Expected finds from which on a dot counts as in view.
+const IN_VIEW: f64 = 3.0;
+/// A dot may be drawn off by so many standard deviations: 1 in 500 lies farther.
+const FAR_OFF: f64 = 3.5;
+/// Median length of a normal vector in the plane over its standard deviation per axis.
+const MEDIAN_OFFSET: f64 = 1.1774;
+/// Change of the dots, radians, below which the rounds end.
+const SETTLED_RAD: f64 = 1e-4;
+
+/// A dot of the fit: one of the nominal pattern, or a mark.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    /// What is known of its place before the clip.
+    prior: DotPrior,
+    direction: Vec3,
+    covariance: Matrix2<f64>,
+    views: usize,
+    /// Whether a frame of the last fit names it.
+    named: bool,
+    /// Not left out.
+    active: bool,
+    presence: Presence,
+    /// As a mark: see [`SteadyMark`].
+    mark: Option<Mark>,
+}
+
+/// What a fit gives besides the dots.
+struct FitSummary {
+    noise_scale: f64,
+    smooth: bool,
+    inverse_distance: Option<f64>,
+    /// Mean variance of a detection, rad^2 at the ball's middle.
+    detection_variance: f64,
+}
+
+/// The alternation's state.
+pub(super) struct Rounds<'a> {
+    nominal: &'a Pattern,
+    times_s: Option<&'a [f64]>,
+    config: &'a CalibrationConfig,
+    candidates: Vec<Candidate>,
+    /// For each dot of the pattern that named the frames' detections, its candidate.
+    names: Vec<usize>,
+    frames: Vec<FrameEstimate>,
+    with_ball: usize,
+}
+
+type Outcome<T> = std::result::Result<T, CalibrationRejection>;
+
+impl<'a> Rounds<'a> {
+    pub fn new(
+        nominal: &'a Pattern,
+        frames: &[FrameEstimate],
+        times_s: Option<&'a [f64]>,
+        config: &'a CalibrationConfig,
+    ) -> Self {
+        let variance = config.placement_sigma_rad.powi(2);
+        let candidates = nominal.dots().iter().map(|direction| Candidate {
+            prior: DotPrior {
+                direction: *direction,
+                sigma_rad: config.placement_sigma_rad,
+                designed: true,
+            },
+            direction: *direction,
+            covariance: Matrix2::identity() * variance,
+            views: 0,
+            named: false,
+            active: true,
+            presence: Presence::default(),
+            mark: None,
+        });
+        Self {
+            nominal,
+            times_s,
+            config,
+            candidates: candidates.collect(),
+            names: (0..nominal.len()).collect(),
+            with_ball: frames.iter().filter(|f| f.outline.is_some()).count(),
+            frames: frames.to_vec(),
+        }
+    }
+
+    pub fn run(mut self) -> Result<Outcome<Calibration>> {
+        if let Err(rejection) = self.check_frames() {
+            return Ok(Err(rejection));
+        }
+        let mut round = 1;
+        loop {
+            let before: Vec<(Vec3, bool)> = self.state().collect();
+            let is_last = round == self.config.rounds;
+            let (summary, marks, rate) = match self.round(is_last) {
+                Ok(done) => done,
+                Err(rejection) => return Ok(Err(rejection)),
+            };
+            let settled = before.len() == self.candidates.len()
+                && before
+                    .iter()
+                    .zip(self.state())
+                    .all(|(a, b)| a.1 == b.1 && angle_between(&a.0, &b.0) < SETTLED_RAD);
+            if settled || is_last {
+                return Ok(self.finish(&summary, &marks, &rate));
+            }
+            self.identify_again(&summary)?;
+            if let Err(rejection) = self.check_frames() {
+                return Ok(Err(rejection));
+            }
+            round += 1;
+        }
+    }
+
+    fn state(&self) -> impl Iterator<Item = (Vec3, bool)> + '_ {
+        self.candidates.iter().map(|c| (c.direction, c.active))
+    }
+
+    /// Whether a frame's orientation is beyond doubt.
+    fn is_trusted(&self, frame: &FrameEstimate) -> bool {
+        frame.matched() >= MIN_MATCHED
+            && frame
+                .pose()
+                .is_some_and(|p| p.pose_confidence >= self.config.trusted)
+    }
+
+    fn check_frames(&self) -> Outcome<()> {
+        let CalibrationConfig {
+            min_frames,
+            min_identified,
+            ..
+        } = *self.config;
+        let balls = self.with_ball;
+        if balls == 0 {
+            let frames = self.frames.len();
+            return Err(CalibrationRejection::NoBall { frames });
+        }
+        if balls < min_frames {
+            let (found, needed) = (balls, min_frames);
+            return Err(CalibrationRejection::TooFewFrames { found, needed });
+        }
+        let identified = self.frames.iter().filter(|f| self.is_trusted(f)).count();
+        if identified < min_frames || (identified as f64) < min_identified * balls as f64 {
+            return Err(CalibrationRejection::OtherBall { identified, balls });
+        }
+        Ok(())
+    }
+
+    /// A fit, and what it says of each dot and of the marks.
+    fn round(&mut self, is_last: bool) -> Outcome<(FitSummary, Vec<Mark>, DetectionRate)> {
+        let (fits, summary, mut fitted) = self.fit().ok_or(CalibrationRejection::Singular)?;
+        for (candidate, fit) in self.candidates.iter_mut().zip(&fits) {
+            candidate.direction = fit.direction;
+            candidate.covariance = fit.covariance;
+            candidate.views = fit.views;
+            candidate.named = fit.views > 0;
+        }
+        fitted.sort_by_key(|f| f.index);
+        let strays = self.strays(&fitted);
+        let marks = self.marks(&fitted, &strays);
+        self.take_displaced(&marks);
+        let finds = self.finds(&fitted, &strays);
+        let directions: Vec<Vec3> = self.candidates.iter().map(|c| c.direction).collect();
+        let (presences, rate) = presences(&fitted, &directions, &finds);
+        for (candidate, presence) in self.candidates.iter_mut().zip(presences) {
+            candidate.presence = presence;
+            candidate.active = !presence.is_missing();
+            if !candidate.active {
+                // What was taken for it lies elsewhere.
+                candidate.direction = candidate.prior.direction;
+            }
+        }
+        self.check_dots()?;
+        // What is taken in must take part in a fit.
+        let marks = self.learn(marks, self.config.learn_extra && !is_last);
+        Ok((summary, marks, rate))
+    }
+
+    /// Too many dots missing are another ball's.
+    fn check_dots(&self) -> Outcome<()> {
+        let designed = self.candidates.iter().filter(|c| c.mark.is_none());
+        let in_view = designed.filter(|c| c.presence.expected >= IN_VIEW);
+        let (expected, missing) = in_view.fold((0, 0), |(all, missing), c| {
+            (all + 1, missing + usize::from(!c.active))
+        });
+        if missing as f64 > MAX_MISSING * expected as f64 {
+            return Err(CalibrationRejection::Contradiction { missing, expected });
+        }
+        Ok(())
+    }
+
+    fn fit(&self) -> Option<(Vec<DotFit>, FitSummary, Vec<FittedFrame>)> {
+        let mut frames = Vec::new();
+        let mut fitted = Vec::new();
+        let (mut variance, mut count) = (0.0, 0usize);
+        for (k, frame) in self.frames.iter().enumerate() {
+            if !self.is_trusted(frame) {
+                continue;
+            }
+            let (Some(pose), Some(circle), Some(outline)) =
+                (frame.pose(), frame.circle, frame.outline)
+            else {
+                continue;
+            };
+            let named = frame.dots.iter().zip(&frame.assignment);
+            let observations: Vec<Observation> = named
+                .filter_map(|(dot, name)| {
+                    Some(Observation {
+                        dot: self.names[usize::from((*name)?)],
+                        pixel: dot.pixel,
+                        covariance: dot.covariance,
+                    })
+                })
+                .collect();
+            for seen in &observations {
+                variance += 0.5 * seen.covariance.trace() / circle.radius.powi(2);
+                count += 1;
+            }
+            fitted.extend(FittedFrame::new(k, frame, &self.config.estimator.camera));
+            frames.push(BundleFrame {
+                time_s: self.times_s.map(|t| t[k]),
+                rotation: pose.rotation,
+                circle,
+                outline,
+                observations,
+            });
+        }
+        let priors = self.candidates.iter().map(|c| c.prior).collect();
+        let mut bundle = Bundle::new(priors, frames, &self.config.estimator.camera);
+        bundle.fit(self.config.smooth);
+        let summary = FitSummary {
+            noise_scale: bundle.noise_scale(),
+            smooth: bundle.is_smooth(),
+            inverse_distance: bundle.inverse_distance(),
+            detection_variance: variance / count.max(1) as f64,
+        };
+        for (frame, fit) in fitted.iter_mut().zip(&bundle.frames) {
+            frame.turn_to(&fit.rotation);
+        }
+        Some((bundle.dot_fits()?, summary, fitted))
+    }
+
+    /// The directions (pattern frame) of the unnamed detections of each fitted frame.
+    fn strays(&self, fitted: &[FittedFrame]) -> Vec<Vec<Vec3>> {
+        let of = |f: &FittedFrame| f.unnamed(&self.frames[f.index]).map(|s| s.1).collect();
+        fitted.iter().map(of).collect()
+    }
+
+    /// The candidates found in each fitted frame: by name, or, of those that no frame names, by an
+    /// unnamed detection in their place.
+    fn finds(&self, fitted: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<Vec<usize>> {
+        let of_frame = |(f, strays): (&FittedFrame, &Vec<Vec3>)| {
+            let named = self.frames[f.index].assignment.iter().flatten();
+            let mut found: Vec<usize> = named.map(|j| self.names[usize::from(*j)]).collect();
+            for (j, candidate) in self.candidates.iter().enumerate() {
+                let is_at = |s: &Vec3| angle_between(s, &candidate.direction) < FIND_RAD;
+                if !candidate.named && strays.iter().any(is_at) {
+                    found.push(j);
+                }
+            }
+            found
+        };
+        fitted.iter().zip(strays).map(of_frame).collect()
+    }
+
+    /// Steady marks beside the dots.
+    fn marks(&self, fitted: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<Mark> {
+        let mut marks = steady_marks(fitted, strays);
+        marks.retain(|m| {
+            let dots = self.candidates.iter().filter(|c| c.active && c.views > 0);
+            dots.map(|c| angle_between(&c.direction, &m.direction))
+                .all(|angle| angle > SAME_RAD)
+        });
+        marks
+    }
+
+    /// A dot that no frame has by name, and a mark near its place: the dot was drawn there.
+    fn take_displaced(&mut self, marks: &[Mark]) {
+        let max_offset = self.max_offset();
+        for mark in marks {
+            let near = |c: &Candidate| angle_between(&c.prior.direction, &mark.direction);
+            let unfound = self
+                .candidates
+                .iter_mut()
+                .filter(|c| c.mark.is_none() && c.views == 0 && near(c) < max_offset);
+            if let Some(dot) = unfound.min_by(|a, b| near(a).total_cmp(&near(b))) {
+                dot.direction = mark.direction;
+                dot.active = true;
+                // So that another mark does not take it as well.
+                dot.views = mark.found;
+            }
+        }
+    }
+
+    /// How far off a dot may have been drawn: as the other dots are, and within the setting.
+    fn max_offset(&self) -> f64 {
+        let measured = self
+            .candidates
+            .iter()
+            .filter(|c| c.mark.is_none() && c.views > 0);
+        let mut offsets: Vec<f64> = measured
+            .map(|c| angle_between(&c.prior.direction, &c.direction))
+            .collect();
+        let sigma = median(&mut offsets) / MEDIAN_OFFSET;
+        (FAR_OFF * sigma).clamp(SAME_RAD, self.config.max_offset_rad)
+    }
+
+    /// Takes marks in where `take_in` says so; the marks that are left.
+    fn learn(&mut self, mut marks: Vec<Mark>, take_in: bool) -> Vec<Mark> {
+        marks.retain(|m| {
+            let mut dots = self.candidates.iter().filter(|c| c.active);
+            dots.all(|c| angle_between(&c.direction, &m.direction) > SAME_RAD)
+        });
+        if !take_in {
+            return marks;
+        }
+        for mark in &marks {
+            if self.candidates.len() < MAX_DOTS {
+                self.candidates.push(Candidate {
+                    prior: DotPrior {
+                        direction: mark.direction,
+                        sigma_rad: self.config.placement_sigma_rad,
+                        designed: false,
+                    },
+                    direction: mark.direction,
+                    covariance: Matrix2::identity() * self.config.placement_sigma_rad.powi(2),
+                    views: mark.found,
+                    named: false,
+                    active: true,
+                    presence: Presence::default(),
+                    mark: Some(*mark),
+                });
+            }
+        }
+        Vec::new()
+    }
+
+    /// Identifies all frames with the dots as they are known now.
+    fn identify_again(&mut self, summary: &FitSummary) -> Result<()> {
+        let active = self.candidates.iter().enumerate().filter(|(_, c)| c.active);
+        let (names, dots): (Vec<usize>, Vec<Vec3>) = active.map(|(j, c)| (j, c.direction)).unzip();
+        // What the detector does not state counts as placement.
+        let unstated = (summary.noise_scale.powi(2) - 1.0).max(0.0) * summary.detection_variance;
+        let covariances = names.iter().map(|&j| {
+            let c = &self.candidates[j];
+            in_space(
+                &c.direction,
+                &(c.covariance + Matrix2::identity() * unstated),
+            )
+        });
+        let record = CalibrationRecord {
+            nominal_sha256: None,
+            nominal_numbers: names.iter().map(|&j| Some(j as u16)).collect(),
+            views: names
+                .iter()
+                .map(|&j| self.candidates[j].views as u32)
+                .collect(),
+        };
+        let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
+        let table = HashTable::build(Pattern::new(dots)?, rule, recognizer)?
+            .with_calibration(covariances.collect(), record)?;
+        self.frames = identify_frames(&table, &self.config.estimator, &self.frames)?;
+        self.names = names;
+        Ok(())
+    }
+
+    fn finish(
+        mut self,
+        summary: &FitSummary,
+        marks: &[Mark],
+        rate: &DetectionRate,
+    ) -> Outcome<Calibration> {
+        self.check_dots()?;
+        let fitted = self.frames.iter().filter(|f| self.is_trusted(f)).count();
+        let designed = self.candidates.iter().take(self.nominal.len());
+        let dots = designed.map(|c| self.calibrated(c)).collect();
+        let learned = self.candidates[self.nominal.len()..]
+            .iter()
+            .filter_map(|c| {
+                let mark = c.mark.filter(|_| c.active)?;
+                Some(SteadyMark {
+                    direction: c.direction,
+                    covariance: Some(c.covariance),
+                    found: mark.found,
+                    views: mark.views,
+                })
+            });
+        let noted = marks.iter().map(|m| SteadyMark {
+            direction: m.direction,
+            covariance: None,
+            found: m.found,
+            views: m.views,
+        });
+        let marks: Vec<SteadyMark> = learned.chain(noted).collect();
+        self.rename();
+        Ok(Calibration {
+            dots,
+            marks,
+            with_ball: self.with_ball,
+            fitted,
+            with_rivals: self
+                .frames
+                .iter()
+                .filter(|f| f.fit.is_some_and(|fit| fit.rivals > 0))
+                .count(),
+            frames: self.frames,
+            noise_scale: summary.noise_scale,
+            smooth: summary.smooth,
+            inverse_distance: summary.inverse_distance,
+            detection_rate: rate.mean(),
+        })
+    }
+
+    fn calibrated(&self, c: &Candidate) -> CalibratedDot {
+        let state = match (c.active, c.views) {
+            (false, _) => DotState::Missing,
+            (true, 0) => DotState::Unseen,
+            (true, _) => DotState::Measured,
+        };
+        let (direction, covariance) = match state {
+            DotState::Measured => (c.direction, c.covariance),
+            DotState::Unseen | DotState::Missing => (
+                c.prior.direction,
+                Matrix2::identity() * self.config.placement_sigma_rad.powi(2),
+            ),
+        };
+        CalibratedDot {
+            nominal: c.prior.direction,
+            direction,
+            covariance,
+            views: if state == DotState::Measured {
+                c.views
+            } else {
+                0
+            },
+            expected_views: c.presence.expected,
+            state,
+        }
+    }
+
+    /// Gives the frames' detections the numbers of the calibrated pattern.
+    fn rename(&mut self) {
+        let mut numbers = vec![None; self.candidates.len()];
+        let active = self.candidates.iter().enumerate().filter(|(_, c)| c.active);
+        for (number, (j, _)) in active.enumerate() {
+            numbers[j] = Some(number as u16);
+        }
+        for name in self.frames.iter_mut().flat_map(|f| &mut f.assignment) {
+            *name = name.and_then(|j| numbers[self.names[usize::from(j)]]);
+        }
+    }
+}

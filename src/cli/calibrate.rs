@@ -1,0 +1,413 @@
+//! `spindoe calibrate`: the dots of a ball as they were really drawn, from a clip of it.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::output::one_of;
+use crate::calibrate::{
+    Calibration, CalibrationConfig, DotState, build_pattern, calibrate, identify_frames,
+    matching_design,
+};
+use crate::error::{Error, Result};
+use crate::files;
+use crate::geometry::spiral_directions;
+use crate::hash::{HashTable, PairRule, RecognizerConfig};
+use crate::pattern::Pattern;
+use crate::report::calibration::{
+    CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, CalibrationSource,
+    FILES, evaluate_calibration,
+};
+use crate::vision::estimator::{
+    BatchConfig, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
+};
+use crate::vision::net::Weights;
+use crate::vision::net::detector::CnnConfig;
+use crate::vision::{
+    BallCircle, Camera, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
+    Intrinsics, NamedDetector, Pixel, input,
+};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Film the ball while you turn it slowly, once about one axis and once about another, so that every dot faces
+the camera for a while: 60 frames or more, sharp, with the ball 60 pixels wide or wider.
+
+The folder holds pattern.csv and table.npz of the ball as it is drawn (give the table to estimate, identify
+and validate as any other), report.json, and the offsets of the dots as a table and a picture.
+
+Dots that are never found where they should be are left out; steady marks that the pattern lacks are reported
+and, with --learn-extra, taken in. Where --table is given several times, the one that fits best is taken.
+
+Example:
+  spindoe calibrate --table table.npz clip.mp4 --out my-ball")]
+pub struct Arguments {
+    /// Images, folders of images, or videos of one ball.
+    #[arg(value_name = "CLIP_OR_FOLDER", required = true)]
+    clip: Vec<PathBuf>,
+    /// The hash table (.npz) or pattern (CSV) that the ball was drawn from; several: the ball is one of
+    /// them.
+    #[arg(long, value_name = "TABLE.npz", required_unless_present = "unknown")]
+    table: Vec<PathBuf>,
+    /// Build the pattern from the clip alone; with --table, say which of these designs it is.
+    #[arg(long)]
+    unknown: bool,
+    /// Number of dots on the ball, where it is known.
+    #[arg(long, value_name = "N", requires = "unknown")]
+    dots: Option<usize>,
+    /// The folder to write to.
+    #[arg(long, value_name = "DIR", default_value = "calibrated")]
+    out: PathBuf,
+    /// Take steady marks that the pattern lacks into it.
+    #[arg(long)]
+    learn_extra: bool,
+    /// Expected error of a drawn dot per tangent axis, degrees.
+    #[arg(
+        long,
+        value_name = "DEG",
+        default_value_t = 3.0,
+        allow_negative_numbers = true
+    )]
+    placement_sigma_deg: f64,
+    /// Use no smooth rotation, whatever the frames' times.
+    #[arg(long)]
+    no_smooth: bool,
+    /// Monte Carlo trials for each protocol; 0 for none.
+    #[arg(long, value_name = "N", default_value_t = 2000)]
+    samples: u64,
+    /// Seed of the trials.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// The dot detector.
+    #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
+    detector: DetectorName,
+    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
+    #[arg(long, value_name = "WEIGHTS.npz")]
+    weights: Option<PathBuf>,
+    /// The ball's outline in all frames: center and radius in pixels [default: detected].
+    #[arg(
+        long,
+        value_name = "U,V,R",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    circle: Vec<f64>,
+    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
+    /// [default: it is fitted].
+    #[arg(
+        long,
+        value_name = "D",
+        conflicts_with = "intrinsics",
+        allow_negative_numbers = true
+    )]
+    camera_distance_radii: Option<f64>,
+    /// The camera's focal lengths and principal point in pixels.
+    #[arg(
+        long,
+        value_name = "FX,FY,CX,CY",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    intrinsics: Vec<f64>,
+    /// Frames per second, for frames at equal intervals.
+    #[arg(
+        long,
+        value_name = "F",
+        conflicts_with = "times",
+        allow_negative_numbers = true
+    )]
+    fps: Option<f64>,
+    /// Times of the frames: CSV with the header frame,time_s.
+    #[arg(long, value_name = "CSV")]
+    times: Option<PathBuf>,
+    /// Print the report as one JSON object instead of words.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The frames of the clip, as the best table identifies them.
+struct Clip {
+    table: HashTable,
+    /// The table's file; none where the pattern was built from the clip.
+    path: Option<PathBuf>,
+    frames: Vec<FrameEstimate>,
+    times_s: Option<Vec<f64>>,
+}
+
+/// Directions of the pattern that stands in where none is known: only its detections are used.
+const STAND_IN_DOTS: usize = 20;
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let config = arguments.config()?;
+    files::reject_taken(
+        &arguments.out,
+        &FILES,
+        "a calibration",
+        "choose another folder",
+    )?;
+    let tables: Result<Vec<HashTable>> = arguments
+        .table
+        .iter()
+        .map(|path| super::read_table(path))
+        .collect();
+    let clip = arguments.read(tables?, &config)?;
+    let nominal = clip.table.pattern();
+    match &clip.path {
+        Some(path) if arguments.unknown || arguments.table.len() > 1 => {
+            errln!("the ball is drawn from {}", path.display());
+        }
+        None if !arguments.table.is_empty() => errln!("the ball is none of these designs"),
+        _ => {}
+    }
+    let times = clip.times_s.as_deref();
+    let calibration =
+        calibrate(nominal, &clip.frames, times, &config)?.map_err(|r| arguments.no_answer(&r))?;
+    errln!("judging the calibration on frames that take no part, and by Monte Carlo");
+    let evaluation = CalibrationEvaluationConfig {
+        samples: arguments.samples,
+        seed: arguments.seed,
+    };
+    let source = CalibrationSource {
+        nominal,
+        is_design: clip.path.is_some(),
+        frames: &clip.frames,
+        times_s: times,
+    };
+    let evaluated = evaluate_calibration(&calibration, &source, &config, &evaluation)?;
+    evaluated.write(&arguments.out)?;
+    if arguments.json {
+        return super::print_json(&evaluated.report);
+    }
+    say(&calibration, &evaluated, &arguments.out);
+    Ok(())
+}
+
+impl Arguments {
+    fn config(&self) -> Result<CalibrationConfig> {
+        if let Some(rate) = self.fps.filter(|x| !(*x > 0.0 && x.is_finite())) {
+            let problem = format!("expected a positive number, found {rate}");
+            return Err(Error::argument("fps", problem));
+        }
+        let camera = match (&self.intrinsics[..], self.camera_distance_radii) {
+            ([], None) => CameraModel::default(),
+            ([], Some(distance)) if distance > 1.0 => CameraModel::Known(Camera::Near {
+                inverse_distance: 1.0 / distance,
+            }),
+            ([], Some(distance)) => {
+                let problem = format!("expected more than 1 ball radius, found {distance}");
+                return Err(Error::argument("camera_distance_radii", problem));
+            }
+            (&[fx, fy, cx, cy], _) if fx > 0.0 && fy > 0.0 => {
+                CameraModel::Known(Camera::Perspective(Intrinsics { fx, fy, cx, cy }))
+            }
+            _ => {
+                let problem = "expected FX,FY,CX,CY with positive focal lengths";
+                return Err(Error::argument("intrinsics", problem));
+            }
+        };
+        let config = CalibrationConfig {
+            estimator: EstimatorConfig {
+                camera,
+                ..EstimatorConfig::default()
+            },
+            placement_sigma_rad: self.placement_sigma_deg.to_radians(),
+            learn_extra: self.learn_extra,
+            smooth: !self.no_smooth,
+            ..CalibrationConfig::default()
+        };
+        config.check()?;
+        Ok(config)
+    }
+
+    fn detector(&self) -> Result<NamedDetector> {
+        match (&self.weights, self.detector) {
+            (None, name) => name.build(),
+            (Some(path), DetectorName::Cnn) => {
+                let net = CnnDetector::new(&Weights::read(path)?, CnnConfig::default())?;
+                Ok(NamedDetector::Cnn(net))
+            }
+            (Some(_), DetectorName::Blob) => {
+                let problem = "expected --detector cnn: blobs have no weights";
+                Err(Error::argument("weights", problem))
+            }
+        }
+    }
+
+    fn batch(&self) -> Result<BatchConfig> {
+        let circle = match self.circle[..] {
+            [] => None,
+            [u, v, radius] if radius > 0.0 && radius.is_finite() => Some(BallCircle {
+                center: Pixel { u, v },
+                radius,
+            }),
+            _ => {
+                let problem = "expected U,V,R in pixels with a positive radius";
+                return Err(Error::argument("circle", problem));
+            }
+        };
+        let clock = match (self.fps, &self.times) {
+            (Some(rate), _) => FrameClock::FramesPerSecond(rate),
+            (None, Some(path)) => FrameClock::Table(input::read_times(path)?),
+            (None, None) => FrameClock::Inputs,
+        };
+        Ok(BatchConfig {
+            circle,
+            clock,
+            ..BatchConfig::default()
+        })
+    }
+
+    /// The clip cannot be calibrated.
+    fn no_answer(&self, reason: &dyn std::fmt::Display) -> Error {
+        Error::NoAnswer {
+            path: self.clip[0].clone(),
+            reason: reason.to_string(),
+        }
+    }
+
+    /// Reads the clip with the first table, and identifies its frames with the one that fits.
+    fn read(&self, tables: Vec<HashTable>, config: &CalibrationConfig) -> Result<Clip> {
+        let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
+        let pattern = tables.first().map_or(&stand_in, |t| t.pattern());
+        let estimator = Estimator::new(pattern, config.estimator, self.detector()?)?;
+        let batch = estimate_inputs(&estimator, &self.clip, &self.batch()?, &())?;
+        if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
+            errln!("spindoe: the times do not increase from frame to frame: they are not used");
+        }
+        let times_s = match batch.sequence {
+            SequenceOutcome::Estimated { .. } => batch.frames.iter().map(|f| f.time_s).collect(),
+            _ => None,
+        };
+        let frames: Vec<FrameEstimate> = batch.frames.into_iter().map(|f| f.estimate).collect();
+        let (table, path, frames) = if self.unknown {
+            self.unknown_ball(tables, &frames, config)?
+        } else {
+            self.best_table(tables, frames, config)?
+        };
+        Ok(Clip {
+            table,
+            path,
+            frames,
+            times_s,
+        })
+    }
+
+    /// The table that fits the frames best. They come identified with the first.
+    fn best_table(
+        &self,
+        tables: Vec<HashTable>,
+        frames: Vec<FrameEstimate>,
+        config: &CalibrationConfig,
+    ) -> Result<(HashTable, Option<PathBuf>, Vec<FrameEstimate>)> {
+        let mut tables = tables.into_iter().zip(&self.table);
+        let (table, path) = tables
+            .next()
+            .ok_or_else(|| Error::argument("table", "expected a table"))?;
+        let mut best = (table, Some(path.clone()), frames);
+        for (table, path) in tables {
+            let frames = identify_frames(&table, &config.estimator, &best.2)?;
+            if trust(&frames) > trust(&best.2) {
+                best = (table, Some(path.clone()), frames);
+            }
+        }
+        Ok(best)
+    }
+
+    /// The pattern built from the clip, or the design that it is.
+    fn unknown_ball(
+        &self,
+        tables: Vec<HashTable>,
+        frames: &[FrameEstimate],
+        config: &CalibrationConfig,
+    ) -> Result<(HashTable, Option<PathBuf>, Vec<FrameEstimate>)> {
+        let built = build_pattern(frames, self.dots, config)?.map_err(|r| self.no_answer(&r))?;
+        let designs: Vec<Pattern> = tables.iter().map(|t| t.pattern().clone()).collect();
+        let known = matching_design(&built, &designs)?
+            .and_then(|k| Some((tables.into_iter().nth(k)?, self.table[k].clone())));
+        let (table, path) = match known {
+            Some((table, path)) => (table, Some(path)),
+            None => {
+                let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
+                (HashTable::build(built, rule, recognizer)?, None)
+            }
+        };
+        let frames = identify_frames(&table, &config.estimator, frames)?;
+        Ok((table, path, frames))
+    }
+}
+
+/// The sum of the poses' probabilities: the expected number of frames identified correctly.
+fn trust(frames: &[FrameEstimate]) -> f64 {
+    let poses = frames.iter().filter_map(FrameEstimate::pose);
+    poses.map(|p| p.pose_confidence).sum()
+}
+
+/// Summarizes the calibration.
+fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path) {
+    let CalibrationReport {
+        frames,
+        held_out,
+        motion,
+        advice,
+        ..
+    } = &evaluated.report;
+    outln!(
+        "{}: {} of {} dots measured from {} of {} frames, {:.2} deg rms off their nominal places",
+        out.display(),
+        calibration.measured(),
+        calibration.dots.len(),
+        frames.fitted,
+        frames.given,
+        evaluated.report.rms_offset_deg
+    );
+    for (state, words) in [
+        (
+            DotState::Missing,
+            "never found where they should be, left out",
+        ),
+        (DotState::Unseen, "not seen, left at their nominal places"),
+    ] {
+        let dots = evaluated.report.dots.iter().filter(|d| d.state == state);
+        let numbers: Vec<String> = dots.map(|d| d.nominal_number.to_string()).collect();
+        if !numbers.is_empty() {
+            outln!("  {words}: dots {}", numbers.join(", "));
+        }
+    }
+    for mark in &evaluated.report.marks {
+        let [x, y, z] = mark.direction;
+        let taken = match mark.number {
+            Some(number) => format!("taken in as dot {number}"),
+            None => "left out (--learn-extra takes it in)".to_owned(),
+        };
+        outln!(
+            "  a mark at ({x:.3}, {y:.3}, {z:.3}), found in {} of {} views: {taken}",
+            mark.found,
+            mark.views
+        );
+    }
+    if frames.with_other_balls > 0 {
+        outln!(
+            "  {} frames show more than one ball",
+            frames.with_other_balls
+        );
+    }
+    if !held_out.frames.is_empty() {
+        outln!(
+            "  frames that took no part: median residual {:.2} deg before, {:.2} deg after; {:.1} and {:.1} dots a frame",
+            held_out.median_deg[0],
+            held_out.median_deg[1],
+            held_out.mean_matched[0],
+            held_out.mean_matched[1]
+        );
+    }
+    if let Some([before, after]) = motion {
+        outln!(
+            "  off one spin: median {:.2} deg before, {:.2} deg after",
+            before.median_deg,
+            after.median_deg
+        );
+    }
+    for line in advice {
+        outln!("  {line}");
+    }
+}

@@ -1,0 +1,432 @@
+//! The result of a calibration: the ball's own pattern and table, and what they are worth.
+//!
+//! The folder holds `pattern.csv` and `table.npz` of the ball as it is drawn, `report.json`,
+//! `offsets.csv` and, where the crate is built with the feature `plot`, `offsets.png`.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::calibrate::{
+    Calibration, CalibrationConfig, DotState, HeldOut, MotionResidual, held_out,
+};
+use crate::error::{Error, Result};
+use crate::files;
+use crate::geometry::{Vec3, tangent_frame};
+use crate::hash::HashTable;
+use crate::pattern::Pattern;
+use crate::recognize::robust::RobustRecognizer;
+use crate::stats::Proportion;
+use crate::validate::{Protocol, ProtocolName, Validation, run_trials, summarize};
+use crate::vision::FrameEstimate;
+
+/// Version of a calibration's `report.json`.
+pub const CALIBRATION_REPORT_VERSION: u32 = 1;
+/// A dot whose standard deviation is larger needs more views, degrees.
+const WELL_MEASURED_DEG: f64 = 0.5;
+/// Files by which a folder with a calibration is known.
+pub const FILES: [&str; 4] = ["pattern.csv", "table.npz", "report.json", "offsets.csv"];
+
+/// A dot of the nominal pattern in the report.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DotReport {
+    /// Its number in the nominal pattern.
+    pub nominal_number: usize,
+    /// Its number in the calibrated pattern; none where it is left out.
+    pub number: Option<usize>,
+    /// What the clip says of it.
+    pub state: DotState,
+    /// Where it should be.
+    pub nominal: [f64; 3],
+    /// Where it is.
+    pub drawn: [f64; 3],
+    /// Angle between the two, degrees.
+    pub offset_deg: f64,
+    /// Standard deviation per tangent axis, degrees.
+    pub sigma_deg: f64,
+    /// Frames that saw it.
+    pub views: usize,
+    /// Frames that should have, facing it well, at the rate of the other dots.
+    pub expected_views: f64,
+}
+
+/// A mark in the report.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MarkReport {
+    /// Where it is, pattern frame.
+    pub direction: [f64; 3],
+    /// Frames that saw it, of those that it faced.
+    pub found: usize,
+    /// Frames that it faced.
+    pub views: usize,
+    /// Its number in the calibrated pattern, where it was taken in.
+    pub number: Option<usize>,
+}
+
+/// The frames of the clip.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FramesReport {
+    /// Given.
+    pub given: usize,
+    /// That show a ball.
+    pub with_ball: usize,
+    /// That show more than one.
+    pub with_other_balls: usize,
+    /// Used by the fit.
+    pub fitted: usize,
+}
+
+/// The rates of a protocol by Monte Carlo, all on the robust recognizer.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ProtocolReport {
+    /// The protocol.
+    pub protocol: ProtocolName,
+    /// A ball drawn exactly as designed.
+    pub nominal: Validation,
+    /// This ball, identified as if it were drawn as designed.
+    pub drawn_uncalibrated: Validation,
+    /// This ball, identified with its own table.
+    pub drawn_calibrated: Validation,
+}
+
+/// Everything that is reported of a calibration.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CalibrationReport {
+    /// [`CALIBRATION_REPORT_VERSION`].
+    pub format_version: u32,
+    /// The version of this crate.
+    pub spindoe_version: &'static str,
+    /// SHA-256 of the nominal pattern; none where it was built from the clip alone.
+    pub nominal_sha256: Option<String>,
+    /// SHA-256 of the calibrated pattern.
+    pub pattern_sha256: String,
+    /// The frames.
+    pub frames: FramesReport,
+    /// The dots of the nominal pattern.
+    pub dots: Vec<DotReport>,
+    /// Steady marks that it lacks.
+    pub marks: Vec<MarkReport>,
+    /// Root mean square offset of the measured dots, degrees.
+    pub rms_offset_deg: f64,
+    /// Standard deviation of the detections over what the detector states.
+    pub noise_scale: f64,
+    /// Whether a smooth rotation was used.
+    pub smooth: bool,
+    /// Ball radii over the camera's distance, where that was fitted.
+    pub inverse_distance: Option<f64>,
+    /// Mean rate at which a dot is found that faces the camera well.
+    pub detection_rate: f64,
+    /// Nominal numbers of the dots that need more views, the worst first.
+    pub more_views: Vec<usize>,
+    /// Residuals of frames that took no part.
+    pub held_out: HeldOut,
+    /// Residual to one spin, with the nominal and with the calibrated pattern.
+    pub motion: Option<[MotionResidual; 2]>,
+    /// Rates by Monte Carlo; empty where none were asked for.
+    pub monte_carlo: Vec<ProtocolReport>,
+    /// Seed of the Monte Carlo trials.
+    pub seed: u64,
+    /// What to do, in words.
+    pub advice: Vec<String>,
+}
+
+/// A calibrated ball with its report, ready to be written.
+#[derive(Debug)]
+pub struct CalibrationEvaluation {
+    /// The table of the ball as drawn.
+    pub table: HashTable,
+    /// The report.
+    pub report: CalibrationReport,
+}
+
+/// What is measured beside the calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CalibrationEvaluationConfig {
+    /// Monte Carlo trials for each protocol and pattern; 0 for none.
+    pub samples: u64,
+    /// Their seed.
+    pub seed: u64,
+}
+
+impl Default for CalibrationEvaluationConfig {
+    /// 2 000 trials of seed 0.
+    fn default() -> Self {
+        Self {
+            samples: 2000,
+            seed: 0,
+        }
+    }
+}
+
+/// What was calibrated: the arguments of [`crate::calibrate::calibrate`].
+#[derive(Debug, Clone, Copy)]
+pub struct CalibrationSource<'a> {
+    /// The nominal pattern.
+    pub nominal: &'a Pattern,
+    /// Whether it is a design; else it was built from the clip alone.
+    pub is_design: bool,
+    /// The frames as first identified.
+    pub frames: &'a [FrameEstimate],
+    /// Their times, seconds.
+    pub times_s: Option<&'a [f64]>,
+}
+
+/// Evaluates a calibration.
+///
+/// # Errors
+/// As [`held_out`] and [`run_trials`].
+pub fn evaluate_calibration(
+    calibration: &Calibration,
+    source: &CalibrationSource<'_>,
+    config: &CalibrationConfig,
+    evaluation: &CalibrationEvaluationConfig,
+) -> Result<CalibrationEvaluation> {
+    let CalibrationSource {
+        nominal,
+        is_design,
+        frames,
+        times_s,
+    } = *source;
+    let pattern = calibration.pattern()?;
+    let nominal_sha256 = is_design.then(|| nominal.sha256());
+    let table = calibration.table(nominal_sha256.clone())?;
+    let numbers = calibration.nominal_numbers();
+    let number = |j: usize| numbers.iter().position(|n| *n == Some(j as u16));
+    let dots: Vec<DotReport> = calibration
+        .dots
+        .iter()
+        .enumerate()
+        .map(|(j, dot)| DotReport {
+            nominal_number: j,
+            number: number(j),
+            state: dot.state,
+            nominal: dot.nominal.into(),
+            drawn: dot.direction.into(),
+            offset_deg: dot.offset_rad().to_degrees(),
+            sigma_deg: dot.sigma_rad().to_degrees(),
+            views: dot.views,
+            expected_views: dot.expected_views,
+        })
+        .collect();
+    let first_mark = calibration.dots.len() - calibration.count(DotState::Missing);
+    let marks = calibration
+        .marks
+        .iter()
+        .enumerate()
+        .map(|(k, m)| MarkReport {
+            direction: m.direction.into(),
+            found: m.found,
+            views: m.views,
+            number: m.covariance.map(|_| first_mark + k),
+        });
+    let monte_carlo = match evaluation.samples {
+        0 => Vec::new(),
+        _ => monte_carlo(calibration, nominal, &pattern, evaluation)?,
+    };
+    let mut report = CalibrationReport {
+        format_version: CALIBRATION_REPORT_VERSION,
+        spindoe_version: env!("CARGO_PKG_VERSION"),
+        nominal_sha256,
+        pattern_sha256: pattern.sha256(),
+        frames: FramesReport {
+            given: frames.len(),
+            with_ball: calibration.with_ball,
+            with_other_balls: calibration.with_rivals,
+            fitted: calibration.fitted,
+        },
+        marks: marks.collect(),
+        rms_offset_deg: calibration.rms_offset_rad().to_degrees(),
+        noise_scale: calibration.noise_scale,
+        smooth: calibration.smooth,
+        inverse_distance: calibration.inverse_distance,
+        detection_rate: calibration.detection_rate,
+        more_views: more_views(&dots),
+        dots,
+        held_out: held_out(nominal, frames, times_s, config)?,
+        motion: times_s.and_then(|t| calibration.motion_residuals(frames, t)),
+        monte_carlo,
+        seed: evaluation.seed,
+        advice: Vec::new(),
+    };
+    report.advice = advice(&report);
+    Ok(CalibrationEvaluation { table, report })
+}
+
+/// The dots that are not well measured, the worst first.
+fn more_views(dots: &[DotReport]) -> Vec<usize> {
+    let poor = |d: &&DotReport| d.state != DotState::Missing && d.sigma_deg > WELL_MEASURED_DEG;
+    let mut poor: Vec<&DotReport> = dots.iter().filter(poor).collect();
+    poor.sort_by(|a, b| b.sigma_deg.total_cmp(&a.sigma_deg));
+    poor.iter().map(|d| d.nominal_number).collect()
+}
+
+/// The rates of all protocols; trial by trial the same views of all three.
+fn monte_carlo(
+    calibration: &Calibration,
+    nominal: &Pattern,
+    drawn: &Pattern,
+    evaluation: &CalibrationEvaluationConfig,
+) -> Result<Vec<ProtocolReport>> {
+    let kept = |missing: bool| {
+        let dots = calibration.dots.iter();
+        dots.filter(move |d| (d.state == DotState::Missing) == missing)
+    };
+    // A table of the nominal pattern with the dots in the drawn pattern's order, so that their numbers
+    // agree; those that are missing come last. Marks have no place in it.
+    let on_ball = Pattern::new(kept(false).map(|d| d.direction).collect())?;
+    let expected = kept(false).chain(kept(true)).map(|d| d.nominal);
+    let expected = Pattern::new(expected.collect())?;
+    let run = |trials: &Pattern, known: &Pattern, protocol: &Protocol| -> Result<Validation> {
+        let recognizer = RobustRecognizer::new(known, protocol.recognizer_config())?;
+        let CalibrationEvaluationConfig { samples, seed } = *evaluation;
+        let results = run_trials(trials, &recognizer, protocol, seed, samples)?;
+        Ok(summarize(&results, protocol, seed).untimed())
+    };
+    let of_protocol = |name: &ProtocolName| {
+        let protocol = Protocol::standard(*name);
+        Ok(ProtocolReport {
+            protocol: *name,
+            nominal: run(nominal, nominal, &protocol)?,
+            drawn_uncalibrated: run(&on_ball, &expected, &protocol)?,
+            drawn_calibrated: run(drawn, drawn, &protocol)?,
+        })
+    };
+    ProtocolName::ALL.iter().map(of_protocol).collect()
+}
+
+/// What to do, in words.
+fn advice(report: &CalibrationReport) -> Vec<String> {
+    let mut advice = Vec::new();
+    let list = |numbers: &[usize]| {
+        let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
+        words.join(", ")
+    };
+    if !report.more_views.is_empty() {
+        advice.push(format!(
+            "turn the ball so that these dots face the camera, and film again: {}",
+            list(&report.more_views)
+        ));
+    }
+    let missing = report.dots.iter().filter(|d| d.state == DotState::Missing);
+    let missing: Vec<usize> = missing.map(|d| d.nominal_number).collect();
+    if !missing.is_empty() {
+        advice.push(format!(
+            "never found where they should be: dots {}",
+            list(&missing)
+        ));
+    }
+    let lost = |p: &ProtocolReport| {
+        let [nominal, drawn]: [&Proportion; 2] =
+            [&p.nominal.orientation, &p.drawn_calibrated.orientation];
+        drawn.high < nominal.low
+    };
+    let worse: Vec<&str> = report
+        .monte_carlo
+        .iter()
+        .filter(|p| lost(p))
+        .map(|p| p.protocol.as_str())
+        .collect();
+    if !worse.is_empty() {
+        advice.push(format!(
+            "drawn as it is, the ball is identified less often than as designed ({}): draw it again where that matters",
+            worse.join(", ")
+        ));
+    } else if !report.monte_carlo.is_empty() {
+        advice.push(
+            "with its own table the ball is as good as one drawn exactly: drawing it again is not worth it"
+                .to_owned(),
+        );
+    }
+    let held = &report.held_out;
+    if held.frames.is_empty() {
+        advice.push("too few frames to judge the calibration on others".to_owned());
+    } else if held.median_deg[1] > held.median_deg[0] {
+        advice.push(
+            "frames that took no part fit worse than before: the clip is too short, keep the nominal table"
+                .to_owned(),
+        );
+    }
+    advice
+}
+
+impl CalibrationEvaluation {
+    /// Writes the folder's files to `dir`, each atomically.
+    ///
+    /// # Errors
+    /// [`Error::Write`] on an I/O failure.
+    pub fn write(&self, dir: &Path) -> Result<()> {
+        files::create_dir(dir)?;
+        self.table.pattern().write_csv(&dir.join("pattern.csv"))?;
+        self.table.write_npz(&dir.join("table.npz"))?;
+        files::write_bytes(
+            &dir.join("offsets.csv"),
+            self.report.offsets_csv().as_bytes(),
+        )?;
+        #[cfg(feature = "plot")]
+        self.report.draw(&dir.join("offsets.png"))?;
+        let mut json = serde_json::to_string_pretty(&self.report)
+            .map_err(|e| Error::Internal(format!("report as JSON: {e}")))?;
+        json.push('\n');
+        files::write_bytes(&dir.join("report.json"), json.as_bytes())
+    }
+}
+
+impl CalibrationReport {
+    /// The offsets of the dots as CSV: along the meridian towards +z, and to the east of it.
+    pub fn offsets_csv(&self) -> String {
+        let mut text =
+            "dot,number,state,offset_deg,north_deg,east_deg,sigma_deg,views,expected_views\n"
+                .to_owned();
+        for dot in &self.dots {
+            let (nominal, drawn) = (Vec3::from(dot.nominal), Vec3::from(dot.drawn));
+            let [north, east] = compass(&nominal).map(|axis| axis.dot(&drawn).to_degrees());
+            let number = dot.number.map_or(String::new(), |n| n.to_string());
+            let state = match dot.state {
+                DotState::Measured => "measured",
+                DotState::Unseen => "unseen",
+                DotState::Missing => "missing",
+            };
+            text += &format!(
+                "{},{number},{state},{:.4},{north:.4},{east:.4},{:.4},{},{:.1}\n",
+                dot.nominal_number, dot.offset_deg, dot.sigma_deg, dot.views, dot.expected_views
+            );
+        }
+        text
+    }
+
+    #[cfg(feature = "plot")]
+    fn draw(&self, path: &Path) -> Result<()> {
+        use crate::plot::{OffsetDot, OffsetMark, offset_views};
+        let dots = self.dots.iter().map(|dot| OffsetDot {
+            nominal: dot.nominal.into(),
+            mark: match dot.state {
+                DotState::Measured => OffsetMark::Drawn(dot.drawn.into()),
+                DotState::Missing => OffsetMark::Missing,
+                DotState::Unseen => OffsetMark::Unseen,
+            },
+            label: dot.nominal_number.to_string(),
+        });
+        let marks = self.marks.iter().map(|mark| OffsetDot {
+            nominal: mark.direction.into(),
+            mark: OffsetMark::Drawn(mark.direction.into()),
+            label: "mark".to_owned(),
+        });
+        let title = format!(
+            "Drawn minus nominal: {:.2} deg rms over {} dots",
+            self.rms_offset_deg,
+            self.dots
+                .iter()
+                .filter(|d| d.state == DotState::Measured)
+                .count()
+        );
+        offset_views(path, &dots.chain(marks).collect::<Vec<_>>(), &title)
+    }
+}
+
+/// North (towards +z along the meridian) and east at a direction.
+fn compass(direction: &Vec3) -> [Vec3; 2] {
+    match Vec3::z().cross(direction).try_normalize(1e-9) {
+        Some(east) => [direction.cross(&east), east],
+        None => tangent_frame(direction),
+    }
+}

@@ -1,0 +1,319 @@
+//! The calibration against the Cramér-Rao bound, and patterns built from clips alone, on exact detections
+//! with Gaussian errors. The tables of docs/measurements/calibrate.md come from here.
+//!
+//!     cargo run --release -p spindoe-studies --bin calibration_bound -- [BALLS] [SEED] [FRAMES]
+//!
+//! A ball of 30 px radius 12 radii away; detections off by 0.3 px per axis, outlines by 0.2 px; 8 % of the
+//! dots are missed. The bound is that of the dots with orientations and outlines unknown (the outlines with
+//! their stated error as a prior), made of numeric derivatives of the renderer's projection; it shares no
+//! code with the calibration.
+
+use std::error::Error;
+
+use nalgebra::{DMatrix, Matrix2, Matrix3, SMatrix};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use spindoe::calibrate::{CalibrationConfig, DotState, build_pattern, calibrate, identify_frames};
+use spindoe::geometry::{
+    Rotation, Vec3, angle_between, kabsch, random_direction, random_rotation, tangent_frame,
+};
+use spindoe::hash::{PairRule, RecognizerConfig};
+use spindoe::pattern::random_pattern;
+use spindoe::recognize::robust::RobustConfig;
+use spindoe::synth::view::View;
+use spindoe::validate::Proportion;
+use spindoe::vision::estimator::{CameraModel, Outline};
+use spindoe::vision::{
+    BallCircle, Camera, DotDetection, EstimatorConfig, FrameEstimate, Intrinsics, Pixel,
+};
+use spindoe::{
+    DotUncertainty, HashTable, ObservedDot, Outcome, Pattern, Recognizer, RobustRecognizer,
+};
+
+const RADIUS: f64 = 30.0;
+const DISTANCE: f64 = 12.0;
+const SIGMA_PX: f64 = 0.3;
+const OUTLINE_PX: f64 = 0.2;
+const MISSED: f64 = 0.08;
+const TURNS: f64 = 3.0;
+
+/// Pixels from the ball's center, for a radius of 1, of a direction.
+fn unit_view() -> Result<View, Box<dyn Error>> {
+    let focal = 1.0 / (1.0 / DISTANCE).asin().tan();
+    let camera = Camera::Perspective(Intrinsics {
+        fx: focal,
+        fy: focal,
+        cx: 0.0,
+        cy: 0.0,
+    });
+    let circle = BallCircle {
+        center: Pixel { u: 0.0, v: 0.0 },
+        radius: 1.0,
+    };
+    Ok(View::new(&camera, circle)?)
+}
+
+struct Clip {
+    frames: Vec<FrameEstimate>,
+    rotations: Vec<Rotation>,
+    /// The dots detected in each frame, in the order of the detections.
+    names: Vec<Vec<usize>>,
+}
+
+fn clip<R: Rng>(dots: &[Vec3], frames: usize, view: &View, rng: &mut R) -> Clip {
+    let mut rotation = random_rotation(rng);
+    let mut axis = random_direction(rng);
+    let about = tangent_frame(&axis)[0] * (std::f64::consts::PI / frames as f64);
+    let precession = Rotation::from_scaled_axis(about);
+    let step = TURNS * std::f64::consts::TAU / frames as f64;
+    let mut clip = Clip {
+        frames: Vec::new(),
+        rotations: Vec::new(),
+        names: Vec::new(),
+    };
+    let center = Pixel { u: 39.5, v: 40.5 };
+    let scale = RADIUS / view.outline().circle().radius;
+    for _ in 0..frames {
+        let mut names = Vec::new();
+        let mut found = Vec::new();
+        let mut normal = |sigma: f64| -> f64 {
+            let x: f64 = StandardNormal.sample(rng);
+            x * sigma
+        };
+        let outline = BallCircle {
+            center: Pixel {
+                u: center.u + normal(OUTLINE_PX),
+                v: center.v + normal(OUTLINE_PX),
+            },
+            radius: RADIUS + normal(OUTLINE_PX),
+        };
+        for (j, dot) in dots.iter().enumerate() {
+            let at = rotation * dot;
+            if view.facing(&at) > 0.15 && rng.random::<f64>() >= MISSED {
+                let p = view.project(&at);
+                let [a, b]: [f64; 2] = [0, 1].map(|_| StandardNormal.sample(rng));
+                names.push(j);
+                found.push(DotDetection {
+                    pixel: Pixel {
+                        u: center.u + scale * p.u + a * SIGMA_PX,
+                        v: center.v + scale * p.v + b * SIGMA_PX,
+                    },
+                    covariance: Matrix2::identity() * SIGMA_PX.powi(2),
+                    confidence: 0.95,
+                });
+            }
+        }
+        let outline = Outline {
+            circle: outline,
+            covariance: Matrix3::identity() * OUTLINE_PX.powi(2),
+        };
+        clip.frames
+            .push(FrameEstimate::from_detections(outline, found));
+        clip.rotations.push(rotation);
+        clip.names.push(names);
+        rotation = Rotation::from_scaled_axis(axis * step) * rotation;
+        axis = precession * axis;
+    }
+    clip
+}
+
+/// The bound on the sum of all dots' variances, in the gauge that aligns them best with the truth.
+fn bound(dots: &[Vec3], clip: &Clip, view: &View) -> Option<f64> {
+    let n = 2 * dots.len();
+    let mut information = DMatrix::<f64>::zeros(n, n);
+    let scale = RADIUS / view.outline().circle().radius;
+    let project = |v: &Vec3| {
+        let p = view.project(v);
+        [scale * p.u, scale * p.v]
+    };
+    let h = 1e-5;
+    for (rotation, names) in clip.rotations.iter().zip(&clip.names) {
+        let mut own = SMatrix::<f64, 6, 6>::zeros();
+        for i in 3..6 {
+            own[(i, i)] = OUTLINE_PX.powi(-2);
+        }
+        let mut mixed = DMatrix::<f64>::zeros(6, n);
+        for &j in names {
+            let at = rotation * dots[j];
+            let [u, v] = project(&at);
+            let mut by_frame = SMatrix::<f64, 2, 6>::zeros();
+            for axis in 0..3 {
+                let mut turn = Vec3::zeros();
+                turn[axis] = h;
+                let plus = project(&(Rotation::from_scaled_axis(turn) * at));
+                let minus = project(&(Rotation::from_scaled_axis(-turn) * at));
+                for i in 0..2 {
+                    by_frame[(i, axis)] = (plus[i] - minus[i]) / (2.0 * h);
+                }
+            }
+            by_frame[(0, 3)] = 1.0;
+            by_frame[(1, 4)] = 1.0;
+            by_frame[(0, 5)] = u / RADIUS;
+            by_frame[(1, 5)] = v / RADIUS;
+            let mut by_dot = SMatrix::<f64, 2, 2>::zeros();
+            for (k, e) in tangent_frame(&dots[j]).iter().enumerate() {
+                let plus = project(&(rotation * (dots[j] + e * h).normalize()));
+                let minus = project(&(rotation * (dots[j] - e * h).normalize()));
+                for i in 0..2 {
+                    by_dot[(i, k)] = (plus[i] - minus[i]) / (2.0 * h);
+                }
+            }
+            let weight = SIGMA_PX.powi(-2);
+            own += by_frame.transpose() * by_frame * weight;
+            let cross = by_frame.transpose() * by_dot * weight;
+            mixed.view_mut((0, 2 * j), (6, 2)).copy_from(&cross);
+            let mut corner = information.view_mut((2 * j, 2 * j), (2, 2));
+            corner += by_dot.transpose() * by_dot * weight;
+        }
+        let solved = own.cholesky()?.solve(&mixed);
+        information -= mixed.transpose() * solved;
+    }
+    // The pseudo-inverse leaves out the three turns of the whole pattern: the least variance of any gauge.
+    let eigen = information.symmetric_eigen();
+    let mut values: Vec<f64> = eigen.eigenvalues.iter().copied().collect();
+    values.sort_by(f64::total_cmp);
+    Some(values[3..].iter().map(|v| 1.0 / v).sum())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |k: usize, default: u64| -> Result<u64, Box<dyn Error>> {
+        Ok(arguments.get(k).map_or(Ok(default), |a| a.parse())?)
+    };
+    let (balls, seed, frames) = (
+        number(0, 100)?,
+        number(1, 20_261_122)?,
+        number(2, 120)? as usize,
+    );
+    let text = include_bytes!("../../../designs/dots20/pattern.csv");
+    let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
+    println!("{balls} balls, {frames} frames, seed {seed}\n");
+    let each: Result<Vec<[f64; 3]>, String> = (0..balls)
+        .into_par_iter()
+        .map(|k| judge(&nominal, seed, k, frames).map_err(|e| e.to_string()))
+        .collect();
+    let each = each?;
+    let sum = |i: usize| each.iter().map(|e| e[i]).sum::<f64>();
+    let (error, limit, dots) = (sum(0), sum(1), sum(2));
+    let ratio = (error / limit).sqrt();
+    let spread: f64 = each
+        .iter()
+        .map(|e| (e[0] - error / limit * e[1]).powi(2))
+        .sum();
+    let half = 1.96 * spread.sqrt() / limit / (2.0 * ratio);
+    println!(
+        "dots: {:.4} deg rms, bound {:.4} deg, ratio {ratio:.3} [{:.3}, {:.3}]",
+        (error / dots).sqrt().to_degrees(),
+        (limit / dots).sqrt().to_degrees(),
+        ratio - half,
+        ratio + half
+    );
+    let built: Result<Vec<(bool, f64)>, String> = (0..balls.min(20))
+        .into_par_iter()
+        .map(|k| build(seed, k, frames.max(160)).map_err(|e| e.to_string()))
+        .collect();
+    let built = built?;
+    let good = built.iter().filter(|b| b.0).count() as u64;
+    println!(
+        "unknown patterns recovered, each dot within 1 deg: {}; worst dot {:.2} deg",
+        Proportion::new(good, built.len() as u64),
+        built.iter().map(|b| b.1).fold(0.0, f64::max)
+    );
+    Ok(())
+}
+
+/// Sum of squared errors of the dots, the bound on it, and their number.
+fn judge(nominal: &Pattern, seed: u64, k: u64, frames: usize) -> Result<[f64; 3], Box<dyn Error>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(k);
+    let view = unit_view()?;
+    let drawn: Vec<Vec3> = nominal
+        .dots()
+        .iter()
+        .map(|dot| {
+            let [e1, e2] = tangent_frame(dot);
+            let [a, b]: [f64; 2] = [0, 1].map(|_| StandardNormal.sample(&mut rng));
+            (dot + (e1 * a + e2 * b) * 0.035).normalize()
+        })
+        .collect();
+    let clip = clip(&drawn, frames, &view, &mut rng);
+    let config = CalibrationConfig {
+        estimator: EstimatorConfig {
+            camera: CameraModel::Known(Camera::Near {
+                inverse_distance: 1.0 / DISTANCE,
+            }),
+            ..EstimatorConfig::default()
+        },
+        // The bound knows no prior of motion.
+        smooth: false,
+        ..CalibrationConfig::default()
+    };
+    let table = HashTable::build(
+        nominal.clone(),
+        PairRule::default(),
+        RecognizerConfig::default(),
+    )?;
+    let identified = identify_frames(&table, &config.estimator, &clip.frames)?;
+    let found = calibrate(nominal, &identified, None, &config)?.map_err(|r| r.to_string())?;
+    if found.measured() != drawn.len() {
+        return Err(format!("ball {k}: {} dots measured", found.measured()).into());
+    }
+    let to: Vec<Vec3> = found.dots.iter().map(|d| d.direction).collect();
+    let turn = kabsch(&drawn, &to, None)?;
+    let error = drawn
+        .iter()
+        .zip(&to)
+        .map(|(a, b)| angle_between(&(turn * a), b).powi(2))
+        .sum();
+    let limit = bound(&drawn, &clip, &view).ok_or("a singular bound")?;
+    assert!(found.dots.iter().all(|d| d.state == DotState::Measured));
+    Ok([error, limit, drawn.len() as f64])
+}
+
+/// Whether a random pattern is built from its clip alone, and its worst dot, degrees.
+fn build(seed: u64, k: u64, frames: usize) -> Result<(bool, f64), Box<dyn Error>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x55);
+    rng.set_stream(k);
+    let dots = rng.random_range(12..=24);
+    let truth = random_pattern(dots, 0.3, &mut rng)?;
+    let clip = clip(truth.dots(), frames, &unit_view()?, &mut rng);
+    let built = match build_pattern(&clip.frames, None, &CalibrationConfig::default())? {
+        Ok(built) => built,
+        Err(rejection) => {
+            eprintln!("ball {k}, {dots} dots: {rejection}");
+            return Ok((false, 0.0));
+        }
+    };
+    let config = RobustConfig {
+        visibility_limit: -0.99,
+        ..RobustConfig::default()
+    };
+    let recognizer = RobustRecognizer::new(&truth, config)?;
+    let observed: Vec<ObservedDot> = built
+        .dots()
+        .iter()
+        .map(|d| ObservedDot {
+            direction: *d,
+            uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
+        })
+        .collect();
+    let Outcome::Identified(found) = recognizer.identify(&observed, &mut recognizer.workspace())
+    else {
+        return Ok((false, 0.0));
+    };
+    let mut worst: f64 = 0.0;
+    for (dot, name) in built.dots().iter().zip(&found.assignment) {
+        let Some(name) = name else {
+            eprintln!("ball {k}: an invented dot");
+            return Ok((false, 0.0));
+        };
+        let expected = found.rotation * truth.dots()[usize::from(*name)];
+        worst = worst.max(angle_between(dot, &expected).to_degrees());
+    }
+    if built.len() != dots {
+        eprintln!("ball {k}: {} of {dots} dots", built.len());
+    }
+    Ok((built.len() == dots && worst < 1.0, worst))
+}

@@ -1,0 +1,365 @@
+//! What a calibration is worth on synthetic clips: the drawn dots' error, dots that are missing, and the
+//! orientation of fresh frames. The tables of docs/measurements/calibrate.md come from here.
+//!
+//!     cargo run --release -p spindoe-studies --bin calibration_study -- [BALLS] [SEED] [PX] [FRAMES] [SIGMA_DEG]
+//!
+//! A ball has the dots of designs/dots20, each moved by a normal error per tangent axis; two in three
+//! balls lack a dot, one in three lacks two. It turns three times before the camera while its axis
+//! turns by half a turn, 30 frames a second, in good conditions (`SynthConfig::good`: logos, stains, seams,
+//! cameras from 6 ball radii).
+
+use std::error::Error;
+
+use rand::seq::index::sample;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use spindoe::Pattern;
+use spindoe::calibrate::{Calibration, CalibrationConfig, DotState, calibrate};
+use spindoe::geometry::{
+    Rotation, Vec3, angle_between, kabsch, random_direction, random_rotation, tangent_frame,
+};
+use spindoe::synth::{Rendering, Scene, SynthConfig};
+use spindoe::validate::Proportion;
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+
+/// Fresh frames of each ball.
+const FRESH: usize = 20;
+/// Frames per second of the clip, and its exposure.
+const FPS: f64 = 30.0;
+const EXPOSURE_S: f64 = 1e-3;
+/// Revolutions of the ball in a clip.
+const TURNS: f64 = 3.0;
+/// A dot seen in fewer of the views that face it is hidden, by a logo or the limb.
+const HIDDEN: f64 = 0.3;
+/// Placement error given to estimators that know the dots, radians.
+const KNOWN_SIGMA_RAD: f64 = 0.005;
+
+/// A ball, as drawn.
+struct Ball {
+    drawn: Pattern,
+    /// For each drawn dot its number in the nominal pattern.
+    numbers: Vec<usize>,
+    missing: Vec<usize>,
+    scene: Scene,
+}
+
+/// What became of a ball.
+struct Outcome {
+    /// `None` where the clip was rejected.
+    calibrated: Option<Measured>,
+}
+
+struct Measured {
+    dots: usize,
+    squared_error: f64,
+    predicted: f64,
+    named: bool,
+    false_alarms: usize,
+    noise_scale: f64,
+    marks: usize,
+    /// Orientation errors of fresh frames: nominal, calibrated, true pattern.
+    errors: [Vec<f64>; 3],
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |k: usize, default: f64| -> Result<f64, Box<dyn Error>> {
+        Ok(arguments.get(k).map_or(Ok(default), |a| a.parse())?)
+    };
+    let balls = number(0, 100.0)? as u64;
+    let seed = number(1, 20_261_121.0)? as u64;
+    let (px, frames) = (number(2, 60.0)?, number(3, 120.0)? as usize);
+    let sigma = number(4, 2.0)?.to_radians();
+    let text = include_bytes!("../../../designs/dots20/pattern.csv");
+    let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
+    let estimator = Estimator::new(
+        &nominal,
+        EstimatorConfig::default(),
+        DetectorName::Cnn.build()?,
+    )?;
+    println!(
+        "{balls} balls of {px} px, {frames} frames, placement error {:.1} deg per axis, seed {seed}\n",
+        sigma.to_degrees()
+    );
+    let outcomes: Result<Vec<Outcome>, String> = (0..balls)
+        .into_par_iter()
+        .map(|k| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(k);
+            one(&nominal, &estimator, px, frames, sigma, &mut rng).map_err(|e| e.to_string())
+        })
+        .collect();
+    report(&outcomes?);
+    Ok(())
+}
+
+fn ball<R: Rng>(
+    nominal: &Pattern,
+    px: f64,
+    sigma: f64,
+    rng: &mut R,
+) -> Result<Ball, Box<dyn Error>> {
+    let count = rng.random_range(0..3);
+    let missing = sample(rng, nominal.len(), count).into_vec();
+    let numbers: Vec<usize> = (0..nominal.len())
+        .filter(|j| !missing.contains(j))
+        .collect();
+    let drawn = numbers.iter().map(|&j| {
+        let dot = nominal.dots()[j];
+        let [e1, e2] = tangent_frame(&dot);
+        let [a, b]: [f64; 2] = [0, 1].map(|_| StandardNormal.sample(rng));
+        (dot + e1 * (a * sigma) + e2 * (b * sigma)).normalize()
+    });
+    let drawn = Pattern::new(drawn.collect())?;
+    let config = SynthConfig {
+        ball_px: Some([px; 2]),
+        placement_sigma_rad: [0.0; 2],
+        left_out: 0.0,
+        ..SynthConfig::good()
+    };
+    let scene = Scene::random(&drawn, &config, rng)?;
+    Ok(Ball {
+        drawn,
+        numbers,
+        missing,
+        scene,
+    })
+}
+
+/// A frame of the ball, turned by hand.
+fn frame<R: Rng>(
+    ball: &Ball,
+    rotation: Rotation,
+    spin: Vec3,
+    rng: &mut R,
+) -> Result<Rendering, Box<dyn Error>> {
+    let mut scene = ball.scene.clone();
+    scene.rotation = rotation;
+    scene.spin = spin;
+    scene.exposure_s = EXPOSURE_S;
+    scene.shift_px = [0.0; 2];
+    scene.noise_seed = rng.random();
+    Ok(scene.render()?)
+}
+
+fn one(
+    nominal: &Pattern,
+    estimator: &Estimator<NamedDetector>,
+    px: f64,
+    frames: usize,
+    sigma: f64,
+    rng: &mut ChaCha8Rng,
+) -> Result<Outcome, Box<dyn Error>> {
+    let ball = ball(nominal, px, sigma, rng)?;
+    let mut workspace = estimator.workspace();
+    let mut rotation = random_rotation(rng);
+    let mut axis = random_direction(rng);
+    let about = tangent_frame(&axis)[0];
+    let step = TURNS * std::f64::consts::TAU / frames as f64;
+    let precession = Rotation::from_scaled_axis(about * (std::f64::consts::PI / frames as f64));
+    let mut estimates = Vec::with_capacity(frames);
+    let mut views = vec![[0usize; 2]; ball.drawn.len()];
+    for _ in 0..frames {
+        let seen = frame(&ball, rotation, axis * (step * FPS), rng)?;
+        for dot in &seen.dots {
+            if dot.facing > 0.3 {
+                views[dot.index][0] += 1;
+                views[dot.index][1] += usize::from(dot.is_visible());
+            }
+        }
+        let mut estimate = FrameEstimate::default();
+        estimator.estimate_frame(&seen.image, None, None, &mut workspace, &mut estimate);
+        estimates.push(estimate);
+        rotation = Rotation::from_scaled_axis(axis * step) * rotation;
+        axis = precession * axis;
+    }
+    let times: Vec<f64> = (0..frames).map(|k| k as f64 / FPS).collect();
+    let config = CalibrationConfig::default();
+    let found = calibrate(nominal, &estimates, Some(&times), &config)?;
+    let calibration = match found {
+        Ok(calibration) => calibration,
+        Err(rejection) => {
+            eprintln!("rejected: {rejection}");
+            return Ok(Outcome { calibrated: None });
+        }
+    };
+    let hidden = |j: usize| {
+        let k = ball.numbers.iter().position(|n| *n == j);
+        k.is_some_and(|k| (views[k][1] as f64) < HIDDEN * views[k][0] as f64)
+    };
+    let named = ball
+        .missing
+        .iter()
+        .all(|&j| calibration.dots[j].state == DotState::Missing);
+    let wrong = |(j, d): &(usize, &spindoe::calibrate::CalibratedDot)| {
+        d.state == DotState::Missing && !ball.missing.contains(j) && !hidden(*j)
+    };
+    let false_alarms = calibration.dots.iter().enumerate().filter(wrong).count();
+    let (to, from, predicted) = pairs(&ball, &calibration);
+    let turn = kabsch(&from, &to, None)?;
+    let squared_error = from
+        .iter()
+        .zip(&to)
+        .map(|(a, b)| angle_between(&(turn * a), b).powi(2))
+        .sum();
+    let errors = fresh(nominal, estimator, &ball, &calibration, turn, rng)?;
+    Ok(Outcome {
+        calibrated: Some(Measured {
+            dots: from.len(),
+            squared_error,
+            predicted,
+            named,
+            false_alarms,
+            noise_scale: calibration.noise_scale,
+            marks: calibration.marks.len(),
+            errors,
+        }),
+    })
+}
+
+/// The measured dots, where they were drawn, and the sum of their predicted variances.
+fn pairs(ball: &Ball, calibration: &Calibration) -> (Vec<Vec3>, Vec<Vec3>, f64) {
+    let (mut to, mut from, mut predicted) = (Vec::new(), Vec::new(), 0.0);
+    for (drawn, &j) in ball.drawn.dots().iter().zip(&ball.numbers) {
+        let dot = &calibration.dots[j];
+        if dot.state == DotState::Measured {
+            from.push(*drawn);
+            to.push(dot.direction);
+            predicted += dot.covariance.trace();
+        }
+    }
+    (to, from, predicted)
+}
+
+/// Orientation errors of fresh frames that all three patterns identify.
+fn fresh(
+    nominal: &Pattern,
+    estimator: &Estimator<NamedDetector>,
+    ball: &Ball,
+    calibration: &Calibration,
+    to_calibrated: Rotation,
+    rng: &mut ChaCha8Rng,
+) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
+    let known = EstimatorConfig {
+        placement_sigma_rad: KNOWN_SIGMA_RAD,
+        ..EstimatorConfig::default()
+    };
+    let detector = || DetectorName::Cnn.build();
+    let estimators = [
+        estimator.clone(),
+        Estimator::for_table(&calibration.table(None)?, known, detector()?)?,
+        Estimator::new(&ball.drawn, known, detector()?)?,
+    ];
+    // The least turn between drawn and nominal dots is no error of the orientation.
+    let at = |j: &usize| nominal.dots()[*j];
+    let of_nominal: Vec<Vec3> = ball.numbers.iter().map(at).collect();
+    let turns = [
+        kabsch(ball.drawn.dots(), &of_nominal, None)?,
+        to_calibrated,
+        Rotation::identity(),
+    ];
+    let mut workspaces = estimators.each_ref().map(Estimator::workspace);
+    let mut errors: [Vec<f64>; 3] = Default::default();
+    for _ in 0..FRESH {
+        let seen = frame(ball, random_rotation(rng), Vec3::zeros(), rng)?;
+        // Without intrinsics orientations are those in the view frame.
+        let truth = seen.rotation;
+        let mut found = [f64::NAN; 3];
+        for (k, error) in found.iter_mut().enumerate() {
+            let mut out = FrameEstimate::default();
+            let ws = &mut workspaces[k];
+            estimators[k].estimate_frame(&seen.image, None, None, ws, &mut out);
+            if let Some(pose) = out.pose() {
+                *error = (pose.rotation * turns[k]).angle_to(&truth).to_degrees();
+            }
+        }
+        if found.iter().all(|e| *e < 20.0) {
+            for (errors, error) in errors.iter_mut().zip(found) {
+                errors.push(error);
+            }
+        }
+    }
+    Ok(errors)
+}
+
+fn report(outcomes: &[Outcome]) {
+    let measured: Vec<&Measured> = outcomes
+        .iter()
+        .filter_map(|o| o.calibrated.as_ref())
+        .collect();
+    let n = measured.len() as u64;
+    println!("calibrated: {}", Proportion::new(n, outcomes.len() as u64));
+    if measured.is_empty() {
+        return;
+    }
+    let dots: usize = measured.iter().map(|m| m.dots).sum();
+    let error: f64 = measured.iter().map(|m| m.squared_error).sum();
+    let predicted: f64 = measured.iter().map(|m| m.predicted).sum();
+    let mut per_ball: Vec<f64> = measured
+        .iter()
+        .map(|m| (m.squared_error / m.dots as f64).sqrt().to_degrees())
+        .collect();
+    per_ball.sort_by(f64::total_cmp);
+    println!(
+        "dots: {:.3} deg rms over {dots} (median ball {:.3}, worst tenth from {:.3}); predicted {:.3} deg",
+        (error / dots as f64).sqrt().to_degrees(),
+        per_ball[per_ball.len() / 2],
+        per_ball[per_ball.len() * 9 / 10],
+        (predicted / dots as f64).sqrt().to_degrees(),
+    );
+    let count = |test: &dyn Fn(&Measured) -> bool| {
+        Proportion::new(measured.iter().filter(|m| test(m)).count() as u64, n)
+    };
+    println!("all missing dots named: {}", count(&|m| m.named));
+    println!(
+        "no dot called missing that can be seen: {}",
+        count(&|m| m.false_alarms == 0)
+    );
+    let mean = |value: &dyn Fn(&Measured) -> f64| {
+        measured.iter().map(|m| value(m)).sum::<f64>() / n as f64
+    };
+    println!(
+        "noise over the detector's own: {:.2}; marks beside the pattern: {:.2} a ball",
+        mean(&|m| m.noise_scale),
+        mean(&|m| m.marks as f64)
+    );
+    let all: Vec<Vec<f64>> = (0..3)
+        .map(|k| {
+            measured
+                .iter()
+                .flat_map(|m| m.errors[k].iter().copied())
+                .collect()
+        })
+        .collect();
+    println!(
+        "\norientation error of {} fresh frames, deg: mean, rms, median",
+        all[0].len()
+    );
+    for (name, errors) in ["nominal", "calibrated", "true"].iter().zip(&all) {
+        let mut sorted = errors.clone();
+        sorted.sort_by(f64::total_cmp);
+        let count = errors.len() as f64;
+        println!(
+            "{name}: {:.3} {:.3} {:.3}",
+            errors.iter().sum::<f64>() / count,
+            (errors.iter().map(|e| e * e).sum::<f64>() / count).sqrt(),
+            sorted[sorted.len() / 2]
+        );
+    }
+    println!("calibrated over true, mean: {}", ratio(&measured));
+}
+
+/// Ratio of the mean errors, with the interval of the balls' spread (delta method).
+fn ratio(measured: &[&Measured]) -> String {
+    let sums: Vec<[f64; 2]> = measured
+        .iter()
+        .map(|m| [1, 2].map(|k: usize| m.errors[k].iter().sum::<f64>()))
+        .collect();
+    let total = [0, 1].map(|k: usize| sums.iter().map(|s| s[k]).sum::<f64>());
+    let ratio = total[0] / total[1];
+    let variance: f64 = sums.iter().map(|s| (s[0] - ratio * s[1]).powi(2)).sum();
+    let half = 1.96 * variance.sqrt() / total[1];
+    format!("{ratio:.3} [{:.3}, {:.3}]", ratio - half, ratio + half)
+}

@@ -1,0 +1,188 @@
+//! The joint estimate: dots, covariances, missing dots, marks, poses.
+
+use spindoe::Pattern;
+use spindoe::calibrate::{Calibration, CalibrationConfig, DotState, calibrate, held_out};
+use spindoe::geometry::{Vec3, angle_between, kabsch};
+
+use super::clip::{ClipConfig, drawn, identified};
+
+fn calibrated(
+    pattern: &Pattern,
+    dots: &[Vec3],
+    clip: &ClipConfig,
+    config: &CalibrationConfig,
+) -> Calibration {
+    let clip = identified(pattern, dots, clip);
+    calibrate(pattern, &clip.frames, Some(&clip.times_s), config)
+        .unwrap()
+        .unwrap()
+}
+
+/// Errors of the measured dots over their predicted standard deviations, squared, and the errors,
+/// radians. `drawn` are the dots of the ball with their nominal numbers.
+fn errors(found: &Calibration, drawn: &[(usize, Vec3)]) -> (Vec<f64>, Vec<f64>) {
+    let measured: Vec<_> = drawn
+        .iter()
+        .filter(|(j, _)| found.dots[*j].state == DotState::Measured)
+        .collect();
+    let from: Vec<Vec3> = measured.iter().map(|d| d.1).collect();
+    let to: Vec<Vec3> = measured.iter().map(|d| found.dots[d.0].direction).collect();
+    let turn = kabsch(&from, &to, None).unwrap();
+    let mut squares = Vec::new();
+    let mut angles = Vec::new();
+    for ((j, _), (a, b)) in measured.iter().zip(from.iter().zip(&to)) {
+        let angle = angle_between(&(turn * a), b);
+        squares.push(angle * angle / found.dots[*j].covariance.trace());
+        angles.push(angle);
+    }
+    (squares, angles)
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+#[test]
+fn the_drawn_dots_are_measured_and_their_covariances_hold() {
+    let pattern = crate::common::random_pattern(20, 11);
+    let mut squares = Vec::new();
+    for seed in 0..4 {
+        let dots = drawn(&pattern, 0.035, 100 + seed);
+        let clip = ClipConfig {
+            seed,
+            ..ClipConfig::default()
+        };
+        let found = calibrated(&pattern, &dots, &clip, &CalibrationConfig::default());
+        assert_eq!(found.measured(), 20);
+        assert!(
+            (0.85..1.15).contains(&found.noise_scale),
+            "{}",
+            found.noise_scale
+        );
+        let truth: Vec<(usize, Vec3)> = dots.into_iter().enumerate().collect();
+        let (normalized, angles) = errors(&found, &truth);
+        // 0.3 px on 30 px are 0.57 deg a view: some 50 views make 0.08 deg of it, per axis.
+        let rms = rms(&angles).to_degrees();
+        assert!(rms < 0.2, "{rms} deg");
+        squares.extend(normalized);
+    }
+    // Each square is 1 on average, with a standard deviation near 1: 80 of them.
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!((0.6..1.5).contains(&mean), "{mean}");
+}
+
+#[test]
+fn the_pattern_is_the_one_rotated_least_from_the_nominal() {
+    let pattern = crate::common::random_pattern(20, 12);
+    let dots = drawn(&pattern, 0.035, 5);
+    let found = calibrated(
+        &pattern,
+        &dots,
+        &ClipConfig::default(),
+        &CalibrationConfig::default(),
+    );
+    let calibrated: Vec<Vec3> = found.dots.iter().map(|d| d.direction).collect();
+    let turn = kabsch(&calibrated, pattern.dots(), None).unwrap();
+    assert!(turn.angle() < 1e-6, "{}", turn.angle());
+}
+
+#[test]
+fn missing_dots_are_named_and_a_mark_is_found() {
+    let pattern = crate::common::random_pattern(20, 13);
+    let dots = drawn(&pattern, 0.025, 6);
+    let mut on_ball: Vec<(usize, Vec3)> = dots.into_iter().enumerate().collect();
+    on_ball.retain(|(j, _)| ![3, 11].contains(j));
+    // A mark well apart from all dots.
+    let apart = |v: &Vec3| pattern.dots().iter().all(|d| angle_between(d, v) > 0.3);
+    let mark = spindoe::geometry::spiral_directions(500)
+        .find(apart)
+        .unwrap();
+    let mut seen: Vec<Vec3> = on_ball.iter().map(|d| d.1).collect();
+    seen.push(mark);
+    for learn_extra in [false, true] {
+        let config = CalibrationConfig {
+            learn_extra,
+            ..CalibrationConfig::default()
+        };
+        let found = calibrated(&pattern, &seen, &ClipConfig::default(), &config);
+        let missing: Vec<usize> = (0..20)
+            .filter(|&j| found.dots[j].state == DotState::Missing)
+            .collect();
+        assert_eq!(missing, [3, 11]);
+        assert_eq!(found.marks.len(), 1);
+        // The gauge turns the mark with the dots: by no more than their offsets' mean.
+        let off = angle_between(&found.marks[0].direction, &mark);
+        assert!(off < 0.03, "{off}");
+        let numbers = found.nominal_numbers();
+        assert_eq!(numbers.len(), 18 + usize::from(learn_extra));
+        assert_eq!(numbers[3], Some(4));
+        assert_eq!(numbers.contains(&None), learn_extra);
+        let table = found.table(Some(pattern.sha256())).unwrap();
+        assert_eq!(table.dot_covariances().unwrap().len(), numbers.len());
+    }
+}
+
+#[test]
+fn what_a_single_axis_never_shows_stays_uncertain() {
+    let pattern = crate::common::random_pattern(20, 14);
+    let dots = drawn(&pattern, 0.025, 7);
+    let clip = ClipConfig {
+        precession: 0.0,
+        seed: 8,
+        ..ClipConfig::default()
+    };
+    let config = CalibrationConfig::default();
+    let found = calibrated(&pattern, &dots, &clip, &config);
+    let unseen: Vec<_> = found
+        .dots
+        .iter()
+        .filter(|d| d.state == DotState::Unseen)
+        .collect();
+    assert!(!unseen.is_empty(), "the axis' far end is never seen");
+    for dot in unseen {
+        assert_eq!(dot.direction, dot.nominal);
+        assert!((dot.sigma_rad() - config.placement_sigma_rad).abs() < 1e-12);
+    }
+    assert_eq!(found.count(DotState::Missing), 0);
+    let truth: Vec<(usize, Vec3)> = dots.into_iter().enumerate().collect();
+    let (squares, _) = errors(&found, &truth);
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!(mean < 2.5, "{mean}");
+}
+
+#[test]
+fn frames_that_take_no_part_fit_better() {
+    let pattern = crate::common::random_pattern(20, 15);
+    let dots = drawn(&pattern, 0.03, 9);
+    let clip = ClipConfig {
+        frames: 40,
+        step: 0.5,
+        ..ClipConfig::default()
+    };
+    let clip = identified(&pattern, &dots, &clip);
+    let judged = held_out(&pattern, &clip.frames, None, &CalibrationConfig::default()).unwrap();
+    assert_eq!((judged.folds, judged.frames.len()), (5, 40));
+    let [before, after] = judged.median_deg;
+    assert!(after < 0.6 * before, "{before} {after}");
+    let [before, after] = judged.mean_matched;
+    assert!(after >= before - 0.2, "{before} {after}");
+}
+
+#[test]
+fn a_thousand_frames_are_fitted() {
+    let pattern = crate::common::random_pattern(20, 16);
+    let dots = drawn(&pattern, 0.02, 10);
+    let clip = ClipConfig {
+        frames: 1000,
+        step: 0.05,
+        ..ClipConfig::default()
+    };
+    let clip = identified(&pattern, &dots, &clip);
+    let found = calibrate(
+        &pattern,
+        &clip.frames,
+        Some(&clip.times_s),
+        &CalibrationConfig::default(),
+    );
+    assert_eq!(found.unwrap().unwrap().measured(), 20);
+}

@@ -1,0 +1,8 @@
+//! Tests of the stage `calibrate`: clips of detections with a known truth, made without its code.
+
+mod bad_input;
+mod clip;
+mod command;
+mod fit;
+mod real;
+mod unknown;

@@ -1,0 +1,90 @@
+//! A pattern from a clip alone.
+
+use spindoe::calibrate::{CalibrationConfig, UnknownRejection, build_pattern};
+use spindoe::geometry::{Vec3, angle_between};
+use spindoe::recognize::robust::RobustConfig;
+use spindoe::{DotUncertainty, ObservedDot, Outcome, Pattern, Recognizer, RobustRecognizer};
+
+use super::clip::{ClipConfig, detections};
+
+/// The largest angle of a built dot from its true one, radians; `None` where they are not the same dots.
+fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
+    if built.len() != truth.len() {
+        return None;
+    }
+    let config = RobustConfig {
+        visibility_limit: -0.99,
+        ..RobustConfig::default()
+    };
+    let recognizer = RobustRecognizer::new(truth, config).unwrap();
+    let observed: Vec<ObservedDot> = built
+        .dots()
+        .iter()
+        .map(|d| ObservedDot {
+            direction: *d,
+            uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
+        })
+        .collect();
+    let Outcome::Identified(found) = recognizer.identify(&observed, &mut recognizer.workspace())
+    else {
+        return None;
+    };
+    let mut worst: f64 = 0.0;
+    for (dot, name) in built.dots().iter().zip(&found.assignment) {
+        let expected: Vec3 = found.rotation * truth.dots()[usize::from((*name)?)];
+        worst = worst.max(angle_between(dot, &expected));
+    }
+    Some(worst)
+}
+
+#[test]
+fn patterns_are_built_from_clips_alone() {
+    for seed in 0..4 {
+        let truth = crate::common::random_pattern(16 + 2 * seed as usize, 50 + seed);
+        let clip = ClipConfig {
+            frames: 160,
+            seed,
+            ..ClipConfig::default()
+        };
+        let clip = detections(truth.dots(), &clip);
+        let found = build_pattern(&clip.frames, None, &CalibrationConfig::default()).unwrap();
+        let built = found.unwrap_or_else(|rejection| panic!("seed {seed}: {rejection}"));
+        let worst = worst(&built, &truth).map(f64::to_degrees);
+        assert!(
+            worst.is_some_and(|w| w < 1.0),
+            "seed {seed}: {worst:?} deg, {} dots",
+            built.len()
+        );
+    }
+}
+
+#[test]
+fn what_is_missing_for_a_pattern_is_said() {
+    let truth = crate::common::random_pattern(20, 60);
+    let config = CalibrationConfig::default();
+    let short = ClipConfig {
+        frames: 6,
+        ..ClipConfig::default()
+    };
+    let found = build_pattern(&detections(truth.dots(), &short).frames, None, &config).unwrap();
+    assert!(
+        matches!(found, Err(UnknownRejection::TooFewFrames { .. })),
+        "{found:?}"
+    );
+    let still = ClipConfig {
+        step: 0.002,
+        precession: 0.0,
+        ..ClipConfig::default()
+    };
+    let found = build_pattern(&detections(truth.dots(), &still).frames, None, &config).unwrap();
+    assert!(
+        matches!(found, Err(UnknownRejection::NotCovered { .. })),
+        "{found:?}"
+    );
+    let clip = detections(truth.dots(), &ClipConfig::default());
+    let found = build_pattern(&clip.frames, Some(19), &config).unwrap();
+    assert!(
+        matches!(found, Err(UnknownRejection::WrongNumber { found: 20, .. })),
+        "{found:?}"
+    );
+}
