@@ -32,6 +32,7 @@ mod identify;
 #[cfg(feature = "mark")]
 mod mark;
 mod output;
+mod report;
 mod sensitivity;
 mod simulate;
 mod spin;
@@ -72,6 +73,8 @@ enum Command {
     Design(design::Arguments),
     /// Measure how often a pattern is identified correctly, by Monte Carlo.
     Validate(validate::Arguments),
+    /// Make the page of a design's folder: report.html, to look at and to hand on.
+    Report(report::Arguments),
     /// Compare patterns on the same trials, side by side.
     Compare(compare::Arguments),
     /// Measure how the rates depend on the dots' noise and on the paper's alpha; data and plots.
@@ -120,6 +123,7 @@ pub fn main() -> ExitCode {
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),

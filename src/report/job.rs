@@ -24,6 +24,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use super::page::DesignPage;
 use super::{DesignEvaluation, EvaluationConfig, evaluate};
 use crate::design::checkpoint::SearchState;
 use crate::design::{DesignConfig, DesignObserver, Stage, design};
@@ -130,6 +131,7 @@ impl DesignJob {
         found.write(&self.dir, &self.stencil)?;
         observer.step("making the stencil");
         found.write_stencil(&self.dir, &self.stencil)?;
+        DesignPage::read(&self.dir)?.write(&self.dir)?;
         Ok(found)
     }
 

@@ -9,6 +9,7 @@ pub mod compare;
 #[cfg(feature = "plot")]
 mod compare_plots;
 mod job;
+pub mod page;
 #[cfg(feature = "plot")]
 pub mod plots;
 
