@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::one_of;
+use super::output::{one_of, quoted};
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
@@ -23,7 +23,7 @@ pub struct Arguments {
     /// Patterns (CSV of unit vectors x,y,z) or hash tables (.npz); at least two.
     #[arg(value_name = "PATTERN_OR_TABLE", required = true)]
     inputs: Vec<PathBuf>,
-    /// Write comparison.json and the plots to this folder.
+    /// Write report.html, comparison.json and the plots to this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Trials per protocol.
@@ -38,6 +38,19 @@ pub struct Arguments {
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
+}
+
+impl Arguments {
+    /// The command that repeats the comparison.
+    fn command(&self) -> String {
+        let mut words = vec!["spindoe compare".to_owned()];
+        words.extend(self.inputs.iter().map(|p| quoted(&p.to_string_lossy())));
+        words.push(format!("--samples {} --seed {}", self.samples, self.seed));
+        if let Some(recognizer) = self.recognizer {
+            words.push(format!("--recognizer {recognizer}"));
+        }
+        words.join(" ")
+    }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -73,6 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         files::write_bytes(&dir.join("comparison.json"), &json)?;
         #[cfg(feature = "plot")]
         found.write_plots(dir, &entries)?;
+        found.write_page(dir, &entries, &arguments.command())?;
     }
     if arguments.json {
         return print_json(&found);

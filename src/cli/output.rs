@@ -82,3 +82,13 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 }
+
+/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single
+/// quotes.
+pub(super) fn quoted(word: &str) -> String {
+    let harmless = |c: char| c.is_ascii_alphanumeric() || "_-./,:=+@%".contains(c);
+    if !word.is_empty() && word.chars().all(harmless) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}

@@ -64,15 +64,17 @@ fn hole(text: &str) -> std::result::Result<Hole, String> {
 }
 
 /// Names of the files that this command writes.
-const FILES: [&str; 6] = [
+const FILES: [&str; 7] = [
     "half_a.stl",
     "half_b.stl",
     "stencil.3mf",
     "stencil.json",
-    PICTURE,
+    "stencil.png",
+    "stencil.svg",
     COUPON,
 ];
-const PICTURE: &str = "stencil.png";
+#[cfg(feature = "plot")]
+const PICTURE: &str = "stencil";
 const COUPON: &str = "coupon.stl";
 
 /// Declares the sizes that can be set: flag, unit, and the library's field, converted where units
@@ -192,7 +194,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     {
         let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-        crate::plot::stencil_views(&dir.join(PICTURE), &stencil, &title)?;
+        crate::report::plots::in_each_format(dir, PICTURE, |path| {
+            crate::plot::stencil_views(path, &stencil, &title)
+        })?;
     }
     print_words(&stencil);
     outln!("written to {}", dir.display());

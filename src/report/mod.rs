@@ -256,7 +256,7 @@ fn validate_all(
     Ok(found)
 }
 
-/// The sensitivity sweeps in the `paper` protocol, without times.
+/// The sensitivity sweeps in the search's own protocol, without times.
 fn sweep(
     table: &HashTable,
     config: &DesignConfig,
@@ -267,8 +267,7 @@ fn sweep(
         seed: config.report_seed(),
         ..evaluation.sensitivity.clone()
     };
-    let paper = Protocol::standard(ProtocolName::Paper);
-    let mut points = sensitivity(table, &paper, &sweep, &mut |p| {
+    let mut points = sensitivity(table, &config.protocol, &sweep, &mut |p| {
         says(&format!(
             "sensitivity: {} = {}, recognizer {}",
             p.parameter.as_str(),
@@ -317,7 +316,9 @@ impl DesignEvaluation {
         #[cfg(feature = "plot")]
         {
             let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-            crate::plot::stencil_views(&dir.join("stencil.png"), &stencil, &title)?;
+            plots::in_each_format(&dir, "stencil", |path| {
+                crate::plot::stencil_views(path, &stencil, &title)
+            })?;
         }
         Ok(())
     }

@@ -83,6 +83,7 @@ fn curves(scale: RateScale) -> CurvePlot {
             RateScale::Failure => "orientation not found".into(),
         },
         scale,
+        log_x: false,
         series: series
             .map(|(name, c)| RateSeries {
                 name: name.into(),

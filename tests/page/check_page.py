@@ -207,6 +207,10 @@ def check_print(page, checks, path, shots):
             for image in p.images
             if image["top"] < -1 or image["bottom"] > p.height + 1 or image["x1"] > p.width + 1
         ]
+        # The stage's background with a ball in it: what is blank on paper would be white only.
+        sheets = [p.to_image(resolution=50).original.convert("RGB") for p in document.pages]
+        warm = sum(n for sheet in sheets for n, c in sheet.getcolors(1 << 20) if 120 < c[0] and 8 < c[0] - c[2] < 60)
+    checks.that(warm > 4000, f"the ball is on paper ({warm} pixels of its color)")
     checks.that(sizes == {(595, 842)}, f"the print has whole A4 pages {sizes}")
     squeezed = "".join(words.split())
     checks.that(all("".join(h.split()) in squeezed for h in heads), "every section is printed")

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use crate::cli::output::one_of;
+use crate::cli::output::{one_of, quoted};
 use crate::design::feasible::packed_separation;
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName};
@@ -328,16 +328,6 @@ impl Arguments {
         }
         words.join(" ")
     }
-}
-
-/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single
-/// quotes.
-fn quoted(word: &str) -> String {
-    let harmless = |c: char| c.is_ascii_alphanumeric() || "_-./,:=+@%".contains(c);
-    if !word.is_empty() && word.chars().all(harmless) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 /// Parses `MEAN,WORST`.

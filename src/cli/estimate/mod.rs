@@ -3,6 +3,8 @@
 mod output;
 #[cfg(feature = "plot")]
 mod overlay;
+#[cfg(feature = "plot")]
+mod page;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -73,6 +75,10 @@ pub struct Arguments {
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
+    /// Write a page to look at: frames, orientations over time, the spin, rejected frames.
+    #[cfg(feature = "plot")]
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// The ball's outline in all frames: center and radius in pixels [default: detected].
     #[arg(
         long,
@@ -157,7 +163,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let estimator = arguments.estimator(&pattern)?;
     let config = arguments.batch()?;
     #[cfg(feature = "plot")]
-    let wanted = arguments.overlay.is_some();
+    let wanted = arguments.overlay.is_some() || arguments.report.is_some();
     #[cfg(not(feature = "plot"))]
     let wanted = false;
     #[cfg(feature = "plot")]
@@ -173,6 +179,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
         overlay::draw(dir, &estimator, &batch)?;
+    }
+    #[cfg(feature = "plot")]
+    if let Some(path) = &arguments.report {
+        page::write(path, &estimator, &pattern, &batch, arguments.max_spin_rps)?;
     }
     let report = Report {
         arguments,

@@ -84,12 +84,12 @@ function values(heads, rows) {
  * Returns the figure; its `mark(x, label)` moves the one mark.
  */
 function curves(spec) {
-  const host = el("div"), fx = spec.x.format || short, fy = spec.y.format || short;
+  const host = el("div"), fx = spec.x.format || short, fy = spec.y.format || short, ty = spec.y.tick || fy;
   let mark = spec.mark || null;
   const words = (s, p) => `${s.name}\n${spec.x.label}: ${fx(p.x)}\n${spec.y.label}: ${fy(p.y)}` +
     (p.low === undefined ? "" : ` [${fy(p.low)}, ${fy(p.high)}]`) + (p.note ? "\n" + p.note : "");
   const draw = (width) => {
-    const height = Math.round(Math.max(230, width * 0.56)), left = 58, right = 14, top = 14, bottom = 46;
+    const height = Math.round(Math.max(230, width * 0.56)), left = 66, right = 14, top = 14, bottom = 46;
     const all = spec.series.flatMap((s) => s.points);
     const range = (axis, pick) => {
       const v = all.flatMap(pick).filter(Number.isFinite);
@@ -102,7 +102,7 @@ function curves(spec) {
     const px = (v) => left + X.at(v) * (width - left - right), py = (v) => height - bottom - Y.at(v) * (height - top - bottom);
     const svg = el("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", tabindex: 0, "aria-label": spec.title + ". Arrow keys go through the values." });
     for (const t of Y.ticks) svg.append(el("line", { class: "grid", x1: left, x2: width - right, y1: py(t), y2: py(t) }),
-      el("text", { x: left - 8, y: py(t) + 4, "text-anchor": "end", text: fy(t) }));
+      el("text", { x: left - 8, y: py(t) + 4, "text-anchor": "end", text: ty(t) }));
     for (const t of X.ticks) svg.append(el("line", { class: "axis", x1: px(t), x2: px(t), y1: height - bottom, y2: height - bottom + 5 }),
       el("text", { x: px(t), y: height - bottom + 19, "text-anchor": "middle", text: fx(t) }));
     svg.append(el("line", { class: "axis", x1: left, x2: width - right, y1: height - bottom, y2: height - bottom }),
@@ -124,7 +124,7 @@ function curves(spec) {
     if (mark && X.at(mark.x) >= 0 && X.at(mark.x) <= 1) {
       const x = px(mark.x), end = X.at(mark.x) > 0.6;
       svg.append(el("line", { class: "mark", x1: x, x2: x, y1: top, y2: height - bottom, stroke: "var(--seam)", "stroke-width": 2, "stroke-dasharray": "6 4" }),
-        el("text", { x: x + (end ? -6 : 6), y: top + 10, "text-anchor": end ? "end" : "start", style: "fill:var(--seam);font-weight:600", text: mark.label }));
+        el("text", { x: x + (end ? -6 : 6), y: height - bottom - 8, "text-anchor": end ? "end" : "start", style: "fill:var(--seam);font-weight:600", text: mark.label }));
     }
     inspect(svg, seen, [width, height]);
     return svg;

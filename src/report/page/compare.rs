@@ -45,7 +45,13 @@ impl Comparison {
             patterns: patterns
                 .map(|(measures, entry)| ComparedPattern {
                     measures,
-                    dots: entry.table.pattern().dots().iter().map(|d| (*d).into()).collect(),
+                    dots: entry
+                        .table
+                        .pattern()
+                        .dots()
+                        .iter()
+                        .map(|d| (*d).into())
+                        .collect(),
                 })
                 .collect(),
             contests: &self.contests,

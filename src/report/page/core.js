@@ -52,6 +52,8 @@ function percent(rate) {
   const digits = Math.min(4, Math.max(1, Math.ceil(1 - Math.log10(rest))));
   return value.toFixed(digits) + " %";
 }
+/** For ticks, which are round. */
+const wholePercent = (v) => short(100 * v) + " %";
 const interval = (p) => `${percent(p.rate)} [${percent(p.low).slice(0, -2)}, ${percent(p.high).slice(0, -2)}]`;
 
 /** The value of a color variable of the page. */

@@ -194,7 +194,7 @@ function sensitivitySection(d) {
       }
     return out;
   };
-  const axis = { label: "success", format: percent, high: 1 };
+  const axis = { label: "success", format: percent, tick: wholePercent, high: 1 };
   const sigma = swept("sigma_deg"), alpha = swept("alpha");
   const charts = el("div", { class: "two" });
   const chart = sigma.length ? curves({ title: "Noise of a dot", x: { label: "sigma [deg]" }, y: axis, series: lines(sigma), note: d.sigma_per_noise > 1 ? "Shaded: 95 % intervals. Sigma is the angle of a rotation about a random axis: \u221a3 times a dot's noise per axis." : "Shaded: 95 % intervals." }) : null;
@@ -247,7 +247,7 @@ function searchSection(d) {
     const series = [];
     if (rounds.length) series.push({ name: "rounds of the search", color: "var(--c0)", points: rounds.map(point) });
     if (polish.length) series.push({ name: "polishing", color: "var(--c1)", points: polish.map(point) });
-    charts.append(curves({ title: "The best so far", x: { label: "time [min]" }, y: { label: `\u201c${s.protocol}\u201d views that fail`, format: percent, low: 0 }, series, note: "On trials of their own that select nothing." }));
+    charts.append(curves({ title: "The best so far", x: { label: "time [min]" }, y: { label: `\u201c${s.protocol}\u201d views that fail`, format: percent, tick: wholePercent, low: 0 }, series, note: "On trials of their own that select nothing." }));
   } else if (s.milestones.length) node.append(el("p", { text: `After ${fixed(minutes(s.milestones[0]), 1)} minutes, one round: ${interval(s.milestones[0].identity)} of ${s.milestones[0].identity.trials} \u201c${s.protocol}\u201d views identified.` }));
   if (s.finalists.length) charts.append(el("figure", {}, el("h3", { text: "Finalists" }), table(["start", "objective", "identified [95 %]"],
     s.finalists.slice(0, 10).map((f) => [String(f.start), fixed(f.value, 4), f.identity ? interval(f.identity) : "\u2013"])), el("figcaption", { text: "Rates on the selection's trials, by which the first was chosen: they flatter it." })));

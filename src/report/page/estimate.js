@@ -83,7 +83,7 @@ function overTime(d) {
     charts.append(curves({ title: `Where the pattern's ${name} axis points`, x: { label: "time [ms]" }, y: { label: "component", low: -1, high: 1, format: (v) => fixed(v, 1) }, series, note: d.spin ? "Points: estimated orientations. Lines: the spin's prediction." : "Points: estimated orientations." }));
   });
   if (d.spin) charts.append(curves({ title: "Distance from the spin's prediction", x: { label: "time [ms]" }, y: { label: "angle [deg]", low: 0 }, series: [{ name: "frames", color: "var(--c0)", line: false, points: timed.map((f) => ({ x: ms(f), y: apart(fromQuaternion(f.orientation_wxyz), predicted(d.spin, f.time_s)), note: f.name })) }] }));
-  charts.append(curves({ title: "Probability that the orientation is correct", x: { label: "time [ms]" }, y: { label: "confidence", format: percent, low: 0, high: 1 }, series: [{ name: "frames", color: "var(--c2)", line: false, points: timed.map((f) => ({ x: ms(f), y: f.confidence, note: f.name })) }] }));
+  charts.append(curves({ title: "Probability that the orientation is correct", x: { label: "time [ms]" }, y: { label: "confidence", format: percent, tick: wholePercent, low: 0, high: 1 }, series: [{ name: "frames", color: "var(--c2)", line: false, points: timed.map((f) => ({ x: ms(f), y: f.confidence, note: f.name })) }] }));
   node.append(charts);
 }
 

@@ -1,4 +1,5 @@
-// A turnable view, orthographic: a ball whose dots are computed pixel by pixel, and shaded meshes.
+// A turnable view, orthographic: a ball whose dots are computed pixel by pixel, and shaded meshes. One
+// hidden WebGL canvas draws for all views, whose own canvases are plain pictures: these print.
 
 const MAX_DOTS = 64, MAX_ZONES = 8;
 
@@ -122,28 +123,16 @@ class View {
   constructor(label, scene, { turn = IDENTITY, hover = null, key = null } = {}) {
     this.scene = scene; this.first = turn; this.turn = turn; this.zoom = 1; this.hover = hover; this.key = key;
     this.canvas = el("canvas", { class: "view", tabindex: 0, role: "img", "aria-label": label });
-    this.over = el("canvas", { class: "over", "aria-hidden": true });
-    this.node = el("div", { class: "stage" }, this.canvas, this.over);
-    this.buffers = new Map();
-    const gl = this.gl = this.canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: false, preserveDrawingBuffer: true });
-    if (!gl) {
+    this.node = el("div", { class: "stage" }, this.canvas);
+    this.stage = View.stage ??= new Stage();
+    if (!this.stage.gl) {
       this.node.replaceChildren(el("p", { class: "notice", text: "This view needs WebGL 2, which this browser does not offer." }));
       return;
     }
-    this.ballProgram = program(gl, BALL_VERTEX, BALL_FRAGMENT);
-    this.meshProgram = program(gl, MESH_VERTEX, MESH_FRAGMENT);
-    this.quad = this.buffer(new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]));
     this.listen();
     RESTYLED.push(() => this.draw());
     new ResizeObserver(() => this.draw()).observe(this.node);
     addEventListener("beforeprint", () => this.paint());
-  }
-
-  buffer(data) {
-    const made = this.gl.createBuffer();
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, made);
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, data, this.gl.STATIC_DRAW);
-    return made;
   }
 
   listen() {
@@ -201,23 +190,70 @@ class View {
 
   /** Asks for a picture; several in a row make one. */
   draw() {
-    if (this.asked || !this.gl) return;
+    if (this.asked || !this.stage.gl) return;
     this.asked = true;
     requestAnimationFrame(() => { this.asked = false; this.paint(); });
   }
 
   paint() {
-    const gl = this.gl, width = this.node.clientWidth, height = this.node.clientHeight;
-    if (!gl || !width || !height) return;
-    const dense = Math.min(2, Math.max(1.5, devicePixelRatio));
-    for (const c of [this.canvas, this.over]) {
-      const size = [Math.round(width * dense), Math.round(height * dense)];
-      if (c.width !== size[0] || c.height !== size[1]) { c.width = size[0]; c.height = size[1]; }
-    }
+    const width = this.node.clientWidth, height = this.node.clientHeight;
+    if (!this.stage.gl || !width || !height) return;
+    const dense = Math.min(2, Math.max(1.5, devicePixelRatio)), size = [Math.round(width * dense), Math.round(height * dense)];
+    if (this.canvas.width !== size[0] || this.canvas.height !== size[1]) { this.canvas.width = size[0]; this.canvas.height = size[1]; }
     const drawn = this.drawn = this.scene(this), least = Math.min(width, height);
     this.reach = [drawn.reach * width / least / this.zoom, drawn.reach * height / least / this.zoom];
+    const ink = this.canvas.getContext("2d");
+    ink.setTransform(1, 0, 0, 1, 0, 0);
+    ink.drawImage(this.stage.paint(drawn, this.turn, this.reach, size), 0, 0);
+    ink.setTransform(dense, 0, 0, dense, 0, 0);
+    this.paintOver(ink, drawn, width, height);
+    this.canvas.dataset.turn = this.turn.map((c) => c.toFixed(4)).join(",");
+  }
+
+  paintOver(ink, drawn, width, height) {
+    const place = (v) => { const q = times(this.turn, v); return [(q[0] / this.reach[0] + 1) * width / 2, (1 - q[1] / this.reach[1]) * height / 2]; };
+    ink.lineCap = "round";
+    for (const line of drawn.lines || []) {
+      const [a, b] = [place(line.from), place(line.to)];
+      ink.strokeStyle = css(line.color); ink.lineWidth = line.width || 2;
+      ink.beginPath(); ink.moveTo(a[0], a[1]); ink.lineTo(b[0], b[1]); ink.stroke();
+    }
+    ink.textAlign = "center"; ink.textBaseline = "middle";
+    for (const label of drawn.labels || []) {
+      const [x, y] = place(label.at), [dx, dy] = label.offset || [0, 0];
+      ink.font = `600 ${label.size || 13}px system-ui, sans-serif`;
+      ink.fillStyle = label.color.startsWith("--") ? css(label.color) : label.color;
+      ink.fillText(label.text, x + dx, y + dy);
+    }
+  }
+}
+
+/** The WebGL canvas that draws scenes. */
+class Stage {
+  constructor() {
+    this.canvas = el("canvas");
+    const gl = this.gl = this.canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: false, preserveDrawingBuffer: true });
+    if (!gl) return;
+    this.buffers = new Map();
+    this.ballProgram = program(gl, BALL_VERTEX, BALL_FRAGMENT);
+    this.meshProgram = program(gl, MESH_VERTEX, MESH_FRAGMENT);
+    this.quad = this.buffer(new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]));
+  }
+
+  buffer(data) {
+    const made = this.gl.createBuffer();
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, made);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, data, this.gl.STATIC_DRAW);
+    return made;
+  }
+
+  /** Draws a scene seen through `turn`, `reach` to either side, and returns the canvas. */
+  paint(drawn, turn, reach, size) {
+    const gl = this.gl;
+    if (this.canvas.width !== size[0] || this.canvas.height !== size[1]) { this.canvas.width = size[0]; this.canvas.height = size[1]; }
+    this.turn = turn; this.reach = reach;
     const depth = 4 * drawn.reach;
-    gl.viewport(0, 0, this.canvas.width, this.canvas.height);
+    gl.viewport(0, 0, size[0], size[1]);
     gl.clearColor(...rgb("--stage"), 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
@@ -225,8 +261,7 @@ class View {
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     for (const part of drawn.meshes || []) this.paintMesh(part, depth);
     if (drawn.ball) this.paintBall(drawn.ball, depth);
-    this.paintOver(drawn, dense, width, height);
-    this.canvas.dataset.turn = this.turn.map((c) => c.toFixed(4)).join(",");
+    return this.canvas;
   }
 
   paintMesh({ mesh, turn, shift, paint }, depth) {
@@ -274,40 +309,20 @@ class View {
     for (const [name, color] of [["cBall", "--ball"], ["cDot", "--dot"], ["cZone", "--zone"], ["cSeam", "--seam"], ["cChosen", "--accent"]]) gl.uniform3fv(at(name), rgb(color));
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   }
-
-  paintOver(drawn, dense, width, height) {
-    const ink = this.over.getContext("2d");
-    ink.setTransform(dense, 0, 0, dense, 0, 0);
-    ink.clearRect(0, 0, width, height);
-    const place = (v) => { const q = times(this.turn, v); return [(q[0] / this.reach[0] + 1) * width / 2, (1 - q[1] / this.reach[1]) * height / 2, q[2]]; };
-    ink.lineCap = "round";
-    for (const line of drawn.lines || []) {
-      const [a, b] = [place(line.from), place(line.to)];
-      ink.strokeStyle = css(line.color); ink.lineWidth = line.width || 2;
-      ink.beginPath(); ink.moveTo(a[0], a[1]); ink.lineTo(b[0], b[1]); ink.stroke();
-    }
-    ink.textAlign = "center"; ink.textBaseline = "middle";
-    for (const label of drawn.labels || []) {
-      const [x, y] = place(label.at);
-      ink.font = `600 ${label.size || 13}px system-ui, sans-serif`;
-      ink.fillStyle = label.color.startsWith("--") ? css(label.color) : label.color;
-      ink.fillText(label.text, x, y);
-    }
-  }
 }
 
 /** Labels of a ball's dots that face the viewer: white on the dot where it is large enough, else beside it. */
 function dotLabels(view, ball, reach) {
-  const out = multiply(view.turn, ball.turn), scale = Math.min(view.node.clientWidth, view.node.clientHeight) / 2 / reach * view.zoom;
-  const large = Math.sin(ball.dotAngle) * ball.radius * scale > 9;
+  const out = multiply(view.turn, ball.turn), scale = Math.min(view.node.clientWidth, view.node.clientHeight) / 2 / reach * view.zoom * ball.radius;
+  const large = Math.sin(ball.dotAngle) * scale;
   return ball.dots.flatMap((d, i) => {
-    const seen = times(out, d);
-    if (seen[2] < 0.18) return [];
-    const beside = large && seen[2] > 0.45 ? 0 : ball.dotAngle + 11 / scale / ball.radius;
-    // Beside means upwards on the picture, along the ball.
-    const axis = [1, 0, 0], p = beside ? times(rotation(axis, -beside), seen) : seen;
-    const at = times(transpose(view.turn), p.map((c) => c * ball.radius)).map((c, k) => c + ball.center[k]);
-    return [{ at, text: String(i), color: beside ? (document.documentElement.dataset.theme === "dark" ? "#20242c" : "#1d2330") : "#ffffff", size: 13 }];
+    const seen = times(out, d), z = seen[2], text = String(i), size = 13;
+    if (z < 0.1) return [];
+    const at = times(ball.turn, d).map((c, k) => c * ball.radius + ball.center[k]);
+    if (large * z > 4.5 * text.length + 2.5) return [{ at, text, color: "#ffffff", size }];
+    // Beside it, towards the ball's middle: its rim is an ellipse that is narrow in that direction.
+    const side = Math.hypot(seen[0], seen[1]) || 1, by = large * z + 10;
+    return [{ at, text, color: "#1d2330", size, offset: [-seen[0] / side * by, seen[1] / side * by] }];
   });
 }
 
