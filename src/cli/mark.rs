@@ -40,7 +40,7 @@ pub struct Arguments {
     #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().dot_diameter_mm, allow_negative_numbers = true)]
     dot_diameter_mm: f64,
     /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in
-    /// degrees. May be repeated.
+    /// degrees. May be repeated. By default the zones that stand beside the pattern.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = cone, allow_hyphen_values = true)]
     keep_out: Vec<KeepOut>,
     /// Number of lobes, 12 to 24.
@@ -142,11 +142,16 @@ impl Format {
 }
 
 impl Arguments {
-    fn config(&self) -> MarkConfig {
+    /// Zones that are asked for, else those of the pattern.
+    fn config(&self, pattern: &Pattern) -> MarkConfig {
+        let zones = match self.keep_out.is_empty() {
+            true => pattern.keep_out().to_vec(),
+            false => self.keep_out.clone(),
+        };
         MarkConfig {
             ball_diameter_mm: self.ball_diameter_mm,
             dot_diameter_mm: self.dot_diameter_mm,
-            keep_out: self.keep_out.clone(),
+            keep_out: zones,
         }
     }
 
@@ -171,7 +176,7 @@ impl Arguments {
     }
 
     fn drawing(&self, pattern: &Pattern, format: Format) -> Result<Drawing> {
-        let (config, page) = (self.config(), self.page(format));
+        let (config, page) = (self.config(pattern), self.page(format));
         match self.method {
             Method::Gores => {
                 let lobes = GoreConfig {
@@ -203,7 +208,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Format::Pdf => pdf_bytes(&drawing),
         Format::Dxf => dxf_text(&drawing).into_bytes(),
         Format::Gcode => {
-            plotter_program(&pattern, &arguments.config(), &arguments.plotter())?.into_bytes()
+            plotter_program(&pattern, &arguments.config(&pattern), &arguments.plotter())?.into_bytes()
         }
     };
     files::write_bytes(&arguments.output, &bytes)?;

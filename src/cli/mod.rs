@@ -213,7 +213,7 @@ fn read_table(path: &Path) -> Result<HashTable> {
     if is_archive {
         HashTable::from_npz(path, &bytes)
     } else {
-        let pattern = Pattern::from_csv(path, &bytes)?;
+        let pattern = Pattern::read_csv(path)?;
         HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())
     }
 }

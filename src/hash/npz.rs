@@ -98,6 +98,9 @@ impl HashTable {
             );
             return Err(Problem::at("meta", problem));
         }
+        let pattern = pattern
+            .with_keep_out(meta.keep_out.clone())
+            .map_err(|e| Problem::at("meta", e.to_string()))?;
         let arrays = read_columns(&mut archive)?;
         check_features(&pattern, &arrays, &meta)?;
         Self::assemble(pattern, arrays, meta).map_err(|e| Problem::at("features", e.to_string()))

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::features::{Basis, PairRule};
 use crate::error::{Error, Result};
-use crate::pattern::Pattern;
+use crate::pattern::{KeepOut, Pattern};
 
 /// Version of the file format that this crate reads and writes.
 pub const FORMAT_VERSION: u32 = 1;
@@ -107,6 +107,9 @@ pub struct TableMeta {
     /// The validation result that the table shipped with.
     #[serde(default)]
     pub validation: Option<serde_json::Value>,
+    /// The pattern's zones without dots.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub keep_out: Vec<KeepOut>,
 }
 
 /// A feature found near a query.
@@ -151,6 +154,7 @@ impl HashTable {
             pair_rule: rule,
             objective: None,
             validation: None,
+            keep_out: pattern.keep_out().to_vec(),
         };
         Self::assemble(pattern, arrays, meta)
     }

@@ -171,7 +171,10 @@ impl DesignObserver for Keeper<'_> {
         if let Some(best) = state.best(stage)
             && self.saved.as_ref() != Some(&best.dots)
         {
-            best.pattern()?.write_csv(&self.path(PATTERN))?;
+            let zones = self.job.config.constraints.keep_out.clone();
+            best.pattern()?
+                .with_keep_out(zones)?
+                .write_csv(&self.path(PATTERN))?;
             self.saved = Some(best.dots.clone());
         }
         self.observer.progress(state, stage)

@@ -165,7 +165,8 @@ pub fn evaluate(
     says: &mut dyn FnMut(&str),
 ) -> Result<DesignEvaluation> {
     let best = &outcome.best;
-    let pattern = &best.pattern()?;
+    let zones = config.constraints.keep_out.clone();
+    let pattern = &best.pattern()?.with_keep_out(zones)?;
     let mut table = HashTable::build(
         pattern.clone(),
         PairRule::default(),

@@ -95,6 +95,8 @@ impl Stencil {
             "dots_in_half_b": indices(HoleSide::B),
             "dots_through_both_rims": indices(HoleSide::Both),
             "dots": dots.collect::<Vec<_>>(),
+            "windows": self.layout.windows,
+            "zones_without_window": self.layout.closed,
             "half_a": half(0),
             "half_b": half(1),
             "parameters": self.parameters()?,

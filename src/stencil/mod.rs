@@ -5,7 +5,7 @@
 //! z = 0 of the *stencil frame*. The shell between two spheres is parted there into half A (z > 0)
 //! and half B (z < 0), whose rims overlap by a narrow band and meet in a cone ([`Joint`]); a
 //! tapered tool is subtracted for each dot by mesh booleans. A dot near the seam leaves matching
-//! holes in both rims. Slivers are removed.
+//! holes in both rims. Zones that the pattern keeps free of dots become windows. Slivers are removed.
 //!
 //! Guaranteed: each half is one closed, oriented 2-manifold that does not intersect itself and has
 //! exactly the expected holes, after rounding to the 32-bit floats of STL. Not guaranteed: that a
@@ -50,6 +50,7 @@ mod seam;
 pub mod shapes;
 mod solid;
 mod threemf;
+mod windows;
 
 pub use config::StencilConfig;
 pub use export::stl_bytes;
@@ -57,6 +58,7 @@ pub use joint::Joint;
 pub use marks::DotNumber;
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
 pub use seam::{Seam, max_margin_seam};
+pub use windows::{ClosedZone, Window};
 
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, angle_between};
@@ -157,7 +159,7 @@ impl Plan {
         config.validate()?;
         let joint = Joint::new(config)?;
         check_overlaps(pattern.dots(), config)?;
-        let layout = Layout::choose(pattern.dots(), config, &joint)?;
+        let layout = Layout::choose(pattern, config, &joint)?;
         Ok(Self { joint, layout })
     }
 }
@@ -251,6 +253,16 @@ impl Stencil {
     /// For each dot, the half that holds its hole.
     pub fn sides(&self) -> &[HoleSide] {
         &self.sides
+    }
+
+    /// Openings over the pattern's zones without dots.
+    pub fn windows(&self) -> &[Window] {
+        &self.layout.windows
+    }
+
+    /// Zones for whose window there is no space: arrows point to them.
+    pub fn closed_zones(&self) -> &[ClosedZone] {
+        &self.layout.closed
     }
 
     /// Halves A and B, each rim down.
@@ -362,6 +374,8 @@ fn marks(
     if name == HalfName::A {
         obstacles.extend(layout::tab_points(config, joint));
     }
+    let windows = layout.windows.iter().filter(|w| w.half == name);
+    obstacles.extend(windows.flat_map(|w| w.points(config)));
     let around = marks::Surroundings {
         holes: &holes,
         obstacles: &obstacles,
@@ -392,6 +406,12 @@ fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) 
                 .iter()
                 .map(|d| name.own_frame(d))
                 .zip(layout.cuts.iter().map(|c| c[name as usize]))
+                .collect(),
+            windows: layout
+                .windows
+                .iter()
+                .filter(|w| w.half == name)
+                .map(|w| (name.own_frame(&w.axis), w.radius_mm))
                 .collect(),
             marks: marks.tools.clone(),
         };

@@ -100,7 +100,7 @@ impl EstimatePage {
         };
         Ok(Self {
             dots: pattern.dots().iter().map(|d| (*d).into()).collect(),
-            keep_out: Vec::new(),
+            keep_out: pattern.keep_out().to_vec(),
             frames,
             spin: outcome
                 .and_then(|spin| spin.as_ref().ok())
