@@ -97,11 +97,20 @@ enum Method {
 
 /// Paper sizes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Paper {
+pub(super) enum Paper {
     /// 210 x 297 mm.
     A4,
     /// 8.5 x 11 inches.
     Letter,
+}
+
+impl From<Paper> for PageSize {
+    fn from(paper: Paper) -> Self {
+        match paper {
+            Paper::A4 => Self::A4,
+            Paper::Letter => Self::Letter,
+        }
+    }
 }
 
 /// File formats.
@@ -169,8 +178,7 @@ impl Arguments {
     /// Paper has bounds; other formats take one sheet.
     fn page(&self, format: Format) -> PageSize {
         match (format, self.page) {
-            (Format::Pdf, Paper::A4) => PageSize::A4,
-            (Format::Pdf, Paper::Letter) => PageSize::Letter,
+            (Format::Pdf, paper) => paper.into(),
             _ => PageSize::Sheet,
         }
     }

@@ -50,6 +50,35 @@ impl Words {
         Ok(Self::centered(outlines))
     }
 
+    /// An arrow that points upwards, `height` high.
+    pub fn arrow(height: f64) -> Self {
+        let h = 0.5 * height;
+        let corners = [
+            (-0.22, -1.0),
+            (0.22, -1.0),
+            (0.22, 0.15),
+            (0.65, 0.15),
+            (0.0, 1.0),
+            (-0.65, 0.15),
+            (-0.22, 0.15),
+        ];
+        Self {
+            outlines: vec![corners.map(|(x, y)| (h * x, h * y)).to_vec()],
+            half_width: 0.65 * h,
+            half_height: h,
+        }
+    }
+
+    /// A bar across, `width` by `height`.
+    pub fn bar(width: f64, height: f64) -> Self {
+        let (w, h) = (0.5 * width, 0.5 * height);
+        Self {
+            outlines: vec![vec![(-w, -h), (w, -h), (w, h), (-w, h)]],
+            half_width: w,
+            half_height: h,
+        }
+    }
+
     fn centered(mut outlines: Vec<Vec<(f64, f64)>>) -> Self {
         let (mut low, mut high) = ((f64::MAX, f64::MAX), (f64::MIN, f64::MIN));
         for p in outlines.iter().flatten() {

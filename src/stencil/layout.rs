@@ -50,6 +50,8 @@ pub(super) struct Layout {
     pub cuts: Vec<[Cut; 2]>,
     /// Minimum distance of a hole from hinge or tab, mm.
     pub clearance_mm: f64,
+    /// The zones without dots, in the stencil's frame.
+    pub zones: Vec<KeepOut>,
     /// Openings over the zones without dots.
     pub windows: Vec<Window>,
     /// Zones for which there is none.
@@ -337,6 +339,7 @@ fn try_seam(
             dots,
             cuts,
             clearance_mm,
+            zones: Vec::new(),
             windows: Vec::new(),
             closed: Vec::new(),
         },
@@ -367,7 +370,7 @@ impl Layout {
             tab: &obstacles.tab.points,
         };
         let (open, closed) = windows::windows(&turned, &around, config, joint);
-        (self.windows, self.closed) = (open, closed);
+        (self.zones, self.windows, self.closed) = (turned, open, closed);
         self
     }
 

@@ -46,23 +46,25 @@ mod layout;
 mod marks;
 mod mesh;
 mod parts;
+mod pin;
 mod seam;
 pub mod shapes;
 mod solid;
 mod threemf;
 mod windows;
 
-pub use config::StencilConfig;
+pub use config::{Closure, StencilConfig};
 pub use export::stl_bytes;
 pub use joint::Joint;
-pub use marks::DotNumber;
+pub use marks::{DotNumber, Label};
+pub use pin::pin;
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
 pub use seam::{Seam, max_margin_seam};
 pub use windows::{ClosedZone, Window};
 
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, angle_between};
-use crate::pattern::Pattern;
+use crate::pattern::{KeepOut, Pattern};
 use config::MIN_HOLE_MM;
 use layout::{Cut, Layout};
 use solid::Solid;
@@ -135,6 +137,8 @@ pub struct Half {
     pub numbers: Vec<DotNumber>,
     /// Dots of this half whose number found no place.
     pub unnumbered: Vec<usize>,
+    /// The half's name with the ball's diameter, and the pattern's id, where they found a place.
+    pub labels: Vec<Label>,
 }
 
 /// A stencil for one pattern.
@@ -208,8 +212,15 @@ impl Stencil {
             }
         });
         let sides = sides.collect();
-        let a = half(&layout, HalfName::A, config, &joint)?;
-        let b = half(&layout, HalfName::B, config, &joint)?;
+        let id: String = pattern.sha256().chars().take(marks::ID_DIGITS).collect();
+        let labels = |half: &str| {
+            [
+                format!("{half} Ø{}", config.ball_diameter_mm),
+                format!("#{id}"),
+            ]
+        };
+        let a = half(&layout, HalfName::A, &labels("A"), config, &joint)?;
+        let b = half(&layout, HalfName::B, &labels("B"), config, &joint)?;
         Ok(Self {
             config: config.clone(),
             joint,
@@ -253,6 +264,16 @@ impl Stencil {
     /// For each dot, the half that holds its hole.
     pub fn sides(&self) -> &[HoleSide] {
         &self.sides
+    }
+
+    /// The pattern's zones without dots, in the stencil's frame.
+    pub fn zones(&self) -> &[KeepOut] {
+        &self.layout.zones
+    }
+
+    /// Radius of the engraving's floor, mm.
+    pub fn engraving_radius_mm(&self) -> f64 {
+        self.config.outer_radius_mm() - marks::depth_mm(&self.config)
     }
 
     /// Openings over the pattern's zones without dots.
@@ -357,6 +378,7 @@ fn fitting(hole_diameter_mm: f64) -> String {
 fn marks(
     layout: &Layout,
     name: HalfName,
+    labels: &[String],
     config: &StencilConfig,
     joint: &Joint,
 ) -> Result<marks::Marks> {
@@ -380,12 +402,25 @@ fn marks(
         holes: &holes,
         obstacles: &obstacles,
     };
-    marks::numbers(&numbered, &around, config, joint)
+    let mut marks = marks::numbers(&numbered, &around, config, joint)?;
+    if config.numbers {
+        for zone in layout.closed.iter().filter(|z| name.holds(z.axis.z)) {
+            marks.add_arrow(&name.own_frame(&zone.axis), &around, config, joint)?;
+        }
+        marks.add_labels(labels, &around, config, joint)?;
+    }
+    Ok(marks)
 }
 
 /// Builds one half, lays it on the bed and checks it.
-fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) -> Result<Half> {
-    let marks = marks(layout, name, config, joint)?;
+fn half(
+    layout: &Layout,
+    name: HalfName,
+    labels: &[String],
+    config: &StencilConfig,
+    joint: &Joint,
+) -> Result<Half> {
+    let marks = marks(layout, name, labels, config, joint)?;
     let up = Vec3::new(0.0, 0.0, joint.lip_mm);
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"
@@ -427,6 +462,7 @@ fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) 
     outcome.map(|half| Half {
         numbers: marks.numbers,
         unnumbered: marks.left_out,
+        labels: marks.labels,
         ..half
     })
 }
@@ -452,5 +488,6 @@ fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
         through_holes,
         numbers: Vec::new(),
         unnumbered: Vec::new(),
+        labels: Vec::new(),
     })
 }

@@ -1,6 +1,6 @@
 """Opens pages of spindoe in headless Chromium and uses them as a person would.
 
-    python3 tests/page/check_page.py PAGE.html... [--shots DIR]
+    python3 python/check_page.py PAGE.html... [--shots DIR]
 
 Needs the Python package `playwright` and a Chromium: the system's (`chromium` on PATH) or Playwright's own. Where
 one is absent it says SKIPPED and exits with 77. Prints one line a check; exits with 1 where one fails.
