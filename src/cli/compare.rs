@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::{one_of, quoted};
+use super::output::{Counter, one_of, quoted};
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
 use crate::recognize::RecognizerName;
 use crate::report::compare::{Comparison, Entry, compare};
 use crate::stats::PairedDifference;
+use crate::validate::ProtocolName;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -72,13 +73,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(one) => vec![one],
         None => RecognizerName::ALL.to_vec(),
     };
+    let runs = entries.len() * recognizers.len() * ProtocolName::ALL.len();
+    let counter = Counter::new(runs as u64, "measurements");
     let found = compare(
         &entries,
         &recognizers,
         arguments.seed,
         arguments.samples,
-        &mut |what| errln!("{what}"),
+        &mut |what| {
+            counter.line(what);
+            counter.add(1);
+        },
     )?;
+    counter.finish();
     if let Some(dir) = &arguments.output {
         let mut json = serde_json::to_vec_pretty(&found)
             .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;

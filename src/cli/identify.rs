@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use super::output::Counter;
 use crate::error::{Error, Result};
 use crate::files::OutputFile;
 use crate::files::csv::shown;
@@ -162,6 +163,8 @@ struct Outputs<'a> {
     file: Option<OrientationWriter<BufWriter<OutputFile>>>,
     stdout: Stdout,
     tally: Tally,
+    /// Where the answers do not stand on the terminal themselves.
+    counter: Option<Counter>,
 }
 
 /// Content of standard output.
@@ -197,11 +200,18 @@ impl<'a> Outputs<'a> {
                 Stdout::Nothing
             },
             tally: Tally::default(),
+            counter: arguments
+                .output
+                .is_some()
+                .then(|| Counter::new(0, "frames")),
         })
     }
 
     /// Ends the outputs, and summarizes the frames.
     fn finish(self, input: &Path) -> Result<()> {
+        if let Some(counter) = &self.counter {
+            counter.finish();
+        }
         if let (Some(writer), Some(path)) = (self.file, &self.arguments.output) {
             let error = |e| Error::write(path, e);
             let buffer = writer.finish().map_err(error)?;
@@ -229,6 +239,9 @@ impl Sink<FrameAnswer> for Outputs<'_> {
             answer.outcome = Outcome::Unidentified(RecognizerRejection::NoHypothesis);
         }
         self.tally.count(&answer, is_doubtful);
+        if let Some(counter) = &self.counter {
+            counter.add(1);
+        }
         let row = row(&answer);
         if let (Some(file), Some(path)) = (&mut self.file, &self.arguments.output) {
             file.write(&row).map_err(|e| Error::write(path, e))?;

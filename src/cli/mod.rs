@@ -33,7 +33,10 @@ mod identify;
 mod mark;
 mod output;
 mod report;
+#[cfg(feature = "vision")]
+mod sample;
 mod sensitivity;
+mod shell;
 mod simulate;
 mod spin;
 #[cfg(feature = "plot")]
@@ -62,6 +65,9 @@ use crate::pattern::Pattern;
 #[derive(Debug, Parser)]
 #[command(name = "spindoe", version, about, max_term_width = 100)]
 struct Cli {
+    /// Show no progress; warnings and errors stay.
+    #[arg(short, long, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -105,6 +111,13 @@ enum Command {
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
     #[cfg(feature = "vision")]
     Export(export::Arguments),
+    /// Write a sample to try: a pattern, its table, and a clip of a spinning ball.
+    #[cfg(feature = "vision")]
+    Sample(sample::Arguments),
+    /// Print the completions of a shell.
+    Completions(shell::CompletionArguments),
+    /// Write the manual pages.
+    Man(shell::ManArguments),
     /// Check and summarize trajectories with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
 }
@@ -120,6 +133,7 @@ pub fn main() -> ExitCode {
         Ok(parsed) => parsed,
         Err(error) => return report_usage(&error),
     };
+    output::set_quiet(cli.quiet);
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
@@ -141,6 +155,10 @@ pub fn main() -> ExitCode {
         Command::Train(arguments) => export::name_training_program(&arguments),
         #[cfg(feature = "vision")]
         Command::Export(arguments) => export::run(&arguments),
+        #[cfg(feature = "vision")]
+        Command::Sample(arguments) => sample::run(&arguments),
+        Command::Completions(arguments) => shell::completions(&arguments),
+        Command::Man(arguments) => shell::man(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {

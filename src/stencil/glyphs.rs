@@ -42,7 +42,11 @@ impl Words {
                 shift: pen,
                 ..Flattened::default()
             };
-            face.outline_glyph(glyph, &mut flat).ok_or_else(missing)?;
+            // A space has no outline.
+            let drawn = face.outline_glyph(glyph, &mut flat);
+            if drawn.is_none() && !c.is_whitespace() {
+                return Err(missing());
+            }
             outlines.append(&mut flat.outlines);
             let advance = face.glyph_hor_advance(glyph).ok_or_else(missing)?;
             pen += scale * f64::from(advance) + TRACKING * height;

@@ -3,7 +3,7 @@
 //! A page is a template, a style sheet, scripts and one JSON object with the data, all in one file
 //! that opens without a network. The scripts draw: a ball to turn (each pixel's dot is computed in a
 //! fragment shader, so that rims are sharp at any size), shaded meshes, and charts as SVG with values
-//! on hover and by keyboard. They are the project's own, under 40 kB; a plotting library that does
+//! on hover and by keyboard. They are the project's own, some 90 kB; a plotting library that does
 //! the same (plotly.js) has 4.6 MB.
 //!
 //! Guaranteed: no reference to anything outside the file, and text from files never becomes markup.
