@@ -216,7 +216,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Format::Pdf => pdf_bytes(&drawing),
         Format::Dxf => dxf_text(&drawing).into_bytes(),
         Format::Gcode => {
-            plotter_program(&pattern, &arguments.config(&pattern), &arguments.plotter())?.into_bytes()
+            plotter_program(&pattern, &arguments.config(&pattern), &arguments.plotter())?
+                .into_bytes()
         }
     };
     files::write_bytes(&arguments.output, &bytes)?;

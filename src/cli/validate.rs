@@ -9,7 +9,9 @@ use super::{print_json, read_table};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::recognize::{RecognizerName, observed};
-use crate::validate::{NamedValidation, Protocol, ProtocolName, observed_frames, validate_named_observed};
+use crate::validate::{
+    NamedValidation, Protocol, ProtocolName, observed_frames, validate_named_observed,
+};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

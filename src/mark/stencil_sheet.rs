@@ -198,10 +198,30 @@ fn sections(stencil: &Stencil, page: PageSize, id: &str) -> Page {
         upright.section(mesh, Layer::Dots, |v| [v.x, v.z, v.y], None);
     }
     let d = |r: f64| format!("{:.2}", 2.0 * r);
-    upright.dimension((-inner, 0.0), (inner, 0.0), 0.0, format!("inside {}", d(inner)));
-    upright.dimension((outer, -outer), (outer, outer), -0.5 * (area[0] * 0.06) - 22.0, d(outer));
-    upright.dimension((0.0, outer), (j.axis_mm, outer), 6.0, format!("{:.2}", j.axis_mm));
-    upright.dimension((-tab, -outer), (hinge, -outer), -8.0, format!("{:.2}", tab + hinge));
+    upright.dimension(
+        (-inner, 0.0),
+        (inner, 0.0),
+        0.0,
+        format!("inside {}", d(inner)),
+    );
+    upright.dimension(
+        (outer, -outer),
+        (outer, outer),
+        -0.5 * (area[0] * 0.06) - 22.0,
+        d(outer),
+    );
+    upright.dimension(
+        (0.0, outer),
+        (j.axis_mm, outer),
+        6.0,
+        format!("{:.2}", j.axis_mm),
+    );
+    upright.dimension(
+        (-tab, -outer),
+        (hinge, -outer),
+        -8.0,
+        format!("{:.2}", tab + hinge),
+    );
     let mut plan = Figure::new(
         "Section along the seam (z = 0)",
         [(-tab, -outer), (hinge, outer)],
@@ -212,11 +232,31 @@ fn sections(stencil: &Stencil, page: PageSize, id: &str) -> Page {
         plan.section(mesh, Layer::Dots, |v| [v.x, v.y, v.z - 0.01], None);
     }
     let half = 0.5 * c.hinge_length_mm;
-    plan.dimension((hinge, -half), (hinge, half), -6.0, format!("{}", c.hinge_length_mm));
+    plan.dimension(
+        (hinge, -half),
+        (hinge, half),
+        -6.0,
+        format!("{}", c.hinge_length_mm),
+    );
     let tab_half = 0.5 * j.tab_width_mm;
-    plan.dimension((-tab, -tab_half), (-tab, tab_half), 6.0, format!("{}", j.tab_width_mm));
-    plan.dimension((-tab, -outer), (-outer, -outer), -6.0, format!("{}", c.tab_mm));
-    plan.dimension((inner, 0.0), (outer, 0.0), 14.0, format!("wall {}", c.wall_mm));
+    plan.dimension(
+        (-tab, -tab_half),
+        (-tab, tab_half),
+        6.0,
+        format!("{}", j.tab_width_mm),
+    );
+    plan.dimension(
+        (-tab, -outer),
+        (-outer, -outer),
+        -6.0,
+        format!("{}", c.tab_mm),
+    );
+    plan.dimension(
+        (inner, 0.0),
+        (outer, 0.0),
+        14.0,
+        format!("wall {}", c.wall_mm),
+    );
     let mut items = upright.items;
     items.extend(plan.items);
     headed(stencil, page, id, "sections", items)
@@ -289,7 +329,12 @@ fn details(stencil: &Stencil, page: PageSize, id: &str) -> Page {
         -0.01,
         format!("bore {:.2}", 2.0 * j.bore_radius_mm),
     );
-    hinge.dimension((axis + r, -r), (axis + r, r), -10.0, format!("{:.2}", 2.0 * r));
+    hinge.dimension(
+        (axis + r, -r),
+        (axis + r, r),
+        -10.0,
+        format!("{:.2}", 2.0 * r),
+    );
     let facts = format!(
         "{} knuckles of {:.2}, {} apart; {}",
         c.knuckles,
@@ -314,18 +359,18 @@ fn hole_pages(stencil: &Stencil, page: PageSize, id: &str) -> Vec<Page> {
     let [_, height] = page.size_mm().unwrap_or([210.0, 297.0]);
     let columns = [0.0, 18.0, 46.0, 72.0, 98.0, 118.0, 138.0].map(|x| left + 14.0 + x);
     let heads = ["dot", "half", "latitude", "azimuth", "x", "y", "z"];
-    let dots: Vec<_> = stencil.dots().iter().zip(stencil.sides()).enumerate().collect();
+    let dots: Vec<_> = stencil
+        .dots()
+        .iter()
+        .zip(stencil.sides())
+        .enumerate()
+        .collect();
     dots.chunks(ROWS)
         .map(|rows| {
             let mut items = Vec::new();
             let mut row = |y: f64, cells: [String; 7]| {
                 for (x, words) in columns.iter().zip(cells) {
-                    items.push(Item::words(
-                        Point::new(*x, y),
-                        Anchor::End,
-                        WORDS_MM,
-                        words,
-                    ));
+                    items.push(Item::words(Point::new(*x, y), Anchor::End, WORDS_MM, words));
                 }
             };
             let top = height - 32.0;

@@ -143,12 +143,7 @@ fn center(area: &Area<'_>) -> (i32, i32) {
 
 /// Shades the ball and its dots pixel by pixel: what a pixel shows follows from its point on the
 /// sphere.
-fn draw_ball(
-    area: &Area<'_>,
-    dots: &[Vec3],
-    dot_radius: f64,
-    zones: &[(Vec3, f64)],
-) -> Drawn {
+fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64, zones: &[(Vec3, f64)]) -> Drawn {
     let (cx, cy) = center(area);
     let radius = px(RADIUS);
     let light = Vec3::new(-0.35, 0.45, 0.82).normalize();

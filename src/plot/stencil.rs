@@ -234,8 +234,11 @@ fn draw_scale(area: &Area<'_>, frame: &Frame, (width, height): (f64, f64)) -> Dr
     }
     let above = (left + length / 2, y - px(12.0));
     text(area, &format!("{mm} mm"), above, HPos::Center, SMALL, INK)?;
-    let corner = (width - f64::from(px(44.0)), height - f64::from(px(34.0)));
-    for (axis, name) in [Vec3::x(), Vec3::y(), Vec3::z()].iter().zip(["x", "y", "z"]) {
+    let corner = (width - f64::from(px(44.0)), height - f64::from(px(46.0)));
+    for (axis, name) in [Vec3::x(), Vec3::y(), Vec3::z()]
+        .iter()
+        .zip(["x", "y", "z"])
+    {
         let d = frame.view.apply(axis);
         let at = |r: f64| {
             let r = f64::from(px(r));

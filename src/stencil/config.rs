@@ -4,6 +4,8 @@ use crate::error::{Result, require};
 
 /// Smallest hole that is made, mm.
 pub(super) const MIN_HOLE_MM: f64 = 0.5;
+/// Thinnest web that is made, mm.
+pub(super) const MIN_WEB_MM: f64 = 0.2;
 /// Clearance of a pen's tip in its hole, per side, mm: printers draw holes too small.
 const PEN_PLAY_MM: f64 = 0.2;
 
@@ -171,7 +173,7 @@ impl StencilConfig {
             ("wall_mm", self.wall_mm, 2.0 * self.nozzle_mm, 0.5 * r),
             ("hole_diameter_mm", self.hole_diameter_mm, MIN_HOLE_MM, r),
             ("throat_mm", self.throat_mm, 0.2, self.wall_mm),
-            ("min_web_mm", self.min_web_mm, 0.2, 5.0),
+            ("min_web_mm", self.min_web_mm, MIN_WEB_MM, 5.0),
             ("seam_gap_mm", self.seam_gap_mm, 0.05, 1.0),
             ("screw_diameter_mm", self.screw_diameter_mm, 1.0, 8.0),
             ("bore_allowance_mm", self.bore_allowance_mm, 0.0, 1.0),

@@ -9,9 +9,9 @@ use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 
-use super::config::degrees;
 #[cfg(feature = "native")]
 use super::Closure;
+use super::config::degrees;
 use super::{HalfName, HoleSide, Mesh, Stencil, threemf};
 
 /// Gap between the two halves in the 3MF file, mm.

@@ -396,7 +396,9 @@ impl Layout {
             if let Some(second) =
                 second.take_if(|s| far(s.seam.margin_rad) && !far(seam.margin_rad))
             {
-                return Ok(shut.unwrap_or_else(|| second.with_windows(zones, &obstacles, config, joint)));
+                return Ok(
+                    shut.unwrap_or_else(|| second.with_windows(zones, &obstacles, config, joint))
+                );
             }
             for sign in [1.0, -1.0] {
                 let normal = sign * seam.normal;

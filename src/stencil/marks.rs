@@ -113,10 +113,7 @@ impl Place {
                 .holes
                 .iter()
                 .all(|h| self.distance(&(radius * h)) > hole + CLEAR_MM)
-            && around
-                .obstacles
-                .iter()
-                .all(|p| self.distance(p) > CLEAR_MM)
+            && around.obstacles.iter().all(|p| self.distance(p) > CLEAR_MM)
     }
 
     /// Distance of a point from the rectangle in its plane, mm; infinite on the far side of the
@@ -277,8 +274,8 @@ impl Marks {
                 let height_mm = (size * full_height(config)).max(MIN_LABEL_MM);
                 let words = Words::new(text, height_mm)?;
                 let mut places = directions.iter().map(|d| Place::new(*d, &words));
-                let Some(place) = places
-                    .find(|p| p.is_clear(around, config, joint) && self.is_free(p, radius))
+                let Some(place) =
+                    places.find(|p| p.is_clear(around, config, joint) && self.is_free(p, radius))
                 else {
                     continue;
                 };

@@ -57,15 +57,15 @@ pub use config::{Closure, StencilConfig};
 pub use export::stl_bytes;
 pub use joint::Joint;
 pub use marks::{DotNumber, Label};
-pub use pin::pin;
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
+pub use pin::pin;
 pub use seam::{Seam, max_margin_seam};
 pub use windows::{ClosedZone, Window};
 
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::{KeepOut, Pattern};
-use config::MIN_HOLE_MM;
+use config::{MIN_HOLE_MM, MIN_WEB_MM};
 use layout::{Cut, Layout};
 use solid::Solid;
 
@@ -338,7 +338,7 @@ fn check_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
                          between them, expected at least {} mm; {}",
                         angle.to_degrees(),
                         config.min_web_mm,
-                        fitting(widest_holes(dots, config)),
+                        fitting(dots, config, thinnest),
                     ),
                 ));
             }
@@ -364,14 +364,39 @@ fn widest_holes(dots: &[Vec3], config: &StencilConfig) -> f64 {
     widest
 }
 
-/// Which holes fit, in words.
-fn fitting(hole_diameter_mm: f64) -> String {
-    let tenths = (10.0 * hole_diameter_mm + 1e-6).floor();
-    if tenths < 10.0 * MIN_HOLE_MM {
+/// Which holes, webs and balls fit, in words, where the thinnest web is `thinnest_mm`.
+fn fitting(dots: &[Vec3], config: &StencilConfig, thinnest_mm: f64) -> String {
+    let tenths = (10.0 * widest_holes(dots, config) + 1e-6).floor();
+    let holes = if tenths < 10.0 * MIN_HOLE_MM {
         "no hole fits".to_owned()
     } else {
         format!("holes of at most {:.1} mm fit", 0.1 * tenths)
+    };
+    let web = (10.0 * thinnest_mm + 1e-6).floor();
+    let webs = if web < 10.0 * MIN_WEB_MM {
+        String::new()
+    } else {
+        format!(", or a web of at most {:.1} mm", 0.1 * web)
+    };
+    let ball = (10.0 * smallest_ball(dots, config) - 1e-6).ceil();
+    format!("{holes}{webs}, or a ball of at least {:.1} mm", 0.1 * ball)
+}
+
+/// The ball's diameter from which all webs are as thick as asked for, mm.
+fn smallest_ball(dots: &[Vec3], config: &StencilConfig) -> f64 {
+    let mut radius = 0.0f64;
+    for (i, a) in dots.iter().enumerate() {
+        for b in &dots[..i] {
+            let sine = (0.5 * angle_between(a, b)).sin();
+            let at = |hole: f64| 0.5 * (hole + config.min_web_mm) / sine;
+            // How far inner and outer surface lie beyond the ball.
+            let beyond = [config.clearance_mm, config.clearance_mm + config.wall_mm];
+            let inner = at(config.hole_diameter_mm) - beyond[0];
+            let outer = at(2.0 * config.opening_radius_mm()) - beyond[1];
+            radius = radius.max(inner).max(outer);
+        }
     }
+    2.0 * radius
 }
 
 /// The numbers to engrave in one half, and its holes (both in its own frame).

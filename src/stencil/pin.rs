@@ -58,10 +58,18 @@ pub fn pin(config: &StencilConfig) -> Result<Mesh> {
     };
     let [length, width] = SLOT_MM;
     let slot_start = (end - length).max(HEAD_MM + radius);
-    let slot = bar([slot_start, tip + 1.0], [-0.5 * width, 0.5 * width], [-far, far])?;
+    let slot = bar(
+        [slot_start, tip + 1.0],
+        [-0.5 * width, 0.5 * width],
+        [-far, far],
+    )?;
     let below = bar([-1.0, tip + 1.0], [-far, far], [-far, -FLAT * radius])?;
     let up = Vec3::new(0.0, 0.0, FLAT * radius);
-    let mesh = body.minus(&[slot, below])?.mesh().mapped(|v| v + up).rounded();
+    let mesh = body
+        .minus(&[slot, below])?
+        .mesh()
+        .mapped(|v| v + up)
+        .rounded();
     let check = mesh.check();
     check.require_solid("the pin")?;
     if check.genus() != 0 || Solid::new(&mesh)?.self_intersects() {

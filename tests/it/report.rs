@@ -130,9 +130,14 @@ fn files_of_another_pattern_are_rejected() {
         assert!(error.is_usage(), "{error}");
         error.to_string()
     };
-    let sha = Pattern::read_csv(&design.join("pattern.csv")).unwrap().sha256();
+    let sha = Pattern::read_csv(&design.join("pattern.csv"))
+        .unwrap()
+        .sha256();
     let error = changed(&sha, &"0".repeat(64));
-    assert!(error.contains("stencil.json") && error.contains("000000000000"), "{error}");
+    assert!(
+        error.contains("stencil.json") && error.contains("000000000000"),
+        "{error}"
+    );
     let error = changed("\"format_version\": 1", "\"format_version\": 99");
     assert!(error.contains("at most version"), "{error}");
     let error = changed("\"finalists\"", "\"finalist\"");

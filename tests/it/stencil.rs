@@ -349,6 +349,38 @@ fn refusals_name_the_largest_hole_that_fits() {
             words.contains(&named),
             "seed {seed}: {words}; expected {named}; {above}"
         );
+        // The ball named is just large enough, and so is the web named thin enough.
+        let words = Stencil::check(&pattern, &with(6.0))
+            .unwrap_err()
+            .to_string();
+        let number = |after: &str| -> Option<f64> {
+            let (_, rest) = words.rsplit_once(after)?;
+            rest.split_whitespace().next()?.parse().ok()
+        };
+        let ball = number("a ball of at least ").unwrap();
+        let on_ball = |ball_diameter_mm: f64| {
+            let config = StencilConfig {
+                ball_diameter_mm,
+                ..with(6.0)
+            };
+            let checked = Stencil::check(&pattern, &config).map_err(|e| e.to_string());
+            checked.is_err_and(|w| w.contains("holes of dots"))
+        };
+        assert!(
+            on_ball(ball - 0.2) && !on_ball(ball + 0.001),
+            "seed {seed}: {words}"
+        );
+        if let Some(min_web_mm) = number("a web of at most ") {
+            let config = StencilConfig {
+                min_web_mm,
+                ..with(6.0)
+            };
+            let checked = Stencil::check(&pattern, &config).map_err(|e| e.to_string());
+            assert!(
+                !checked.is_err_and(|w| w.contains("holes of dots")),
+                "{words}"
+            );
+        }
     }
 }
 

@@ -43,7 +43,8 @@ fn random_zones(pattern: &Pattern, rng: &mut impl Rng) -> Vec<KeepOut> {
             let free = pattern.dots().iter().map(|d| angle_between(d, &axis));
             KeepOut {
                 axis,
-                half_angle_rad: free.fold(f64::INFINITY, f64::min).min(1.5) * rng.random_range(0.5..1.0),
+                half_angle_rad: free.fold(f64::INFINITY, f64::min).min(1.5)
+                    * rng.random_range(0.5..1.0),
             }
         })
         .filter(|zone| zone.half_angle_rad > 0.05)
