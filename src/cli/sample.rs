@@ -69,7 +69,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         RecognizerConfig::default(),
     )?;
     table.write_npz(&dir.join("table.npz"))?;
-    let config = SynthConfig::good();
+    // The camera looks at the ball: the estimator, which sees crops, takes it so.
+    let config = SynthConfig {
+        max_off_axis_rad: 0.0,
+        ..SynthConfig::good()
+    };
     let spin = Vec3::from(AXIS).normalize() * (rps * std::f64::consts::TAU);
     let motion = SequenceConfig {
         fps: FPS,

@@ -84,13 +84,10 @@ impl Figure {
                     ends.push((p[0] + s * (q[0] - p[0]), p[1] + s * (q[1] - p[1])));
                 }
             }
-            let inside = |p: &(f64, f64)| {
-                bounds.is_none_or(|[low, high]| {
-                    (low.0..=high.0).contains(&p.0) && (low.1..=high.1).contains(&p.1)
-                })
-            };
-            if ends.len() == 2 && ends.iter().all(inside) {
-                self.line(layer, &ends);
+            if let &[p, q] = ends.as_slice()
+                && let Some((p, q)) = bounds.map_or(Some((p, q)), |b| clipped(p, q, b))
+            {
+                self.line(layer, &[p, q]);
             }
         }
     }
@@ -123,7 +120,12 @@ impl Figure {
                 add(vec![tip, tip + HEAD_MM * (way + side * beside)]);
             }
         }
-        let (at, anchor) = if inner {
+        let (at, anchor) = if inner && along.x.abs() < 0.5 {
+            (
+                p + 0.5 * (q - p) + nalgebra::Vector2::new(1.2, -1.6),
+                Anchor::Start,
+            )
+        } else if inner {
             (p + 0.5 * (q - p), Anchor::Middle)
         } else {
             (end + 1.0 * along, Anchor::Start)
@@ -131,6 +133,34 @@ impl Figure {
         let at = Point::new(at.x, at.y + 0.8);
         self.items.push(Item::words(at, anchor, WORDS_MM, words));
     }
+}
+
+/// The part of a line between two corners (Y.-D. Liang, B. A. Barsky, 1984).
+fn clipped(
+    p: (f64, f64),
+    q: (f64, f64),
+    [low, high]: [(f64, f64); 2],
+) -> Option<((f64, f64), (f64, f64))> {
+    let (dx, dy) = (q.0 - p.0, q.1 - p.1);
+    let (mut from, mut to) = (0.0f64, 1.0f64);
+    for (step, room) in [
+        (-dx, p.0 - low.0),
+        (dx, high.0 - p.0),
+        (-dy, p.1 - low.1),
+        (dy, high.1 - p.1),
+    ] {
+        if step == 0.0 {
+            if room < 0.0 {
+                return None;
+            }
+        } else if step < 0.0 {
+            from = from.max(room / step);
+        } else {
+            to = to.min(room / step);
+        }
+    }
+    let at = |t: f64| (p.0 + t * dx, p.1 + t * dy);
+    (from < to).then(|| (at(from), at(to)))
 }
 
 /// The drawing of `stencil`, on sheets of `page`.
@@ -252,9 +282,9 @@ fn sections(stencil: &Stencil, page: PageSize, id: &str) -> Page {
         format!("{}", c.tab_mm),
     );
     plan.dimension(
-        (inner, 0.0),
-        (outer, 0.0),
-        14.0,
+        (0.0, inner),
+        (0.0, outer),
+        12.0,
         format!("wall {}", c.wall_mm),
     );
     let mut items = upright.items;
@@ -278,13 +308,8 @@ fn details(stencil: &Stencil, page: PageSize, id: &str) -> Page {
         [width - 90.0, 0.3 * height],
         Point::new(middle - 10.0, 0.73 * height),
     );
-    // Facets may be longer than the part: what leaves it by less is drawn whole.
-    let loose = [
-        (bounds[0].0 - 1.5, bounds[0].1 - 3.0),
-        (bounds[1].0 + 1.5, bounds[1].1 + 3.0),
-    ];
-    seam.section(&a, Layer::Cut, |v| [v.y, v.z, v.x - 0.013], Some(loose));
-    seam.section(&b, Layer::Dots, |v| [v.y, v.z, v.x - 0.013], Some(loose));
+    seam.section(&a, Layer::Cut, |v| [v.y, v.z, v.x - 0.013], Some(bounds));
+    seam.section(&b, Layer::Dots, |v| [v.y, v.z, v.x - 0.013], Some(bounds));
     seam.dimension(
         (outer, -j.lip_mm),
         (outer, j.lip_mm),
@@ -315,13 +340,13 @@ fn details(stencil: &Stencil, page: PageSize, id: &str) -> Page {
         [width - 90.0, 0.28 * height],
         Point::new(middle - 10.0, 0.3 * height),
     );
-    let loose = Some([
-        (j.axis_mm - side - 4.0, -side - 1.0),
-        (j.axis_mm + side + 1.0, side + 3.0),
+    let around = Some([
+        (j.axis_mm - side - 3.0, -side),
+        (j.axis_mm + side, side + 2.0),
     ]);
     let y = |v: &Vec3| [v.x, v.z, v.y];
-    hinge.section(&a, Layer::Cut, y, loose);
-    hinge.section(&b, Layer::Dots, y, loose);
+    hinge.section(&a, Layer::Cut, y, around);
+    hinge.section(&b, Layer::Dots, y, around);
     let (axis, r) = (j.axis_mm, j.knuckle_radius_mm);
     hinge.dimension(
         (axis - j.bore_radius_mm, 0.0),
@@ -358,7 +383,15 @@ fn hole_pages(stencil: &Stencil, page: PageSize, id: &str) -> Vec<Page> {
     let [left, _] = page.origin();
     let [_, height] = page.size_mm().unwrap_or([210.0, 297.0]);
     let columns = [0.0, 18.0, 46.0, 72.0, 98.0, 118.0, 138.0].map(|x| left + 14.0 + x);
-    let heads = ["dot", "half", "latitude", "azimuth", "x", "y", "z"];
+    let heads = [
+        "dot",
+        "half",
+        "latitude [deg]",
+        "azimuth [deg]",
+        "x",
+        "y",
+        "z",
+    ];
     let dots: Vec<_> = stencil
         .dots()
         .iter()
@@ -393,13 +426,7 @@ fn hole_pages(stencil: &Stencil, page: PageSize, id: &str) -> Vec<Page> {
                 ];
                 row(top - ROW_MM * (k + 1) as f64, cells);
             }
-            headed(
-                stencil,
-                page,
-                id,
-                "holes (degrees; unit vectors, stencil's frame)",
-                items,
-            )
+            headed(stencil, page, id, "holes", items)
         })
         .collect()
 }

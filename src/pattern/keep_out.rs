@@ -18,6 +18,7 @@ const TOLERANCE_RAD: f64 = 2e-3;
 /// Maximum number of zones.
 const MAX_ZONES: usize = 8;
 /// Version of the file.
+#[cfg(feature = "native")]
 const FORMAT_VERSION: u32 = 1;
 
 /// A cone that must stay free of dots: a printed logo.
@@ -48,6 +49,7 @@ impl KeepOut {
 }
 
 /// The file beside a pattern.
+#[cfg(feature = "native")]
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 struct ZonesFile {
     format_version: u32,
