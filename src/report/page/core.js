@@ -33,24 +33,22 @@ function section(id, title, lead) {
   return node;
 }
 
+/** A table; columns whose first value is words are set to the left. */
 function table(heads, rows, attributes = {}) {
+  const wordy = heads.map(
+    (_, i) => typeof rows[0]?.[i] === "string" && /[a-z]{4}/i.test(rows[0][i]),
+  );
   const cells = (name, values) =>
-    values.map((v) =>
-      v instanceof Node
-        ? el(name, {}, v)
-        : el(name, {
-            text: v,
-            class: typeof v === "string" && /[a-z]{4}/i.test(v) ? "words" : null,
-          }),
-    );
+    values.map((v, i) => el(name, { text: v, class: wordy[i] ? "words" : null }));
+  const row = (name, values) => el("tr", {}, ...cells(name, values));
   return el(
     "div",
     { class: "scroll" },
     el(
       "table",
       attributes,
-      el("thead", {}, el("tr", {}, ...cells("th", heads))),
-      el("tbody", {}, ...rows.map((r) => el("tr", {}, ...cells("td", r)))),
+      el("thead", {}, row("th", heads)),
+      el("tbody", {}, ...rows.map((values) => row("td", values))),
     ),
   );
 }
