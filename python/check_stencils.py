@@ -89,7 +89,7 @@ def inside_hull(points, outline):
     return inside
 
 
-def ideal(points, dots, is_a, s):
+def ideal(points, dots, is_a, s, windows=()):
     """Whether points lie in the ideal half, in its own frame (dome up, center of the ball in 0)."""
     j, p = s.j, s.p
     x, y, z = points.T
@@ -142,10 +142,13 @@ def ideal(points, dots, is_a, s):
         height = points @ d
         beside = np.sqrt(np.maximum(radius**2 - height**2, 0))
         solid &= ~((height > 0.6 * s.inner) & (beside < s.hole(height)))
+    for axis, r in windows:
+        height = points @ axis
+        solid &= ~((height > 0) & (np.maximum(radius**2 - height**2, 0) < r * r))
     return solid
 
 
-def ideal_volume(dots, is_a, s):
+def ideal_volume(dots, is_a, s, windows=()):
     """Volume of the ideal half by quadrature, mm^3."""
     u = qmc.Sobol(3, scramble=True, seed=1).random_base2(17)
     lip = s.j["lip_mm"]
@@ -157,7 +160,7 @@ def ideal_volume(dots, is_a, s):
     f = np.sqrt(np.maximum(1 - z * z, 0))
     shell = r[:, None] * np.stack([f * np.cos(angle), f * np.sin(angle), z], 1)
     volume = 2 * np.pi * (1 - low) / 3 * (s.outer**3 - s.inner**3)
-    total = volume * np.mean(ideal(shell, dots, is_a, s))
+    total = volume * np.mean(ideal(shell, dots, is_a, s, windows))
     # What stands out of the shell.
     half = 0.5 * s.p["hinge_length_mm"]
     width = 0.5 * s.j["tab_width_mm"]
@@ -170,7 +173,7 @@ def ideal_volume(dots, is_a, s):
     for a, b in boxes:
         a, b = np.array(a), np.array(b)
         points = a + u * (b - a)
-        counted = ideal(points, dots, is_a, s) & (np.linalg.norm(points, axis=1) >= s.outer)
+        counted = ideal(points, dots, is_a, s, windows) & (np.linalg.norm(points, axis=1) >= s.outer)
         total += np.prod(b - a) * np.mean(counted)
     return total
 
@@ -223,6 +226,24 @@ def probe(whole, dots, s):
     hit = whole.ray.intersects_any(np.zeros_like(directions), directions)
     n = len(dots)
     return int(hit[:n].sum()), int((~hit[n:]).sum())
+
+
+def window_rays(whole, window, dots, s):
+    """Rays along a window's axis that meet the wall within it, and that meet none 0.3 mm beside it."""
+    axis = np.array(window["axis"])
+    u = np.cross(axis, [1, 0, 0] if abs(axis[0]) < 0.7 else [0, 1, 0])
+    u /= np.linalg.norm(u)
+    v = np.cross(axis, u)
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v
+    def count(r):
+        # From within the ball, along the axis.
+        start = r * ring + 0.2 * s.inner * axis
+        return whole.ray.intersects_any(start, np.tile(axis, (len(start), 1)))
+    inside = sum(int(count(f * window["radius_mm"]).sum()) for f in (0.0, 0.5, 0.98))
+    r = window["radius_mm"] + 0.3
+    beside = int((~count(r)).sum()) if r < s.inner else 0
+    return inside, beside
 
 
 def admesh_faults(path):
@@ -300,7 +321,10 @@ def check(job):
                            ("on the bed", abs(mesh.bounds[0][2]) < 1e-5)]:
             if not good:
                 faults.append(f"{name}: {what}")
-        off = mesh.volume / ideal_volume(dots if is_a else flipped, is_a, s) - 1
+        own = np.array([1, 1, 1] if is_a else [1, -1, -1])
+        windows = [(np.array(w["axis"]) * own, w["radius_mm"]) for w in info.get("windows", [])
+                   if w["half"] == ("a" if is_a else "b")]
+        off = mesh.volume / ideal_volume(dots if is_a else flipped, is_a, s, windows) - 1
         row[f"{name}_volume_off"] = off
         if off > VOLUME_TOLERANCE or off < -VOLUME_TOLERANCE - ENGRAVING_ALLOWANCE * s.p["numbers"]:
             faults.append(f"{name}: volume {100 * off:+.2f} %")
@@ -330,6 +354,12 @@ def check(job):
     if row["ball_mm3"] > MOST_OVERLAP_MM3:
         faults.append(f"the ball overlaps by {row['ball_mm3']:.2f} mm^3")
     whole = trimesh.util.concatenate([a, b])
+    for w in info.get("windows", []):
+        # Each window is open over its whole width, and closed just beside it unless a hole is there.
+        inside, beside = window_rays(whole, w, dots, s)
+        if inside or beside:
+            faults.append(f"window {w['zone']}: {inside} rays meet the wall, {beside} beside it meet none")
+    row["windows"] = len(info.get("windows", []))
     blocked, missed = probe(whole, dots, s)
     row["blocked_rays"], row["missed_rays"] = blocked, missed
     if blocked or missed:

@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::one_of;
+use super::output::{Counter, one_of, quoted};
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
 use crate::recognize::RecognizerName;
 use crate::report::compare::{Comparison, Entry, compare};
 use crate::stats::PairedDifference;
+use crate::validate::ProtocolName;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -23,7 +24,7 @@ pub struct Arguments {
     /// Patterns (CSV of unit vectors x,y,z) or hash tables (.npz); at least two.
     #[arg(value_name = "PATTERN_OR_TABLE", required = true)]
     inputs: Vec<PathBuf>,
-    /// Write comparison.json and the plots to this folder.
+    /// Write report.html, comparison.json and the plots to this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Trials per protocol.
@@ -38,6 +39,19 @@ pub struct Arguments {
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
+}
+
+impl Arguments {
+    /// The command that repeats the comparison.
+    fn command(&self) -> String {
+        let mut words = vec!["spindoe compare".to_owned()];
+        words.extend(self.inputs.iter().map(|p| quoted(&p.to_string_lossy())));
+        words.push(format!("--samples {} --seed {}", self.samples, self.seed));
+        if let Some(recognizer) = self.recognizer {
+            words.push(format!("--recognizer {recognizer}"));
+        }
+        words.join(" ")
+    }
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -59,13 +73,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(one) => vec![one],
         None => RecognizerName::ALL.to_vec(),
     };
+    let runs = entries.len() * recognizers.len() * ProtocolName::ALL.len();
+    let counter = Counter::new(runs as u64, "measurements");
     let found = compare(
         &entries,
         &recognizers,
         arguments.seed,
         arguments.samples,
-        &mut |what| errln!("{what}"),
+        &mut |what| {
+            counter.line(what);
+            counter.add(1);
+        },
     )?;
+    counter.finish();
     if let Some(dir) = &arguments.output {
         let mut json = serde_json::to_vec_pretty(&found)
             .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;
@@ -73,6 +93,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         files::write_bytes(&dir.join("comparison.json"), &json)?;
         #[cfg(feature = "plot")]
         found.write_plots(dir, &entries)?;
+        found.write_page(dir, &entries, &arguments.command())?;
     }
     if arguments.json {
         return print_json(&found);

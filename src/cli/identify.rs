@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use super::output::Counter;
 use crate::error::{Error, Result};
 use crate::files::OutputFile;
 use crate::files::csv::shown;
@@ -219,6 +220,8 @@ struct Outputs<'a> {
     tally: Tally,
     /// What was learned of the conditions.
     learned: Option<LearnedConditions>,
+    /// Where the answers do not stand on the terminal themselves.
+    counter: Option<Counter>,
 }
 
 /// Content of standard output.
@@ -255,11 +258,18 @@ impl<'a> Outputs<'a> {
             },
             tally: Tally::default(),
             learned: None,
+            counter: arguments
+                .output
+                .is_some()
+                .then(|| Counter::new(0, "frames")),
         })
     }
 
     /// Ends the outputs, and summarizes the frames.
     fn finish(self, input: &Path) -> Result<()> {
+        if let Some(counter) = &self.counter {
+            counter.finish();
+        }
         if let (Some(writer), Some(path)) = (self.file, &self.arguments.output) {
             let error = |e| Error::write(path, e);
             let buffer = writer.finish().map_err(error)?;
@@ -297,6 +307,9 @@ impl Sink<FrameAnswer> for Outputs<'_> {
             answer.rivals.clear();
         }
         self.tally.count(&answer, doubtful.is_some());
+        if let Some(counter) = &self.counter {
+            counter.add(1);
+        }
         let row = row(&answer);
         if let (Some(file), Some(path)) = (&mut self.file, &self.arguments.output) {
             file.write(&row).map_err(|e| Error::write(path, e))?;

@@ -40,7 +40,7 @@ pub struct Arguments {
     #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().dot_diameter_mm, allow_negative_numbers = true)]
     dot_diameter_mm: f64,
     /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in
-    /// degrees. May be repeated.
+    /// degrees. May be repeated. By default the zones that stand beside the pattern.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = cone, allow_hyphen_values = true)]
     keep_out: Vec<KeepOut>,
     /// Number of lobes, 12 to 24.
@@ -97,11 +97,20 @@ enum Method {
 
 /// Paper sizes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Paper {
+pub(super) enum Paper {
     /// 210 x 297 mm.
     A4,
     /// 8.5 x 11 inches.
     Letter,
+}
+
+impl From<Paper> for PageSize {
+    fn from(paper: Paper) -> Self {
+        match paper {
+            Paper::A4 => Self::A4,
+            Paper::Letter => Self::Letter,
+        }
+    }
 }
 
 /// File formats.
@@ -142,11 +151,16 @@ impl Format {
 }
 
 impl Arguments {
-    fn config(&self) -> MarkConfig {
+    /// Zones that are asked for, else those of the pattern.
+    fn config(&self, pattern: &Pattern) -> MarkConfig {
+        let zones = match self.keep_out.is_empty() {
+            true => pattern.keep_out().to_vec(),
+            false => self.keep_out.clone(),
+        };
         MarkConfig {
             ball_diameter_mm: self.ball_diameter_mm,
             dot_diameter_mm: self.dot_diameter_mm,
-            keep_out: self.keep_out.clone(),
+            keep_out: zones,
         }
     }
 
@@ -164,14 +178,13 @@ impl Arguments {
     /// Paper has bounds; other formats take one sheet.
     fn page(&self, format: Format) -> PageSize {
         match (format, self.page) {
-            (Format::Pdf, Paper::A4) => PageSize::A4,
-            (Format::Pdf, Paper::Letter) => PageSize::Letter,
+            (Format::Pdf, paper) => paper.into(),
             _ => PageSize::Sheet,
         }
     }
 
     fn drawing(&self, pattern: &Pattern, format: Format) -> Result<Drawing> {
-        let (config, page) = (self.config(), self.page(format));
+        let (config, page) = (self.config(pattern), self.page(format));
         match self.method {
             Method::Gores => {
                 let lobes = GoreConfig {
@@ -203,7 +216,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Format::Pdf => pdf_bytes(&drawing),
         Format::Dxf => dxf_text(&drawing).into_bytes(),
         Format::Gcode => {
-            plotter_program(&pattern, &arguments.config(), &arguments.plotter())?.into_bytes()
+            plotter_program(&pattern, &arguments.config(&pattern), &arguments.plotter())?
+                .into_bytes()
         }
     };
     files::write_bytes(&arguments.output, &bytes)?;

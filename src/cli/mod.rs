@@ -34,7 +34,11 @@ mod identify;
 #[cfg(feature = "mark")]
 mod mark;
 mod output;
+mod report;
+#[cfg(feature = "vision")]
+mod sample;
 mod sensitivity;
+mod shell;
 mod simulate;
 mod spin;
 #[cfg(feature = "plot")]
@@ -64,6 +68,9 @@ use crate::pattern::Pattern;
 #[derive(Debug, Parser)]
 #[command(name = "spindoe", version, about, max_term_width = 100)]
 struct Cli {
+    /// Show no progress; warnings and errors stay.
+    #[arg(short, long, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -75,6 +82,8 @@ enum Command {
     Design(design::Arguments),
     /// Measure how often a pattern is identified correctly, by Monte Carlo.
     Validate(validate::Arguments),
+    /// Make the page of a design's folder: report.html, to look at and to hand on.
+    Report(report::Arguments),
     /// Compare patterns on the same trials, side by side.
     Compare(compare::Arguments),
     /// Measure how the rates depend on the dots' noise and on the paper's alpha; data and plots.
@@ -108,6 +117,13 @@ enum Command {
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
     #[cfg(feature = "vision")]
     Export(export::Arguments),
+    /// Write a sample to try: a pattern, its table, and a clip of a spinning ball.
+    #[cfg(feature = "vision")]
+    Sample(sample::Arguments),
+    /// Print the completions of a shell.
+    Completions(shell::CompletionArguments),
+    /// Write the manual pages.
+    Man(shell::ManArguments),
     /// Check and summarize trajectories with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
 }
@@ -123,9 +139,11 @@ pub fn main() -> ExitCode {
         Ok(parsed) => parsed,
         Err(error) => return report_usage(&error),
     };
+    output::set_quiet(cli.quiet);
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
@@ -145,6 +163,10 @@ pub fn main() -> ExitCode {
         Command::Train(arguments) => export::name_training_program(&arguments),
         #[cfg(feature = "vision")]
         Command::Export(arguments) => export::run(&arguments),
+        #[cfg(feature = "vision")]
+        Command::Sample(arguments) => sample::run(&arguments),
+        Command::Completions(arguments) => shell::completions(&arguments),
+        Command::Man(arguments) => shell::man(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {
@@ -220,7 +242,7 @@ fn read_table(path: &Path) -> Result<HashTable> {
     if is_archive {
         HashTable::from_npz(path, &bytes)
     } else {
-        let pattern = Pattern::from_csv(path, &bytes)?;
+        let pattern = Pattern::read_csv(path)?;
         HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())
     }
 }

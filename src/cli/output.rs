@@ -1,12 +1,12 @@
 //! Shared by the commands: values chosen by name, progress, interruption.
 
 use std::str::FromStr;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::error::{Error, Result};
 
@@ -35,6 +35,102 @@ pub(super) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
+/// Whether progress is shown: set once, from `--quiet`.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Switches progress off.
+pub(super) fn set_quiet(quiet: bool) {
+    QUIET.store(quiet, Ordering::Relaxed);
+}
+
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Minimum time between plain lines of a [`Counter`].
+const COUNTER_SILENCE: Duration = Duration::from_secs(5);
+
+/// Counts work that is done on several threads: a bar on a terminal, plain lines elsewhere.
+pub(super) struct Counter {
+    bar: ProgressBar,
+    what: &'static str,
+    said: Mutex<Instant>,
+}
+
+impl Counter {
+    /// Work of `total` pieces, which `what` names in the plural; 0 where their number is not known.
+    pub fn new(total: u64, what: &'static str) -> Self {
+        let (bar, template) = match total {
+            0 => (ProgressBar::new_spinner(), "{spinner} {pos} {msg}"),
+            _ => (
+                ProgressBar::new(total),
+                "{bar:25} {pos} of {len} {msg}, {eta} left",
+            ),
+        };
+        if is_quiet() {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+        }
+        // Templates are constants; with a wrong one the default style is used.
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        bar.set_message(what);
+        Self {
+            bar,
+            what,
+            said: Mutex::new(Instant::now()),
+        }
+    }
+
+    /// `more` pieces are done.
+    pub fn add(&self, more: u64) {
+        self.bar.inc(more);
+        self.speak();
+    }
+
+    /// `done` pieces are done.
+    pub fn set(&self, done: u64) {
+        self.bar.set_position(done);
+        self.speak();
+    }
+
+    /// A plain line where there is no bar and none was written for a while.
+    fn speak(&self) {
+        if is_quiet() || !self.bar.is_hidden() {
+            return;
+        }
+        // A thread that finds another one speaking has nothing to add.
+        let Ok(mut said) = self.said.try_lock() else {
+            return;
+        };
+        if said.elapsed() > COUNTER_SILENCE {
+            let (done, what) = (self.bar.position(), self.what);
+            match self.bar.length() {
+                Some(total) if total > 0 => errln!("{done} of {total} {what}"),
+                _ => errln!("{done} {what}"),
+            }
+            *said = Instant::now();
+        }
+    }
+
+    /// A line above the bar, or a plain one.
+    pub fn line(&self, words: &str) {
+        if is_quiet() {
+            return;
+        }
+        if self.bar.is_hidden() {
+            errln!("{words}");
+        } else {
+            self.bar.println(words);
+        }
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
 /// The progress of long work: a bar on a terminal, plain lines elsewhere.
 pub(super) struct Progress {
     bar: ProgressBar,
@@ -46,6 +142,9 @@ impl Progress {
     /// Work of `length` steps. `template` is indicatif's; plain lines are at least `silence` apart.
     pub fn new(length: u64, template: &str, silence: Duration) -> Self {
         let bar = ProgressBar::new(length);
+        if is_quiet() {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+        }
         // Templates are constants; with a wrong one the default style is used.
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style);
@@ -62,7 +161,7 @@ impl Progress {
         self.bar.set_position(done);
         if !self.bar.is_hidden() {
             self.bar.set_message(what.to_owned());
-        } else if self.said.elapsed() > self.silence {
+        } else if !is_quiet() && self.said.elapsed() > self.silence {
             errln!("{what}{}", more());
             self.said = Instant::now();
         }
@@ -70,6 +169,9 @@ impl Progress {
 
     /// Shows the current work at once.
     pub fn say(&self, what: &str) {
+        if is_quiet() {
+            return;
+        }
         if self.bar.is_hidden() {
             errln!("{what}");
         } else {
@@ -81,4 +183,14 @@ impl Progress {
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single
+/// quotes.
+pub(super) fn quoted(word: &str) -> String {
+    let harmless = |c: char| c.is_ascii_alphanumeric() || "_-./,:=+@%".contains(c);
+    if !word.is_empty() && word.chars().all(harmless) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
 }

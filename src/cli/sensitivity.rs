@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::one_of;
+use super::output::{Counter, one_of};
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
@@ -56,17 +56,21 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let dir = &arguments.output;
     files::create_dir(dir)?;
     let protocol = Protocol::standard(arguments.protocol);
+    let count = 2 * config.sigmas_deg.len() + config.alphas.len();
+    let counter = Counter::new(count as u64, "points");
     let points = sensitivity(&table, &protocol, &config, &mut |p| {
         let v = &p.result.validation;
-        errln!(
+        counter.line(&format!(
             "{} {:>6}  {:<6}  identity {}  orientation {}",
             p.parameter.as_str(),
             p.value,
             p.result.recognizer,
             v.identity,
             v.orientation
-        );
+        ));
+        counter.add(1);
     })?;
+    counter.finish();
     let csv = sensitivity_csv(&points);
     files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
     #[cfg(feature = "plot")]

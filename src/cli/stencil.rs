@@ -8,7 +8,11 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::Pattern;
 use crate::stencil::coupon::coupon;
-use crate::stencil::{HalfName, HoleSide, Stencil, StencilConfig, stl_bytes};
+use crate::stencil::{Closure, HalfName, HoleSide, Stencil, StencilConfig, stl_bytes};
+
+#[cfg(feature = "mark")]
+use super::mark::Paper;
+use super::output::one_of;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -23,9 +27,16 @@ pub struct Arguments {
     /// Replace a stencil that the folder holds already, with all its files.
     #[arg(long)]
     overwrite: bool,
-    /// Omit the dots' numbers.
+    /// Engrave nothing: no dots' numbers, no names of the halves.
     #[arg(long)]
     no_numbers: bool,
+    /// Paper of drawing.pdf.
+    #[cfg(feature = "mark")]
+    #[arg(long, value_enum, default_value_t = Paper::A4)]
+    page: Paper,
+    /// What holds the hinge together: an M3 screw (or --screw-diameter-mm), or a printed pin.
+    #[arg(long, value_parser = one_of(&Closure::ALL, Closure::as_str), default_value = "screw")]
+    closure: Closure,
     /// Number of interleaved knuckles of the hinge, odd [default: 3].
     #[arg(long, value_name = "N")]
     knuckles: Option<usize>,
@@ -64,15 +75,20 @@ fn hole(text: &str) -> std::result::Result<Hole, String> {
 }
 
 /// Names of the files that this command writes.
-const FILES: [&str; 6] = [
+const FILES: [&str; 9] = [
+    "pin.stl",
+    DRAWING,
     "half_a.stl",
     "half_b.stl",
     "stencil.3mf",
     "stencil.json",
-    PICTURE,
+    "stencil.png",
+    "stencil.svg",
     COUPON,
 ];
-const PICTURE: &str = "stencil.png";
+#[cfg(feature = "plot")]
+const PICTURE: &str = "stencil";
+const DRAWING: &str = "drawing.pdf";
 const COUPON: &str = "coupon.stl";
 
 /// Declares the sizes that can be set: flag, unit, and the library's field, converted where units
@@ -141,6 +157,7 @@ impl Arguments {
     fn config(&self, pattern: &Pattern) -> Result<StencilConfig> {
         let mut config = StencilConfig {
             numbers: !self.no_numbers,
+            closure: self.closure,
             ..StencilConfig::default()
         };
         config.knuckles = self.knuckles.unwrap_or(config.knuckles);
@@ -192,7 +209,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     {
         let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-        crate::plot::stencil_views(&dir.join(PICTURE), &stencil, &title)?;
+        crate::report::plots::in_each_format(dir, PICTURE, |path| {
+            crate::plot::stencil_views(path, &stencil, &title)
+        })?;
+    }
+    #[cfg(feature = "mark")]
+    {
+        let sheet = crate::mark::stencil_sheet(&stencil, arguments.page.into());
+        files::write_bytes(&dir.join(DRAWING), &crate::mark::pdf_bytes(&sheet))?;
     }
     print_words(&stencil);
     outln!("written to {}", dir.display());
@@ -233,5 +257,19 @@ fn print_words(stencil: &Stencil) {
         if !half.unnumbered.is_empty() {
             outln!("  no place for the numbers of dots {:?}", half.unnumbered);
         }
+    }
+    for window in stencil.windows() {
+        outln!(
+            "zone {}: a window of {:.1} mm in {}",
+            window.zone,
+            2.0 * window.radius_mm,
+            window.half
+        );
+    }
+    for zone in stencil.closed_zones() {
+        outln!(
+            "zone {}: no space for a window beside holes and rims; an arrow points to it",
+            zone.zone
+        );
     }
 }

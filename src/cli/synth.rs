@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use super::output::one_of;
+use super::output::{Counter, one_of};
 use super::simulate::vector;
 use crate::error::{Error, Result, require};
 use crate::files;
@@ -20,8 +19,6 @@ use crate::synth::{SynthConfig, SynthKind};
 
 /// Maximum number of frames of a set.
 const MAX_FRAMES: usize = 1_000_000;
-/// Minimum time between plain lines, seconds.
-const SILENCE_S: f64 = 5.0;
 
 /// The base of the ranges of random frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
@@ -263,7 +260,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         sequence: sequence_config,
     };
     let clock = Instant::now();
-    let mut progress = Progress::new(frames);
+    let counter = Counter::new(frames as u64, "frames");
     let draw = |k| match &sequence {
         Some(sequence) => sequence.frame(k),
         None => independent_frame(&pattern, &config, seed, k),
@@ -273,9 +270,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     } else {
         Masks::Omit
     };
-    let shown = |k| progress.show(k);
+    let shown = |done| counter.set(done as u64);
     let written = folder::write(&arguments.out, origin, frames, masks, draw, shown)?;
-    progress.bar.finish_and_clear();
+    counter.finish();
     let spin = sequence.map(|s| s.spin());
     summarize(arguments, &written, spin, clock.elapsed().as_secs_f64())
 }
@@ -332,35 +329,5 @@ fn read_pattern(path: &Path) -> Result<Pattern> {
         Ok(HashTable::from_npz(path, &bytes)?.pattern().clone())
     } else {
         Pattern::from_csv(path, &bytes)
-    }
-}
-
-/// A bar on a terminal, plain lines elsewhere.
-struct Progress {
-    bar: ProgressBar,
-    said: Instant,
-}
-
-impl Progress {
-    fn new(frames: usize) -> Self {
-        let bar = ProgressBar::new(frames as u64);
-        // The template is a constant; with a wrong one the default style is used.
-        if let Ok(style) =
-            ProgressStyle::with_template("{bar:25} {pos} of {len} frames, {eta} left")
-        {
-            bar.set_style(style);
-        }
-        Self {
-            bar,
-            said: Instant::now(),
-        }
-    }
-
-    fn show(&mut self, done: usize) {
-        self.bar.set_position(done as u64);
-        if self.bar.is_hidden() && self.said.elapsed().as_secs_f64() > SILENCE_S {
-            errln!("{done} of {} frames", self.bar.length().unwrap_or_default());
-            self.said = Instant::now();
-        }
     }
 }

@@ -4,12 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::one_of;
+use super::output::{Counter, one_of};
 use super::{print_json, read_table};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::recognize::{RecognizerName, observed};
-use crate::validate::{NamedValidation, Protocol, ProtocolName, observed_frames, validate_named};
+use crate::validate::{
+    NamedValidation, Protocol, ProtocolName, observed_frames, validate_named_observed,
+};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -59,7 +61,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         protocol = protocol.with_sigma_rad(sigma.to_radians());
     }
     let (seed, samples) = (arguments.seed, arguments.samples);
-    let found = validate_named(&table, arguments.recognizer, &protocol, seed, samples)?;
+    let counter = Counter::new(samples, "trials");
+    let done = |trials| counter.add(trials);
+    let found = validate_named_observed(
+        &table,
+        arguments.recognizer,
+        &protocol,
+        seed,
+        samples,
+        &done,
+    )?;
+    counter.finish();
     if let Some(path) = &arguments.dump {
         let frames = observed_frames(table.pattern(), &protocol, seed, samples);
         files::write_bytes(path, observed::to_csv(&frames).as_bytes())?;

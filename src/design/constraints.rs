@@ -9,7 +9,7 @@
 //! - visibility, for each viewing direction v and each of the `min_visible` highest dots:
 //!   `limit - p_i . v`,
 //! - seam, each dot: `sin(margin) - sign_i (p_i . normal)`, the dot stays on its side,
-//! - keep-out, each dot and cone: `p_i . axis - cos(half angle)`.
+//! - keep-out, each dot and cone: `p_i . axis - cos(half angle + a dot's radius)`.
 //!
 //! A pattern must also be possible to apply, so this module asks [`crate::stencil`] for two
 //! results: the seam of maximum margin, and whether a stencil is possible ([`Stencil::check`]).
@@ -17,6 +17,7 @@
 
 use crate::error::{Error, Result, require};
 use crate::geometry::{Vec3, angle_between, spiral_directions};
+pub use crate::pattern::KeepOut;
 use crate::pattern::Pattern;
 use crate::stencil::{Stencil, StencilConfig, max_margin_seam};
 
@@ -31,15 +32,6 @@ const ANGLE_TOLERANCE: f64 = 1e-3;
 
 /// The beginning of what a pattern misses that has no stencil.
 pub(super) const NO_STENCIL: &str = "no stencil";
-
-/// A cone that must stay free of dots: a printed logo.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct KeepOut {
-    /// Unit vector to the cone's center, pattern frame.
-    pub axis: Vec3,
-    /// Angle between the axis and the nearest dot's center, radians.
-    pub half_angle_rad: f64,
-}
 
 /// The constraints of a pattern.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -120,9 +112,7 @@ impl Constraints {
         let inside = (0.0..60.0).contains(&margin);
         require(inside, "seam_margin_rad", "0 to 60 degrees", margin)?;
         for cone in &self.keep_out {
-            let angle = cone.half_angle_rad.to_degrees();
-            let inside = angle > 0.0 && angle < 90.0;
-            require(inside, "keep_out", "a half angle of 0 to 90 degrees", angle)?;
+            cone.check()?;
         }
         self.check_space(dots)
     }
@@ -220,7 +210,7 @@ impl Constraints {
         for cone in &self.keep_out {
             for dot in pattern.dots() {
                 let angle = angle_between(dot, &cone.axis);
-                if angle < cone.half_angle_rad - ANGLE_TOLERANCE {
+                if angle < self.min_angle_rad(cone) - ANGLE_TOLERANCE {
                     return Some(format!("a dot {:.2} deg from a keep-out axis", deg(angle)));
                 }
             }
@@ -228,6 +218,15 @@ impl Constraints {
         let rejected = self.stencil.as_ref()?;
         let rejected = Stencil::check(pattern, rejected).err()?;
         Some(format!("{NO_STENCIL} ({rejected})"))
+    }
+
+    /// Angle that a dot's center keeps from a cone's axis: where the dots' size is known, no dot
+    /// reaches into the cone.
+    fn min_angle_rad(&self, cone: &KeepOut) -> f64 {
+        let dot = self.stencil.as_ref().map_or(0.0, |s| {
+            (s.hole_diameter_mm / s.ball_diameter_mm).min(1.0).asin()
+        });
+        cone.half_angle_rad + dot
     }
 
     /// The largest violation at `x`: the dots, and the seam's normal after them.
@@ -266,7 +265,7 @@ impl Constraints {
             }
         }
         for cone in &self.keep_out {
-            let bound = cone.half_angle_rad.cos();
+            let bound = self.min_angle_rad(cone).cos();
             for (i, d) in dots.iter().enumerate() {
                 add([(i, cone.axis), none], d.dot(&cone.axis) - bound);
             }

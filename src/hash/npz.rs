@@ -118,6 +118,9 @@ impl HashTable {
             );
             return Err(Problem::at("meta", problem));
         }
+        let pattern = pattern
+            .with_keep_out(meta.keep_out.clone())
+            .map_err(|e| Problem::at("meta", e.to_string()))?;
         let arrays = read_columns(&mut archive)?;
         check_features(&pattern, &arrays, &meta)?;
         let covariances = read_covariances(&mut archive, &meta, pattern.len())?;

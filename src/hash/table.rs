@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::features::{Basis, PairRule};
 use crate::error::{Error, Result, require};
 use crate::geometry::{Vec3, tangent_frame};
-use crate::pattern::Pattern;
+use crate::pattern::{KeepOut, Pattern};
 
 /// Version of the file format of a table whose dots are where the pattern has them.
 pub const FORMAT_VERSION: u32 = 1;
@@ -129,6 +129,9 @@ pub struct TableMeta {
     /// How the dots were measured, in a table of [`CALIBRATED_VERSION`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<CalibrationRecord>,
+    /// The pattern's zones without dots.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub keep_out: Vec<KeepOut>,
 }
 
 /// A feature found near a query.
@@ -176,6 +179,7 @@ impl HashTable {
             objective: None,
             validation: None,
             calibration: None,
+            keep_out: pattern.keep_out().to_vec(),
         };
         Self::assemble(pattern, arrays, meta)
     }

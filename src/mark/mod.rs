@@ -45,6 +45,7 @@ mod gores;
 mod outline;
 mod pdf;
 mod plotter;
+mod stencil_sheet;
 mod stickers;
 mod svg;
 
@@ -54,6 +55,7 @@ pub use dxf::dxf_text;
 pub use gores::{GoreConfig, gores};
 pub use pdf::pdf_bytes;
 pub use plotter::{PlotterConfig, PlotterPath, plotter_drawing, plotter_paths, plotter_program};
+pub use stencil_sheet::stencil_sheet;
 pub use stickers::{StickerConfig, stickers};
 pub use svg::svg_text;
 

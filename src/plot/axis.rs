@@ -20,7 +20,18 @@ pub(super) enum Unit {
     Percent,
 }
 
-/// A linear or logarithmic axis. Positions are the values, or their decimal logarithms.
+/// How values become positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Scale {
+    /// Themselves.
+    Linear,
+    /// Their decimal logarithms.
+    Log,
+    /// Their square roots.
+    Root,
+}
+
+/// An axis. Positions are the values, their decimal logarithms or their square roots.
 #[derive(Debug, Clone)]
 pub(super) struct Axis {
     /// Lower end, as a position.
@@ -29,9 +40,7 @@ pub(super) struct Axis {
     pub high: f64,
     /// Where labels stand, as positions.
     pub ticks: Vec<f64>,
-    log: bool,
-    /// Whether the lower end of a logarithmic axis stands for zero.
-    zero: bool,
+    scale: Scale,
     unit: Unit,
     decimals: usize,
 }
@@ -77,8 +86,7 @@ impl Axis {
             low,
             high,
             ticks: (0..=count).map(|i| (first + i as f64) * step).collect(),
-            log: false,
-            zero: false,
+            scale: Scale::Linear,
             unit,
             decimals: (-(shown.log10() + 1e-9).floor()).clamp(0.0, 12.0) as usize,
         }
@@ -103,45 +111,52 @@ impl Axis {
             low,
             high,
             ticks,
-            log: true,
-            zero: false,
+            scale: Scale::Log,
             unit,
             decimals: 0,
         }
     }
 
-    /// Lets the lower end of a logarithmic axis stand for zero, and says so there.
-    fn with_zero(mut self) -> Self {
-        // Space for the label beneath the next tick's.
-        self.low -= 0.08 * (self.high - self.low);
-        let lowest = self.low + 0.05 * (self.high - self.low);
-        self.ticks.retain(|t| *t > lowest);
-        self.ticks.insert(0, self.low);
-        self.zero = true;
-        self
+    /// An axis of square roots from 0 to `high` (finite, positive).
+    fn roots(high: f64, unit: Unit) -> Self {
+        const ROUND: [f64; 15] = [
+            0.0, 1e-4, 5e-4, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0,
+        ];
+        let end = high.sqrt();
+        let mut ticks: Vec<f64> = Vec::new();
+        for tick in ROUND.map(f64::sqrt).into_iter().filter(|t| *t <= end) {
+            if ticks.last().is_none_or(|last| tick - last > end / 11.0) {
+                ticks.push(tick);
+            }
+        }
+        Self {
+            low: 0.0,
+            high: end,
+            ticks,
+            scale: Scale::Root,
+            unit,
+            decimals: 0,
+        }
     }
 
     /// Where `value` stands; off a logarithmic axis' lower end there is only that end.
     pub fn position(&self, value: f64) -> f64 {
-        if !self.log {
-            value
-        } else if value > 0.0 {
-            value.log10().max(self.low)
-        } else {
-            self.low
+        match self.scale {
+            Scale::Linear => value,
+            Scale::Root => value.max(0.0).sqrt(),
+            Scale::Log if value > 0.0 => value.log10().max(self.low),
+            Scale::Log => self.low,
         }
     }
 
     /// The label of the tick at `position`.
     pub fn label(&self, position: f64) -> String {
-        let value = if self.zero && position <= self.low {
-            0.0
-        } else if self.log {
-            10f64.powf(position)
-        } else {
-            position
+        let value = match self.scale {
+            Scale::Linear => position,
+            Scale::Log => 10f64.powf(position),
+            Scale::Root => position * position,
         };
-        match (self.unit, self.log) {
+        match (self.unit, self.scale != Scale::Linear) {
             (Unit::Percent, true) => format!("{} %", significant(100.0 * value)),
             (Unit::Percent, false) => format!("{:.*} %", self.decimals, 100.0 * value),
             (Unit::Plain, true) => significant(value),
@@ -171,7 +186,7 @@ impl Ranged for Axis {
     }
 }
 
-/// A logarithmic or linear axis for rates that are drawn as fractions.
+/// A linear axis, or for failures one of square roots, for rates that are drawn as fractions.
 ///
 /// # Errors
 /// As [`Axis::linear`].
@@ -184,14 +199,13 @@ pub(super) fn rate_axis(
     if scale == super::RateScale::Success {
         return Axis::linear(name, values(), Unit::Percent, (0.0, 1.0));
     }
-    let (min, max) = span(name, values())?;
-    if max == 0.0 {
-        return Ok(Axis::logarithmic(1e-4, 1e-2, Unit::Percent).with_zero());
-    }
-    let low = values().filter(|v| *v > 0.0).fold(max, f64::min) * 0.8;
-    let high = (max * 1.3).min(1.0).max(low * 2.0);
-    let axis = Axis::logarithmic(low, high, Unit::Percent);
-    Ok(if min == 0.0 { axis.with_zero() } else { axis })
+    let (_, max) = span(name, values())?;
+    let high = if max > 0.0 {
+        (max * 1.1).min(1.0)
+    } else {
+        0.01
+    };
+    Ok(Axis::roots(high, Unit::Percent))
 }
 
 /// Minimum and maximum of `values`.
@@ -278,9 +292,14 @@ mod tests {
         for points in [&[point(1.0)][..], &[point(1.0), point(0.3)]] {
             let axis = axis(points);
             assert_eq!(axis.label(axis.position(0.0)), "0 %");
-            assert!(axis.position(0.7) > axis.low && axis.ticks.len() > 2);
+            assert!(axis.position(0.7) > axis.position(0.2) && axis.ticks.len() > 2);
         }
-        assert!(axis(&[point(0.5)]).ticks.iter().all(|t| t.is_finite()));
+        let labels =
+            |axis: Axis| -> Vec<String> { axis.ticks.iter().map(|t| axis.label(*t)).collect() };
+        assert_eq!(
+            labels(axis(&[point(0.52)])),
+            ["0 %", "1 %", "2 %", "5 %", "10 %", "20 %", "30 %", "50 %"]
+        );
     }
 
     #[test]

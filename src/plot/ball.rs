@@ -108,14 +108,24 @@ pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallDrawing) -> Resu
         let halves = area.split_evenly((1, 2));
         for (half, side) in halves.iter().zip(Side::both()) {
             let dots: Vec<Vec3> = pattern.dots().iter().map(|d| side.view(d)).collect();
-            draw_ball(half, &dots, dot_radius)?;
+            let zones: Vec<(Vec3, f64)> = pattern
+                .keep_out()
+                .iter()
+                .map(|zone| (side.view(&zone.axis), zone.half_angle_rad))
+                .collect();
+            draw_ball(half, &dots, dot_radius, &zones)?;
             draw_numbers(half, &dots, dot_radius)?;
             let at = (center(half).0, px(CENTER_Y + RADIUS + 52.0));
             text(half, side.caption, at, HPos::Center, LABEL + 2.0, INK)?;
             draw_axes(half, &side)?;
         }
+        let zones = match pattern.keep_out().len() {
+            0 => "",
+            1 => "; hatched: a zone that stays free",
+            _ => "; hatched: zones that stay free",
+        };
         let note = format!(
-            "{} dots of {} mm on a ball of {} mm",
+            "{} dots of {} mm on a ball of {} mm{zones}",
             pattern.len(),
             view.dot_diameter_mm,
             view.ball_diameter_mm
@@ -133,7 +143,7 @@ fn center(area: &Area<'_>) -> (i32, i32) {
 
 /// Shades the ball and its dots pixel by pixel: what a pixel shows follows from its point on the
 /// sphere.
-fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
+fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64, zones: &[(Vec3, f64)]) -> Drawn {
     let (cx, cy) = center(area);
     let radius = px(RADIUS);
     let light = Vec3::new(-0.35, 0.45, 0.82).normalize();
@@ -152,7 +162,7 @@ fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
             let base: [f64; 3] = if dark {
                 [46.0, 52.0, 64.0]
             } else {
-                [255.0, 246.0, 232.0]
+                zone_color(&point, zones).unwrap_or([255.0, 246.0, 232.0])
             };
             let [r, g, b] = base.map(|c| (c * lit) as u8);
             area.draw_pixel((cx + dx, cy + dy), &RGBColor(r, g, b))?;
@@ -160,6 +170,21 @@ fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
     }
     area.draw(&Circle::new((cx, cy), radius, stroke(canvas::GRAY, 1.0)))?;
     Ok(())
+}
+
+/// The color of a point within a zone without dots: hatched, with a darker rim.
+fn zone_color(point: &Vec3, zones: &[(Vec3, f64)]) -> Option<[f64; 3]> {
+    const RIM: [f64; 3] = [14.0, 143.0, 110.0];
+    const HATCH: [[f64; 3]; 2] = [[150.0, 205.0, 182.0], [186.0, 221.0, 205.0]];
+    zones.iter().find_map(|(axis, half_angle)| {
+        let inside = half_angle - axis.dot(point).clamp(-1.0, 1.0).acos();
+        let stripe = (9.0 * (point.x + point.y)).rem_euclid(1.0) < 0.5;
+        match inside {
+            i if i < 0.0 => None,
+            i if i < 0.02 => Some(RIM),
+            _ => Some(HATCH[usize::from(stripe)]),
+        }
+    })
 }
 
 /// A rectangle in drawn pixels.

@@ -1,4 +1,5 @@
-//! Bar charts of rates, in groups, with intervals.
+//! Rates in groups with intervals: bars, or for failures marks, since lengths on an axis of square roots
+//! compare nothing.
 
 use std::path::Path;
 
@@ -7,8 +8,8 @@ use plotters::style::text_anchor::HPos;
 
 use super::axis::{Axis, Unit, percent, rate_axis};
 use super::canvas::{
-    Area, Drawn, INK, Key, LABEL, SMALL, Sign, chart, color, fitted, font, picture, px, stroke,
-    text, text_width, titled, with_legend,
+    Area, Drawn, INK, Key, LABEL, SMALL, Sign, chart, color, fitted, font, mark, picture, px,
+    stroke, text, text_width, titled, with_legend,
 };
 use super::curves::whisker;
 use super::{RatePoint, RateScale};
@@ -68,7 +69,7 @@ impl BarChart {
     }
 }
 
-/// Draws groups of bars with 95 % whiskers and the rates above them.
+/// Draws groups of bars (marks on [`RateScale::Failure`]) with 95 % whiskers and the rates above them.
 ///
 /// # Errors
 /// [`Error::Argument`] for no rates at all, a group without a place for each series, or rates
@@ -90,7 +91,10 @@ pub fn bar_comparison(path: &Path, plot: &BarChart) -> Result<()> {
             .enumerate()
             .map(|(i, name)| Key {
                 name: name.clone(),
-                sign: Sign::Box(i),
+                sign: match plot.scale {
+                    RateScale::Success => Sign::Box(i),
+                    RateScale::Failure => Sign::Series(i),
+                },
             })
             .collect();
         let area = with_legend(&area, &keys)?;
@@ -130,11 +134,21 @@ fn draw_group(
             at(left + 0.06 * width, y.position(rate)),
             at(left + 0.94 * width, y.low),
         ];
-        root.draw(&Rectangle::new(corners, color(i).mix(0.85).filled()))?;
         let middle = left + width / 2.0;
         let ends = [low, high].map(|v| at(middle, y.position(v)));
-        let top = ends[0].1.min(ends[1].1);
-        whisker(root, ends[0], ends[1], stroke(INK, 1.4))?;
+        let mut top = ends[0].1.min(ends[1].1);
+        match plot.scale {
+            RateScale::Success => {
+                root.draw(&Rectangle::new(corners, color(i).mix(0.85).filled()))?;
+                whisker(root, ends[0], ends[1], stroke(INK, 1.4))?;
+            }
+            RateScale::Failure => {
+                whisker(root, ends[0], ends[1], stroke(color(i), 2.0))?;
+                let place = at(middle, y.position(rate));
+                mark(root, i, place)?;
+                top = top.min(place.1 - px(5.0));
+            }
+        }
         let label = percent(rate);
         let available = at(left + width, y.low).0 - at(left, y.low).0;
         let size = if text_width(&label, SMALL) > available {

@@ -13,6 +13,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::axis::Axis;
+use super::backend::{Backend, svg_file};
 use crate::error::{Error, Result};
 use crate::files;
 
@@ -20,6 +21,8 @@ use crate::files;
 pub(super) const SCALE: u32 = 2;
 /// The name under which the built-in font is registered.
 pub(super) const FONT: &str = "spindoe-sans";
+/// Fonts that an SVG names, like the built-in one first.
+const SVG_FONTS: &str = "DejaVu Sans, Verdana, sans-serif";
 /// Size of a title, in file pixels.
 const TITLE: f64 = 22.0;
 /// Size of axis labels and legends, in file pixels.
@@ -44,9 +47,9 @@ const PALETTE: [RGBColor; 7] = [
 ];
 
 /// Part of a picture, in drawn pixels.
-pub(super) type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
+pub(super) type Area<'a> = DrawingArea<Backend<'a>, Shift>;
 /// A chart with axes, in the axes' positions.
-pub(super) type Chart<'a> = ChartContext<'a, BitMapBackend<'a>, Cartesian2d<Axis, Axis>>;
+pub(super) type Chart<'a> = ChartContext<'a, Backend<'a>, Cartesian2d<Axis, Axis>>;
 /// The outcome of drawing. Data are checked beforehand, so that no input should make it fail.
 pub(super) type Drawn<T = ()> = std::result::Result<T, Box<dyn std::error::Error>>;
 
@@ -78,7 +81,8 @@ fn register_font() -> Result<()> {
     }
 }
 
-/// Draws a picture of `size` (width, height; file pixels) and writes it to `path` as PNG.
+/// Draws a picture of `size` (width, height; file pixels) and writes it to `path`: as SVG where that
+/// is the name's ending, else as PNG.
 ///
 /// # Errors
 /// [`Error::Write`] where the system refuses, [`Error::Internal`] where drawing fails.
@@ -87,18 +91,62 @@ pub(super) fn picture(
     size: (u32, u32),
     draw: impl FnOnce(&Area<'_>) -> Drawn,
 ) -> Result<()> {
+    let bytes = if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("svg"))
+    {
+        svg_bytes(size, draw)?
+    } else {
+        png_bytes(size, draw)?
+    };
+    files::write_bytes(path, &bytes)
+}
+
+/// Runs `draw` on a backend.
+fn drawn_on(backend: Backend<'_>, draw: impl FnOnce(&Area<'_>) -> Drawn) -> Result<()> {
+    let area = backend.into_drawing_area();
+    draw(&area).map_err(|e| Error::Internal(format!("plot: {e}")))?;
+    area.present()
+        .map_err(|e| Error::Internal(format!("plot: {e}")))
+}
+
+/// A picture as a PNG file.
+///
+/// # Errors
+/// [`Error::Internal`] where drawing fails.
+pub(super) fn png_bytes(
+    size: (u32, u32),
+    draw: impl FnOnce(&Area<'_>) -> Drawn,
+) -> Result<Vec<u8>> {
     register_font()?;
     let (width, height) = (size.0 * SCALE, size.1 * SCALE);
     let mut pixels = vec![255u8; width as usize * height as usize * 3];
-    {
-        let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
-        draw(&area).map_err(|e| Error::Internal(format!("plot: {e}")))?;
-        area.present()
-            .map_err(|e| Error::Internal(format!("plot: {e}")))?;
-    }
-    let png = encode(size, &averaged(size, &pixels))
+    let bitmap = BitMapBackend::with_buffer(&mut pixels, (width, height));
+    drawn_on(Backend::Bitmap(bitmap), draw)?;
+    encode(size, &averaged(size, &pixels), png::ColorType::Rgb)
+        .map_err(|e| Error::Internal(format!("plot: {e}")))
+}
+
+/// A picture as an SVG file.
+///
+/// # Errors
+/// [`Error::Internal`] where drawing fails.
+fn svg_bytes(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> Result<Vec<u8>> {
+    register_font()?;
+    let drawn_size = (size.0 * SCALE, size.1 * SCALE);
+    let mut text = String::new();
+    let mut pixels = vec![0u8; drawn_size.0 as usize * drawn_size.1 as usize * 4];
+    let shapes = SVGBackend::with_string(&mut text, drawn_size);
+    drawn_on(Backend::Svg(shapes, &mut pixels), draw)?;
+    let png = pixels
+        .iter()
+        .any(|p| *p != 0)
+        .then(|| encode(drawn_size, &pixels, png::ColorType::Rgba))
+        .transpose()
         .map_err(|e| Error::Internal(format!("plot: {e}")))?;
-    files::write_bytes(path, &png)
+    svg_file(&text, size, FONT, SVG_FONTS, png.as_deref())
+        .map(String::into_bytes)
+        .ok_or_else(|| Error::Internal("plot: the library's SVG has no view box".into()))
 }
 
 /// The drawn pixels averaged down to `size`.
@@ -121,11 +169,15 @@ fn averaged(size: (u32, u32), drawn: &[u8]) -> Vec<u8> {
     pixels
 }
 
-/// RGB pixels as a PNG file.
-fn encode(size: (u32, u32), pixels: &[u8]) -> std::result::Result<Vec<u8>, png::EncodingError> {
+/// Pixels as a PNG file.
+fn encode(
+    size: (u32, u32),
+    pixels: &[u8],
+    color: png::ColorType,
+) -> std::result::Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, size.0, size.1);
-    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_color(color);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::High);
     encoder.set_filter(png::Filter::Adaptive);

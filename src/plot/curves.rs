@@ -41,6 +41,8 @@ pub struct CurvePlot {
     pub y_label: String,
     /// Whether rates or failure rates are drawn: `y_label` should say the same.
     pub scale: RateScale,
+    /// Whether the horizontal axis is logarithmic; every x must then be positive.
+    pub log_x: bool,
     /// The curves.
     pub series: Vec<RateSeries>,
 }
@@ -90,7 +92,11 @@ pub struct LinePlot {
 pub fn rate_curves(path: &Path, plot: &CurvePlot) -> Result<()> {
     let points = checked(&plot.series)?;
     let xs = points.iter().map(|p| p.x);
-    let x = Axis::linear("x", xs, Unit::Plain, UNBOUNDED)?;
+    let x = if plot.log_x {
+        logarithmic("x", xs)?
+    } else {
+        Axis::linear("x", xs, Unit::Plain, UNBOUNDED)?
+    };
     let y = rate_axis("rates", plot.scale, &points)?;
     picture(path, CURVES_SIZE, |root| {
         let area = titled(root, &plot.title)?;
@@ -108,7 +114,7 @@ pub fn rate_curves(path: &Path, plot: &CurvePlot) -> Result<()> {
                 .iter()
                 .map(|p| {
                     let [rate, low, high] = p.on(plot.scale).map(|v| y.position(v));
-                    [low, rate, high].map(|v| chart.backend_coord(&(p.x, v)))
+                    [low, rate, high].map(|v| chart.backend_coord(&(x.position(p.x), v)))
                 })
                 .collect();
             draw_rates(root, i, &drawn, true)?;
@@ -174,13 +180,7 @@ fn draw_points(path: &Path, plot: &LinePlot, joined: bool) -> Result<()> {
     let x = Axis::linear("x", points().map(|p| p.0), Unit::Plain, UNBOUNDED)?;
     let linear = Axis::linear("y", points().map(|p| p.1), Unit::Plain, UNBOUNDED)?;
     let y = if plot.log_y {
-        let low = points().map(|p| p.1).fold(f64::INFINITY, f64::min);
-        let high = points().map(|p| p.1).fold(0.0, f64::max);
-        if low <= 0.0 {
-            let problem = format!("expected positive numbers on a logarithmic axis, found {low}");
-            return Err(Error::argument("y", problem));
-        }
-        Axis::logarithmic(low / 1.2, high * 1.2, Unit::Plain)
+        logarithmic("y", points().map(|p| p.1))?
     } else {
         linear
     };
@@ -212,6 +212,17 @@ fn draw_points(path: &Path, plot: &LinePlot, joined: bool) -> Result<()> {
         }
         Ok(())
     })
+}
+
+/// A logarithmic axis that shows all `values`.
+fn logarithmic(name: &'static str, values: impl Iterator<Item = f64> + Clone) -> Result<Axis> {
+    let low = values.clone().fold(f64::INFINITY, f64::min);
+    let high = values.fold(0.0, f64::max);
+    if !(low > 0.0 && high.is_finite()) {
+        let problem = format!("expected positive numbers on a logarithmic axis, found {low}");
+        return Err(Error::argument(name, problem));
+    }
+    Ok(Axis::logarithmic(low / 1.2, high * 1.2, Unit::Plain))
 }
 
 /// All points of `series`, each one checked.

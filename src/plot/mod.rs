@@ -1,4 +1,4 @@
-//! Plots as PNG files: the ball, rates with their intervals, features in hash space, plain lines.
+//! Plots as PNG or SVG files, by the name's ending: the ball, rates with their intervals, features in hash space, plain lines.
 //!
 //! Every function checks its data, draws in memory and writes the file atomically. Text is set in a
 //! built-in font, so that a machine without fonts draws the same picture; for the same data the
@@ -6,6 +6,7 @@
 //! Legends stand above the plotting area, never on the data.
 
 mod axis;
+mod backend;
 mod ball;
 mod bars;
 mod canvas;
@@ -30,6 +31,7 @@ pub use offsets::{OFFSET_SCALE, OffsetDot, OffsetMark, offset_views};
 #[cfg(feature = "vision")]
 pub use overlay::{
     OVERLAY_SIDE, OverlayDot, OverlayFrame, SHEET_FRAMES, contact_sheet, frame_overlay,
+    frame_thumbnail,
 };
 pub use recognition::{RECOGNITION_VIEW_SIZE, RecognitionView, recognition_views};
 pub use stencil::{STENCIL_SIZE, stencil_views};
@@ -45,9 +47,8 @@ pub enum RateScale {
     /// The rates themselves, on a linear axis.
     #[default]
     Success,
-    /// `1 - rate` on a logarithmic axis, where differences among rates near 1 can be seen. No
-    /// failure at all has no place on such an axis: it is drawn on its lower edge, which is then
-    /// marked 0 %.
+    /// `1 - rate` on an axis of square roots, where differences among rates near 1 can be seen, and
+    /// no failure at all has its place too.
     Failure,
 }
 

@@ -77,6 +77,16 @@ pub fn frame_overlay(path: &Path, frame: &OverlayFrame) -> Result<()> {
     })
 }
 
+/// A frame's overlay as a small PNG file, without words: for a page.
+///
+/// # Errors
+/// [`Error::Internal`](crate::Error::Internal) where drawing fails.
+pub fn frame_thumbnail(frame: &OverlayFrame) -> Result<Vec<u8>> {
+    canvas::png_bytes((CELL, CELL), |area| {
+        draw_frame(area, frame, (0, 0), px(f64::from(CELL)), false)
+    })
+}
+
 /// Draws at most [`SHEET_FRAMES`] frames on one sheet, without the numbers' clutter on rejected
 /// ones.
 ///

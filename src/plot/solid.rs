@@ -19,18 +19,34 @@ const CREASE_COS: f64 = 0.80;
 /// Brightness of pixels on such lines.
 const LINE: f64 = 0.55;
 
+/// Brightness of an engraving's floor.
+const ENGRAVED: f64 = 0.45;
+/// Facets whose normals are nearer to the radius than this cosine belong to a sphere.
+const SPHERE_COS: f64 = 0.97;
+
 /// Red, green, blue in [0, 255].
 pub(super) type Rgb = [f64; 3];
 
 /// How a solid is colored.
 #[derive(Debug, Clone)]
 pub(super) enum Paint {
-    /// One color.
-    Plain(Rgb),
-    /// A ball with round dots.
+    /// A shell between two spheres: smooth on them, and dark where it is engraved.
+    Shell {
+        /// Its color.
+        color: Rgb,
+        /// Its center, mm.
+        center: Vec3,
+        /// Radii of the inner and the outer sphere, and of the engraving's floor, mm.
+        radii: [f64; 3],
+        /// Facets leave the spheres by at most this, mm.
+        chord: f64,
+    },
+    /// A ball with round dots and zones without any.
     Ball {
-        /// Color of the ball, color of its dots.
-        colors: [Rgb; 2],
+        /// Color of the ball, of its dots, and of its zones.
+        colors: [Rgb; 3],
+        /// The zones: directions, and cosines of their half angles.
+        zones: Vec<(Vec3, f64)>,
         /// Its center, mm.
         center: Vec3,
         /// The dots' directions from there.
@@ -44,16 +60,56 @@ impl Paint {
     /// The color at a point of the surface, mm.
     fn at(&self, p: &Vec3) -> Rgb {
         match self {
-            Self::Plain(color) => *color,
+            Self::Shell {
+                color,
+                center,
+                radii,
+                chord,
+            } => {
+                let floor = ((p - center).norm() - radii[2]).abs() < 2.0 * chord;
+                color.map(|c| if floor { ENGRAVED * c } else { c })
+            }
             Self::Ball {
                 colors,
+                zones,
                 center,
                 dots,
                 edge_cos,
             } => {
                 let d = (p - center).normalize();
-                colors[usize::from(dots.iter().any(|dot| dot.dot(&d) >= *edge_cos))]
+                let [ball, dark, zone] = *colors;
+                if dots.iter().any(|dot| dot.dot(&d) >= *edge_cos) {
+                    dark
+                } else if zones.iter().any(|(axis, cos)| axis.dot(&d) >= *cos) {
+                    zone
+                } else {
+                    ball
+                }
             }
+        }
+    }
+
+    /// The surface's normal at a point: the facet's, or that of the sphere which it stands for.
+    fn normal(&self, p: &Vec3, facet: &Vec3) -> Vec3 {
+        let (center, on_sphere) = match self {
+            Self::Shell {
+                center,
+                radii,
+                chord,
+                ..
+            } => {
+                let r = (p - center).norm();
+                (center, radii.iter().any(|s| (r - s).abs() < 1.5 * chord))
+            }
+            Self::Ball { center, .. } => (center, true),
+        };
+        let outwards = (p - center).normalize();
+        let cos = outwards.dot(facet);
+        // A sphere's facet is nearly square to the radius; a hole's wall that crosses it is not.
+        if on_sphere && cos.abs() > SPHERE_COS {
+            cos.signum() * outwards
+        } else {
+            *facet
         }
     }
 }
@@ -240,7 +296,6 @@ fn fill(
     if area <= 0.0 {
         return;
     }
-    let normal = frame.view.apply(&normal);
     let bound =
         |f: fn(f64, f64) -> f64, i: fn(&(f64, f64, f64)) -> f64| f(f(i(&q[0]), i(&q[1])), i(&q[2]));
     let columns = bound(f64::min, |p| p.0).ceil().max(0.0) as usize
@@ -268,7 +323,7 @@ fn fill(
                 let point = w[0] * corners[0] + w[1] * corners[1] + w[2] * corners[2];
                 *slot = Some(Pixel {
                     depth,
-                    normal,
+                    normal: frame.view.apply(&paint.normal(&point, &normal)),
                     color: paint.at(&point),
                 });
             }

@@ -19,6 +19,9 @@ const HALF_A: Rgb = [236.0, 112.0, 70.0];
 const HALF_B: Rgb = [94.0, 158.0, 214.0];
 const BALL: Rgb = [252.0, 246.0, 226.0];
 const DOT: Rgb = [44.0, 48.0, 58.0];
+const ZONE: Rgb = [150.0, 205.0, 182.0];
+/// Lengths of a scale bar, mm: the largest below a third of a panel is drawn.
+const BARS_MM: [f64; 6] = [5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
 /// How far the stencil is drawn open, degrees.
 const OPEN_DEG: f64 = 100.0;
 /// Facets of the drawn ball leave it by this fraction of its radius.
@@ -44,8 +47,8 @@ struct Scene<'a> {
     placed: [Mesh; 3],
     /// The ball in the closed stencil, and in half B opened.
     balls: [(Mesh, Paint); 2],
-    /// Paints of the halves.
-    paints: [Paint; 2],
+    /// Paints of half A and half B as placed, of half B opened, and of both as printed.
+    paints: [Paint; 5],
 }
 
 impl<'a> Scene<'a> {
@@ -57,11 +60,28 @@ impl<'a> Scene<'a> {
         let turn = Rotation::from_axis_angle(&Vec3::y_axis(), -opening);
         let edge = (0.5 * stencil.config().hole_diameter_mm / radius).asin();
         let paint = |turn: Rotation, center: Vec3| Paint::Ball {
-            colors: [BALL, DOT],
+            colors: [BALL, DOT, ZONE],
+            zones: stencil
+                .zones()
+                .iter()
+                .map(|z| (turn * z.axis, z.half_angle_rad.cos()))
+                .collect(),
             center,
             dots: stencil.dots().iter().map(|d| turn * d).collect(),
             edge_cos: edge.cos(),
         };
+        let config = stencil.config();
+        let shell = |color: Rgb, center: Vec3| Paint::Shell {
+            color,
+            center,
+            radii: [
+                config.inner_radius_mm(),
+                config.outer_radius_mm(),
+                stencil.engraving_radius_mm(),
+            ],
+            chord: config.chord_error_mm,
+        };
+        let up = Vec3::new(0.0, 0.0, stencil.joint().lip_mm);
         let moved = ball.mapped(|v| turn * (v - hinge) + hinge);
         let center = hinge - turn * hinge;
         Self {
@@ -75,7 +95,13 @@ impl<'a> Scene<'a> {
                 (ball, paint(Rotation::identity(), Vec3::zeros())),
                 (moved, paint(turn, center)),
             ],
-            paints: [Paint::Plain(HALF_A), Paint::Plain(HALF_B)],
+            paints: [
+                shell(HALF_A, Vec3::zeros()),
+                shell(HALF_B, Vec3::zeros()),
+                shell(HALF_B, center),
+                shell(HALF_A, up),
+                shell(HALF_B, up),
+            ],
         }
     }
 
@@ -90,7 +116,7 @@ impl<'a> Scene<'a> {
             view,
             bodies: vec![Body {
                 mesh,
-                paint: &self.paints[i],
+                paint: &self.paints[3 + i],
             }],
             labels: Vec::new(),
         }
@@ -107,7 +133,7 @@ impl<'a> Scene<'a> {
             view,
             bodies: vec![
                 body(&self.placed[0], &self.paints[0]),
-                body(&self.placed[second], &self.paints[1]),
+                body(&self.placed[second], &self.paints[second]),
                 body(ball, paint),
             ],
             labels: Vec::new(),
@@ -164,6 +190,7 @@ fn draw_panel(area: &Area<'_>, panel: &Panel<'_>) -> Drawn {
     let center = ((0.5 * width) as i32, (0.5 * available.1) as i32 + px(8.0));
     let frame = Frame::fitted(panel.view, &panel.bodies, available, center);
     render(area, &frame, &panel.bodies)?;
+    draw_scale(area, &frame, (width, height))?;
     for (number, place) in &panel.labels {
         let (x, y, _) = frame.place(place);
         let at = (x.round() as i32, y.round() as i32);
@@ -187,4 +214,42 @@ fn draw_panel(area: &Area<'_>, panel: &Panel<'_>) -> Drawn {
         SMALL,
         canvas::GRAY,
     )
+}
+
+/// A bar of round length, and the directions of the axes, in the panel's lower corners.
+fn draw_scale(area: &Area<'_>, frame: &Frame, (width, height): (f64, f64)) -> Drawn {
+    let longest = 0.22 * width / frame.scale;
+    let fits = BARS_MM.iter().rev().find(|mm| **mm <= longest);
+    let mm = *fits.unwrap_or(&BARS_MM[0]);
+    let length = (mm * frame.scale).round() as i32;
+    let (left, y) = (px(14.0), height as i32 - px(14.0));
+    let line = canvas::stroke(INK, 1.6);
+    let tick = px(4.0);
+    for ends in [
+        [(left, y), (left + length, y)],
+        [(left, y - tick), (left, y + tick)],
+        [(left + length, y - tick), (left + length, y + tick)],
+    ] {
+        area.draw(&PathElement::new(ends.to_vec(), line))?;
+    }
+    let above = (left + length / 2, y - px(12.0));
+    text(area, &format!("{mm} mm"), above, HPos::Center, SMALL, INK)?;
+    let corner = (width - f64::from(px(44.0)), height - f64::from(px(46.0)));
+    for (axis, name) in [Vec3::x(), Vec3::y(), Vec3::z()]
+        .iter()
+        .zip(["x", "y", "z"])
+    {
+        let d = frame.view.apply(axis);
+        let at = |r: f64| {
+            let r = f64::from(px(r));
+            ((corner.0 + r * d.x) as i32, (corner.1 - r * d.y) as i32)
+        };
+        // An axis along the view is a point.
+        if d.x.hypot(d.y) < 0.2 {
+            continue;
+        }
+        area.draw(&PathElement::new(vec![at(0.0), at(20.0)], line))?;
+        text(area, name, at(30.0), HPos::Center, SMALL, canvas::GRAY)?;
+    }
+    Ok(())
 }

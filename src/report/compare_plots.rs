@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::compare::{Comparison, Contest, Entry};
-use super::plots::{point, success, success_name};
+use super::plots::{in_each_format, point, success, success_name};
 use crate::design::OrientationBound;
 use crate::error::Result;
 use crate::plot::{BarChart, BarGroup, LinePlot, LineSeries, RateScale, bar_comparison, line_plot};
@@ -14,8 +14,8 @@ use crate::validate::ProtocolName;
 const VIEWS: usize = 4_000;
 
 impl Comparison {
-    /// Draws the failures of each recognizer (`compare_robust.png`, `compare_paper.png`) and the
-    /// orientation bound by viewing direction (`compare_bound.png`) into `dir`.
+    /// Draws the failures of each recognizer (`compare_robust`, `compare_paper`) and the
+    /// orientation bound by viewing direction (`compare_bound`) into `dir`, as PNG and SVG.
     ///
     /// # Errors
     /// [`crate::Error::Write`] on an I/O failure.
@@ -27,11 +27,9 @@ impl Comparison {
                 .filter(|c| c.recognizer == recognizer)
                 .collect();
             if !of.is_empty() {
-                self.draw_rates(
-                    &dir.join(format!("compare_{recognizer}.png")),
-                    recognizer,
-                    &of,
-                )?;
+                in_each_format(dir, &format!("compare_{recognizer}"), |path| {
+                    self.draw_rates(path, recognizer, &of)
+                })?;
             }
         }
         let series = entries
@@ -57,16 +55,14 @@ impl Comparison {
         if series.is_empty() {
             return Ok(());
         }
-        line_plot(
-            &dir.join("compare_bound.png"),
-            &LinePlot {
-                title: "Orientation error that the dots in view allow (Cramér-Rao)".into(),
-                x_label: "viewing directions, best first [%]".into(),
-                y_label: "bound [multiples of a dot's noise]".into(),
-                log_y: false,
-                series,
-            },
-        )
+        let plot = LinePlot {
+            title: "Orientation error that the dots in view allow (Cramér-Rao)".into(),
+            x_label: "viewing directions, best first [%]".into(),
+            y_label: "bound [multiples of a dot's noise]".into(),
+            log_y: false,
+            series,
+        };
+        in_each_format(dir, "compare_bound", |path| line_plot(path, &plot))
     }
 
     fn draw_rates(&self, path: &Path, recognizer: RecognizerName, of: &[&Contest]) -> Result<()> {
@@ -87,10 +83,10 @@ impl Comparison {
             path,
             &BarChart {
                 title: format!(
-                    "Views not identified, of {} per protocol; recognizer {recognizer}",
+                    "Views not identified by the recognizer `{recognizer}`: {} trials per protocol, 95 % intervals",
                     self.samples
                 ),
-                y_label: "failures".into(),
+                y_label: "views not identified".into(),
                 scale: RateScale::Failure,
                 series: self.patterns.iter().map(|p| p.name.clone()).collect(),
                 groups,

@@ -27,6 +27,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use super::page::DesignPage;
 use super::{DesignEvaluation, EvaluationConfig, evaluate};
 use crate::design::checkpoint::SearchState;
 use crate::design::{DesignConfig, DesignObserver, Stage, design};
@@ -41,7 +42,13 @@ const PATTERN: &str = "pattern.csv";
 /// The report within the folder; the last file to appear.
 const REPORT: &str = "report.json";
 /// What depends on the pattern, the mark of a whole result first.
-const RESULTS: [&str; 4] = [REPORT, "stencil", "table.npz", "sensitivity.csv"];
+const RESULTS: [&str; 5] = [
+    REPORT,
+    "report.html",
+    "stencil",
+    "table.npz",
+    "sensitivity.csv",
+];
 
 /// Configuration of a design and its output folder.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,6 +150,7 @@ impl DesignJob {
         found.write(results.path(), &self.stencil)?;
         observer.step("making the stencil");
         found.write_stencil(results.path(), &self.stencil)?;
+        DesignPage::read(results.path())?.write(results.path())?;
         // The pattern is replaced at once: it is what a search leaves at any time.
         results.publish(&[PATTERN], REPORT)?;
         Ok(found)
@@ -184,7 +192,8 @@ impl DesignObserver for Keeper<'_> {
         if let Some(best) = state.best(stage)
             && self.saved.as_ref() != Some(&best.dots)
         {
-            let pattern = best.pattern()?;
+            let zones = self.job.config.constraints.keep_out.clone();
+            let pattern = best.pattern()?.with_keep_out(zones)?;
             let path = self.path(PATTERN);
             if files::read_bytes(&path).ok().as_deref() != Some(pattern.to_csv().as_bytes()) {
                 for name in RESULTS {

@@ -11,6 +11,7 @@ pub mod compare;
 #[cfg(feature = "plot")]
 mod compare_plots;
 mod job;
+pub mod page;
 #[cfg(feature = "plot")]
 pub mod plots;
 
@@ -173,7 +174,8 @@ pub fn evaluate(
     says: &mut dyn FnMut(&str),
 ) -> Result<DesignEvaluation> {
     let best = &outcome.best;
-    let pattern = &best.pattern()?;
+    let zones = config.constraints.keep_out.clone();
+    let pattern = &best.pattern()?.with_keep_out(zones)?;
     let mut table = HashTable::build(
         pattern.clone(),
         PairRule::default(),
@@ -269,7 +271,7 @@ fn validate_all(
     Ok(found)
 }
 
-/// The sensitivity sweeps in the `paper` protocol, without times.
+/// The sensitivity sweeps in the search's own protocol, without times.
 fn sweep(
     table: &HashTable,
     config: &DesignConfig,
@@ -280,8 +282,7 @@ fn sweep(
         seed: config.report_seed(),
         ..evaluation.sensitivity.clone()
     };
-    let paper = Protocol::standard(ProtocolName::Paper);
-    let mut points = sensitivity(table, &paper, &sweep, &mut |p| {
+    let mut points = sensitivity(table, &config.protocol, &sweep, &mut |p| {
         says(&format!(
             "sensitivity: {} = {}, recognizer {}",
             p.parameter.as_str(),
@@ -330,7 +331,9 @@ impl DesignEvaluation {
         #[cfg(feature = "plot")]
         {
             let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-            crate::plot::stencil_views(&dir.join("stencil.png"), &stencil, &title)?;
+            plots::in_each_format(&dir, "stencil", |path| {
+                crate::plot::stencil_views(path, &stencil, &title)
+            })?;
         }
         Ok(())
     }

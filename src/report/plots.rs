@@ -14,7 +14,7 @@ use crate::plot::{
 use crate::recognize::RecognizerName;
 use crate::stencil::StencilConfig;
 use crate::validate::{
-    NamedValidation, Proportion, ProtocolName, SensitivityPoint, SweptParameter,
+    NamedValidation, Proportion, ProtocolName, SensitivityPoint, SweptParameter, Validation,
 };
 
 pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
@@ -26,51 +26,92 @@ pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
     }
 }
 
-/// Draws all plots of a design into `dir`.
+/// The formats of a plot, by the file's ending.
+const ENDINGS: [&str; 2] = ["png", "svg"];
+
+/// Draws a plot in each format to `dir/name`.
+///
+/// # Errors
+/// Those of `draw`.
+pub(crate) fn in_each_format(
+    dir: &Path,
+    name: &str,
+    draw: impl Fn(&Path) -> Result<()>,
+) -> Result<()> {
+    ENDINGS
+        .iter()
+        .try_for_each(|ending| draw(&dir.join(format!("{name}.{ending}"))))
+}
+
+/// Draws all plots of a design into `dir`, as PNG and SVG.
 ///
 /// # Errors
 /// [`crate::Error::Write`] on an I/O failure.
 pub fn write_all(dir: &Path, design: &DesignEvaluation, stencil: &StencilConfig) -> Result<()> {
     let (table, report) = (&design.table, &design.report);
-    ball(&dir.join("pattern.png"), table, stencil)?;
-    features(&dir.join("features.png"), table)?;
-    rates(&dir.join("rates.png"), &report.validation)?;
-    progress(&dir.join("progress.png"), report)?;
+    in_each_format(dir, "pattern", |path| ball(path, table, stencil))?;
+    in_each_format(dir, "features", |path| features(path, table))?;
+    in_each_format(dir, "rates", |path| rates(path, &report.validation))?;
+    progress(dir, report)?;
     sensitivity_plots(dir, &report.sensitivity)
 }
 
-/// The best rate over the time of the search.
-fn progress(path: &Path, report: &DesignReport) -> Result<()> {
+/// The best rate over the time of the search; of a search of one round, which has no course, the
+/// rates of its finalists.
+fn progress(dir: &Path, report: &DesignReport) -> Result<()> {
     let milestones = &report.timing.milestones;
+    let protocol = report.config.protocol.name;
     let Some(first) = milestones.first() else {
         return Ok(());
     };
-    let curve = |name: &str, of: &dyn Fn(&Milestone) -> bool| RateSeries {
-        name: name.into(),
+    let trials = |n: u64| format!("{n} trials, 95 % intervals");
+    if milestones.len() == 1 {
+        let tried = report.finalists.iter().filter_map(|f| f.identity);
+        let points: Vec<RatePoint> = (1..)
+            .zip(tried)
+            .map(|(rank, p)| point(f64::from(rank), &p))
+            .collect();
+        if points.len() < 2 {
+            return Ok(());
+        }
+        let plot = CurvePlot {
+            title: format!("Finalists of the search: `{protocol}` views not identified"),
+            x_label: "rank of the finalist".into(),
+            y_label: "views not identified".into(),
+            scale: RateScale::Failure,
+            log_x: false,
+            series: vec![RateSeries {
+                name: "on the trials that ranked them".into(),
+                points,
+            }],
+        };
+        return in_each_format(dir, "progress", |path| rate_curves(path, &plot));
+    }
+    let curve = |name: String, of: &dyn Fn(&Milestone) -> bool| RateSeries {
+        name,
         points: milestones
             .iter()
             .filter(|m| of(m))
             .map(|m| point(m.elapsed_s / 60.0, &m.identity))
             .collect(),
     };
+    let trials = trials(first.identity.trials);
     let mut series = vec![
-        curve("rounds of the search", &|m| m.polished == 0),
-        curve("polishing", &|m| m.polished > 0),
+        curve(format!("rounds of the search ({trials})"), &|m| {
+            m.polished == 0
+        }),
+        curve("polishing".into(), &|m| m.polished > 0),
     ];
     series.retain(|s| !s.points.is_empty());
-    rate_curves(
-        path,
-        &CurvePlot {
-            title: format!(
-                "Best pattern so far: failures of {} `{}` views that select nothing",
-                first.identity.trials, report.config.protocol.name
-            ),
-            x_label: "time [min]".into(),
-            y_label: "failures".into(),
-            scale: RateScale::Failure,
-            series,
-        },
-    )
+    let plot = CurvePlot {
+        title: format!("Best pattern so far: `{protocol}` views not identified"),
+        x_label: "time [min]".into(),
+        y_label: "views not identified".into(),
+        scale: RateScale::Failure,
+        log_x: false,
+        series,
+    };
+    in_each_format(dir, "progress", |path| rate_curves(path, &plot))
 }
 
 /// The pattern from both sides of the ball.
@@ -120,19 +161,27 @@ fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
     bar_comparison(
         path,
         &BarChart {
-            title: format!("Views not identified, of {trials} a protocol"),
-            y_label: "failures".into(),
+            title: format!("Views not identified: {trials} trials per protocol, 95 % intervals"),
+            y_label: "views not identified".into(),
             scale: RateScale::Failure,
             series: RecognizerName::ALL
-                .map(|r| format!("recognizer {r}"))
+                .map(|r| recognizer_name(r).to_owned())
                 .to_vec(),
             groups: groups.to_vec(),
         },
     )
 }
 
+/// A recognizer in a legend.
+fn recognizer_name(recognizer: RecognizerName) -> &'static str {
+    match recognizer {
+        RecognizerName::Paper => "the paper's recognizer",
+        RecognizerName::Robust => "our recognizer",
+    }
+}
+
 /// The success that is plotted for a protocol: with false and missed dots it is the orientation.
-pub(super) fn success(name: ProtocolName, v: &crate::validate::Validation) -> &Proportion {
+pub(super) fn success(name: ProtocolName, v: &Validation) -> &Proportion {
     match name {
         ProtocolName::Paper | ProtocolName::Sparse => &v.identity,
         ProtocolName::Clutter | ProtocolName::Image => &v.orientation,
@@ -146,69 +195,70 @@ pub(super) fn success_name(name: ProtocolName) -> &'static str {
     }
 }
 
-/// The curves of a sweep, one picture per swept parameter: `sensitivity_sigma.png` and
-/// `sensitivity_alpha.png`.
+/// The curves of a sweep, one picture per swept parameter, as PNG and SVG: `sensitivity_sigma` and
+/// `sensitivity_alpha`.
 ///
 /// # Errors
 /// [`crate::Error::Write`] on an I/O failure.
 pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> {
-    let parameters = [
-        (
-            SweptParameter::SigmaDeg,
-            "sensitivity_sigma.png",
-            "noise of a dot, sigma [deg]",
-            "Success against the noise of a dot",
-        ),
-        (
-            SweptParameter::Alpha,
-            "sensitivity_alpha.png",
-            "alpha (log10)",
-            "Success against the paper's alpha",
-        ),
-    ];
-    for (parameter, file, x_label, title) in parameters {
-        let mut series = Vec::new();
-        for recognizer in RecognizerName::ALL {
-            let of = |pick: fn(&crate::validate::Validation) -> &Proportion| -> Vec<RatePoint> {
-                points
-                    .iter()
-                    .filter(|p| p.parameter == parameter && p.result.recognizer == recognizer)
-                    .map(|p| {
-                        let x = match parameter {
-                            SweptParameter::SigmaDeg => p.value,
-                            SweptParameter::Alpha => p.value.log10(),
-                        };
-                        point(x, pick(&p.result.validation))
-                    })
-                    .collect()
-            };
-            let curves = [
-                (format!("{recognizer}, identity"), of(|v| &v.identity)),
-                (format!("{recognizer}, orientation"), of(|v| &v.orientation)),
-            ];
-            for (name, points) in curves {
-                if !points.is_empty() {
-                    series.push(RateSeries { name, points });
-                }
-            }
-        }
-        let Some(first) = points.iter().find(|p| p.parameter == parameter) else {
+    for parameter in [SweptParameter::SigmaDeg, SweptParameter::Alpha] {
+        let of: Vec<&SensitivityPoint> =
+            points.iter().filter(|p| p.parameter == parameter).collect();
+        let Some(first) = of.first() else {
             continue;
         };
+        let (name, x_label, title) = match parameter {
+            SweptParameter::SigmaDeg => (
+                "sensitivity_sigma",
+                "noise of a dot, sigma [deg]",
+                "Success against the noise of a dot",
+            ),
+            SweptParameter::Alpha => (
+                "sensitivity_alpha",
+                "alpha of the paper's recognizer",
+                "Success against the paper's alpha",
+            ),
+        };
         let v = &first.result.validation;
-        rate_curves(
-            &dir.join(file),
-            &CurvePlot {
-                title: format!(
-                    "{title}; protocol {}, {} trials per point",
-                    v.protocol, v.samples
-                ),
-                x_label: x_label.into(),
-                y_label: "success".into(),
-                scale: RateScale::Success,
-                series,
-            },
-        )?;
+        let plot = CurvePlot {
+            title: format!(
+                "{title}: `{}` views, {} trials per point",
+                v.protocol, v.samples
+            ),
+            x_label: x_label.into(),
+            y_label: "success".into(),
+            scale: RateScale::Success,
+            log_x: parameter == SweptParameter::Alpha,
+            series: swept_series(&of),
+        };
+        in_each_format(dir, name, |path| rate_curves(path, &plot))?;
     }
     Ok(())
+}
+
+/// Identity and orientation of each recognizer over the swept values.
+fn swept_series(points: &[&SensitivityPoint]) -> Vec<RateSeries> {
+    let mut series = Vec::new();
+    for recognizer in RecognizerName::ALL {
+        let of = |pick: fn(&Validation) -> &Proportion| -> Vec<RatePoint> {
+            points
+                .iter()
+                .filter(|p| p.result.recognizer == recognizer)
+                .map(|p| point(p.value, pick(&p.result.validation)))
+                .collect()
+        };
+        let who = recognizer_name(recognizer);
+        for (what, points) in [
+            ("identity", of(|v| &v.identity)),
+            ("orientation", of(|v| &v.orientation)),
+        ] {
+            if !points.is_empty() {
+                series.push(RateSeries {
+                    name: format!("{who}, {what}"),
+                    points,
+                });
+            }
+        }
+    }
+    series
 }

@@ -4,8 +4,42 @@ use crate::error::{Result, require};
 
 /// Smallest hole that is made, mm.
 pub(super) const MIN_HOLE_MM: f64 = 0.5;
+/// Thinnest web that is made, mm.
+pub(super) const MIN_WEB_MM: f64 = 0.2;
 /// Clearance of a pen's tip in its hole, per side, mm: printers draw holes too small.
 const PEN_PLAY_MM: f64 = 0.2;
+
+/// What holds the hinge together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Closure {
+    /// A machine screw with a lock nut.
+    #[default]
+    Screw,
+    /// A pin that is printed with the halves and snaps in.
+    Pin,
+}
+
+impl Closure {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Screw, Self::Pin];
+
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Screw => "screw",
+            Self::Pin => "pin",
+        }
+    }
+}
+
+impl std::str::FromStr for Closure {
+    type Err = crate::error::Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        crate::error::by_name(&Self::ALL, Self::as_str, "closure", name)
+    }
+}
 
 /// Parameters of a stencil. Angles in radians; lengths in millimeters, the unit of the files it is
 /// written to.
@@ -35,7 +69,10 @@ pub struct StencilConfig {
     pub seam_margin_rad: f64,
     /// Gap between the two rims, square to their cone, mm. Default 0.2.
     pub seam_gap_mm: f64,
-    /// Nominal diameter of the hinge's screw, mm. Default 3.0 (M3).
+    /// What holds the hinge together. Default: a screw.
+    #[serde(default)]
+    pub closure: Closure,
+    /// Nominal diameter of the hinge's screw or pin, mm. Default 3.0 (M3).
     pub screw_diameter_mm: f64,
     /// By how much the bore is wider than the screw, mm. Default 0.2.
     pub bore_allowance_mm: f64,
@@ -49,7 +86,8 @@ pub struct StencilConfig {
     pub knuckle_wall_mm: f64,
     /// How far the thumb tab reaches beyond the shell, mm. Default 6.
     pub tab_mm: f64,
-    /// Whether the dots' numbers are engraved beside their holes. Default true.
+    /// Whether the dots' numbers are engraved beside their holes, and each half's name, the ball's
+    /// diameter and the pattern's id. Default true.
     pub numbers: bool,
     /// Width of the printer's nozzle, mm: no wall may be thinner. Default 0.4.
     pub nozzle_mm: f64,
@@ -69,6 +107,7 @@ impl Default for StencilConfig {
             min_web_mm: 0.8,
             seam_margin_rad: 10f64.to_radians(),
             seam_gap_mm: 0.2,
+            closure: Closure::Screw,
             screw_diameter_mm: 3.0,
             bore_allowance_mm: 0.2,
             hinge_length_mm: 15.0,
@@ -134,7 +173,7 @@ impl StencilConfig {
             ("wall_mm", self.wall_mm, 2.0 * self.nozzle_mm, 0.5 * r),
             ("hole_diameter_mm", self.hole_diameter_mm, MIN_HOLE_MM, r),
             ("throat_mm", self.throat_mm, 0.2, self.wall_mm),
-            ("min_web_mm", self.min_web_mm, 0.2, 5.0),
+            ("min_web_mm", self.min_web_mm, MIN_WEB_MM, 5.0),
             ("seam_gap_mm", self.seam_gap_mm, 0.05, 1.0),
             ("screw_diameter_mm", self.screw_diameter_mm, 1.0, 8.0),
             ("bore_allowance_mm", self.bore_allowance_mm, 0.0, 1.0),

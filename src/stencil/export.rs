@@ -9,6 +9,8 @@ use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 
+#[cfg(feature = "native")]
+use super::Closure;
 use super::config::degrees;
 use super::{HalfName, HoleSide, Mesh, Stencil, threemf};
 
@@ -29,7 +31,7 @@ const FRAMES: &str = "stencil = R * pattern, R the unit quaternion given; millim
 
 impl Stencil {
     /// Writes `half_a.stl`, `half_b.stl`, `stencil.3mf` and `stencil.json` to `dir`, which is made
-    /// if it does not exist. Each file is written atomically.
+    /// if it does not exist, and `pin.stl` for a hinge that has one. Each file is written atomically.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
@@ -38,6 +40,12 @@ impl Stencil {
         files::create_dir(dir)?;
         for (half, name) in HalfName::BOTH.into_iter().zip(HALF_FILES) {
             files::write_bytes(&dir.join(name), &self.half_stl_bytes(half)?)?;
+        }
+        let pin = dir.join("pin.stl");
+        match self.config.closure {
+            Closure::Pin => files::write_bytes(&pin, &stl_bytes(&super::pin(&self.config)?)?)?,
+            // That of a stencil which is replaced.
+            Closure::Screw => files::remove_if_present(&pin)?,
         }
         files::write_bytes(&dir.join("stencil.3mf"), &self.threemf_bytes()?)?;
         let mut text = serde_json::to_string_pretty(&self.description()?)
@@ -64,6 +72,7 @@ impl Stencil {
                 "through_holes": h.through_holes,
                 "numbers": h.numbers,
                 "unnumbered_dots": h.unnumbered,
+                "labels": h.labels,
                 "bounding_box": h.mesh.bounding_box(),
             })
         };
@@ -95,6 +104,8 @@ impl Stencil {
             "dots_in_half_b": indices(HoleSide::B),
             "dots_through_both_rims": indices(HoleSide::Both),
             "dots": dots.collect::<Vec<_>>(),
+            "windows": self.layout.windows,
+            "zones_without_window": self.layout.closed,
             "half_a": half(0),
             "half_b": half(1),
             "parameters": self.parameters()?,

@@ -42,12 +42,45 @@ impl Words {
                 shift: pen,
                 ..Flattened::default()
             };
-            face.outline_glyph(glyph, &mut flat).ok_or_else(missing)?;
+            // A space has no outline.
+            let drawn = face.outline_glyph(glyph, &mut flat);
+            if drawn.is_none() && !c.is_whitespace() {
+                return Err(missing());
+            }
             outlines.append(&mut flat.outlines);
             let advance = face.glyph_hor_advance(glyph).ok_or_else(missing)?;
             pen += scale * f64::from(advance) + TRACKING * height;
         }
         Ok(Self::centered(outlines))
+    }
+
+    /// An arrow that points upwards, `height` high.
+    pub fn arrow(height: f64) -> Self {
+        let h = 0.5 * height;
+        let corners = [
+            (-0.22, -1.0),
+            (0.22, -1.0),
+            (0.22, 0.15),
+            (0.65, 0.15),
+            (0.0, 1.0),
+            (-0.65, 0.15),
+            (-0.22, 0.15),
+        ];
+        Self {
+            outlines: vec![corners.map(|(x, y)| (h * x, h * y)).to_vec()],
+            half_width: 0.65 * h,
+            half_height: h,
+        }
+    }
+
+    /// A bar across, `width` by `height`.
+    pub fn bar(width: f64, height: f64) -> Self {
+        let (w, h) = (0.5 * width, 0.5 * height);
+        Self {
+            outlines: vec![vec![(-w, -h), (w, -h), (w, h), (-w, h)]],
+            half_width: w,
+            half_height: h,
+        }
     }
 
     fn centered(mut outlines: Vec<Vec<(f64, f64)>>) -> Self {

@@ -9,11 +9,15 @@ use std::f64::consts::FRAC_PI_2;
 
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
+use crate::pattern::{KeepOut, Pattern};
 
 use super::joint::Joint;
 use super::seam::{Seam, seam_candidates};
+use super::windows::{self, ClosedZone, Window};
 use super::{HalfName, StencilConfig, shapes};
 
+/// Seams tried for one that leaves every zone a window.
+const MAX_SHUT: usize = 40;
 /// Hinge positions tried along a seam.
 const AZIMUTHS: usize = 120;
 /// Distance of the points that stand for a surface, mm.
@@ -46,6 +50,12 @@ pub(super) struct Layout {
     pub cuts: Vec<[Cut; 2]>,
     /// Minimum distance of a hole from hinge or tab, mm.
     pub clearance_mm: f64,
+    /// The zones without dots, in the stencil's frame.
+    pub zones: Vec<KeepOut>,
+    /// Openings over the zones without dots.
+    pub windows: Vec<Window>,
+    /// Zones for which there is none.
+    pub closed: Vec<ClosedZone>,
 }
 
 /// Outline of a hinge arm with its knuckle in the plane y = 0 of a half's own frame (dome up): x,
@@ -329,6 +339,9 @@ fn try_seam(
             dots,
             cuts,
             clearance_mm,
+            zones: Vec::new(),
+            windows: Vec::new(),
+            closed: Vec::new(),
         },
         thin,
         ledge_mm,
@@ -336,29 +349,61 @@ fn try_seam(
 }
 
 impl Layout {
+    /// The layout with the windows that it has space for.
+    fn with_windows(
+        mut self,
+        zones: &[KeepOut],
+        obstacles: &Obstacles,
+        config: &StencilConfig,
+        joint: &Joint,
+    ) -> Self {
+        let turned: Vec<KeepOut> = zones
+            .iter()
+            .map(|zone| KeepOut {
+                axis: self.rotation * zone.axis,
+                ..*zone
+            })
+            .collect();
+        let around = windows::Around {
+            dots: &self.dots,
+            hinge: &obstacles.hinge.points,
+            tab: &obstacles.tab.points,
+        };
+        let (open, closed) = windows::windows(&turned, &around, config, joint);
+        (self.zones, self.windows, self.closed) = (turned, open, closed);
+        self
+    }
+
     /// Lays seam and hinge out: of the planes that keep holes clear of the hinge and leave no web
     /// too thin to print, the one farthest from the dots. A plane where no hole leaves a sliver of
     /// a ledge goes first, unless it comes nearer to the dots than the margin asked for and another
-    /// does not.
+    /// does not. Of the planes in this order the first is chosen that leaves every zone of the pattern a
+    /// window, else the first.
     ///
     /// # Errors
     /// [`Error::Argument`] with the value of the best attempt where no plane will do.
-    pub fn choose(pattern: &[Vec3], config: &StencilConfig, joint: &Joint) -> Result<Self> {
+    pub fn choose(pattern: &Pattern, config: &StencilConfig, joint: &Joint) -> Result<Self> {
+        let (dots, zones) = (pattern.dots(), pattern.keep_out());
         let obstacles = Obstacles::new(config, joint);
         let mut clearest = f64::NEG_INFINITY;
         let mut thickest: Option<(f64, usize)> = None;
         let mut second: Option<Self> = None;
         let far = |margin_rad: f64| margin_rad >= config.seam_margin_rad;
-        for seam in seam_candidates(pattern) {
+        // The first plane that will do, where it leaves some zone without a window.
+        let mut shut: Option<Self> = None;
+        let mut tried = 0;
+        for seam in seam_candidates(dots) {
             if let Some(second) =
                 second.take_if(|s| far(s.seam.margin_rad) && !far(seam.margin_rad))
             {
-                return Ok(second);
+                return Ok(
+                    shut.unwrap_or_else(|| second.with_windows(zones, &obstacles, config, joint))
+                );
             }
             for sign in [1.0, -1.0] {
                 let normal = sign * seam.normal;
                 let seam = Seam { normal, ..seam };
-                let trial = try_seam(seam, pattern, config, joint, &obstacles);
+                let trial = try_seam(seam, dots, config, joint, &obstacles);
                 clearest = clearest.max(trial.layout.clearance_mm);
                 if trial.layout.clearance_mm < config.min_web_mm {
                     continue;
@@ -368,14 +413,25 @@ impl Layout {
                         thickest = Some(thin);
                     }
                 } else if trial.ledge_mm >= config.nozzle_mm {
-                    return Ok(trial.layout);
+                    let layout = trial.layout.with_windows(zones, &obstacles, config, joint);
+                    tried += 1;
+                    if layout.closed.is_empty() || tried > MAX_SHUT {
+                        return Ok(match shut {
+                            Some(first) if !layout.closed.is_empty() => first,
+                            _ => layout,
+                        });
+                    }
+                    shut.get_or_insert(layout);
                 } else if trial.ledge_mm > 0.0 && second.is_none() {
                     second = Some(trial.layout);
                 }
             }
         }
+        if let Some(layout) = shut {
+            return Ok(layout);
+        }
         if let Some(second) = second {
-            return Ok(second);
+            return Ok(second.with_windows(zones, &obstacles, config, joint));
         }
         Err(match thickest {
             Some((web, dot)) => Error::argument(

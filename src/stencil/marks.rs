@@ -1,13 +1,14 @@
-//! The dots' numbers, engraved beside their holes.
+//! What is engraved: the dots' numbers beside their holes, the half's name with the ball's diameter, the
+//! pattern's id, and arrows to zones without a window.
 //!
 //! Numbers are outlines of a real font, upright when the dome is up, engraved to the same depth
 //! below the sphere everywhere. A number keeps clear of holes, rims, hinge, tab and other numbers,
 //! and lies nearer to its own hole than to any other: at most three quarters as far, where there is
-//! such a place. Where there is none it is set smaller, then nearer to another; a dot around which
-//! nothing fits stays without.
+//! such a place. Where there is none it is set smaller, then nearer to another, with a line that leads to
+//! its hole; a dot around which nothing fits stays without. Labels take what space is left.
 
 use crate::error::Result;
-use crate::geometry::{Vec3, tangent_frame};
+use crate::geometry::{Vec3, angle_between, spiral_directions, tangent_frame};
 
 use super::glyphs::Words;
 use super::joint::Joint;
@@ -19,7 +20,21 @@ use super::{StencilConfig, shapes};
 const HEIGHT: (f64, f64, f64) = (0.08, 2.8, 8.0);
 /// Sizes that are tried, as parts of that height, with how far a number may be from its own hole,
 /// as a part of its distance from any other.
-const TRIES: [(f64, f64); 4] = [(1.0, 0.75), (0.8, 0.75), (1.0, 0.95), (0.8, 0.95)];
+const TRIES: [(f64, f64); 4] = [(1.0, CLEARLY), (0.8, CLEARLY), (1.0, 0.95), (0.8, 0.95)];
+/// A number this much nearer to its own hole than to any other needs no line to it.
+const CLEARLY: f64 = 0.75;
+/// Width of a leader line, mm, and the gap beyond which one is drawn.
+const LEADER_MM: f64 = 0.5;
+const LEADER_GAP_MM: f64 = 1.0;
+/// Sizes of labels that are tried, as parts of a number's full height, and their bound, mm.
+const LABEL_SIZES: [f64; 3] = [1.0, 0.9, 0.8];
+const MIN_LABEL_MM: f64 = 2.4;
+/// Directions tried for a label, over the whole sphere.
+const LABEL_PLACES: usize = 1200;
+/// Height of an arrow as a part of a number's full height.
+const ARROW: f64 = 1.6;
+/// Characters of the pattern's SHA-256 that its label shows.
+pub(super) const ID_DIGITS: usize = 6;
 /// Depth of the engraving as a fraction of the wall, and its bound, mm.
 const DEPTH: (f64, f64) = (0.2, 0.5);
 /// Minimum distance of a number from anything else, and from other numbers, mm.
@@ -38,6 +53,17 @@ pub struct DotNumber {
     /// Direction of the number's middle from the ball's center, in the half's own frame (dome up).
     pub direction: Vec3,
     /// Height of its digits, mm.
+    pub height_mm: f64,
+}
+
+/// A label on a half.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Label {
+    /// What it says.
+    pub text: String,
+    /// Direction of its middle from the ball's center, in the half's own frame (dome up).
+    pub direction: Vec3,
+    /// Height of its capitals, mm.
     pub height_mm: f64,
 }
 
@@ -63,6 +89,31 @@ impl Place {
             half_width: words.half_width,
             half_height: words.half_height,
         }
+    }
+
+    /// A rectangle about `center` whose upper side points to the direction `target`.
+    fn towards(center: Vec3, target: &Vec3, words: &Words) -> Option<Self> {
+        let up = (target - target.dot(&center) * center).try_normalize(1e-6)?;
+        Some(Self {
+            right: up.cross(&center),
+            center,
+            up,
+            half_width: words.half_width,
+            half_height: words.half_height,
+        })
+    }
+
+    /// Whether it keeps clear of rims, holes and obstacles.
+    fn is_clear(&self, around: &Surroundings<'_>, config: &StencilConfig, joint: &Joint) -> bool {
+        let radius = config.outer_radius_mm();
+        let hole = config.opening_radius_mm();
+        let lowest = joint.lip_mm + joint.ledge_gap_mm + CLEAR_MM;
+        self.outline(radius).all(|c| c.z > lowest)
+            && around
+                .holes
+                .iter()
+                .all(|h| self.distance(&(radius * h)) > hole + CLEAR_MM)
+            && around.obstacles.iter().all(|p| self.distance(p) > CLEAR_MM)
     }
 
     /// Distance of a point from the rectangle in its plane, mm; infinite on the far side of the
@@ -99,7 +150,8 @@ impl Place {
     }
 }
 
-/// Numbers for the dots of one half, in its own frame (dome up).
+/// What is engraved in one half, in its own frame (dome up).
+#[derive(Default)]
 pub(super) struct Marks {
     /// What cuts them.
     pub tools: Vec<Mesh>,
@@ -107,6 +159,10 @@ pub(super) struct Marks {
     pub numbers: Vec<DotNumber>,
     /// Dots for whose number there was no place.
     pub left_out: Vec<usize>,
+    /// Labels that found a place.
+    pub labels: Vec<Label>,
+    /// Rectangles that are taken.
+    taken: Vec<Place>,
 }
 
 /// What numbers keep clear of.
@@ -128,12 +184,8 @@ pub(super) fn numbers(
     joint: &Joint,
 ) -> Result<Marks> {
     let radius = config.outer_radius_mm();
-    let full = (HEIGHT.0 * config.ball_diameter_mm).clamp(HEIGHT.1, HEIGHT.2);
-    let mut marks = Marks {
-        tools: Vec::new(),
-        numbers: Vec::new(),
-        left_out: Vec::new(),
-    };
+    let full = full_height(config);
+    let mut marks = Marks::default();
     // Dots with the fewest places choose first.
     let mut waiting = Vec::new();
     for (dot, direction) in numbered {
@@ -142,15 +194,14 @@ pub(super) fn numbers(
             let height = size * full;
             let words = Words::new(&dot.to_string(), height)?;
             let places = places(direction, &words, nearer, around, config, joint);
-            found.extend(places.into_iter().map(|place| (height, place)));
+            found.extend(places.into_iter().map(|place| (height, nearer, place)));
         }
-        waiting.push((*dot, found));
+        waiting.push((*dot, direction, found));
     }
-    waiting.sort_by_key(|(_, found)| found.len());
-    let mut taken: Vec<Place> = Vec::new();
-    for (dot, found) in waiting {
-        let free = |place: &Place| taken.iter().all(|t| t.is_apart(place, radius));
-        let Some((height_mm, place)) = found.into_iter().find(|(_, place)| free(place)) else {
+    waiting.sort_by_key(|(_, _, found)| found.len());
+    for (dot, hole, found) in waiting {
+        let free = |place: &Place| marks.is_free(place, radius);
+        let Some((height_mm, nearer, place)) = found.into_iter().find(|(_, _, p)| free(p)) else {
             marks.left_out.push(dot);
             continue;
         };
@@ -161,11 +212,120 @@ pub(super) fn numbers(
             direction: place.center,
             height_mm,
         });
-        taken.push(place);
+        marks.taken.push(place);
+        if nearer > CLEARLY
+            && let Some((line, bar)) = leader(&place, hole, config)
+            && around
+                .holes
+                .iter()
+                .filter(|h| *h != hole)
+                .all(|h| line.distance(&(radius * h)) > config.opening_radius_mm() + CLEAR_MM)
+        {
+            marks.tools.push(tool(&line, &bar, config)?);
+        }
     }
     marks.numbers.sort_by_key(|number| number.dot);
     marks.left_out.sort_unstable();
     Ok(marks)
+}
+
+/// The line from a number to its hole, where the gap between them asks for one.
+fn leader(number: &Place, hole: &Vec3, config: &StencilConfig) -> Option<(Place, Words)> {
+    let radius = config.outer_radius_mm();
+    let towards = (hole - hole.dot(&number.center) * number.center).try_normalize(1e-6)?;
+    let extent = number.half_width * towards.dot(&number.right).abs()
+        + number.half_height * towards.dot(&number.up).abs();
+    let from = (extent + 0.5 * CLEAR_MM) / radius;
+    let to = angle_between(&number.center, hole)
+        - (config.opening_radius_mm() + 0.5 * CLEAR_MM) / radius;
+    let length = (to - from) * radius;
+    if length < LEADER_GAP_MM {
+        return None;
+    }
+    let angle = 0.5 * (from + to);
+    let middle = angle.cos() * number.center + angle.sin() * towards;
+    let bar = Words::bar(LEADER_MM, length);
+    Some((Place::towards(middle, hole, &bar)?, bar))
+}
+
+impl Marks {
+    fn is_free(&self, place: &Place, radius: f64) -> bool {
+        self.taken.iter().all(|t| t.is_apart(place, radius))
+    }
+
+    /// Engraves each of `texts` where there is space, as high on the dome as possible.
+    ///
+    /// # Errors
+    /// As [`numbers`].
+    pub fn add_labels(
+        &mut self,
+        texts: &[String],
+        around: &Surroundings<'_>,
+        config: &StencilConfig,
+        joint: &Joint,
+    ) -> Result<()> {
+        let radius = config.outer_radius_mm();
+        let mut directions: Vec<Vec3> = spiral_directions(LABEL_PLACES)
+            .filter(|d| d.z > 0.0)
+            .collect();
+        directions.sort_by(|a, b| b.z.total_cmp(&a.z));
+        for text in texts {
+            for size in LABEL_SIZES {
+                let height_mm = (size * full_height(config)).max(MIN_LABEL_MM);
+                let words = Words::new(text, height_mm)?;
+                let mut places = directions.iter().map(|d| Place::new(*d, &words));
+                let Some(place) =
+                    places.find(|p| p.is_clear(around, config, joint) && self.is_free(p, radius))
+                else {
+                    continue;
+                };
+                self.tools.push(tool(&place, &words, config)?);
+                self.labels.push(Label {
+                    text: text.clone(),
+                    direction: place.center,
+                    height_mm,
+                });
+                self.taken.push(place);
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Engraves an arrow that points to `zone` (the half's own frame) from as near as possible; without
+    /// space for one there is none.
+    ///
+    /// # Errors
+    /// As [`numbers`].
+    pub fn add_arrow(
+        &mut self,
+        zone: &Vec3,
+        around: &Surroundings<'_>,
+        config: &StencilConfig,
+        joint: &Joint,
+    ) -> Result<()> {
+        let radius = config.outer_radius_mm();
+        let words = Words::arrow(ARROW * full_height(config));
+        let mut directions: Vec<Vec3> = spiral_directions(LABEL_PLACES)
+            .filter(|d| d.z > 0.0)
+            .collect();
+        directions.sort_by(|a, b| b.dot(zone).total_cmp(&a.dot(zone)));
+        let mut places = directions
+            .iter()
+            .filter_map(|d| Place::towards(*d, zone, &words));
+        if let Some(place) =
+            places.find(|p| p.is_clear(around, config, joint) && self.is_free(p, radius))
+        {
+            self.tools.push(tool(&place, &words, config)?);
+            self.taken.push(place);
+        }
+        Ok(())
+    }
+}
+
+/// Height of a number where it has space, mm.
+fn full_height(config: &StencilConfig) -> f64 {
+    (HEIGHT.0 * config.ball_diameter_mm).clamp(HEIGHT.1, HEIGHT.2)
 }
 
 /// What cuts `text`, `height` high, at the direction `center`.
@@ -183,7 +343,7 @@ pub(super) fn words_at(
 }
 
 /// Depth of the engraving, mm: four fifths of the wall remain, which is more than a nozzle's width.
-fn depth_mm(config: &StencilConfig) -> f64 {
+pub(super) fn depth_mm(config: &StencilConfig) -> f64 {
     (DEPTH.0 * config.wall_mm).min(DEPTH.1)
 }
 
@@ -205,7 +365,6 @@ fn places(
 ) -> Vec<Place> {
     let radius = config.outer_radius_mm();
     let hole = config.opening_radius_mm();
-    let lowest = joint.lip_mm + joint.ledge_gap_mm + CLEAR_MM;
     let here = Place::new(*dot, words);
     let mut found = Vec::new();
     for step in STEPS_MM {
@@ -222,15 +381,11 @@ fn places(
             let angle = (hole + CLEAR_MM + step + extent) / radius;
             let place = Place::new(angle.cos() * dot + angle.sin() * towards, words);
             let own = (place.center - dot).norm();
-            let clear = place.outline(radius).all(|c| c.z > lowest)
-                && around.holes.iter().all(|h| {
-                    let is_clear = place.distance(&(radius * h)) > hole + CLEAR_MM;
-                    is_clear && (h == dot || own < nearer * (place.center - h).norm())
-                })
+            let clear = place.is_clear(around, config, joint)
                 && around
-                    .obstacles
+                    .holes
                     .iter()
-                    .all(|p| place.distance(p) > CLEAR_MM);
+                    .all(|h| h == dot || own < nearer * (place.center - h).norm());
             if clear {
                 found.push(place);
             }

@@ -5,7 +5,7 @@
 //! z = 0 of the *stencil frame*. The shell between two spheres is parted there into half A (z > 0)
 //! and half B (z < 0), whose rims overlap by a narrow band and meet in a cone ([`Joint`]); a
 //! tapered tool is subtracted for each dot by mesh booleans. A dot near the seam leaves matching
-//! holes in both rims. Slivers are removed.
+//! holes in both rims. Zones that the pattern keeps free of dots become windows. Slivers are removed.
 //!
 //! Guaranteed: each half is one closed, oriented 2-manifold that does not intersect itself and has
 //! exactly the expected holes, after rounding to the 32-bit floats of STL. Not guaranteed: that a
@@ -46,22 +46,26 @@ mod layout;
 mod marks;
 mod mesh;
 mod parts;
+mod pin;
 mod seam;
 pub mod shapes;
 mod solid;
 mod threemf;
+mod windows;
 
-pub use config::StencilConfig;
+pub use config::{Closure, StencilConfig};
 pub use export::stl_bytes;
 pub use joint::Joint;
-pub use marks::DotNumber;
+pub use marks::{DotNumber, Label};
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
+pub use pin::pin;
 pub use seam::{Seam, max_margin_seam};
+pub use windows::{ClosedZone, Window};
 
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, angle_between};
-use crate::pattern::Pattern;
-use config::MIN_HOLE_MM;
+use crate::pattern::{KeepOut, Pattern};
+use config::{MIN_HOLE_MM, MIN_WEB_MM};
 use layout::{Cut, Layout};
 use solid::Solid;
 
@@ -133,6 +137,8 @@ pub struct Half {
     pub numbers: Vec<DotNumber>,
     /// Dots of this half whose number found no place.
     pub unnumbered: Vec<usize>,
+    /// The half's name with the ball's diameter, and the pattern's id, where they found a place.
+    pub labels: Vec<Label>,
 }
 
 /// A stencil for one pattern.
@@ -157,7 +163,7 @@ impl Plan {
         config.validate()?;
         let joint = Joint::new(config)?;
         check_overlaps(pattern.dots(), config)?;
-        let layout = Layout::choose(pattern.dots(), config, &joint)?;
+        let layout = Layout::choose(pattern, config, &joint)?;
         Ok(Self { joint, layout })
     }
 }
@@ -206,8 +212,15 @@ impl Stencil {
             }
         });
         let sides = sides.collect();
-        let a = half(&layout, HalfName::A, config, &joint)?;
-        let b = half(&layout, HalfName::B, config, &joint)?;
+        let id: String = pattern.sha256().chars().take(marks::ID_DIGITS).collect();
+        let labels = |half: &str| {
+            [
+                format!("{half} Ø{}", config.ball_diameter_mm),
+                format!("#{id}"),
+            ]
+        };
+        let a = half(&layout, HalfName::A, &labels("A"), config, &joint)?;
+        let b = half(&layout, HalfName::B, &labels("B"), config, &joint)?;
         Ok(Self {
             config: config.clone(),
             joint,
@@ -251,6 +264,26 @@ impl Stencil {
     /// For each dot, the half that holds its hole.
     pub fn sides(&self) -> &[HoleSide] {
         &self.sides
+    }
+
+    /// The pattern's zones without dots, in the stencil's frame.
+    pub fn zones(&self) -> &[KeepOut] {
+        &self.layout.zones
+    }
+
+    /// Radius of the engraving's floor, mm.
+    pub fn engraving_radius_mm(&self) -> f64 {
+        self.config.outer_radius_mm() - marks::depth_mm(&self.config)
+    }
+
+    /// Openings over the pattern's zones without dots.
+    pub fn windows(&self) -> &[Window] {
+        &self.layout.windows
+    }
+
+    /// Zones for whose window there is no space: arrows point to them.
+    pub fn closed_zones(&self) -> &[ClosedZone] {
+        &self.layout.closed
     }
 
     /// Halves A and B, each rim down.
@@ -305,7 +338,7 @@ fn check_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
                          between them, expected at least {} mm; {}",
                         angle.to_degrees(),
                         config.min_web_mm,
-                        fitting(widest_holes(dots, config)),
+                        fitting(dots, config, thinnest),
                     ),
                 ));
             }
@@ -331,20 +364,46 @@ fn widest_holes(dots: &[Vec3], config: &StencilConfig) -> f64 {
     widest
 }
 
-/// Which holes fit, in words.
-fn fitting(hole_diameter_mm: f64) -> String {
-    let tenths = (10.0 * hole_diameter_mm + 1e-6).floor();
-    if tenths < 10.0 * MIN_HOLE_MM {
+/// Which holes, webs and balls fit, in words, where the thinnest web is `thinnest_mm`.
+fn fitting(dots: &[Vec3], config: &StencilConfig, thinnest_mm: f64) -> String {
+    let tenths = (10.0 * widest_holes(dots, config) + 1e-6).floor();
+    let holes = if tenths < 10.0 * MIN_HOLE_MM {
         "no hole fits".to_owned()
     } else {
         format!("holes of at most {:.1} mm fit", 0.1 * tenths)
+    };
+    let web = (10.0 * thinnest_mm + 1e-6).floor();
+    let webs = if web < 10.0 * MIN_WEB_MM {
+        String::new()
+    } else {
+        format!(", or a web of at most {:.1} mm", 0.1 * web)
+    };
+    let ball = (10.0 * smallest_ball(dots, config) - 1e-6).ceil();
+    format!("{holes}{webs}, or a ball of at least {:.1} mm", 0.1 * ball)
+}
+
+/// The ball's diameter from which all webs are as thick as asked for, mm.
+fn smallest_ball(dots: &[Vec3], config: &StencilConfig) -> f64 {
+    let mut radius = 0.0f64;
+    for (i, a) in dots.iter().enumerate() {
+        for b in &dots[..i] {
+            let sine = (0.5 * angle_between(a, b)).sin();
+            let at = |hole: f64| 0.5 * (hole + config.min_web_mm) / sine;
+            // How far inner and outer surface lie beyond the ball.
+            let beyond = [config.clearance_mm, config.clearance_mm + config.wall_mm];
+            let inner = at(config.hole_diameter_mm) - beyond[0];
+            let outer = at(2.0 * config.opening_radius_mm()) - beyond[1];
+            radius = radius.max(inner).max(outer);
+        }
     }
+    2.0 * radius
 }
 
 /// The numbers to engrave in one half, and its holes (both in its own frame).
 fn marks(
     layout: &Layout,
     name: HalfName,
+    labels: &[String],
     config: &StencilConfig,
     joint: &Joint,
 ) -> Result<marks::Marks> {
@@ -362,16 +421,31 @@ fn marks(
     if name == HalfName::A {
         obstacles.extend(layout::tab_points(config, joint));
     }
+    let windows = layout.windows.iter().filter(|w| w.half == name);
+    obstacles.extend(windows.flat_map(|w| w.points(config)));
     let around = marks::Surroundings {
         holes: &holes,
         obstacles: &obstacles,
     };
-    marks::numbers(&numbered, &around, config, joint)
+    let mut marks = marks::numbers(&numbered, &around, config, joint)?;
+    if config.numbers {
+        for zone in layout.closed.iter().filter(|z| name.holds(z.axis.z)) {
+            marks.add_arrow(&name.own_frame(&zone.axis), &around, config, joint)?;
+        }
+        marks.add_labels(labels, &around, config, joint)?;
+    }
+    Ok(marks)
 }
 
 /// Builds one half, lays it on the bed and checks it.
-fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) -> Result<Half> {
-    let marks = marks(layout, name, config, joint)?;
+fn half(
+    layout: &Layout,
+    name: HalfName,
+    labels: &[String],
+    config: &StencilConfig,
+    joint: &Joint,
+) -> Result<Half> {
+    let marks = marks(layout, name, labels, config, joint)?;
     let up = Vec3::new(0.0, 0.0, joint.lip_mm);
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"
@@ -393,6 +467,12 @@ fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) 
                 .map(|d| name.own_frame(d))
                 .zip(layout.cuts.iter().map(|c| c[name as usize]))
                 .collect(),
+            windows: layout
+                .windows
+                .iter()
+                .filter(|w| w.half == name)
+                .map(|w| (name.own_frame(&w.axis), w.radius_mm))
+                .collect(),
             marks: marks.tools.clone(),
         };
         let raw = part.solid()?.mesh().mapped(|v| v + up);
@@ -407,6 +487,7 @@ fn half(layout: &Layout, name: HalfName, config: &StencilConfig, joint: &Joint) 
     outcome.map(|half| Half {
         numbers: marks.numbers,
         unnumbered: marks.left_out,
+        labels: marks.labels,
         ..half
     })
 }
@@ -432,5 +513,6 @@ fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
         through_holes,
         numbers: Vec::new(),
         unnumbered: Vec::new(),
+        labels: Vec::new(),
     })
 }

@@ -35,6 +35,8 @@ pub(super) struct Shell<'a> {
     pub name: HalfName,
     /// The dots in its own frame, and what their holes do to it.
     pub holes: Vec<(Vec3, Cut)>,
+    /// Windows over zones without dots: axis in its own frame, and radius, mm.
+    pub windows: Vec<(Vec3, f64)>,
     /// Prisms over its engraved marks, which end at the engraving's [`floor`].
     pub marks: Vec<Mesh>,
 }
@@ -60,6 +62,7 @@ impl Shell<'_> {
         }
         let cuts = self.holes.iter().filter(|(_, cut)| *cut != Cut::None);
         tools.extend(cuts.map(|(dot, _)| self.drill(dot)));
+        tools.extend(self.windows.iter().map(|(axis, r)| self.window(axis, *r)));
         let mut tools = solids(&tools)?;
         if !self.marks.is_empty() {
             tools.push(Solid::union(&solids(&self.marks)?)?.minus(&[Solid::new(&floor(config))?])?);
@@ -67,10 +70,11 @@ impl Shell<'_> {
         body.minus(&tools)
     }
 
-    /// How many holes lead through the finished half: those of dots and of its knuckles.
+    /// How many holes lead through the finished half: those of dots, its windows,
+    /// and its knuckles.
     pub fn through_holes(&self) -> usize {
         let dots = self.holes.iter().filter(|(_, cut)| *cut == Cut::Through);
-        dots.count() + self.knuckles().count()
+        dots.count() + self.windows.len() + self.knuckles().count()
     }
 
     /// Extents along y of its knuckles.
@@ -221,6 +225,16 @@ impl Shell<'_> {
                 shapes::ring(&Vec3::z(), &other_lip, segments),
             ]
         }
+    }
+
+    /// The tool that cuts a window.
+    fn window(&self, axis: &Vec3, radius: f64) -> Mesh {
+        let inner = self.config.inner_radius_mm();
+        let start = 0.5 * (inner * inner - radius * radius).max(0.0).sqrt();
+        let end = self.config.outer_radius_mm() + BEYOND_MM;
+        let outline = [(start, 0.0), (start, radius), (end, radius), (end, 0.0)];
+        let segments = shapes::circle_segments(radius, self.config.chord_error_mm).max(32);
+        shapes::revolve(axis, &outline, segments)
     }
 
     /// The tool that cuts a dot's hole: a throat of the dot's diameter, then a cone.

@@ -1,6 +1,6 @@
 //! Validation with a recognizer chosen by its name, for the command and the reports.
 
-use super::{Protocol, TrialResult, Validation, run_trials, summarize};
+use super::{Protocol, TrialResult, Validation, run_trials_observed, summarize};
 use crate::error::Result;
 use crate::hash::HashTable;
 use crate::recognize::robust::RobustRecognizer;
@@ -21,7 +21,7 @@ pub struct NamedValidation {
 /// protocol's rates ([`Protocol::recognizer_config`]).
 ///
 /// # Errors
-/// As [`run_trials`], and [`crate::Error::Argument`] for recognizer parameters outside their
+/// As [`super::run_trials`], and [`crate::Error::Argument`] for recognizer parameters outside their
 /// domains.
 pub fn run_named(
     table: &HashTable,
@@ -30,15 +30,26 @@ pub fn run_named(
     seed: u64,
     samples: u64,
 ) -> Result<Vec<TrialResult>> {
+    run_named_observed(table, recognizer, protocol, seed, samples, &|_| {})
+}
+
+fn run_named_observed(
+    table: &HashTable,
+    recognizer: RecognizerName,
+    protocol: &Protocol,
+    seed: u64,
+    samples: u64,
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<TrialResult>> {
     let pattern = table.pattern();
     match recognizer {
         RecognizerName::Paper => {
             let paper = PaperRecognizer::from_table(table)?;
-            run_trials(pattern, &paper, protocol, seed, samples)
+            run_trials_observed(pattern, &paper, protocol, seed, samples, done)
         }
         RecognizerName::Robust => {
             let robust = RobustRecognizer::new(pattern, protocol.recognizer_config())?;
-            run_trials(pattern, &robust, protocol, seed, samples)
+            run_trials_observed(pattern, &robust, protocol, seed, samples, done)
         }
     }
 }
@@ -54,7 +65,22 @@ pub fn validate_named(
     seed: u64,
     samples: u64,
 ) -> Result<NamedValidation> {
-    let results = run_named(table, recognizer, protocol, seed, samples)?;
+    validate_named_observed(table, recognizer, protocol, seed, samples, &|_| {})
+}
+
+/// As [`validate_named`]; `done` learns from any thread how many more trials are done.
+///
+/// # Errors
+/// As [`run_named`].
+pub fn validate_named_observed(
+    table: &HashTable,
+    recognizer: RecognizerName,
+    protocol: &Protocol,
+    seed: u64,
+    samples: u64,
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<NamedValidation> {
+    let results = run_named_observed(table, recognizer, protocol, seed, samples, done)?;
     Ok(NamedValidation {
         recognizer,
         validation: summarize(&results, protocol, seed),

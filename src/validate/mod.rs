@@ -18,7 +18,7 @@ mod steady;
 mod trial;
 
 pub use crate::stats::{Proportion, median};
-pub use by_name::{NamedValidation, run_named, validate_named};
+pub use by_name::{NamedValidation, run_named, validate_named, validate_named_observed};
 pub use protocol::{Noise, Protocol, ProtocolName};
 pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
@@ -114,6 +114,21 @@ pub fn run_trials<R: Recognizer>(
     seed: u64,
     samples: u64,
 ) -> Result<Vec<TrialResult>> {
+    run_trials_observed(pattern, recognizer, protocol, seed, samples, &|_| {})
+}
+
+/// As [`run_trials`]; `done` learns from any thread how many more trials are done.
+///
+/// # Errors
+/// As [`run_trials`].
+pub fn run_trials_observed<R: Recognizer>(
+    pattern: &Pattern,
+    recognizer: &R,
+    protocol: &Protocol,
+    seed: u64,
+    samples: u64,
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<TrialResult>> {
     protocol.check()?;
     if samples == 0 {
         return Err(Error::argument(
@@ -131,13 +146,15 @@ pub fn run_trials<R: Recognizer>(
         let mut trial = Trial::default();
         let mut workspace = recognizer.workspace();
         let mut answer = Identification::default();
-        let to = ((chunk + 1) * CHUNK).min(samples);
-        (chunk * CHUNK..to)
+        let (from, to) = (chunk * CHUNK, ((chunk + 1) * CHUNK).min(samples));
+        let results: Vec<_> = (from..to)
             .map(|index| {
                 generator.generate(index, &mut trial);
                 judge(&trial, recognizer, protocol, &mut workspace, &mut answer)
             })
-            .collect::<Vec<_>>()
+            .collect();
+        done(to - from);
+        results
     });
     Ok(results.into_iter().flatten().collect())
 }

@@ -13,6 +13,7 @@ mod mark;
 mod pattern;
 mod plot;
 mod recognize;
+mod report;
 mod spin;
 mod stencil;
 mod synth;

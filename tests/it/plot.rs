@@ -39,11 +39,34 @@ fn check(name: &str, size: (u32, u32), ink: f64, draw: impl Fn(&Path) -> Result<
     assert!(part > ink && part < 0.9, "{name}: {part}");
     draw(&path).unwrap();
     assert_eq!(bytes, std::fs::read(&path).unwrap(), "{name}: other bytes");
+    check_svg(&path.with_extension("svg"), size, &draw);
 
     let missing = dir.join("missing");
     let error = draw(&missing.join(name)).unwrap_err();
     assert!(matches!(error, Error::Write { .. }), "{error}");
     assert!(!missing.exists());
+}
+
+/// Asserts that `draw` leaves an SVG file of `size` which parses, has words in it, and names the font.
+fn check_svg(path: &Path, size: (u32, u32), draw: impl Fn(&Path) -> Result<()>) {
+    use svg::parser::Event;
+    draw(path).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    let head = format!("<svg width=\"{}\" height=\"{}\" viewBox=", size.0, size.1);
+    assert!(text.starts_with(&head), "{:.200}", text);
+    let (mut shapes, mut words) = (0, 0);
+    for event in svg::read(&text).unwrap() {
+        match event {
+            Event::Error(error) => panic!("{}: {error}", path.display()),
+            Event::Tag("text", _, attributes) if attributes.contains_key("font-family") => {
+                assert!(attributes["font-family"].contains("DejaVu Sans"));
+                words += 1;
+            }
+            Event::Tag(..) => shapes += 1,
+            _ => {}
+        }
+    }
+    assert!(shapes > 8 && words > 3, "{shapes} shapes, {words} words");
 }
 
 fn pattern(n: usize) -> Pattern {
@@ -83,6 +106,7 @@ fn curves(scale: RateScale) -> CurvePlot {
             RateScale::Failure => "orientation not found".into(),
         },
         scale,
+        log_x: false,
         series: series
             .map(|(name, c)| RateSeries {
                 name: name.into(),

@@ -349,6 +349,38 @@ fn refusals_name_the_largest_hole_that_fits() {
             words.contains(&named),
             "seed {seed}: {words}; expected {named}; {above}"
         );
+        // The ball named is just large enough, and so is the web named thin enough.
+        let words = Stencil::check(&pattern, &with(7.0))
+            .unwrap_err()
+            .to_string();
+        let number = |after: &str| -> Option<f64> {
+            let (_, rest) = words.rsplit_once(after)?;
+            rest.split_whitespace().next()?.parse().ok()
+        };
+        let ball = number("a ball of at least ").unwrap();
+        let on_ball = |ball_diameter_mm: f64| {
+            let config = StencilConfig {
+                ball_diameter_mm,
+                ..with(7.0)
+            };
+            let checked = Stencil::check(&pattern, &config).map_err(|e| e.to_string());
+            checked.is_err_and(|w| w.contains("holes of dots"))
+        };
+        assert!(
+            on_ball(ball - 0.2) && !on_ball(ball + 0.001),
+            "seed {seed}: {words}"
+        );
+        if let Some(min_web_mm) = number("a web of at most ") {
+            let config = StencilConfig {
+                min_web_mm,
+                ..with(7.0)
+            };
+            let checked = Stencil::check(&pattern, &config).map_err(|e| e.to_string());
+            assert!(
+                !checked.is_err_and(|w| w.contains("holes of dots")),
+                "{words}"
+            );
+        }
     }
 }
 
@@ -784,5 +816,92 @@ fn the_same_pattern_gives_the_same_bytes() {
     for file in ["half_a.stl", "half_b.stl", "stencil.json", "stencil.3mf"] {
         let read = |name: &str| std::fs::read(dir.path().join(name).join(file)).unwrap();
         assert!(read("one") == read("two"), "{file}");
+    }
+}
+
+/// Windows over zones without dots: open over their whole width, nothing else in their way, and arrows
+/// where there is no space.
+#[test]
+fn zones_become_windows() {
+    use spindoe::KeepOut;
+    let mut rng = ChaCha8Rng::seed_from_u64(77);
+    let mut windows = 0;
+    for seed in 0..4 {
+        let pattern = random_pattern(12, 24.0, 300 + seed);
+        let zones = (0..3).map(|_| {
+            let axis = random_direction(&mut rng);
+            let free = pattern.dots().iter().map(|d| angle_between(d, &axis));
+            KeepOut {
+                axis,
+                half_angle_rad: 0.95 * free.fold(1.2, f64::min),
+            }
+        });
+        let pattern = pattern.clone().with_keep_out(zones.collect()).unwrap();
+        let stencil = Stencil::build(&pattern, &StencilConfig::default()).unwrap();
+        let found = stencil.windows();
+        assert_eq!(found.len() + stencil.closed_zones().len(), 3);
+        windows += found.len();
+        for window in found {
+            let zone = stencil.zones()[window.zone];
+            assert!(window.axis.dot(&zone.axis) > 1.0 - 1e-12);
+            let limit = stencil.config().inner_radius_mm() * zone.half_angle_rad.sin();
+            assert!(window.radius_mm >= 2.0 && window.radius_mm < limit + 1e-9);
+            let [u, v] = spindoe::geometry::tangent_frame(&window.axis);
+            for half in HalfName::BOTH {
+                let mesh = stencil.placed_half(half, 0.0);
+                for k in 0..12 {
+                    let (sin, cos) = (f64::from(k) * std::f64::consts::FRAC_PI_6).sin_cos();
+                    let from = |r: f64| r * (cos * u + sin * v) + window.axis;
+                    let inside = crossings(&mesh, &from(0.98 * window.radius_mm), &window.axis);
+                    assert_eq!(inside, 0, "seed {seed}, zone {}", window.zone);
+                }
+            }
+        }
+    }
+    assert!(windows >= 3, "{windows} windows: nothing was tested");
+}
+
+#[test]
+fn a_half_says_what_it_is_for() {
+    let pattern = random_pattern(10, 30.0, 5);
+    let config = StencilConfig {
+        ball_diameter_mm: 40.3,
+        ..StencilConfig::default()
+    };
+    let stencil = Stencil::build(&pattern, &config).unwrap();
+    let id = format!("#{:.6}", pattern.sha256());
+    for (half, name) in stencil.halves().iter().zip(["A Ø40.3", "B Ø40.3"]) {
+        let texts: Vec<&str> = half.labels.iter().map(|l| l.text.as_str()).collect();
+        assert_eq!(texts, [name, &id]);
+        for label in &half.labels {
+            assert!(label.direction.z > 0.0 && label.height_mm >= 2.4);
+        }
+    }
+}
+
+#[test]
+fn the_pin_goes_through_the_bore_and_snaps() {
+    for (screw, length) in [(3.0, 15.0), (2.0, 9.0), (4.0, 20.0)] {
+        let config = StencilConfig {
+            screw_diameter_mm: screw,
+            hinge_length_mm: length,
+            clearance_mm: 0.3,
+            wall_mm: 3.4,
+            ..StencilConfig::default()
+        };
+        let pin = spindoe::stencil::pin(&config).unwrap();
+        let check = pin.check();
+        assert_eq!((check.bodies, check.euler_characteristic), (1, 2));
+        let bounds = pin.bounding_box();
+        assert!(bounds.min_mm[2].abs() < 1e-6, "it lies on the bed");
+        let bore = 0.5 * (screw + config.bore_allowance_mm);
+        let up = 0.7 * 0.5 * screw;
+        let radius = |v: &Vec3| v.y.hypot(v.z - up);
+        let shaft = pin.vertices.iter().filter(|v| v.x > 2.0 && v.x < length);
+        assert!(shaft.map(radius).all(|r| r < bore));
+        let barb = pin.vertices.iter().filter(|v| v.x > length + 1.6);
+        let barb = barb.map(radius).fold(0.0, f64::max);
+        // Wider than the bore, but not when the slot of 0.6 mm is pressed shut.
+        assert!(barb > bore && barb - 0.3 < bore, "{barb} mm in {bore} mm");
     }
 }

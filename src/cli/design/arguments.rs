@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use crate::cli::output::one_of;
+use crate::cli::output::{one_of, quoted};
 use crate::design::feasible::packed_separation;
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName};
@@ -98,7 +98,8 @@ pub struct Arguments {
     /// default 10, less for more than 24 dots.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     seam_margin_deg: Option<f64>,
-    /// A cone without dots, such as a logo: its axis and half angle in degrees. May be repeated.
+    /// A cone without dots, such as a logo: its axis and half angle in degrees. May be repeated. By
+    /// default the zones of --from.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = keep_out, allow_hyphen_values = true)]
     keep_out: Vec<Cone>,
     /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6:
@@ -189,7 +190,10 @@ impl Arguments {
                 min_separation_rad: self.min_separation_deg().to_radians(),
                 min_visible: self.min_visible.unwrap_or(3 * dots / 10),
                 seam_margin_rad: self.seam_margin_deg(dots).to_radians(),
-                keep_out: self.keep_out.iter().map(|c| c.keep_out).collect(),
+                keep_out: match &from {
+                    Some(pattern) if self.keep_out.is_empty() => pattern.keep_out().to_vec(),
+                    _ => self.keep_out.iter().map(|c| c.keep_out).collect(),
+                },
                 stencil: Some(self.stencil()),
                 ..Constraints::default()
             },
@@ -352,16 +356,6 @@ impl Arguments {
         }
         words.join(" ")
     }
-}
-
-/// A word as a POSIX shell needs it: as it is where every character is harmless, else in single
-/// quotes.
-fn quoted(word: &str) -> String {
-    let harmless = |c: char| c.is_ascii_alphanumeric() || "_-./,:=+@%".contains(c);
-    if !word.is_empty() && word.chars().all(harmless) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 /// Parses `MEAN,WORST`.

@@ -3,6 +3,8 @@
 mod output;
 #[cfg(feature = "plot")]
 mod overlay;
+#[cfg(feature = "plot")]
+mod page;
 mod verdict;
 
 use std::io::Write;
@@ -73,6 +75,10 @@ pub struct Arguments {
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
+    /// Write a page to look at: frames, orientations over time, the spin, rejected frames.
+    #[cfg(feature = "plot")]
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// The ball's outline in all frames: center and radius in pixels [default: detected].
     #[arg(
         long,
@@ -175,7 +181,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let mut config = arguments.batch()?;
     #[cfg(feature = "plot")]
-    let wanted = arguments.overlay.is_some();
+    let wanted = arguments.overlay.is_some() || arguments.report.is_some();
     #[cfg(not(feature = "plot"))]
     let wanted = false;
     // What cannot be written is known before the work.
@@ -207,6 +213,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
         overlay::draw(dir, &estimators[judgement.table()], &batch)?;
+    }
+    #[cfg(feature = "plot")]
+    if let Some(path) = &arguments.report {
+        let estimator = &estimators[judgement.table()];
+        page::write(
+            path,
+            estimator,
+            estimator.pattern(),
+            &batch,
+            arguments.max_spin_rps,
+        )?;
     }
     let report = Report::new(arguments, &batch, &judgement);
     let text = report.orientations_csv();

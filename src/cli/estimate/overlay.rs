@@ -5,7 +5,7 @@ use std::path::Path;
 use super::{Picture, output};
 use crate::error::Result;
 use crate::plot::{self, OverlayFrame};
-use crate::vision::estimator::Batch;
+use crate::vision::estimator::{Batch, BatchFrame};
 use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel, RgbImage};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
@@ -31,6 +31,36 @@ pub(super) fn picture(
     }
 }
 
+/// A frame with what is drawn on it; `None` where no picture was kept.
+pub(super) fn drawn(
+    estimator: &Estimator<NamedDetector>,
+    shown: &BatchFrame<Picture>,
+) -> Option<OverlayFrame> {
+    let frame = &shown.estimate;
+    let (image, left, top) = shown.kept.as_ref()?;
+    let place = |p: Pixel| Pixel {
+        u: p.u - *left as f64,
+        v: p.v - *top as f64,
+    };
+    Some(OverlayFrame {
+        name: shown.name.clone(),
+        words: output::words(frame),
+        refused: frame.pose().is_none(),
+        image: image.clone(),
+        outline: frame.circle.map(|c| (place(c.center), c.radius)),
+        dots: (frame.dots.iter().zip(&frame.assignment))
+            .map(|(dot, name)| plot::OverlayDot {
+                pixel: place(dot.pixel),
+                confidence: dot.confidence,
+                named: name.is_some(),
+            })
+            .collect(),
+        expected: (estimator.expected_dots(frame).into_iter())
+            .map(|(number, pixel, z)| (number, place(pixel), z))
+            .collect(),
+    })
+}
+
 /// Draws all frames, and the sheets.
 pub(super) fn draw(
     dir: &Path,
@@ -39,30 +69,8 @@ pub(super) fn draw(
 ) -> Result<()> {
     let mut frames = Vec::new();
     for (k, shown) in batch.frames.iter().enumerate() {
-        let frame = &shown.estimate;
-        let Some((image, left, top)) = &shown.kept else {
+        let Some(drawn) = drawn(estimator, shown) else {
             continue;
-        };
-        let place = |p: Pixel| Pixel {
-            u: p.u - *left as f64,
-            v: p.v - *top as f64,
-        };
-        let drawn = OverlayFrame {
-            name: shown.name.clone(),
-            words: output::words(frame),
-            refused: frame.pose().is_none(),
-            image: image.clone(),
-            outline: frame.circle.map(|c| (place(c.center), c.radius)),
-            dots: (frame.dots.iter().zip(&frame.assignment))
-                .map(|(dot, name)| plot::OverlayDot {
-                    pixel: place(dot.pixel),
-                    confidence: dot.confidence,
-                    named: name.is_some(),
-                })
-                .collect(),
-            expected: (estimator.expected_dots(frame).into_iter())
-                .map(|(number, pixel, z)| (number, place(pixel), z))
-                .collect(),
         };
         plot::frame_overlay(&dir.join(file_name(k, &drawn.name)), &drawn)?;
         frames.push(drawn);

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use rand::{Rng, RngExt, SeedableRng};
 use spindoe::geometry::{Vec3, angle_between, random_direction};
-use spindoe::pattern::Pattern;
+use spindoe::pattern::{KeepOut, Pattern};
 use spindoe::stencil::{Stencil, StencilConfig};
 use spindoe::{Error, Result};
 
@@ -32,6 +32,23 @@ fn random_pattern(n: usize, tries: usize, rng: &mut impl Rng) -> Result<Pattern>
         dots.push(best.1);
     }
     Pattern::new(dots)
+}
+
+/// Up to three zones that no dot reaches into, as logos have them; half of the patterns have none.
+fn random_zones(pattern: &Pattern, rng: &mut impl Rng) -> Vec<KeepOut> {
+    let count = [0, 0, 0, 1, 2, 3][rng.random_range(0..6)];
+    (0..count)
+        .map(|_| {
+            let axis = random_direction(rng);
+            let free = pattern.dots().iter().map(|d| angle_between(d, &axis));
+            KeepOut {
+                axis,
+                half_angle_rad: free.fold(f64::INFINITY, f64::min).min(1.5)
+                    * rng.random_range(0.5..1.0),
+            }
+        })
+        .filter(|zone| zone.half_angle_rad > 0.05)
+        .collect()
 }
 
 /// Sizes as users might choose them, valid and invalid.
@@ -76,6 +93,8 @@ fn main() -> Result<()> {
         let tries = [1, 10, 100][rng.random_range(0..3)];
         let pattern = random_pattern(dots, tries, &mut rng)?;
         let config = random_config(&mut rng);
+        let zones = random_zones(&pattern, &mut rng);
+        let pattern = pattern.with_keep_out(zones)?;
         let start = std::time::Instant::now();
         let built = Stencil::build(&pattern, &config);
         let seconds = start.elapsed().as_secs_f64();

@@ -5,6 +5,8 @@
 //! Lengths that differ from 1 by more than [`LENGTH_TOLERANCE`] are rejected; smaller deviations
 //! are normalized.
 
+mod keep_out;
+
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -16,6 +18,8 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::files::csv::{Format, Row, Rows};
 use crate::geometry::{Vec3, angle_between, random_direction, spiral_directions};
+
+pub use keep_out::{KeepOut, zones_path};
 
 /// Minimum number of dots of a pattern.
 pub const MIN_DOTS: usize = 4;
@@ -32,10 +36,11 @@ pub const MIN_SEPARATION: f64 = 1e-3;
 /// Number of viewing directions that sample "visible from anywhere".
 const SUMMARY_DIRECTIONS: usize = 20_000;
 
-/// `n` distinct dots on the unit sphere, in the pattern's own frame.
+/// `n` distinct dots on the unit sphere, in the pattern's own frame, and the zones they stay out of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pattern {
     dots: Vec<Vec3>,
+    keep_out: Vec<KeepOut>,
 }
 
 /// Values that describe a pattern.
@@ -94,7 +99,10 @@ impl Pattern {
                 }
             }
         }
-        Ok(Self { dots })
+        Ok(Self {
+            dots,
+            keep_out: Vec::new(),
+        })
     }
 
     /// The unit vectors, in order of dot index.
@@ -112,16 +120,16 @@ impl Pattern {
         self.dots.is_empty()
     }
 
-    /// Reads a pattern from a CSV file.
+    /// Reads a pattern from a CSV file, with the zones that stand beside it ([`zones_path`]).
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
     #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
-        Self::from_csv(path, &files::read_bytes(path)?)
+        Self::from_csv(path, &files::read_bytes(path)?)?.with_zones_of(path)
     }
 
-    /// As [`Pattern::read_csv`], from the file's bytes; `path` only names the file in errors.
+    /// The dots of a CSV file's bytes, without zones; `path` only names the file in errors.
     ///
     /// # Errors
     /// [`Error::Input`] naming the line and what was expected there.
@@ -172,13 +180,16 @@ impl Pattern {
         text
     }
 
-    /// Writes the pattern as CSV atomically.
+    /// Writes the pattern as CSV atomically, and its zones beside it ([`zones_path`]).
     ///
     /// # Errors
     /// [`Error::Write`].
     #[cfg(feature = "native")]
     pub fn write_csv(&self, path: &Path) -> Result<()> {
-        files::write_bytes(path, self.to_csv().as_bytes())
+        // Never zones of one pattern beside the dots of another, even for a moment.
+        files::remove_if_present(&zones_path(path))?;
+        files::write_bytes(path, self.to_csv().as_bytes())?;
+        self.write_zones(path)
     }
 
     /// SHA-256 (lower-case hex) of the coordinates as little-endian f64, row by row.

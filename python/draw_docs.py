@@ -1,0 +1,100 @@
+#!/usr/bin/env python3
+"""Draws the pictures of the documentation, each by the command that made it.
+
+    draw_docs.py SPINDOE [NAME...]
+
+SPINDOE is the command; run it in the repository's root. Without names it draws all that take seconds: `stencil`,
+`spin`, `synth`, `marking`, `report`. `objectives`, `recognizer` and `search` take minutes to an hour and are drawn only
+when named. `marking` needs cairosvg, `report` playwright with a Chromium.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+PATTERN = "designs/dots20/pattern.csv"
+STUDIES = ["cargo", "run", "--release", "-p", "spindoe-studies", "--bin"]
+
+
+def run(*words):
+    print("+", *words, flush=True)
+    subprocess.run([str(w) for w in words], check=True)
+
+
+def stencil(spindoe, _):
+    run(spindoe, "stencil", PATTERN, "-o", "stencils/dots20", "--overwrite")
+
+
+def spin(spindoe, aside):
+    sequence = aside / "sequence.csv"
+    run(spindoe, "simulate", "-o", sequence, "--rps", "80", "--axis", "1,-2,0.5", "--frames", "210", "--decay", "0.091",
+        "--seed", "4")
+    run(spindoe, "spin", sequence, "--decay", "--plot", "docs/spin_over_time.png")
+
+
+def synth(spindoe, aside):
+    for name, flags in {"contact_sheet": [], "good": ["--preset", "good"]}.items():
+        run(spindoe, "synth", PATTERN, "--out", aside / name, "--frames", "64", "--seed", "6", *flags)
+        shutil.copy(aside / name / "contact_sheet.png", f"docs/synth/{name}.png")
+
+
+def marking(spindoe, _):
+    run(sys.executable, "python/draw_marks.py", spindoe, PATTERN, "docs/marking")
+
+
+def report(spindoe, aside):
+    """The page of the shipped design with its stencil, as a browser shows it."""
+    folder = aside / "design"
+    shutil.copytree("designs/dots20", folder)
+    shutil.copytree("stencils/dots20", folder / "stencil")
+    run(spindoe, "report", folder)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"),
+            args=["--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"],
+        )
+        page = browser.new_page(viewport={"width": 1180, "height": 900})
+        page.set_default_timeout(240_000)
+        page.goto((folder / "report.html").resolve().as_uri())
+        page.wait_for_selector("html[data-ready=true]")
+        page.wait_for_timeout(1000)
+        page.screenshot(path="docs/report.png", full_page=True, clip={"x": 0, "y": 0, "width": 1180, "height": 1640})
+        browser.close()
+
+
+def objectives(_, __):
+    run(*STUDIES, "objective_study", "--", "docs", "300", "20000")
+
+
+def recognizer(_, __):
+    run(*STUDIES, "recognizer_limits", "--", PATTERN, "docs/recognizer")
+
+
+def search(spindoe, aside):
+    run(spindoe, "design", "--seed", "0", "--budget", "30m", "--out", aside / "search")
+    shutil.copy(aside / "search" / "progress.png", "docs/search_30_minutes.png")
+
+
+QUICK = [stencil, spin, synth, marking, report]
+SLOW = [objectives, recognizer, search]
+
+
+def main():
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
+    spindoe, names = sys.argv[1], sys.argv[2:]
+    known = {f.__name__: f for f in QUICK + SLOW}
+    unknown = [n for n in names if n not in known]
+    if unknown:
+        sys.exit(f"unknown: {', '.join(unknown)}; expected {', '.join(known)}")
+    for name in names or [f.__name__ for f in QUICK]:
+        with tempfile.TemporaryDirectory() as aside:
+            known[name](spindoe, Path(aside))
+
+
+if __name__ == "__main__":
+    main()

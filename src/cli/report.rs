@@ -1,0 +1,74 @@
+//! `spindoe report`: a design's folder as one page to look at.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::error::{Error, Result, require};
+use crate::report::page::{CameraFigures, DesignPage, PAGE};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The page shows the ball and the stencil to turn, rates with their intervals, sensitivity with a mark at your
+camera's noise, what the camera can expect, the search, the dots, print settings and the command that repeats
+the design. It is one file and needs no network; the browser's print makes a PDF of it.
+
+`spindoe design` writes the same page. `spindoe compare -o DIR` and `spindoe estimate --report FILE` write
+pages of their own.
+
+Example:
+  spindoe report my-ball --ball-pixels 45 --pixel-noise 0.7 --fps 380")]
+pub struct Arguments {
+    /// A folder that `spindoe design` wrote.
+    dir: PathBuf,
+    /// Diameter of the ball in your camera's image, pixels.
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    ball_pixels: Option<f64>,
+    /// Error of a detected dot per image axis, pixels.
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    pixel_noise: Option<f64>,
+    /// Frames per second.
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    fps: Option<f64>,
+    /// Frames from which a spin is estimated.
+    #[arg(long, value_name = "N")]
+    frames: Option<usize>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let dir = &arguments.dir;
+    if !dir.join("report.json").exists() {
+        return Err(Error::input(
+            dir,
+            "report.json",
+            "expected a folder that `spindoe design` wrote",
+        ));
+    }
+    let mut page = DesignPage::read(dir)?;
+    arguments.apply(page.camera_mut())?;
+    page.write(dir)?;
+    outln!("{}", dir.join(PAGE).display());
+    Ok(())
+}
+
+impl Arguments {
+    /// Sets the values that were given.
+    fn apply(&self, camera: &mut CameraFigures) -> Result<()> {
+        for (name, given, low, field) in [
+            ("ball_pixels", self.ball_pixels, 4.0, &mut camera.pixels),
+            ("pixel_noise", self.pixel_noise, 0.01, &mut camera.noise),
+            ("fps", self.fps, 1.0, &mut camera.rate),
+        ] {
+            if let Some(value) = given {
+                let inside = value.is_finite() && value >= low;
+                require(inside, name, &format!("at least {low}"), value)?;
+                *field = value;
+            }
+        }
+        if let Some(frames) = self.frames {
+            require(frames >= 3, "frames", "at least 3", frames)?;
+            camera.frames = frames;
+        }
+        Ok(())
+    }
+}

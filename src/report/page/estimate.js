@@ -1,0 +1,354 @@
+// The page of an estimate: the ball as seen, its orientation over time, its spin, rejected frames.
+
+function estimatePage(d) {
+  const found = d.frames.filter((f) => f.orientation_wxyz);
+  const node = el(
+    "div",
+    { class: "tiles" },
+    tile(`${found.length} of ${d.frames.length}`, "frames with an orientation"),
+  );
+  if (d.spin) {
+    node.append(
+      tile(
+        `${fixed(d.spin.rps, 2)}${d.spin.std_rps ? " \u00b1 " + fixed(d.spin.std_rps, 2) : ""} rps`,
+        "spin, with its standard deviation",
+      ),
+      tile(fixed(d.spin.sigma_deg, 2) + "\u00b0", "noise of an orientation per axis"),
+      tile(`${d.spin.inliers} of ${found.length}`, "orientations agree with the spin"),
+    );
+  } else if (d.spin_rejection) node.append(tile("no spin", d.spin_rejection));
+  MAIN.append(node);
+  turningBall(d);
+  if (d.spin) spinSection(d);
+  overTime(d);
+  rejected(d);
+  gallery(d);
+}
+
+/** The orientation that a spin predicts at a time. */
+function predicted(spin, time) {
+  const w = spin.spin_rad_s,
+    rate = Math.hypot(...w);
+  const start = fromQuaternion(spin.orientation_wxyz);
+  return rate > 0
+    ? multiply(
+        rotation(
+          w.map((c) => c / rate),
+          rate * (time - spin.time_s),
+        ),
+        start,
+      )
+    : start;
+}
+const apart = (a, b) => {
+  const m = multiply(a, transpose(b));
+  return Math.acos(Math.max(-1, Math.min(1, (m[0] + m[4] + m[8] - 1) / 2))) / DEG;
+};
+
+function turningBall(d) {
+  const node = section(
+    "ball",
+    "The ball",
+    "As the camera sees it: x right, y up. The slider goes through the frames; drag the ball to look at it from elsewhere.",
+  );
+  const state = {
+      k: Math.max(
+        0,
+        d.frames.findIndex((f) => f.orientation_wxyz),
+      ),
+    },
+    words = el("pre", { "aria-live": "polite" }),
+    picture = el("div", { class: "stage" });
+  const view = new View("The ball as estimated. Arrow keys turn it.", (v) => {
+    const f = d.frames[state.k],
+      turn = f.orientation_wxyz
+        ? fromQuaternion(f.orientation_wxyz)
+        : d.spin && f.time_s !== null
+          ? predicted(d.spin, f.time_s)
+          : null;
+    if (!turn)
+      return {
+        reach: 1.35,
+        ball: null,
+        labels: [{ at: [0, 0, 0], text: "no orientation", color: "--bad", size: 16 }],
+        lines: [],
+      };
+    const ball = {
+      center: [0, 0, 0],
+      radius: 1,
+      turn,
+      dots: d.dots,
+      dotAngle: 0.1,
+      zones: d.keep_out,
+      chosen: -1,
+    };
+    const axes = tripod(v, IDENTITY, 1.35),
+      lines = axes.lines,
+      labels = dotLabels(v, ball, 1.35).concat(axes.labels);
+    if (d.spin && d.spin.rps > 0) {
+      const n = d.spin.axis,
+        out = times(v.turn, n)[2] >= 0;
+      for (const [from, to] of [
+        [1.0, 1.27],
+        [-1.27, -1.0],
+      ])
+        if (from > 0 === out || Math.abs(times(v.turn, n)[2]) < 0.999)
+          lines.push({
+            from: n.map((c) => c * from),
+            to: n.map((c) => c * to),
+            color: "--seam",
+            width: 4,
+          });
+      labels.push({ at: n.map((c) => c * 1.32), text: "\u03c9", color: "--seam", size: 17 });
+    }
+    return { reach: 1.35, ball, lines, labels };
+  });
+  const slider = el("input", {
+    type: "range",
+    min: 0,
+    max: d.frames.length - 1,
+    value: state.k,
+    "aria-label": "Frame",
+    oninput: () => show(Number(slider.value)),
+  });
+  const show = (k) => {
+    state.k = k;
+    slider.value = k;
+    const f = d.frames[k];
+    words.textContent = [
+      `frame ${f.name}`,
+      f.time_s === null
+        ? "no time"
+        : `${fixed(1e3 * (f.time_s - (d.frames[0].time_s ?? 0)), 2)} ms after the first`,
+      f.rejection
+        ? `rejected: ${f.rejection}`
+        : `confidence ${percent(f.confidence)}, ${f.matched} of ${f.dots} dots, residual ${fixed(f.residual_deg, 2)}\u00b0`,
+    ].join("\n");
+    picture.replaceChildren(
+      f.picture
+        ? el("img", { src: f.picture, alt: "Frame " + f.name + " with its detections" })
+        : el("p", { class: "notice", text: "No picture of this frame is in this page." }),
+    );
+    view.draw();
+  };
+  let playing = null;
+  const play = el("button", {
+    type: "button",
+    text: "Play",
+    onclick: () => {
+      if (playing) {
+        clearInterval(playing);
+        playing = null;
+        play.textContent = "Play";
+        return;
+      }
+      play.textContent = "Stop";
+      playing = setInterval(() => show((state.k + 1) % d.frames.length), 120);
+    },
+  });
+  node.append(
+    el(
+      "div",
+      { class: "pair" },
+      el(
+        "figure",
+        {},
+        view.node,
+        el(
+          "div",
+          { class: "controls screen-only" },
+          play,
+          slider,
+          el("button", { type: "button", text: "Camera's view", onclick: () => view.reset() }),
+        ),
+      ),
+      el("div", {}, picture, words),
+    ),
+  );
+  show(state.k);
+}
+
+function spinSection(d) {
+  const s = d.spin,
+    node = section(
+      "spin",
+      "The spin",
+      "Camera frame, right-hand rule: a positive component turns counter-clockwise seen from that axis' tip.",
+    );
+  const plus = (x, e) =>
+    fixed(x, 2) + (e === undefined || e === null ? "" : " \u00b1 " + fixed(e, 2));
+  node.append(
+    table(
+      ["", "x", "y", "z", "magnitude"],
+      [
+        [
+          "spin [rad/s]",
+          ...s.spin_rad_s.map((c, i) => plus(c, s.std_rad_s?.[i])),
+          plus(2 * Math.PI * s.rps, s.std_rps && 2 * Math.PI * s.std_rps),
+        ],
+        [
+          "spin [rps]",
+          ...s.spin_rad_s.map((c, i) =>
+            plus(c / 2 / Math.PI, s.std_rad_s && s.std_rad_s[i] / 2 / Math.PI),
+          ),
+          plus(s.rps, s.std_rps),
+        ],
+        ["axis", ...s.axis.map((c) => fixed(c, 4)), "1"],
+      ],
+    ),
+  );
+  if (s.alternatives.length)
+    node.append(
+      el("h3", { text: "Other spins that these times cannot tell from it" }),
+      table(
+        ["rps", "axis", "log-likelihood ratio"],
+        s.alternatives
+          .slice(0, 12)
+          .map((a) => [
+            fixed(a.rps, 2),
+            `(${a.axis.map((c) => fixed(c, 3)).join(", ")})`,
+            fixed(a.log_likelihood_ratio, 2),
+          ]),
+      ),
+    );
+  else
+    node.append(
+      el("p", { text: "No other spin in the range searched explains the orientations as well." }),
+    );
+}
+
+function overTime(d) {
+  const timed = d.frames.filter((f) => f.time_s !== null && f.orientation_wxyz);
+  if (timed.length < 2) return;
+  const node = section("time", "Over time", null),
+    t0 = d.frames[0].time_s,
+    ms = (f) => 1e3 * (f.time_s - t0),
+    charts = el("div", { class: "two" });
+  const columns = timed.map((f) => {
+    const m = fromQuaternion(f.orientation_wxyz);
+    return { x: ms(f), m };
+  });
+  ["x", "y", "z"].forEach((name, j) => {
+    const series = [0, 1, 2].map((i) => ({
+      name: "to camera " + "xyz"[i],
+      color: `var(--c${i})`,
+      line: false,
+      points: columns.map(({ x, m }) => ({ x, y: m[3 * i + j] })),
+    }));
+    if (d.spin)
+      [0, 1, 2].forEach((i) => {
+        const last = d.frames.length - 1,
+          end = d.frames[last].time_s,
+          n = Math.min(600, Math.max(60, Math.ceil((end - t0) * d.spin.rps * 40)));
+        series.push({
+          name: "",
+          color: `var(--c${i})`,
+          marks: false,
+          silent: true,
+          points: Array.from({ length: n + 1 }, (_, k) => {
+            const t = t0 + ((end - t0) * k) / n;
+            return { x: 1e3 * (t - t0), y: predicted(d.spin, t)[3 * i + j] };
+          }),
+        });
+      });
+    charts.append(
+      curves({
+        title: `Where the pattern's ${name} axis points`,
+        x: { label: "time [ms]" },
+        y: { label: "component", low: -1, high: 1, format: (v) => fixed(v, 1) },
+        series,
+        note: d.spin
+          ? "Points: estimated orientations. Lines: the spin's prediction."
+          : "Points: estimated orientations.",
+      }),
+    );
+  });
+  if (d.spin)
+    charts.append(
+      curves({
+        title: "Distance from the spin's prediction",
+        x: { label: "time [ms]" },
+        y: { label: "angle [deg]", low: 0 },
+        series: [
+          {
+            name: "frames",
+            color: "var(--c0)",
+            line: false,
+            points: timed.map((f) => ({
+              x: ms(f),
+              y: apart(fromQuaternion(f.orientation_wxyz), predicted(d.spin, f.time_s)),
+              note: f.name,
+            })),
+          },
+        ],
+      }),
+    );
+  charts.append(
+    curves({
+      title: "Probability that the orientation is correct",
+      x: { label: "time [ms]" },
+      y: { label: "confidence", format: percent, tick: wholePercent, low: 0, high: 1 },
+      series: [
+        {
+          name: "frames",
+          color: "var(--c2)",
+          line: false,
+          points: timed.map((f) => ({ x: ms(f), y: f.confidence, note: f.name })),
+        },
+      ],
+    }),
+  );
+  node.append(charts);
+}
+
+function rejected(d) {
+  const by = new Map();
+  for (const f of d.frames)
+    if (f.rejection) by.set(f.rejection_kind, [...(by.get(f.rejection_kind) || []), f]);
+  const node = section("rejected", "Rejected frames", null);
+  if (!by.size) {
+    node.append(el("p", { text: "None: every frame has an orientation." }));
+    return;
+  }
+  node.append(
+    table(
+      ["reason", "frames", "which"],
+      [...by]
+        .sort((a, b) => b[1].length - a[1].length)
+        .map(([reason, of]) => [
+          reason,
+          String(of.length),
+          of
+            .slice(0, 12)
+            .map((f) => f.name)
+            .join(", ") + (of.length > 12 ? ", \u2026" : ""),
+        ]),
+    ),
+  );
+}
+
+function gallery(d) {
+  const shown = d.frames.filter((f) => f.picture);
+  if (!shown.length) return;
+  const node = section(
+    "frames",
+    "Frames",
+    `${shown.length} of ${d.frames.length} frames${shown.length < d.frames.length ? ", evenly chosen: more would make this page too large" : ""}. Green: outline. Blue: identified dots, red: others. Yellow crosses: where the orientation expects dots.`,
+  );
+  node.append(
+    el(
+      "div",
+      { class: "frames" },
+      ...shown.map((f) =>
+        el(
+          "figure",
+          { class: f.rejection ? "bad" : null },
+          el("img", { src: f.picture, loading: "lazy", alt: `Frame ${f.name}` }),
+          el("figcaption", {
+            text: `${f.name}: ${f.rejection || `p = ${fixed(f.confidence, 2)}, ${f.matched} of ${f.dots} dots`}`,
+          }),
+        ),
+      ),
+    ),
+  );
+}

@@ -1,0 +1,233 @@
+//! The page of an estimate: frames, orientations over time, the spin, rejected frames by reason.
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde::Serialize;
+
+use super::{Page, rounded};
+use crate::design::KeepOut;
+use crate::error::Result;
+use crate::geometry::to_wxyz;
+use crate::pattern::Pattern;
+use crate::spin::Fit;
+use crate::spin::alias::Alternative;
+use crate::spin::robust::standard_deviations;
+use crate::vision::FrameEstimate;
+use crate::vision::estimator::{Batch, BatchFrame, FrameRejection, SequenceOutcome};
+
+/// Bytes that the pictures of a page may take together: with all else it stays below 6 MB.
+const MAX_PICTURES: usize = 5_000_000;
+
+/// What the page of an estimate shows. Orientations map the pattern's frame to the camera's (x
+/// right, y up, z from the ball towards the camera).
+#[derive(Debug, Serialize)]
+pub struct EstimatePage {
+    dots: Vec<[f64; 3]>,
+    keep_out: Vec<KeepOut>,
+    frames: Vec<PageFrame>,
+    spin: Option<PageSpin>,
+    spin_rejection: Option<String>,
+}
+
+/// A frame in the page.
+#[derive(Debug, Serialize)]
+pub struct PageFrame {
+    name: String,
+    time_s: Option<f64>,
+    orientation_wxyz: Option<[f64; 4]>,
+    confidence: Option<f64>,
+    residual_deg: Option<f64>,
+    dots: usize,
+    matched: usize,
+    rejection: Option<String>,
+    rejection_kind: Option<&'static str>,
+    /// The overlay as a data URI.
+    picture: Option<String>,
+}
+
+/// The spin in the page.
+#[derive(Debug, Serialize)]
+pub struct PageSpin {
+    spin_rad_s: [f64; 3],
+    rps: f64,
+    axis: [f64; 3],
+    std_rad_s: Option<[f64; 3]>,
+    std_rps: Option<f64>,
+    sigma_deg: Option<f64>,
+    inliers: usize,
+    time_s: f64,
+    orientation_wxyz: [f64; 4],
+    alternatives: Vec<PageAlternative>,
+}
+
+#[derive(Debug, Serialize)]
+struct PageAlternative {
+    rps: f64,
+    axis: [f64; 3],
+    log_likelihood_ratio: f64,
+}
+
+impl EstimatePage {
+    /// The page of `batch`. `picture` gives a frame's overlay as a PNG file where there is one; where
+    /// all together are too large, evenly chosen ones are shown. `alternatives` are the spins that
+    /// the times cannot distinguish from the estimate.
+    ///
+    /// # Errors
+    /// Those of `picture`.
+    pub fn new<K>(
+        pattern: &Pattern,
+        batch: &Batch<K>,
+        alternatives: &[Alternative],
+        mut picture: impl FnMut(&BatchFrame<K>) -> Result<Option<Vec<u8>>>,
+    ) -> Result<Self> {
+        let mut frames: Vec<PageFrame> = batch.frames.iter().map(PageFrame::new).collect();
+        let mut left = MAX_PICTURES;
+        for k in evenly(batch.frames.len()) {
+            let Some(png) = picture(&batch.frames[k])? else {
+                continue;
+            };
+            let text = format!("data:image/png;base64,{}", STANDARD.encode(&png));
+            // In the order of ever finer steps: what fits is spread over the sequence.
+            let Some(rest) = left.checked_sub(text.len()) else {
+                break;
+            };
+            left = rest;
+            frames[k].picture = Some(text);
+        }
+        let outcome = match &batch.sequence {
+            SequenceOutcome::Estimated { spin, .. } => Some(spin),
+            SequenceOutcome::NoTimes | SequenceOutcome::TimesNotIncreasing => None,
+        };
+        Ok(Self {
+            dots: pattern.dots().iter().map(|d| (*d).into()).collect(),
+            keep_out: pattern.keep_out().to_vec(),
+            frames,
+            spin: outcome
+                .and_then(|spin| spin.as_ref().ok())
+                .map(|fit| PageSpin::new(fit, alternatives)),
+            spin_rejection: match &batch.sequence {
+                SequenceOutcome::NoTimes => Some("the frames have no times".to_owned()),
+                SequenceOutcome::TimesNotIncreasing => Some("the times do not increase".to_owned()),
+                SequenceOutcome::Estimated { spin, .. } => {
+                    spin.as_ref().err().map(ToString::to_string)
+                }
+            },
+        })
+    }
+
+    /// The page as HTML.
+    ///
+    /// # Errors
+    /// [`crate::Error::Internal`] where the data are no JSON.
+    pub fn html(&self) -> Result<String> {
+        let posed = self.frames.iter().filter(|f| f.orientation_wxyz.is_some());
+        Page {
+            kind: "estimate",
+            title: "Orientations and spin of a ball",
+            subtitle: &format!(
+                "{} of {} frames identified, {} dots, spindoe {}",
+                posed.count(),
+                self.frames.len(),
+                self.dots.len(),
+                env!("CARGO_PKG_VERSION")
+            ),
+            content: self,
+        }
+        .html()
+    }
+}
+
+/// 0 to `n - 1`, each once: first the ends and the middle, then ever finer steps between.
+fn evenly(n: usize) -> Vec<usize> {
+    let mut order = Vec::with_capacity(n);
+    let mut taken = vec![false; n];
+    let mut step = n.max(1);
+    loop {
+        for k in (0..n).step_by(step) {
+            if !std::mem::replace(&mut taken[k], true) {
+                order.push(k);
+            }
+        }
+        if step == 1 {
+            return order;
+        }
+        step = step.div_ceil(2);
+    }
+}
+
+impl PageFrame {
+    fn new<K>(shown: &BatchFrame<K>) -> Self {
+        let frame: &FrameEstimate = &shown.estimate;
+        let pose = frame.pose();
+        let rejection = frame.outcome.as_ref().err();
+        Self {
+            name: shown.name.clone(),
+            time_s: shown.time_s,
+            orientation_wxyz: pose.map(|p| to_wxyz(&p.rotation)),
+            confidence: pose.map(|p| rounded(p.pose_confidence)),
+            residual_deg: pose.map(|p| rounded(p.residual_rad.to_degrees())),
+            dots: frame.dots.len(),
+            matched: frame.matched(),
+            rejection: rejection.map(ToString::to_string),
+            rejection_kind: rejection.map(|r| match r {
+                FrameRejection::NotProcessed => "not processed",
+                FrameRejection::NoBall(_) => "no ball",
+                FrameRejection::TooBlurred { .. } => "too blurred",
+                FrameRejection::TooFewDots { .. } => "too few dots",
+                FrameRejection::Ambiguous { .. } => "ambiguous",
+                FrameRejection::Recognizer(_) | FrameRejection::Foreign => "not the pattern",
+                FrameRejection::Unreadable => "cannot be read",
+            }),
+            picture: None,
+        }
+    }
+}
+
+impl PageSpin {
+    fn new(fit: &Fit, alternatives: &[Alternative]) -> Self {
+        let axis = |v: &crate::geometry::Vec3| v.try_normalize(0.0).unwrap_or_default();
+        let own = axis(&fit.motion.spin);
+        let rps = |rad_s: f64| rad_s / std::f64::consts::TAU;
+        Self {
+            spin_rad_s: fit.motion.spin.into(),
+            rps: fit.motion.rps(),
+            axis: own.into(),
+            std_rad_s: fit
+                .spin_covariance
+                .as_ref()
+                .map(|c| standard_deviations(c).into()),
+            std_rps: fit
+                .spin_covariance
+                .map(|c| rps(own.dot(&(c * own)).max(0.0).sqrt())),
+            sigma_deg: fit.sigma_rad.map(f64::to_degrees),
+            inliers: fit.inliers,
+            time_s: fit.motion.time_s,
+            orientation_wxyz: to_wxyz(&fit.motion.orientation),
+            alternatives: alternatives
+                .iter()
+                .map(|a| PageAlternative {
+                    rps: rps(a.spin.norm()),
+                    axis: axis(&a.spin).into(),
+                    log_likelihood_ratio: a.log_likelihood_ratio,
+                })
+                .collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::evenly;
+
+    #[test]
+    fn every_frame_has_its_turn() {
+        for n in [0, 1, 2, 7, 64, 101] {
+            let mut order = evenly(n);
+            if n > 2 {
+                assert!(order[1] >= n / 3, "the second is far from the first");
+            }
+            order.sort_unstable();
+            assert!(order.into_iter().eq(0..n));
+        }
+    }
+}

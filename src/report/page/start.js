@@ -1,0 +1,3 @@
+document.getElementById("subtitle").textContent = DATA.subtitle;
+({ design: designPage, compare: comparePage, estimate: estimatePage })[DATA.kind](DATA.content);
+document.documentElement.dataset.ready = "true";

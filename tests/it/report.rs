@@ -1,0 +1,198 @@
+//! Pages: what they hold, what they reject, and that a browser shows them.
+//!
+//! `python/check_page.py` opens them in headless Chromium and uses them as a person would, where both
+//! are installed.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use spindoe::geometry::spiral_directions;
+use spindoe::pattern::Pattern;
+use spindoe::recognize::RecognizerName;
+use spindoe::report::compare::{Entry, compare};
+use spindoe::report::page::{DesignPage, EstimatePage};
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::independent_frame;
+use spindoe::vision::DetectorName;
+use spindoe::vision::estimator::{Batch, BatchFrame, SequenceOutcome};
+use spindoe::{Estimator, EstimatorConfig, FrameEstimate, HashTable, PairRule, RecognizerConfig};
+
+/// The exit code of `check_page.py` where something that it needs is absent.
+const SKIPPED: i32 = 77;
+/// Size that no page exceeds.
+const MAX_BYTES: usize = 6_000_000;
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A copy of the shipped design with its stencil.
+fn design(dir: &Path) -> PathBuf {
+    let copy = dir.join("design");
+    std::fs::create_dir_all(copy.join("stencil")).unwrap();
+    for (from, to) in [
+        ("designs/dots20", copy.clone()),
+        ("stencils/dots20", copy.join("stencil")),
+    ] {
+        for entry in std::fs::read_dir(root().join(from)).unwrap() {
+            let entry = entry.unwrap();
+            std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+        }
+    }
+    copy
+}
+
+fn comparison(path: &Path) {
+    let pattern = |file: &str| Pattern::read_csv(&root().join(file)).unwrap();
+    let table = |pattern| {
+        HashTable::build(pattern, PairRule::default(), RecognizerConfig::default()).unwrap()
+    };
+    let entries = ["designs/dots20/pattern.csv", "designs/dots12/pattern.csv"].map(|file| Entry {
+        name: format!("<b>{file}</b>"),
+        table: table(pattern(file)),
+    });
+    let found = compare(&entries, &[RecognizerName::Robust], 3, 40, &mut |_| {}).unwrap();
+    std::fs::write(path, found.html(&entries, "spindoe compare a b").unwrap()).unwrap();
+}
+
+fn estimate(path: &Path) {
+    let pattern = Pattern::read_csv(&root().join("designs/dots20/pattern.csv")).unwrap();
+    let detector = DetectorName::Blob.build().unwrap();
+    let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector).unwrap();
+    let mut workspace = estimator.workspace();
+    let frames = (0..6usize).map(|k| {
+        let mut estimate = FrameEstimate::default();
+        let frame = independent_frame(&pattern, &SynthConfig::good(), 5, k).unwrap();
+        // The last one shows no ball.
+        let mut image = frame.image;
+        if k == 5 {
+            image = image.part(0, 0, 12, 12).unwrap();
+        }
+        estimator.estimate_frame(&image, None, None, &mut workspace, &mut estimate);
+        BatchFrame {
+            name: format!("frame <{k}>"),
+            path: PathBuf::new(),
+            time_s: Some(k as f64 / 350.0),
+            estimate,
+            kept: (),
+        }
+    });
+    let batch = Batch {
+        frames: frames.collect(),
+        sequence: SequenceOutcome::NoTimes,
+    };
+    assert!(batch.frames[5].estimate.pose().is_none());
+    let page = EstimatePage::new(&pattern, &batch, &[], |_| Ok(None)).unwrap();
+    std::fs::write(path, page.html().unwrap()).unwrap();
+}
+
+#[test]
+fn pages_are_used_in_a_browser() {
+    let dir = tempfile::tempdir().unwrap();
+    let design = design(dir.path());
+    DesignPage::read(&design).unwrap().write(&design).unwrap();
+    let pages = [
+        design.join("report.html"),
+        dir.path().join("compare.html"),
+        dir.path().join("estimate.html"),
+    ];
+    comparison(&pages[1]);
+    estimate(&pages[2]);
+    for page in &pages {
+        let text = std::fs::read_to_string(page).unwrap();
+        assert!(text.len() < MAX_BYTES && text.starts_with("<!doctype html>"));
+        assert!(!text.contains("{{") && !text.contains("<b>designs"));
+    }
+    let checked = Command::new("python3")
+        .arg(root().join("python/check_page.py"))
+        .args(&pages)
+        .output();
+    let Ok(checked) = checked else {
+        return crate::common::skipped("python3 is not installed: no page was opened in a browser");
+    };
+    let words = String::from_utf8_lossy(&checked.stdout).into_owned();
+    if checked.status.code() == Some(SKIPPED) {
+        return crate::common::skipped(&words);
+    }
+    let errors = String::from_utf8_lossy(&checked.stderr);
+    assert!(checked.status.success(), "{words}\n{errors}");
+}
+
+#[test]
+fn files_of_another_pattern_are_rejected() {
+    let dir = tempfile::tempdir().unwrap();
+    let design = design(dir.path());
+    let report = std::fs::read_to_string(design.join("report.json")).unwrap();
+    let changed = |from: &str, to: &str| {
+        assert!(report.contains(from));
+        std::fs::write(design.join("report.json"), report.replacen(from, to, 1)).unwrap();
+        let error = DesignPage::read(&design).map(drop).unwrap_err();
+        assert!(error.is_usage(), "{error}");
+        error.to_string()
+    };
+    let sha = Pattern::read_csv(&design.join("pattern.csv"))
+        .unwrap()
+        .sha256();
+    let error = changed(&sha, &"0".repeat(64));
+    assert!(
+        error.contains("stencil.json") && error.contains("000000000000"),
+        "{error}"
+    );
+    let error = changed("\"format_version\": 1", "\"format_version\": 99");
+    assert!(error.contains("at most version"), "{error}");
+    let error = changed("\"finalists\"", "\"finalist\"");
+    assert!(
+        error.contains("report.json") && error.contains("finalists"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_folder_with_a_report_alone_has_a_page() {
+    let dir = tempfile::tempdir().unwrap();
+    let design = design(dir.path());
+    let only = dir.path().join("only");
+    std::fs::create_dir(&only).unwrap();
+    std::fs::copy(design.join("report.json"), only.join("report.json")).unwrap();
+    let page = DesignPage::read(&only).unwrap().html().unwrap();
+    assert!(page.contains("\"stencil\":null") && page.contains("\"features\":null"));
+}
+
+#[test]
+fn zones_live_beside_the_pattern_and_in_its_table() {
+    use spindoe::KeepOut;
+    use spindoe::geometry::Vec3;
+    use spindoe::pattern::zones_path;
+
+    let dir = tempfile::tempdir().unwrap();
+    let csv = dir.path().join("ball.csv");
+    let dots: Vec<Vec3> = spiral_directions(12).filter(|d| d.z < 0.7).collect();
+    let plain = Pattern::new(dots).unwrap();
+    let zone = |half_angle_rad: f64| KeepOut {
+        axis: Vec3::z(),
+        half_angle_rad,
+    };
+    let error = plain.clone().with_keep_out(vec![zone(1.4)]).unwrap_err();
+    assert!(error.to_string().contains("lies in zone 0"), "{error}");
+    let marked = plain.clone().with_keep_out(vec![zone(0.6)]).unwrap();
+    assert_eq!(marked.sha256(), plain.sha256());
+    marked.write_csv(&csv).unwrap();
+    assert_eq!(Pattern::read_csv(&csv).unwrap(), marked);
+    let table = HashTable::build(
+        marked.clone(),
+        PairRule::default(),
+        RecognizerConfig::default(),
+    )
+    .unwrap();
+    let npz = dir.path().join("table.npz");
+    table.write_npz(&npz).unwrap();
+    let read = HashTable::from_npz(&npz, &std::fs::read(&npz).unwrap()).unwrap();
+    assert_eq!(read.pattern(), &marked);
+    // Zones of another pattern are rejected, and never left beside a new one.
+    let other = Pattern::new(spiral_directions(9).collect()).unwrap();
+    std::fs::write(&csv, other.to_csv()).unwrap();
+    let error = Pattern::read_csv(&csv).unwrap_err();
+    assert!(error.to_string().contains("zones.json"), "{error}");
+    other.write_csv(&csv).unwrap();
+    assert!(!zones_path(&csv).exists());
+}
