@@ -46,6 +46,7 @@ mod trajectories;
 mod trajectories_plot;
 mod validate;
 
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -56,6 +57,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
+use crate::report::{DesignJob, Start};
 
 /// Designs dot patterns for balls, evaluates them, and writes the files needed to use them.
 #[derive(Debug, Parser)]
@@ -108,7 +110,13 @@ enum Command {
 
 /// Runs the command with the process' arguments.
 pub fn main() -> ExitCode {
-    let parsed = Cli::command().try_get_matches();
+    ExitCode::from(main_with(std::env::args_os()))
+}
+
+/// Runs the command with these arguments, the first of which is the program's name, and returns its
+/// exit code.
+pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let parsed = Cli::command().try_get_matches_from(arguments);
     let parsed = parsed.and_then(|matches| {
         let name = matches.subcommand_name().unwrap_or_default().to_owned();
         Cli::from_arg_matches(&matches).map(|cli| (cli, name))
@@ -140,14 +148,14 @@ pub fn main() -> ExitCode {
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(error) => {
-            errln!("spindoe: {}", words(&error, &name));
-            ExitCode::from(match error {
+            errln!("spindoe: {}", error_words(&error, &name));
+            match error {
                 Error::NoAnswer { .. } => 3,
                 error if error.is_usage() => 2,
                 _ => 1,
-            })
+            }
         }
     }
 }
@@ -161,7 +169,7 @@ const FLAGS: [(&str, &str); 4] = [
 ];
 
 /// The error in one line. A parameter that the command `name` takes is named by its flag.
-fn words(error: &Error, name: &str) -> String {
+fn error_words(error: &Error, name: &str) -> String {
     let Error::Argument { parameter, problem } = error else {
         return error.to_string();
     };
@@ -186,19 +194,38 @@ fn words(error: &Error, name: &str) -> String {
     }
 }
 
+/// The job that `spindoe design` with these flags would run, for callers from other languages: they
+/// get its defaults, names and units.
+///
+/// # Errors
+/// One line that names the flag and what was expected.
+pub fn design_job(
+    flags: impl IntoIterator<Item = OsString>,
+) -> std::result::Result<(DesignJob, Start), String> {
+    let words = ["spindoe".into(), "design".into()].into_iter().chain(flags);
+    let cli = Cli::try_parse_from(words).map_err(|error| usage_line(&error))?;
+    let Command::Design(arguments) = cli.command else {
+        return Err("expected the flags of design".to_owned());
+    };
+    arguments.job().map_err(|error| error_words(&error, "design"))
+}
+
 /// Prints help where it was requested, or one line on the error in the arguments.
-fn report_usage(error: &clap::Error) -> ExitCode {
+fn report_usage(error: &clap::Error) -> u8 {
     use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NothingAsked;
     if !error.use_stderr() || error.kind() == NothingAsked {
         error.exit();
     }
-    // The first paragraph is the error itself; usage and tips follow.
+    errln!("spindoe: {} (see --help)", usage_line(error));
+    2
+}
+
+/// The error in the arguments in one line: its first paragraph; usage and tips follow.
+fn usage_line(error: &clap::Error) -> String {
     let text = error.to_string();
     let first = text.split("\n\n").next().unwrap_or_default();
     let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
-    let line = line.strip_prefix("error: ").unwrap_or(&line);
-    errln!("spindoe: {line} (see --help)");
-    ExitCode::from(2)
+    line.strip_prefix("error: ").unwrap_or(&line).to_owned()
 }
 
 /// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP

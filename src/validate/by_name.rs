@@ -1,6 +1,8 @@
 //! Validation with a recognizer chosen by its name, for the command and the reports.
 
-use super::{Protocol, TrialResult, Validation, run_trials, summarize};
+use std::ops::Range;
+
+use super::{Protocol, TrialResult, Validation, require_samples, run_trials_in, summarize};
 use crate::error::Result;
 use crate::hash::HashTable;
 use crate::recognize::robust::RobustRecognizer;
@@ -30,15 +32,31 @@ pub fn run_named(
     seed: u64,
     samples: u64,
 ) -> Result<Vec<TrialResult>> {
+    require_samples(samples)?;
+    run_named_in(table, recognizer, protocol, seed, 0..samples)
+}
+
+/// As [`run_named`], for some of the trials only: ranges that follow each other give what one call
+/// over all of them gives.
+///
+/// # Errors
+/// As [`run_named`].
+pub fn run_named_in(
+    table: &HashTable,
+    recognizer: RecognizerName,
+    protocol: &Protocol,
+    seed: u64,
+    trials: Range<u64>,
+) -> Result<Vec<TrialResult>> {
     let pattern = table.pattern();
     match recognizer {
         RecognizerName::Paper => {
             let paper = PaperRecognizer::from_table(table)?;
-            run_trials(pattern, &paper, protocol, seed, samples)
+            run_trials_in(pattern, &paper, protocol, seed, trials)
         }
         RecognizerName::Robust => {
             let robust = RobustRecognizer::new(pattern, protocol.recognizer_config())?;
-            run_trials(pattern, &robust, protocol, seed, samples)
+            run_trials_in(pattern, &robust, protocol, seed, trials)
         }
     }
 }

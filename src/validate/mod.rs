@@ -18,7 +18,7 @@ mod steady;
 mod trial;
 
 pub use crate::stats::{Proportion, median};
-pub use by_name::{NamedValidation, run_named, validate_named};
+pub use by_name::{NamedValidation, run_named, run_named_in, validate_named};
 pub use protocol::{Noise, Protocol, ProtocolName};
 pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
@@ -26,8 +26,10 @@ pub use sensitivity::{
 pub use steady::CommonRandomTrials;
 pub use trial::{Trial, TrialGenerator, observed_frames};
 
+use std::ops::Range;
+
 use crate::concurrency::{self, Stopwatch};
-use crate::error::{Error, Result};
+use crate::error::{Result, require};
 use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
 use crate::recognize::{Identification, Recognizer};
@@ -111,21 +113,37 @@ pub fn run_trials<R: Recognizer>(
     seed: u64,
     samples: u64,
 ) -> Result<Vec<TrialResult>> {
+    require_samples(samples)?;
+    run_trials_in(pattern, recognizer, protocol, seed, 0..samples)
+}
+
+/// Checks the number of trials.
+fn require_samples(samples: u64) -> Result<()> {
+    require(samples > 0, "samples", "at least 1 trial", samples)
+}
+
+/// As [`run_trials`], for some of the trials only: ranges that follow each other give what one call
+/// over all of them gives.
+///
+/// # Errors
+/// [`Error::Argument`] for a protocol outside its domain.
+pub fn run_trials_in<R: Recognizer>(
+    pattern: &Pattern,
+    recognizer: &R,
+    protocol: &Protocol,
+    seed: u64,
+    trials: Range<u64>,
+) -> Result<Vec<TrialResult>> {
     protocol.check()?;
-    if samples == 0 {
-        return Err(Error::argument(
-            "samples",
-            "expected at least 1 trial, found 0",
-        ));
-    }
-    let chunks = samples.div_ceil(CHUNK);
-    let results = concurrency::map_range(0..chunks, |chunk| {
+    let chunks = trials.start / CHUNK..trials.end.div_ceil(CHUNK);
+    let results = concurrency::map_range(chunks, |chunk| {
         let mut generator = TrialGenerator::new(pattern, *protocol, seed);
         let mut trial = Trial::default();
         let mut workspace = recognizer.workspace();
         let mut answer = Identification::default();
-        let to = ((chunk + 1) * CHUNK).min(samples);
-        (chunk * CHUNK..to)
+        let from = (chunk * CHUNK).max(trials.start);
+        let to = ((chunk + 1) * CHUNK).min(trials.end);
+        (from..to)
             .map(|index| {
                 generator.generate(index, &mut trial);
                 judge(&trial, recognizer, protocol, &mut workspace, &mut answer)

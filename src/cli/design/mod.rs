@@ -20,20 +20,7 @@ use progress::DesignProgress;
 const FOLDER: &str = "spindoe-design";
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let config = arguments.config()?;
-    arguments.stencil().validate()?;
-    arguments.check_holes(&config)?;
-    let job = DesignJob {
-        evaluation: EvaluationConfig::of_samples(config.samples),
-        config,
-        stencil: arguments.stencil(),
-        dir: arguments.out.clone().unwrap_or_else(free_folder),
-    };
-    let start = if arguments.resume {
-        Start::Resume
-    } else {
-        Start::Fresh
-    };
+    let (job, start) = arguments.job()?;
     let stop = stop_on_interrupt()?;
     let clock = Instant::now();
     let mut progress = DesignProgress::new(&job.config, arguments);
@@ -45,6 +32,27 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     print_words(&found, clock.elapsed().as_secs_f64());
     outln!("{}", job.dir.display());
     Ok(())
+}
+
+impl Arguments {
+    /// The job that these arguments describe.
+    pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
+        let config = self.config()?;
+        self.stencil().validate()?;
+        self.check_holes(&config)?;
+        let job = DesignJob {
+            evaluation: EvaluationConfig::of_samples(config.samples),
+            config,
+            stencil: self.stencil(),
+            dir: self.out.clone().unwrap_or_else(free_folder),
+        };
+        let start = if self.resume {
+            Start::Resume
+        } else {
+            Start::Fresh
+        };
+        Ok((job, start))
+    }
 }
 
 /// The first of `spindoe-design`, `spindoe-design-2`, ... that does not exist.

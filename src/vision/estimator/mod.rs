@@ -20,6 +20,7 @@ mod frame;
 mod recenter;
 mod refine;
 mod sequence;
+mod tracker;
 
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
@@ -27,6 +28,7 @@ pub use batch::{
 pub use config::{CameraDistance, CameraModel, EstimatorConfig};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
+pub use tracker::{Tracker, TrackerConfig, TrackerState};
 
 use std::time::Instant;
 
