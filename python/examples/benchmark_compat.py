@@ -11,6 +11,7 @@ z > 1/3; a success is the right pair of indices of the first two.
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 import time
 from typing import Any
@@ -25,7 +26,7 @@ from spindoe.compat import BayGeoHasher
 def views(pattern: np.ndarray, samples: int, std: float, seed: int) -> list[tuple[Any, Any]]:
     """Views of four dots with their true indices."""
     rng = np.random.default_rng(seed)
-    made = []
+    made: list[tuple[Any, Any]] = []
     while len(made) < samples:
         turned = Rotation.from_rotvec(rng.uniform(0.0, np.pi, 3)).apply(pattern)
         axes = rng.uniform(0.0, 1.0, turned.shape)
@@ -50,9 +51,8 @@ def main() -> None:
     hashers: dict[str, Any] = {"spindoe.compat": BayGeoHasher()}
     if arguments.theirs:
         sys.path.insert(0, arguments.theirs)
-        import baygeohasher
-
-        hashers["theirs"] = baygeohasher.BayGeoHasher()
+        theirs = importlib.import_module("baygeohasher")
+        hashers["theirs"] = theirs.BayGeoHasher()
     else:
         hashers["spindoe.compat, paper"] = BayGeoHasher(recognizer="paper")
     for hasher in hashers.values():

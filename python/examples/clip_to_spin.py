@@ -49,7 +49,11 @@ def main() -> None:
         print(f"   or {np.linalg.norm(alias.spin_rad_s) / (2 * np.pi):.1f} rps")
 
     if arguments.plot:
-        found.spin.plot().figure.savefig(arguments.plot)
+        import matplotlib.pyplot as plt
+
+        figure, ax = plt.subplots()
+        found.spin.plot(ax)
+        figure.savefig(arguments.plot)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,11 @@ def main() -> None:
     print(f"half A: {len(vertices)} vertices, {len(triangles)} triangles")
 
     if arguments.plot:
-        found.pattern.plot().figure.savefig(arguments.plot)
+        import matplotlib.pyplot as plt
+
+        figure, ax = plt.subplots(figsize=(8, 5))
+        found.pattern.plot(ax)
+        figure.savefig(arguments.plot)
 
 
 if __name__ == "__main__":

@@ -45,8 +45,11 @@ def main() -> None:
     print(batch)
 
     if arguments.plot:
-        ax = found.plot(image, table=table, dots=dots, circle=truth.circle)
-        ax.figure.savefig(arguments.plot)
+        import matplotlib.pyplot as plt
+
+        figure, ax = plt.subplots()
+        found.plot(image, table=table, dots=dots, circle=truth.circle, ax=ax)
+        figure.savefig(arguments.plot)
 
 
 if __name__ == "__main__":

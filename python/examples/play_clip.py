@@ -34,12 +34,15 @@ def main() -> None:
     )
 
     tracker = spindoe.Estimator(table).tracker()
-    latencies, late, posed, spins = [], 0, 0, []
+    late = posed = 0
+    latencies: list[float] = []
+    spins: list[spindoe.Spin] = []
     begun = time.perf_counter()
     for k, (image, truth) in enumerate(clip):
         due = begun + k / arguments.fps
         time.sleep(max(0.0, due - time.perf_counter()))
         taken = max(due, time.perf_counter())
+        assert truth.time_s is not None
         state = tracker.update(image, truth.time_s, color="rgb")
         latencies.append(time.perf_counter() - taken)
         late += latencies[-1] > 1.0 / arguments.fps

@@ -46,8 +46,8 @@ class Validation:
     """The orientation is within 20 degrees."""
     mean_error_deg: float
     median_error_deg: float
-    us_per_identification: float | None
-    median_us_per_identification: float | None
+    us_per_identification: float | None = None
+    median_us_per_identification: float | None = None
 
     @classmethod
     def _of(cls, report: dict[str, Any]) -> Validation:
@@ -78,7 +78,7 @@ def validate(
     """
     show, bar = progress_of(progress, samples, "trial")
     try:
-        native = as_table(table)._native
+        native = as_table(table)._handle
         report = _native.validate(native, protocol, recognizer, samples, seed, sigma_rad, show)
     finally:
         if bar is not None:

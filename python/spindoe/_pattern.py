@@ -48,15 +48,16 @@ class Pattern:
             that coincide.
     """
 
-    __slots__ = ("_native", "_dots")
+    __slots__ = ("_dots", "_handle")
+    _handle: _native.Pattern
+    _dots: Floats
 
     def __init__(self, dots: ArrayLike) -> None:
         self._set(_native.Pattern(floats("pattern", dots)))
 
     def _set(self, native: _native.Pattern) -> None:
-        self._native = native
+        self._handle = native
         self._dots = native.dots()
-        self._dots.flags.writeable = False
 
     @classmethod
     def _of(cls, native: _native.Pattern) -> Pattern:
@@ -71,21 +72,22 @@ class Pattern:
 
     def save(self, path: PathLike) -> None:
         """Writes a CSV file without a header; digits enough to read back the same bits."""
-        self._native.save(path)
+        self._handle.save(path)
 
     @property
     def dots(self) -> Floats:
-        """Unit vectors, shape (n, 3), read-only."""
-        return self._dots
+        """Unit vectors, shape (n, 3); a copy."""
+        copy: Floats = self._dots.copy()
+        return copy
 
     @property
     def sha256(self) -> str:
         """SHA-256 of the coordinates as little-endian float64, row by row."""
-        return self._native.sha256()
+        return self._handle.sha256()
 
     def summary(self) -> PatternSummary:
         """Separations, and the number of dots visible from anywhere."""
-        return PatternSummary(**json.loads(self._native.summary()))
+        return PatternSummary(**json.loads(self._handle.summary()))
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draws both sides of the ball with the dots' numbers; see `spindoe.plot.pattern`."""
@@ -106,7 +108,7 @@ class Pattern:
         return f"<Pattern of {len(self)} dots, {self.sha256[:8]}>"
 
     def __reduce__(self) -> tuple[type[Pattern], tuple[Floats]]:
-        return Pattern, (np.array(self._dots),)
+        return Pattern, (self._dots,)
 
 
 class HashTable:
@@ -116,7 +118,8 @@ class HashTable:
     bases[i]`` and ``d'' = feature_dots[i]``.
     """
 
-    __slots__ = ("_native",)
+    __slots__ = ("_handle",)
+    _handle: _native.HashTable
 
     def __init__(self) -> None:
         raise TypeError("HashTable: expected HashTable.build(pattern) or HashTable.load(path)")
@@ -124,7 +127,7 @@ class HashTable:
     @classmethod
     def _of(cls, native: _native.HashTable) -> HashTable:
         table = cls.__new__(cls)
-        table._native = native
+        table._handle = native
         return table
 
     @classmethod
@@ -145,7 +148,7 @@ class HashTable:
             recognizer: What the table notes of the recognizer that it is made for: ``sigma_rad``,
                 ``kappa``, ``beta``, ``alpha``, ``visibility_limit``.
         """
-        native = as_pattern(pattern)._native
+        native = as_pattern(pattern)._handle
         given = settings_json(recognizer)
         return cls._of(_native.HashTable.build(native, min_cross, max_angle_rad, given))
 
@@ -161,40 +164,40 @@ class HashTable:
 
     def to_bytes(self) -> bytes:
         """The table as an ``.npz`` in memory."""
-        return self._native.to_bytes()
+        return self._handle.to_bytes()
 
     def save(self, path: PathLike) -> None:
         """Writes the table as ``.npz``; the file appears whole or not at all."""
-        self._native.save(path)
+        self._handle.save(path)
 
     @property
     def pattern(self) -> Pattern:
         """The pattern."""
-        return Pattern._of(self._native.pattern())
+        return Pattern._of(self._handle.pattern())
 
     @property
     def features(self) -> Floats:
         """Hash values, shape (m, 3)."""
-        return self._native.features()
+        return self._handle.features()
 
     @property
     def bases(self) -> NDArray[np.uint16]:
         """The ordered pair of dots of each feature, shape (m, 2)."""
-        return self._native.bases()
+        return self._handle.bases()
 
     @property
     def feature_dots(self) -> NDArray[np.uint16]:
         """The third dot of each feature, shape (m,)."""
-        return self._native.feature_dots()
+        return self._handle.feature_dots()
 
     @property
     def meta(self) -> dict[str, Any]:
         """The metadata: version, recognizer, pair rule, objective, and the validation it shipped with."""
-        meta: dict[str, Any] = json.loads(self._native.meta())
+        meta: dict[str, Any] = json.loads(self._handle.meta())
         return meta
 
     def __repr__(self) -> str:
-        rows = len(self._native.feature_dots())
+        rows = len(self._handle.feature_dots())
         return f"<HashTable of {rows} features, {self.pattern!r}>"
 
     def __reduce__(self) -> tuple[Any, tuple[bytes]]:

@@ -34,7 +34,7 @@ class Hint:
     wrong: float = 0.05
     """Probability that the hint is entirely wrong, in (0, 1)."""
 
-    def _native(self) -> tuple[tuple[float, float, float, float], Floats, float]:
+    def _given(self) -> tuple[tuple[float, float, float, float], Floats, float]:
         covariance = floats("hint.covariance", self.covariance)
         if covariance.ndim == 0:
             covariance = np.eye(3) * covariance**2
@@ -183,7 +183,8 @@ class Recognizer:
     An instance may be used from several threads.
     """
 
-    __slots__ = ("_native", "_arguments", "table")
+    __slots__ = ("_arguments", "_handle", "table")
+    _handle: _native.Recognizer
     table: HashTable
     """The table in use."""
 
@@ -198,10 +199,10 @@ class Recognizer:
     ) -> None:
         self.table = as_table(table)
         self._arguments = (recognizer, expect, sigma_rad, settings)
-        native = self.table._native
+        native = self.table._handle
         if recognizer == "robust":
             given = settings_json(settings)
-            self._native = _native.Recognizer.robust(native, expect, given, sigma_rad)
+            self._handle = _native.Recognizer.robust(native, expect, given, sigma_rad)
         elif recognizer == "paper":
             if expect is not None:
                 raise ValueError("expect: the paper's recognizer has no expectations")
@@ -209,15 +210,24 @@ class Recognizer:
             for name in settings:
                 if name not in names:
                     raise ValueError(f"{name}: no such setting, expected one of {', '.join(names)}")
-            values = [settings.get(name) for name in names]
-            self._native = _native.Recognizer.paper(native, *values, sigma_rad)
+            get = settings.get
+            self._handle = _native.Recognizer.paper(
+                native,
+                get("k"),
+                get("kappa"),
+                get("beta"),
+                get("alpha"),
+                get("verify_fraction"),
+                get("vote_sum"),
+                sigma_rad,
+            )
         else:
             raise ValueError(f"recognizer: expected robust or paper, found {recognizer!r}")
 
     @property
     def settings(self) -> dict[str, Any]:
         """The robust recognizer's settings in use."""
-        settings: dict[str, Any] = json.loads(self._native.settings())
+        settings: dict[str, Any] = json.loads(self._handle.settings())
         return settings
 
     def identify(
@@ -249,18 +259,25 @@ class Recognizer:
             ValueError: For wrong shapes, numbers that are not finite, and vectors that are no unit
                 vectors.
         """
-        found = self._native.identify(
+        found = self._handle.identify(
             floats("dots", dots),
             None if sigma_rad is None else floats("sigma_rad", sigma_rad),
             None if covariances is None else floats("covariances", covariances),
-            None if hint is None else hint._native(),
+            None if hint is None else hint._given(),
             max_rivals,
             min_rival_confidence,
         )
         if isinstance(found, str):
             return Rejection(found)
-        *first, rivals = found
-        return Identification(*first, tuple(Rival(*rival) for rival in rivals))
+        quaternion, assignment, residual_rad, confidence, pose_confidence, rivals = found
+        return Identification(
+            quaternion,
+            assignment,
+            residual_rad,
+            confidence,
+            pose_confidence,
+            tuple(Rival(*rival) for rival in rivals),
+        )
 
     def identify_batch(
         self,
@@ -293,7 +310,7 @@ class Recognizer:
             if given.ndim != 1 or given.dtype.kind not in "iu" or not len(given):
                 raise ValueError("offsets: expected a row of whole numbers, from 0 on")
             ends = given.astype(np.int64)
-        columns = self._native.identify_batch(
+        columns = self._handle.identify_batch(
             dots,
             ends,
             None if sigma_rad is None else floats("sigma_rad", sigma_rad),

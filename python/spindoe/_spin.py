@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,14 +67,16 @@ class Spin:
         """Standard deviations of the spin's components, rad/s."""
         if self.covariance is None:
             return None
-        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        std: Floats = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        return std
 
     @property
     def std_rps(self) -> float | None:
         """Standard deviation of the magnitude, revolutions per second."""
         if self.covariance is None:
             return None
-        return float(np.sqrt(max(self.axis @ self.covariance @ self.axis, 0.0)) / (2.0 * np.pi))
+        variance = float(self.axis @ self.covariance @ self.axis)
+        return float(np.sqrt(max(variance, 0.0)) / (2.0 * np.pi))
 
     def as_rotation(self, time_s: ArrayLike | None = None) -> Rotation:
         """SciPy's rotation at the reference time, or by the model at others."""
@@ -109,8 +111,9 @@ def spin_of(found: Any) -> Spin | Rejection:
     """The native part's answer."""
     if isinstance(found, str):
         return Rejection(found)
-    *first, probabilities, aliases = found
-    return Spin(*first, probabilities, tuple(Alias(*alias) for alias in aliases))
+    spin = Spin(*found)
+    spin.aliases = tuple(Alias(*alias) for alias in found[-1])
+    return spin
 
 
 def fit_spin(
@@ -141,11 +144,12 @@ def fit_spin(
     Returns:
         A `Spin`, which is true, or a `Rejection`, which is false and has a reason.
     """
-    if hasattr(orientations, "as_quat"):
-        quaternions = np.atleast_2d(orientations.as_quat())
+    of_scipy: Any = getattr(orientations, "as_quat", None)
+    if of_scipy is not None:
+        quaternions = np.atleast_2d(of_scipy())
         order = "xyzw"
     else:
-        quaternions = floats("orientations", orientations)
+        quaternions = floats("orientations", cast("ArrayLike", orientations))
     if order == "xyzw":
         quaternions = np.roll(quaternions, 1, axis=-1)
     elif order != "wxyz":

@@ -28,23 +28,24 @@ class Stencil:
         ValueError: For a setting outside its domain, or holes that do not fit.
     """
 
-    __slots__ = ("_native", "_settings", "pattern")
+    __slots__ = ("_handle", "_settings", "pattern")
+    _handle: _native.Stencil
     pattern: Pattern
 
     def __init__(self, pattern: Pattern | ArrayLike, **settings: Any) -> None:
         self.pattern = as_pattern(pattern)
         self._settings = settings
-        self._native = _native.Stencil.build(self.pattern._native, settings_json(settings))
+        self._handle = _native.Stencil.build(self.pattern._handle, settings_json(settings))
 
     @staticmethod
     def largest_hole_mm(pattern: Pattern | ArrayLike, **settings: Any) -> float | None:
         """Diameter of the largest hole that fits, mm; None where none does."""
-        native = as_pattern(pattern)._native
+        native = as_pattern(pattern)._handle
         return _native.Stencil.largest_hole_mm(native, settings_json(settings))
 
     def arrays(self, half: Literal["a", "b"]) -> tuple[Floats, NDArray[np.uint32]]:
         """Vertices, shape (n, 3), millimeters, and triangles, shape (m, 3), of a half as it is printed."""
-        return self._native.half(half)
+        return self._handle.half(half)
 
     def to_trimesh(self, half: Literal["a", "b"]) -> trimesh.Trimesh:
         """A half as `trimesh.Trimesh`, millimeters."""
@@ -55,12 +56,12 @@ class Stencil:
 
     def save(self, dir: PathLike) -> None:
         """Writes ``half_a.stl``, ``half_b.stl``, ``stencil.3mf`` and ``stencil.json``."""
-        self._native.save(dir)
+        self._handle.save(dir)
 
     @property
     def description(self) -> dict[str, Any]:
         """What ``stencil.json`` holds."""
-        description: dict[str, Any] = json.loads(self._native.description())
+        description: dict[str, Any] = json.loads(self._handle.description())
         return description
 
     def __repr__(self) -> str:

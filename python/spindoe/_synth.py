@@ -94,7 +94,7 @@ def synth(
     Yields:
         Image of shape (height, width, 3), uint8, rgb, and its `Truth`.
     """
-    native = as_pattern(pattern)._native
+    native = as_pattern(pattern)._handle
     given = settings_json(settings)
     if fps is None:
         alone = {"spin_rad_s": spin_rad_s, "exposure_s": exposure_s, "drift_px": drift_px}

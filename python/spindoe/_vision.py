@@ -74,7 +74,7 @@ class Camera:
         """The view of a ball whose outline is the circle ``u, v, radius``, pixels."""
         return BallView(self, circle)
 
-    def _native(self) -> tuple[str, list[float]]:
+    def _given(self) -> tuple[str, list[float]]:
         return self.kind, list(self.numbers)
 
 
@@ -86,18 +86,19 @@ class BallView:
         circle: The ball's outline ``u, v, radius``, pixels.
     """
 
-    __slots__ = ("_native", "camera", "circle")
+    __slots__ = ("_handle", "camera", "circle")
+    _handle: _native.BallView
     camera: Camera
     circle: tuple[float, float, float]
 
     def __init__(self, camera: Camera, circle: ArrayLike) -> None:
         self.camera = camera
         self.circle = triple("circle", circle)
-        self._native = _native.BallView(camera._native(), self.circle)
+        self._handle = _native.BallView(camera._given(), self.circle)
 
     def project(self, directions: ArrayLike) -> Floats:
         """Pixels ``u, v``, shape (n, 2), of directions in the camera frame, shape (n, 3), seen or not."""
-        return self._native.project(floats("directions", directions))
+        return self._handle.project(floats("directions", directions))
 
     def back_project(
         self, pixels: ArrayLike, sigma_px: float | None = None, covariances: ArrayLike | None = None
@@ -118,16 +119,16 @@ class BallView:
             raise ValueError("covariances: expected them or sigma_px, found both")
         else:
             blocks = floats("covariances", covariances)
-        return self._native.back_project(points, blocks)
+        return self._handle.back_project(points, blocks)
 
     @property
     def horizon(self) -> float:
         """Minimum z, towards the camera, of a point in sight."""
-        return self._native.horizon()
+        return self._handle.horizon()
 
     def as_rotation(self) -> Rotation:
         """From the frame whose z points at the camera to the camera's frame."""
-        return to_scipy(self._native.to_camera())
+        return to_scipy(self._handle.to_camera())
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         return BallView, (self.camera, self.circle)
@@ -269,7 +270,8 @@ class Estimator:
     from several threads.
     """
 
-    __slots__ = ("_native", "_arguments", "table", "camera")
+    __slots__ = ("_arguments", "_handle", "camera", "table")
+    _handle: _native.Estimator
     table: HashTable
     """The table in use."""
     camera: Camera
@@ -288,14 +290,14 @@ class Estimator:
         self.camera = camera
         self._arguments = (camera, detector, weights, settings)
         given = settings_json(settings)
-        self._native = _native.Estimator(
-            self.table._native, camera._native(), detector, weights, given
+        self._handle = _native.Estimator(
+            self.table._handle, camera._given(), detector, weights, given
         )
 
     @property
     def settings(self) -> dict[str, Any]:
         """The settings in use."""
-        settings: dict[str, Any] = json.loads(self._native.settings())
+        settings: dict[str, Any] = json.loads(self._handle.settings())
         return settings
 
     def estimate(
@@ -319,11 +321,11 @@ class Estimator:
                 `FrameEstimate.pose`.
         """
         return frame_of(
-            self._native.estimate(
+            self._handle.estimate(
                 image,
                 _color(color, image),
                 None if circle is None else triple("circle", circle),
-                None if hint is None else hint._native(),
+                None if hint is None else hint._given(),
             )
         )
 
@@ -359,7 +361,7 @@ class Estimator:
             times = array.tolist()
         show, bar = progress_of(progress, len(frames), "frame")
         try:
-            found, independently, spin = self._native.estimate_sequence(
+            found, independently, spin = self._handle.estimate_sequence(
                 frames,
                 _color(color, frames[0]) if frames else "gray",
                 times,
@@ -417,7 +419,8 @@ class Tracker:
         max_rps: Largest spin considered, revolutions per second.
     """
 
-    __slots__ = ("_native", "estimator")
+    __slots__ = ("_handle", "estimator")
+    _handle: _native.Tracker
     estimator: Estimator
 
     def __init__(
@@ -429,7 +432,7 @@ class Tracker:
         max_rps: float = 175.0,
     ) -> None:
         self.estimator = estimator
-        self._native = estimator._native.tracker(window, float(memory_s), float(max_rps))
+        self._handle = estimator._handle.tracker(window, float(memory_s), float(max_rps))
 
     def update(
         self,
@@ -448,9 +451,9 @@ class Tracker:
             circle: The ball's outline, where it is known.
         """
         given = None if circle is None else triple("circle", circle)
-        frame, spin = self._native.update(image, _color(color, image), float(time_s), given)
+        frame, spin = self._handle.update(image, _color(color, image), float(time_s), given)
         return TrackerState(float(time_s), frame_of(frame), spin_of(spin))
 
     def reset(self) -> None:
         """Forgets everything: the next frame is the first of another trajectory."""
-        self._native.reset()
+        self._handle.reset()

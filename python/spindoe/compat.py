@@ -7,8 +7,10 @@ In scripts of theirs change the import::
 
 The signatures are those of https://github.com/cogsys-tuebingen/spindoe, folder ``python``. What differs:
 
-- The default recognizer is this package's robust one. It needs none of the arguments that tune the
-  paper's voting; ``recognizer="paper"`` uses them.
+- The default recognizer is this package's robust one. As theirs it expects that all dots are the
+  pattern's and that any of the visible ones may be missing, with the noise that `kappa` says
+  (``1 / sqrt(kappa)`` along a tangent axis); `settings` change that. It needs none of the arguments
+  that tune the paper's voting; ``recognizer="paper"`` uses them.
 - Nothing is printed.
 - Where no orientation is found, `BayGeoHasher.identify` returns ``([-1, -1], None, inf)``; theirs
   always returns one. A script that compares the pair, or the error, counts it as a failure.
@@ -32,6 +34,14 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 _LEAST_LOG_LIKELIHOOD = math.log(1e-10)
+# What the paper's algorithm takes for granted: a view of this pattern, every dot one of it.
+_EXPECTED: dict[str, Any] = {
+    "detection_probability": 0.6,
+    "expected_false_dots": 0.02,
+    "usual_false_dots": 0,
+    "null_prior": 1e-6,
+    "noise": "random_axis",
+}
 
 
 class BayGeoHasher:
@@ -101,7 +111,7 @@ class BayGeoHasher:
         """The recognizer of the arguments as they are now: scripts change them between calls."""
         if self._table is None:
             raise RuntimeError("gen_hash_table: expected a call before identify")
-        paper = {
+        paper: dict[str, Any] = {
             "k": self.k_neighbour,
             "kappa": float(self.kappa),
             "beta": float(self.beta),
@@ -121,9 +131,10 @@ class BayGeoHasher:
                         f"threshold: expected less than {_LEAST_LOG_LIKELIHOOD:.2f}, the least "
                         f"logarithm of a vote, found {self.threshold}"
                     )
-                made = Recognizer(self._table, "paper", **paper, **self.settings)
+                made = Recognizer(self._table, "paper", **{**paper, **self.settings})
             else:
-                made = Recognizer(self._table, "robust", **self.settings)
+                noise = {"sigma_rad": 1.0 / math.sqrt(max(self.kappa, 1.0))}
+                made = Recognizer(self._table, **{**_EXPECTED, **noise, **self.settings})
             self._made = (state, made)
         return self._made[1]
 
@@ -166,12 +177,14 @@ class BayGeoHasher:
     @staticmethod
     def cart2hash(basis: Floats, points: Floats) -> Floats:
         """Hash values of points, shape (n, 3) or (3,)."""
-        return np.linalg.solve(basis, np.transpose(points)).T
+        values: Floats = np.asarray(np.linalg.solve(basis, np.transpose(points)).T, np.float64)
+        return values
 
     @staticmethod
     def hash2cart(basis: Floats, hash_values: Floats) -> Floats:
         """Points of hash values, shape (n, 3) or (3,)."""
-        return np.asarray(hash_values) @ np.transpose(basis)
+        points: Floats = np.asarray(hash_values, dtype=np.float64) @ np.transpose(basis)
+        return points
 
 
 class SpinRegressor:

@@ -114,7 +114,7 @@ def identification(
     if dots is not None:
         points = at(floats("dots", dots))
         is_matched = found.assignment >= 0
-        ring = {"s": 110, "facecolors": "none", "linewidths": 1.2}
+        ring: dict[str, Any] = {"s": 110, "facecolors": "none", "linewidths": 1.2}
         ax.scatter(*points[is_matched].T, edgecolors=MATCHED, **ring)
         ax.scatter(*points[~is_matched].T, edgecolors=LEFT_OUT, **ring)
     ax.set_title(f"p = {found.pose_confidence:.4f}, {found.matched} dots", fontsize=9)
@@ -131,7 +131,7 @@ def frame(
         u, v, radius = found.circle
         _ball(ax, (u, v), radius)
     is_matched = found.assignment >= 0
-    ring = {"s": 90, "facecolors": "none", "linewidths": 1.2}
+    ring: dict[str, Any] = {"s": 90, "facecolors": "none", "linewidths": 1.2}
     ax.scatter(*found.dots[is_matched, :2].T, edgecolors=MATCHED, **ring)
     ax.scatter(*found.dots[~is_matched, :2].T, edgecolors=LEFT_OUT, **ring)
     for dot, index in zip(found.dots[is_matched], found.assignment[is_matched], strict=True):

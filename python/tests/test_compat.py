@@ -66,7 +66,9 @@ def test_arguments_may_change_between_calls(pattern):
     first = hasher.identify(view)
     hasher.projection_ll_scale = 1.0
     second = hasher.identify(view)
-    assert np.array_equal(first[0], second[0])
+    assert np.array_equal(hasher.identify(view)[0], second[0])
+    hasher.projection_ll_scale = 0.03
+    assert np.array_equal(hasher.identify(view)[0], first[0])
     hasher.threshold = 0.0
     with pytest.raises(ValueError, match="threshold"):
         hasher.identify(view)

@@ -21,10 +21,6 @@ def test_a_pattern_keeps_its_bits(pattern, tmp_path):
     assert again.sha256 == pattern.sha256
 
 
-def test_dots_are_read_only(pattern):
-    with pytest.raises(ValueError, match="read-only"):
-        pattern.dots[0, 0] = 0.0
-
 
 def test_the_summary_is_what_numpy_computes(pattern):
     cosines = pattern.dots @ pattern.dots.T - 3.0 * np.eye(len(pattern))

@@ -39,6 +39,7 @@ impl Arguments {
     pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
         let config = self.config()?;
         self.stencil().validate()?;
+        config.check()?;
         self.check_holes(&config)?;
         let job = DesignJob {
             evaluation: EvaluationConfig::of_samples(config.samples),
