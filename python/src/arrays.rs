@@ -4,8 +4,8 @@ use nalgebra::{Matrix2, Matrix3};
 use numpy::ndarray::{Array1, Array2, Array3, ArrayViewD, Axis};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use spindoe::{Rotation, Vec3};
 use spindoe::geometry::{from_wxyz, to_wxyz};
+use spindoe::{Rotation, Vec3};
 
 use crate::errors::value_error;
 
@@ -21,14 +21,21 @@ fn words(shape: &[Option<usize>]) -> String {
         .iter()
         .map(|side| side.map_or("n".to_owned(), |n| n.to_string()))
         .collect();
-    format!("({}{})", sides.join(", "), if sides.len() == 1 { "," } else { "" })
+    format!(
+        "({}{})",
+        sides.join(", "),
+        if sides.len() == 1 { "," } else { "" }
+    )
 }
 
 /// Checks a shape and that all numbers are finite.
 pub fn require_shape(name: &str, array: &Numbers<'_>, shape: &[Option<usize>]) -> PyResult<()> {
     let found = array.shape();
     let fits = found.len() == shape.len()
-        && found.iter().zip(shape).all(|(n, wanted)| wanted.is_none_or(|w| w == *n));
+        && found
+            .iter()
+            .zip(shape)
+            .all(|(n, wanted)| wanted.is_none_or(|w| w == *n));
     if !fits {
         let problem = format!("expected shape {}, found {found:?}", words(shape));
         return Err(value_error(name, problem));
@@ -38,7 +45,10 @@ pub fn require_shape(name: &str, array: &Numbers<'_>, shape: &[Option<usize>]) -
         Some(at) => {
             let per_row: usize = found.iter().skip(1).product();
             let row = at / per_row.max(1);
-            Err(value_error(name, format!("row {row}: expected finite numbers")))
+            Err(value_error(
+                name,
+                format!("row {row}: expected finite numbers"),
+            ))
         }
     }
 }
@@ -47,7 +57,11 @@ pub fn require_shape(name: &str, array: &Numbers<'_>, shape: &[Option<usize>]) -
 pub fn vectors(name: &str, array: &Numbers<'_>) -> PyResult<Vec<Vec3>> {
     require_shape(name, array, &[None, Some(3)])?;
     let view = array.as_array();
-    Ok(view.rows().into_iter().map(|r| Vec3::new(r[0], r[1], r[2])).collect())
+    Ok(view
+        .rows()
+        .into_iter()
+        .map(|r| Vec3::new(r[0], r[1], r[2]))
+        .collect())
 }
 
 /// A 3 x 3 matrix.
@@ -72,7 +86,10 @@ pub fn block3(view: &ArrayViewD<'_, f64>, k: usize) -> Matrix3<f64> {
 /// A rotation of a quaternion, scalar first.
 pub fn rotation(name: &str, wxyz: [f64; 4]) -> PyResult<Rotation> {
     from_wxyz(wxyz, QUATERNION_TOLERANCE).map_err(|length| {
-        value_error(name, format!("expected a unit quaternion, found one of length {length:.6}"))
+        value_error(
+            name,
+            format!("expected a unit quaternion, found one of length {length:.6}"),
+        )
     })
 }
 

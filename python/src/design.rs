@@ -50,7 +50,8 @@ impl Observer<'_> {
     }
 
     fn has_time(&self) -> bool {
-        self.budget.is_none_or(|budget| self.begun.elapsed() < budget)
+        self.budget
+            .is_none_or(|budget| self.begun.elapsed() < budget)
     }
 }
 

@@ -9,8 +9,9 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use spindoe::geometry::tangent_frame;
-use spindoe::spin::robust::RobustSpinConfig;
 use spindoe::spin::Measurement;
+use spindoe::spin::robust::RobustSpinConfig;
+use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
     CameraDistance, CameraModel, EstimatorWorkspace, Pose, SequenceConfig, TrackerConfig,
     estimate_spin, track_sequence,
@@ -21,7 +22,6 @@ use spindoe::vision::{
     BallCircle, Camera, CnnDetector, DetectorName, EstimatorConfig, FrameEstimate, Intrinsics,
     NamedDetector, Pixel,
 };
-use spindoe::vision::detector::NamedWorkspace;
 use spindoe::{DotUncertainty, Vec3};
 
 use crate::arrays::{
@@ -102,7 +102,9 @@ fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'py> {
 fn circle(given: Option<[f64; 3]>) -> PyResult<Option<BallCircle>> {
     match given {
         None => Ok(None),
-        Some([u, v, radius]) if u.is_finite() && v.is_finite() && radius > 0.0 && radius.is_finite() => {
+        Some([u, v, radius])
+            if u.is_finite() && v.is_finite() && radius > 0.0 && radius.is_finite() =>
+        {
             Ok(Some(BallCircle {
                 center: Pixel { u, v },
                 radius,
@@ -134,7 +136,12 @@ fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
             Err(value_error("distance_radii", problem))
         }
         ("pinhole", &[fx, fy, cx, cy]) if fx > 0.0 && fy > 0.0 => {
-            Ok(CameraModel::Known(Camera::Perspective(Intrinsics { fx, fy, cx, cy })))
+            Ok(CameraModel::Known(Camera::Perspective(Intrinsics {
+                fx,
+                fy,
+                cx,
+                cy,
+            })))
         }
         ("pinhole", _) => Err(value_error("intrinsics", "expected positive focal lengths")),
         _ => Err(value_error("camera", format!("no such kind: {kind:?}"))),
@@ -278,7 +285,11 @@ impl Estimator {
         independent: bool,
         max_rps: f64,
         progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(Vec<FrameTuple<'py>>, usize, Option<Answer<spin::Found<'py>>>)> {
+    ) -> PyResult<(
+        Vec<FrameTuple<'py>>,
+        usize,
+        Option<Answer<spin::Found<'py>>>,
+    )> {
         let circle = self::circle(circle)?;
         let channels = Channels::named(color)?;
         if let Some(times) = &times_s {
@@ -369,13 +380,22 @@ fn sequence_config(max_rps: f64) -> PyResult<SequenceConfig> {
 
 fn check_times(times: &[f64], images: usize) -> PyResult<()> {
     if times.len() != images {
-        let problem = format!("expected one for each of {images} images, found {}", times.len());
+        let problem = format!(
+            "expected one for each of {images} images, found {}",
+            times.len()
+        );
         return Err(value_error("times_s", problem));
     }
-    match times.windows(2).position(|w| w[0].partial_cmp(&w[1]) != Some(std::cmp::Ordering::Less)) {
+    match times
+        .windows(2)
+        .position(|w| w[0].partial_cmp(&w[1]) != Some(std::cmp::Ordering::Less))
+    {
         None => Ok(()),
         Some(at) => {
-            let problem = format!("entry {}: expected a time later than the one before", at + 1);
+            let problem = format!(
+                "entry {}: expected a time later than the one before",
+                at + 1
+            );
             Err(value_error("times_s", problem))
         }
     }
@@ -456,7 +476,9 @@ impl BallView {
         let Some(circle) = self::circle(Some(circle))? else {
             return Err(value_error("circle", "expected one"));
         };
-        Ok(Self(spindoe::vision::BallView::new(&camera, circle).or_raise()?))
+        Ok(Self(
+            spindoe::vision::BallView::new(&camera, circle).or_raise()?,
+        ))
     }
 
     /// Pixels `u, v` of directions in the camera frame.
@@ -467,7 +489,10 @@ impl BallView {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let to_view = self.0.to_camera().inverse();
         let directions = vectors("directions", &directions)?;
-        let pixels: Vec<Pixel> = directions.iter().map(|d| self.0.project(&(to_view * d))).collect();
+        let pixels: Vec<Pixel> = directions
+            .iter()
+            .map(|d| self.0.project(&(to_view * d)))
+            .collect();
         let at = |(i, k): (usize, usize)| [pixels[i].u, pixels[i].v][k];
         Ok(Array2::from_shape_fn((pixels.len(), 2), at).into_pyarray(py))
     }
@@ -483,7 +508,11 @@ impl BallView {
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>)> {
         require_shape("pixels", &pixels, &[None, Some(2)])?;
         let count = pixels.shape()[0];
-        require_shape("covariances_px2", &covariances_px2, &[Some(count), Some(2), Some(2)])?;
+        require_shape(
+            "covariances_px2",
+            &covariances_px2,
+            &[Some(count), Some(2), Some(2)],
+        )?;
         let (points, given) = (pixels.as_array(), covariances_px2.as_array());
         let turn = self.0.to_camera();
         let matrix = *turn.to_rotation_matrix().matrix();
@@ -510,7 +539,10 @@ impl BallView {
             directions.push(turn * dot.direction);
             covariances.push(axes * tangent * axes.transpose());
         }
-        Ok((crate::arrays::rows(py, &directions), blocks3(py, &covariances)))
+        Ok((
+            crate::arrays::rows(py, &directions),
+            blocks3(py, &covariances),
+        ))
     }
 
     /// Minimum z of a point in sight, view frame.

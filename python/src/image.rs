@@ -86,7 +86,10 @@ impl<'py> Pixels<'py> {
             return Err(wrong());
         }
         if shape[0] as u64 * shape[1] as u64 > MAX_PIXELS {
-            return Err(value_error(name, format!("expected at most {MAX_PIXELS} pixels")));
+            return Err(value_error(
+                name,
+                format!("expected at most {MAX_PIXELS} pixels"),
+            ));
         }
         Ok(match (self, channels) {
             (Self::Eight(a), Channels::Gray) => Samples::Gray8(flat(a.as_array(), wrong)?),

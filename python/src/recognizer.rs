@@ -98,7 +98,9 @@ impl Uncertainty<'_> {
             return if definite {
                 Ok(uncertainty)
             } else {
-                Err(format!("row {k}: expected a positive definite covariance, rad^2"))
+                Err(format!(
+                    "row {k}: expected a positive definite covariance, rad^2"
+                ))
             };
         }
         let sigma_rad = match &self.sigmas {
@@ -109,7 +111,9 @@ impl Uncertainty<'_> {
         if sigma_rad > 0.0 {
             return Ok(DotUncertainty::Isotropic { sigma_rad });
         }
-        Err(format!("row {k}: expected a positive angle, found {sigma_rad}"))
+        Err(format!(
+            "row {k}: expected a positive angle, found {sigma_rad}"
+        ))
     }
 }
 
@@ -144,21 +148,38 @@ fn observed(
     }
     if let Some(covariances) = covariances {
         if sigmas.is_some() {
-            return Err(value_error("covariances", "expected them or sigma_rad, found both"));
+            return Err(value_error(
+                "covariances",
+                "expected them or sigma_rad, found both",
+            ));
         }
-        let side = if covariances.shape().last() == Some(&3) { 3 } else { 2 };
-        require_shape("covariances", covariances, &[Some(count), Some(side), Some(side)])?;
+        let side = if covariances.shape().last() == Some(&3) {
+            3
+        } else {
+            2
+        };
+        require_shape(
+            "covariances",
+            covariances,
+            &[Some(count), Some(side), Some(side)],
+        )?;
     }
     let uncertainty = Uncertainty {
         default_rad,
         sigmas: sigmas.map(|s| s.as_array()),
         covariances: covariances.map(|c| c.as_array()),
     };
-    let of = if covariances.is_some() { "covariances" } else { "sigma_rad" };
+    let of = if covariances.is_some() {
+        "covariances"
+    } else {
+        "sigma_rad"
+    };
     into.clear();
     for (k, row) in dots.as_array().rows().into_iter().enumerate() {
         let direction = dot(k, row[0], row[1], row[2])?;
-        let uncertainty = uncertainty.of(k, &direction).map_err(|e| value_error(of, e))?;
+        let uncertainty = uncertainty
+            .of(k, &direction)
+            .map_err(|e| value_error(of, e))?;
         into.push(ObservedDot {
             direction,
             uncertainty,
@@ -176,7 +197,10 @@ pub fn hint(given: GivenHint<'_>) -> PyResult<Hint> {
     let covariance: Matrix3<f64> = matrix3("hint.covariance", &covariance)?;
     let symmetric = 0.5 * (covariance + covariance.transpose());
     if symmetric.cholesky().is_none() {
-        return Err(value_error("hint.covariance", "expected a positive definite matrix, rad^2"));
+        return Err(value_error(
+            "hint.covariance",
+            "expected a positive definite matrix, rad^2",
+        ));
     }
     if !(wrong > 0.0 && wrong < 1.0) {
         let problem = format!("expected a probability in (0, 1), found {wrong}");
@@ -231,7 +255,10 @@ impl Recognizer {
     }
 
     fn workspace(&self) -> Workspace {
-        let mut kept = self.workspaces.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = self
+            .workspaces
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         kept.pop().unwrap_or_default()
     }
 
@@ -243,12 +270,7 @@ impl Recognizer {
     }
 
     /// The answer in `ws` with the other poses that explain the dots.
-    fn answer<'py>(
-        &self,
-        py: Python<'py>,
-        rivals: (usize, f64),
-        ws: &mut Workspace,
-    ) -> Found<'py> {
+    fn answer<'py>(&self, py: Python<'py>, rivals: (usize, f64), ws: &mut Workspace) -> Found<'py> {
         let found = &ws.found;
         let best = (
             quaternion(py, &found.rotation),
@@ -284,8 +306,9 @@ impl Recognizer {
         sigma_rad: Option<f64>,
     ) -> PyResult<Self> {
         let defaults = match expect {
-            Some(name) => Protocol::standard(name.parse::<ProtocolName>().or_raise()?)
-                .recognizer_config(),
+            Some(name) => {
+                Protocol::standard(name.parse::<ProtocolName>().or_raise()?).recognizer_config()
+            }
             None => RobustConfig {
                 visibility_limit: table.0.meta().recognizer.visibility_limit,
                 ..RobustConfig::default()

@@ -76,7 +76,10 @@ pub fn fit_spin<'py>(
     require_shape("times_s", &times_s, &[None])?;
     let count = times_s.shape()[0];
     if quaternions.shape() != [count, 4] {
-        let problem = format!("expected shape ({count}, 4), found {:?}", quaternions.shape());
+        let problem = format!(
+            "expected shape ({count}, 4), found {:?}",
+            quaternions.shape()
+        );
         return Err(value_error("quaternions", problem));
     }
     if let Some(confidences) = &confidences {
@@ -126,7 +129,10 @@ pub fn fit_spin<'py>(
                 ..defaults
             });
             py.detach(|| estimator.fit(&measurements)).map(|fit| {
-                let inliers = estimator.inliers().iter().map(|&is| f64::from(u8::from(is)));
+                let inliers = estimator
+                    .inliers()
+                    .iter()
+                    .map(|&is| f64::from(u8::from(is)));
                 (fit, inliers.collect())
             })
         }

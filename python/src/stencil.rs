@@ -43,7 +43,12 @@ impl Stencil {
         let half = match name {
             "a" => HalfName::A,
             "b" => HalfName::B,
-            other => return Err(value_error("half", format!("expected a or b, found {other:?}"))),
+            other => {
+                return Err(value_error(
+                    "half",
+                    format!("expected a or b, found {other:?}"),
+                ));
+            }
         };
         let mesh = &self.0.half(half).mesh;
         let at = |(i, k): (usize, usize)| mesh.triangles[i][k];

@@ -1,5 +1,6 @@
 //! Validation by Monte Carlo, and the views that it uses.
 
+use nalgebra::{Matrix2, Matrix3x2};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use spindoe::geometry::tangent_frame;
@@ -8,7 +9,6 @@ use spindoe::validate::{
     NamedValidation, Trial, TrialGenerator, TrialResult, run_named_in, summarize,
 };
 use spindoe::{DotUncertainty, Protocol, ProtocolName, Vec3};
-use nalgebra::{Matrix2, Matrix3x2};
 
 use crate::arrays::{assignment, blocks3, quaternion, rows};
 use crate::errors::{OrRaise, value_error};

@@ -207,7 +207,9 @@ pub fn design_job(
     let Command::Design(arguments) = cli.command else {
         return Err("expected the flags of design".to_owned());
     };
-    arguments.job().map_err(|error| error_words(&error, "design"))
+    arguments
+        .job()
+        .map_err(|error| error_words(&error, "design"))
 }
 
 /// Prints help where it was requested, or one line on the error in the arguments.

@@ -251,7 +251,11 @@ pub fn to_csv(frames: &[ObservedFrame]) -> String {
 /// The uncertainty of a direction whose covariance, rad^2, is given in [`image_axes`].
 pub fn from_image_covariance(direction: &Vec3, covariance: &Matrix2<f64>) -> DotUncertainty {
     DotUncertainty::Tangent {
-        covariance: turned(covariance, &image_axes(direction), &tangent_frame(direction)),
+        covariance: turned(
+            covariance,
+            &image_axes(direction),
+            &tangent_frame(direction),
+        ),
     }
 }
 

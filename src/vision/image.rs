@@ -65,12 +65,7 @@ impl GrayImage {
 
     /// As [`GrayImage::from_fn`], into the memory at hand: how frames that arrive in another memory
     /// layout enter without a copy in between.
-    pub fn fill_with(
-        &mut self,
-        width: usize,
-        height: usize,
-        value: impl Fn(usize, usize) -> f32,
-    ) {
+    pub fn fill_with(&mut self, width: usize, height: usize, value: impl Fn(usize, usize) -> f32) {
         (self.width, self.height) = (width, height);
         self.values.clear();
         self.values

@@ -25,6 +25,7 @@ pub mod image;
 pub mod input;
 pub mod net;
 pub mod patch;
+pub mod pipe;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};

@@ -36,14 +36,6 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
 }
 
 impl Report<'_> {
-    /// An orientation in the requested frame.
-    fn in_output_frame(&self, rotation: &Rotation) -> Rotation {
-        match self.arguments.frame {
-            Frame::Ours => *rotation,
-            Frame::Optical => half_turn() * rotation,
-        }
-    }
-
     pub fn orientations_csv(&self) -> String {
         let frames = self.batch.frames.iter();
         let rows = frames.map(|shown| {
@@ -52,7 +44,7 @@ impl Report<'_> {
             OrientationRow {
                 frame: shown.name.clone(),
                 time_s: shown.time_s.unwrap_or(f64::NAN),
-                orientation: pose.map(|p| self.in_output_frame(&p.rotation)),
+                orientation: pose.map(|p| in_output_frame(self.arguments, &p.rotation)),
                 dots: Some(frame.dots.len()),
                 matched: Some(frame.matched()),
                 residual_rad: pose.map(|p| p.residual_rad),
@@ -87,21 +79,8 @@ impl Report<'_> {
     }
 
     fn spin_json(&self, fit: &Fit) -> Value {
-        let mut motion = fit.motion;
-        let mut covariance = fit.spin_covariance;
-        if self.arguments.frame == Frame::Optical {
-            let turn = half_turn();
-            motion.spin = turn * motion.spin;
-            motion.orientation = turn * motion.orientation;
-            let matrix = turn.to_rotation_matrix();
-            covariance = covariance.map(|c| matrix.matrix() * c * matrix.matrix().transpose());
-        }
-        let turned = Fit {
-            motion,
-            spin_covariance: covariance,
-            ..*fit
-        };
-        crate::cli::spin::fit_json(&turned, self.batch.frames.len(), self.batch.identified())
+        let (frames, identified) = (self.batch.frames.len(), self.batch.identified());
+        fit_json(self.arguments, fit, frames, identified)
     }
 
     fn frame_json(&self, shown: &BatchFrame<Picture>) -> Value {
@@ -145,22 +124,7 @@ impl Report<'_> {
                 "other_balls": fit.rivals,
             });
         }
-        match &frame.outcome {
-            Ok(pose) => {
-                json["orientation_wxyz"] = json!(to_wxyz(&self.in_output_frame(&pose.rotation)));
-                json["matched"] = frame.matched().into();
-                json["residual_deg"] = pose.residual_rad.to_degrees().into();
-                json["residual_px"] = pose.residual_px.into();
-                json["confidence"] = pose.confidence.into();
-                json["pose_confidence"] = pose.pose_confidence.into();
-                json["hinted"] = pose.hinted.into();
-                if let Some(distance) = pose.distance {
-                    json["inverse_distance"] = distance.inverse_distance.into();
-                    json["inverse_distance_sigma"] = distance.sigma.into();
-                }
-            }
-            Err(rejection) => json["refusal"] = rejection.to_string().into(),
-        }
+        add_pose(self.arguments, frame, &mut json);
         json
     }
 
@@ -199,6 +163,59 @@ impl Report<'_> {
             }
             Err(rejection) => errln!("spin: {rejection}"),
         }
+    }
+}
+
+/// An orientation in the requested frame.
+fn in_output_frame(arguments: &Arguments, rotation: &Rotation) -> Rotation {
+    match arguments.frame {
+        Frame::Ours => *rotation,
+        Frame::Optical => half_turn() * rotation,
+    }
+}
+
+/// A spin in the requested frame.
+pub(super) fn fit_json(
+    arguments: &Arguments,
+    fit: &Fit,
+    frames: usize,
+    identified: usize,
+) -> Value {
+    let mut motion = fit.motion;
+    let mut covariance = fit.spin_covariance;
+    if arguments.frame == Frame::Optical {
+        let turn = half_turn();
+        motion.spin = turn * motion.spin;
+        motion.orientation = turn * motion.orientation;
+        let matrix = turn.to_rotation_matrix();
+        covariance = covariance.map(|c| matrix.matrix() * c * matrix.matrix().transpose());
+    }
+    let turned = Fit {
+        motion,
+        spin_covariance: covariance,
+        ..*fit
+    };
+    crate::cli::spin::fit_json(&turned, frames, identified)
+}
+
+/// Adds a frame's orientation, or why there is none.
+pub(super) fn add_pose(arguments: &Arguments, frame: &FrameEstimate, json: &mut Value) {
+    match &frame.outcome {
+        Ok(pose) => {
+            let rotation = in_output_frame(arguments, &pose.rotation);
+            json["orientation_wxyz"] = json!(to_wxyz(&rotation));
+            json["matched"] = frame.matched().into();
+            json["residual_deg"] = pose.residual_rad.to_degrees().into();
+            json["residual_px"] = pose.residual_px.into();
+            json["confidence"] = pose.confidence.into();
+            json["pose_confidence"] = pose.pose_confidence.into();
+            json["hinted"] = pose.hinted.into();
+            if let Some(distance) = pose.distance {
+                json["inverse_distance"] = distance.inverse_distance.into();
+                json["inverse_distance_sigma"] = distance.sigma.into();
+            }
+        }
+        Err(rejection) => json["refusal"] = rejection.to_string().into(),
     }
 }
 
