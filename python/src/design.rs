@@ -1,6 +1,7 @@
 //! Searches for patterns.
 
 use std::ffi::OsString;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -10,10 +11,10 @@ use pyo3::prelude::*;
 use serde_json::json;
 use spindoe::Error;
 use spindoe::design::checkpoint::SearchState;
-use spindoe::design::{DesignObserver, Stage};
+use spindoe::design::{DesignConfig, DesignObserver, Shard, Stage};
 use spindoe::report::{JobObserver, Start};
 
-use crate::errors::to_python;
+use crate::errors::OrRaise;
 use crate::pattern::{HashTable, to_json};
 use crate::work::interruptible;
 
@@ -22,6 +23,50 @@ use crate::work::interruptible;
 pub struct DesignJob {
     job: spindoe::DesignJob,
     start: Start,
+    shard: Option<Shard>,
+}
+
+/// Runs work under an observer that calls Python, and maps what it ended with.
+fn observed<T: Send>(
+    py: Python<'_>,
+    callback: Option<Py<PyAny>>,
+    budget_s: Option<f64>,
+    command: Option<String>,
+    work: impl FnOnce(&AtomicBool, &mut Observer<'_>) -> spindoe::Result<T> + Send,
+) -> PyResult<T> {
+    let budget = budget_s.map(Duration::try_from_secs_f64).transpose();
+    let budget = budget.map_err(|e| PyValueError::new_err(format!("budget_s: {e}")))?;
+    let (outcome, raised) = interruptible(py, |stop| {
+        let mut observer = Observer {
+            callback,
+            stop,
+            raised: None,
+            begun: Instant::now(),
+            budget,
+            command,
+        };
+        let outcome = work(stop, &mut observer);
+        (outcome, observer.raised)
+    })?;
+    match (outcome, raised) {
+        (_, Some(error)) => Err(error),
+        (outcome, None) => outcome.or_raise(),
+    }
+}
+
+/// Merges the shards in these folders into a design; the table, and the report as JSON.
+#[pyfunction]
+pub fn merge(
+    py: Python<'_>,
+    shards: Vec<PathBuf>,
+    out: PathBuf,
+    callback: Option<Py<PyAny>>,
+) -> PyResult<(HashTable, String)> {
+    let (job, command) = spindoe::cli::merge_job(&shards, out).or_raise()?;
+    let found = observed(py, callback, None, command, |stop, observer| {
+        job.merge(&shards, stop, observer)
+    })?;
+    Ok((HashTable(Arc::new(found.table)), to_json(&found.report)?))
 }
 
 /// Passes the search's progress on to Python, and ends the search when Python says so.
@@ -31,6 +76,7 @@ struct Observer<'a> {
     raised: Option<PyErr>,
     begun: Instant,
     budget: Option<Duration>,
+    command: Option<String>,
 }
 
 impl Observer<'_> {
@@ -81,6 +127,10 @@ impl JobObserver for Observer<'_> {
         // An error of the callback here ends nothing: the next progress tells it.
         let _ = self.tell(&json!({ "stage": "finish", "step": what }));
     }
+
+    fn command(&self, _: &DesignConfig) -> Option<String> {
+        self.command.clone()
+    }
 }
 
 #[pymethods]
@@ -88,8 +138,12 @@ impl DesignJob {
     /// The job of these flags of `spindoe design`.
     #[new]
     fn new(flags: Vec<OsString>) -> PyResult<Self> {
-        let (job, start) = spindoe::cli::design_job(flags).map_err(PyValueError::new_err)?;
-        Ok(Self { job, start })
+        let request = spindoe::cli::design_job(flags).map_err(PyValueError::new_err)?;
+        Ok(Self {
+            job: request.job,
+            start: request.start,
+            shard: request.shard,
+        })
     }
 
     /// The configuration of the search, as JSON.
@@ -97,7 +151,7 @@ impl DesignJob {
         to_json(&self.job.config)
     }
 
-    fn dir(&self) -> std::path::PathBuf {
+    fn dir(&self) -> PathBuf {
         self.job.dir.clone()
     }
 
@@ -108,23 +162,25 @@ impl DesignJob {
         callback: Option<Py<PyAny>>,
         budget_s: Option<f64>,
     ) -> PyResult<(HashTable, String)> {
-        let budget = budget_s.map(Duration::try_from_secs_f64).transpose();
-        let budget = budget.map_err(|e| PyValueError::new_err(format!("budget_s: {e}")))?;
-        let (outcome, raised) = interruptible(py, |stop| {
-            let mut observer = Observer {
-                callback,
-                stop,
-                raised: None,
-                begun: Instant::now(),
-                budget,
-            };
-            let outcome = self.job.run(self.start, stop, &mut observer);
-            (outcome, observer.raised)
+        let found = observed(py, callback, budget_s, None, |stop, observer| {
+            self.job.run(self.start, stop, observer)
         })?;
-        match (outcome, raised) {
-            (_, Some(error)) => Err(error),
-            (Err(error), None) => Err(to_python(error)),
-            (Ok(found), None) => Ok((HashTable(Arc::new(found.table)), to_json(&found.report)?)),
-        }
+        Ok((HashTable(Arc::new(found.table)), to_json(&found.report)?))
+    }
+
+    /// Runs the shard that the flags ask for.
+    fn run_shard(
+        &self,
+        py: Python<'_>,
+        callback: Option<Py<PyAny>>,
+        command: Option<String>,
+    ) -> PyResult<()> {
+        let Some(shard) = self.shard else {
+            return Err(PyValueError::new_err("shard: expected K/N, found none"));
+        };
+        observed(py, callback, None, command, |stop, observer| {
+            self.job.run_shard(shard, self.start, stop, observer)
+        })?;
+        Ok(())
     }
 }

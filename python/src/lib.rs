@@ -25,7 +25,7 @@ mod _native {
     #[pymodule_export]
     use super::command::command;
     #[pymodule_export]
-    use super::design::DesignJob;
+    use super::design::{DesignJob, merge};
     #[pymodule_export]
     use super::estimator::{BallView, Estimator, Tracker};
     #[pymodule_export]

@@ -31,6 +31,7 @@ mod export;
 mod identify;
 #[cfg(feature = "mark")]
 mod mark;
+mod merge;
 mod output;
 mod sensitivity;
 mod simulate;
@@ -53,6 +54,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
+use crate::design::Shard;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, PairRule, RecognizerConfig};
@@ -72,6 +74,9 @@ enum Command {
     /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a
     /// folder.
     Design(design::Arguments),
+    /// Merge the shards of a search that ran on several machines: the best of all meet in the last
+    /// trial.
+    Merge(merge::Arguments),
     /// Measure how often a pattern is identified correctly, by Monte Carlo.
     Validate(validate::Arguments),
     /// Compare patterns on the same trials, side by side.
@@ -127,6 +132,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     };
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
@@ -194,6 +200,17 @@ fn error_words(error: &Error, name: &str) -> String {
     }
 }
 
+/// What the flags of `spindoe design` ask for.
+#[derive(Debug)]
+pub struct DesignRequest {
+    /// The design.
+    pub job: DesignJob,
+    /// Where it starts.
+    pub start: Start,
+    /// The shard of it that is to run, where not all is.
+    pub shard: Option<Shard>,
+}
+
 /// The job that `spindoe design` with these flags would run, for callers from other languages: they
 /// get its defaults, names and units.
 ///
@@ -201,15 +218,28 @@ fn error_words(error: &Error, name: &str) -> String {
 /// One line that names the flag and what was expected.
 pub fn design_job(
     flags: impl IntoIterator<Item = OsString>,
-) -> std::result::Result<(DesignJob, Start), String> {
+) -> std::result::Result<DesignRequest, String> {
     let words = ["spindoe".into(), "design".into()].into_iter().chain(flags);
     let cli = Cli::try_parse_from(words).map_err(|error| usage_line(&error))?;
     let Command::Design(arguments) = cli.command else {
         return Err("expected the flags of design".to_owned());
     };
-    arguments
+    let (job, start) = arguments
         .job()
-        .map_err(|error| error_words(&error, "design"))
+        .map_err(|error| error_words(&error, "design"))?;
+    Ok(DesignRequest {
+        job,
+        start,
+        shard: arguments.shard,
+    })
+}
+
+/// The job that `spindoe merge` would run on these shards, and the command that its report names.
+///
+/// # Errors
+/// Those of reading the first shard.
+pub fn merge_job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option<String>)> {
+    merge::job(shards, out)
 }
 
 /// Prints help where it was requested, or one line on the error in the arguments.

@@ -7,6 +7,7 @@
 //! - [`scp`]: the descent under these constraints,
 //! - [`start`]: random patterns to start from,
 //! - [`search`]: many starts, screening, and selection by Monte Carlo,
+//! - [`shard`]: a search in parts, on several machines,
 //! - [`rate`] and [`polish`]: the last stage, on the measured rate itself,
 //! - [`checkpoint`]: the state of a search on disk.
 //!
@@ -23,6 +24,7 @@ pub mod polish;
 pub mod rate;
 pub mod scp;
 pub mod search;
+pub mod shard;
 pub mod start;
 mod work;
 
@@ -31,4 +33,5 @@ pub use candidate::{Candidate, Milestone, Stage};
 pub use config::DesignConfig;
 pub use constraints::{Constraints, KeepOut};
 pub use objective::{Objective, ObjectiveName, OrientationBound};
-pub use search::{DesignObserver, DesignOutcome, design};
+pub use search::{DesignObserver, DesignOutcome, design, search_rounds};
+pub use shard::Shard;

@@ -8,4 +8,6 @@ mod estimate;
 mod input;
 mod noise;
 mod off_axis;
+mod pipe;
 mod sequence;
+mod tracker;
