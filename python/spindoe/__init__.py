@@ -16,7 +16,7 @@ Bad input raises `ValueError`, what the system refuses `OSError`, both with one 
 """
 
 from ._common import Rejection
-from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, validate
+from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
 from ._native import __version__
 from ._pattern import HashTable, Pattern, PatternSummary
 from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
@@ -63,6 +63,7 @@ __all__ = [
     "Validation",
     "__version__",
     "fit_spin",
+    "merge",
     "synth",
     "validate",
 ]

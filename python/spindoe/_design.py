@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -142,7 +143,7 @@ class Design:
     out: PathLike
 
     def __init__(self, out: PathLike, *, dots: int = 20, seed: int = 0, **flags: Any) -> None:
-        for taken in ("resume", "budget", "json", "shard"):
+        for taken in ("resume", "budget", "json", "shard", "shards"):
             if taken in flags:
                 raise ValueError(f"{taken}: expected as an argument of run, or not at all")
         self.out = out
@@ -174,26 +175,74 @@ class Design:
                 raise ValueError(f"budget_s: expected a positive number, found {budget_s}")
             flags += ["--budget", f"{max(1, round(1000 * budget_s))}ms"]
         job = _native.DesignJob(flags)
-
-        def tell(event: str) -> None:
-            assert callback is not None
-            told = json.loads(event)
-            best = told.get("best")
-            callback(
-                DesignProgress(
-                    told["stage"],
-                    told.get("rounds", 0),
-                    told.get("elapsed_s", 0.0),
-                    None if best is None else Pattern(best["dots"]),
-                    told.get("step", ""),
-                )
-            )
-
-        table, report = job.run(None if callback is None else tell, budget_s)
+        table, report = job.run(_teller(callback), budget_s)
         return DesignResult(str(job.dir()), HashTable._of(table), json.loads(report))
+
+    def run_shard(
+        self,
+        index: int,
+        count: int,
+        callback: Callable[[DesignProgress], object] | None = None,
+    ) -> str:
+        """Searches one of `count` shards, from where it was left if it has begun; returns its folder,
+        ``shards/INDEX`` within `out`. `merge` makes a design of all of them.
+
+        Args:
+            index: The shard's number, from 1.
+            count: The number of shards.
+            callback: As in `run`.
+        """
+        folder = os.path.join(os.fspath(self.out), "shards", str(index))
+        begun = os.path.exists(os.path.join(folder, "search.json"))
+        flags = [word for word in self._flags if not word.startswith("--out=")]
+        flags += [f"--out={folder}", f"--shard={index}/{count}", *(["--resume"] if begun else [])]
+        _native.DesignJob(flags).run_shard(_teller(callback), None)
+        return folder
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         return _design, (self.out, self._flags)
+
+
+def merge(
+    shards: Sequence[PathLike],
+    out: PathLike,
+    callback: Callable[[DesignProgress], object] | None = None,
+) -> DesignResult:
+    """Merges the finished shards of one search: their finalists meet on trials that no shard has drawn.
+
+    Args:
+        shards: The folders of all shards, in any order.
+        out: The folder for pattern, table, stencil, plots and report.
+        callback: As in `Design.run`.
+
+    Raises:
+        ValueError: Where a shard is missing, twice there, not finished, or of another search.
+    """
+    table, report = _native.merge(list(shards), out, _teller(callback))
+    return DesignResult(os.fspath(out), HashTable._of(table), json.loads(report))
+
+
+def _teller(
+    callback: Callable[[DesignProgress], object] | None,
+) -> Callable[[str], object] | None:
+    """What the native part calls."""
+    if callback is None:
+        return None
+
+    def tell(event: str) -> None:
+        told = json.loads(event)
+        best = told.get("best")
+        callback(
+            DesignProgress(
+                told["stage"],
+                told.get("rounds", 0),
+                told.get("elapsed_s", 0.0),
+                None if best is None else Pattern(best["dots"]),
+                told.get("step", ""),
+            )
+        )
+
+    return tell
 
 
 def _design(out: PathLike, flags: list[str]) -> Design:
