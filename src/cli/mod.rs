@@ -33,6 +33,7 @@ mod export;
 mod identify;
 #[cfg(feature = "mark")]
 mod mark;
+mod merge;
 mod output;
 mod report;
 #[cfg(feature = "vision")]
@@ -53,16 +54,19 @@ mod trajectories;
 mod trajectories_plot;
 mod validate;
 
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
+use crate::design::Shard;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
+use crate::report::{DesignJob, Start};
 
 /// Designs dot patterns for balls, evaluates them, and writes the files needed to use them.
 #[derive(Debug, Parser)]
@@ -80,6 +84,9 @@ enum Command {
     /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a
     /// folder.
     Design(design::Arguments),
+    /// Merge the shards of a search that ran on several machines: the best of all meet in the last
+    /// trial.
+    Merge(merge::Arguments),
     /// Measure how often a pattern is identified correctly, by Monte Carlo.
     Validate(validate::Arguments),
     /// Make the page of a design's folder: report.html, to look at and to hand on.
@@ -130,7 +137,13 @@ enum Command {
 
 /// Runs the command with the process' arguments.
 pub fn main() -> ExitCode {
-    let parsed = Cli::command().try_get_matches();
+    ExitCode::from(main_with(std::env::args_os()))
+}
+
+/// Runs the command with these arguments, the first of which is the program's name, and returns its
+/// exit code.
+pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let parsed = Cli::command().try_get_matches_from(arguments);
     let parsed = parsed.and_then(|matches| {
         let name = matches.subcommand_name().unwrap_or_default().to_owned();
         Cli::from_arg_matches(&matches).map(|cli| (cli, name))
@@ -142,6 +155,7 @@ pub fn main() -> ExitCode {
     output::set_quiet(cli.quiet);
     let done: Result<()> = match cli.command {
         Command::Design(arguments) => design::run(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
@@ -170,17 +184,17 @@ pub fn main() -> ExitCode {
         Command::Trajectories(arguments) => trajectories::run(&arguments),
     };
     match done {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(error) => {
             // Whatever an error quotes, it is one line.
-            let words = words(&error, &name);
+            let words = error_words(&error, &name);
             let line: Vec<&str> = words.lines().map(str::trim).collect();
             errln!("spindoe: {}", line.join(" "));
-            ExitCode::from(match error {
+            match error {
                 Error::NoAnswer { .. } => 3,
                 error if error.is_usage() => 2,
                 _ => 1,
-            })
+            }
         }
     }
 }
@@ -194,7 +208,7 @@ const FLAGS: [(&str, &str); 4] = [
 ];
 
 /// The error in one line. A parameter that the command `name` takes is named by its flag.
-fn words(error: &Error, name: &str) -> String {
+fn error_words(error: &Error, name: &str) -> String {
     let Error::Argument { parameter, problem } = error else {
         return error.to_string();
     };
@@ -219,19 +233,64 @@ fn words(error: &Error, name: &str) -> String {
     }
 }
 
+/// What the flags of `spindoe design` ask for.
+#[derive(Debug)]
+pub struct DesignRequest {
+    /// The design.
+    pub job: DesignJob,
+    /// Where it starts.
+    pub start: Start,
+    /// The shard of it that is to run, where not all is.
+    pub shard: Option<Shard>,
+}
+
+/// The job that `spindoe design` with these flags would run, for callers from other languages: they
+/// get its defaults, names and units.
+///
+/// # Errors
+/// One line that names the flag and what was expected.
+pub fn design_job(
+    flags: impl IntoIterator<Item = OsString>,
+) -> std::result::Result<DesignRequest, String> {
+    let words = ["spindoe".into(), "design".into()].into_iter().chain(flags);
+    let cli = Cli::try_parse_from(words).map_err(|error| usage_line(&error))?;
+    let Command::Design(arguments) = cli.command else {
+        return Err("expected the flags of design".to_owned());
+    };
+    let (job, start) = arguments
+        .job()
+        .map_err(|error| error_words(&error, "design"))?;
+    Ok(DesignRequest {
+        job,
+        start,
+        shard: arguments.shard,
+    })
+}
+
+/// The job that `spindoe merge` would run on these shards, and the command that its report names.
+///
+/// # Errors
+/// Those of reading the first shard.
+pub fn merge_job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option<String>)> {
+    merge::job(shards, out)
+}
+
 /// Prints help where it was requested, or one line on the error in the arguments.
-fn report_usage(error: &clap::Error) -> ExitCode {
+fn report_usage(error: &clap::Error) -> u8 {
     use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NothingAsked;
     if !error.use_stderr() || error.kind() == NothingAsked {
         error.exit();
     }
-    // The first paragraph is the error itself; usage and tips follow.
+    errln!("spindoe: {} (see --help)", usage_line(error));
+    2
+}
+
+/// The error in the arguments in one line: its first paragraph; usage and tips follow.
+fn usage_line(error: &clap::Error) -> String {
     let text = error.to_string();
     let first = text.split("\n\n").next().unwrap_or_default();
     let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
-    let line = line.strip_prefix("error: ").unwrap_or(&line);
-    errln!("spindoe: {line} (see --help)");
-    ExitCode::from(2)
+    line.strip_prefix("error: ").unwrap_or(&line).to_owned()
 }
 
 /// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP

@@ -14,7 +14,22 @@ const MAX_PRINTED: usize = 6;
 
 /// The summary as JSON; vectors and orientation in the camera frame `frame`.
 pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {
-    let fit = &summary.fit;
+    let mut json = fit_json(&summary.fit, frame);
+    json["residual_deg"] = summary.residual_rad.to_degrees().into();
+    json["frames"] = summary.frames.into();
+    json["orientations"] = summary.orientations.into();
+    json["unique_up_to_rps"] = json!(summary.unique_up_to_rps);
+    let alternatives = summary.alternatives.iter().map(|a| {
+        let mut entry = vector_json(&a.spin);
+        entry["log_likelihood_ratio"] = a.log_likelihood_ratio.into();
+        entry
+    });
+    json["alternatives"] = alternatives.collect();
+    json
+}
+
+/// A spin alone as JSON; vectors and orientation in the camera frame `frame`.
+pub(super) fn fit_json(fit: &Fit, frame: CameraFrame) -> Value {
     let mut json = vector_json(&fit.motion.spin);
     let std = fit.spin_covariance.as_ref().map(standard_deviations);
     json["std_rad_s"] = json!(std.map(|s| [s.x, s.y, s.z]));
@@ -24,20 +39,10 @@ pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {
             .map(|c| [0, 1, 2].map(|i| [0, 1, 2].map(|j| c[(i, j)])))
     );
     json["sigma_deg"] = json!(fit.sigma_rad.map(f64::to_degrees));
-    json["residual_deg"] = summary.residual_rad.to_degrees().into();
     json["inliers"] = fit.inliers.into();
-    json["frames"] = summary.frames.into();
-    json["orientations"] = summary.orientations.into();
     json["time_s"] = fit.motion.time_s.into();
     json["orientation_wxyz"] = json!(to_wxyz(&fit.motion.orientation));
     json["camera_frame"] = frame.as_str().into();
-    json["unique_up_to_rps"] = json!(summary.unique_up_to_rps);
-    let alternatives = summary.alternatives.iter().map(|a| {
-        let mut entry = vector_json(&a.spin);
-        entry["log_likelihood_ratio"] = a.log_likelihood_ratio.into();
-        entry
-    });
-    json["alternatives"] = alternatives.collect();
     json
 }
 

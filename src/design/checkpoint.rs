@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::candidate::{Candidate, Milestone, Stage};
 use super::config::DesignConfig;
 use super::polish::Polish;
+use super::shard::Shard;
 use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
@@ -38,6 +39,33 @@ pub struct SearchState {
     pub polish: Option<Polish>,
     /// A constraint that a recent candidate violated.
     pub missed: Option<String>,
+    /// The shards that this is merged from; 0 for a search of one piece.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub shards: usize,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
+/// What a shard's file says beside its state.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ShardRecord {
+    /// Which shard of how many.
+    pub shard: Shard,
+    /// The command that runs the whole search, where a command ran the shard.
+    pub command: Option<String>,
+}
+
+/// A shard as read from disk.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShardFile {
+    /// Configuration of the whole search.
+    pub config: DesignConfig,
+    /// Which shard.
+    pub record: ShardRecord,
+    /// Its progress.
+    pub state: SearchState,
 }
 
 #[derive(Deserialize)]
@@ -50,6 +78,55 @@ struct File {
     checkpoint_version: u32,
     config: DesignConfig,
     state: SearchState,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    shard: Option<ShardRecord>,
+}
+
+impl File {
+    /// Reads the file's bytes; `path` only names it in errors.
+    fn read(path: &Path, bytes: &[u8]) -> Result<Self> {
+        let unreadable =
+            |e: serde_json::Error| Error::input(path, "checkpoint", format!("cannot be read: {e}"));
+        // The version first: another format may have other fields.
+        let Version { checkpoint_version } = serde_json::from_slice(bytes).map_err(unreadable)?;
+        if checkpoint_version != CHECKPOINT_VERSION {
+            let problem =
+                format!("expected version {CHECKPOINT_VERSION}, found {checkpoint_version}");
+            return Err(Error::input(path, "checkpoint_version", problem));
+        }
+        serde_json::from_slice(bytes).map_err(unreadable)
+    }
+}
+
+impl ShardFile {
+    /// Reads a shard.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Input`] for a file of another version, a damaged one, or one that is
+    /// no shard's.
+    #[cfg(feature = "native")]
+    pub fn load(path: &Path) -> Result<Self> {
+        let file = File::read(path, &files::read_bytes(path)?)?;
+        let record = file.shard.ok_or_else(|| {
+            let problem = "expected a shard's search, found one of one piece";
+            Error::input(path, "shard", problem)
+        })?;
+        Ok(Self {
+            config: file.config,
+            record,
+            state: file.state,
+        })
+    }
+
+    /// Writes the shard atomically.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    #[cfg(feature = "native")]
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let record = Some(self.record.clone());
+        files::write_bytes(path, &self.state.as_json(&self.config, record)?)
+    }
 }
 
 impl SearchState {
@@ -67,10 +144,15 @@ impl SearchState {
     /// # Errors
     /// [`Error::Internal`].
     pub fn to_json(&self, config: &DesignConfig) -> Result<Vec<u8>> {
+        self.as_json(config, None)
+    }
+
+    fn as_json(&self, config: &DesignConfig, shard: Option<ShardRecord>) -> Result<Vec<u8>> {
         let file = File {
             checkpoint_version: CHECKPOINT_VERSION,
             config: config.clone(),
             state: self.clone(),
+            shard,
         };
         serde_json::to_vec(&file).map_err(|e| Error::Internal(format!("checkpoint as JSON: {e}")))
     }
@@ -99,16 +181,11 @@ impl SearchState {
     /// # Errors
     /// [`Error::Input`] for another version, another configuration or a damaged file.
     pub fn from_json(path: &Path, bytes: &[u8], config: &DesignConfig) -> Result<Self> {
-        let unreadable =
-            |e: serde_json::Error| Error::input(path, "checkpoint", format!("cannot be read: {e}"));
-        // The version first: another format may have other fields.
-        let Version { checkpoint_version } = serde_json::from_slice(bytes).map_err(unreadable)?;
-        if checkpoint_version != CHECKPOINT_VERSION {
-            let problem =
-                format!("expected version {CHECKPOINT_VERSION}, found {checkpoint_version}");
-            return Err(Error::input(path, "checkpoint_version", problem));
+        let file = File::read(path, bytes)?;
+        if let Some(record) = file.shard {
+            let problem = format!("belongs to shard {}; repeat --shard", record.shard);
+            return Err(Error::input(path, "shard", problem));
         }
-        let file: File = serde_json::from_slice(bytes).map_err(unreadable)?;
         let mut same = file.config;
         same.rounds = config.rounds;
         same.polish = config.polish;

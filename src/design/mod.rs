@@ -8,6 +8,7 @@
 //! - [`scp`]: the descent under these constraints,
 //! - [`start`]: random patterns to start from,
 //! - [`search`]: many starts, screening, and selection by Monte Carlo,
+//! - [`shard`]: a search in parts, on several machines,
 //! - [`rate`] and [`polish`]: the last stage, on the measured rate itself,
 //! - [`checkpoint`]: the state of a search on disk.
 //!
@@ -25,6 +26,7 @@ pub mod polish;
 pub mod rate;
 pub mod scp;
 pub mod search;
+pub mod shard;
 pub mod start;
 mod work;
 
@@ -34,4 +36,5 @@ pub use config::DesignConfig;
 pub use constraints::{Constraints, KeepOut};
 pub use mirror::MirrorLikeness;
 pub use objective::{Objective, ObjectiveName, OrientationBound};
-pub use search::{DesignObserver, DesignOutcome, design};
+pub use search::{DesignObserver, DesignOutcome, design, search_rounds};
+pub use shard::Shard;

@@ -86,24 +86,8 @@ pub fn design(
     stop: &AtomicBool,
     observer: &mut dyn DesignObserver,
 ) -> Result<DesignOutcome> {
-    config.check()?;
-    config.constraints.check_feasible(config.dots)?;
-    let mut search = Search {
-        config,
-        stop,
-        observer,
-        clock: Stopwatch::start(),
-        before_s: state.elapsed_s,
-        unfinished: Vec::new(),
-    };
-    let mut stopped = false;
-    while state.round < config.rounds && !stopped {
-        stopped = !search.round(state)?;
-        let more = state.round < config.rounds;
-        if !stopped && more && !search.observer.another_round(state) {
-            break;
-        }
-    }
+    let mut search = Search::new(config, state, stop, observer)?;
+    let mut stopped = !search.rounds(state)?;
     let finalists = search.halve(state)?;
     let Some(winner) = finalists.first() else {
         return Err(nothing_found(state, stopped));
@@ -114,11 +98,26 @@ pub fn design(
     Ok(DesignOutcome {
         best: polish.map_or(winner, |p| &p.at).clone(),
         polish: polish.map_or(Vec::new(), |p| p.steps.clone()),
-        starts: state.round * config.starts + state.scouted.len(),
+        starts: state.shards.max(1) * state.round * config.starts + state.scouted.len(),
         milestones: state.milestones.clone(),
         stopped,
         finalists,
     })
+}
+
+/// The rounds of a search alone, without its last trial and polishing: what a shard runs. `false` if
+/// stopped before the last of them has ended.
+///
+/// # Errors
+/// As [`design`].
+pub fn search_rounds(
+    config: &DesignConfig,
+    state: &mut SearchState,
+    stop: &AtomicBool,
+    observer: &mut dyn DesignObserver,
+) -> Result<bool> {
+    let mut search = Search::new(config, state, stop, observer)?;
+    Ok(search.rounds(state)? && state.round == config.rounds)
 }
 
 fn nothing_found(state: &SearchState, stopped: bool) -> Error {
@@ -156,7 +155,41 @@ struct Search<'a> {
     unfinished: Vec<Candidate>,
 }
 
+impl<'a> Search<'a> {
+    fn new(
+        config: &'a DesignConfig,
+        state: &SearchState,
+        stop: &'a AtomicBool,
+        observer: &'a mut dyn DesignObserver,
+    ) -> Result<Self> {
+        config.check()?;
+        config.constraints.check_feasible(config.dots)?;
+        Ok(Self {
+            config,
+            stop,
+            observer,
+            clock: Stopwatch::start(),
+            before_s: state.elapsed_s,
+            unfinished: Vec::new(),
+        })
+    }
+}
+
 impl Search<'_> {
+    /// All rounds, or as many as the observer wants; `false` if stopped before their end.
+    fn rounds(&mut self, state: &mut SearchState) -> Result<bool> {
+        while state.round < self.config.rounds {
+            if !self.round(state)? {
+                return Ok(false);
+            }
+            let more = state.round < self.config.rounds;
+            if more && !self.observer.another_round(state) {
+                break;
+            }
+        }
+        Ok(true)
+    }
+
     fn stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }

@@ -249,6 +249,17 @@ pub fn to_csv(frames: &[ObservedFrame]) -> String {
     text
 }
 
+/// The uncertainty of a direction whose covariance, rad^2, is given in [`image_axes`].
+pub fn from_image_covariance(direction: &Vec3, covariance: &Matrix2<f64>) -> DotUncertainty {
+    DotUncertainty::Tangent {
+        covariance: turned(
+            covariance,
+            &image_axes(direction),
+            &tangent_frame(direction),
+        ),
+    }
+}
+
 /// A covariance in the axes `to` instead of `from`, both orthonormal bases of one plane.
 fn turned(covariance: &Matrix2<f64>, from: &[Vec3; 2], to: &[Vec3; 2]) -> Matrix2<f64> {
     let turn = Matrix2::from_fn(|i, j| to[i].dot(&from[j]));
@@ -309,8 +320,7 @@ fn uncertainty(row: &TableRow<'_, 9>, direction: &Vec3, sigma_rad: f64) -> Field
             }
             let rad2 = 1f64.to_radians().powi(2);
             let image = Matrix2::new(radial, mixed, mixed, across) * rad2;
-            let covariance = turned(&image, &image_axes(direction), &tangent_frame(direction));
-            Ok(DotUncertainty::Tangent { covariance })
+            Ok(from_image_covariance(direction, &image))
         }
         (Some(_), Some(_)) => Err("sigma_deg: expected it or a covariance, found both".into()),
     }

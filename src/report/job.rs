@@ -29,9 +29,10 @@ use std::time::Instant;
 
 use super::page::DesignPage;
 use super::{DesignEvaluation, EvaluationConfig, evaluate};
-use crate::design::checkpoint::SearchState;
-use crate::design::{DesignConfig, DesignObserver, Stage, design};
-use crate::error::Result;
+use crate::design::checkpoint::{SearchState, ShardFile, ShardRecord};
+use crate::design::shard::merge;
+use crate::design::{DesignConfig, DesignObserver, Shard, Stage, design, search_rounds};
+use crate::error::{Error, Result};
 use crate::files::{self, FolderLock, Replacement};
 use crate::stencil::StencilConfig;
 
@@ -113,15 +114,99 @@ impl DesignJob {
         stop: &AtomicBool,
         observer: &mut dyn JobObserver,
     ) -> Result<DesignEvaluation> {
-        self.stencil.validate()?;
-        self.config.check()?;
+        self.check()?;
         let state_before = self.state(start)?;
         let _lock = FolderLock::take(&self.dir)?;
         // Another job may have ended in the folder before the lock was taken.
-        let mut state = match start {
+        let state = match start {
             Start::Resume => state_before,
             Start::Fresh => self.state(start)?,
         };
+        self.run_from(state, stop, observer)
+    }
+
+    /// Runs one shard's rounds, and leaves its checkpoint in the folder; `false` if stopped before
+    /// their end.
+    ///
+    /// # Errors
+    /// As [`DesignJob::run`]; [`crate::Error::Input`] also for the checkpoint of another shard.
+    pub fn run_shard(
+        &self,
+        shard: Shard,
+        start: Start,
+        stop: &AtomicBool,
+        observer: &mut dyn JobObserver,
+    ) -> Result<bool> {
+        self.check()?;
+        let path = self.dir.join(CHECKPOINT);
+        let mut file = ShardFile {
+            config: self.config.clone(),
+            record: ShardRecord {
+                shard,
+                command: observer.command(&self.config),
+            },
+            state: SearchState::default(),
+        };
+        match start {
+            Start::Resume => {
+                let found = ShardFile::load(&path)?;
+                let same = found.config == file.config && found.record.shard == shard;
+                if !same {
+                    let problem = format!(
+                        "is shard {} of a search with other arguments, or another shard",
+                        found.record.shard
+                    );
+                    return Err(Error::input(path, "config", problem));
+                }
+                file.state = found.state;
+            }
+            Start::Fresh => self.reject_taken()?,
+        }
+        let _lock = FolderLock::take(&self.dir)?;
+        observer.begins(&file.state);
+        let mut state = std::mem::take(&mut file.state);
+        let mut keeper = ShardKeeper {
+            file,
+            path,
+            observer,
+        };
+        let done = search_rounds(&shard.config(&self.config), &mut state, stop, &mut keeper)?;
+        keeper.file.state = state;
+        keeper.file.save(&keeper.path)?;
+        Ok(done)
+    }
+
+    /// Merges finished shards: the best of all meet in the last trial; polishes the winner, evaluates
+    /// it and writes everything.
+    ///
+    /// # Errors
+    /// [`crate::Error::Input`] for a shard that is missing, twice there, not finished or of another
+    /// search; else those of [`DesignJob::run`].
+    pub fn merge(
+        &self,
+        shards: &[PathBuf],
+        stop: &AtomicBool,
+        observer: &mut dyn JobObserver,
+    ) -> Result<DesignEvaluation> {
+        self.check()?;
+        self.reject_taken()?;
+        let _lock = FolderLock::take(&self.dir)?;
+        let states = finished_shards(&self.config, shards)?;
+        self.run_from(merge(&self.config, states), stop, observer)
+    }
+
+    fn check(&self) -> Result<()> {
+        self.stencil.validate()?;
+        self.config.check()
+    }
+
+    /// Continues from this state, in the folder that the caller has locked.
+    fn run_from(
+        &self,
+        mut state: SearchState,
+        stop: &AtomicBool,
+        observer: &mut dyn JobObserver,
+    ) -> Result<DesignEvaluation> {
         let clock = Instant::now();
         observer.begins(&state);
         let mut keeper = Keeper {
@@ -160,15 +245,105 @@ impl DesignJob {
         match start {
             Start::Resume => SearchState::load(&self.dir.join(CHECKPOINT), &self.config),
             Start::Fresh => {
-                files::reject_taken(
-                    &self.dir,
-                    &[PATTERN, REPORT, CHECKPOINT],
-                    "a design",
-                    "choose another folder, or --resume it",
-                )?;
+                self.reject_taken()?;
                 Ok(SearchState::default())
             }
         }
+    }
+
+    fn reject_taken(&self) -> Result<()> {
+        files::reject_taken(
+            &self.dir,
+            &[PATTERN, "report.json", CHECKPOINT],
+            "a design",
+            "choose another folder, or --resume it",
+        )
+    }
+}
+
+/// The folder's checkpoint, or the file itself.
+fn checkpoint_of(path: &Path) -> PathBuf {
+    if path.is_dir() {
+        path.join(CHECKPOINT)
+    } else {
+        path.to_path_buf()
+    }
+}
+
+/// The whole search that a shard belongs to: its configuration, and the command that runs it.
+///
+/// # Errors
+/// As [`ShardFile::load`].
+pub fn whole_search(shard: &Path) -> Result<(DesignConfig, Option<String>)> {
+    let file = ShardFile::load(&checkpoint_of(shard))?;
+    Ok((file.config, file.record.command))
+}
+
+/// The states of all shards of a search, in their order.
+fn finished_shards(config: &DesignConfig, paths: &[PathBuf]) -> Result<Vec<SearchState>> {
+    let mut found: Vec<(PathBuf, ShardFile)> = Vec::new();
+    for path in paths {
+        let path = checkpoint_of(path);
+        let file = ShardFile::load(&path)?;
+        let reject = |problem: String| Err(Error::input(&path, "shard", problem));
+        let shard = file.record.shard;
+        if file.config != *config {
+            return reject(format!(
+                "shard {shard} belongs to a search with other arguments"
+            ));
+        }
+        if file.state.round < config.rounds {
+            let (done, all) = (file.state.round, config.rounds);
+            return reject(format!(
+                "shard {shard} has {done} of {all} rounds: --resume it first"
+            ));
+        }
+        if let Some((other, _)) = found
+            .iter()
+            .find(|(_, f)| f.record.shard.index == shard.index)
+        {
+            return reject(format!("shard {shard} is also in {}", other.display()));
+        }
+        let expected = found
+            .first()
+            .map_or(shard.count, |(_, f)| f.record.shard.count);
+        if shard.count != expected {
+            return reject(format!("expected one of {expected} shards, found {shard}"));
+        }
+        found.push((path, file));
+    }
+    let Some(count) = found.first().map(|(_, f)| f.record.shard.count) else {
+        return Err(Error::argument(
+            "shards",
+            "expected at least one, found none",
+        ));
+    };
+    if let Some(missing) =
+        (1..=count).find(|k| found.iter().all(|(_, f)| f.record.shard.index != *k))
+    {
+        let problem = format!("expected all {count} of them, shard {missing}/{count} is missing");
+        return Err(Error::argument("shards", problem));
+    }
+    found.sort_by_key(|(_, file)| file.record.shard.index);
+    Ok(found.into_iter().map(|(_, file)| file.state).collect())
+}
+
+/// Saves a shard on disk before its observer is called.
+struct ShardKeeper<'a> {
+    file: ShardFile,
+    path: PathBuf,
+    observer: &'a mut dyn JobObserver,
+}
+
+impl DesignObserver for ShardKeeper<'_> {
+    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
+        self.file.state = state.clone();
+        self.file.save(&self.path)?;
+        self.observer.progress(state, stage)
+    }
+
+    fn another_round(&mut self, state: &SearchState) -> bool {
+        self.observer.another_round(state)
     }
 }
 

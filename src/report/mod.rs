@@ -36,7 +36,7 @@ use crate::validate::{
     sensitivity_csv, validate_named,
 };
 
-pub use job::{CHECKPOINT, DesignJob, JobObserver, Start};
+pub use job::{CHECKPOINT, DesignJob, JobObserver, Start, whole_search};
 
 /// Version of `report.json`.
 pub const REPORT_VERSION: u32 = 2;

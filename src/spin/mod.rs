@@ -130,6 +130,20 @@ pub struct Fit {
     pub inliers: usize,
 }
 
+impl Fit {
+    /// The same in another camera frame, which `turn` leads to.
+    #[must_use]
+    pub fn turned(mut self, turn: &Rotation) -> Self {
+        let matrix = *turn.to_rotation_matrix().matrix();
+        self.motion.spin = turn * self.motion.spin;
+        self.motion.orientation = turn * self.motion.orientation;
+        self.spin_covariance = self
+            .spin_covariance
+            .map(|c| matrix * c * matrix.transpose());
+        self
+    }
+}
+
 /// Why an estimator rejects a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]

@@ -74,14 +74,7 @@ impl SpinSummary {
     /// The same in another camera frame, which `turn` leads to.
     #[must_use]
     pub fn turned(mut self, turn: &Rotation) -> Self {
-        let matrix = *turn.to_rotation_matrix().matrix();
-        let motion = &mut self.fit.motion;
-        motion.spin = turn * motion.spin;
-        motion.orientation = turn * motion.orientation;
-        let covariance = self.fit.spin_covariance.as_mut();
-        if let Some(covariance) = covariance {
-            *covariance = matrix * *covariance * matrix.transpose();
-        }
+        self.fit = self.fit.turned(turn);
         for alternative in &mut self.alternatives {
             alternative.spin = turn * alternative.spin;
         }

@@ -1,6 +1,8 @@
 //! Validation with a recognizer chosen by its name, for the command and the reports.
 
-use super::{Protocol, TrialResult, Validation, run_trials_observed, summarize};
+use std::ops::Range;
+
+use super::{Protocol, TrialResult, Validation, require_samples, run_trials_in, summarize};
 use crate::error::Result;
 use crate::hash::HashTable;
 use crate::recognize::robust::RobustRecognizer;
@@ -30,26 +32,32 @@ pub fn run_named(
     seed: u64,
     samples: u64,
 ) -> Result<Vec<TrialResult>> {
-    run_named_observed(table, recognizer, protocol, seed, samples, &|_| {})
+    require_samples(samples)?;
+    run_named_in(table, recognizer, protocol, seed, 0..samples, &|_| {})
 }
 
-fn run_named_observed(
+/// As [`run_named`], for some of the trials only: ranges that follow each other give what one call
+/// over all of them gives. `done` learns from any thread how many more trials are done.
+///
+/// # Errors
+/// As [`run_named`].
+pub fn run_named_in(
     table: &HashTable,
     recognizer: RecognizerName,
     protocol: &Protocol,
     seed: u64,
-    samples: u64,
+    trials: Range<u64>,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<TrialResult>> {
     let pattern = table.pattern();
     match recognizer {
         RecognizerName::Paper => {
             let paper = PaperRecognizer::from_table(table)?;
-            run_trials_observed(pattern, &paper, protocol, seed, samples, done)
+            run_trials_in(pattern, &paper, protocol, seed, trials, done)
         }
         RecognizerName::Robust => {
             let robust = RobustRecognizer::new(pattern, protocol.recognizer_config())?;
-            run_trials_observed(pattern, &robust, protocol, seed, samples, done)
+            run_trials_in(pattern, &robust, protocol, seed, trials, done)
         }
     }
 }
@@ -80,7 +88,7 @@ pub fn validate_named_observed(
     samples: u64,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<NamedValidation> {
-    let results = run_named_observed(table, recognizer, protocol, seed, samples, done)?;
+    let results = run_named_in(table, recognizer, protocol, seed, 0..samples, done)?;
     Ok(NamedValidation {
         recognizer,
         validation: summarize(&results, protocol, seed),

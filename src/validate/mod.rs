@@ -18,7 +18,9 @@ mod steady;
 mod trial;
 
 pub use crate::stats::{Proportion, median};
-pub use by_name::{NamedValidation, run_named, validate_named, validate_named_observed};
+pub use by_name::{
+    NamedValidation, run_named, run_named_in, validate_named, validate_named_observed,
+};
 pub use protocol::{Noise, Protocol, ProtocolName};
 pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
@@ -26,8 +28,10 @@ pub use sensitivity::{
 pub use steady::CommonRandomTrials;
 pub use trial::{Trial, TrialGenerator, observed_frames};
 
+use std::ops::Range;
+
 use crate::concurrency::{self, Stopwatch};
-use crate::error::{Error, Result};
+use crate::error::{Result, require};
 use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
 use crate::recognize::{Identification, Recognizer};
@@ -129,24 +133,40 @@ pub fn run_trials_observed<R: Recognizer>(
     samples: u64,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<TrialResult>> {
+    require_samples(samples)?;
+    run_trials_in(pattern, recognizer, protocol, seed, 0..samples, done)
+}
+
+/// Checks the number of trials.
+fn require_samples(samples: u64) -> Result<()> {
+    require(samples > 0, "samples", "at least 1 trial", samples)?;
+    let expected = format!("at most {MAX_TRIALS} trials");
+    require(samples <= MAX_TRIALS, "samples", &expected, samples)
+}
+
+/// As [`run_trials_observed`], for some of the trials only: ranges that follow each other give what
+/// one call over all of them gives.
+///
+/// # Errors
+/// [`Error::Argument`] for a protocol outside its domain, or trials beyond the largest number.
+pub fn run_trials_in<R: Recognizer>(
+    pattern: &Pattern,
+    recognizer: &R,
+    protocol: &Protocol,
+    seed: u64,
+    trials: Range<u64>,
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<TrialResult>> {
     protocol.check()?;
-    if samples == 0 {
-        return Err(Error::argument(
-            "samples",
-            "expected at least 1 trial, found 0",
-        ));
-    }
-    if samples > MAX_TRIALS {
-        let problem = format!("expected at most {MAX_TRIALS} trials, found {samples}");
-        return Err(Error::argument("samples", problem));
-    }
-    let chunks = samples.div_ceil(CHUNK);
-    let results = concurrency::map_range(0..chunks, |chunk| {
+    require_samples(trials.end)?;
+    let chunks = trials.start / CHUNK..trials.end.div_ceil(CHUNK);
+    let results = concurrency::map_range(chunks, |chunk| {
         let mut generator = TrialGenerator::new(pattern, *protocol, seed);
         let mut trial = Trial::default();
         let mut workspace = recognizer.workspace();
         let mut answer = Identification::default();
-        let (from, to) = (chunk * CHUNK, ((chunk + 1) * CHUNK).min(samples));
+        let from = (chunk * CHUNK).max(trials.start);
+        let to = ((chunk + 1) * CHUNK).min(trials.end);
         let results: Vec<_> = (from..to)
             .map(|index| {
                 generator.generate(index, &mut trial);

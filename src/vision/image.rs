@@ -60,13 +60,9 @@ impl GrayImage {
         }
     }
 
-    /// As [`GrayImage::from_fn`], into the memory at hand.
-    pub(crate) fn fill_with(
-        &mut self,
-        width: usize,
-        height: usize,
-        value: impl Fn(usize, usize) -> f32,
-    ) {
+    /// As [`GrayImage::from_fn`], into the memory at hand: how frames that arrive in another memory
+    /// layout enter without a copy in between.
+    pub fn fill_with(&mut self, width: usize, height: usize, value: impl Fn(usize, usize) -> f32) {
         (self.width, self.height) = (width, height);
         self.values.clear();
         self.values
@@ -134,6 +130,11 @@ impl GrayImage {
     }
 }
 
+/// The gray of a color (ITU-R BT.709).
+pub fn luma([red, green, blue]: [f32; 3]) -> f32 {
+    LUMA[0] * red + LUMA[1] * green + LUMA[2] * blue
+}
+
 /// A color image with values in [0, 1], row after row from the top, as a screen would show them
 /// (sRGB).
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -161,6 +162,19 @@ impl RgbImage {
             height,
             values,
         })
+    }
+
+    /// Gives the pixel in column `u` and row `v` the color `value(u, v)`, in the memory at hand.
+    pub fn fill_with(
+        &mut self,
+        width: usize,
+        height: usize,
+        value: impl Fn(usize, usize) -> [f32; 3],
+    ) {
+        (self.width, self.height) = (width, height);
+        self.values.clear();
+        self.values
+            .extend((0..width * height).map(|i| value(i % width, i / width)));
     }
 
     /// Reads a PNG, JPEG, BMP, TIFF or PNM file of any depth, by its content and not its name.
@@ -264,9 +278,8 @@ impl RgbImage {
     /// As [`RgbImage::to_gray`], into existing memory.
     pub fn to_gray_into(&self, gray: &mut GrayImage) {
         (gray.width, gray.height) = (self.width, self.height);
-        let luma = |c: &[f32; 3]| LUMA[0] * c[0] + LUMA[1] * c[1] + LUMA[2] * c[2];
         gray.values.clear();
-        gray.values.extend(self.values.iter().map(luma));
+        gray.values.extend(self.values.iter().map(|c| luma(*c)));
     }
 
     /// Gray along the color in which the middle differs most plainly from the corners (their means'

@@ -26,6 +26,7 @@ pub mod input;
 pub mod net;
 pub mod patch;
 pub mod picture;
+pub mod pipe;
 pub mod verdict;
 
 pub use blob::{BlobConfig, BlobDetector};

@@ -1,6 +1,6 @@
 //! Lobes, stickers and plotters' files: laid back on the ball, every dot is where the pattern has it.
 //!
-//! `python/check_marks.py` reads the written files with other people's readers, where Python has them.
+//! `tests/python/check_marks.py` reads the written files with other people's readers, where Python has them.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::Path;
@@ -378,7 +378,7 @@ fn other_readers_find_every_dot_in_its_place() {
             names.push(name);
         }
     }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/check_marks.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/check_marks.py");
     let checked = Command::new("python3")
         .arg(script)
         .arg("pattern.csv")

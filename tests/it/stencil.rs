@@ -2,7 +2,7 @@
 //! touching; clear refusals; files that say what they hold.
 //!
 //! A thousand patterns go through other people's tools with `studies/src/bin/stencil_survey.rs` and
-//! `python/check_stencils.py`.
+//! `tests/python/check_stencils.py`.
 
 use std::path::Path;
 use std::process::Command;

@@ -8,7 +8,7 @@ use clap::Args;
 use crate::cli::output::{one_of, quoted};
 use crate::design::feasible::packed_separation;
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName};
+use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName, Shard};
 use crate::error::{Error, Result, require};
 use crate::geometry::Vec3;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
@@ -53,6 +53,14 @@ pub struct Arguments {
     /// Continue the search saved in --out.
     #[arg(long, requires = "out")]
     pub(super) resume: bool,
+    /// Search only shard K of N, and leave its rounds in --out for `spindoe merge`: each shard is a
+    /// search with a seed of its own, from --seed on.
+    #[arg(long, value_name = "K/N", value_parser = str::parse::<Shard>, requires = "out", conflicts_with = "budget")]
+    pub(in crate::cli) shard: Option<Shard>,
+    /// Search all N shards one after another, and merge them: what N machines and `spindoe merge`
+    /// give.
+    #[arg(long, value_name = "N", conflicts_with_all = ["shard", "budget"])]
+    pub(super) shards: Option<usize>,
     /// Objective that a descent minimizes; by default confusion.
     #[arg(long, value_parser = one_of(&ObjectiveName::ALL, ObjectiveName::as_str), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
@@ -325,6 +333,9 @@ impl Arguments {
             None => add("dots", config.dots.to_string()),
         }
         add("seed", config.seed.to_string());
+        if let Some(count) = self.shards.or(self.shard.map(|shard| shard.count)) {
+            add("shards", count.to_string());
+        }
         add("starts", config.starts.to_string());
         add("rounds", config.rounds.to_string());
         add("polish", config.polish.to_string());

@@ -4,12 +4,16 @@ mod arguments;
 mod progress;
 
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::output::stop_on_interrupt;
 use super::print_json;
+use crate::design::Shard;
 use crate::error::Result;
-use crate::report::{DesignEvaluation, DesignJob, EvaluationConfig, Start};
+use crate::report::{
+    CHECKPOINT, DesignEvaluation, DesignJob, EvaluationConfig, JobObserver as _, Start,
+};
 
 pub use arguments::Arguments;
 #[cfg(feature = "mark")]
@@ -20,27 +24,39 @@ use progress::DesignProgress;
 const FOLDER: &str = "spindoe-design";
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let config = arguments.config()?;
-    arguments.stencil().validate()?;
-    arguments.check_holes(&config)?;
+    let (job, start) = arguments.job()?;
+    job.stencil.validate()?;
+    arguments.check_holes(&job.config)?;
     if let Some(warning) = arguments.dot_size_warning() {
         errln!("spindoe: {warning}");
     }
-    let job = DesignJob {
-        evaluation: EvaluationConfig::of_samples(config.samples),
-        config,
-        stencil: arguments.stencil(),
-        dir: arguments.out.clone().unwrap_or_else(free_folder),
-    };
-    let start = if arguments.resume {
-        Start::Resume
-    } else {
-        Start::Fresh
-    };
     let stop = stop_on_interrupt()?;
     let clock = Instant::now();
     let mut progress = DesignProgress::new(&job.config, arguments);
-    let found = job.run(start, &stop, &mut progress)?;
+    if let Some(shard) = arguments.shard {
+        let done = job.run_shard(shard, start, &stop, &mut progress)?;
+        progress.finish();
+        let words = if done {
+            "done"
+        } else {
+            "stopped; --resume continues it"
+        };
+        errln!("shard {shard}: {words}");
+        outln!("{}", job.dir.display());
+        return Ok(());
+    }
+    let found = match arguments.shards {
+        Some(count) => {
+            let Some(found) = run_all_shards(&job, count, start, &stop, &mut progress)? else {
+                progress.finish();
+                errln!("stopped; --resume continues it");
+                outln!("{}", job.dir.display());
+                return Ok(());
+            };
+            found
+        }
+        None => job.run(start, &stop, &mut progress)?,
+    };
     progress.finish();
     if arguments.json {
         return print_json(&found.report);
@@ -48,6 +64,59 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     print_words(&found, clock.elapsed().as_secs_f64());
     outln!("{}", job.dir.display());
     Ok(())
+}
+
+/// The folder of the shards within that of the design.
+const SHARDS: &str = "shards";
+
+/// Runs the shards one after another, each in a folder within the design's, and merges them; `None` if
+/// stopped before all have ended.
+fn run_all_shards(
+    job: &DesignJob,
+    count: usize,
+    start: Start,
+    stop: &AtomicBool,
+    progress: &mut DesignProgress<'_>,
+) -> Result<Option<DesignEvaluation>> {
+    let mut dirs = Vec::new();
+    for shard in Shard::all(count)? {
+        let dir = job.dir.join(SHARDS).join(shard.index.to_string());
+        let part = DesignJob {
+            dir: dir.clone(),
+            ..job.clone()
+        };
+        // Of a search that was stopped, later shards have not begun.
+        let begun = start == Start::Resume && dir.join(CHECKPOINT).exists();
+        let start = if begun { Start::Resume } else { Start::Fresh };
+        progress.step(&format!("shard {shard}"));
+        if !part.run_shard(shard, start, stop, progress)? {
+            return Ok(None);
+        }
+        dirs.push(dir);
+    }
+    job.merge(&dirs, stop, progress).map(Some)
+}
+
+impl Arguments {
+    /// The job that these arguments describe.
+    pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
+        let config = self.config()?;
+        self.stencil().validate()?;
+        config.check()?;
+        self.check_holes(&config)?;
+        let job = DesignJob {
+            evaluation: EvaluationConfig::of_samples(config.samples),
+            config,
+            stencil: self.stencil(),
+            dir: self.out.clone().unwrap_or_else(free_folder),
+        };
+        let start = if self.resume {
+            Start::Resume
+        } else {
+            Start::Fresh
+        };
+        Ok((job, start))
+    }
 }
 
 /// The first of `spindoe-design`, `spindoe-design-2`, ... that does not exist.
@@ -59,7 +128,7 @@ fn free_folder() -> PathBuf {
         .unwrap_or_else(|| PathBuf::from(FOLDER))
 }
 
-fn print_words(found: &DesignEvaluation, seconds: f64) {
+pub(super) fn print_words(found: &DesignEvaluation, seconds: f64) {
     let report = &found.report;
     let summary = &report.pattern.summary;
     outln!(

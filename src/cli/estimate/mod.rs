@@ -1,5 +1,6 @@
 //! `spindoe estimate`: from images to orientations, and with times to the spin.
 
+mod follow;
 mod output;
 #[cfg(feature = "plot")]
 mod overlay;
@@ -25,6 +26,7 @@ use crate::vision::input;
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
 use crate::vision::picture::DEFAULT_MAX_PIXELS;
+use crate::vision::pipe::PipeFormat;
 use crate::vision::{
     BallCircle, Camera, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     Intrinsics, NamedDetector, Pixel, RgbImage,
@@ -52,8 +54,10 @@ images are mirrored: frames of another ball are identified by accident now and t
 
 Rejected frames are listed on standard error with the reason, and in --json.
 
-Example:
-  spindoe estimate --table table.npz crops/ -o orientations.csv --overlay seen/")]
+Examples:
+  spindoe estimate --table table.npz crops/ -o orientations.csv --overlay seen/
+  ffmpeg -i CAMERA -f rawvideo -pix_fmt gray - |
+      spindoe estimate --table table.npz --follow - --raw 640x480,gray --fps 350")]
 pub struct Arguments {
     /// Images, folders of images, or videos.
     #[arg(value_name = "IMAGES_OR_DIR", required = true)]
@@ -145,7 +149,22 @@ pub struct Arguments {
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
+    /// Follow one ball through the frames of a pipe (- is standard input) and write a JSON line for
+    /// each at once: its orientation, and the spin of the last quarter of a second. Without --fps a
+    /// frame's time is that of its arrival.
+    #[arg(long, conflicts_with_all = FILES_ONLY)]
+    follow: bool,
+    /// The pipe holds raw video of this size, 8 bits a channel: gray, rgb or bgr [default: image
+    /// files one after another, PNG, JPEG, PGM or PPM].
+    #[arg(long, value_name = "WxH,PIXEL", value_parser = follow::raw, requires = "follow")]
+    raw: Option<PipeFormat>,
 }
+
+/// What only a set of files has.
+#[cfg(feature = "plot")]
+const FILES_ONLY: [&str; 5] = ["output", "overlay", "times", "no_sequence", "json"];
+#[cfg(not(feature = "plot"))]
+const FILES_ONLY: [&str; 4] = ["output", "times", "no_sequence", "json"];
 
 /// Keeps the pictures that overlays need.
 struct Pictures {
@@ -175,6 +194,9 @@ impl BatchObserver for Pictures {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.follow {
+        return follow::run(arguments);
+    }
     let mut estimators = arguments.estimators()?;
     if estimators.is_empty() {
         return Err(Error::argument("table", "expected at least one"));

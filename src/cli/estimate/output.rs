@@ -210,25 +210,9 @@ impl<'a> Report<'a> {
                 "other_balls": fit.rivals,
             });
         }
-        match &frame.outcome {
-            Ok(pose) => {
-                let turned = self.arguments.frame.turn() * pose.rotation;
-                json["orientation_wxyz"] = json!(to_wxyz(&turned));
-                json["matched"] = frame.matched().into();
-                json["residual_deg"] = pose.residual_rad.to_degrees().into();
-                json["residual_px"] = pose.residual_px.into();
-                json["confidence"] = pose.confidence.into();
-                json["pose_confidence"] = pose.pose_confidence.into();
-                json["hinted"] = pose.hinted.into();
-                if let Some(distance) = pose.distance {
-                    json["inverse_distance"] = distance.inverse_distance.into();
-                    json["inverse_distance_sigma"] = distance.sigma.into();
-                }
-            }
-            Err(rejection) => {
-                let words = shown.unreadable.clone();
-                json["refusal"] = words.unwrap_or_else(|| rejection.to_string()).into();
-            }
+        match &shown.unreadable {
+            Some(words) => json["refusal"] = words.clone().into(),
+            None => add_pose(self.arguments.frame, frame, &mut json),
         }
         json
     }
@@ -316,5 +300,26 @@ fn video_words(clock: &VideoClock) -> String {
             "slow motion: taken at {capture:.2} fps as the file says, stored at {rate} (--fps overrides)"
         ),
         None => format!("{rate} as the file says; phone slow motion? give --fps"),
+    }
+}
+
+/// Adds a frame's orientation, or why there is none.
+pub(super) fn add_pose(shown_in: CameraFrame, frame: &FrameEstimate, json: &mut Value) {
+    match &frame.outcome {
+        Ok(pose) => {
+            let turned = shown_in.turn() * pose.rotation;
+            json["orientation_wxyz"] = json!(to_wxyz(&turned));
+            json["matched"] = frame.matched().into();
+            json["residual_deg"] = pose.residual_rad.to_degrees().into();
+            json["residual_px"] = pose.residual_px.into();
+            json["confidence"] = pose.confidence.into();
+            json["pose_confidence"] = pose.pose_confidence.into();
+            json["hinted"] = pose.hinted.into();
+            if let Some(distance) = pose.distance {
+                json["inverse_distance"] = distance.inverse_distance.into();
+                json["inverse_distance_sigma"] = distance.sigma.into();
+            }
+        }
+        Err(rejection) => json["refusal"] = rejection.to_string().into(),
     }
 }

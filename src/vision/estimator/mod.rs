@@ -21,6 +21,7 @@ mod locate;
 mod recenter;
 mod refine;
 mod sequence;
+mod tracker;
 
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
@@ -29,6 +30,7 @@ pub use batch::{
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
+pub use tracker::{Tracker, TrackerConfig, TrackerState};
 
 use std::time::Instant;
 

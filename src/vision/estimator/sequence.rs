@@ -220,7 +220,12 @@ fn measurement(
 }
 
 /// The orientation at `time_s` by a fit, with its error.
-fn predict(config: &SequenceConfig, fit: &Fit, around: &[Measurement], time_s: f64) -> Hint {
+pub(super) fn predict(
+    config: &SequenceConfig,
+    fit: &Fit,
+    around: &[Measurement],
+    time_s: f64,
+) -> Hint {
     // The fit is best known amid its frames; from there its error grows with the spin's.
     let middle = around.iter().map(|m| m.time_s).sum::<f64>() / around.len().max(1) as f64;
     let elapsed = time_s - middle;

@@ -1,4 +1,4 @@
-//! Stencils of many random patterns, for `python/check_stencils.py` to examine.
+//! Stencils of many random patterns, for `tests/python/check_stencils.py` to examine.
 //!
 //! `stencil_survey COUNT DIR [FIRST_SEED]` writes
 //! `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json, pattern.csv}` for each pattern that

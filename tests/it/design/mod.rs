@@ -5,3 +5,4 @@ mod objectives;
 mod orientation_bound;
 mod polish;
 mod search;
+mod shard;

@@ -12,7 +12,7 @@ fn scipy_finds_the_same_spin_in_the_same_file() {
         crate::common::skipped("python3 with SciPy is not installed");
         return;
     }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/check_spin.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/check_spin.py");
     let dir = tempfile::tempdir().unwrap();
     let (csv, json) = (dir.path().join("o.csv"), dir.path().join("spin.json"));
     for (seed, rps) in [("1", "18"), ("2", "90"), ("3", "160")] {

@@ -111,7 +111,7 @@ fn onnx_runtime_gives_the_same_cells() {
         std::fs::write(&path, bytes).unwrap();
         path
     };
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/check_onnx.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/check_onnx.py");
     let checked = Command::new("python3")
         .arg(script)
         .arg(file("dots.onnx", &onnx::to_onnx(&weights)))

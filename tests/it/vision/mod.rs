@@ -9,4 +9,6 @@ mod input;
 mod noise;
 mod off_axis;
 mod outline;
+mod pipe;
 mod sequence;
+mod tracker;

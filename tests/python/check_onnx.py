@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the exported net with ONNX Runtime, and compares its cells with those of spindoe's own inference.
 
-    python3 python/check_onnx.py dots.onnx patches.f32 cells.f32
+    python3 tests/python/check_onnx.py dots.onnx patches.f32 cells.f32
 
 Both files are raw 32-bit little-endian floats: n x 1 x 64 x 64 and n x 6 x 32 x 32. Prints the largest difference;
 fails where it exceeds what the order of summation can explain. Where the

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Reads a hash table with NumPy alone, checks it, and identifies a view with it.
 
-    python3 python/read_table.py table.npz
+    python3 examples/read_table.py table.npz
 
 It shows what an estimator in Python needs: the arrays, how a feature is made, and a nearest-neighbor
 search. The identification itself is best left to `spindoe identify`, which knows missed and false dots.

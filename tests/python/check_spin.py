@@ -3,7 +3,7 @@
 
     spindoe simulate -o o.csv --outliers 0
     spindoe spin o.csv --json > spin.json
-    python3 python/check_spin.py o.csv spin.json
+    python3 tests/python/check_spin.py o.csv spin.json
 
 Orientations are read with scipy.spatial.transform.Rotation, whose quaternions are x, y, z, w; the file's
 are w, x, y, z. The fit is least squares over the orientation and the spin, started from the spin to be

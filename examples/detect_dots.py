@@ -2,7 +2,7 @@
 """The dot detector in Python: finds the dots of one ball with ONNX Runtime, NumPy and Pillow alone.
 
     spindoe export -o dots.onnx
-    python3 python/detect_dots.py dots.onnx ball.png U V R
+    python3 examples/detect_dots.py dots.onnx ball.png U V R
 
 U V R is the ball's circle in pixels (center of the top-left pixel at 0, 0). Prints a dot a line: its pixel, standard
 deviations along u and v, and the probability that it is a dot. The steps are those of src/vision/patch.rs and

@@ -1,0 +1,1 @@
+"""A ROS 2 node that publishes a ball's orientation and spin."""

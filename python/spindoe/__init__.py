@@ -1,0 +1,69 @@
+"""Dot patterns for balls: design them, identify them in images, estimate orientation and spin.
+
+Camera frame: x right, y up, z from the ball towards the camera. Orientations map the pattern's frame
+to the camera's. Quaternions are scalar first where a name says ``wxyz``; ``as_rotation()`` gives
+SciPy's. Angles are radians, times seconds, spins vectors in rad/s.
+
+Answers that may be missing are `Rejection` where they are, which is false::
+
+    found = recognizer.identify(dots)
+    if found:
+        print(found.quaternion_wxyz)
+    else:
+        print(found.reason)
+
+Bad input raises `ValueError`, what the system refuses `OSError`, both with one line.
+"""
+
+from ._common import Rejection
+from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
+from ._native import __version__
+from ._pattern import HashTable, Pattern, PatternSummary
+from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
+from ._spin import Alias, Spin, fit_spin
+from ._stencil import Stencil
+from ._synth import Truth, synth
+from ._vision import (
+    BallView,
+    Camera,
+    Estimator,
+    FrameEstimate,
+    Pose,
+    SequenceEstimate,
+    Tracker,
+    TrackerState,
+)
+
+__all__ = [
+    "Alias",
+    "BallView",
+    "Camera",
+    "Design",
+    "DesignProgress",
+    "DesignResult",
+    "Estimator",
+    "FrameEstimate",
+    "HashTable",
+    "Hint",
+    "Identification",
+    "Identifications",
+    "Pattern",
+    "PatternSummary",
+    "Pose",
+    "Proportion",
+    "Recognizer",
+    "Rejection",
+    "Rival",
+    "SequenceEstimate",
+    "Spin",
+    "Stencil",
+    "Tracker",
+    "TrackerState",
+    "Truth",
+    "Validation",
+    "__version__",
+    "fit_spin",
+    "merge",
+    "synth",
+    "validate",
+]

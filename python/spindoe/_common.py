@@ -1,0 +1,116 @@
+"""What the modules share: settings as JSON, arrays of numbers, progress."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Progress = Callable[[int, int], object]
+
+
+def floats(name: str, values: ArrayLike) -> Floats:
+    """The values as an array of float64, without a copy where they are one."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
+        return values
+    array = np.asarray(values)
+    # Complex numbers, strings and objects would be bent into numbers, or fail without a name.
+    if array.dtype.kind not in "fiub" and array.size:
+        raise ValueError(f"{name}: expected real numbers, found {array.dtype}")
+    return array.astype(np.float64)
+
+
+def settings_json(settings: Mapping[str, Any]) -> str:
+    """Settings as JSON; NumPy's numbers and arrays are taken as Python's."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, (np.generic, np.ndarray)):
+            return value.tolist()
+        raise ValueError(f"settings: expected numbers, names or lists, found {type(value).__name__}")
+
+    for name, value in settings.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"{name}: expected a finite number, found {value}")
+    return json.dumps(dict(settings), default=plain)
+
+
+def triple(name: str, values: ArrayLike) -> tuple[float, float, float]:
+    """Three numbers."""
+    array = floats(name, values)
+    if array.shape != (3,):
+        raise ValueError(f"{name}: expected 3 numbers, found shape {array.shape}")
+    x, y, z = (float(v) for v in array)
+    return x, y, z
+
+
+def wxyz(name: str, quaternion: ArrayLike) -> tuple[float, float, float, float]:
+    """A quaternion's four numbers, scalar first."""
+    array = floats(name, quaternion)
+    if array.shape != (4,):
+        raise ValueError(f"{name}: expected 4 numbers w, x, y, z, found shape {array.shape}")
+    w, x, y, z = (float(v) for v in array)
+    return w, x, y, z
+
+
+def to_scipy(quaternion_wxyz: Floats) -> Rotation:
+    """SciPy's rotation of a quaternion, or of many; SciPy puts the scalar last."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(np.roll(quaternion_wxyz, -1, axis=-1))
+
+
+def progress_of(progress: bool | Progress, total: int, unit: str) -> tuple[Progress | None, Any]:
+    """What is called with `(done, total)`, and what to close: a bar of `tqdm` for True, where that
+    is installed."""
+    if callable(progress):
+        return progress, None
+    if not progress:
+        return None, None
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        return None, None
+    bar = tqdm(total=total, unit=unit)
+
+    def show(done: int, _total: int) -> None:
+        bar.update(done - bar.n)
+
+    return show, bar
+
+
+class Rejection:
+    """There is no answer. False where a truth value is wanted.
+
+    Attributes:
+        reason: Why not, in one sentence.
+    """
+
+    __slots__ = ("reason",)
+    reason: str
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+
+    def __bool__(self) -> Literal[False]:
+        return False
+
+    def __repr__(self) -> str:
+        return f"Rejection({self.reason!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Rejection) and self.reason == other.reason
+
+    def __hash__(self) -> int:
+        return hash(self.reason)
+
+    def __reduce__(self) -> tuple[type[Rejection], tuple[str]]:
+        return Rejection, (self.reason,)

@@ -1,0 +1,211 @@
+"""The native part: handles and conversions. Use the classes of ``spindoe`` instead."""
+
+from collections.abc import Callable, Sequence as _Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Path = str | PathLike[str]
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+_Hint = tuple[tuple[float, float, float, float], _Floats, float]
+_Identified = tuple[_Floats, _Ints, float, float, float, list[tuple[_Floats, float]]]
+_Pose = tuple[_Floats, _Floats, float, float, float, float, tuple[float, float] | None, bool]
+_Frame = tuple[
+    tuple[float, float, float] | None,
+    _Floats,
+    _Floats,
+    _Ints,
+    _Pose | str,
+    tuple[float, float, float],
+]
+_Spin = tuple[
+    float,
+    _Floats,
+    _Floats,
+    _Floats | None,
+    float | None,
+    float | None,
+    int,
+    _Floats,
+    list[tuple[_Floats, float]],
+]
+_Camera = tuple[str, list[float]]
+
+__version__: str
+
+def command(arguments: list[str]) -> int: ...
+def fit_spin(
+    times_s: _Floats,
+    quaternions: _Floats,
+    confidences: _Floats | None,
+    method: str,
+    max_rps: float,
+    sigma_rad: float,
+    prior: tuple[float, float] | None,
+    quatera: tuple[int, int, float, int] | None,
+) -> _Spin | str: ...
+def validate(
+    table: HashTable,
+    protocol: str,
+    recognizer: str,
+    samples: int,
+    seed: int,
+    sigma_rad: float | None,
+    progress: Callable[[int, int], object] | None,
+) -> str: ...
+def trial_views(
+    table: HashTable, protocol: str, seed: int, first: int, count: int, sigma_rad: float | None
+) -> list[tuple[_Floats, _Floats, _Ints, _Floats, int]]: ...
+def merge(
+    shards: _Sequence[_Path], out: _Path, callback: Callable[[str], object] | None
+) -> tuple[HashTable, str]: ...
+def independent_frame(
+    pattern: Pattern, preset: str, settings: str, seed: int, k: int
+) -> tuple[NDArray[np.uint8], str]: ...
+
+class Pattern:
+    def __new__(cls, dots: _Floats) -> Pattern: ...
+    @staticmethod
+    def load(path: _Path) -> Pattern: ...
+    def save(self, path: _Path) -> None: ...
+    def dots(self) -> _Floats: ...
+    def sha256(self) -> str: ...
+    def summary(self) -> str: ...
+
+class HashTable:
+    @staticmethod
+    def build(
+        pattern: Pattern, min_cross: float, max_angle_rad: float, recognizer: str
+    ) -> HashTable: ...
+    @staticmethod
+    def load(path: _Path) -> HashTable: ...
+    @staticmethod
+    def from_bytes(bytes: bytes) -> HashTable: ...
+    def to_bytes(self) -> bytes: ...
+    def save(self, path: _Path) -> None: ...
+    def pattern(self) -> Pattern: ...
+    def features(self) -> _Floats: ...
+    def bases(self) -> NDArray[np.uint16]: ...
+    def feature_dots(self) -> NDArray[np.uint16]: ...
+    def meta(self) -> str: ...
+
+class Recognizer:
+    @staticmethod
+    def robust(
+        table: HashTable, expect: str | None, settings: str, sigma_rad: float | None
+    ) -> Recognizer: ...
+    @staticmethod
+    def paper(
+        table: HashTable,
+        k: int | None,
+        kappa: float | None,
+        beta: float | None,
+        alpha: float | None,
+        verify_fraction: float | None,
+        vote_sum: str | None,
+        sigma_rad: float | None,
+    ) -> Recognizer: ...
+    def settings(self) -> str: ...
+    def sigma_rad(self) -> float: ...
+    def identify(
+        self,
+        dots: _Floats,
+        sigma_rad: _Floats | None,
+        covariances: _Floats | None,
+        hint: _Hint | None,
+        max_rivals: int,
+        min_rival_confidence: float,
+    ) -> _Identified | str: ...
+    def identify_batch(
+        self,
+        dots: _Floats,
+        offsets: _Ints,
+        sigma_rad: _Floats | None,
+        covariances: _Floats | None,
+    ) -> tuple[_Floats, _Ints, _Floats, _Floats, _Floats, dict[int, str]]: ...
+
+class Estimator:
+    def __new__(
+        cls,
+        table: HashTable,
+        camera: _Camera,
+        detector: str,
+        weights: _Path | None,
+        settings: str,
+    ) -> Estimator: ...
+    def settings(self) -> str: ...
+    def estimate(
+        self,
+        image: Any,
+        color: str,
+        circle: tuple[float, float, float] | None,
+        hint: _Hint | None,
+    ) -> _Frame: ...
+    def estimate_sequence(
+        self,
+        images: _Sequence[Any],
+        color: str,
+        times_s: list[float] | None,
+        circle: tuple[float, float, float] | None,
+        independent: bool,
+        max_rps: float,
+        progress: Callable[[int, int], object] | None,
+    ) -> tuple[list[_Frame], int, _Spin | str | None]: ...
+    def tracker(self, window: int, memory_s: float, max_rps: float) -> Tracker: ...
+
+class Tracker:
+    def update(
+        self,
+        image: Any,
+        color: str,
+        time_s: float,
+        circle: tuple[float, float, float] | None,
+    ) -> tuple[_Frame, _Spin | str]: ...
+    def reset(self) -> None: ...
+
+class BallView:
+    def __new__(cls, camera: _Camera, circle: tuple[float, float, float]) -> BallView: ...
+    def project(self, directions: _Floats) -> _Floats: ...
+    def back_project(
+        self, pixels: _Floats, covariances_px2: _Floats
+    ) -> tuple[_Floats, _Floats]: ...
+    def horizon(self) -> float: ...
+    def to_camera(self) -> _Floats: ...
+
+class Stencil:
+    @staticmethod
+    def build(pattern: Pattern, settings: str) -> Stencil: ...
+    @staticmethod
+    def largest_hole_mm(pattern: Pattern, settings: str) -> float | None: ...
+    def half(self, name: str) -> tuple[_Floats, NDArray[np.uint32]]: ...
+    def save(self, dir: _Path) -> None: ...
+    def description(self) -> str: ...
+
+class Sequence:
+    def __new__(
+        cls,
+        pattern: Pattern,
+        preset: str,
+        settings: str,
+        seed: int,
+        frames: int,
+        fps: float,
+        spin: tuple[float, float, float] | None,
+        exposure_s: float | None,
+        drift_px: tuple[float, float] | None,
+    ) -> Sequence: ...
+    def frame(self, k: int) -> tuple[NDArray[np.uint8], str]: ...
+
+class DesignJob:
+    def __new__(cls, flags: list[str]) -> DesignJob: ...
+    def settings(self) -> str: ...
+    def dir(self) -> PathLike[str]: ...
+    def run(
+        self, callback: Callable[[str], object] | None, budget_s: float | None
+    ) -> tuple[HashTable, str]: ...
+    def run_shard(
+        self, callback: Callable[[str], object] | None, command: str | None
+    ) -> None: ...

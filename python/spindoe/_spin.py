@@ -1,0 +1,168 @@
+"""Spin from time-stamped orientations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _native
+from ._common import Floats, Rejection, floats, to_scipy
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from scipy.spatial.transform import Rotation
+
+
+@dataclass(slots=True, eq=False)
+class Alias:
+    """Another spin that explains the same orientations."""
+
+    spin_rad_s: Floats
+    """Spin vector, camera frame, rad/s."""
+    log_likelihood_ratio: float
+    """Natural logarithm of its likelihood over that of the estimate; 0 is a tie."""
+
+
+@dataclass(slots=True, eq=False, repr=False)
+class Spin:
+    """A spin with its uncertainty. True where a truth value is wanted.
+
+    The model: ``R(t) = exp([w]x (t - t0)) R(t0)`` with the spin ``w`` in the camera frame.
+    """
+
+    time_s: float
+    """Reference time t0, seconds."""
+    spin_rad_s: Floats
+    """Spin vector, camera frame, rad/s, right-hand rule; shape (3,)."""
+    quaternion_wxyz: Floats
+    """Orientation at the reference time, pattern to camera, scalar first; shape (4,)."""
+    covariance: Floats | None
+    """Covariance of the spin vector, (rad/s)^2, shape (3, 3); None where the method has none."""
+    sigma_rad: float | None
+    """Noise of an orientation per axis, radians."""
+    log_likelihood: float | None
+    inliers: int
+    """Number of orientations that agree with the spin."""
+    inlier_probabilities: Floats = field(default_factory=lambda: np.zeros(0))
+    """Of each orientation, in order of time; empty where it is not known."""
+    aliases: tuple[Alias, ...] = ()
+    """Other spins that the sampling cannot tell apart, the likeliest first."""
+
+    @property
+    def rps(self) -> float:
+        """Revolutions per second."""
+        return float(np.linalg.norm(self.spin_rad_s) / (2.0 * np.pi))
+
+    @property
+    def axis(self) -> Floats:
+        """Unit vector of the axis, camera frame."""
+        axis: Floats = self.spin_rad_s / np.linalg.norm(self.spin_rad_s)
+        return axis
+
+    @property
+    def std_rad_s(self) -> Floats | None:
+        """Standard deviations of the spin's components, rad/s."""
+        if self.covariance is None:
+            return None
+        std: Floats = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        return std
+
+    @property
+    def std_rps(self) -> float | None:
+        """Standard deviation of the magnitude, revolutions per second."""
+        if self.covariance is None:
+            return None
+        variance = float(self.axis @ self.covariance @ self.axis)
+        return float(np.sqrt(max(variance, 0.0)) / (2.0 * np.pi))
+
+    def as_rotation(self, time_s: ArrayLike | None = None) -> Rotation:
+        """SciPy's rotation at the reference time, or by the model at others."""
+        from scipy.spatial.transform import Rotation
+
+        start = to_scipy(self.quaternion_wxyz)
+        if time_s is None:
+            return start
+        elapsed = np.asarray(time_s, dtype=np.float64)[..., None] - self.time_s
+        return Rotation.from_rotvec(elapsed * self.spin_rad_s) * start
+
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draws the components with error bars, and the aliases; see `spindoe.plot.spin`."""
+        from . import plot
+
+        return plot.spin(self, ax, **style)
+
+    def __bool__(self) -> Literal[True]:
+        return True
+
+    def __repr__(self) -> str:
+        x, y, z = self.spin_rad_s
+        std = "" if self.std_rps is None else f" +- {self.std_rps:.3f}"
+        aliases = f", {len(self.aliases)} aliases" if self.aliases else ""
+        return (
+            f"<Spin {self.rps:.3f}{std} rps, [{x:.2f} {y:.2f} {z:.2f}] rad/s, "
+            f"{self.inliers} inliers{aliases}>"
+        )
+
+
+def spin_of(found: Any) -> Spin | Rejection:
+    """The native part's answer."""
+    if isinstance(found, str):
+        return Rejection(found)
+    spin = Spin(*found)
+    spin.aliases = tuple(Alias(*alias) for alias in found[-1])
+    return spin
+
+
+def fit_spin(
+    times_s: ArrayLike,
+    orientations: ArrayLike | Rotation,
+    *,
+    order: Literal["wxyz", "xyzw"] = "wxyz",
+    confidences: ArrayLike | None = None,
+    method: Literal["robust", "quatera"] = "robust",
+    max_rps: float = 175.0,
+    sigma_rad: float = np.deg2rad(2.0),
+    prior_rps: tuple[float, float] | None = None,
+) -> Spin | Rejection:
+    """The spin of time-stamped orientations, some of which may be wrong or missing.
+
+    Args:
+        times_s: Times in seconds, increasing, shape (n,).
+        orientations: Unit quaternions of shape (n, 4), pattern to camera, in the order `order`; rows
+            of NaN are frames without one. Or SciPy's `Rotation` of n rotations.
+        order: Of the numbers of a quaternion: ``"wxyz"`` as everywhere here, ``"xyzw"`` as in SciPy
+            and ROS.
+        confidences: Probability of each orientation to be correct, shape (n,).
+        method: ``"robust"``, or ``"quatera"``, the paper's.
+        max_rps: Largest spin considered, revolutions per second.
+        sigma_rad: First estimate of the orientations' noise per axis, radians.
+        prior_rps: Expected magnitude and its standard deviation, revolutions per second.
+
+    Returns:
+        A `Spin`, which is true, or a `Rejection`, which is false and has a reason.
+    """
+    of_scipy: Any = getattr(orientations, "as_quat", None)
+    if of_scipy is not None:
+        quaternions = np.atleast_2d(of_scipy())
+        order = "xyzw"
+    else:
+        quaternions = floats("orientations", cast("ArrayLike", orientations))
+    if order == "xyzw":
+        quaternions = np.roll(quaternions, 1, axis=-1)
+    elif order != "wxyz":
+        raise ValueError(f"order: expected wxyz or xyzw, found {order!r}")
+    return spin_of(
+        _native.fit_spin(
+            floats("times_s", times_s),
+            quaternions,
+            None if confidences is None else floats("confidences", confidences),
+            method,
+            float(max_rps),
+            float(sigma_rad),
+            prior_rps,
+            None,
+        )
+    )

@@ -1,0 +1,459 @@
+"""From images to orientations."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
+from ._common import (
+    Floats,
+    Ints,
+    Progress,
+    Rejection,
+    floats,
+    progress_of,
+    settings_json,
+    to_scipy,
+    triple,
+)
+from ._pattern import HashTable, PathLike, Tabled, as_table
+from ._recognize import Hint
+from ._spin import Spin, spin_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from scipy.spatial.transform import Rotation
+
+Color = Literal["gray", "rgb", "bgr"]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """What is known of the camera. Pixels: u right, v down, (0, 0) the center of the top-left one."""
+
+    kind: Literal["unknown", "parallel", "distance", "pinhole"] = "unknown"
+    numbers: tuple[float, ...] = (0.07, 0.05)
+
+    @classmethod
+    def unknown(cls, inverse_distance: float = 0.07, sigma: float = 0.05) -> Camera:
+        """Neither intrinsics nor distance: that is estimated, from this expectation of the ball radii
+        over the camera's distance, and its standard deviation."""
+        return cls("unknown", (float(inverse_distance), float(sigma)))
+
+    @classmethod
+    def parallel(cls) -> Camera:
+        """Parallel rays: for a ball that is small compared with its distance."""
+        return cls("parallel", ())
+
+    @classmethod
+    def at_distance(cls, radii: float) -> Camera:
+        """From a known distance to the ball's center, in ball radii."""
+        return cls("distance", (float(radii),))
+
+    @classmethod
+    def pinhole(cls, fx: float, fy: float, cx: float, cy: float) -> Camera:
+        """Known focal lengths and principal point, pixels, without distortion."""
+        return cls("pinhole", (float(fx), float(fy), float(cx), float(cy)))
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> Camera:
+        """The camera of an intrinsic matrix of shape (3, 3), as OpenCV and ROS have it."""
+        k = floats("matrix", matrix)
+        if k.shape != (3, 3):
+            raise ValueError(f"matrix: expected shape (3, 3), found {k.shape}")
+        return cls.pinhole(k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+
+    def view(self, circle: ArrayLike) -> BallView:
+        """The view of a ball whose outline is the circle ``u, v, radius``, pixels."""
+        return BallView(self, circle)
+
+    def _given(self) -> tuple[str, list[float]]:
+        return self.kind, list(self.numbers)
+
+
+class BallView:
+    """A ball in an image: from pixels to directions from its center, and back.
+
+    Args:
+        camera: A camera that is not unknown.
+        circle: The ball's outline ``u, v, radius``, pixels.
+    """
+
+    __slots__ = ("_handle", "camera", "circle")
+    _handle: _native.BallView
+    camera: Camera
+    circle: tuple[float, float, float]
+
+    def __init__(self, camera: Camera, circle: ArrayLike) -> None:
+        self.camera = camera
+        self.circle = triple("circle", circle)
+        self._handle = _native.BallView(camera._given(), self.circle)
+
+    def project(self, directions: ArrayLike) -> Floats:
+        """Pixels ``u, v``, shape (n, 2), of directions in the camera frame, shape (n, 3), seen or not."""
+        return self._handle.project(floats("directions", directions))
+
+    def back_project(
+        self, pixels: ArrayLike, sigma_px: float | None = None, covariances: ArrayLike | None = None
+    ) -> tuple[Floats, Floats]:
+        """Directions, shape (n, 3), with their covariances, shape (n, 3, 3), camera frame: what
+        `Recognizer.identify` takes. NaN for pixels outside the ball.
+
+        Args:
+            pixels: Shape (n, 2).
+            sigma_px: Their standard deviation per axis, pixels; 1 where nothing is given.
+            covariances: Or their covariances, px^2, shape (n, 2, 2).
+        """
+        points = floats("pixels", pixels)
+        if covariances is None:
+            variance = (1.0 if sigma_px is None else float(sigma_px)) ** 2
+            blocks = np.broadcast_to(np.eye(2) * variance, (len(points), 2, 2))
+        elif sigma_px is not None:
+            raise ValueError("covariances: expected them or sigma_px, found both")
+        else:
+            blocks = floats("covariances", covariances)
+        return self._handle.back_project(points, blocks)
+
+    @property
+    def horizon(self) -> float:
+        """Minimum z, towards the camera, of a point in sight."""
+        return self._handle.horizon()
+
+    def as_rotation(self) -> Rotation:
+        """From the frame whose z points at the camera to the camera's frame."""
+        return to_scipy(self._handle.to_camera())
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        return BallView, (self.camera, self.circle)
+
+
+@dataclass(slots=True, eq=False, repr=False)
+class Pose:
+    """An orientation from an image. True where a truth value is wanted."""
+
+    quaternion_wxyz: Floats
+    """Pattern to camera, scalar first, w >= 0; shape (4,)."""
+    covariance: Floats
+    """Covariance of the rotation vector, camera frame, rad^2; shape (3, 3)."""
+    confidence: float
+    """Probability that every dot is identified correctly."""
+    pose_confidence: float
+    """Probability that the orientation is correct."""
+    residual_rad: float
+    """Root mean square angle between the matched dots and the rotated pattern, radians."""
+    residual_px: float
+    """The same in the image, pixels."""
+    distance: tuple[float, float] | None
+    """Ball radii over the camera's distance with its standard deviation, where that was estimated."""
+    hinted: bool
+    """Whether a hint was used."""
+
+    def as_rotation(self, frame: Literal["ours", "optical"] = "ours") -> Rotation:
+        """SciPy's rotation, pattern to camera: x right, y up, z towards the camera for ``"ours"``; x
+        right, y down, z forward (REP 103) for ``"optical"``."""
+        from scipy.spatial.transform import Rotation
+
+        rotation = to_scipy(self.quaternion_wxyz)
+        if frame == "ours":
+            return rotation
+        if frame == "optical":
+            return Rotation.from_quat([1.0, 0.0, 0.0, 0.0]) * rotation
+        raise ValueError(f"frame: expected ours or optical, found {frame!r}")
+
+    def __bool__(self) -> Literal[True]:
+        return True
+
+    def __repr__(self) -> str:
+        w, x, y, z = self.quaternion_wxyz
+        return f"<Pose wxyz [{w:.4f} {x:.4f} {y:.4f} {z:.4f}], p = {self.pose_confidence:.4f}>"
+
+
+@dataclass(slots=True, eq=False, repr=False)
+class FrameEstimate:
+    """Everything seen in a frame."""
+
+    circle: tuple[float, float, float] | None
+    """The ball's outline ``u, v, radius``, pixels; None where there is no ball."""
+    dots: Floats
+    """Detections ``u, v, confidence``, the most confident first; shape (n, 3)."""
+    dot_covariances: Floats
+    """Their covariances, px^2; shape (n, 2, 2)."""
+    assignment: Ints
+    """For each detection the pattern's dot that it is, -1 for none; shape (n,)."""
+    pose: Pose | Rejection
+    """The orientation, or why there is none."""
+    seconds: tuple[float, float, float]
+    """Time of finding the ball, detecting the dots, and identifying them."""
+
+    @property
+    def matched(self) -> int:
+        """Number of detections that are matched with a dot of the pattern."""
+        return int(np.count_nonzero(self.assignment >= 0))
+
+    def plot(self, image: NDArray[Any], *, table: Tabled, ax: Axes | None = None) -> Axes:
+        """Draws outline, detections and the identified pattern onto the image; see
+        `spindoe.plot.frame`."""
+        from . import plot
+
+        return plot.frame(self, image, table=table, ax=ax)
+
+    def __repr__(self) -> str:
+        return f"<FrameEstimate: {self.matched} of {len(self.dots)} dots, {self.pose!r}>"
+
+
+@dataclass(slots=True, eq=False, repr=False)
+class SequenceEstimate:
+    """The frames of one sequence, and its spin."""
+
+    frames: list[FrameEstimate]
+    """In the order of the images."""
+    spin: Spin | Rejection
+    """The spin, or why there is none."""
+    independent: int
+    """Number of frames that had an orientation before they informed each other."""
+
+    @property
+    def quaternions_wxyz(self) -> Floats:
+        """Orientations, shape (frames, 4), NaN where there is none: what `fit_spin` takes."""
+        rows = np.full((len(self.frames), 4), np.nan)
+        for row, frame in zip(rows, self.frames, strict=True):
+            if frame.pose:
+                row[:] = frame.pose.quaternion_wxyz
+        return rows
+
+    @property
+    def confidences(self) -> Floats:
+        """Probability of each orientation, 0 where there is none; shape (frames,)."""
+        return np.array([f.pose.pose_confidence if f.pose else 0.0 for f in self.frames])
+
+    def __repr__(self) -> str:
+        posed = sum(bool(frame.pose) for frame in self.frames)
+        return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
+
+
+def frame_of(found: Any) -> FrameEstimate:
+    """The native part's answer."""
+    circle, dots, covariances, assignment, pose, seconds = found
+    answer = Rejection(pose) if isinstance(pose, str) else Pose(*pose)
+    return FrameEstimate(circle, dots, covariances, assignment, answer, seconds)
+
+
+def _color(color: Color | None, image: Any) -> str:
+    """The order of the channels; that of three must be said, since files and cameras differ."""
+    if color is not None:
+        return color
+    if np.ndim(image) == 2:
+        return "gray"
+    raise ValueError('color: expected "rgb" or "bgr" for images with channels (OpenCV reads bgr)')
+
+
+class Estimator:
+    """From images to orientations.
+
+    Args:
+        table: The table, a pattern, or the path of either.
+        camera: What is known of the camera; by default its distance is estimated with the orientation.
+        detector: ``"cnn"``, the built-in net, or ``"blob"``.
+        weights: Another net's weights, ``.npz``.
+        settings: Any field of the library's ``EstimatorConfig``, for instance ``min_confidence``,
+            ``placement_sigma_rad``, ``max_blur``.
+
+    Images are arrays of uint8 or uint16, shape (height, width) for gray and (height, width, 3) for
+    color. They are read where they lie; views of larger images need no copy. An instance may be used
+    from several threads.
+    """
+
+    __slots__ = ("_arguments", "_handle", "camera", "table")
+    _handle: _native.Estimator
+    table: HashTable
+    """The table in use."""
+    camera: Camera
+    """What is known of the camera."""
+
+    def __init__(
+        self,
+        table: Tabled,
+        *,
+        camera: Camera = Camera(),  # noqa: B008 (immutable)
+        detector: Literal["cnn", "blob"] = "cnn",
+        weights: PathLike | None = None,
+        **settings: Any,
+    ) -> None:
+        self.table = as_table(table)
+        self.camera = camera
+        self._arguments = (camera, detector, weights, settings)
+        given = settings_json(settings)
+        self._handle = _native.Estimator(
+            self.table._handle, camera._given(), detector, weights, given
+        )
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings in use."""
+        settings: dict[str, Any] = json.loads(self._handle.settings())
+        return settings
+
+    def estimate(
+        self,
+        image: Image,
+        *,
+        color: Color | None = None,
+        circle: ArrayLike | None = None,
+        hint: Hint | None = None,
+    ) -> FrameEstimate:
+        """Estimates one frame.
+
+        Args:
+            image: The frame: a crop of the ball, or an image with the ball in it.
+            color: Order of the channels; needed where there are any.
+            circle: The ball's outline ``u, v, radius``, pixels, where it is known.
+            hint: Prior orientation.
+
+        Raises:
+            ValueError: For another type or shape. What is seen, or not, is no error: see
+                `FrameEstimate.pose`.
+        """
+        return frame_of(
+            self._handle.estimate(
+                image,
+                _color(color, image),
+                None if circle is None else triple("circle", circle),
+                None if hint is None else hint._given(),
+            )
+        )
+
+    def estimate_sequence(
+        self,
+        images: Sequence[Image] | NDArray[Any],
+        times_s: ArrayLike | None = None,
+        *,
+        color: Color | None = None,
+        circle: ArrayLike | None = None,
+        independent: bool = False,
+        max_rps: float = 175.0,
+        progress: bool | Progress = False,
+    ) -> SequenceEstimate:
+        """Estimates the frames of one sequence on all cores; with times they help each other, and give
+        the spin.
+
+        Args:
+            images: The frames: a sequence of arrays, or one array with the frames in front.
+            times_s: Their times in seconds, increasing, shape (n,).
+            color: As in `estimate`.
+            circle: The ball's outline in all frames, where it is known.
+            independent: Keep the frames from informing each other.
+            max_rps: Largest spin considered, revolutions per second.
+            progress: True shows a bar (with `tqdm`); a function is called with (done, total).
+        """
+        frames = list(images)
+        times = None
+        if times_s is not None:
+            array = floats("times_s", times_s)
+            if array.ndim != 1:
+                raise ValueError(f"times_s: expected shape (n,), found {array.shape}")
+            times = array.tolist()
+        show, bar = progress_of(progress, len(frames), "frame")
+        try:
+            found, independently, spin = self._handle.estimate_sequence(
+                frames,
+                _color(color, frames[0]) if frames else "gray",
+                times,
+                None if circle is None else triple("circle", circle),
+                independent,
+                float(max_rps),
+                show,
+            )
+        finally:
+            if bar is not None:
+                bar.close()
+        answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
+        return SequenceEstimate([frame_of(f) for f in found], answer, independently)
+
+    def tracker(
+        self, *, window: int = 12, memory_s: float = 0.25, max_rps: float = 175.0
+    ) -> Tracker:
+        """Follows one ball through the frames of a camera; see `Tracker`."""
+        return Tracker(self, window=window, memory_s=memory_s, max_rps=max_rps)
+
+    def __repr__(self) -> str:
+        return f"<Estimator of {self.table.pattern!r}, {self.camera}>"
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        return _estimator, (self.table, *self._arguments)
+
+
+def _estimator(
+    table: HashTable, camera: Camera, detector: Any, weights: Any, settings: dict[str, Any]
+) -> Estimator:
+    """What unpickling calls."""
+    return Estimator(table, camera=camera, detector=detector, weights=weights, **settings)
+
+
+@dataclass(slots=True, eq=False)
+class TrackerState:
+    """What is known after a frame."""
+
+    time_s: float
+    frame: FrameEstimate
+    """The frame; its pose is the orientation now."""
+    spin: Spin | Rejection
+    """The spin now, without aliases, or why there is none."""
+
+
+class Tracker:
+    """Follows one ball through the frames of a camera, as they come.
+
+    The work for a frame does not depend on how many came before.
+
+    Args:
+        estimator: The estimator of single frames.
+        window: Number of poses that the spin is fitted to.
+        memory_s: Poses older than this are forgotten, seconds.
+        max_rps: Largest spin considered, revolutions per second.
+    """
+
+    __slots__ = ("_handle", "estimator")
+    _handle: _native.Tracker
+    estimator: Estimator
+
+    def __init__(
+        self,
+        estimator: Estimator,
+        *,
+        window: int = 12,
+        memory_s: float = 0.25,
+        max_rps: float = 175.0,
+    ) -> None:
+        self.estimator = estimator
+        self._handle = estimator._handle.tracker(window, float(memory_s), float(max_rps))
+
+    def update(
+        self,
+        image: Image,
+        time_s: float,
+        *,
+        color: Color | None = None,
+        circle: ArrayLike | None = None,
+    ) -> TrackerState:
+        """Takes the next frame.
+
+        Args:
+            image: As in `Estimator.estimate`.
+            time_s: Its time in seconds, later than that of the frame before.
+            color: As in `Estimator.estimate`.
+            circle: The ball's outline, where it is known.
+        """
+        given = None if circle is None else triple("circle", circle)
+        frame, spin = self._handle.update(image, _color(color, image), float(time_s), given)
+        return TrackerState(float(time_s), frame_of(frame), spin_of(spin))
+
+    def reset(self) -> None:
+        """Forgets everything: the next frame is the first of another trajectory."""
+        self._handle.reset()

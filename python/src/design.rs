@@ -1,0 +1,186 @@
+//! Searches for patterns.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::json;
+use spindoe::Error;
+use spindoe::design::checkpoint::SearchState;
+use spindoe::design::{DesignConfig, DesignObserver, Shard, Stage};
+use spindoe::report::{JobObserver, Start};
+
+use crate::errors::OrRaise;
+use crate::pattern::{HashTable, to_json};
+use crate::work::interruptible;
+
+/// A design as `spindoe design` with the same flags runs it.
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct DesignJob {
+    job: spindoe::DesignJob,
+    start: Start,
+    shard: Option<Shard>,
+}
+
+/// Runs work under an observer that calls Python, and maps what it ended with.
+fn observed<T: Send>(
+    py: Python<'_>,
+    callback: Option<Py<PyAny>>,
+    budget_s: Option<f64>,
+    command: Option<String>,
+    work: impl FnOnce(&AtomicBool, &mut Observer<'_>) -> spindoe::Result<T> + Send,
+) -> PyResult<T> {
+    let budget = budget_s.map(Duration::try_from_secs_f64).transpose();
+    let budget = budget.map_err(|e| PyValueError::new_err(format!("budget_s: {e}")))?;
+    let (outcome, raised) = interruptible(py, |stop| {
+        let mut observer = Observer {
+            callback,
+            stop,
+            raised: None,
+            begun: Instant::now(),
+            budget,
+            command,
+        };
+        let outcome = work(stop, &mut observer);
+        (outcome, observer.raised)
+    })?;
+    match (outcome, raised) {
+        (_, Some(error)) => Err(error),
+        (outcome, None) => outcome.or_raise(),
+    }
+}
+
+/// Merges the shards in these folders into a design; the table, and the report as JSON.
+#[pyfunction]
+pub fn merge(
+    py: Python<'_>,
+    shards: Vec<PathBuf>,
+    out: PathBuf,
+    callback: Option<Py<PyAny>>,
+) -> PyResult<(HashTable, String)> {
+    let (job, command) = spindoe::cli::merge_job(&shards, out).or_raise()?;
+    let found = observed(py, callback, None, command, |stop, observer| {
+        job.merge(&shards, stop, observer)
+    })?;
+    Ok((HashTable(Arc::new(found.table)), to_json(&found.report)?))
+}
+
+/// Passes the search's progress on to Python, and ends the search when Python says so.
+struct Observer<'a> {
+    callback: Option<Py<PyAny>>,
+    stop: &'a AtomicBool,
+    raised: Option<PyErr>,
+    begun: Instant,
+    budget: Option<Duration>,
+    command: Option<String>,
+}
+
+impl Observer<'_> {
+    fn tell(&mut self, event: &serde_json::Value) -> spindoe::Result<()> {
+        // Ctrl-C ends it here: what was found so far is on disk.
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Error::Internal("interrupted".to_owned()));
+        }
+        let Some(callback) = &self.callback else {
+            return Ok(());
+        };
+        let told = Python::attach(|py| callback.call1(py, (event.to_string(),)).map(drop));
+        told.map_err(|error| {
+            self.raised = Some(error);
+            Error::Internal("the callback raised".to_owned())
+        })
+    }
+
+    fn has_time(&self) -> bool {
+        self.budget
+            .is_none_or(|budget| self.begun.elapsed() < budget)
+    }
+}
+
+impl DesignObserver for Observer<'_> {
+    fn progress(&mut self, state: &SearchState, stage: Stage) -> spindoe::Result<()> {
+        self.tell(&json!({
+            "stage": stage,
+            "rounds": state.round,
+            "scouted": state.scouted.len(),
+            "climbed": state.climbed.len(),
+            "best": state.best(stage),
+            "elapsed_s": state.elapsed_s,
+        }))
+    }
+
+    fn another_round(&mut self, _: &SearchState) -> bool {
+        self.has_time()
+    }
+
+    fn another_polish(&mut self, _: &SearchState) -> bool {
+        self.has_time()
+    }
+}
+
+impl JobObserver for Observer<'_> {
+    fn step(&mut self, what: &str) {
+        // An error of the callback here ends nothing: the next progress tells it.
+        let _ = self.tell(&json!({ "stage": "finish", "step": what }));
+    }
+
+    fn command(&self, _: &DesignConfig) -> Option<String> {
+        self.command.clone()
+    }
+}
+
+#[pymethods]
+impl DesignJob {
+    /// The job of these flags of `spindoe design`.
+    #[new]
+    fn new(flags: Vec<OsString>) -> PyResult<Self> {
+        let request = spindoe::cli::design_job(flags).map_err(PyValueError::new_err)?;
+        Ok(Self {
+            job: request.job,
+            start: request.start,
+            shard: request.shard,
+        })
+    }
+
+    /// The configuration of the search, as JSON.
+    fn settings(&self) -> PyResult<String> {
+        to_json(&self.job.config)
+    }
+
+    fn dir(&self) -> PathBuf {
+        self.job.dir.clone()
+    }
+
+    /// Runs it; the table, and the report as JSON.
+    fn run(
+        &self,
+        py: Python<'_>,
+        callback: Option<Py<PyAny>>,
+        budget_s: Option<f64>,
+    ) -> PyResult<(HashTable, String)> {
+        let found = observed(py, callback, budget_s, None, |stop, observer| {
+            self.job.run(self.start, stop, observer)
+        })?;
+        Ok((HashTable(Arc::new(found.table)), to_json(&found.report)?))
+    }
+
+    /// Runs the shard that the flags ask for.
+    fn run_shard(
+        &self,
+        py: Python<'_>,
+        callback: Option<Py<PyAny>>,
+        command: Option<String>,
+    ) -> PyResult<()> {
+        let Some(shard) = self.shard else {
+            return Err(PyValueError::new_err("shard: expected K/N, found none"));
+        };
+        observed(py, callback, None, command, |stop, observer| {
+            self.job.run_shard(shard, self.start, stop, observer)
+        })?;
+        Ok(())
+    }
+}

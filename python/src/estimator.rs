@@ -1,0 +1,557 @@
+//! Images to orientations: single frames, sequences, and a camera's frames as they come.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use nalgebra::{Matrix2, Matrix3, Matrix3x2};
+use numpy::ndarray::{Array2, Array3};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use spindoe::geometry::tangent_frame;
+use spindoe::spin::Measurement;
+use spindoe::spin::robust::RobustSpinConfig;
+use spindoe::vision::detector::NamedWorkspace;
+use spindoe::vision::estimator::{
+    CameraDistance, CameraModel, EstimatorWorkspace, Pose, SequenceConfig, TrackerConfig,
+    estimate_spin, track_sequence,
+};
+use spindoe::vision::net::Weights;
+use spindoe::vision::net::detector::CnnConfig;
+use spindoe::vision::{
+    BallCircle, Camera, CnnDetector, DetectorName, EstimatorConfig, FrameEstimate, Intrinsics,
+    NamedDetector, Pixel,
+};
+use spindoe::{DotUncertainty, Vec3};
+
+use crate::arrays::{
+    Numbers, assignment, block2, blocks3, quaternion, require_shape, square, vectors,
+};
+use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
+use crate::image::{Buffers, Channels, Pixels, Samples};
+use crate::pattern::{HashTable, overlay, to_json};
+use crate::recognizer::{GivenHint, hint};
+use crate::spin;
+use crate::work::on_all_cores;
+
+/// Frames between two ears for Ctrl-C.
+const FRAMES_AT_ONCE: usize = 64;
+
+/// Quaternion, covariance, confidences, residuals in radians and pixels, inverse distance with its
+/// standard deviation, whether a hint was given.
+type PoseTuple<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    f64,
+    f64,
+    f64,
+    f64,
+    Option<(f64, f64)>,
+    bool,
+);
+
+/// Circle, dots `u, v, confidence`, their covariances, assignment, pose or reason, seconds of the
+/// stages.
+type FrameTuple<'py> = (
+    Option<(f64, f64, f64)>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray3<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Answer<PoseTuple<'py>>,
+    (f64, f64, f64),
+);
+
+fn pose_tuple<'py>(py: Python<'py>, pose: &Pose) -> PoseTuple<'py> {
+    (
+        quaternion(py, &pose.rotation),
+        square(py, &pose.covariance),
+        pose.confidence,
+        pose.pose_confidence,
+        pose.residual_rad,
+        pose.residual_px,
+        pose.distance.map(|d| (d.inverse_distance, d.sigma)),
+        pose.hinted,
+    )
+}
+
+fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'py> {
+    let dots = &frame.dots;
+    let at = |(i, k): (usize, usize)| {
+        let dot = &dots[i];
+        [dot.pixel.u, dot.pixel.v, dot.confidence][k]
+    };
+    let covariance = |(i, j, k): (usize, usize, usize)| dots[i].covariance[(j, k)];
+    (
+        frame.circle.map(|c| (c.center.u, c.center.v, c.radius)),
+        Array2::from_shape_fn((dots.len(), 3), at).into_pyarray(py),
+        Array3::from_shape_fn((dots.len(), 2, 2), covariance).into_pyarray(py),
+        assignment(py, &frame.assignment),
+        match &frame.outcome {
+            Ok(pose) => Answer::Found(pose_tuple(py, pose)),
+            Err(rejection) => Answer::Rejected(rejection.to_string()),
+        },
+        (
+            frame.timings.locate.as_secs_f64(),
+            frame.timings.detect.as_secs_f64(),
+            frame.timings.identify.as_secs_f64(),
+        ),
+    )
+}
+
+/// A circle `u, v, radius` in pixels.
+fn circle(given: Option<[f64; 3]>) -> PyResult<Option<BallCircle>> {
+    match given {
+        None => Ok(None),
+        Some([u, v, radius])
+            if u.is_finite() && v.is_finite() && radius > 0.0 && radius.is_finite() =>
+        {
+            Ok(Some(BallCircle {
+                center: Pixel { u, v },
+                radius,
+            }))
+        }
+        Some(other) => {
+            let problem = format!("expected u, v and a positive radius in pixels, found {other:?}");
+            Err(value_error("circle", problem))
+        }
+    }
+}
+
+/// What is known of the camera, by kind and numbers.
+fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
+    if numbers.iter().any(|x| !x.is_finite()) {
+        return Err(value_error("camera", "expected finite numbers"));
+    }
+    match (kind, numbers) {
+        ("unknown", &[inverse_distance, sigma]) => Ok(CameraModel::Unknown(CameraDistance {
+            inverse_distance,
+            sigma,
+        })),
+        ("parallel", []) => Ok(CameraModel::Known(Camera::Orthographic)),
+        ("distance", &[distance]) if distance > 1.0 => Ok(CameraModel::Known(Camera::Near {
+            inverse_distance: 1.0 / distance,
+        })),
+        ("distance", &[distance]) => {
+            let problem = format!("expected more than 1 ball radius, found {distance}");
+            Err(value_error("distance_radii", problem))
+        }
+        ("pinhole", &[fx, fy, cx, cy]) if fx > 0.0 && fy > 0.0 => {
+            Ok(CameraModel::Known(Camera::Perspective(Intrinsics {
+                fx,
+                fy,
+                cx,
+                cy,
+            })))
+        }
+        ("pinhole", _) => Err(value_error("intrinsics", "expected positive focal lengths")),
+        _ => Err(value_error("camera", format!("no such kind: {kind:?}"))),
+    }
+}
+
+/// The working memory of one call.
+struct Slot {
+    workspace: EstimatorWorkspace<NamedWorkspace>,
+    buffers: Buffers,
+    frame: FrameEstimate,
+}
+
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct Estimator {
+    inner: Arc<spindoe::Estimator<NamedDetector>>,
+    slots: Mutex<Vec<Slot>>,
+}
+
+impl Estimator {
+    fn slot(&self) -> Slot {
+        let mut kept = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.pop().unwrap_or_else(|| Slot {
+            workspace: self.inner.workspace(),
+            buffers: Buffers::default(),
+            frame: FrameEstimate::default(),
+        })
+    }
+
+    fn keep(&self, slot: Slot) {
+        self.slots
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(slot);
+    }
+
+    /// Estimates frames on all cores, each independently.
+    fn estimate_all(
+        &self,
+        images: &[Samples<'_>],
+        circle: Option<&BallCircle>,
+    ) -> Vec<FrameEstimate> {
+        images
+            .par_iter()
+            .map_init(
+                || self.slot(),
+                |slot, image| {
+                    let mut frame = FrameEstimate::default();
+                    let image = image.read(&mut slot.buffers);
+                    let workspace = &mut slot.workspace;
+                    self.inner
+                        .estimate_frame(image, circle, None, workspace, &mut frame);
+                    frame
+                },
+            )
+            .collect()
+    }
+}
+
+#[pymethods]
+impl Estimator {
+    #[new]
+    fn new(
+        table: &HashTable,
+        camera: (String, Vec<f64>),
+        detector: &str,
+        weights: Option<PathBuf>,
+        settings: &str,
+    ) -> PyResult<Self> {
+        let defaults = EstimatorConfig {
+            camera: camera_model(&camera.0, &camera.1)?,
+            ..EstimatorConfig::default()
+        };
+        let config: EstimatorConfig = overlay(&defaults, settings)?;
+        let named: DetectorName = detector.parse().or_raise()?;
+        let detector = match (weights, named) {
+            (None, named) => named.build().or_raise()?,
+            (Some(path), DetectorName::Cnn) => {
+                let weights = Weights::read(&path).or_raise()?;
+                NamedDetector::Cnn(CnnDetector::new(&weights, CnnConfig::default()).or_raise()?)
+            }
+            (Some(_), DetectorName::Blob) => {
+                let problem = "expected the detector cnn: blobs have no weights";
+                return Err(value_error("weights", problem));
+            }
+        };
+        let inner = spindoe::Estimator::new(table.0.pattern(), config, detector).or_raise()?;
+        Ok(Self {
+            inner: Arc::new(inner),
+            slots: Mutex::new(Vec::new()),
+        })
+    }
+
+    /// The settings in use, as JSON.
+    fn settings(&self) -> PyResult<String> {
+        to_json(self.inner.config())
+    }
+
+    /// One frame.
+    #[pyo3(signature = (image, color, circle, hint))]
+    fn estimate<'py>(
+        &self,
+        py: Python<'py>,
+        image: &Bound<'py, PyAny>,
+        color: &str,
+        circle: Option<[f64; 3]>,
+        hint: Option<GivenHint<'py>>,
+    ) -> PyResult<FrameTuple<'py>> {
+        let circle = self::circle(circle)?;
+        let hint = hint.map(self::hint).transpose()?;
+        let pixels = Pixels::new("image", image)?;
+        let samples = pixels.samples("image", Channels::named(color)?)?;
+        let mut slot = self.slot();
+        py.detach(|| {
+            let Slot {
+                workspace,
+                buffers,
+                frame,
+            } = &mut slot;
+            let image = samples.read(buffers);
+            let (circle, hint) = (circle.as_ref(), hint.as_ref());
+            self.inner
+                .estimate_frame(image, circle, hint, workspace, frame);
+        });
+        let found = frame_tuple(py, &slot.frame);
+        self.keep(slot);
+        Ok(found)
+    }
+
+    /// Frames of one sequence: all of them, how many had a pose before they informed each other, and
+    /// the spin where there are times.
+    #[pyo3(signature = (images, color, times_s, circle, independent, max_rps, progress))]
+    #[allow(clippy::too_many_arguments, clippy::type_complexity)]
+    fn estimate_sequence<'py>(
+        &self,
+        py: Python<'py>,
+        images: Vec<Bound<'py, PyAny>>,
+        color: &str,
+        times_s: Option<Vec<f64>>,
+        circle: Option<[f64; 3]>,
+        independent: bool,
+        max_rps: f64,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<(
+        Vec<FrameTuple<'py>>,
+        usize,
+        Option<Answer<spin::Found<'py>>>,
+    )> {
+        let circle = self::circle(circle)?;
+        let channels = Channels::named(color)?;
+        if let Some(times) = &times_s {
+            check_times(times, images.len())?;
+        }
+        let config = sequence_config(max_rps)?;
+        let mut frames: Vec<FrameEstimate> = Vec::with_capacity(images.len());
+        for chunk in images.chunks(FRAMES_AT_ONCE) {
+            py.check_signals()?;
+            let name = |k: usize| format!("images[{}]", frames.len() + k);
+            let held: Vec<Pixels<'py>> = chunk
+                .iter()
+                .enumerate()
+                .map(|(k, image)| Pixels::new(&name(k), image))
+                .collect::<PyResult<_>>()?;
+            let samples: Vec<Samples<'_>> = held
+                .iter()
+                .enumerate()
+                .map(|(k, pixels)| pixels.samples(&name(k), channels))
+                .collect::<PyResult<_>>()?;
+            let done = on_all_cores(py, || self.estimate_all(&samples, circle.as_ref()))?;
+            frames.extend(done);
+            if let Some(progress) = &progress {
+                progress.call1((frames.len(), images.len()))?;
+            }
+        }
+        let alone = frames.iter().filter(|f| f.pose().is_some()).count();
+        let spin = match times_s.filter(|times| times.len() > 1) {
+            None => None,
+            Some(times) => Some(self.as_sequence(py, &times, &mut frames, independent, &config)?),
+        };
+        let tuples = frames.iter().map(|f| frame_tuple(py, f)).collect();
+        Ok((tuples, alone, spin))
+    }
+
+    /// A tracker that shares this estimator.
+    fn tracker(&self, window: usize, memory_s: f64, max_rps: f64) -> PyResult<Tracker> {
+        let config = TrackerConfig {
+            sequence: sequence_config(max_rps)?,
+            window,
+            memory_s,
+        };
+        let inner = spindoe::vision::estimator::Tracker::new(Arc::clone(&self.inner), config);
+        Ok(Tracker(Mutex::new((inner.or_raise()?, Buffers::default()))))
+    }
+}
+
+impl Estimator {
+    /// Lets the frames inform each other, and estimates their spin.
+    fn as_sequence<'py>(
+        &self,
+        py: Python<'py>,
+        times: &[f64],
+        frames: &mut [FrameEstimate],
+        independent: bool,
+        config: &SequenceConfig,
+    ) -> PyResult<Answer<spin::Found<'py>>> {
+        let fitted = py.detach(|| {
+            if !independent {
+                let mut slot = self.slot();
+                track_sequence(&self.inner, config, times, frames, &mut slot.workspace);
+                self.keep(slot);
+            }
+            estimate_spin(config, times, frames)
+        });
+        let measurements = measurements(times, frames);
+        match fitted {
+            Ok(fit) => {
+                let found = spin::to_tuple(py, &fit, &measurements, &[], &config.spin);
+                Ok(Answer::Found(found))
+            }
+            Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
+        }
+    }
+}
+
+fn sequence_config(max_rps: f64) -> PyResult<SequenceConfig> {
+    let spin = RobustSpinConfig {
+        max_rps,
+        ..RobustSpinConfig::default()
+    };
+    spin.check().map_err(spindoe::Error::from).or_raise()?;
+    Ok(SequenceConfig {
+        spin,
+        ..SequenceConfig::default()
+    })
+}
+
+fn check_times(times: &[f64], images: usize) -> PyResult<()> {
+    if times.len() != images {
+        let problem = format!(
+            "expected one for each of {images} images, found {}",
+            times.len()
+        );
+        return Err(value_error("times_s", problem));
+    }
+    match times
+        .windows(2)
+        .position(|w| w[0].partial_cmp(&w[1]) != Some(std::cmp::Ordering::Less))
+    {
+        None => Ok(()),
+        Some(at) => {
+            let problem = format!(
+                "entry {}: expected a time later than the one before",
+                at + 1
+            );
+            Err(value_error("times_s", problem))
+        }
+    }
+}
+
+fn measurements(times: &[f64], frames: &[FrameEstimate]) -> Vec<Measurement> {
+    let posed = times.iter().zip(frames);
+    posed
+        .filter_map(|(time_s, frame)| {
+            let pose = frame.pose()?;
+            Some(Measurement {
+                confidence: pose.pose_confidence,
+                ..Measurement::new(*time_s, pose.rotation)
+            })
+        })
+        .collect()
+}
+
+/// The tracker with the memory of its images.
+type TrackerState = (spindoe::vision::estimator::Tracker<NamedDetector>, Buffers);
+
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct Tracker(Mutex<TrackerState>);
+
+#[pymethods]
+impl Tracker {
+    /// The next frame, and the spin.
+    #[pyo3(signature = (image, color, time_s, circle))]
+    fn update<'py>(
+        &self,
+        py: Python<'py>,
+        image: &Bound<'py, PyAny>,
+        color: &str,
+        time_s: f64,
+        circle: Option<[f64; 3]>,
+    ) -> PyResult<(FrameTuple<'py>, Answer<spin::Found<'py>>)> {
+        let circle = self::circle(circle)?;
+        let pixels = Pixels::new("image", image)?;
+        let samples = pixels.samples("image", Channels::named(color)?)?;
+        let (frame, fitted) = py
+            .detach(|| {
+                let mut guard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+                let (tracker, buffers) = &mut *guard;
+                let image = samples.read(buffers);
+                let state = tracker.update(image, time_s, circle.as_ref())?;
+                Ok((state.frame.clone(), *state.spin))
+            })
+            .or_raise()?;
+        let spin = match fitted {
+            // Aliases are listed where they are asked for: their search is no work for every frame.
+            Ok(fit) => {
+                let none = RobustSpinConfig::default();
+                Answer::Found(spin::to_tuple(py, &fit, &[], &[], &none))
+            }
+            Err(rejection) => Answer::Rejected(rejection.to_string()),
+        };
+        Ok((frame_tuple(py, &frame), spin))
+    }
+
+    fn reset(&self) {
+        let mut guard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        guard.0.reset();
+    }
+}
+
+/// A camera and a ball whose outline is known.
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct BallView(spindoe::vision::BallView);
+
+#[pymethods]
+impl BallView {
+    #[new]
+    fn new(camera: (String, Vec<f64>), circle: [f64; 3]) -> PyResult<Self> {
+        let CameraModel::Known(camera) = camera_model(&camera.0, &camera.1)? else {
+            let problem = "expected one whose distance or intrinsics are known";
+            return Err(value_error("camera", problem));
+        };
+        let Some(circle) = self::circle(Some(circle))? else {
+            return Err(value_error("circle", "expected one"));
+        };
+        Ok(Self(
+            spindoe::vision::BallView::new(&camera, circle).or_raise()?,
+        ))
+    }
+
+    /// Pixels `u, v` of directions in the camera frame.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        directions: Numbers<'py>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let to_view = self.0.to_camera().inverse();
+        let directions = vectors("directions", &directions)?;
+        let pixels: Vec<Pixel> = directions
+            .iter()
+            .map(|d| self.0.project(&(to_view * d)))
+            .collect();
+        let at = |(i, k): (usize, usize)| [pixels[i].u, pixels[i].v][k];
+        Ok(Array2::from_shape_fn((pixels.len(), 2), at).into_pyarray(py))
+    }
+
+    /// Directions in the camera frame with their covariances, of pixels with theirs; NaN outside the
+    /// ball.
+    #[allow(clippy::type_complexity)]
+    fn back_project<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: Numbers<'py>,
+        covariances_px2: Numbers<'py>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>)> {
+        require_shape("pixels", &pixels, &[None, Some(2)])?;
+        let count = pixels.shape()[0];
+        require_shape(
+            "covariances_px2",
+            &covariances_px2,
+            &[Some(count), Some(2), Some(2)],
+        )?;
+        let (points, given) = (pixels.as_array(), covariances_px2.as_array());
+        let turn = self.0.to_camera();
+        let matrix = *turn.to_rotation_matrix().matrix();
+        let mut directions = Vec::with_capacity(count);
+        let mut covariances = Vec::with_capacity(count);
+        for k in 0..count {
+            let pixel = Pixel {
+                u: points[[k, 0]],
+                v: points[[k, 1]],
+            };
+            let c: Matrix2<f64> = block2(&given, k);
+            let Some(dot) = self.0.back_project(pixel, &c) else {
+                directions.push(Vec3::repeat(f64::NAN));
+                covariances.push(Matrix3::repeat(f64::NAN));
+                continue;
+            };
+            let axes = matrix * Matrix3x2::from_columns(&tangent_frame(&dot.direction));
+            let tangent = match dot.uncertainty {
+                DotUncertainty::Tangent { covariance } => covariance,
+                DotUncertainty::Isotropic { sigma_rad } => {
+                    Matrix2::from_diagonal_element(sigma_rad * sigma_rad)
+                }
+            };
+            directions.push(turn * dot.direction);
+            covariances.push(axes * tangent * axes.transpose());
+        }
+        Ok((
+            crate::arrays::rows(py, &directions),
+            blocks3(py, &covariances),
+        ))
+    }
+
+    /// Minimum z of a point in sight, view frame.
+    fn horizon(&self) -> f64 {
+        self.0.horizon()
+    }
+
+    /// View frame to camera frame.
+    fn to_camera<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        quaternion(py, &self.0.to_camera())
+    }
+}

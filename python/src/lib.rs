@@ -1,0 +1,50 @@
+//! The native part of the Python package `spindoe`: conversions between NumPy and the library.
+//!
+//! Classes here are handles; what users see is in `spindoe/*.py`, with documentation and types. Every
+//! call that takes longer than a few microseconds releases the interpreter's lock, long ones listen
+//! for Ctrl-C. Settings and reports cross the border as JSON, numbers as arrays.
+
+mod arrays;
+mod command;
+mod design;
+mod errors;
+mod estimator;
+mod image;
+mod pattern;
+mod recognizer;
+mod spin;
+mod stencil;
+mod synth;
+mod validate;
+mod work;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _native {
+    #[pymodule_export]
+    use super::command::command;
+    #[pymodule_export]
+    use super::design::{DesignJob, merge};
+    #[pymodule_export]
+    use super::estimator::{BallView, Estimator, Tracker};
+    #[pymodule_export]
+    use super::pattern::{HashTable, Pattern};
+    #[pymodule_export]
+    use super::recognizer::Recognizer;
+    #[pymodule_export]
+    use super::spin::fit_spin;
+    #[pymodule_export]
+    use super::stencil::Stencil;
+    #[pymodule_export]
+    use super::synth::{Sequence, independent_frame};
+    #[pymodule_export]
+    use super::validate::{trial_views, validate};
+
+    use super::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

@@ -1,0 +1,144 @@
+//! Patterns and hash tables.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use numpy::ndarray::{Array1, Array2};
+use numpy::{IntoPyArray, PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use spindoe::{PairRule, RecognizerConfig};
+
+use crate::arrays::{Numbers, rows, triples, vectors};
+use crate::errors::{OrRaise, value_error};
+
+/// A value as JSON.
+pub fn to_json(value: &impl Serialize) -> PyResult<String> {
+    serde_json::to_string(value).map_err(|e| value_error("JSON", e))
+}
+
+/// Defaults with the fields of a JSON object in their place.
+///
+/// # Errors
+/// `ValueError` naming the field that does not exist or does not fit.
+pub fn overlay<T: Serialize + DeserializeOwned>(defaults: &T, json: &str) -> PyResult<T> {
+    let internal = |e: serde_json::Error| value_error("settings", e);
+    let mut value = serde_json::to_value(defaults).map_err(internal)?;
+    let given: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_str(json).map_err(internal)?;
+    for (name, new) in given {
+        let known: Vec<String> = value
+            .as_object()
+            .map(|fields| fields.keys().cloned().collect())
+            .unwrap_or_default();
+        let Some(field) = value.get_mut(&name) else {
+            let problem = format!("no such setting, expected one of {}", known.join(", "));
+            return Err(value_error(&name, problem));
+        };
+        let old = std::mem::replace(field, new);
+        if let Err(error) = serde_json::from_value::<T>(value.clone()) {
+            return Err(value_error(&name, format!("{error} (default: {old})")));
+        }
+    }
+    serde_json::from_value(value).map_err(internal)
+}
+
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct Pattern(pub spindoe::Pattern);
+
+#[pymethods]
+impl Pattern {
+    #[new]
+    fn new(dots: Numbers<'_>) -> PyResult<Self> {
+        let dots = vectors("pattern", &dots)?;
+        Ok(Self(spindoe::Pattern::new(dots).or_raise()?))
+    }
+
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        Ok(Self(spindoe::Pattern::read_csv(&path).or_raise()?))
+    }
+
+    fn save(&self, path: PathBuf) -> PyResult<()> {
+        self.0.write_csv(&path).or_raise()
+    }
+
+    fn dots<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        rows(py, self.0.dots())
+    }
+
+    fn sha256(&self) -> String {
+        self.0.sha256()
+    }
+
+    fn summary(&self) -> PyResult<String> {
+        to_json(&self.0.summary())
+    }
+}
+
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct HashTable(pub Arc<spindoe::HashTable>);
+
+#[pymethods]
+impl HashTable {
+    #[staticmethod]
+    fn build(
+        pattern: &Pattern,
+        min_cross: f64,
+        max_angle_rad: f64,
+        recognizer: &str,
+    ) -> PyResult<Self> {
+        let rule = PairRule {
+            min_cross,
+            max_angle_rad,
+        };
+        let config = overlay(&RecognizerConfig::default(), recognizer)?;
+        let table = spindoe::HashTable::build(pattern.0.clone(), rule, config).or_raise()?;
+        Ok(Self(Arc::new(table)))
+    }
+
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let table = py.detach(|| spindoe::HashTable::read_npz(&path));
+        Ok(Self(Arc::new(table.or_raise()?)))
+    }
+
+    #[staticmethod]
+    fn from_bytes(bytes: &[u8]) -> PyResult<Self> {
+        let table = spindoe::HashTable::from_npz(Path::new("hash table"), bytes).or_raise()?;
+        Ok(Self(Arc::new(table)))
+    }
+
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = py.detach(|| self.0.to_npz()).or_raise()?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| self.0.write_npz(&path)).or_raise()
+    }
+
+    fn pattern(&self) -> Pattern {
+        Pattern(self.0.pattern().clone())
+    }
+
+    fn features<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        triples(py, self.0.features())
+    }
+
+    fn bases<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<u16>> {
+        let bases = self.0.bases();
+        let at = |(i, j): (usize, usize)| [bases[i].first, bases[i].second][j];
+        Array2::from_shape_fn((bases.len(), 2), at).into_pyarray(py)
+    }
+
+    fn feature_dots<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u16>> {
+        Array1::from_iter(self.0.feature_dots().iter().copied()).into_pyarray(py)
+    }
+
+    fn meta(&self) -> PyResult<String> {
+        to_json(self.0.meta())
+    }
+}

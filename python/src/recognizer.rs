@@ -1,0 +1,490 @@
+//! Recognizers: one view at a time, or many on all cores.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use nalgebra::{Matrix3, Matrix3x2};
+use numpy::ndarray::{Array1, Array2, ArrayViewD};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+use spindoe::geometry::{tangent_frame, to_wxyz};
+use spindoe::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE};
+use spindoe::recognize::observed::from_image_covariance;
+use spindoe::recognize::paper::{PaperWorkspace, VoteSum};
+use spindoe::recognize::robust::RobustWorkspace;
+use spindoe::recognize::{PaperConfig, PaperRecognizer, RecognizerRejection};
+use spindoe::{
+    DotUncertainty, Hint, Identification, ObservedDot, Protocol, ProtocolName, Recognizer as _,
+    RobustConfig, RobustRecognizer, Vec3,
+};
+
+use crate::arrays::{
+    Numbers, assignment, block2, block3, matrix3, quaternion, require_shape, rotation,
+};
+use crate::errors::{Answer, OrRaise, value_error};
+use crate::pattern::{HashTable, overlay, to_json};
+use crate::work::on_all_cores;
+
+/// Frames between two ears for Ctrl-C.
+const FRAMES_AT_ONCE: usize = 4096;
+
+/// An identification: quaternion, assignment, residual, confidences, rivals.
+type Found<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    f64,
+    f64,
+    f64,
+    Vec<(Bound<'py, PyArray1<f64>>, f64)>,
+);
+
+/// Columns of a batch, and the reasons of the frames without an answer.
+type Columns<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyDict>,
+);
+
+enum Kind {
+    Robust(Box<RobustRecognizer>),
+    Paper(PaperConfig),
+}
+
+#[derive(Default)]
+struct Workspace {
+    robust: Option<RobustWorkspace>,
+    paper: PaperWorkspace,
+    dots: Vec<ObservedDot>,
+    found: Identification,
+}
+
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct Recognizer {
+    table: Arc<spindoe::HashTable>,
+    kind: Kind,
+    /// Of dots for which nothing is given, along one tangent axis.
+    sigma_rad: f64,
+    /// One for each call at the same time.
+    workspaces: Mutex<Vec<Workspace>>,
+}
+
+/// The uncertainty of dots, as given.
+struct Uncertainty<'a> {
+    default_rad: f64,
+    sigmas: Option<ArrayViewD<'a, f64>>,
+    covariances: Option<ArrayViewD<'a, f64>>,
+}
+
+impl Uncertainty<'_> {
+    fn of(&self, k: usize, direction: &Vec3) -> Result<DotUncertainty, String> {
+        if let Some(covariances) = &self.covariances {
+            let uncertainty = match covariances.shape()[1] {
+                2 => from_image_covariance(direction, &block2(covariances, k)),
+                _ => {
+                    let axes = Matrix3x2::from_columns(&tangent_frame(direction));
+                    DotUncertainty::Tangent {
+                        covariance: axes.transpose() * block3(covariances, k) * axes,
+                    }
+                }
+            };
+            let DotUncertainty::Tangent { covariance: c } = &uncertainty else {
+                return Ok(uncertainty);
+            };
+            let definite = c[(0, 0)] > 0.0 && c.determinant() > 0.0;
+            return if definite {
+                Ok(uncertainty)
+            } else {
+                Err(format!(
+                    "row {k}: expected a positive definite covariance, rad^2"
+                ))
+            };
+        }
+        let sigma_rad = match &self.sigmas {
+            None => self.default_rad,
+            Some(one) if one.ndim() == 0 => one.sum(),
+            Some(many) => many[k],
+        };
+        if sigma_rad > 0.0 {
+            return Ok(DotUncertainty::Isotropic { sigma_rad });
+        }
+        Err(format!(
+            "row {k}: expected a positive angle, found {sigma_rad}"
+        ))
+    }
+}
+
+/// A dot of the row `k`, checked as the command checks its files.
+fn dot(k: usize, x: f64, y: f64, z: f64) -> PyResult<Vec3> {
+    let mut direction = Vec3::new(x, y, z);
+    let length = direction.norm();
+    if (length - 1.0).abs() > LENGTH_TOLERANCE {
+        let problem = format!("row {k}: expected a unit vector, found one of length {length:.6}");
+        return Err(value_error("dots", problem));
+    }
+    if (length - 1.0).abs() > LENGTH_ROUNDING {
+        direction /= length;
+    }
+    Ok(direction)
+}
+
+/// Reads the dots and their uncertainties.
+fn observed(
+    dots: &Numbers<'_>,
+    sigmas: Option<&Numbers<'_>>,
+    covariances: Option<&Numbers<'_>>,
+    default_rad: f64,
+    into: &mut Vec<ObservedDot>,
+) -> PyResult<()> {
+    require_shape("dots", dots, &[None, Some(3)])?;
+    let count = dots.shape()[0];
+    if let Some(sigmas) = sigmas
+        && !sigmas.shape().is_empty()
+    {
+        require_shape("sigma_rad", sigmas, &[Some(count)])?;
+    }
+    if let Some(covariances) = covariances {
+        if sigmas.is_some() {
+            return Err(value_error(
+                "covariances",
+                "expected them or sigma_rad, found both",
+            ));
+        }
+        let side = if covariances.shape().last() == Some(&3) {
+            3
+        } else {
+            2
+        };
+        require_shape(
+            "covariances",
+            covariances,
+            &[Some(count), Some(side), Some(side)],
+        )?;
+    }
+    let uncertainty = Uncertainty {
+        default_rad,
+        sigmas: sigmas.map(|s| s.as_array()),
+        covariances: covariances.map(|c| c.as_array()),
+    };
+    let of = if covariances.is_some() {
+        "covariances"
+    } else {
+        "sigma_rad"
+    };
+    into.clear();
+    for (k, row) in dots.as_array().rows().into_iter().enumerate() {
+        let direction = dot(k, row[0], row[1], row[2])?;
+        let uncertainty = uncertainty
+            .of(k, &direction)
+            .map_err(|e| value_error(of, e))?;
+        into.push(ObservedDot {
+            direction,
+            uncertainty,
+        });
+    }
+    Ok(())
+}
+
+/// A hint as given from Python: quaternion `w, x, y, z`, covariance, probability that it is wrong.
+pub type GivenHint<'py> = ([f64; 4], Numbers<'py>, f64);
+
+/// Checks a hint.
+pub fn hint(given: GivenHint<'_>) -> PyResult<Hint> {
+    let (wxyz, covariance, wrong) = given;
+    let covariance: Matrix3<f64> = matrix3("hint.covariance", &covariance)?;
+    let symmetric = 0.5 * (covariance + covariance.transpose());
+    if symmetric.cholesky().is_none() {
+        return Err(value_error(
+            "hint.covariance",
+            "expected a positive definite matrix, rad^2",
+        ));
+    }
+    if !(wrong > 0.0 && wrong < 1.0) {
+        let problem = format!("expected a probability in (0, 1), found {wrong}");
+        return Err(value_error("hint.wrong", problem));
+    }
+    Ok(Hint {
+        rotation: rotation("hint.quaternion_wxyz", wxyz)?,
+        covariance,
+        wrong,
+    })
+}
+
+impl Recognizer {
+    fn new(table: &HashTable, kind: Kind, sigma_rad: Option<f64>) -> PyResult<Self> {
+        let sigma_rad = match sigma_rad {
+            None => table.0.meta().recognizer.sigma_rad / 3f64.sqrt(),
+            Some(sigma) if sigma > 0.0 && sigma.is_finite() => sigma,
+            Some(sigma) => {
+                let problem = format!("expected a positive angle, found {sigma}");
+                return Err(value_error("sigma_rad", problem));
+            }
+        };
+        Ok(Self {
+            table: Arc::clone(&table.0),
+            kind,
+            sigma_rad,
+            workspaces: Mutex::new(Vec::new()),
+        })
+    }
+
+    /// Identifies the dots in `ws`, into `ws.found`.
+    fn run(&self, hint: Option<&Hint>, ws: &mut Workspace) -> Result<(), RecognizerRejection> {
+        let Workspace {
+            robust,
+            paper,
+            dots,
+            found,
+        } = ws;
+        match &self.kind {
+            Kind::Robust(recognizer) => {
+                let robust = robust.get_or_insert_with(|| recognizer.workspace());
+                match hint {
+                    None => recognizer.identify_into(dots, robust, found),
+                    Some(hint) => recognizer.identify_hinted(dots, hint, robust, found),
+                }
+            }
+            // Its parameters were checked when this was made.
+            Kind::Paper(config) => PaperRecognizer::new(&self.table, *config)
+                .map_err(|_| RecognizerRejection::NoHypothesis)?
+                .identify_into(dots, paper, found),
+        }
+    }
+
+    fn workspace(&self) -> Workspace {
+        let mut kept = self
+            .workspaces
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        kept.pop().unwrap_or_default()
+    }
+
+    fn keep(&self, workspace: Workspace) {
+        self.workspaces
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(workspace);
+    }
+
+    /// The answer in `ws` with the other poses that explain the dots.
+    fn answer<'py>(&self, py: Python<'py>, rivals: (usize, f64), ws: &mut Workspace) -> Found<'py> {
+        let found = &ws.found;
+        let best = (
+            quaternion(py, &found.rotation),
+            assignment(py, &found.assignment),
+            found.residual_rad,
+            found.confidence,
+            found.pose_confidence,
+        );
+        let mut others = Vec::new();
+        if let (Kind::Robust(recognizer), Some(robust)) = (&self.kind, &ws.robust) {
+            for rank in 1..=rivals.0 {
+                if !recognizer.explanation(rank, robust, &mut ws.found)
+                    || ws.found.pose_confidence < rivals.1
+                {
+                    break;
+                }
+                others.push((quaternion(py, &ws.found.rotation), ws.found.pose_confidence));
+            }
+        }
+        (best.0, best.1, best.2, best.3, best.4, others)
+    }
+}
+
+#[pymethods]
+impl Recognizer {
+    /// The robust recognizer, with the rates of a protocol or the defaults, and settings in place of
+    /// theirs.
+    #[staticmethod]
+    fn robust(
+        table: &HashTable,
+        expect: Option<&str>,
+        settings: &str,
+        sigma_rad: Option<f64>,
+    ) -> PyResult<Self> {
+        let defaults = match expect {
+            Some(name) => {
+                Protocol::standard(name.parse::<ProtocolName>().or_raise()?).recognizer_config()
+            }
+            None => RobustConfig {
+                visibility_limit: table.0.meta().recognizer.visibility_limit,
+                ..RobustConfig::default()
+            },
+        };
+        let config = overlay(&defaults, settings)?;
+        let recognizer = RobustRecognizer::new(table.0.pattern(), config).or_raise()?;
+        Self::new(table, Kind::Robust(Box::new(recognizer)), sigma_rad)
+    }
+
+    /// The paper's recognizer; what is not given comes from the table.
+    #[staticmethod]
+    #[pyo3(signature = (table, k, kappa, beta, alpha, verify_fraction, vote_sum, sigma_rad))]
+    #[allow(clippy::too_many_arguments)]
+    fn paper(
+        table: &HashTable,
+        k: Option<usize>,
+        kappa: Option<f64>,
+        beta: Option<f64>,
+        alpha: Option<f64>,
+        verify_fraction: Option<f64>,
+        vote_sum: Option<&str>,
+        sigma_rad: Option<f64>,
+    ) -> PyResult<Self> {
+        let of_table = *PaperRecognizer::from_table(&table.0).or_raise()?.config();
+        let config = PaperConfig {
+            k: k.unwrap_or(of_table.k),
+            kappa: kappa.unwrap_or(of_table.kappa),
+            beta: beta.unwrap_or(of_table.beta),
+            alpha: alpha.unwrap_or(of_table.alpha),
+            verify_fraction: verify_fraction.unwrap_or(of_table.verify_fraction),
+            vote_sum: match vote_sum {
+                None => of_table.vote_sum,
+                Some("log-density") => VoteSum::LogDensity,
+                Some("density") => VoteSum::Density,
+                Some(other) => {
+                    let problem = format!("expected log-density or density, found {other:?}");
+                    return Err(value_error("vote_sum", problem));
+                }
+            },
+        };
+        PaperRecognizer::new(&table.0, config).or_raise()?;
+        Self::new(table, Kind::Paper(config), sigma_rad)
+    }
+
+    /// The settings in use, as JSON; empty for the paper's.
+    fn settings(&self) -> PyResult<String> {
+        match &self.kind {
+            Kind::Robust(recognizer) => to_json(recognizer.config()),
+            Kind::Paper(_) => Ok("{}".to_owned()),
+        }
+    }
+
+    fn sigma_rad(&self) -> f64 {
+        self.sigma_rad
+    }
+
+    /// One view: the answer, or the reason why there is none.
+    #[pyo3(signature = (dots, sigma_rad, covariances, hint, max_rivals, min_rival_confidence))]
+    #[allow(clippy::too_many_arguments)]
+    fn identify<'py>(
+        &self,
+        py: Python<'py>,
+        dots: Numbers<'py>,
+        sigma_rad: Option<Numbers<'py>>,
+        covariances: Option<Numbers<'py>>,
+        hint: Option<GivenHint<'py>>,
+        max_rivals: usize,
+        min_rival_confidence: f64,
+    ) -> PyResult<Answer<Found<'py>>> {
+        let hint = hint.map(self::hint).transpose()?;
+        if hint.is_some() && matches!(self.kind, Kind::Paper(_)) {
+            return Err(value_error("hint", "the paper's recognizer takes none"));
+        }
+        let mut ws = self.workspace();
+        let (sigmas, covariances) = (sigma_rad.as_ref(), covariances.as_ref());
+        let default_rad = self.sigma_rad;
+        observed(&dots, sigmas, covariances, default_rad, &mut ws.dots)?;
+        let outcome = py.detach(|| self.run(hint.as_ref(), &mut ws));
+        let answer = match outcome {
+            Ok(()) => Answer::Found(self.answer(py, (max_rivals, min_rival_confidence), &mut ws)),
+            Err(rejection) => Answer::Rejected(rejection.to_string()),
+        };
+        self.keep(ws);
+        Ok(answer)
+    }
+
+    /// Many views, one after another in `dots`; frame `i` has the rows from `offsets[i]` to
+    /// `offsets[i + 1]`.
+    fn identify_batch<'py>(
+        &self,
+        py: Python<'py>,
+        dots: Numbers<'py>,
+        offsets: PyReadonlyArray1<'py, i64>,
+        sigma_rad: Option<Numbers<'py>>,
+        covariances: Option<Numbers<'py>>,
+    ) -> PyResult<Columns<'py>> {
+        let mut all = Vec::new();
+        let (sigmas, covariances) = (sigma_rad.as_ref(), covariances.as_ref());
+        observed(&dots, sigmas, covariances, self.sigma_rad, &mut all)?;
+        let ends = ends(&offsets, all.len())?;
+        let frames = ends.len().saturating_sub(1);
+        let mut quaternions = Array2::from_elem((frames, 4), f64::NAN);
+        let mut assigned = Array1::from_elem(all.len(), -1);
+        let [mut residual, mut confidence, mut pose_confidence] =
+            [(); 3].map(|()| Array1::from_elem(frames, f64::NAN));
+        let reasons = PyDict::new(py);
+        for first in (0..frames).step_by(FRAMES_AT_ONCE) {
+            py.check_signals()?;
+            let last = (first + FRAMES_AT_ONCE).min(frames);
+            let found = on_all_cores(py, || self.run_all(&all, &ends[first..=last]))?;
+            for (i, outcome) in (first..last).zip(found) {
+                match outcome {
+                    Ok(found) => {
+                        for (k, x) in to_wxyz(&found.rotation).into_iter().enumerate() {
+                            quaternions[[i, k]] = x;
+                        }
+                        for (k, dot) in found.assignment.iter().enumerate() {
+                            assigned[ends[i] + k] = dot.map_or(-1, i64::from);
+                        }
+                        residual[i] = found.residual_rad;
+                        confidence[i] = found.confidence;
+                        pose_confidence[i] = found.pose_confidence;
+                    }
+                    Err(rejection) => reasons.set_item(i, rejection.to_string())?,
+                }
+            }
+        }
+        Ok((
+            quaternions.into_pyarray(py),
+            assigned.into_pyarray(py),
+            residual.into_pyarray(py),
+            confidence.into_pyarray(py),
+            pose_confidence.into_pyarray(py),
+            reasons,
+        ))
+    }
+}
+
+impl Recognizer {
+    fn run_all(
+        &self,
+        dots: &[ObservedDot],
+        ends: &[usize],
+    ) -> Vec<Result<Identification, RecognizerRejection>> {
+        let frames: Vec<&[ObservedDot]> = ends.windows(2).map(|w| &dots[w[0]..w[1]]).collect();
+        frames
+            .par_iter()
+            .with_min_len(16)
+            .map_init(
+                || self.workspace(),
+                |ws, frame| {
+                    ws.dots.clear();
+                    ws.dots.extend_from_slice(frame);
+                    self.run(None, ws)?;
+                    Ok(ws.found.clone())
+                },
+            )
+            .collect()
+    }
+}
+
+/// Checks the frames' offsets.
+fn ends(offsets: &PyReadonlyArray1<'_, i64>, dots: usize) -> PyResult<Vec<usize>> {
+    let ends: Option<Vec<usize>> = offsets
+        .as_array()
+        .iter()
+        .map(|&end| usize::try_from(end).ok())
+        .collect();
+    ends.filter(|ends| {
+        ends.first() == Some(&0)
+            && ends.last() == Some(&dots)
+            && ends.windows(2).all(|w| w[0] <= w[1])
+    })
+    .ok_or_else(|| {
+        let problem = format!("expected numbers that rise from 0 to the number of dots, {dots}");
+        value_error("offsets", problem)
+    })
+}

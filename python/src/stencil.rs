@@ -1,0 +1,67 @@
+//! Stencils: meshes and files.
+
+use std::path::PathBuf;
+
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2};
+use pyo3::prelude::*;
+use spindoe::StencilConfig;
+use spindoe::stencil::HalfName;
+
+use crate::arrays::rows;
+use crate::errors::{OrRaise, value_error};
+use crate::pattern::{Pattern, overlay, to_json};
+use crate::work::interruptible;
+
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct Stencil(spindoe::Stencil);
+
+#[pymethods]
+impl Stencil {
+    #[staticmethod]
+    fn build(py: Python<'_>, pattern: &Pattern, settings: &str) -> PyResult<Self> {
+        let config: StencilConfig = overlay(&StencilConfig::default(), settings)?;
+        let built = interruptible(py, |_| spindoe::Stencil::build(&pattern.0, &config))?;
+        Ok(Self(built.or_raise()?))
+    }
+
+    /// Diameter of the largest hole that fits, mm.
+    #[staticmethod]
+    fn largest_hole_mm(pattern: &Pattern, settings: &str) -> PyResult<Option<f64>> {
+        let config: StencilConfig = overlay(&StencilConfig::default(), settings)?;
+        config.validate().or_raise()?;
+        Ok(spindoe::Stencil::largest_hole_mm(&pattern.0, &config))
+    }
+
+    /// Vertices and triangles of half "a" or "b".
+    #[allow(clippy::type_complexity)]
+    fn half<'py>(
+        &self,
+        py: Python<'py>,
+        name: &str,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>)> {
+        let half = match name {
+            "a" => HalfName::A,
+            "b" => HalfName::B,
+            other => {
+                return Err(value_error(
+                    "half",
+                    format!("expected a or b, found {other:?}"),
+                ));
+            }
+        };
+        let mesh = &self.0.half(half).mesh;
+        let at = |(i, k): (usize, usize)| mesh.triangles[i][k];
+        let triangles = Array2::from_shape_fn((mesh.triangles.len(), 3), at).into_pyarray(py);
+        Ok((rows(py, &mesh.vertices), triangles))
+    }
+
+    fn save(&self, py: Python<'_>, dir: PathBuf) -> PyResult<()> {
+        py.detach(|| self.0.write(&dir)).or_raise()
+    }
+
+    /// What `stencil.json` holds.
+    fn description(&self) -> PyResult<String> {
+        to_json(&self.0.description().or_raise()?)
+    }
+}

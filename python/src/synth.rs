@@ -1,0 +1,83 @@
+//! Synthetic images with their truth.
+
+use numpy::ndarray::Array3;
+use numpy::{IntoPyArray, PyArray3};
+use pyo3::prelude::*;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::{self, Frame, SequenceConfig};
+
+use crate::errors::{OrRaise, value_error};
+use crate::pattern::{Pattern, overlay, to_json};
+
+/// An image, eight bits a channel, and its truth as JSON.
+type Rendered<'py> = (Bound<'py, PyArray3<u8>>, String);
+
+fn config(preset: &str, settings: &str) -> PyResult<SynthConfig> {
+    let defaults = match preset {
+        "good" => SynthConfig::good(),
+        "wide" => SynthConfig::default(),
+        other => {
+            let problem = format!("expected good or wide, found {other:?}");
+            return Err(value_error("preset", problem));
+        }
+    };
+    overlay(&defaults, settings)
+}
+
+fn rendered<'py>(py: Python<'py>, frame: &Frame) -> PyResult<Rendered<'py>> {
+    let shape = (frame.image.height(), frame.image.width(), 3);
+    let image = Array3::from_shape_vec(shape, frame.image.to_bytes())
+        .map_err(|e| value_error("image", e))?;
+    Ok((image.into_pyarray(py), to_json(&frame.truth)?))
+}
+
+/// Frame number `k` of a seed's independent frames.
+#[pyfunction]
+pub fn independent_frame<'py>(
+    py: Python<'py>,
+    pattern: &Pattern,
+    preset: &str,
+    settings: &str,
+    seed: u64,
+    k: usize,
+) -> PyResult<Rendered<'py>> {
+    let config = config(preset, settings)?;
+    let drawn = py.detach(|| dataset::independent_frame(&pattern.0, &config, seed, k));
+    rendered(py, &drawn.or_raise()?)
+}
+
+/// One ball in a row of frames.
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct Sequence(dataset::Sequence);
+
+#[pymethods]
+impl Sequence {
+    #[new]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        pattern: &Pattern,
+        preset: &str,
+        settings: &str,
+        seed: u64,
+        frames: usize,
+        fps: f64,
+        spin: Option<[f64; 3]>,
+        exposure_s: Option<f64>,
+        drift_px: Option<[f64; 2]>,
+    ) -> PyResult<Self> {
+        let sequence = SequenceConfig {
+            fps,
+            spin,
+            exposure_s,
+            drift_px,
+        };
+        let config = config(preset, settings)?;
+        let random = dataset::Sequence::random(&pattern.0, &config, &sequence, seed, frames);
+        Ok(Self(random.or_raise()?))
+    }
+
+    fn frame<'py>(&self, py: Python<'py>, k: usize) -> PyResult<Rendered<'py>> {
+        let drawn = py.detach(|| self.0.frame(k));
+        rendered(py, &drawn.or_raise()?)
+    }
+}

@@ -1,0 +1,155 @@
+"""Searches in shards and batches of clips: here, and on a Ray cluster of two workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+import matplotlib.image
+import pytest
+from conftest import ROOT, run
+
+import spindoe
+from spindoe import _cluster, batch, search
+
+SMALL = {"dots": 12, "starts": 2, "scout_steps": 2, "climb_steps": 2, "samples": 60, "rounds": 2}
+FILES = ("pattern.csv", "table.npz", "stencil/half_a.stl")
+
+
+def flags() -> list[str]:
+    return [f"--{name.replace('_', '-')}={value}" for name, value in SMALL.items()]
+
+
+@pytest.fixture(scope="module")
+def whole(command, tmp_path_factory):
+    """What the command gives that runs all shards in one process."""
+    out = tmp_path_factory.mktemp("whole") / "d"
+    run(command, "design", *flags(), "--shards", 2, "--out", out)
+    return {name: (out / name).read_bytes() for name in FILES}
+
+
+def test_shards_from_python_are_those_of_the_command(whole, tmp_path, capsys):
+    words = ["--shards", "2", "--out", str(tmp_path / "d"), *flags()]
+    assert search.main(words) == 0
+    assert capsys.readouterr().out.strip() == str(tmp_path / "d")
+    assert {name: (tmp_path / "d" / name).read_bytes() for name in FILES} == whole
+    assert search.main(words) == 2 and "choose another folder" in capsys.readouterr().err
+    assert search.main(["--shards", "0", "--out", str(tmp_path / "e")]) == 2
+    assert search.main(["--shards", "2", "--out", str(tmp_path / "e"), "--dot=3"]) == 2
+
+
+def test_shards_of_another_search_are_refused(tmp_path):
+    design = spindoe.Design(tmp_path / "d", **SMALL)
+    folder = design.run_shard(1, 2)
+    with pytest.raises(ValueError, match="shard 2/2 is missing"):
+        spindoe.merge([folder], tmp_path / "e")
+    with pytest.raises(ValueError, match="shard"):
+        design.run_shard(3, 2)
+    with pytest.raises(ValueError, match="expected as an argument"):
+        spindoe.Design(tmp_path / "d", shard="1/2")
+
+
+def test_flags_of_the_command_line():
+    assert search._flags(["--dots=12", "--keep-out", "0,0,1,25", "--keep-out=1,0,0,9", "--x"]) == {
+        "dots": "12", "keep_out": ["0,0,1,25", "1,0,0,9"], "x": True,
+    }
+    with pytest.raises(ValueError, match="expected a flag"):
+        search._flags(["12"])
+
+
+@pytest.fixture(scope="module")
+def clips(pattern, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("clips")
+    for k in range(2):
+        (folder / f"clip-{k}").mkdir()
+        drawn = spindoe.synth(
+            pattern, 6, seed=k, fps=350.0, spin_rad_s=(0.0, 60.0 + 60.0 * k, 0.0), ball_px=[80, 80]
+        )
+        for image, truth in drawn:
+            name = folder / f"clip-{k}" / truth.everything["image"]
+            matplotlib.image.imsave(name, image)
+    (folder / "empty").mkdir()
+    return [folder / "clip-0", folder / "clip-1", folder / "empty"]
+
+
+def _check(rows):
+    assert [row.get("identified") for row in rows] == [6, 6, None]
+    assert rows[0]["rps"] == pytest.approx(9.55, abs=0.5)
+    assert rows[1]["rps"] == pytest.approx(19.1, abs=0.5)
+    assert "expected images" in rows[2]["reason"]
+
+
+def test_clips_are_estimated_once(clips, tmp_path, capsys):
+    table = ROOT / "designs/dots20/table.npz"
+    _check(batch.batch(clips, table, tmp_path / "r"))
+    kept = (tmp_path / "r/clip-0.json").stat().st_mtime_ns
+    words = [*map(str, clips), "--table", str(table), "--out", str(tmp_path / "r")]
+    assert batch.main(words) == 0 and "2 of 3 clips" in capsys.readouterr().out
+    assert (tmp_path / "r/clip-0.json").stat().st_mtime_ns == kept
+    assert (tmp_path / "r/summary.csv").read_text().startswith("clip,frames,")
+    assert batch.main([str(clips[2]), *words[3:]]) == 3
+    assert batch.main([words[0], words[0], *words[3:]]) == 2
+
+
+def test_without_ray_it_says_so(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ValueError, match="pip install"):
+        list(_cluster.run(print, [()], ray="local"))
+    with pytest.raises(ValueError, match="cpus"):
+        list(_cluster.run(print, [()], cpus=0))
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """A cluster of two workers on this machine."""
+    ray = pytest.importorskip("ray")
+    with pytest.MonkeyPatch.context() as patch:
+        # Workers import the same package as this process.
+        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
+        yield ray
+        ray.shutdown()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_killed_worker_is_replaced(cluster, whole, tmp_path):
+    out = tmp_path / "d"
+    killed = []
+
+    def kill_once() -> None:
+        """Kills the worker of shard 1 once its checkpoint is there."""
+        checkpoint = out / "shards/1/search.json"
+        for _ in range(6000):
+            if checkpoint.exists():
+                pids = [int(p) for p in os.listdir("/proc") if p.isdigit() and _is_shard(int(p))]
+                if pids:
+                    os.kill(pids[0], signal.SIGKILL)
+                    killed.append(pids[0])
+                    return
+            time.sleep(0.01)
+
+    killer = threading.Thread(target=kill_once)
+    killer.start()
+    found = search.search(spindoe.Design(out, **SMALL), 2, ray="auto")
+    killer.join()
+    assert killed, "no worker was killed while it worked"
+    assert {name: (out / name).read_bytes() for name in FILES} == whole
+    assert found.report["starts"] == 8
+
+
+def _is_shard(pid: int) -> bool:
+    """Whether the process is a Ray worker that runs a shard."""
+    try:
+        with open(f"/proc/{pid}/cmdline", "rb") as file:
+            return file.read().startswith(b"ray::_shard")
+    except OSError:
+        return False
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_clips_on_a_cluster(cluster, clips, tmp_path):
+    _check(batch.batch(clips, ROOT / "designs/dots20/table.npz", tmp_path / "r", ray="auto"))

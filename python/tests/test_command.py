@@ -1,0 +1,119 @@
+"""Python and the command give the same numbers."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT, run
+
+import spindoe
+
+TABLE = ROOT / "designs/dots20/table.npz"
+TOLERANCE = 1e-12
+
+
+@pytest.mark.parametrize("recognizer", ["robust", "paper"])
+@pytest.mark.parametrize("protocol", ["paper", "sparse", "clutter", "image"])
+def test_the_same_rates(command, table, protocol, recognizer):
+    arguments = ("--samples", 1000, "--seed", 5, "--protocol", protocol, "--recognizer", recognizer)
+    theirs = json.loads(run(command, "validate", TABLE, "--json", *arguments))
+    ours = spindoe.validate(table, protocol, recognizer=recognizer, samples=1000, seed=5)
+    for rate in ("identity", "orientation"):
+        assert theirs[rate]["successes"] == getattr(ours, rate).successes
+        assert theirs[rate]["high"] == pytest.approx(getattr(ours, rate).high, abs=TOLERANCE)
+    for value in ("mean_error_deg", "median_error_deg"):
+        assert theirs[value] == pytest.approx(getattr(ours, value), abs=TOLERANCE)
+
+
+@pytest.mark.parametrize("recognizer", ["robust", "paper"])
+@pytest.mark.parametrize("protocol", ["paper", "sparse", "clutter", "image"])
+def test_the_same_identifications(command, table, protocol, recognizer, tmp_path):
+    dump = tmp_path / "dots.csv"
+    run(command, "validate", TABLE, "--samples", 300, "--protocol", protocol, "--dump", dump)
+    flags = [] if recognizer == "paper" else ["--expect", protocol]
+    text = run(
+        command, "identify", "--table", TABLE, dump, "--json", "--recognizer", recognizer, *flags
+    )
+    theirs = json.loads(text)["frames"]
+    frames: dict[str, list[tuple[list[float], list[list[float]]]]] = {}
+    with open(dump, newline="") as file:
+        for row in csv.DictReader(file):
+            xyz = [float(row[axis]) for axis in "xyz"]
+            if row.get("sigma_deg"):
+                variance = np.deg2rad(float(row["sigma_deg"])) ** 2
+                covariance = [[variance, 0.0], [0.0, variance]]
+            else:
+                names = ("var_radial_deg2", "cov_deg2", "var_across_deg2")
+                a, b, c = (float(row[name]) * np.deg2rad(1.0) ** 2 for name in names)
+                covariance = [[a, b], [b, c]]
+            frames.setdefault(row["frame"], []).append((xyz, covariance))
+    expect = None if recognizer == "paper" else protocol
+    mine = spindoe.Recognizer(table, recognizer, expect=expect)
+    assert len(theirs) >= 290
+    for their in theirs:
+        dots, covariances = map(np.array, zip(*frames[their["frame"]], strict=True))
+        isotropic = np.all(covariances[:, 0, 1] == 0.0)
+        kinds = {"sigma_rad": np.sqrt(covariances[:, 0, 0])} if isotropic else {"covariances": covariances}
+        found = mine.identify(dots, **kinds)
+        assert bool(found) == ("refusal" not in their)
+        if not found:
+            assert found.reason == their["refusal"]
+            continue
+        assert np.abs(found.quaternion_wxyz - their["orientation_wxyz"]).max() <= TOLERANCE
+        assert [None if j < 0 else j for j in found.assignment] == their["assignment"]
+        assert found.confidence == pytest.approx(their["confidence"], abs=TOLERANCE)
+        assert found.pose_confidence == pytest.approx(their["pose_confidence"], abs=TOLERANCE)
+
+
+def _frames(folder, estimator, command):
+    """Both estimates of the images of a folder, whose names are times in nanoseconds."""
+    image = pytest.importorskip("PIL.Image")
+    paths = sorted(folder.glob("*.png"), key=lambda path: int(path.stem))
+    theirs = json.loads(run(command, "estimate", "--table", TABLE, folder, "--json"))
+    images = [np.array(image.open(path).convert("RGB")) for path in paths]
+    # The names' nanoseconds in seconds, to the last bit as the command has them.
+    times = [frame["time_s"] for frame in theirs["frames"]]
+    return theirs, estimator.estimate_sequence(images, times, color="rgb")
+
+
+def _compare(theirs, ours):
+    assert len(theirs["frames"]) == len(ours.frames) > 0
+    for their, frame in zip(theirs["frames"], ours.frames, strict=True):
+        assert their["dots"] == len(frame.dots)
+        for dot, row in zip(their["detections"], frame.dots, strict=True):
+            assert abs(dot["u"] - row[0]) <= TOLERANCE and abs(dot["v"] - row[1]) <= TOLERANCE
+        quaternion = their.get("orientation_wxyz")
+        assert bool(frame.pose) == (quaternion is not None)
+        if frame.pose:
+            assert np.abs(frame.pose.quaternion_wxyz - quaternion).max() <= TOLERANCE
+    if "spin" in theirs:
+        assert ours.spin
+        assert np.abs(ours.spin.spin_rad_s - theirs["spin"]["spin_rad_s"]).max() <= TOLERANCE
+    else:
+        assert ours.spin.reason == theirs["spin_refusal"]
+
+
+def test_the_same_published_frames(command, estimator, published):
+    theirs, ours = _frames(published / "frames", estimator, command)
+    _compare(theirs, ours)
+
+
+def test_the_same_synthetic_frames(command, estimator, tmp_path):
+    run(command, "synth", ROOT / "designs/dots20/pattern.csv", "--out", tmp_path / "set",
+        "--sequence", "--frames", 12, "--fps", 350, "--preset", "good")
+    theirs, ours = _frames(tmp_path / "set/images", estimator, command)
+    _compare(theirs, ours)
+
+
+def test_the_command_fails_as_it_does(command, tmp_path):
+    import subprocess
+
+    done = subprocess.run(
+        [*command, "validate", str(tmp_path / "none.csv")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and done.stderr.startswith("spindoe: ")
+    helped = subprocess.run([*command, "--help"], capture_output=True, text=True, check=False)
+    assert helped.returncode == 0 and "design" in helped.stdout

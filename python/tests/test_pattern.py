@@ -1,0 +1,97 @@
+"""Patterns, tables, stencils."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+import trimesh
+
+import spindoe
+
+
+def test_a_pattern_keeps_its_bits(pattern, tmp_path):
+    path = tmp_path / "pattern.csv"
+    pattern.save(path)
+    again = spindoe.Pattern.load(path)
+    assert np.array_equal(again.dots, pattern.dots)
+    assert again == pattern and hash(again) == hash(pattern)
+    assert pickle.loads(pickle.dumps(pattern)) == pattern
+    assert again.sha256 == pattern.sha256
+
+
+
+def test_the_summary_is_what_numpy_computes(pattern):
+    cosines = pattern.dots @ pattern.dots.T - 3.0 * np.eye(len(pattern))
+    nearest = np.arccos(cosines.max(axis=1))
+    summary = pattern.summary()
+    assert summary.min_separation_rad == pytest.approx(nearest.min(), abs=1e-9)
+    assert summary.mean_nearest_separation_rad == pytest.approx(nearest.mean(), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("dots", "words"),
+    [
+        (np.eye(3), "4 to 64"),
+        (np.ones((5, 2)), "shape"),
+        (np.ones((4, 3)), "dot 0"),
+        (np.full((4, 3), np.nan), "finite"),
+        ([["a", "b", "c"]] * 4, "real numbers"),
+        (np.ones((4, 3), dtype=complex), "real numbers"),
+    ],
+)
+def test_bad_dots_are_named(dots, words):
+    with pytest.raises(ValueError, match=words):
+        spindoe.Pattern(dots)
+
+
+def test_files_that_are_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match="cannot be read"):
+        spindoe.Pattern.load(tmp_path / "none.csv")
+    with pytest.raises(FileNotFoundError):
+        spindoe.HashTable.load(tmp_path / "none.npz")
+    (tmp_path / "bad.csv").write_text("1,2\n")
+    with pytest.raises(ValueError, match="line 1"):
+        spindoe.Pattern.load(tmp_path / "bad.csv")
+
+
+def test_features_follow_from_the_dots(table):
+    dots = table.pattern.dots
+    first, second = table.bases.T
+    columns = [dots[first], dots[second], np.cross(dots[first], dots[second])]
+    bases = np.stack(columns, axis=2)
+    rebuilt = np.einsum("mij,mj->mi", bases, table.features)
+    assert np.abs(rebuilt - dots[table.feature_dots]).max() < 1e-9
+
+
+def test_a_table_keeps_its_bytes(table, root, tmp_path):
+    table.save(tmp_path / "table.npz")
+    with np.load(tmp_path / "table.npz") as arrays:
+        assert np.array_equal(arrays["features"], table.features)
+    again = pickle.loads(pickle.dumps(table))
+    assert again.to_bytes() == table.to_bytes()
+    assert again.meta == table.meta
+    rebuilt = spindoe.HashTable.build(table.pattern)
+    assert np.array_equal(rebuilt.features, table.features)
+
+
+def test_a_damaged_table_is_refused(table):
+    with pytest.raises(ValueError):
+        spindoe.HashTable.from_bytes(table.to_bytes()[:-100])
+    with pytest.raises(ValueError, match="kappa"):
+        spindoe.HashTable.build(table.pattern, kappa=-1.0)
+    with pytest.raises(ValueError, match="no such setting"):
+        spindoe.HashTable.build(table.pattern, kapa=1.0)
+
+
+def test_a_stencil_is_two_closed_bodies(pattern, tmp_path):
+    stencil = spindoe.Stencil(pattern, ball_diameter_mm=40.3)
+    for half in ("a", "b"):
+        mesh = stencil.to_trimesh(half)
+        assert mesh.is_watertight and mesh.body_count == 1
+        assert mesh.volume == pytest.approx(stencil.description[f"half_{half}"]["check"]["volume_mm3"])
+    stencil.save(tmp_path)
+    assert trimesh.load(tmp_path / "half_a.stl").is_watertight
+    with pytest.raises(ValueError, match="hole_diameter_mm|holes"):
+        spindoe.Stencil(pattern, hole_diameter_mm=15.0)

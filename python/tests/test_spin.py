@@ -1,0 +1,113 @@
+"""Spins, against rotations that SciPy made."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import spindoe
+
+SPIN = np.array([30.0, -120.0, 200.0])
+TIMES = np.arange(12) / 350.0
+
+
+def _sequence(noise=0.0, seed=0):
+    rng = np.random.default_rng(seed)
+    jitter = Rotation.from_rotvec(noise * rng.normal(size=(len(TIMES), 3)))
+    return jitter * Rotation.from_rotvec(TIMES[:, None] * SPIN) * Rotation.random(random_state=1)
+
+
+def test_the_spin_is_that_of_the_rotations():
+    rotations = _sequence()
+    found = spindoe.fit_spin(TIMES, rotations)
+    assert found and np.allclose(found.spin_rad_s, SPIN, atol=1e-6)
+    assert found.rps == pytest.approx(np.linalg.norm(SPIN) / (2 * np.pi))
+    off = found.as_rotation(TIMES) * rotations.inv()
+    assert off.magnitude().max() < 1e-6
+    assert np.allclose(found.axis, SPIN / np.linalg.norm(SPIN))
+
+
+def test_order_is_by_name():
+    xyzw = _sequence(0.02).as_quat()
+    a = spindoe.fit_spin(TIMES, xyzw, order="xyzw")
+    b = spindoe.fit_spin(TIMES, np.roll(xyzw, 1, axis=1))
+    assert a and b and np.array_equal(a.spin_rad_s, b.spin_rad_s)
+    with pytest.raises(ValueError, match="order"):
+        spindoe.fit_spin(TIMES, xyzw, order="zyxw")
+
+
+def test_wrong_and_missing_ones_are_left_out():
+    rows = np.roll(_sequence(0.02).as_quat(), 1, axis=1)
+    rows[3] = np.roll(Rotation.random(random_state=9).as_quat(), 1)
+    rows[6] = np.nan
+    found = spindoe.fit_spin(TIMES, rows)
+    assert found and found.inliers == 10
+    assert np.flatnonzero(found.inlier_probabilities < 0.5).tolist() == [3]
+    std = found.std_rad_s
+    assert std is not None and np.all(np.abs(found.spin_rad_s - SPIN) < 5 * std)
+    assert found.std_rps is not None and 0 < found.std_rps < 2
+    assert pickle.loads(pickle.dumps(found)).rps == found.rps
+    assert "rps" in repr(found)
+
+
+def test_aliases_of_even_times():
+    found = spindoe.fit_spin(TIMES, _sequence(0.01), max_rps=170.0)
+    assert found and found.aliases
+    rates = [np.linalg.norm(a.spin_rad_s) / (2 * np.pi) for a in found.aliases]
+    assert min(abs(rate - (350.0 - found.rps)) for rate in rates) < 2.0
+
+
+def test_the_papers_method():
+    found = spindoe.fit_spin(TIMES, _sequence(0.01), method="quatera")
+    assert found and np.allclose(found.spin_rad_s, SPIN, rtol=0.05)
+    assert found.covariance is None and found.std_rps is None and found.std_rad_s is None
+
+
+def test_what_has_no_spin_is_rejected():
+    few = spindoe.fit_spin(TIMES[:2], _sequence()[:2])
+    assert not few and "at least 3" in few.reason
+    wild = spindoe.fit_spin(TIMES, Rotation.random(len(TIMES), random_state=3))
+    assert not wild and "no spin" in wild.reason
+
+
+@pytest.mark.parametrize(
+    ("times", "rows", "words"),
+    [
+        (TIMES[::-1], None, "later"),
+        (TIMES * 0, None, "later"),
+        (TIMES[:3], None, "shape"),
+        (TIMES * np.nan, None, "finite"),
+        (TIMES * 1e-9, None, "in seconds"),
+        (TIMES * 1e9, None, "in seconds"),
+        (TIMES, np.ones((12, 4)), "unit quaternion"),
+        (TIMES, np.ones((12, 3)), "shape"),
+        (TIMES[:, None], None, "shape"),
+    ],
+)
+def test_bad_input_is_named(times, rows, words):
+    rows = np.roll(_sequence().as_quat(), 1, axis=1) if rows is None else rows
+    with pytest.raises(ValueError, match=words):
+        spindoe.fit_spin(times, rows)
+
+
+def test_settings_are_checked():
+    for settings in ({"max_rps": -1.0}, {"sigma_rad": 0.0}, {"prior_rps": (50.0, 0.0)}, {"method": "best"}):
+        with pytest.raises(ValueError):
+            spindoe.fit_spin(TIMES, _sequence(), **settings)
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    st.floats(-300.0, 300.0), st.floats(-300.0, 300.0), st.floats(-300.0, 300.0), st.integers(0, 99)
+)
+def test_any_spin_below_the_limit_is_found(x, y, z, seed):
+    spin = np.array([x, y, z])
+    times = np.cumsum(np.random.default_rng(seed).uniform(0.5, 1.5, 15)) / 400.0
+    rotations = Rotation.from_rotvec((times - times[0])[:, None] * spin)
+    found = spindoe.fit_spin(times, rotations)
+    assert found and np.allclose(found.spin_rad_s, spin, atol=1e-3)

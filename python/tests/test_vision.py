@@ -1,0 +1,236 @@
+"""Images: estimates, memory layouts, cameras, trackers."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import spindoe
+
+SPIN = (40.0, 150.0, -60.0)
+EASY = {"ball_px": [100, 100], "camera_distance_radii": [20, 20]}
+
+
+@pytest.fixture(scope="module")
+def clip(pattern):
+    return list(spindoe.synth(pattern, 20, seed=4, fps=350.0, spin_rad_s=SPIN, **EASY))
+
+
+@pytest.fixture(scope="module")
+def image(clip):
+    return clip[0][0]
+
+
+def _off(pose, truth) -> float:
+    return float(np.rad2deg((pose.as_rotation() * truth.as_rotation().inv()).magnitude()))
+
+
+def test_orientations_of_synthetic_images(pattern, estimator):
+    posed, errors = 0, []
+    for image, truth in spindoe.synth(pattern, 30, seed=2, **EASY):
+        found = estimator.estimate(image, color="rgb")
+        if found.pose:
+            posed += 1
+            errors.append(_off(found.pose, truth))
+            assert found.matched >= 3 and found.circle is not None
+            assert abs(found.circle[2] - truth.circle[2]) < 5
+    assert posed >= 25 and np.median(errors) < 3.0 and np.sum(np.array(errors) > 20) <= 1
+
+
+def test_a_clip_gives_its_spin(clip, estimator):
+    images, truths = zip(*clip, strict=True)
+    times = [truth.time_s for truth in truths]
+    heard = []
+    found = estimator.estimate_sequence(
+        images, times, color="rgb", progress=lambda done, total: heard.append((done, total))
+    )
+    assert found.spin and np.linalg.norm(found.spin.spin_rad_s - SPIN) < 5.0
+    assert found.spin.std_rps is not None and heard[-1] == (20, 20)
+    assert found.quaternions_wxyz.shape == (20, 4) and found.confidences.shape == (20,)
+    again = spindoe.fit_spin(times, found.quaternions_wxyz, confidences=found.confidences)
+    assert again and np.array_equal(again.spin_rad_s, found.spin.spin_rad_s)
+    stacked = estimator.estimate_sequence(np.stack(images), times, color="rgb")
+    assert stacked.spin and np.array_equal(stacked.spin.spin_rad_s, found.spin.spin_rad_s)
+    alone = estimator.estimate_sequence(images, color="rgb")
+    assert not alone.spin
+    for frame, image in zip(alone.frames, images, strict=True):
+        single = estimator.estimate(image, color="rgb")
+        assert np.array_equal(single.dots, frame.dots)
+    assert len(estimator.estimate_sequence([]).frames) == 0
+
+
+def test_a_tracker_follows_a_clip(clip, estimator):
+    tracker = estimator.tracker()
+    spins = []
+    for image, truth in clip:
+        state = tracker.update(image, truth.time_s, color="rgb")
+        if state.frame.pose:
+            assert _off(state.frame.pose, truth) < 20.0
+        spins.append(state.spin)
+    assert not spins[0] and "found 0" in spins[0].reason or "found 1" in spins[0].reason
+    last = spins[-1]
+    assert last and np.linalg.norm(last.spin_rad_s - SPIN) < 6.0 and last.covariance is not None
+    with pytest.raises(ValueError, match="time_s"):
+        tracker.update(clip[0][0], clip[0][1].time_s, color="rgb")
+    with pytest.raises(ValueError, match="time_s"):
+        tracker.update(clip[0][0], float("nan"), color="rgb")
+    tracker.reset()
+    assert not tracker.update(clip[0][0], 0.0, color="rgb").spin
+    # What is older than the memory is forgotten.
+    assert not tracker.update(clip[1][0], 10.0, color="rgb").spin
+    with pytest.raises(ValueError, match="window"):
+        estimator.tracker(window=2)
+
+
+def test_channels_by_name(image, estimator):
+    rgb = estimator.estimate(image, color="rgb")
+    bgr = estimator.estimate(np.ascontiguousarray(image[..., ::-1]), color="bgr")
+    flipped = estimator.estimate(image[..., ::-1], color="bgr")
+    for other in (bgr, flipped):
+        assert np.array_equal(other.dots, rgb.dots) and other.pose and rgb.pose
+        assert np.array_equal(other.pose.quaternion_wxyz, rgb.pose.quaternion_wxyz)
+
+
+def test_gray_is_color_without_color(image, estimator):
+    gray = np.ascontiguousarray(image[..., 1])
+    a = estimator.estimate(gray)
+    b = estimator.estimate(np.repeat(gray[..., None], 3, axis=2), color="rgb")
+    assert a.pose and b.pose
+    assert np.abs(a.pose.quaternion_wxyz - b.pose.quaternion_wxyz).max() < 1e-12
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    deep=st.booleans(), order=st.sampled_from("CF"), margin=st.integers(0, 3), flip=st.booleans(),
+    writable=st.booleans(),
+)
+def test_memory_layout_does_not_matter(estimator, image, deep, order, margin, flip, writable):
+    plain = estimator.estimate(image, color="rgb")
+    height, width, _ = image.shape
+    kind = np.uint16 if deep else np.uint8
+    # 257 * x / 65535 is x / 255.
+    values = image.astype(kind) * (257 if deep else 1)
+    large = np.zeros((height + 2 * margin, width + 2 * margin, 4), dtype=kind, order=order)
+    inner = large[margin : margin + height, margin : margin + width, :3]
+    inner[...] = values[::-1] if flip else values
+    laid = inner[::-1] if flip else inner
+    laid.flags.writeable = writable
+    found = estimator.estimate(laid, color="rgb")
+    assert np.allclose(found.dots, plain.dots, atol=1e-4)
+    assert found.pose and plain.pose
+    assert np.abs(found.pose.quaternion_wxyz - plain.pose.quaternion_wxyz).max() < 1e-4
+    if not deep:
+        assert np.array_equal(found.pose.quaternion_wxyz, plain.pose.quaternion_wxyz)
+
+
+@pytest.mark.parametrize(
+    ("image", "color", "words"),
+    [
+        (np.zeros((40, 40, 3), np.float32), "rgb", "uint8 or uint16, found float32"),
+        (np.zeros((40, 40, 3), np.int8), "rgb", "found int8"),
+        (np.zeros((40, 40, 4), np.uint8), "rgb", "expected shape"),
+        (np.zeros((40, 40), np.uint8), "rgb", "expected shape"),
+        (np.zeros((40, 40, 3), np.uint8), "gray", "expected shape"),
+        (np.zeros((40, 40, 3), np.uint8), None, "color"),
+        (np.zeros((40, 40, 3), np.uint8), "hsv", "gray, rgb or bgr"),
+        (np.zeros((0, 40, 3), np.uint8), "rgb", "at least 1"),
+        (np.zeros(40, np.uint8), "gray", "expected shape"),
+        ([[1, 2], [3, 4]], "gray", "expected an array"),
+        (None, "gray", "expected an array"),
+        ("image.png", "gray", "expected an array"),
+    ],
+)
+def test_bad_images_are_named(estimator, image, color, words):
+    with pytest.raises(ValueError, match=words):
+        estimator.estimate(image, color=color)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 2**16), st.booleans())
+def test_any_image_is_answered(estimator, height, width, seed, deep):
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 65536 if deep else 256, (height, width)).astype(
+        np.uint16 if deep else np.uint8
+    )
+    found = estimator.estimate(image)
+    assert found.pose or found.pose.reason
+
+
+def test_bad_images_of_a_sequence_are_numbered(image, estimator):
+    with pytest.raises(ValueError, match=r"images\[1\]"):
+        estimator.estimate_sequence([image, image.astype(float)], color="rgb")
+    with pytest.raises(ValueError, match="times_s"):
+        estimator.estimate_sequence([image, image], [0.0], color="rgb")
+    with pytest.raises(ValueError, match="times_s"):
+        estimator.estimate_sequence([image, image], [0.1, 0.0], color="rgb")
+    with pytest.raises(ZeroDivisionError):
+        estimator.estimate_sequence([image], color="rgb", progress=lambda *_: 1 // 0)
+
+
+def test_cameras(table, clip):
+    image, truth = clip[0]
+    intrinsics = truth.everything["intrinsics"]
+    k = [intrinsics[name] for name in ("fx", "fy", "cx", "cy")]
+    matrix = np.array([[k[0], 0, k[2]], [0, k[1], k[3]], [0, 0, 1]])
+    cameras = [
+        spindoe.Camera.pinhole(*k),
+        spindoe.Camera.at_distance(20.0),
+        spindoe.Camera.unknown(),
+        spindoe.Camera.parallel(),
+    ]
+    assert spindoe.Camera.from_matrix(matrix) == cameras[0]
+    for camera in cameras:
+        found = spindoe.Estimator(table, camera=camera).estimate(image, color="rgb")
+        assert found.pose and _off(found.pose, truth) < 8.0
+        assert (found.pose.distance is not None) == (camera.kind == "unknown")
+    for bad in (spindoe.Camera.at_distance(0.5), spindoe.Camera.pinhole(-1, 1, 0, 0)):
+        with pytest.raises(ValueError):
+            spindoe.Estimator(table, camera=bad)
+    optical = Rotation.from_matrix(np.diag([1.0, -1, -1])) * found.pose.as_rotation()
+    assert (found.pose.as_rotation("optical") * optical.inv()).magnitude() < 1e-12
+
+
+def test_pixels_and_directions_are_inverse():
+    for camera in (spindoe.Camera.at_distance(12.0), spindoe.Camera.pinhole(900, 910, 320, 240)):
+        view = camera.view((350.0, 200.0, 40.0))
+        pixels = np.array([[350.0, 200.0], [370.0, 190.0], [330.0, 225.0], [500.0, 200.0]])
+        directions, covariances = view.back_project(pixels, sigma_px=0.5)
+        assert np.all(np.isnan(directions[3])) and np.allclose(np.linalg.norm(directions[:3], axis=1), 1)
+        assert np.allclose(view.project(directions[:3]), pixels[:3], atol=1e-9)
+        # The covariance lies in the tangent plane, and is what the projection's derivative says.
+        assert np.allclose(np.einsum("nij,nj->ni", covariances[:3], directions[:3]), 0, atol=1e-15)
+        assert 0 < view.horizon < 0.2 and view.as_rotation().magnitude() < 0.3
+    with pytest.raises(ValueError, match="known"):
+        spindoe.Camera.unknown().view((0, 0, 1))
+
+
+def test_estimators_pickle(image, table):
+    estimator = spindoe.Estimator(table, camera=spindoe.Camera.at_distance(20.0), min_confidence=0.7)
+    again = pickle.loads(pickle.dumps(estimator))
+    assert again.settings == estimator.settings and again.settings["min_confidence"] == 0.7
+    a, b = estimator.estimate(image, color="rgb"), again.estimate(image, color="rgb")
+    assert np.array_equal(a.dots, b.dots)
+    c = pickle.loads(pickle.dumps(a))
+    assert repr(c) == repr(a) and np.array_equal(c.pose.covariance, a.pose.covariance)
+    with pytest.raises(ValueError, match="no such setting"):
+        spindoe.Estimator(table, min_confidenc=0.7)
+
+
+def test_synth_is_seeded(pattern):
+    a, b = (next(spindoe.synth(pattern, 1, seed=7)) for _ in range(2))
+    assert np.array_equal(a[0], b[0]) and a[1].everything == b[1].everything
+    assert not np.array_equal(next(spindoe.synth(pattern, 1, seed=8))[0].shape, (0, 0, 3))
+    truth = a[1]
+    seen = truth.as_rotation().apply(pattern.dots)
+    assert np.all(seen[truth.indices[truth.visible], 2] > -0.05)
+    with pytest.raises(ValueError, match="frames"):
+        spindoe.synth(pattern, fps=100.0)
+    with pytest.raises(ValueError, match="fps"):
+        spindoe.synth(pattern, 3, spin_rad_s=(1, 2, 3))
+    with pytest.raises(ValueError, match="no such setting"):
+        next(spindoe.synth(pattern, 1, ball_pixels=3))

@@ -1,0 +1,117 @@
+//! `spindoe estimate --follow -`: frames from a pipe, a JSON line for each at once.
+
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use super::{Arguments, output};
+use crate::error::{Error, Result};
+use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
+use crate::vision::pipe::{PipeFormat, PipeReader, RawPixel};
+
+/// Parses `WxH,PIXEL`.
+pub(super) fn raw(text: &str) -> std::result::Result<PipeFormat, String> {
+    let expected = "expected columns, rows and channels as in 640x480,gray (or rgb, bgr)";
+    let (size, pixel) = text.split_once(',').ok_or(expected)?;
+    let (width, height) = size.split_once('x').ok_or(expected)?;
+    Ok(PipeFormat::Raw {
+        width: width.trim().parse().map_err(|_| expected)?,
+        height: height.trim().parse().map_err(|_| expected)?,
+        pixel: pixel.trim().parse::<RawPixel>().map_err(|_| expected)?,
+    })
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let [path] = &arguments.images[..] else {
+        let problem = "expected one input, a file or - for standard input";
+        return Err(Error::argument("--follow", problem));
+    };
+    let [table] = &arguments.table[..] else {
+        let problem = "expected one table: a stream is not judged as a whole";
+        return Err(Error::argument("--table", problem));
+    };
+    let estimator = Arc::new(arguments.estimator(&crate::cli::read_table(table)?)?);
+    let circle = arguments.circle()?;
+    let mut sequence = SequenceConfig::default();
+    sequence.spin.max_rps = arguments.max_spin_rps;
+    let config = TrackerConfig {
+        sequence,
+        ..TrackerConfig::default()
+    };
+    let mut tracker = Tracker::new(estimator, config)?;
+    let input = crate::cli::open_input(path)?;
+    let format = arguments.raw.unwrap_or(PipeFormat::Images);
+    let mut reader = PipeReader::new(input.reader, &input.name, format)?;
+    let mut stdout = std::io::stdout().lock();
+    let (mut identified, mut begun) = (0u64, None);
+    for number in 0usize.. {
+        let Some(image) = reader.next_frame()? else {
+            break;
+        };
+        let arrived = Instant::now();
+        let time_s = match arguments.fps {
+            Some(rate) => number as f64 / rate,
+            None => arrived
+                .duration_since(*begun.get_or_insert(arrived))
+                .as_secs_f64(),
+        };
+        let state = tracker.update(image, time_s, circle.as_ref())?;
+        identified += u64::from(state.frame.pose().is_some());
+        let line = line(arguments, number, time_s, &state, arrived);
+        writeln!(stdout, "{line}")
+            .and_then(|()| stdout.flush())
+            .map_err(crate::cli::stdout_error)?;
+    }
+    finish(&input.name, reader.frames() as u64, identified)
+}
+
+/// Summarizes the frames on standard error.
+fn finish(input: &Path, frames: u64, identified: u64) -> Result<()> {
+    if identified > 0 {
+        errln!(
+            "{}: {identified} of {frames} frames identified",
+            input.display()
+        );
+        return Ok(());
+    }
+    let reason = match frames {
+        0 => "no frame arrived".to_owned(),
+        _ => format!("none of {frames} frames is identified"),
+    };
+    Err(Error::NoAnswer {
+        path: input.to_path_buf(),
+        reason,
+    })
+}
+
+fn line(
+    arguments: &Arguments,
+    number: usize,
+    time_s: f64,
+    state: &TrackerState<'_>,
+    arrived: Instant,
+) -> Value {
+    let frame = state.frame;
+    let mut json = json!({
+        "frame": number,
+        "time_s": time_s,
+        "circle": frame.circle.map(|c| json!({
+            "u": c.center.u, "v": c.center.v, "radius": c.radius,
+        })),
+        "dots": frame.dots.len(),
+        "matched": frame.matched(),
+    });
+    output::add_pose(arguments.frame, frame, &mut json);
+    match state.spin {
+        Ok(fit) => {
+            let turned = fit.turned(&arguments.frame.turn());
+            json["spin"] = crate::cli::spin_summary::fit_json(&turned, arguments.frame);
+        }
+        Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
+    }
+    json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
+    json
+}

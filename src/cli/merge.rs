@@ -1,0 +1,100 @@
+//! `spindoe merge`: one design of the shards that several machines searched.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+
+use super::design::print_words;
+use super::output::{Progress, stop_on_interrupt};
+use super::print_json;
+use crate::design::checkpoint::SearchState;
+use crate::design::{DesignConfig, DesignObserver, Stage};
+use crate::error::Result;
+use crate::report::{DesignJob, EvaluationConfig, JobObserver, whole_search};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The shards must be all of one search, and finished. Their finalists meet in the last trial, on trials that no
+shard has drawn; the winner is polished as --polish of the shards says, evaluated, and written as by
+`spindoe design`. `spindoe design --shards N` gives the same files.
+
+Example, on eight machines and then on one:
+  spindoe design --seed 7 --rounds 20 --shard 3/8 --out shard-3
+  spindoe merge shard-* --out my-ball")]
+pub struct Arguments {
+    /// The shards: their folders, or the `search.json` in them.
+    #[arg(value_name = "SHARD", required = true)]
+    shards: Vec<PathBuf>,
+    /// The folder to write to.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Print the report as one JSON object on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Minimum time between plain lines.
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// Says what is done.
+struct MergeProgress {
+    command: Option<String>,
+    line: Progress,
+}
+
+impl DesignObserver for MergeProgress {
+    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
+        let polished = state.polish.as_ref().map_or(0, |p| p.steps.len());
+        let what = match stage {
+            Stage::Polish => format!("polishing, round {polished}"),
+            _ => format!("last trial of {} finalists", state.pool.len()),
+        };
+        self.line.show(0, &what, String::new);
+        Ok(())
+    }
+}
+
+impl JobObserver for MergeProgress {
+    fn step(&mut self, what: &str) {
+        self.line.say(what);
+    }
+
+    fn command(&self, _: &DesignConfig) -> Option<String> {
+        self.command.clone()
+    }
+}
+
+/// The job that merges shards: that of the first one's search.
+///
+/// # Errors
+/// Those of reading it.
+pub(super) fn job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option<String>)> {
+    let first = shards.first().cloned().unwrap_or_default();
+    let (config, command) = whole_search(&first)?;
+    let job = DesignJob {
+        evaluation: EvaluationConfig::of_samples(config.samples),
+        stencil: config.constraints.stencil.clone().unwrap_or_default(),
+        config,
+        dir: out,
+    };
+    Ok((job, command))
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let (job, command) = job(&arguments.shards, arguments.out.clone())?;
+    let stop = stop_on_interrupt()?;
+    let clock = Instant::now();
+    let mut progress = MergeProgress {
+        command,
+        line: Progress::new(1, "{elapsed} gone  {msg}", SILENCE),
+    };
+    let found = job.merge(&arguments.shards, &stop, &mut progress)?;
+    progress.line.finish();
+    if arguments.json {
+        return print_json(&found.report);
+    }
+    print_words(&found, clock.elapsed().as_secs_f64());
+    outln!("{}", job.dir.display());
+    Ok(())
+}

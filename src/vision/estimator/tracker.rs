@@ -1,0 +1,221 @@
+//! A camera's frames one by one, as they come: the orientation now, and the spin now.
+//!
+//! Every frame is estimated independently first. Poses found that way and likelier than
+//! [`SequenceConfig::trusted`] enter a window of fixed length, from which the spin is fitted after
+//! each frame. Where the spin predicts the orientation of a frame that has no pose, or one far off,
+//! that prediction is a hint for a second look. A hinted pose is an answer, but no evidence: it never
+//! enters the window, so that no error confirms itself.
+//!
+//! # What is promised
+//! The work for a frame depends on the frame and on [`TrackerConfig::window`], not on how many frames
+//! came before. Once the window has been full, no memory is allocated. An answer depends on this
+//! frame and the earlier ones within [`TrackerConfig::memory_s`], and on nothing else.
+//!
+//! Not promised: what [`track_sequence`](super::track_sequence) finds when it knows the later frames
+//! as well, and any answer to a spin that changes within the window (a bounce): the fit then rejects
+//! it, or takes the larger part. [`Tracker::reset`] starts afresh.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use super::sequence::predict;
+use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, SequenceConfig};
+use crate::error::{Error, Result, require};
+use crate::spin::robust::RobustEstimator;
+use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
+use crate::vision::camera::BallCircle;
+use crate::vision::detect::DotDetector;
+
+/// What a tracker remembers, and how it uses it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackerConfig {
+    /// How frames help each other; [`SequenceConfig::neighbors`] is not used.
+    pub sequence: SequenceConfig,
+    /// Number of poses in the window.
+    pub window: usize,
+    /// Poses older than this are forgotten, seconds.
+    pub memory_s: f64,
+}
+
+impl Default for TrackerConfig {
+    /// Twelve poses of the last quarter of a second.
+    fn default() -> Self {
+        Self {
+            sequence: SequenceConfig::default(),
+            window: 12,
+            memory_s: 0.25,
+        }
+    }
+}
+
+impl TrackerConfig {
+    /// Checks the domains of all settings.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the setting.
+    pub fn check(&self) -> Result<()> {
+        let expected = format!("{MIN_FRAMES} to 1000");
+        let inside = (MIN_FRAMES..=1000).contains(&self.window);
+        require(inside, "window", &expected, self.window)?;
+        let inside = self.memory_s > 0.0 && self.memory_s.is_finite();
+        require(inside, "memory_s", "a positive number", self.memory_s)?;
+        Ok(self.sequence.spin.check()?)
+    }
+}
+
+/// What is known after a frame.
+#[derive(Debug)]
+pub struct TrackerState<'a> {
+    /// The frame: its outline, dots and orientation, or why there is none.
+    pub frame: &'a FrameEstimate,
+    /// The spin by the window's poses, or why there is none.
+    pub spin: &'a std::result::Result<Fit, SpinRejection>,
+}
+
+/// Follows one ball through the frames of a camera.
+#[derive(Debug)]
+pub struct Tracker<D: DotDetector> {
+    estimator: Arc<Estimator<D>>,
+    config: TrackerConfig,
+    workspace: EstimatorWorkspace<D::Workspace>,
+    fitter: RobustEstimator,
+    window: VecDeque<Measurement>,
+    frame: FrameEstimate,
+    spin: std::result::Result<Fit, SpinRejection>,
+    last_s: Option<f64>,
+}
+
+impl<D: DotDetector> Tracker<D> {
+    /// A tracker that has seen nothing.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a setting outside its domain.
+    pub fn new(estimator: Arc<Estimator<D>>, config: TrackerConfig) -> Result<Self> {
+        config.check()?;
+        Ok(Self {
+            workspace: estimator.workspace(),
+            estimator,
+            fitter: RobustEstimator::new(config.sequence.spin),
+            window: VecDeque::with_capacity(config.window + 1),
+            frame: FrameEstimate::default(),
+            spin: Err(NOTHING_SEEN),
+            last_s: None,
+            config,
+        })
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &TrackerConfig {
+        &self.config
+    }
+
+    /// What is known now.
+    pub fn state(&self) -> TrackerState<'_> {
+        TrackerState {
+            frame: &self.frame,
+            spin: &self.spin,
+        }
+    }
+
+    /// The probability of each of the window's poses that it agrees with the spin, in order of time;
+    /// those of the last successful fit.
+    pub fn inlier_probabilities(&self) -> &[f64] {
+        self.fitter.inlier_probabilities()
+    }
+
+    /// Forgets everything: the next frame is the first of another trajectory.
+    pub fn reset(&mut self) {
+        self.window.clear();
+        self.spin = Err(NOTHING_SEEN);
+        self.last_s = None;
+    }
+
+    /// Takes the next frame, of the time `time_s` in seconds. `circle` is the ball's outline, where it
+    /// is known.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the time is not finite or not later than that of the frame before; the
+    /// tracker then stays as it was.
+    pub fn update<'a>(
+        &mut self,
+        image: impl Into<FrameImage<'a>>,
+        time_s: f64,
+        circle: Option<&BallCircle>,
+    ) -> Result<TrackerState<'_>> {
+        self.check_time(time_s)?;
+        self.last_s = Some(time_s);
+        self.forget(time_s);
+        let (workspace, frame) = (&mut self.workspace, &mut self.frame);
+        self.estimator
+            .estimate_frame(image, circle, None, workspace, frame);
+        let config = &self.config.sequence;
+        let trusted = frame
+            .pose()
+            .filter(|pose| pose.pose_confidence >= config.trusted)
+            .map(|pose| Measurement {
+                confidence: pose.pose_confidence,
+                ..Measurement::new(time_s, pose.rotation)
+            });
+        self.look_again(time_s);
+        if let Some(measurement) = trusted {
+            if self.window.len() == self.config.window {
+                self.window.pop_front();
+            }
+            self.window.push_back(measurement);
+        }
+        // Without a new pose the spin stays what it was, as long as the poses are remembered.
+        if trusted.is_some() || self.window.len() < MIN_FRAMES {
+            self.spin = self.fitter.fit(self.window.make_contiguous());
+        }
+        Ok(self.state())
+    }
+
+    fn check_time(&self, time_s: f64) -> Result<()> {
+        let earliest = self.last_s.map(|last| last + MIN_INTERVAL_S);
+        if time_s.is_finite() && earliest.is_none_or(|earliest| time_s >= earliest) {
+            return Ok(());
+        }
+        let expected = earliest.map_or("a finite number".to_owned(), |earliest| {
+            format!("at least {earliest} s, later than the frame before")
+        });
+        Err(Error::argument(
+            "time_s",
+            format!("expected {expected}, found {time_s}"),
+        ))
+    }
+
+    /// Drops poses that are too old.
+    fn forget(&mut self, time_s: f64) {
+        let oldest = time_s - self.config.memory_s;
+        while self.window.front().is_some_and(|m| m.time_s < oldest) {
+            self.window.pop_front();
+        }
+    }
+
+    /// Estimates the pose again with the hint that the window's spin gives, where the frame has none
+    /// or another.
+    fn look_again(&mut self, time_s: f64) {
+        let (Ok(fit), Some(_)) = (&self.spin, self.frame.circle) else {
+            return;
+        };
+        if self.window.len() < MIN_FRAMES {
+            return;
+        }
+        let config = &self.config.sequence;
+        let hint = predict(config, fit, self.window.make_contiguous(), time_s);
+        let off = self
+            .frame
+            .pose()
+            .map(|pose| pose.rotation.angle_to(&hint.rotation));
+        if off.is_none_or(|angle| angle >= config.disagreement_rad) {
+            let (workspace, frame) = (&mut self.workspace, &mut self.frame);
+            self.estimator.estimate_pose(Some(&hint), workspace, frame);
+        }
+    }
+}
+
+/// The spin's state before the first frame.
+const NOTHING_SEEN: SpinRejection = SpinRejection::TooFewFrames {
+    found: 0,
+    needed: MIN_FRAMES,
+};

@@ -1,0 +1,171 @@
+//! A search in shards: merged, they give what one process gives that runs them all.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use spindoe::design::Shard;
+
+use crate::common::{done, spindoe};
+
+/// Few and short rounds.
+const SMALL: [&str; 14] = [
+    "--dots",
+    "12",
+    "--starts",
+    "4",
+    "--rounds",
+    "2",
+    "--scout-steps",
+    "1",
+    "--climb-steps",
+    "1",
+    "--samples",
+    "60",
+    "--seed",
+    "9",
+];
+
+fn design(dir: &Path, flags: &[&str]) -> String {
+    done(dir, &[&["design"], &SMALL[..], flags].concat())
+}
+
+/// The report without what a clock measured.
+fn report(dir: &Path) -> Value {
+    let text = fs::read_to_string(dir.join("report.json")).unwrap();
+    let mut report: Value = serde_json::from_str(&text).unwrap();
+    report.as_object_mut().unwrap().remove("timing");
+    report
+}
+
+#[test]
+fn merged_shards_are_one_run_of_them_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    design(dir, &["--shards", "8", "--out", "whole"]);
+    // On machines, in any order; one of them is stopped in the middle and taken up again.
+    for k in [5, 2, 8, 1, 7, 3, 6, 4] {
+        let (shard, out) = (format!("{k}/8"), format!("part-{k}"));
+        design(dir, &["--shard", &shard, "--out", &out]);
+        if k == 3 {
+            half_done(&dir.join(&out).join("search.json"));
+            design(dir, &["--shard", &shard, "--out", &out, "--resume"]);
+        }
+    }
+    let parts: Vec<String> = (1..=8).map(|k| format!("part-{k}")).collect();
+    let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
+    done(
+        dir,
+        &[&["merge"], &parts[..], &["--out", "merged"]].concat(),
+    );
+    let (whole, merged) = (dir.join("whole"), dir.join("merged"));
+    for file in [
+        "pattern.csv",
+        "table.npz",
+        "sensitivity.csv",
+        "stencil/half_a.stl",
+        "stencil/stencil.3mf",
+        "ball.png",
+    ] {
+        let bytes = |at: &Path| fs::read(at.join(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
+        assert!(bytes(&whole) == bytes(&merged), "{file}");
+    }
+    let report = report(&whole);
+    assert_eq!(report, self::report(&merged));
+    assert_eq!(report["starts"], 8 * 2 * 4);
+    let command = report["command"].as_str().unwrap();
+    assert!(command.contains("--shards 8"), "{command}");
+    // The finalists met on the same trials, which none of the shards had drawn.
+    let finalists = report["finalists"].as_array().unwrap();
+    assert!(finalists.len() > 8, "{}", finalists.len());
+}
+
+/// Takes a shard's checkpoint back to the end of its first round.
+fn half_done(path: &Path) {
+    let mut file: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+    let state = file["state"].as_object_mut().unwrap();
+    assert_eq!(state["round"], 2);
+    // As if the second round had not begun: the pool of the first holds the starts below 4.
+    state.insert("round".into(), 1.into());
+    let first = |c: &Value| c["start"].as_u64().unwrap() < 4;
+    let pool = state["pool"].as_array().unwrap().clone();
+    let pool: Vec<Value> = pool.into_iter().filter(first).collect();
+    assert!(!pool.is_empty());
+    state.insert("pool".into(), pool.into());
+    fs::write(path, file.to_string()).unwrap();
+}
+
+#[test]
+fn shards_that_do_not_belong_together_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    for (shard, out) in [("1/2", "a"), ("2/2", "b"), ("2/3", "c")] {
+        design(dir, &["--shard", shard, "--out", out]);
+    }
+    done(
+        dir,
+        &[
+            "design",
+            "--dots",
+            "12",
+            "--starts",
+            "2",
+            "--scout-steps",
+            "1",
+            "--climb-steps",
+            "1",
+            "--samples",
+            "60",
+            "--shard",
+            "2/2",
+            "--out",
+            "other",
+        ],
+    );
+    fs::create_dir(dir.join("unfinished")).unwrap();
+    let text = fs::read_to_string(dir.join("b/search.json")).unwrap();
+    let unfinished = text.replace("\"round\":2", "\"round\":1");
+    assert_ne!(text, unfinished);
+    fs::write(dir.join("unfinished/search.json"), unfinished).unwrap();
+    for (shards, words) in [
+        (&["a"][..], "shard 2/2 is missing"),
+        (&["a", "a"], "also in"),
+        (&["a", "c"], "expected one of 2 shards"),
+        (&["a", "other"], "other arguments"),
+        (&["a", "unfinished"], "1 of 2 rounds"),
+        (&["a", "none"], "cannot be read"),
+    ] {
+        let output = spindoe(dir, &[&["merge"], shards, &["--out", "m"]].concat());
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{shards:?}: {said}");
+        assert!(said.contains(words), "{shards:?}: {said}");
+        assert!(!dir.join("m").exists());
+    }
+    // Neither continues the other's checkpoint, nor a whole search a shard's.
+    for flags in [
+        &["--shard", "2/2", "--out", "a", "--resume"][..],
+        &["--out", "a", "--resume"],
+        &["--shard", "1/2", "--out", "a"],
+        &["--shard", "3/2", "--out", "x"],
+        &["--shard", "1/2"],
+        &["--shards", "0", "--out", "x"],
+    ] {
+        let output = spindoe(dir, &[&["design"], &SMALL[..], flags].concat());
+        assert_eq!(output.status.code(), Some(2), "{flags:?}");
+    }
+}
+
+#[test]
+fn shards_have_seeds_of_their_own() {
+    let config = spindoe::DesignConfig::default();
+    let seeds: Vec<u64> = Shard::all(4)
+        .unwrap()
+        .iter()
+        .map(|shard| shard.config(&config).seed)
+        .collect();
+    assert_eq!(seeds, [0, 1, 2, 3].map(|k| config.seed + k));
+    assert_eq!("3/8".parse::<Shard>().unwrap().to_string(), "3/8");
+    for text in ["0/8", "9/8", "3", "3/0", "a/b", "1/10001"] {
+        assert!(text.parse::<Shard>().is_err(), "{text}");
+    }
+}

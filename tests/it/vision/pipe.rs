@@ -1,0 +1,222 @@
+//! Frames from a pipe: every format, ends and broken ends, and the command that reads them.
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Command, Stdio};
+
+use serde_json::Value;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::{Sequence, SequenceConfig};
+use spindoe::vision::estimator::FrameImage;
+use spindoe::vision::pipe::{PipeFormat, PipeReader, RawPixel};
+use spindoe::vision::{GrayImage, RgbImage};
+
+fn images() -> Vec<RgbImage> {
+    let pattern = crate::common::random_pattern(20, 5);
+    let config = SynthConfig {
+        ball_px: Some([80.0; 2]),
+        ..SynthConfig::good()
+    };
+    let sequence = SequenceConfig {
+        fps: 350.0,
+        spin: Some([40.0, 150.0, -60.0]),
+        ..SequenceConfig::default()
+    };
+    let sequence = Sequence::random(&pattern, &config, &sequence, 3, 8).unwrap();
+    (0..8).map(|k| sequence.frame(k).unwrap().image).collect()
+}
+
+/// The image as a file holds it: rounded to eight bits.
+fn rounded(image: &RgbImage) -> RgbImage {
+    let values = image.to_bytes();
+    let colors = values
+        .chunks_exact(3)
+        .map(|c| [c[0], c[1], c[2]].map(|x| f32::from(x) / 255.0));
+    RgbImage::new(image.width(), image.height(), colors.collect()).unwrap()
+}
+
+fn encoded(image: &RgbImage, format: image::ImageFormat) -> Vec<u8> {
+    let (width, height) = (image.width() as u32, image.height() as u32);
+    let buffer = image::RgbImage::from_raw(width, height, image.to_bytes()).unwrap();
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    buffer.write_to(&mut bytes, format).unwrap();
+    bytes.into_inner()
+}
+
+fn color(frame: Option<FrameImage<'_>>) -> RgbImage {
+    match frame {
+        Some(FrameImage::Color(color)) => color.clone(),
+        other => panic!("expected a color image, found {other:?}"),
+    }
+}
+
+fn gray(frame: Option<FrameImage<'_>>) -> GrayImage {
+    match frame {
+        Some(FrameImage::Gray(gray)) => gray.clone(),
+        other => panic!("expected a gray image, found {other:?}"),
+    }
+}
+
+#[test]
+fn image_files_follow_each_other() {
+    use image::ImageFormat::{Jpeg, Png, Pnm};
+    let images = images();
+    let formats = [Png, Pnm, Jpeg, Png, Jpeg, Jpeg, Pnm, Png];
+    let mut bytes = Vec::new();
+    for (image, format) in images.iter().zip(formats) {
+        bytes.extend(encoded(image, format));
+    }
+    let mut reader = PipeReader::new(&bytes[..], "pipe", PipeFormat::Images).unwrap();
+    for (image, format) in images.iter().zip(formats) {
+        let found = color(reader.next_frame().unwrap());
+        let expected = RgbImage::decode("x".as_ref(), &encoded(image, format)).unwrap();
+        assert_eq!(found, expected);
+        if format != Jpeg {
+            assert_eq!(found, rounded(image));
+        }
+    }
+    assert!(reader.next_frame().unwrap().is_none());
+    assert_eq!(reader.frames(), 8);
+}
+
+#[test]
+fn raw_video_has_its_channels() {
+    let image = &images()[0];
+    let bytes = image.to_bytes();
+    let raw = |pixel| PipeFormat::Raw {
+        width: image.width(),
+        height: image.height(),
+        pixel,
+    };
+    let mut reader = PipeReader::new(&bytes[..], "pipe", raw(RawPixel::Rgb)).unwrap();
+    assert_eq!(color(reader.next_frame().unwrap()), rounded(image));
+    let swapped: Vec<u8> = bytes
+        .chunks_exact(3)
+        .flat_map(|c| [c[2], c[1], c[0]])
+        .collect();
+    let mut reader = PipeReader::new(&swapped[..], "pipe", raw(RawPixel::Bgr)).unwrap();
+    assert_eq!(color(reader.next_frame().unwrap()), rounded(image));
+    let mut reader = PipeReader::new(&bytes[..], "pipe", raw(RawPixel::Gray)).unwrap();
+    // Three times as many gray frames as colored ones.
+    for third in bytes.chunks_exact(bytes.len() / 3) {
+        let found = gray(reader.next_frame().unwrap());
+        for (value, byte) in found.values().iter().zip(third) {
+            assert!((value - f32::from(*byte) / 255.0).abs() < 1e-6);
+        }
+    }
+    assert!(reader.next_frame().unwrap().is_none());
+}
+
+#[test]
+fn pgm_of_both_depths() {
+    let bytes = b"P5\n# a comment\n3 2\n255\n\x00\x33\xff\x80\x01\x02P5 2 1 1000\n\x03\xe8\x01\xf4";
+    let mut reader = PipeReader::new(&bytes[..], "pipe", PipeFormat::Images).unwrap();
+    let first = gray(reader.next_frame().unwrap());
+    assert_eq!((first.width(), first.height()), (3, 2));
+    assert!((first.values()[1] - 0.2).abs() < 1e-6);
+    let second = gray(reader.next_frame().unwrap());
+    assert!((second.values()[0] - 1.0).abs() < 1e-6 && (second.values()[1] - 0.5).abs() < 1e-6);
+    assert!(reader.next_frame().unwrap().is_none());
+}
+
+#[test]
+fn broken_streams_are_errors() {
+    let image = &images()[0];
+    for format in [
+        image::ImageFormat::Png,
+        image::ImageFormat::Pnm,
+        image::ImageFormat::Jpeg,
+    ] {
+        let whole = encoded(image, format);
+        for cut in [1, 5, 12, whole.len() / 2, whole.len() - 1] {
+            let mut bytes = whole.clone();
+            bytes.extend(&whole[..cut]);
+            let mut reader = PipeReader::new(&bytes[..], "pipe", PipeFormat::Images).unwrap();
+            assert!(reader.next_frame().unwrap().is_some());
+            let error = reader.next_frame().unwrap_err().to_string();
+            assert!(error.starts_with("pipe: frame 1: "), "{error}");
+        }
+    }
+    let refused: [&[u8]; 6] = [
+        b"GIF89a",
+        b"P6 0 4 255\n",
+        b"P6 100000 100000 255\n",
+        b"P5 x",
+        b"\xff\xd8hello",
+        b"\x89PNG\r\n\x1a\n\xff\xff\xff\xffIHDR",
+    ];
+    for bytes in refused {
+        let mut reader = PipeReader::new(bytes, "pipe", PipeFormat::Images).unwrap();
+        assert!(reader.next_frame().is_err(), "{bytes:?}");
+    }
+    let none = PipeFormat::Raw {
+        width: 0,
+        height: 4,
+        pixel: RawPixel::Gray,
+    };
+    assert!(PipeReader::new(&b""[..], "pipe", none).is_err());
+}
+
+/// Every frame is answered before the next one is sent.
+#[test]
+fn the_command_answers_each_frame_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = crate::common::random_pattern(20, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    let images = images();
+    let (width, height) = (images[0].width(), images[0].height());
+    let raw = format!("{width}x{height},rgb");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args(["estimate", "--table", "pattern.csv", "--follow", "-"])
+        .args(["--raw", &raw, "--fps", "350"])
+        .current_dir(dir.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    let mut output = BufReader::new(child.stdout.take().unwrap());
+    let mut last = Value::Null;
+    for (k, image) in images.iter().enumerate() {
+        input.write_all(&image.to_bytes()).unwrap();
+        input.flush().unwrap();
+        let mut line = String::new();
+        output.read_line(&mut line).unwrap();
+        last = serde_json::from_str(&line).unwrap();
+        assert_eq!(last["frame"], k);
+        assert!((last["time_s"].as_f64().unwrap() - k as f64 / 350.0).abs() < 1e-12);
+        assert!(last["orientation_wxyz"].is_array(), "{last}");
+    }
+    drop(input);
+    assert!(child.wait().unwrap().success());
+    let spin = last["spin"]["spin_rad_s"].as_array().unwrap();
+    for (found, expected) in spin.iter().zip([40.0, 150.0, -60.0]) {
+        assert!((found.as_f64().unwrap() - expected).abs() < 10.0, "{last}");
+    }
+    assert!(last["spin"]["std_rad_s"].is_array());
+}
+
+#[test]
+fn the_command_refuses_what_does_not_fit() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = crate::common::random_pattern(20, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    std::fs::write(dir.path().join("empty"), b"").unwrap();
+    std::fs::write(dir.path().join("noise"), b"no image at all").unwrap();
+    let base = ["estimate", "--table", "pattern.csv"];
+    for (arguments, code) in [
+        (&["--follow", "empty"][..], 3),
+        (&["--follow", "noise"], 2),
+        (&["--follow", "none"], 2),
+        (&["--follow", "empty", "empty"], 2),
+        (&["--follow", "empty", "--raw", "64,gray"], 2),
+        (&["--follow", "empty", "--json"], 2),
+        (&["empty", "--raw", "64x64,gray"], 2),
+    ] {
+        let output = crate::common::spindoe(dir.path(), &[&base[..], arguments].concat());
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}");
+        assert!(output.stdout.is_empty());
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(words.trim_end().lines().count(), 1, "{words}");
+    }
+}

@@ -1,0 +1,159 @@
+//! A camera's frames one by one: the answers, the memory, and the work for a frame.
+
+use std::sync::Arc;
+
+use spindoe::geometry::{Vec3, rotation_angle};
+use spindoe::pattern::Pattern;
+use spindoe::spin::SpinRejection;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::{Sequence, SequenceConfig};
+use spindoe::vision::estimator::{Tracker, TrackerConfig};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, NamedDetector, RgbImage};
+
+const SPIN: Vec3 = Vec3::new(40.0, 150.0, -60.0);
+
+struct Clip {
+    pattern: Pattern,
+    frames: Vec<(RgbImage, f64)>,
+}
+
+fn clip(count: usize) -> Clip {
+    let pattern = crate::common::random_pattern(20, 5);
+    let config = SynthConfig {
+        ball_px: Some([90.0; 2]),
+        ..SynthConfig::good()
+    };
+    let sequence = SequenceConfig {
+        fps: 350.0,
+        spin: Some(SPIN.into()),
+        ..SequenceConfig::default()
+    };
+    let sequence = Sequence::random(&pattern, &config, &sequence, 3, count).unwrap();
+    let frames = (0..count)
+        .map(|k| {
+            let frame = sequence.frame(k).unwrap();
+            (frame.image, frame.truth.time_s.unwrap())
+        })
+        .collect();
+    Clip { pattern, frames }
+}
+
+fn tracker(pattern: &Pattern, config: TrackerConfig) -> Tracker<NamedDetector> {
+    let detector = DetectorName::Cnn.build().unwrap();
+    let estimator = Estimator::new(pattern, EstimatorConfig::default(), detector).unwrap();
+    Tracker::new(Arc::new(estimator), config).unwrap()
+}
+
+#[test]
+fn it_knows_the_orientation_and_the_spin_now() {
+    let clip = clip(24);
+    let mut tracker = tracker(&clip.pattern, TrackerConfig::default());
+    let (mut posed, mut spins) = (0, 0);
+    for (image, time_s) in &clip.frames {
+        let state = tracker.update(image, *time_s, None).unwrap();
+        if let Ok(fit) = state.spin {
+            spins += 1;
+            let covariance = fit.spin_covariance.expect("a covariance");
+            let off = fit.motion.spin - SPIN;
+            // Early fits are of few frames; all of them say how far off they may be.
+            let distance = off.dot(&covariance.cholesky().unwrap().solve(&off));
+            assert!(distance < 40.0, "{distance} at {time_s}");
+        }
+        if let Some(pose) = state.frame.pose() {
+            posed += 1;
+            if let Ok(fit) = state.spin {
+                let expected = fit.motion.at(*time_s);
+                assert!(rotation_angle(&pose.rotation, &expected).to_degrees() < 20.0);
+            }
+        }
+    }
+    assert!(posed >= 22 && spins >= 20, "{posed} poses, {spins} spins");
+    let off = tracker.state().spin.as_ref().unwrap().motion.spin - SPIN;
+    assert!(off.norm() < 5.0, "{off}");
+    assert_eq!(tracker.inlier_probabilities().len(), 12);
+}
+
+#[test]
+fn answers_do_not_depend_on_what_is_forgotten() {
+    let clip = clip(30);
+    let config = TrackerConfig {
+        memory_s: 10.5 / 350.0,
+        ..TrackerConfig::default()
+    };
+    let (mut long, mut late) = (
+        tracker(&clip.pattern, config),
+        tracker(&clip.pattern, config),
+    );
+    for (k, (image, time_s)) in clip.frames.iter().enumerate() {
+        let first = long.update(image, *time_s, None).unwrap();
+        let (pose, spin) = (first.frame.outcome, *first.spin);
+        if k < 4 {
+            continue;
+        }
+        let second = late.update(image, *time_s, None).unwrap();
+        // Once both have the same window.
+        if k >= 4 + 12 {
+            assert_eq!(second.frame.outcome, pose);
+            assert_eq!(*second.spin, spin);
+        }
+    }
+}
+
+#[test]
+fn a_warm_tracker_does_not_allocate() {
+    let clip = clip(60);
+    let mut tracker = tracker(&clip.pattern, TrackerConfig::default());
+    let mut run = |from: usize, to: usize| {
+        for (image, time_s) in &clip.frames[from..to] {
+            tracker.update(image, *time_s, None).unwrap();
+        }
+    };
+    let cold = allocation_counter::measure(|| run(0, 20));
+    assert!(cold.count_total > 0, "the counter does not count");
+    let warm = allocation_counter::measure(|| run(20, 60));
+    assert_eq!(warm.count_total, 0);
+}
+
+#[test]
+fn a_time_that_is_not_later_is_refused_and_changes_nothing() {
+    let clip = clip(4);
+    let mut tracker = tracker(&clip.pattern, TrackerConfig::default());
+    let (image, _) = &clip.frames[0];
+    tracker.update(image, 1.0, None).unwrap();
+    for time_s in [1.0, 0.5, f64::NAN, f64::INFINITY] {
+        let error = tracker.update(image, time_s, None).unwrap_err();
+        assert!(error.to_string().starts_with("time_s"), "{error}");
+    }
+    tracker.update(image, 1.1, None).unwrap();
+    // Poses older than the memory are gone, and so are all after a reset.
+    let state = tracker.update(image, 9.0, None).unwrap();
+    assert!(matches!(
+        state.spin,
+        Err(SpinRejection::TooFewFrames { found: 1, .. })
+    ));
+    tracker.reset();
+    tracker.update(image, 0.0, None).unwrap();
+}
+
+#[test]
+fn settings_are_checked() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let detector = DetectorName::Blob.build().unwrap();
+    let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector).unwrap();
+    let estimator = Arc::new(estimator);
+    let good = TrackerConfig::default();
+    let bad = [
+        TrackerConfig { window: 2, ..good },
+        TrackerConfig {
+            memory_s: 0.0,
+            ..good
+        },
+        TrackerConfig {
+            memory_s: f64::NAN,
+            ..good
+        },
+    ];
+    for config in bad {
+        assert!(Tracker::new(Arc::clone(&estimator), config).is_err());
+    }
+}
