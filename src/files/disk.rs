@@ -127,9 +127,7 @@ impl OutputFile {
         let file = if is_special {
             Target::Direct(fs::OpenOptions::new().write(true).open(path).map_err(io)?)
         } else {
-            let aside = builder()
-                .prefix(".spindoe-")
-                .tempfile_in(folder(&target));
+            let aside = builder().prefix(".spindoe-").tempfile_in(folder(&target));
             Target::Aside(aside.map_err(io)?)
         };
         Ok(Self {

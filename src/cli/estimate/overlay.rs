@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use super::{Picture, output};
 use crate::error::Result;
 use crate::plot::{self, OverlayFrame};
-use crate::vision::estimator::Batch;
+use crate::vision::estimator::{Batch, BatchFrame};
 use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel, RgbImage};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
@@ -37,11 +39,10 @@ pub(super) fn draw(
     estimator: &Estimator<NamedDetector>,
     batch: &Batch<Picture>,
 ) -> Result<()> {
-    let mut frames = Vec::new();
-    for (k, shown) in batch.frames.iter().enumerate() {
+    let one = |(k, shown): (usize, &BatchFrame<Picture>)| {
         let frame = &shown.estimate;
         let Some((image, left, top)) = &shown.kept else {
-            continue;
+            return Ok(None);
         };
         let place = |p: Pixel| Pixel {
             u: p.u - *left as f64,
@@ -65,16 +66,19 @@ pub(super) fn draw(
                 .collect(),
         };
         plot::frame_overlay(&dir.join(file_name(k, &drawn.name)), &drawn)?;
-        frames.push(drawn);
-    }
-    for (k, sheet) in frames.chunks(plot::SHEET_FRAMES).enumerate() {
+        Ok(Some(drawn))
+    };
+    let drawn: Result<Vec<_>> = batch.frames.par_iter().enumerate().map(one).collect();
+    let frames: Vec<OverlayFrame> = drawn?.into_iter().flatten().collect();
+    let sheet = |(k, sheet): (usize, &[OverlayFrame])| {
         let name = match k {
             0 => "contact_sheet.png".to_owned(),
             k => format!("contact_sheet_{}.png", k + 1),
         };
-        plot::contact_sheet(&dir.join(name), sheet)?;
-    }
-    Ok(())
+        plot::contact_sheet(&dir.join(name), sheet)
+    };
+    let sheets = frames.par_chunks(plot::SHEET_FRAMES).enumerate();
+    sheets.map(sheet).collect()
 }
 
 /// A file name in the frames' order, for any characters in a frame's name.
