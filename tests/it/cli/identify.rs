@@ -43,6 +43,9 @@ fn dumped_trials_get_the_answers_that_validation_got() {
             "dots.csv",
             "--expect",
             protocol,
+            // Validation counts every answer.
+            "--min-confidence",
+            "0",
             "--json",
         ];
         let found: Value = serde_json::from_str(&done(dir.path(), &identify)).unwrap();

@@ -101,6 +101,7 @@ fn what_made_it_panic_abort_or_hang_is_refused_at_once() {
         let mut arguments = vec![command, "pattern.csv", "--samples", many];
         arguments.extend(match command {
             "sensitivity" => &["--output", "o"][..],
+            "compare" => &["table.npz"],
             _ => &[],
         });
         refused(dir.path(), &arguments, 2, "samples: expected at most");
