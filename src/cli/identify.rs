@@ -301,11 +301,13 @@ impl Sink<FrameAnswer> for Outputs<'_> {
 
     fn take(&mut self, mut answer: FrameAnswer) -> Result<()> {
         let confidence = answer.identification().map(|found| found.pose_confidence);
+        // Also of an answer that is rejected for it.
+        let is_tied = is_tied(&answer);
         let doubtful = confidence.filter(|c| *c < self.arguments.min_confidence());
         if doubtful.is_some() {
             answer.outcome = Outcome::Unidentified(RecognizerRejection::NoHypothesis);
-            answer.rivals.clear();
         }
+        self.tally.tied += u64::from(is_tied);
         self.tally.count(&answer, doubtful.is_some());
         if let Some(counter) = &self.counter {
             counter.add(1);
@@ -457,7 +459,6 @@ impl Tally {
     fn count(&mut self, answer: &FrameAnswer, is_doubtful: bool) {
         self.frames += 1;
         self.doubtful += u64::from(is_doubtful);
-        self.tied += u64::from(is_tied(answer));
         match answer.outcome {
             Outcome::Identified(_) => self.identified += 1,
             Outcome::Unidentified(rejection) => {

@@ -77,7 +77,12 @@ impl Picture {
             let problem = "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them";
             return Err(reject(problem.into()));
         }
-        let broken = |e: image::ImageError| reject(format!("cannot be decoded: {e}"));
+        // Some decoders explain themselves in several lines.
+        let broken = |e: image::ImageError| {
+            let words = e.to_string();
+            let line: Vec<&str> = words.split_whitespace().collect();
+            reject(format!("cannot be decoded: {}", line.join(" ")))
+        };
         let mut decoder = reader.into_decoder().map_err(broken)?;
         let (width, height) = decoder.dimensions();
         if u64::from(width) * u64::from(height) > max_pixels {

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use super::{Picture, output};
 use crate::error::Result;
 use crate::plot::{self, OverlayFrame};
@@ -67,22 +69,24 @@ pub(super) fn draw(
     estimator: &Estimator<NamedDetector>,
     batch: &Batch<Picture>,
 ) -> Result<()> {
-    let mut frames = Vec::new();
-    for (k, shown) in batch.frames.iter().enumerate() {
+    let one = |(k, shown): (usize, &BatchFrame<Picture>)| {
         let Some(drawn) = drawn(estimator, shown) else {
-            continue;
+            return Ok(None);
         };
         plot::frame_overlay(&dir.join(file_name(k, &drawn.name)), &drawn)?;
-        frames.push(drawn);
-    }
-    for (k, sheet) in frames.chunks(plot::SHEET_FRAMES).enumerate() {
+        Ok(Some(drawn))
+    };
+    let drawn: Result<Vec<_>> = batch.frames.par_iter().enumerate().map(one).collect();
+    let frames: Vec<OverlayFrame> = drawn?.into_iter().flatten().collect();
+    let sheet = |(k, sheet): (usize, &[OverlayFrame])| {
         let name = match k {
             0 => "contact_sheet.png".to_owned(),
             k => format!("contact_sheet_{}.png", k + 1),
         };
-        plot::contact_sheet(&dir.join(name), sheet)?;
-    }
-    Ok(())
+        plot::contact_sheet(&dir.join(name), sheet)
+    };
+    let sheets = frames.par_chunks(plot::SHEET_FRAMES).enumerate();
+    sheets.map(sheet).collect()
 }
 
 /// A file name in the frames' order, for any characters in a frame's name.

@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::recognize::RecognizerRejection;
 use crate::spin::Measurement;
 use crate::spin::robust::RobustEstimator;
-use crate::vision::estimator::{Batch, BatchConfig, identify_batch};
+use crate::vision::estimator::{Batch, BatchConfig, BatchFrame, identify_batch};
 use crate::vision::verdict::{FrameScore, Hypothesis, Scorer, Verdict, decide, mirrored_pattern};
 use crate::vision::{Estimator, FrameEstimate, FrameRejection, NamedDetector};
 
@@ -209,6 +209,9 @@ fn reject(batch: &mut Batch<Picture>, why: FrameRejection) {
     }
 }
 
+/// A frame's score, and its orientation where it has one and a time.
+type Scored = (FrameScore, Option<Measurement>);
+
 /// What the frames say of a pattern.
 fn hypothesis(
     estimator: &Estimator<NamedDetector>,
@@ -219,12 +222,11 @@ fn hypothesis(
 ) -> Result<Hypothesis> {
     let stride = batch.frames.len().div_ceil(MAX_FRAMES).max(1);
     let chosen: Vec<_> = batch.frames.iter().step_by(stride).collect();
-    let scored: Result<Vec<Vec<(FrameScore, Option<Measurement>)>>> = chosen
+    let scored: Result<Vec<Vec<Scored>>> = chosen
         .par_chunks(CHUNK)
         .map(|frames| {
             let mut scorer = Scorer::new(estimator)?;
-            let one = |frame: &&_| {
-                let frame: &crate::vision::estimator::BatchFrame<Picture> = frame;
+            let one = |frame: &&BatchFrame<Picture>| {
                 let mut estimate: FrameEstimate = frame.estimate.clone();
                 let score = scorer.identify(&mut estimate);
                 let measured =

@@ -4,3 +4,4 @@ mod compare;
 mod contract;
 mod identify;
 mod spin;
+mod trust;

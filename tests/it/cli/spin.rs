@@ -116,7 +116,8 @@ fn refuses_orientations_that_agree_on_nothing() {
     let path = write(dir.path(), "stray.csv", &text);
     let output = run(&["spin", path.to_str().unwrap()]);
     let message = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{message}");
+    // The work is done; there is no answer.
+    assert_eq!(output.status.code(), Some(3), "{message}");
     assert!(message.contains("no spin up to 175 rps"), "{message}");
 }
 
@@ -297,4 +298,93 @@ fn residuals_and_dot_counts_weigh_the_frames() {
     assert!(scales[2] > scales[0], "a larger residual: {scales:?}");
     assert!(scales[3] > scales[0], "fewer dots: {scales:?}");
     assert_eq!(scales[4], 1.0, "nothing known");
+}
+
+#[test]
+fn orientations_without_times_take_a_rate() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut text = "qw,qx,qy,qz\n".to_owned();
+    for k in 0..10 {
+        // 3 rps about z at 60 fps.
+        let half = 0.5 * std::f64::consts::TAU * 3.0 * f64::from(k) / 60.0;
+        text += &format!("{},0,0,{}\n", half.cos(), half.sin());
+    }
+    let path = write(dir.path(), "untimed.csv", &text);
+    let path = path.to_str().unwrap();
+    let refused = run(&["spin", path]);
+    assert_eq!(refused.status.code(), Some(2));
+    let output = run(&["spin", path, "--fps", "60", "--json"]);
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let number = |v: &serde_json::Value| v.as_f64().unwrap();
+    assert!((number(&found["rps"]) - 3.0).abs() < 1e-3, "{found}");
+    assert!(
+        (number(&found["unique_up_to_rps"]) - 30.0).abs() < 1e-2,
+        "{found}"
+    );
+    for rate in ["0", "-1", "nan"] {
+        assert_eq!(run(&["spin", path, "--fps", rate]).status.code(), Some(2));
+    }
+    // Numbered in nanoseconds by mistake: the rate is asked for, or taken.
+    let mut text = HEADER.to_owned();
+    for (k, row) in rows().iter().enumerate() {
+        let fields: Vec<&str> = row.splitn(3, ',').collect();
+        text += &format!("{},{}e-9,{}", fields[0], k, fields[2]);
+    }
+    let path = write(dir.path(), "numbered.csv", &text);
+    let refused = run(&["spin", path.to_str().unwrap()]);
+    assert_eq!(refused.status.code(), Some(2));
+    let words = String::from_utf8(refused.stderr).unwrap();
+    assert!(words.contains("are the times in seconds?"), "{words}");
+    let found = run(&["spin", path.to_str().unwrap(), "--fps", "350"]);
+    assert!(found.status.success(), "{found:?}");
+}
+
+#[test]
+fn the_convention_of_the_camera_frame_goes_along() {
+    use spindoe::geometry::CameraFrame;
+    let sequence = Scenario::default().sequence((40.0, 60.0), 3, 0);
+    let ours = Orientations::from_measurements(&sequence.measurements);
+    let mut optical = ours.clone();
+    optical.camera_frame = Some(CameraFrame::Optical);
+    for row in &mut optical.rows {
+        row.orientation = row.orientation.map(|q| CameraFrame::Optical.turn() * q);
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    ours.write_csv(at("ours.csv").as_ref()).unwrap();
+    optical.write_csv(at("optical.csv").as_ref()).unwrap();
+    let spin = |name: &str, flags: &[&str]| {
+        let output = run(&[&["spin", &at(name), "--json"], flags].concat());
+        assert!(output.status.success(), "{output:?}");
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let vector: Vec<f64> = serde_json::from_value(json["spin_rad_s"].clone()).unwrap();
+        (vector, json["camera_frame"].as_str().unwrap().to_owned())
+    };
+    let (a, frame) = spin("ours.csv", &[]);
+    assert_eq!(frame, "ours");
+    // As the file has it, and turned back.
+    let (b, frame) = spin("optical.csv", &[]);
+    assert_eq!(frame, "optical");
+    let (c, _) = spin("optical.csv", &["--frame", "ours"]);
+    for i in 0..3 {
+        let sign = if i == 0 { 1.0 } else { -1.0 };
+        assert!(
+            (a[i] - sign * b[i]).abs() < 1e-3 * a[0].abs().max(1.0),
+            "{a:?} {b:?}"
+        );
+        assert!(
+            (a[i] - c[i]).abs() < 1e-3 * a[0].abs().max(1.0),
+            "{a:?} {c:?}"
+        );
+    }
+    let mut text = std::fs::read_to_string(at("optical.csv")).unwrap();
+    text = text.replacen(",optical\n", ",ours\n", 1);
+    let path = write(dir.path(), "mixed.csv", &text);
+    let output = run(&["spin", path.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(2));
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        words.contains("camera_frame: expected the same in all rows"),
+        "{words}"
+    );
 }

@@ -13,7 +13,7 @@ use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
 use spindoe::vision::input::{natural_order, time_of_stem};
 use spindoe::vision::{
     Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Intrinsics,
-    NamedDetector, RgbImage, find_ball,
+    NamedDetector, find_ball,
 };
 
 fn estimator(pattern: &Pattern, camera: Camera) -> Estimator<NamedDetector> {
@@ -341,7 +341,7 @@ fn published_frames_are_explained_by_one_spin() {
     let (mut times, mut frames) = (Vec::new(), Vec::new());
     for source in &sources {
         let mut visit = |frame: spindoe::vision::input::InputFrame| {
-            let gray: GrayImage = RgbImage::to_gray(&frame.image);
+            let gray: GrayImage = frame.picture?.to_gray()?;
             let mut out = FrameEstimate::default();
             estimator.estimate_frame(&gray, None, None, &mut ws, &mut out);
             assert!(
@@ -353,7 +353,7 @@ fn published_frames_are_explained_by_one_spin() {
             frames.push(out);
             Ok(())
         };
-        spindoe::vision::input::read_frames(source, &mut visit).expect("it reads");
+        spindoe::vision::input::read_frames(source, 1 << 20, &mut visit).expect("it reads");
     }
     let alone = frames.iter().filter(|f| f.pose().is_some()).count();
     let fit = estimate_spin(&SequenceConfig::default(), &times, &frames).expect("a spin");
@@ -369,4 +369,166 @@ fn published_frames_are_explained_by_one_spin() {
     );
     assert!(alone >= 20 && most < 8.0);
     assert!((fit.motion.rps() - 132.6).abs() < 1.0);
+}
+
+/// Frames of a turning ball with this pattern, named in nanoseconds.
+fn clip(dir: &Path, pattern: &Pattern, frames: u32, seed: u64) {
+    std::fs::create_dir_all(dir).expect("a folder");
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let start = random_rotation(&mut rng);
+    for k in 0..frames {
+        let time_s = f64::from(k) / 350.0;
+        let turn = Rotation::from_scaled_axis(Vec3::new(80.0, -200.0, 60.0) * time_s);
+        let scene = Scene::new(66, 30.0, pattern.dots(), turn * start);
+        let name = format!("{}.png", 1_000_000_000 + (time_s * 1e9) as u64);
+        save(bytes(&scene.render(&mut rng)), &dir.join(name));
+    }
+}
+
+#[test]
+fn a_file_that_cannot_be_read_is_one_rejected_frame() {
+    let (dir, image) = folder();
+    let at = |name: &str| dir.path().join(name);
+    std::fs::create_dir(at("in")).expect("a folder");
+    save(bytes(&image), &at("in/1000000.png"));
+    let whole = std::fs::read(at("in/1000000.png")).expect("it reads");
+    std::fs::write(at("in/2000000.png"), &whole[..whole.len() / 2]).expect("written");
+    save(bytes(&image), &at("in/3000000.png"));
+    std::fs::write(at("in/notes.txt"), "notes").expect("written");
+    let run = ["estimate", "--table", "pattern.csv", "in", "--json"];
+    let output = crate::common::spindoe(dir.path(), &run);
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{words}");
+    assert!(
+        words.contains("in/2000000.png: image: cannot be decoded"),
+        "{words}"
+    );
+    assert!(
+        words.contains("1 files are no images and are skipped: notes.txt"),
+        "{words}"
+    );
+    assert!(words.contains("2 of 3 frames identified"), "{words}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let refusal = json["frames"][1]["refusal"].as_str().expect("a reason");
+    assert!(refusal.contains("2000000.png"), "{refusal}");
+    // One pixel too many for what is allowed.
+    let narrow = [
+        "estimate",
+        "--table",
+        "pattern.csv",
+        "in/1000000.png",
+        "--max-pixels",
+        "4355",
+    ];
+    let output = crate::common::spindoe(dir.path(), &narrow);
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{words}");
+    assert!(
+        words.contains("at most 4355 pixels, found 66 x 66"),
+        "{words}"
+    );
+}
+
+#[test]
+fn numbered_frames_ask_for_a_rate() {
+    let (dir, _) = folder();
+    let pattern = crate::common::random_pattern(20, 5);
+    let times = dir.path().join("times");
+    clip(&times, &pattern, 6, 4);
+    let numbered = dir.path().join("numbered");
+    std::fs::create_dir(&numbered).expect("a folder");
+    let mut names: Vec<_> = (std::fs::read_dir(&times).expect("a folder"))
+        .map(|e| e.expect("an entry").path())
+        .collect();
+    names.sort();
+    for (k, path) in names.iter().enumerate() {
+        std::fs::copy(path, numbered.join(format!("{k:04}.png"))).expect("copied");
+    }
+    let run = |folder: &str, flags: &[&str]| {
+        let arguments = [
+            "estimate",
+            "--table",
+            "pattern.csv",
+            folder,
+            "--json",
+            "-o",
+            "o.csv",
+        ];
+        let output = crate::common::spindoe(dir.path(), &[&arguments[..], flags].concat());
+        let words = String::from_utf8(output.stderr).expect("UTF-8");
+        assert!(output.status.success(), "{words}");
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        (words, json)
+    };
+    let (words, json) = run("numbered", &[]);
+    assert!(
+        words.contains("frame numbers, not times") && words.contains("give --fps"),
+        "{words}"
+    );
+    assert!(
+        json["spin"].is_null() && json["spin_refusal"].is_null(),
+        "{json}"
+    );
+    assert_eq!(json["times"]["source"], "frame_numbers");
+    let (words, json) = run("numbered", &["--fps", "350"]);
+    assert!(
+        words.contains("times: 350 fps as given by --fps"),
+        "{words}"
+    );
+    // The same frames, the same spin, however their times came; and `spin` says the same of the file.
+    let (_, named) = run("times", &[]);
+    let rps = |json: &serde_json::Value| json["spin"]["rps"].as_f64().expect("a spin");
+    assert!((rps(&json) - rps(&named)).abs() < 1e-3, "{json} {named}");
+    let again = crate::common::done(dir.path(), &["spin", "o.csv", "--json"]);
+    let again: serde_json::Value = serde_json::from_str(&again).expect("JSON");
+    for field in [
+        "spin_rad_s",
+        "std_rad_s",
+        "alternatives",
+        "unique_up_to_rps",
+        "residual_deg",
+    ] {
+        assert_eq!(again[field], named["spin"][field], "{field}");
+    }
+    let limit = again["unique_up_to_rps"].as_f64().expect("a limit");
+    assert!((limit - 175.0).abs() < 0.1, "{limit}");
+}
+
+#[test]
+fn wrong_tables_and_mirrored_clips_are_named() {
+    let (dir, _) = folder();
+    let pattern = crate::common::random_pattern(20, 5);
+    clip(&dir.path().join("in"), &pattern, 10, 6);
+    let other = crate::common::random_pattern(20, 6);
+    other
+        .write_csv(&dir.path().join("other.csv"))
+        .expect("written");
+    let run = |flags: &[&str]| {
+        let arguments = ["estimate", "in", "--json"];
+        let output = crate::common::spindoe(dir.path(), &[&arguments[..], flags].concat());
+        let words = String::from_utf8(output.stderr).expect("UTF-8");
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        (output.status.code(), words, json)
+    };
+    let (code, words, json) = run(&["--table", "other.csv"]);
+    assert_eq!((code, &json["identified"]), (Some(3), &0.into()), "{words}");
+    assert!(
+        words.contains("this table does not fit these images ("),
+        "{words}"
+    );
+    let (code, words, json) = run(&["--table", "other.csv", "--table", "pattern.csv"]);
+    assert_eq!(code, Some(0), "{words}");
+    assert!(words.contains("pattern.csv fits, odds "), "{words}");
+    assert_eq!(json["verdict"]["table"], "pattern.csv");
+    let (code, words, json) = run(&["--table", "pattern.csv", "--mirrored"]);
+    assert_eq!((code, &json["identified"]), (Some(3), &0.into()), "{words}");
+    assert!(words.contains("the images are mirrored"), "{words}");
+    // The ball of a mirrored pattern, seen in a mirror, is the ball itself.
+    let mirrored = spindoe::vision::verdict::mirrored_pattern(&pattern).expect("a pattern");
+    mirrored
+        .write_csv(&dir.path().join("mirrored.csv"))
+        .expect("written");
+    let (code, words, json) = run(&["--table", "mirrored.csv", "--mirrored"]);
+    assert_eq!(code, Some(0), "{words}");
+    assert!(json["identified"].as_u64() >= Some(8), "{words}");
 }

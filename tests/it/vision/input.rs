@@ -7,6 +7,7 @@ use std::process::Command;
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage as Buffer};
 use spindoe::vision::RgbImage;
 use spindoe::vision::input::{Source, read_frames, read_times};
+use spindoe::vision::picture::DEFAULT_MAX_PIXELS;
 
 /// The times of `frames` by the table `text`, or what is said of it.
 fn times(text: &str, frames: &[&str]) -> Result<Vec<f64>, String> {
@@ -152,14 +153,88 @@ fn deep_videos_and_names_with_a_colon_are_read() {
         let mut visit = |frame: spindoe::vision::input::InputFrame| {
             seen.push((
                 frame.path.clone(),
-                frame.image.width(),
-                frame.image.height(),
+                frame.picture.as_ref().unwrap().width(),
+                frame.picture.as_ref().unwrap().height(),
             ));
             Ok(())
         };
-        let times = read_frames(&Source::Video(path.clone()), &mut visit).unwrap();
-        assert_eq!(times.len(), 3, "{name}");
+        let source = Source::Video(path.clone());
+        let read = read_frames(&source, DEFAULT_MAX_PIXELS, &mut visit).unwrap();
+        assert_eq!(read.times_s.len(), 3, "{name}");
+        let clock = read.clock.unwrap();
+        assert!((clock.stored_fps - 100.0).abs() < 1.0 && clock.capture_fps.is_none());
         let stem = name.strip_suffix(".mkv").unwrap();
         assert_eq!(seen[1], (dir.path().join(format!("{stem}_000002")), 32, 16));
     }
+}
+
+#[test]
+fn slow_motion_and_uneven_frames_keep_their_times() {
+    if Command::new("ffmpeg").arg("-version").output().is_err() {
+        crate::common::skipped("ffmpeg is not installed");
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let make = |name: &str, flags: &[&str]| {
+        let path = dir.path().join(name);
+        let made = Command::new("ffmpeg")
+            .args([
+                "-f",
+                "lavfi",
+                "-i",
+                "color=red:size=32x16:rate=30:duration=0.5",
+            ])
+            .args(flags)
+            .arg(&path)
+            .output()
+            .unwrap();
+        assert!(made.status.success(), "{made:?}");
+        read_frames(&Source::Video(path), DEFAULT_MAX_PIXELS, &mut |_| Ok(())).unwrap()
+    };
+    // As phones write it: 240 frames a second, stored at 30.
+    let android = [
+        "-movflags",
+        "use_metadata_tags",
+        "-metadata",
+        "com.android.capture.fps=240",
+    ];
+    let read = make("slow.mp4", &[&android[..], &["-c:v", "mpeg4"]].concat());
+    let clock = read.clock.unwrap();
+    assert_eq!(clock.capture_fps, Some(240.0));
+    assert!(
+        !clock.is_variable && (clock.stored_fps - 30.0).abs() < 0.1,
+        "{clock:?}"
+    );
+    let step = read.times_s[1].unwrap() - read.times_s[0].unwrap();
+    assert!((step - 1.0 / 240.0).abs() < 1e-4, "{step}");
+    // Every third frame is missing.
+    let read = make(
+        "uneven.mkv",
+        &[
+            "-vf",
+            "select=mod(n\\,3)",
+            "-fps_mode",
+            "vfr",
+            "-c:v",
+            "ffv1",
+        ],
+    );
+    let clock = read.clock.unwrap();
+    assert!(
+        clock.is_variable && clock.capture_fps.is_none(),
+        "{clock:?}"
+    );
+    let steps: Vec<f64> = read
+        .times_s
+        .windows(2)
+        .map(|w| w[1].unwrap() - w[0].unwrap())
+        .collect();
+    assert!(
+        steps.iter().any(|s| (s - 1.0 / 30.0).abs() < 2e-3),
+        "{steps:?}"
+    );
+    assert!(
+        steps.iter().any(|s| (s - 2.0 / 30.0).abs() < 2e-3),
+        "{steps:?}"
+    );
 }

@@ -128,14 +128,23 @@ fn percent(judged: &[Judged], of: impl Fn(&Judged) -> bool) -> String {
     )
 }
 
+/// Bounds of the bins in which confidences are compared with the truth.
+const BINS: [(f64, f64); 3] = [(0.5, 0.9), (0.9, 0.99), (0.99, 1.1)];
+
 fn row(name: &str, judged: &[Judged]) {
-    let sure = judged.iter().filter(|j| j.pose_confidence >= 0.9).copied();
-    let sure: Vec<Judged> = sure.collect();
+    // For each bin what was claimed on average, and how often it was so.
+    let bins = BINS.map(|(from, to)| {
+        let of = |j: &&Judged| (from..to).contains(&j.pose_confidence);
+        let within: Vec<Judged> = judged.iter().filter(of).copied().collect();
+        let claimed: f64 = within.iter().map(|j| j.pose_confidence).sum();
+        let claimed = 100.0 * claimed / within.len().max(1) as f64;
+        format!("{claimed:.2}: {}", percent(&within, |j| j.orientation))
+    });
     println!(
         "| {name} | {} | {} | {} |",
         percent(judged, |j| j.identity),
         percent(judged, |j| j.orientation),
-        percent(&sure, |j| j.orientation),
+        bins.join(" | "),
     );
 }
 
@@ -145,8 +154,10 @@ pub fn print(trials: u64, seed: u64) -> Result<()> {
         ("dots20", "designs/dots20/pattern.csv"),
     ];
     println!("{trials} trials a row, seed {seed}\n");
-    println!("| file | identity % | orientation % | orientation % of those above 0.9 |");
-    println!("|---|---|---|---|");
+    println!(
+        "| file | identity % | orientation % | claimed: right %, 0.5 to 0.9 | 0.9 to 0.99 | above |"
+    );
+    println!("|---|---|---|---|---|---|");
     let degrees = |d: f64| Protocol::standard(ProtocolName::Paper).with_sigma_rad(d.to_radians());
     let mut protocols: Vec<(String, Protocol)> = ProtocolName::ALL
         .map(|name| (name.to_string(), Protocol::standard(name)))

@@ -2,9 +2,14 @@
 //!
 //!     cargo run --release -p spindoe-studies --bin trust_tables -- TABLE [TRIALS] [SEED]
 //!
-//! `TABLE` is `conditions`: identification by files told nothing, against those told everything.
+//! `TABLE` is one of
+//! - `conditions`: identification by files that are told nothing, against those told the protocol,
+//! - `spins`: spins reported of random orientations,
+//! - `tables`: verdicts over clips on the right, a wrong and a mirrored table.
 
 mod conditions;
+mod spins;
+mod tables;
 
 use std::error::Error;
 
@@ -18,7 +23,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let seed: u64 = arguments.next().map_or(Ok(SEED), |a| a.parse())?;
     match table.as_str() {
         "conditions" => conditions::print(trials.unwrap_or(10_000), seed)?,
-        _ => return Err("expected a table: conditions".into()),
+        "spins" => spins::print(trials.unwrap_or(10_000), seed)?,
+        "tables" => tables::print(trials.unwrap_or(1_000), seed)?,
+        _ => return Err("expected a table: conditions, spins or tables".into()),
     }
     Ok(())
 }
