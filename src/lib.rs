@@ -11,6 +11,7 @@
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
+//! [`certify`] (guarantees of a pattern),
 //! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
 //! [`cli`] on top.
 //!
@@ -126,6 +127,7 @@ match &estimate.outcome {
 "#
 )]
 
+pub mod certify;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

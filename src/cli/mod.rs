@@ -22,6 +22,7 @@ macro_rules! errln {
     }};
 }
 
+mod certify;
 mod compare;
 mod design;
 #[cfg(feature = "vision")]
@@ -74,6 +75,8 @@ enum Command {
     Validate(validate::Arguments),
     /// Compare patterns on the same trials, side by side.
     Compare(compare::Arguments),
+    /// Find the noise that a pattern tolerates for certain, with a certificate; or verify one.
+    Certify(certify::Arguments),
     /// Measure how the rates depend on the dots' noise and on the paper's alpha; data and plots.
     Sensitivity(sensitivity::Arguments),
     /// Make the hash table of a pattern, a NumPy archive.
@@ -121,6 +124,7 @@ pub fn main() -> ExitCode {
         Command::Design(arguments) => design::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Certify(arguments) => certify::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod certify;
 mod cli;
 mod common;
 
