@@ -54,7 +54,8 @@ impl Certificate {
 fn check(g: &Guarantee, dots: &[Vec3], limit: f64) -> std::result::Result<(), String> {
     let n = dots.len();
     let k = g.detected;
-    if !(MIN_COUNT..=MAX_COUNT).contains(&k) || !(g.guaranteed_rad >= 0.0) {
+    if !(MIN_COUNT..=MAX_COUNT).contains(&k) || g.guaranteed_rad.is_nan() || g.guaranteed_rad < 0.0
+    {
         return Err("no such guarantee".to_owned());
     }
     let sign = if g.taken_for.is_mirrored() { -1.0 } else { 1.0 };
@@ -68,13 +69,18 @@ fn check(g: &Guarantee, dots: &[Vec3], limit: f64) -> std::result::Result<(), St
         return Err("its example takes every dot for itself".to_owned());
     }
     let [w, x, y, z] = g.rotation;
+    let norm = g.rotation.iter().map(|c| c * c).sum::<f64>();
+    if norm.is_nan() || (norm - 1.0).abs() > 1e-6 {
+        return Err("its example's rotation is no unit quaternion".to_owned());
+    }
     let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
     let worst = g
         .seen
         .iter()
         .zip(&g.other)
         .map(|(&s, &o)| angle_between(&(rotation * dots[s]), &others[o]));
-    if !(worst.fold(0.0, f64::max) <= 2.0 * g.confused_rad + ROUNDING) {
+    let stated = 2.0 * g.confused_rad + ROUNDING;
+    if stated.is_nan() || worst.fold(0.0, f64::max) > stated {
         return Err("its example's dots are farther apart than stated".to_owned());
     }
     let views = views(dots, limit);

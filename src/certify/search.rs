@@ -103,8 +103,9 @@ impl<'a> Problem<'a> {
                     .fold(0.0, f64::max);
                 self.edges(&cube.center, widest + cube.radius(), &mut edges);
                 let mut open = false;
-                for k in MIN_COUNT..=MAX_COUNT.min(self.visible.max_count()) {
-                    open |= self.look(&cube, k, tolerance, &edges, &mut best[k]);
+                let counts = best.iter_mut().enumerate().skip(MIN_COUNT);
+                for (k, best) in counts.take_while(|(k, _)| *k <= self.visible.max_count()) {
+                    open |= self.look(&cube, k, tolerance, &edges, best);
                 }
                 if open {
                     next.push(cube);
