@@ -11,6 +11,7 @@
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
+//! [`certify`] (guarantees of a pattern),
 //! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
 //! [`cli`] on top.
 //!
@@ -128,6 +129,7 @@ match &estimate.outcome {
 
 #[cfg(feature = "vision")]
 pub mod calibrate;
+pub mod certify;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

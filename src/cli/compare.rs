@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::output::{Counter, one_of, quoted};
 use super::{print_json, read_table};
+use crate::certify::CertifyConfig;
 use crate::error::Result;
 use crate::files;
 use crate::recognize::RecognizerName;
@@ -36,6 +37,10 @@ pub struct Arguments {
     /// Only this recognizer; by default both.
     #[arg(long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), value_name = "RECOGNIZER")]
     recognizer: Option<RecognizerName>,
+    /// Also find the noise that each pattern tolerates for certain; a second for 20 dots, minutes for
+    /// 64.
+    #[arg(long)]
+    certify: bool,
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
@@ -80,6 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         &recognizers,
         arguments.seed,
         arguments.samples,
+        arguments.certify.then(CertifyConfig::default),
         &mut |what| {
             counter.line(what);
             counter.add(1);
@@ -175,6 +181,9 @@ fn print_words(found: &Comparison) {
             "  mean nearest-neighbor distance of the features: {:.4}",
             p.mean_feature_distance
         );
+        if let Some(certificate) = &p.certificate {
+            super::certify::print_words(certificate);
+        }
         for o in &p.objectives {
             outln!("  {}: {:.4}", o.name, o.value);
         }

@@ -4,6 +4,7 @@
 
 mod breaks;
 mod calibrate;
+mod certify;
 mod cli;
 mod common;
 

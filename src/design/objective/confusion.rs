@@ -31,6 +31,9 @@
 //! Where a protocol gives a fixed number of dots, only that `k` counts, and a view's weight is one
 //! over the number of choices. No trial is drawn, so no trial can be over-fitted.
 //!
+//! Dots that are detected independently are judged by the orientation: poses that turn the ball by less
+//! than 10 to 20 degrees are no failures then. A given number of dots is judged by their identities.
+//!
 //! What it leaves out:
 //! - A pose is that of one pair, not the best of all its matches; this counts matches as less alike
 //!   than they are.
@@ -58,6 +61,18 @@ const MIN_PRODUCT: f64 = 1e-4;
 const MIN_FACTOR: f64 = 1e-4;
 /// Poses with a smaller part than this, in units of the mean, are left out of the derivative.
 const NEGLIGIBLE: f64 = 1e-3;
+/// Where dots are detected independently, a failure is a wrong orientation. Rotations up to the first
+/// of these angles are none, from the second on they are (20 degrees, the SpinDOE paper's), radians.
+const SMALL: [f64; 2] = [
+    10.0 * std::f64::consts::PI / 180.0,
+    20.0 * std::f64::consts::PI / 180.0,
+];
+/// Poses, for each dot, that are looked at from more views than the others, and from how many times
+/// as many.
+const TOP_PER_DOT: usize = 12;
+const FINER: usize = 8;
+/// The survey that finds them takes one in so many of the views of the others.
+const SURVEY: usize = 2;
 /// Minimum number of matched dots.
 const MIN_COUNT: usize = 3;
 /// Minimum number of dots that a view can give.
@@ -99,8 +114,9 @@ pub struct Confusion {
     /// Wrong poses to look at, about, in units of the squared number of dots; beyond, a sample
     /// stands for all.
     pub poses_per_square: f64,
-    /// Every pose is judged from one in so many of 400 views, 1 to 400. The first one differs from
-    /// pose to pose, so all of them together see every view.
+    /// Every pose is judged from one in so many of 400 views, 1 to 200; those that matter most from
+    /// eight times as many. The first one differs from pose to pose, so all of them together see
+    /// every view.
     pub view_stride: usize,
     /// Seed of the sample.
     pub sample_seed: u64,
@@ -115,7 +131,7 @@ impl Default for Confusion {
             tail_factor: 1.2,
             visibility_limit: 1.0 / 3.0,
             detection: Detection::Given { dots: 4 },
-            poses_per_square: 10.0,
+            poses_per_square: 8.0,
             view_stride: 16,
             sample_seed: 0,
         }
@@ -135,6 +151,28 @@ type SumSlopes = Sums;
 /// The part that each of the pairs among `count` dots has in their match.
 fn share(count: usize) -> f64 {
     2.0 / (count * (count - 1)) as f64
+}
+
+/// The views that a pose is judged from.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    stride: usize,
+    /// The bits of the pose's hash that choose the first one.
+    shift: u32,
+}
+
+impl Sample {
+    fn of(stride: usize) -> Self {
+        Self { stride, shift: 0 }
+    }
+
+    /// Independent of the others: a pose that it shows too small is not small again.
+    fn survey(stride: usize) -> Self {
+        Self {
+            stride: SURVEY * stride,
+            shift: 20,
+        }
+    }
 }
 
 /// One pose seen from one view.
@@ -260,34 +298,55 @@ impl Confusion {
             seed: self.sample_seed,
         };
         let found = search.run(dots);
-        let scale = 0.5 * self.view_stride as f64 / (VIEWS as f64 * found.fraction);
+        let scale = 0.5 / (VIEWS as f64 * found.fraction);
         let others = image.of(dots);
         let mut work = Work {
             dots,
             others: &others,
             sign: image.sign(),
+            spare_small: image == Image::Own
+                && matches!(self.detection, Detection::Independent { .. }),
             views: &views,
             scale,
-            stride: self.view_stride,
             further: Further::default(),
             x: Vec::new(),
             before: Vec::new(),
             by_x: Vec::new(),
         };
-        let mut sums = Sums::default();
+        // Few poses have nearly all of the sum: these are looked at again, from more views.
+        let matches = |pose: &WrongPose| &found.matches[pose.matches.clone()];
+        let mut survey = Sums::default();
         let parts: Vec<f64> = found
             .poses
             .iter()
-            .map(|pose| work.add_sums(pose, &found.matches[pose.matches.clone()], &mut sums))
+            .map(|pose| {
+                work.add_sums(
+                    pose,
+                    matches(pose),
+                    Sample::survey(self.view_stride),
+                    &mut survey,
+                )
+            })
             .collect();
+        let strides = self.strides(&parts, dots.len());
+        let mut sums = Sums::default();
+        for (pose, stride) in found.poses.iter().zip(&strides) {
+            work.add_sums(pose, matches(pose), Sample::of(*stride), &mut sums);
+        }
         let negligible = NEGLIGIBLE * parts.iter().sum::<f64>() / parts.len().max(1) as f64;
         let mut slopes = views.slopes();
         let (value, sum_slopes) = self.saturate(&sums, &views, &mut slopes);
         let mut gradient = vec![Vec3::zeros(); dots.len()];
-        for (pose, part) in found.poses.iter().zip(&parts) {
+        for ((pose, part), stride) in found.poses.iter().zip(&parts).zip(&strides) {
             if *part > negligible {
-                let matches = &found.matches[pose.matches.clone()];
-                work.add_gradient(pose, matches, &sum_slopes, &mut slopes, &mut gradient);
+                work.add_gradient(
+                    pose,
+                    matches(pose),
+                    *stride,
+                    &sum_slopes,
+                    &mut slopes,
+                    &mut gradient,
+                );
             }
         }
         views.add_gradient(dots, &slopes, &mut gradient);
@@ -311,8 +370,8 @@ impl Confusion {
             "a z in [-1, 1)",
             limit,
         )?;
-        let inside = (1..=VIEWS).contains(&self.view_stride);
-        require(inside, "view_stride", "1 to 400", self.view_stride)?;
+        let inside = (1..=VIEWS / SURVEY).contains(&self.view_stride);
+        require(inside, "view_stride", "1 to 200", self.view_stride)?;
         match self.detection {
             Detection::Given { dots } => {
                 let expected = format!("{MIN_GIVEN} to {MAX_GIVEN}");
@@ -333,6 +392,25 @@ impl Confusion {
                 require(inside, "false_dots", "a number not below 0", false_dots)
             }
         }
+    }
+
+    /// Each pose's stride through the views, by its part in a first survey.
+    fn strides(&self, parts: &[f64], dots: usize) -> Vec<usize> {
+        let fine = (self.view_stride / FINER).max(1);
+        let top = TOP_PER_DOT * dots;
+        if parts.len() <= top {
+            return vec![fine; parts.len()];
+        }
+        let mut sorted = parts.to_vec();
+        let (_, threshold, _) = sorted.select_nth_unstable_by(top, |a, b| b.total_cmp(a));
+        let stride = |part: &f64| {
+            if part > threshold {
+                fine
+            } else {
+                self.view_stride
+            }
+        };
+        parts.iter().map(stride).collect()
     }
 
     /// The value, and its derivatives with respect to the sums; those with respect to the
@@ -383,9 +461,10 @@ struct Work<'a> {
     /// The dots that they are taken for, each `sign` times the dot.
     others: &'a [Vec3],
     sign: f64,
+    /// Whether rotations by less than [`SMALL`] are no failures.
+    spare_small: bool,
     views: &'a Views,
     scale: f64,
-    stride: usize,
     further: Further,
     x: Vec<InView>,
     before: Vec<Sums>,
@@ -393,6 +472,25 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
+    /// How much of a failure a pose is, and the derivative for a turn of its rotation.
+    fn wrongness(&self, pose: &WrongPose) -> (f64, Vec3) {
+        if !self.spare_small {
+            return (1.0, Vec3::zeros());
+        }
+        let r = &pose.rotation;
+        let cosine = 0.5 * (r.trace() - 1.0);
+        let [begin, end] = SMALL.map(f64::cos);
+        let t = ((begin - cosine) / (begin - end)).clamp(0.0, 1.0);
+        // A turn by w changes the trace by -w . axial.
+        let axial = Vec3::new(
+            r[(2, 1)] - r[(1, 2)],
+            r[(0, 2)] - r[(2, 0)],
+            r[(1, 0)] - r[(0, 1)],
+        );
+        let slope = 6.0 * t * (1.0 - t) / (begin - end);
+        (t * t * (3.0 - 2.0 * t), 0.5 * slope * axial)
+    }
+
     /// The pose from one view; `None` where the pair is not in view.
     fn sight(&self, pose: &WrongPose, view: usize) -> Option<Sight> {
         let pair = pose.seen.map(|i| self.views.matched(view, i));
@@ -416,8 +514,9 @@ impl Work<'_> {
         })
     }
 
-    fn views_of(&self, pose: &WrongPose) -> impl Iterator<Item = usize> + use<> {
-        (pose.hash as usize % self.stride..VIEWS).step_by(self.stride)
+    fn views_of(pose: &WrongPose, sample: Sample) -> impl Iterator<Item = usize> + use<> {
+        let first = (pose.hash >> sample.shift) as usize % sample.stride;
+        (first..VIEWS).step_by(sample.stride)
     }
 
     /// The factors of the further dots that are in view.
@@ -444,11 +543,22 @@ impl Work<'_> {
     }
 
     /// Adds a pose's part in all sums; returns a measure of it.
-    fn add_sums(&mut self, pose: &WrongPose, matches: &[Match], sums: &mut Sums) -> f64 {
+    fn add_sums(
+        &mut self,
+        pose: &WrongPose,
+        matches: &[Match],
+        sample: Sample,
+        sums: &mut Sums,
+    ) -> f64 {
         self.further.collect(matches);
-        let factor = self.scale * pose.multiplicity * pose.likeness.value;
+        let (wrongness, _) = self.wrongness(pose);
+        if wrongness == 0.0 {
+            return 0.0;
+        }
+        let factor =
+            sample.stride as f64 * self.scale * pose.multiplicity * wrongness * pose.likeness.value;
         let mut part = 0.0;
-        for view in self.views_of(pose) {
+        for view in Self::views_of(pose, sample) {
             if let Some(sight) = self.sight(pose, view) {
                 self.set_x(view);
                 let polynomials = polynomials(&self.x);
@@ -464,15 +574,17 @@ impl Work<'_> {
         &mut self,
         pose: &WrongPose,
         matches: &[Match],
+        stride: usize,
         slopes: &SumSlopes,
         by: &mut ViewSlopes,
         gradient: &mut [Vec3],
     ) {
         self.further.collect(matches);
-        let factor = self.scale * pose.multiplicity;
+        let (wrongness, by_turn) = self.wrongness(pose);
+        let factor = stride as f64 * self.scale * pose.multiplicity * wrongness;
         let mut by_likeness = vec![0.0; self.further.dots.len()];
         let (mut by_pair, mut torque) = (0.0, Vec3::zeros());
-        for view in self.views_of(pose) {
+        for view in Self::views_of(pose, Sample::of(stride)) {
             let Some(sight) = self.sight(pose, view) else {
                 continue;
             };
@@ -515,6 +627,7 @@ impl Work<'_> {
             gradient[m.seen] += slope * pose.rotation.tr_mul(&other);
             torque += slope * moved.cross(&other);
         }
+        torque += by_turn * (by_pair * pose.likeness.value / wrongness);
         // An opposite pair has the opposite midpoint and direction, and the same angle: a move of the
         // dots turns its frame as it turns theirs.
         add_frame_gradient(self.dots, pose.other, &torque, gradient);

@@ -10,10 +10,10 @@ use spindoe::design::objective::bound::BoundSummary;
 use spindoe::design::objective::{Evaluation, MeanNearestNeighbor};
 use spindoe::design::scp::{Cost, Descent, descend};
 use spindoe::design::{
-    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, OrientationBound,
-    Stage, design,
+    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, MirrorLikeness, Objective,
+    OrientationBound, Stage, design,
 };
-use spindoe::geometry::{Vec3, angle_between, random_direction};
+use spindoe::geometry::{Rotation, Vec3, angle_between, random_direction};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::Pattern;
 use spindoe::stencil::{Stencil, StencilConfig};
@@ -437,8 +437,100 @@ fn infeasible_demands_are_refused_before_a_search() {
         },
         20,
     );
-    assert!(words.contains("the closest attempt has"), "{words}");
+    assert!(
+        words.contains("with the others as they are, the most that was reached is"),
+        "{words}"
+    );
     assert!(Constraints::default().check_feasible(20).is_ok());
+}
+
+#[test]
+fn demands_that_no_pattern_meets_are_refused_with_the_figure_that_helps() {
+    let refused = |constraints: Constraints| constraints.check_demand(20).unwrap_err().to_string();
+    let base = Constraints {
+        stencil: Some(StencilConfig::default()),
+        ..Constraints::default()
+    };
+    assert!(base.check_demand(20).is_ok());
+    // Holes of 4 mm need more than 12 degrees. What the message asks for is accepted.
+    let words = refused(Constraints {
+        min_separation_rad: 12f64.to_radians(),
+        ..base.clone()
+    });
+    let needed = base
+        .stencil
+        .as_ref()
+        .unwrap()
+        .min_separation_rad()
+        .to_degrees();
+    let figure = (10.0 * needed).ceil() / 10.0;
+    assert!(
+        words.starts_with("min_separation_rad")
+            && words.contains(&format!("at least {figure:.1} degrees")),
+        "{words}"
+    );
+    assert!(words.contains("holes of at most"), "{words}");
+    let enough = Constraints {
+        min_separation_rad: figure.to_radians(),
+        ..base.clone()
+    };
+    assert!(enough.check_demand(20).is_ok());
+    // Two small caps do not hold twenty dots 30 degrees apart.
+    let words = refused(Constraints {
+        min_separation_rad: 30f64.to_radians(),
+        seam_margin_rad: 55f64.to_radians(),
+        ..base.clone()
+    });
+    assert!(
+        words.starts_with("seam_margin_rad") && words.contains("ask for at most"),
+        "{words}"
+    );
+    // Nor does what six wide cones leave.
+    let cone = |axis| KeepOut {
+        axis,
+        half_angle_rad: 50f64.to_radians(),
+    };
+    let axes = [Vec3::x(), Vec3::y(), Vec3::z()];
+    let words = refused(Constraints {
+        keep_out: axes.iter().flat_map(|a| [cone(*a), cone(-a)]).collect(),
+        ..base.clone()
+    });
+    assert!(
+        words.starts_with("keep_out") && words.contains("smaller cones"),
+        "{words}"
+    );
+    let words = refused(Constraints {
+        min_certified_rad: 40f64.to_radians(),
+        ..base
+    });
+    assert!(words.starts_with("min_certified_rad"), "{words}");
+}
+
+#[test]
+fn mirror_likeness_counts_the_dots_near_the_mirror_image() {
+    // Dots on one great circle are their own mirror image.
+    let ring = (0..9).map(|k| {
+        let (s, c) = (0.5 * f64::from(k) + 0.03 * f64::from(k * k)).sin_cos();
+        Vec3::new(c, s, 0.0)
+    });
+    let flat = MirrorLikeness::of(&Pattern::new(ring.collect()).unwrap()).unwrap();
+    assert_eq!((flat.near, flat.dots), (9, 9));
+    assert!(flat.rms_rad < 1e-6, "{flat:?}");
+    // The published pattern: 17 of its 20 dots lie within 12 degrees.
+    if let Some(published) = crate::common::published_pattern() {
+        let found = MirrorLikeness::of(&published).unwrap();
+        assert!(found.near >= 17 && found.dots == 20, "{found:?}");
+    }
+    // No rotation of the pattern changes it.
+    let pattern = crate::common::random_pattern(14, 4);
+    let turn = Rotation::from_scaled_axis(Vec3::new(0.3, -1.0, 2.0));
+    let turned = Pattern::new(pattern.dots().iter().map(|d| turn * d).collect()).unwrap();
+    let (a, b) = (
+        MirrorLikeness::of(&pattern).unwrap(),
+        MirrorLikeness::of(&turned).unwrap(),
+    );
+    assert_eq!(a.near, b.near);
+    assert!((a.rms_rad - b.rms_rad).abs() < 1e-6, "{a:?} {b:?}");
 }
 
 #[test]
