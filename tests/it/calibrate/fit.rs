@@ -61,9 +61,9 @@ fn the_drawn_dots_are_measured_and_their_covariances_hold() {
         );
         let truth: Vec<(usize, Vec3)> = dots.into_iter().enumerate().collect();
         let (normalized, angles) = errors(&found, &truth);
-        // 0.3 px on 30 px are 0.57 deg a view: some 50 views make 0.08 deg of it, per axis.
+        // 0.3 px on 30 px are 0.57 deg a view and axis, more towards the limb; some 45 views a dot.
         let rms = rms(&angles).to_degrees();
-        assert!(rms < 0.2, "{rms} deg");
+        assert!(rms < 0.3, "{rms} deg");
         squares.extend(normalized);
     }
     // Each square is 1 on average, with a standard deviation near 1: 80 of them.
@@ -126,26 +126,26 @@ fn missing_dots_are_named_and_a_mark_is_found() {
 fn what_a_single_axis_never_shows_stays_uncertain() {
     let pattern = crate::common::random_pattern(20, 14);
     let dots = drawn(&pattern, 0.025, 7);
-    let clip = ClipConfig {
-        precession: 0.0,
-        seed: 8,
-        ..ClipConfig::default()
-    };
+    let truth: Vec<(usize, Vec3)> = dots.iter().copied().enumerate().collect();
     let config = CalibrationConfig::default();
-    let found = calibrated(&pattern, &dots, &clip, &config);
-    let unseen: Vec<_> = found
-        .dots
-        .iter()
-        .filter(|d| d.state == DotState::Unseen)
-        .collect();
-    assert!(!unseen.is_empty(), "the axis' far end is never seen");
-    for dot in unseen {
-        assert_eq!(dot.direction, dot.nominal);
-        assert!((dot.sigma_rad() - config.placement_sigma_rad).abs() < 1e-12);
+    let (mut unseen, mut squares) = (0, Vec::new());
+    for seed in 8..14 {
+        let clip = ClipConfig {
+            precession: 0.0,
+            seed,
+            ..ClipConfig::default()
+        };
+        let found = calibrated(&pattern, &dots, &clip, &config);
+        for dot in found.dots.iter().filter(|d| d.state == DotState::Unseen) {
+            unseen += 1;
+            assert_eq!(dot.direction, dot.nominal);
+            assert!((dot.sigma_rad() - config.placement_sigma_rad).abs() < 1e-12);
+        }
+        assert_eq!(found.count(DotState::Missing), 0, "seed {seed}");
+        squares.extend(errors(&found, &truth).0);
     }
-    assert_eq!(found.count(DotState::Missing), 0);
-    let truth: Vec<(usize, Vec3)> = dots.into_iter().enumerate().collect();
-    let (squares, _) = errors(&found, &truth);
+    // Some of the axes point at the camera, whose far ends are never seen.
+    assert!(unseen > 0);
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
     assert!(mean < 2.5, "{mean}");
 }
