@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::output::one_of;
+use super::output::{Counter, one_of};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::Pattern;
@@ -133,10 +133,11 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Keeps the pictures that overlays need.
+/// Keeps the pictures that overlays need, and counts the frames.
 struct Pictures {
     #[cfg_attr(not(feature = "plot"), allow(dead_code))]
     wanted: bool,
+    counter: Counter,
 }
 
 /// A picture, with the corner at which it was cropped.
@@ -147,6 +148,7 @@ impl BatchObserver for Pictures {
 
     #[cfg(feature = "plot")]
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Picture> {
+        self.counter.add(1);
         self.wanted
             .then(|| overlay::picture(image, estimate))
             .transpose()
@@ -154,6 +156,7 @@ impl BatchObserver for Pictures {
 
     #[cfg(not(feature = "plot"))]
     fn keep(&self, _: &RgbImage, _: &FrameEstimate) -> Result<Picture> {
+        self.counter.add(1);
         Ok(None)
     }
 }
@@ -170,7 +173,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(dir) = &arguments.overlay {
         files::create_writable_dir(dir)?;
     }
-    let batch = estimate_inputs(&estimator, &arguments.images, &config, &Pictures { wanted })?;
+    let pictures = Pictures {
+        wanted,
+        counter: Counter::new(0, "frames"),
+    };
+    let batch = estimate_inputs(&estimator, &arguments.images, &config, &pictures)?;
+    pictures.counter.finish();
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!(
             "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
