@@ -190,6 +190,9 @@ def check_estimate(page, checks, data):
     settle(page)
     checks.that(picture(page, "#ball canvas.view") != before, "the slider shows another frame")
     checks.that(frames[-1]["name"] in page.locator("#ball pre").inner_text(), "and names it")
+    # Back to a frame with an orientation, which the print shows.
+    page.keyboard.press("Home")
+    settle(page)
     rejected = [f for f in frames if f["rejection"]]
     words = page.locator("#rejected").inner_text()
     checks.that(all(f["rejection_kind"] in words for f in rejected), f"reasons of {len(rejected)} rejected frames")

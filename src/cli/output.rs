@@ -89,6 +89,7 @@ impl Counter {
     }
 
     /// `done` pieces are done.
+    #[cfg(feature = "vision")]
     pub fn set(&self, done: u64) {
         self.bar.set_position(done);
         self.speak();

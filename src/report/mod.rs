@@ -1,9 +1,10 @@
 //! The result of a design: the evaluation of the winner on fresh trials, and the folder with
 //! everything that a user or an estimator needs. [`DesignJob`] does all of it.
 //!
-//! The folder holds `pattern.csv`, `table.npz`, `report.json`, `sensitivity.csv`, the plots and
-//! `stencil/`. For the same arguments every file is identical byte for byte, on any number of
-//! threads, except for measured times: the key `timing` of `report.json`, and `progress.png`.
+//! The folder holds `pattern.csv`, `table.npz`, `report.json`, `report.html`, `sensitivity.csv`, the plots
+//! and `stencil/`. For the same arguments every file is identical byte for byte, on any number of
+//! threads, except for measured times: the key `timing` of `report.json`, the plot `progress`, and
+//! `report.html`, which shows them.
 
 #[cfg(feature = "vision")]
 pub mod calibration;

@@ -320,31 +320,34 @@ impl Stencil {
     }
 }
 
-/// Rejects holes that leave too little material between them.
+/// Rejects holes that leave too little material between them; names the pair that leaves least.
 fn check_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
+    let mut worst = (f64::INFINITY, 0, 0);
     for (i, a) in dots.iter().enumerate() {
         for (j, b) in dots[..i].iter().enumerate() {
-            let angle = angle_between(a, b);
+            let sine = (0.5 * angle_between(a, b)).sin();
             // Along the chord, which is the shortest way, at both ends of the hole.
-            let web = |radius: f64, hole: f64| 2.0 * radius * (0.5 * angle).sin() - 2.0 * hole;
+            let web = |radius: f64, hole: f64| 2.0 * radius * sine - 2.0 * hole;
             let inner = web(config.inner_radius_mm(), 0.5 * config.hole_diameter_mm);
             let outer = web(config.outer_radius_mm(), config.opening_radius_mm());
             let thinnest = inner.min(outer);
-            if thinnest < config.min_web_mm {
-                return Err(Error::argument(
-                    "hole_diameter_mm",
-                    format!(
-                        "the holes of dots {j} and {i} ({:.1} degrees apart) leave {thinnest:.2} mm \
-                         between them, expected at least {} mm; {}",
-                        angle.to_degrees(),
-                        config.min_web_mm,
-                        fitting(dots, config, thinnest),
-                    ),
-                ));
+            if thinnest < worst.0 {
+                worst = (thinnest, j, i);
             }
         }
     }
-    Ok(())
+    let (thinnest, j, i) = worst;
+    if thinnest >= config.min_web_mm {
+        return Ok(());
+    }
+    let problem = format!(
+        "the holes of dots {j} and {i} ({:.1} degrees apart) leave {thinnest:.2} mm between them, \
+         expected at least {} mm; {}",
+        angle_between(&dots[i], &dots[j]).to_degrees(),
+        config.min_web_mm,
+        fitting(dots, config, thinnest),
+    );
+    Err(Error::argument("hole_diameter_mm", problem))
 }
 
 /// The hole diameter at which the thinnest web between two holes is as thick as asked for, mm;

@@ -711,11 +711,13 @@ fn the_command_writes_files_that_name_the_pattern() {
     names.sort();
     let expected = [
         "coupon.stl",
+        "drawing.pdf",
         "half_a.stl",
         "half_b.stl",
         "stencil.3mf",
         "stencil.json",
         "stencil.png",
+        "stencil.svg",
     ];
     assert_eq!(names, expected);
 

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::one_of;
+use super::output::{Counter, one_of};
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::error::{Error, Result};
 use crate::files;
@@ -166,10 +166,11 @@ const FILES_ONLY: [&str; 5] = ["output", "overlay", "times", "no_sequence", "jso
 #[cfg(not(feature = "plot"))]
 const FILES_ONLY: [&str; 4] = ["output", "times", "no_sequence", "json"];
 
-/// Keeps the pictures that overlays need.
+/// Keeps the pictures that overlays need, and counts the frames.
 struct Pictures {
     #[cfg_attr(not(feature = "plot"), allow(dead_code))]
     wanted: bool,
+    counter: Counter,
 }
 
 /// A picture, with the corner at which it was cropped.
@@ -190,6 +191,10 @@ impl BatchObserver for Pictures {
 
     fn wants_images(&self) -> bool {
         self.wanted
+    }
+
+    fn progress(&self, frames: usize) {
+        self.counter.set(frames as u64);
     }
 }
 
@@ -213,8 +218,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
-    let pictures = Pictures { wanted };
+    let pictures = Pictures {
+        wanted,
+        counter: Counter::new(0, "frames"),
+    };
     let mut batch = estimate_inputs(&estimators[0], &arguments.images, &config, &pictures)?;
+    pictures.counter.finish();
     let judgement = match arguments.no_verdict {
         true => Judgement::none(),
         false => {

@@ -248,7 +248,11 @@ function stencilSection(d) {
     "The stencil",
     "Two printed half shells close around the ball; a pen draws through the holes. Open it with the slider.",
   );
-  const meshes = s.halves.map(corners),
+  const halves = s.halves.map(corners),
+    size = s.parameters,
+    outer = d.ball_diameter_mm / 2 + size.clearance_mm + size.wall_mm,
+    // The floor of engravings, as the stencil has it: a fifth of the wall, at most half a millimeter.
+    ground = outer - Math.min(0.2 * size.wall_mm, 0.5),
     state = { open: 0, ball: true, a: true, b: true };
   const turn = fromQuaternion(s.rotation_wxyz),
     hinge = [s.axis_mm, 0, 0];
@@ -268,30 +272,37 @@ function stencilSection(d) {
   const angle = el("output", { text: "0\u00b0" });
   const view = new View(
     "The stencil's halves around the ball. Arrow keys turn them.",
-    (v) => {
-      const half = rotation([0, 1, 0], -state.open * DEG),
-        flip = [1, 0, 0, 0, -1, 0, 0, 0, -1],
-        up = [0, 0, s.lip_mm];
-      // Half B: to the stencil's frame, then about the hinge.
-      const b = multiply(half, flip);
-      const shiftB = times(
-        b,
-        up.map((c) => -c),
-      ).map((c, i) => c + hinge[i] - times(half, hinge)[i]);
-      const parts = [];
+    () => {
+      const swung = rotation([0, 1, 0], -state.open * DEG);
+      // Half B lies in its file turned about x; then it swings about the hinge, and the ball with it.
+      const flipped = multiply(swung, [1, 0, 0, 0, -1, 0, 0, 0, -1]);
+      const center = hinge.map((c, i) => c - times(swung, hinge)[i]);
+      // The middle of both halves stays in the middle of the view.
+      const aside = center.map((c) => -0.5 * c);
+      const down = [0, 0, -s.lip_mm];
+      const sum = (...vectors) => [0, 1, 2].map((i) => vectors.reduce((t, v) => t + v[i], 0));
+      const shell = { hub: [0, 0, s.lip_mm], ground };
+      const meshes = [];
       if (state.a)
-        parts.push({
-          mesh: meshes[0],
+        meshes.push({
+          ...shell,
+          mesh: halves[0],
           turn: IDENTITY,
-          shift: up.map((c) => -c),
+          shift: sum(down, aside),
           paint: "--half-a",
         });
-      if (state.b) parts.push({ mesh: meshes[1], turn: b, shift: shiftB, paint: "--half-b" });
-      const center = hinge.map((c, i) => c - times(half, hinge)[i]);
+      if (state.b)
+        meshes.push({
+          ...shell,
+          mesh: halves[1],
+          turn: flipped,
+          shift: sum(times(flipped, down), center, aside),
+          paint: "--half-b",
+        });
       const ball = {
-        center,
+        center: sum(center, aside),
         radius: d.ball_diameter_mm / 2,
-        turn: multiply(half, turn),
+        turn: multiply(swung, turn),
         dots: d.dots,
         dotAngle: Math.asin(d.dot_diameter_mm / d.ball_diameter_mm),
         zones: d.keep_out,
@@ -300,12 +311,9 @@ function stencilSection(d) {
       return {
         reach: reach * (1 + (state.open / 150) * 0.75),
         ball: state.ball ? ball : null,
-        meshes: parts
-          .map((p) => ({ ...p, shift: p.shift.map((c, i) => c - center[i] * 0.5) }))
-          .map((p) => p),
+        meshes,
         labels: [],
         lines: [],
-        ...(state.ball ? { ball: { ...ball, center: center.map((c) => c * 0.5) } } : {}),
       };
     },
     { turn: multiply(rotation([1, 0, 0], -65 * DEG), rotation([0, 0, 1], 35 * DEG)) },

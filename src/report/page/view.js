@@ -40,22 +40,25 @@ void main() {
 }`;
 
 const MESH_VERTEX = `#version 300 es
-in vec3 place; in vec3 normal; out vec3 n;
+in vec3 place; in vec3 normal; out vec3 n, own;
 uniform mat3 turn; uniform vec3 shift, low, size; uniform vec2 reach; uniform float depth;
 void main() {
-  vec3 q = turn * (low + place * size) + shift;
+  own = low + place * size;
+  vec3 q = turn * own + shift;
   n = turn * normal;
   gl_Position = vec4(q.xy / reach, -q.z / depth, 1.0);
 }`;
 
 const MESH_FRAGMENT = `#version 300 es
 precision highp float;
-in vec3 n; out vec4 color; uniform vec3 paint;
+in vec3 n, own; out vec4 color; uniform vec3 paint, hub; uniform float ground;
 void main() {
   vec3 m = normalize(n);
   if (!gl_FrontFacing) m = -m;
   float lit = 0.40 + 0.60 * max(0.0, dot(m, normalize(vec3(-0.45, 0.55, 0.71))));
-  color = vec4(paint * lit * (gl_FrontFacing ? 1.0 : 0.7), 1.0);
+  // The floor of an engraving is darker, so that it can be read.
+  float sunk = abs(distance(own, hub) - ground) < 0.1 ? 0.5 : 1.0;
+  color = vec4(paint * lit * sunk * (gl_FrontFacing ? 1.0 : 0.7), 1.0);
 }`;
 
 /** The numbers of a base64 text as an array of `type`. */
@@ -130,7 +133,7 @@ function program(gl, vertex, fragment) {
 
 /**
  * A view to turn. `scene(view)` returns { reach, ball: { center, radius, turn, dots, dotAngle, zones, seam,
- * seamHalf, chosen } or null, meshes: [{ mesh, turn, shift, paint }], labels: [{ at, text, color, hidden }],
+ * seamHalf, chosen } or null, meshes: [{ mesh, turn, shift, paint, hub, ground }], labels: [{ at, text, color, hidden }],
  * lines: [{ from, to, color, width }] } in the scene's frame, lengths alike. Drag, touch or arrow keys
  * turn it, + and - zoom, Home resets. `hover(direction or null, x, y, view)` hears of the ball's point under
  * the pointer, in the ball's own frame.
@@ -359,7 +362,7 @@ class Stage {
     return this.canvas;
   }
 
-  paintMesh({ mesh, turn, shift, paint }, depth) {
+  paintMesh({ mesh, turn, shift, paint, hub, ground }, depth) {
     const gl = this.gl,
       at = (name) => gl.getUniformLocation(this.meshProgram, name);
     if (!this.buffers.has(mesh))
@@ -378,6 +381,8 @@ class Stage {
     gl.uniform2fv(at("reach"), this.reach);
     gl.uniform1f(at("depth"), depth);
     gl.uniform3fv(at("paint"), rgb(paint));
+    gl.uniform3fv(at("hub"), hub);
+    gl.uniform1f(at("ground"), ground);
     gl.drawArrays(gl.TRIANGLES, 0, mesh.count);
   }
 
