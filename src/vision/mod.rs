@@ -7,7 +7,7 @@
 //! chosen by name in [`detector`]. [`camera`] projects the dots onto the sphere with their
 //! uncertainty. The recognizer identifies them, and the orientation is refined on the dots that it
 //! accepts. [`estimator`] runs these stages for a frame and uses the frames of a sequence as hints
-//! for each other.
+//! for each other, or follows a camera's frames as they come; [`pipe`] reads those of a pipe.
 //!
 //! The renderer `synth` draws frames with a known truth. The workspace's `spindoe-train` trains the
 //! net on them.

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::{Command, Stdio};
 
 use serde_json::Value;
 use spindoe::design::Shard;
@@ -46,10 +47,12 @@ fn merged_shards_are_one_run_of_them_all() {
     // On machines, in any order; one of them is stopped in the middle and taken up again.
     for k in [5, 2, 8, 1, 7, 3, 6, 4] {
         let (shard, out) = (format!("{k}/8"), format!("part-{k}"));
-        design(dir, &["--shard", &shard, "--out", &out]);
+        let flags = ["--shard", &shard, "--out", &out];
         if k == 3 {
-            half_done(&dir.join(&out).join("search.json"));
-            design(dir, &["--shard", &shard, "--out", &out, "--resume"]);
+            kill_in_the_middle(dir, &flags, &dir.join(&out).join("search.json"));
+            design(dir, &[&flags[..], &["--resume"]].concat());
+        } else {
+            design(dir, &flags);
         }
     }
     let parts: Vec<String> = (1..=8).map(|k| format!("part-{k}")).collect();
@@ -65,7 +68,7 @@ fn merged_shards_are_one_run_of_them_all() {
         "sensitivity.csv",
         "stencil/half_a.stl",
         "stencil/stencil.3mf",
-        "ball.png",
+        "pattern.png",
     ] {
         let bytes = |at: &Path| fs::read(at.join(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
         assert!(bytes(&whole) == bytes(&merged), "{file}");
@@ -80,19 +83,24 @@ fn merged_shards_are_one_run_of_them_all() {
     assert!(finalists.len() > 8, "{}", finalists.len());
 }
 
-/// Takes a shard's checkpoint back to the end of its first round.
-fn half_done(path: &Path) {
-    let mut file: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
-    let state = file["state"].as_object_mut().unwrap();
-    assert_eq!(state["round"], 2);
-    // As if the second round had not begun: the pool of the first holds the starts below 4.
-    state.insert("round".into(), 1.into());
-    let first = |c: &Value| c["start"].as_u64().unwrap() < 4;
-    let pool = state["pool"].as_array().unwrap().clone();
-    let pool: Vec<Value> = pool.into_iter().filter(first).collect();
-    assert!(!pool.is_empty());
-    state.insert("pool".into(), pool.into());
-    fs::write(path, file.to_string()).unwrap();
+/// Runs a shard, and kills it once its first checkpoint is there.
+fn kill_in_the_middle(dir: &Path, flags: &[&str], checkpoint: &Path) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .arg("design")
+        .args(SMALL)
+        .args(flags)
+        .current_dir(dir)
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    while !checkpoint.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let file: Value = serde_json::from_slice(&fs::read(checkpoint).unwrap()).unwrap();
+    assert!(file["state"]["round"].as_u64().unwrap() < 2, "it was done");
 }
 
 #[test]

@@ -37,6 +37,11 @@ fn rounded(image: &RgbImage) -> RgbImage {
 fn encoded(image: &RgbImage, format: image::ImageFormat) -> Vec<u8> {
     let (width, height) = (image.width() as u32, image.height() as u32);
     let buffer = image::RgbImage::from_raw(width, height, image.to_bytes()).unwrap();
+    if format == image::ImageFormat::Pnm {
+        // The encoder's own choice is PAM.
+        let header = format!("P6\n{width} {height}\n255\n");
+        return [header.as_bytes(), &image.to_bytes()].concat();
+    }
     let mut bytes = std::io::Cursor::new(Vec::new());
     buffer.write_to(&mut bytes, format).unwrap();
     bytes.into_inner()

@@ -8,7 +8,7 @@ use spindoe::spin::SpinRejection;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig};
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, NamedDetector, RgbImage};
+use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector, RgbImage};
 
 const SPIN: Vec3 = Vec3::new(40.0, 150.0, -60.0);
 
@@ -21,6 +21,8 @@ fn clip(count: usize) -> Clip {
     let pattern = crate::common::random_pattern(20, 5);
     let config = SynthConfig {
         ball_px: Some([90.0; 2]),
+        camera_distance_radii: [20.0; 2],
+        parallel_share: 0.0,
         ..SynthConfig::good()
     };
     let sequence = SequenceConfig {
@@ -40,7 +42,14 @@ fn clip(count: usize) -> Clip {
 
 fn tracker(pattern: &Pattern, config: TrackerConfig) -> Tracker<NamedDetector> {
     let detector = DetectorName::Cnn.build().unwrap();
-    let estimator = Estimator::new(pattern, EstimatorConfig::default(), detector).unwrap();
+    let camera = Camera::Near {
+        inverse_distance: 1.0 / 20.0,
+    };
+    let settings = EstimatorConfig {
+        camera: camera.into(),
+        ..EstimatorConfig::default()
+    };
+    let estimator = Estimator::new(pattern, settings, detector).unwrap();
     Tracker::new(Arc::new(estimator), config).unwrap()
 }
 
@@ -54,10 +63,14 @@ fn it_knows_the_orientation_and_the_spin_now() {
         if let Ok(fit) = state.spin {
             spins += 1;
             let covariance = fit.spin_covariance.expect("a covariance");
-            let off = fit.motion.spin - SPIN;
-            // Early fits are of few frames; all of them say how far off they may be.
-            let distance = off.dot(&covariance.cholesky().unwrap().solve(&off));
-            assert!(distance < 40.0, "{distance} at {time_s}");
+            assert!(covariance.cholesky().is_some());
+            // Errors of the same dots are common to the frames: the covariance of a few frames does not
+            // know them. The first fits are of three frames.
+            let off = (fit.motion.spin - SPIN).norm();
+            assert!(
+                off < if spins > 4 { 10.0 } else { 25.0 },
+                "{off} at {time_s}"
+            );
         }
         if let Some(pose) = state.frame.pose() {
             posed += 1;
