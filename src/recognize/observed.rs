@@ -407,7 +407,7 @@ mod tests {
         assert!(
             error
                 .to_string()
-                .contains("line 65538: expected at most 65536 dots"),
+                .contains("line 1026: expected at most 1024 dots"),
             "{error}"
         );
     }
