@@ -14,7 +14,7 @@ use spindoe::report::page::{DesignPage, EstimatePage};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::DetectorName;
-use spindoe::vision::estimator::{Batch, BatchFrame, SequenceOutcome};
+use spindoe::vision::estimator::{Batch, BatchFrame, SequenceOutcome, TimeSource};
 use spindoe::{Estimator, EstimatorConfig, FrameEstimate, HashTable, PairRule, RecognizerConfig};
 
 /// The exit code of `check_page.py` where something that it needs is absent.
@@ -51,7 +51,15 @@ fn comparison(path: &Path) {
         name: format!("<b>{file}</b>"),
         table: table(pattern(file)),
     });
-    let found = compare(&entries, &[RecognizerName::Robust], 3, 40, &mut |_| {}).unwrap();
+    let found = compare(
+        &entries,
+        &[RecognizerName::Robust],
+        3,
+        40,
+        None,
+        &mut |_| {},
+    )
+    .unwrap();
     std::fs::write(path, found.html(&entries, "spindoe compare a b").unwrap()).unwrap();
 }
 
@@ -74,12 +82,16 @@ fn estimate(path: &Path) {
             path: PathBuf::new(),
             time_s: Some(k as f64 / 350.0),
             estimate,
+            unreadable: None,
             kept: (),
         }
     });
     let batch = Batch {
         frames: frames.collect(),
         sequence: SequenceOutcome::NoTimes,
+        times: TimeSource::None,
+        skipped: Vec::new(),
+        cut_short: Vec::new(),
     };
     assert!(batch.frames[5].estimate.pose().is_none());
     let page = EstimatePage::new(&pattern, &batch, &[], |_| Ok(None)).unwrap();

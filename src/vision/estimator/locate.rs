@@ -4,9 +4,9 @@
 //! Edges give a circle to a part of a pixel, but a shadow, a hand or a background of the ball's
 //! brightness leads them astray. The net sees what is a ball and what is not, to about a hundredth of
 //! the radius, and says how sure it is. Here the net judges every circle that the edges do not show
-//! whole. Where it is not sure of any outline, there is no ball. Where the edges agree with it they
-//! give the last digits, and both are combined by their inverse covariances. Where they do not, both
-//! outlines are candidates, and the dots decide.
+//! whole. Where the edges agree with it they give the last digits, and both are combined by their
+//! inverse covariances. Where they do not, or the net is not sure of any outline, the edges' own circle
+//! is another candidate, and the dots decide.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -19,9 +19,6 @@ use crate::vision::net::outline::{NetOutline, OutlineNet, OutlineWorkspace};
 
 /// An outline of the edges with this support and this part of it in the image needs no judge.
 const WHOLE: f64 = 0.9;
-/// An outline of the edges with this support counts although the net sees none: noise has such ones
-/// in one image of some hundreds.
-const CLEAR: f64 = 0.78;
 /// An outline that the net knows worse than this, in radii, is none.
 const MAX_SIGMA: f64 = 0.06;
 /// Edges farther from the net's outline than this many deviations are those of something else.
@@ -32,8 +29,10 @@ const SYSTEMATIC: f64 = 0.006;
 const MIN_SUPPORT: f64 = 0.4;
 /// Outlines nearer than this to each other, in radii, are the same.
 const SAME: f64 = 0.03;
+/// Each circle of the edges is tried as the net sees it and as it is; then the crop's.
+const TRIES: usize = 2 * BallFinder::MAX_OTHERS + 1;
 /// Maximum number of outlines of a frame.
-pub(super) const MAX_CANDIDATES: usize = BallFinder::MAX_OTHERS + 3;
+const MAX_CANDIDATES: usize = TRIES + 2;
 
 /// An outline that may be the ball's.
 #[derive(Debug, Clone, Copy)]
@@ -102,7 +101,8 @@ impl Locator {
         Ok(candidate)
     }
 
-    /// The edges' own circle, where the net contradicts it: the dots tell which of both is the ball's.
+    /// The edges' own circle, where the net contradicts it or sees nothing: the dots tell whether it is
+    /// the ball's.
     pub fn contested(&mut self) -> Option<Candidate> {
         let candidate = self.contested.take()?;
         self.candidates.push(candidate);
@@ -117,19 +117,22 @@ impl Locator {
         net: Option<&OutlineNet>,
         start: &mut usize,
     ) -> Option<Candidate> {
-        while *start <= BallFinder::MAX_OTHERS {
-            let k = *start;
+        while *start < TRIES {
+            let (k, is_judged) = (*start / 2, start.is_multiple_of(2));
             *start += 1;
-            let fit = self.finder.others().nth(k);
+            // After all circles comes the one that a crop suggests.
+            let fit = match k < BallFinder::MAX_OTHERS {
+                true => self.finder.others().nth(k),
+                false => None,
+            };
             let candidate = match (fit, net) {
-                (Some(fit), Some(net)) => self.see(gray, &fit.circle, net),
-                (Some(fit), None) => Some(Candidate {
+                (Some(fit), Some(net)) if is_judged => self.see(gray, &fit.circle, net),
+                (Some(fit), _) => Some(Candidate {
                     outline: Outline::from(&fit),
                     fit: Some(fit),
                 }),
                 (None, Some(net)) => {
-                    // The last one: the circle that a crop suggests.
-                    *start = usize::MAX;
+                    *start = TRIES;
                     self.see(gray, &inscribed(gray), net)
                 }
                 (None, None) => None,
@@ -138,9 +141,6 @@ impl Locator {
             if let Some(candidate) = candidate.filter(is_new) {
                 self.candidates.push(candidate);
                 return Some(candidate);
-            }
-            if fit.is_none() {
-                break;
             }
         }
         None
@@ -152,14 +152,11 @@ impl Locator {
             outline: Outline::from(fit),
             fit: Some(*fit),
         };
-        let Some(seen) = self.see(gray, &fit.circle, net) else {
-            let is_clear = fit.support >= CLEAR && fit.visible >= WHOLE;
-            return is_clear.then_some(own);
-        };
-        if !is_same(&own, &seen) {
+        let seen = self.see(gray, &fit.circle, net);
+        if seen.is_none_or(|seen| !is_same(&own, &seen)) {
             self.contested = Some(own);
         }
-        Some(seen)
+        seen
     }
 
     /// The net's outline near a circle, made precise by the edges that agree with it.

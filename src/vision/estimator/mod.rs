@@ -254,7 +254,7 @@ impl<D: DotDetector> Estimator<D> {
         other.attempts = 0;
         if let Some(candidate) = ws.locator.contested() {
             self.try_outline(&candidate, image, hint, ws, out, &mut other);
-            if is_better(&other, out) {
+            if is_better(&other, out) && (out.pose().is_some() || is_evident(&other)) {
                 std::mem::swap(&mut other, out);
             }
         }
@@ -266,9 +266,7 @@ impl<D: DotDetector> Estimator<D> {
                 break;
             };
             self.try_outline(&candidate, image, hint, ws, out, &mut other);
-            let clear = other.pose().is_some_and(|p| p.pose_confidence >= CLEAR);
-            // The circle itself is no evidence of a ball: the dots have to be.
-            if clear && likely_dots(&other) >= MIN_LIKELY_DOTS {
+            if is_evident(&other) {
                 std::mem::swap(&mut other, out);
             }
         }
@@ -582,6 +580,12 @@ impl<D: DotDetector> Estimator<D> {
     pub fn camera(&self) -> &CameraModel {
         &self.config.camera
     }
+}
+
+/// Whether the dots alone are evidence of a ball, where the circle is none.
+fn is_evident(frame: &FrameEstimate) -> bool {
+    let is_clear = frame.pose().is_some_and(|p| p.pose_confidence >= CLEAR);
+    is_clear && likely_dots(frame) >= MIN_LIKELY_DOTS
 }
 
 /// Whether the dots speak for `a`'s outline rather than for `b`'s: by the pose's probability and,
