@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::constraints::Constraints;
-use super::objective::Objective;
 use super::objective::bound::BoundSummary;
-use crate::error::{Result, require};
+use super::objective::{Objective, confusion};
+use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::validate::{Protocol, ProtocolName};
 
@@ -44,9 +44,6 @@ pub struct DesignConfig {
     /// Weight of the pairs' quality as bases, on which the paper's recognizer depends; 0 leaves it
     /// out.
     pub basis_weight: f64,
-    /// Weight of the rate at which views are explained by the pattern's mirror image; 0 leaves it
-    /// out.
-    pub mirror_weight: f64,
     /// A pattern to improve instead of random starts.
     pub from: Option<Vec<[f64; 3]>>,
 }
@@ -70,7 +67,6 @@ impl Default for DesignConfig {
             bound_weight: 10.0,
             bound_goal: None,
             basis_weight: 0.0,
-            mirror_weight: 0.0,
             from: None,
         }
     }
@@ -80,7 +76,7 @@ impl DesignConfig {
     /// Checks the domains of all parameters.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`] naming the parameter.
+    /// [`Error::Argument`] naming the parameter.
     pub fn check(&self) -> Result<()> {
         let dots = format!("{MIN_DOTS} to {MAX_DOTS}");
         require(
@@ -101,10 +97,17 @@ impl DesignConfig {
         for (name, weight) in [
             ("bound_weight", self.bound_weight),
             ("basis_weight", self.basis_weight),
-            ("mirror_weight", self.mirror_weight),
         ] {
             let inside = weight >= 0.0 && weight.is_finite();
             require(inside, name, "a number not below 0", weight)?;
+        }
+        if !self.objective.name().suits(self.dots) {
+            let problem = format!(
+                "confusion is computed for at most {} dots, found {}; choose another",
+                confusion::MAX_DOTS,
+                self.dots
+            );
+            return Err(Error::argument("objective", problem));
         }
         self.protocol.check()?;
         self.constraints.check_demand(self.dots)

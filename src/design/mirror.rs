@@ -9,11 +9,11 @@
 //! nothing changes. Up to 24 dots all pairs of pairs are tried, beyond a sample. The result is the
 //! best that was found; a better rotation may exist.
 
-use crate::error::Result;
-use crate::geometry::{Rotation, Vec3, angle_between, kabsch};
-use crate::pattern::Pattern;
+use nalgebra::Matrix3;
 
-use super::objective::poses::{Image, Kernel, PoseSearch};
+use crate::error::Result;
+use crate::geometry::{Rotation, Vec3, angle_between, kabsch, pair_rotation};
+use crate::pattern::Pattern;
 
 /// A dot this near counts as lying on the mirror image, radians (12 degrees).
 pub const MIRROR_NEAR_RAD: f64 = 12.0 * std::f64::consts::PI / 180.0;
@@ -21,8 +21,8 @@ pub const MIRROR_NEAR_RAD: f64 = 12.0 * std::f64::consts::PI / 180.0;
 const REFINED: usize = 60;
 /// Rounds of a refinement.
 const ROUNDS: usize = 12;
-/// Pairs of pairs that are tried.
-const MAX_POSES: f64 = 60_000.0;
+/// Pairs of pairs that are tried: all of those of 24 dots.
+const MAX_POSES: usize = 160_000;
 
 /// The rotation that lays most dots near the mirror image.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -42,26 +42,18 @@ impl MirrorLikeness {
     /// None for a valid pattern: as [`kabsch`].
     pub fn of(pattern: &Pattern) -> Result<Self> {
         let dots = pattern.dots();
-        let mirrored = Image::Mirrored.of(dots);
-        let reach = 2.0 * (0.5 * MIRROR_NEAR_RAD).sin();
-        let search = PoseSearch {
-            image: Image::Mirrored,
-            kernel: Kernel::new(reach, 0.9, 1.0),
-            pair_kernel: Kernel::new(reach, 0.9, 1.0),
-            min_matches: 1,
-            max_poses: MAX_POSES,
-            seed: 0,
-        };
-        let found = search.run(dots);
-        let mut order: Vec<usize> = (0..found.poses.len()).collect();
-        order.sort_by_key(|&k| (std::cmp::Reverse(found.poses[k].matches.len()), k));
+        // Of the mirror images, which differ by rotations, the one behind the plane z = 0.
+        let mirrored: Vec<Vec3> = dots.iter().map(|d| Vec3::new(d.x, d.y, -d.z)).collect();
+        let mut starts = starts(dots, &mirrored);
+        // Stable: of equal ones the first pair comes first.
+        starts.sort_by_key(|start| std::cmp::Reverse(start.near));
         let mut best = Self {
             near: 0,
             dots: dots.len(),
             rms_rad: 0.0,
         };
-        for &k in order.iter().take(REFINED) {
-            let rotation = Rotation::from_matrix(&found.poses[k].rotation);
+        for start in starts.iter().take(REFINED) {
+            let rotation = Rotation::from_matrix(&start.rotation);
             let refined = refine(dots, &mirrored, rotation)?;
             if (refined.near, best.rms_rad) > (best.near, refined.rms_rad) {
                 best = refined;
@@ -69,6 +61,45 @@ impl MirrorLikeness {
         }
         Ok(best)
     }
+}
+
+/// A rotation that lays a pair of dots on a pair of the mirror image.
+struct Start {
+    rotation: Matrix3<f64>,
+    /// Dots that it brings near some dot of the mirror image.
+    near: usize,
+}
+
+fn starts(dots: &[Vec3], mirrored: &[Vec3]) -> Vec<Start> {
+    let n = dots.len();
+    let pairs: Vec<[usize; 2]> = (0..n)
+        .flat_map(|i| (0..n).filter(move |&j| j != i).map(move |j| [i, j]))
+        .collect();
+    let cosine = MIRROR_NEAR_RAD.cos();
+    let separation = |[i, j]: &[usize; 2], of: &[Vec3]| angle_between(&of[*i], &of[*j]);
+    // Every pair of the one against every of the other, as far as that is affordable.
+    let stride = (pairs.len() * pairs.len() / 2).div_ceil(MAX_POSES);
+    let mut found = Vec::new();
+    let tried = pairs.iter().filter(|[i, j]| i < j);
+    let all = tried.flat_map(|a| pairs.iter().map(move |b| (a, b)));
+    for (a, b) in all.step_by(stride.max(1)) {
+        let off = (separation(a, dots) - separation(b, mirrored)).abs();
+        if off > 2.0 * MIRROR_NEAR_RAD {
+            continue;
+        }
+        let from = [&dots[a[0]], &dots[a[1]]];
+        let to = [&mirrored[b[0]], &mirrored[b[1]]];
+        let Some(rotation) = pair_rotation(from, to) else {
+            continue;
+        };
+        let is_near = |d: &&Vec3| {
+            let at = rotation * *d;
+            mirrored.iter().any(|m| m.dot(&at) >= cosine)
+        };
+        let near = dots.iter().filter(is_near).count();
+        found.push(Start { rotation, near });
+    }
+    found
 }
 
 /// Assigns and fits in turn from a rotation; the best assignment met.

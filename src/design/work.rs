@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use super::candidate::Candidate;
 use super::config::DesignConfig;
 use super::feasible::start_separation;
-use super::objective::{Evaluation, Objective, ObjectiveName, OrientationBound, basis};
+use super::objective::{Evaluation, OrientationBound, basis};
 use super::scp::{Cost, Descent};
 use super::start::move_dots;
 use crate::error::Result;
@@ -43,18 +43,6 @@ impl Cost for DesignCost<'_> {
         if config.bound_weight > 0.0 {
             let bound = OrientationBound::default().cost(dots);
             add(config.bound_weight, &bound, 1.0);
-        }
-        if config.mirror_weight > 0.0 {
-            let name = ObjectiveName::Confusion;
-            if let Objective::Confusion(confusion) = Objective::for_protocol(name, &config.protocol)
-            {
-                let mut mirrored = confusion.evaluate_mirrored(dots)?;
-                // Its logarithm, as of the objective, with the same floor.
-                mirrored.value = mirrored.value.max(1e-12);
-                let slope = 1.0 / mirrored.value;
-                mirrored.value = mirrored.value.ln();
-                add(config.mirror_weight, &mirrored, slope);
-            }
         }
         if config.basis_weight > 0.0 {
             // Its logarithm, as of the objective.

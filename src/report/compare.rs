@@ -37,7 +37,7 @@ pub struct PatternMeasures {
     pub summary: PatternSummary,
     /// Spread of the neighbors' distances.
     pub neighbors: NeighborSpread,
-    /// Each objective's value, on the `sparse` protocol's views.
+    /// Each objective's value, on the `sparse` protocol's views, where it can be computed.
     pub objectives: Vec<ObjectiveScore>,
     /// Mean distance from each feature of the table to the nearest other one, without unit.
     pub mean_feature_distance: f64,
@@ -131,6 +131,7 @@ fn measures(entry: &Entry, certificate: Option<&CertifyConfig>) -> Result<Patter
     let sparse = Protocol::standard(ProtocolName::Sparse);
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
         .into_iter()
+        .filter(|name| name.suits(pattern.len()))
         .map(|name| {
             let value = Objective::for_protocol(name, &sparse)
                 .evaluate_at(pattern.dots())?

@@ -190,8 +190,9 @@ impl DesignJob {
     ) -> Result<DesignEvaluation> {
         self.check()?;
         self.reject_taken()?;
-        let _lock = FolderLock::take(&self.dir)?;
         let states = finished_shards(&self.config, shards)?;
+        let _lock = FolderLock::take(&self.dir)?;
+        self.reject_taken()?;
         self.run_from(merge(&self.config, states), stop, observer)
     }
 

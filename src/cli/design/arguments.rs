@@ -61,7 +61,7 @@ pub struct Arguments {
     /// give.
     #[arg(long, value_name = "N", conflicts_with_all = ["shard", "budget"])]
     pub(super) shards: Option<usize>,
-    /// Objective that a descent minimizes; by default confusion.
+    /// Objective that a descent minimizes; by default confusion, for more than 24 dots whitened-nn.
     #[arg(long, value_parser = one_of(&ObjectiveName::ALL, ObjectiveName::as_str), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
@@ -75,10 +75,6 @@ pub struct Arguments {
     /// Weight of the pairs' quality as bases, for the paper's recognizer (1 to 4).
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
     basis_weight: f64,
-    /// Weight of the rate at which views are explained by the pattern's mirror image, as flipped
-    /// images would be; 1 counts it as much as the objective.
-    #[arg(long, value_name = "W", default_value_t = DesignConfig::default().mirror_weight, allow_negative_numbers = true)]
-    mirror_weight: f64,
     /// Descent steps from every start.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().scout_steps)]
     scout_steps: u64,
@@ -215,11 +211,13 @@ impl Arguments {
                 stencil: Some(self.stencil()),
                 ..Constraints::default()
             },
-            objective: Objective::for_protocol(self.objective.unwrap_or_default(), &protocol),
+            objective: Objective::for_protocol(
+                self.objective.unwrap_or(ObjectiveName::for_dots(dots)),
+                &protocol,
+            ),
             bound_weight: self.bound_weight,
             bound_goal: self.bound_goal(dots),
             basis_weight: self.basis_weight,
-            mirror_weight: self.mirror_weight,
             from: from.map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
         })
     }
@@ -356,7 +354,6 @@ impl Arguments {
         let goal = config.bound_goal.unwrap_or(NO_GOAL);
         add("bound-goal", format!("{},{}", goal.mean, goal.worst));
         add("basis-weight", config.basis_weight.to_string());
-        add("mirror-weight", config.mirror_weight.to_string());
         add("samples", config.samples.to_string());
         add("protocol", self.protocol.to_string());
         add("min-separation-deg", self.min_separation_deg().to_string());

@@ -4,8 +4,8 @@
 //!   serves comparisons with the paper.
 //! - [`whitened`]: the same mean in units of the noise that the dots give to a feature, so that
 //!   bases near singular do not count as distinct.
-//! - [`confusion`]: the expected rate at which the detected dots of a view are explained by a wrong
-//!   pose. It is an analytic failure rate, and the default: `docs/objectives.md` shows how well each
+//! - [`confusion`]: the expected rate at which four visible dots are mistaken for four others. It
+//!   is an analytic failure rate, and the default: `docs/objectives.md` shows how well each
 //!   objective predicts the measured rate.
 //!
 //! The optimizer minimizes the logarithm of the value (with its sign reversed where larger is
@@ -15,10 +15,9 @@ pub mod align;
 pub mod basis;
 pub mod bound;
 pub mod confusion;
-mod cube_map;
+mod erfc;
+mod lookalikes;
 pub mod mean_nn;
-pub(super) mod poses;
-mod views;
 pub mod whitened;
 
 use crate::error::{Error, Result};
@@ -26,7 +25,7 @@ use crate::geometry::{Spherical, Vec3};
 use crate::validate::Protocol;
 
 pub use bound::OrientationBound;
-pub use confusion::{Confusion, Detection};
+pub use confusion::Confusion;
 pub use mean_nn::MeanNearestNeighbor;
 pub use whitened::WhitenedNearestNeighbor;
 
@@ -64,7 +63,7 @@ pub enum ObjectiveName {
     /// The mean distance from each triple of dots to the most similar other one, in units of the
     /// noise.
     WhitenedNn,
-    /// The expected rate at which the detected dots of a view are explained by a wrong pose.
+    /// The expected rate at which four visible dots are mistaken for four others.
     #[default]
     Confusion,
 }
@@ -73,6 +72,16 @@ impl ObjectiveName {
     /// All objectives, the paper's first.
     pub const ALL: [Self; 3] = [Self::MeanNn, Self::WhitenedNn, Self::Confusion];
 
+    /// The default objective for so many dots: `confusion` as far as it can be computed,
+    /// `whitened-nn` beyond.
+    pub fn for_dots(dots: usize) -> Self {
+        if dots <= confusion::MAX_DOTS {
+            Self::Confusion
+        } else {
+            Self::WhitenedNn
+        }
+    }
+
     /// As written on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -80,6 +89,11 @@ impl ObjectiveName {
             Self::WhitenedNn => "whitened-nn",
             Self::Confusion => "confusion",
         }
+    }
+
+    /// Whether it can be computed for so many dots.
+    pub fn suits(self, dots: usize) -> bool {
+        self != Self::Confusion || dots <= confusion::MAX_DOTS
     }
 }
 
@@ -116,8 +130,7 @@ impl Default for Objective {
 }
 
 impl Objective {
-    /// The objective of that name for the noise, the visibility and the detection of a protocol. One
-    /// that gives more than [`confusion::MAX_GIVEN`] dots is taken for one that gives so many.
+    /// The objective of that name for the noise and the visibility of a protocol.
     pub fn for_protocol(name: ObjectiveName, protocol: &Protocol) -> Self {
         // Without noise nothing is confused; a hundredth of a degree keeps the values finite.
         let sigma_rad = protocol.tangent_sigma_rad().max(2e-4);
@@ -127,15 +140,6 @@ impl Objective {
             ObjectiveName::Confusion => Self::Confusion(Confusion {
                 sigma_rad,
                 visibility_limit: protocol.visibility_limit,
-                detection: match protocol.dots_given {
-                    Some(dots) => Detection::Given {
-                        dots: dots.clamp(confusion::MIN_GIVEN, confusion::MAX_GIVEN),
-                    },
-                    None => Detection::Independent {
-                        probability: 1.0 - protocol.miss_probability,
-                        false_dots: protocol.false_dots as f64,
-                    },
-                },
                 ..Confusion::default()
             }),
         }
@@ -164,7 +168,7 @@ impl Objective {
         match self {
             Self::MeanNn(o) => o.evaluate(dots),
             Self::WhitenedNn(o) => o.evaluate(dots),
-            Self::Confusion(o) => o.evaluate(dots),
+            Self::Confusion(o) => Ok(o.evaluate(dots)),
         }
     }
 

@@ -83,7 +83,7 @@ fn no_objective_changes_when_the_ball_turns() {
         let (a, b) = (value(pattern.dots()), value(&turned));
         // Confusion and bound sample viewing directions, which do not turn along.
         let tolerance = match objective.name() {
-            ObjectiveName::Confusion => 0.1,
+            ObjectiveName::Confusion => 0.02,
             _ => 1e-9,
         };
         assert!(
@@ -158,11 +158,9 @@ fn whitened_distance_matches_brute_force() {
 }
 
 /// Two quadruples that look alike, far apart on the ball, and nothing else: the rate at which the one is
-/// taken for the other is a matter of the normal distribution, and can be drawn. The objective is half
-/// the Bhattacharyya coefficient, which is above that rate, at the poses of pairs, which are not the
-/// best ones.
+/// taken for the other is a matter of the normal distribution, and can be drawn.
 #[test]
-fn the_rate_of_confusion_is_near_what_is_drawn() {
+fn the_rate_of_confusion_is_what_is_drawn() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let sigma = 0.03;
     let first = [[0.0, 0.0], [0.7, 0.3], [0.6, 2.4], [0.8, 4.1]]
@@ -178,9 +176,8 @@ fn the_rate_of_confusion_is_near_what_is_drawn() {
         sigma_rad: sigma,
         tail_factor: 1.0,
         visibility_limit: 0.5,
-        ..Confusion::default()
     };
-    let computed = confusion.evaluate(&dots).unwrap().value;
+    let worked_out = confusion.evaluate(&dots).value;
     // Draw: which of the two explanations lies nearer, after the best rotation?
     let residual = |seen: &[Vec3; 4], of: &[Vec3; 4]| -> f64 {
         let r = kabsch(of, seen, None).unwrap();
@@ -207,8 +204,8 @@ fn the_rate_of_confusion_is_near_what_is_drawn() {
     assert!(drawn > 0.02 && views > 0.02, "{drawn} {views}");
     let expected = drawn * views;
     assert!(
-        computed > 0.5 * expected && computed < 3.0 * expected,
-        "computed {computed}, drawn {expected} ({drawn} of {views})"
+        (worked_out - expected).abs() < 0.15 * expected,
+        "worked out {worked_out}, drawn {expected} ({drawn} of {views})"
     );
 }
 
