@@ -4,7 +4,8 @@ use numpy::ndarray::{ArrayView2, ArrayView3, ArrayViewD, Ix2, Ix3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use spindoe::vision::estimator::FrameImage;
-use spindoe::vision::image::{MAX_PIXELS, luma};
+use spindoe::vision::image::luma;
+use spindoe::vision::picture::DEFAULT_MAX_PIXELS;
 use spindoe::vision::{GrayImage, RgbImage};
 
 use crate::errors::value_error;
@@ -85,10 +86,10 @@ impl<'py> Pixels<'py> {
         if !fits {
             return Err(wrong());
         }
-        if shape[0] as u64 * shape[1] as u64 > MAX_PIXELS {
+        if shape[0] as u64 * shape[1] as u64 > DEFAULT_MAX_PIXELS {
             return Err(value_error(
                 name,
-                format!("expected at most {MAX_PIXELS} pixels"),
+                format!("expected at most {DEFAULT_MAX_PIXELS} pixels"),
             ));
         }
         Ok(match (self, channels) {

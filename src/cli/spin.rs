@@ -17,6 +17,7 @@ use crate::spin::decay::{DecayConfig, DecayOutcome, fit_decay};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig};
+use crate::spin::shared::SharedError;
 use crate::spin::summary::SpinSummary;
 #[cfg(feature = "plot")]
 use crate::spin::windows::spin_over_time;
@@ -136,9 +137,19 @@ impl Arguments {
         }
     }
 
-    fn fit(&self, measurements: &[Measurement]) -> std::result::Result<Fit, SpinRejection> {
+    fn fit(
+        &self,
+        measurements: &[Measurement],
+        shared: Option<SharedError>,
+    ) -> std::result::Result<Fit, SpinRejection> {
         match self.method {
-            Method::Robust => RobustEstimator::new(self.robust_options()).fit(measurements),
+            Method::Robust => {
+                let options = RobustSpinConfig {
+                    shared,
+                    ..self.robust_options()
+                };
+                RobustEstimator::new(options).fit(measurements)
+            }
             Method::Quatera => {
                 let max_rps = self.max_spin_rps;
                 let options = QuateraConfig {
@@ -184,7 +195,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let outcome = fit_decay(&measurements, &options).map_err(rejected)?;
         (*outcome.start(), Some(outcome))
     } else {
-        (arguments.fit(&measurements).map_err(rejected)?, None)
+        (
+            arguments
+                .fit(&measurements, file.shared_error())
+                .map_err(rejected)?,
+            None,
+        )
     };
     // A decaying spin has its aliases only while it is nearly constant.
     let constant = match decay {

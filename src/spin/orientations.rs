@@ -23,6 +23,7 @@
 use std::io::{BufRead, Write};
 use std::path::Path;
 
+use super::shared::SharedError;
 use super::{DEFAULT_CONFIDENCE, Measurement};
 use crate::error::Result;
 #[cfg(feature = "native")]
@@ -173,6 +174,12 @@ impl Orientations {
 
     /// What the estimators work on: the frames that have an orientation.
     ///
+    /// The error that frames share, as the residuals tell of it; `None` without residuals.
+    pub fn shared_error(&self) -> Option<SharedError> {
+        let answered = self.rows.iter().filter(|r| r.orientation.is_some());
+        SharedError::of_residuals(answered.filter_map(|r| r.residual_rad))
+    }
+
     /// Where residuals and dot counts are given, a frame's noise follows from them: `n` dots spread
     /// over the ball with noise `s` fix each axis of the orientation to `s sqrt(3 / (2 n))`, so
     /// that the scale is `s / sqrt(n)` relative to the median frame's.

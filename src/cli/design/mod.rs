@@ -25,8 +25,6 @@ const FOLDER: &str = "spindoe-design";
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let (job, start) = arguments.job()?;
-    job.stencil.validate()?;
-    arguments.check_holes(&job.config)?;
     if let Some(warning) = arguments.dot_size_warning() {
         errln!("spindoe: {warning}");
     }
@@ -102,8 +100,8 @@ impl Arguments {
     pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
         let config = self.config()?;
         self.stencil().validate()?;
-        config.check()?;
         self.check_holes(&config)?;
+        config.check()?;
         let job = DesignJob {
             evaluation: EvaluationConfig::of_samples(config.samples),
             config,

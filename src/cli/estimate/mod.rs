@@ -32,7 +32,7 @@ use crate::vision::{
     Intrinsics, NamedDetector, Pixel, RgbImage,
 };
 use output::Report;
-use verdict::Judgement;
+use verdict::Judgment;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -224,16 +224,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut batch = estimate_inputs(&estimators[0], &arguments.images, &config, &pictures)?;
     pictures.counter.finish();
-    let judgement = match arguments.no_verdict {
-        true => Judgement::none(),
+    let judgment = match arguments.no_verdict {
+        true => Judgment::none(),
         false => {
             // Identified anew, a batch has its outlines already.
             config.clock = FrameClock::Inputs;
-            Judgement::of(&estimators, &arguments.table, &config, &mut batch)?
+            Judgment::of(&estimators, &arguments.table, &config, &mut batch)?
         }
     };
     if arguments.calibrate {
-        let chosen = &mut estimators[judgement.table()];
+        let chosen = &mut estimators[judgment.table()];
         *chosen = calibrate_in_place(arguments, chosen, &config, &mut batch)?;
     }
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
@@ -243,11 +243,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.overlay {
-        overlay::draw(dir, &estimators[judgement.table()], &batch)?;
+        overlay::draw(dir, &estimators[judgment.table()], &batch)?;
     }
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.report {
-        let estimator = &estimators[judgement.table()];
+        let estimator = &estimators[judgment.table()];
         page::write(
             path,
             estimator,
@@ -256,7 +256,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             arguments.max_spin_rps,
         )?;
     }
-    let report = Report::new(arguments, &batch, &judgement);
+    let report = Report::new(arguments, &batch, &judgment);
     let text = report.orientations_csv();
     if let (Some(mut file), Some(path)) = (file, &arguments.output) {
         file.write_all(text.as_bytes())

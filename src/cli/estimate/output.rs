@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::verdict::Judgement;
+use super::verdict::Judgment;
 use super::{Arguments, Picture};
 use crate::cli::spin::LISTED_BEYOND;
 use crate::cli::spin_summary;
@@ -24,7 +24,7 @@ const MAX_NAMED: usize = 5;
 pub(super) struct Report<'a> {
     arguments: &'a Arguments,
     batch: &'a Batch<Picture>,
-    judgement: &'a Judgement,
+    judgment: &'a Judgment,
     orientations: Orientations,
     /// Where the frames have times.
     spin: Option<Result<SpinSummary, SpinRejection>>,
@@ -63,6 +63,7 @@ fn spin(
     }
     let config = RobustSpinConfig {
         max_rps: arguments.max_spin_rps,
+        shared: orientations.shared_error(),
         ..RobustSpinConfig::default()
     };
     let listed = AliasConfig {
@@ -100,14 +101,14 @@ impl<'a> Report<'a> {
     pub fn new(
         arguments: &'a Arguments,
         batch: &'a Batch<Picture>,
-        judgement: &'a Judgement,
+        judgment: &'a Judgment,
     ) -> Self {
         let orientations = orientations(arguments.frame, batch);
         let spin = spin(arguments, batch, &orientations);
         Self {
             arguments,
             batch,
-            judgement,
+            judgment,
             orientations,
             spin,
         }
@@ -128,7 +129,7 @@ impl<'a> Report<'a> {
             "identified": self.batch.identified(),
             "times": self.batch.times,
             "times_words": self.times_words(),
-            "verdict": self.judgement.to_json(),
+            "verdict": self.judgment.to_json(),
             "skipped": self.batch.skipped.iter().map(|s| json!({
                 "folder": s.folder, "files": s.names,
             })).collect::<Vec<_>>(),
@@ -253,7 +254,7 @@ impl<'a> Report<'a> {
         }
         let count = self.batch.frames.len();
         errln!("{} of {count} frames identified", self.batch.identified());
-        if let Some(words) = self.judgement.words() {
+        if let Some(words) = self.judgment.words() {
             errln!("{words}");
         }
         if let SequenceOutcome::Estimated { summary, .. } = &self.batch.sequence
@@ -278,7 +279,7 @@ impl<'a> Report<'a> {
     pub fn no_answer(&self) -> Option<String> {
         let count = self.batch.frames.len();
         match self.batch.identified() {
-            0 => Some(self.judgement.rejection().unwrap_or_else(|| {
+            0 => Some(self.judgment.rejection().unwrap_or_else(|| {
                 let first = self.batch.frames.first();
                 let why = first.map(|f| words(&f.estimate)).unwrap_or_default();
                 format!("none of {count} frames is identified; the first: {why}")

@@ -21,7 +21,7 @@ const MAX_FRAMES: usize = 64;
 const CHUNK: usize = 4;
 
 /// What all frames together say.
-pub(super) struct Judgement {
+pub(super) struct Judgment {
     verdict: Verdict,
     hypotheses: Vec<Hypothesis>,
     tables: Vec<PathBuf>,
@@ -29,7 +29,7 @@ pub(super) struct Judgement {
     table: usize,
 }
 
-impl Judgement {
+impl Judgment {
     /// No verdict was wanted.
     pub fn none() -> Self {
         Self {

@@ -165,8 +165,9 @@ impl Locator {
         let radius = seen.circle.radius;
         let floor = Matrix3::from_diagonal_element((SYSTEMATIC * radius).powi(2));
         let covariance = seen.covariance + floor;
-        let variance = seen.covariance.diagonal().max();
-        if !(variance.sqrt() < MAX_SIGMA * radius) {
+        let sigma = seen.covariance.diagonal().max().sqrt();
+        let is_sure = sigma < MAX_SIGMA * radius;
+        if !is_sure {
             return None;
         }
         let edges = [Polarity::Brighter, Polarity::Darker]

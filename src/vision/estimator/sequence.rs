@@ -22,11 +22,6 @@ const OUTLYING: f64 = 4.0;
 /// Smallest standard deviation of the shared ball radii over the camera's distance: the ball moves in depth.
 const MIN_DISTANCE_SIGMA: f64 = 0.003;
 
-/// An orientation's shared error over that of a dot: some eight dots are seen, and the residuals of
-/// their fit are smaller than their errors. Measured by `spin_coverage`.
-const SHARED: f64 = 0.5;
-/// Over this angle the dots in sight, and with them the shared error, change.
-const CORRELATION_RAD: f64 = 0.7;
 /// No orientation is known better than this, radians: a tenth of a degree.
 const MIN_SIGMA_RAD: f64 = 1.75e-3;
 
@@ -273,22 +268,10 @@ pub fn estimate_spin(
         .collect();
     let spin = RobustSpinConfig {
         sigma_rad: typical,
-        shared: Some(SharedError {
-            sigma_rad: SHARED * drawn_error(poses().map(|(_, pose)| pose)),
-            correlation_rad: CORRELATION_RAD,
-        }),
+        shared: SharedError::of_residuals(poses().map(|(_, pose)| pose.residual_rad)),
         ..config.spin
     };
     RobustEstimator::new(spin).fit(&measurements)
-}
-
-/// Standard deviation of a dot along an axis, radians, as the residuals show it: their root mean
-/// square over frames, half of it along either axis.
-fn drawn_error<'a>(poses: impl Iterator<Item = &'a Pose>) -> f64 {
-    let (sum, count) = poses.fold((0.0, 0.0), |(sum, count), pose| {
-        (sum + 0.5 * pose.residual_rad.powi(2), count + 1.0)
-    });
-    (sum / f64::max(count, 1.0)).sqrt()
 }
 
 /// Standard deviation of a pose about an axis, radians: the root mean square over all axes.

@@ -475,9 +475,9 @@ fn demands_that_no_pattern_meets_are_refused_with_the_figure_that_helps() {
         ..base.clone()
     };
     assert!(enough.check_demand(20).is_ok());
-    // Two small caps do not hold twenty dots 30 degrees apart.
+    // Two small caps do not hold twenty dots 32 degrees apart.
     let words = refused(Constraints {
-        min_separation_rad: 30f64.to_radians(),
+        min_separation_rad: 32f64.to_radians(),
         seam_margin_rad: 55f64.to_radians(),
         ..base.clone()
     });
@@ -488,7 +488,7 @@ fn demands_that_no_pattern_meets_are_refused_with_the_figure_that_helps() {
     // Nor does what six wide cones leave.
     let cone = |axis| KeepOut {
         axis,
-        half_angle_rad: 50f64.to_radians(),
+        half_angle_rad: 60f64.to_radians(),
     };
     let axes = [Vec3::x(), Vec3::y(), Vec3::z()];
     let words = refused(Constraints {

@@ -481,14 +481,16 @@ fn numbered_frames_ask_for_a_rate() {
     assert!((rps(&json) - rps(&named)).abs() < 1e-3, "{json} {named}");
     let again = crate::common::done(dir.path(), &["spin", "o.csv", "--json"]);
     let again: serde_json::Value = serde_json::from_str(&again).expect("JSON");
-    for field in [
-        "spin_rad_s",
-        "std_rad_s",
-        "alternatives",
-        "unique_up_to_rps",
-        "residual_deg",
-    ] {
+    for field in ["alternatives", "unique_up_to_rps", "residual_deg"] {
         assert_eq!(again[field], named["spin"][field], "{field}");
+    }
+    // Equal up to the order of sums.
+    for field in ["spin_rad_s", "std_rad_s"] {
+        for k in 0..3 {
+            let value = |json: &serde_json::Value| json[field][k].as_f64().expect("a number");
+            let (a, b) = (value(&again), value(&named["spin"]));
+            assert!((a - b).abs() <= 1e-9 * (1.0 + b.abs()), "{field}: {a} {b}");
+        }
     }
     let limit = again["unique_up_to_rps"].as_f64().expect("a limit");
     assert!((limit - 175.0).abs() < 0.1, "{limit}");
