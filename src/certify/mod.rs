@@ -29,13 +29,17 @@ mod check;
 mod search;
 mod visible;
 
+#[cfg(feature = "native")]
 use std::path::Path;
 
 use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 
 use crate::concurrency;
-use crate::error::{Error, Result, require};
+#[cfg(feature = "native")]
+use crate::error::Error;
+use crate::error::{Result, require};
+#[cfg(feature = "native")]
 use crate::files;
 use crate::pattern::Pattern;
 use search::{Found, Problem};
@@ -221,6 +225,7 @@ impl Certificate {
     /// # Errors
     /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no certificate of
     /// this version.
+    #[cfg(feature = "native")]
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = files::read_bytes(path)?;
         let found: Self = serde_json::from_slice(&bytes)
@@ -239,6 +244,7 @@ impl Certificate {
     ///
     /// # Errors
     /// [`Error::Write`] on an I/O failure.
+    #[cfg(feature = "native")]
     pub fn write(&self, path: &Path) -> Result<()> {
         let mut json = serde_json::to_vec_pretty(self)
             .map_err(|e| Error::Internal(format!("certificate as JSON: {e}")))?;

@@ -200,11 +200,8 @@ pub(super) fn rate_axis(
         return Axis::linear(name, values(), Unit::Percent, (0.0, 1.0));
     }
     let (_, max) = span(name, values())?;
-    let high = if max > 0.0 {
-        (max * 1.1).min(1.0)
-    } else {
-        0.01
-    };
+    // Below a thousandth, only zero would be told from the rest.
+    let high = (max * 1.1).clamp(1e-3, 1.0);
     Ok(Axis::roots(high, Unit::Percent))
 }
 
@@ -298,7 +295,7 @@ mod tests {
             |axis: Axis| -> Vec<String> { axis.ticks.iter().map(|t| axis.label(*t)).collect() };
         assert_eq!(
             labels(axis(&[point(0.52)])),
-            ["0 %", "1 %", "2 %", "5 %", "10 %", "20 %", "30 %", "50 %"]
+            ["0 %", "0.5 %", "2 %", "5 %", "10 %", "20 %", "30 %", "50 %"]
         );
     }
 

@@ -110,7 +110,7 @@ pub enum TrialResult {
 /// Runs every trial and returns the results in their order.
 ///
 /// # Errors
-/// [`Error::Argument`] for zero trials, too many, or a protocol outside its domain.
+/// [`crate::Error::Argument`] for zero trials, too many, or a protocol outside its domain.
 pub fn run_trials<R: Recognizer>(
     pattern: &Pattern,
     recognizer: &R,
@@ -148,7 +148,7 @@ fn require_samples(samples: u64) -> Result<()> {
 /// one call over all of them gives.
 ///
 /// # Errors
-/// [`Error::Argument`] for a protocol outside its domain, or trials beyond the largest number.
+/// [`crate::Error::Argument`] for a protocol outside its domain, or trials beyond the largest number.
 pub fn run_trials_in<R: Recognizer>(
     pattern: &Pattern,
     recognizer: &R,
