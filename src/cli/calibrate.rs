@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::output::one_of;
+use super::images::ImageArguments;
 use crate::calibrate::{
     Calibration, CalibrationConfig, DotState, build_pattern, calibrate, identify_frames,
     matching_design,
@@ -18,15 +18,8 @@ use crate::report::calibration::{
     CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, CalibrationSource,
     FILES, evaluate_calibration,
 };
-use crate::vision::estimator::{
-    BatchConfig, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
-};
-use crate::vision::net::Weights;
-use crate::vision::net::detector::CnnConfig;
-use crate::vision::{
-    BallCircle, Camera, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    Intrinsics, NamedDetector, Pixel, input,
-};
+use crate::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
+use crate::vision::{Estimator, EstimatorConfig, FrameEstimate};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -78,48 +71,8 @@ pub struct Arguments {
     /// Seed of the trials.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// The dot detector.
-    #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
-    detector: DetectorName,
-    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
-    #[arg(long, value_name = "WEIGHTS.npz")]
-    weights: Option<PathBuf>,
-    /// The ball's outline in all frames: center and radius in pixels [default: detected].
-    #[arg(
-        long,
-        value_name = "U,V,R",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
-    circle: Vec<f64>,
-    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
-    /// [default: it is fitted].
-    #[arg(
-        long,
-        value_name = "D",
-        conflicts_with = "intrinsics",
-        allow_negative_numbers = true
-    )]
-    camera_distance_radii: Option<f64>,
-    /// The camera's focal lengths and principal point in pixels.
-    #[arg(
-        long,
-        value_name = "FX,FY,CX,CY",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
-    intrinsics: Vec<f64>,
-    /// Frames per second, for frames at equal intervals.
-    #[arg(
-        long,
-        value_name = "F",
-        conflicts_with = "times",
-        allow_negative_numbers = true
-    )]
-    fps: Option<f64>,
-    /// Times of the frames: CSV with the header frame,time_s.
-    #[arg(long, value_name = "CSV")]
-    times: Option<PathBuf>,
+    #[command(flatten)]
+    images: ImageArguments,
     /// Print the report as one JSON object instead of words.
     #[arg(long)]
     json: bool,
@@ -184,30 +137,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 impl Arguments {
     fn config(&self) -> Result<CalibrationConfig> {
-        if let Some(rate) = self.fps.filter(|x| !(*x > 0.0 && x.is_finite())) {
-            let problem = format!("expected a positive number, found {rate}");
-            return Err(Error::argument("fps", problem));
-        }
-        let camera = match (&self.intrinsics[..], self.camera_distance_radii) {
-            ([], None) => CameraModel::default(),
-            ([], Some(distance)) if distance > 1.0 => CameraModel::Known(Camera::Near {
-                inverse_distance: 1.0 / distance,
-            }),
-            ([], Some(distance)) => {
-                let problem = format!("expected more than 1 ball radius, found {distance}");
-                return Err(Error::argument("camera_distance_radii", problem));
-            }
-            (&[fx, fy, cx, cy], _) if fx > 0.0 && fy > 0.0 => {
-                CameraModel::Known(Camera::Perspective(Intrinsics { fx, fy, cx, cy }))
-            }
-            _ => {
-                let problem = "expected FX,FY,CX,CY with positive focal lengths";
-                return Err(Error::argument("intrinsics", problem));
-            }
-        };
+        self.images.check_rate()?;
         let config = CalibrationConfig {
             estimator: EstimatorConfig {
-                camera,
+                camera: self.images.camera()?,
                 ..EstimatorConfig::default()
             },
             placement_sigma_rad: self.placement_sigma_deg.to_radians(),
@@ -219,40 +152,10 @@ impl Arguments {
         Ok(config)
     }
 
-    fn detector(&self) -> Result<NamedDetector> {
-        match (&self.weights, self.detector) {
-            (None, name) => name.build(),
-            (Some(path), DetectorName::Cnn) => {
-                let net = CnnDetector::new(&Weights::read(path)?, CnnConfig::default())?;
-                Ok(NamedDetector::Cnn(net))
-            }
-            (Some(_), DetectorName::Blob) => {
-                let problem = "expected --detector cnn: blobs have no weights";
-                Err(Error::argument("weights", problem))
-            }
-        }
-    }
-
     fn batch(&self) -> Result<BatchConfig> {
-        let circle = match self.circle[..] {
-            [] => None,
-            [u, v, radius] if radius > 0.0 && radius.is_finite() => Some(BallCircle {
-                center: Pixel { u, v },
-                radius,
-            }),
-            _ => {
-                let problem = "expected U,V,R in pixels with a positive radius";
-                return Err(Error::argument("circle", problem));
-            }
-        };
-        let clock = match (self.fps, &self.times) {
-            (Some(rate), _) => FrameClock::FramesPerSecond(rate),
-            (None, Some(path)) => FrameClock::Table(input::read_times(path)?),
-            (None, None) => FrameClock::Inputs,
-        };
         Ok(BatchConfig {
-            circle,
-            clock,
+            circle: self.images.circle()?,
+            clock: self.images.clock()?,
             ..BatchConfig::default()
         })
     }
@@ -269,15 +172,12 @@ impl Arguments {
     fn read(&self, tables: Vec<HashTable>, config: &CalibrationConfig) -> Result<Clip> {
         let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
         let pattern = tables.first().map_or(&stand_in, |t| t.pattern());
-        let estimator = Estimator::new(pattern, config.estimator, self.detector()?)?;
+        let estimator = Estimator::new(pattern, config.estimator, self.images.detector()?)?;
         let batch = estimate_inputs(&estimator, &self.clip, &self.batch()?, &())?;
         if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
             errln!("spindoe: the times do not increase from frame to frame: they are not used");
         }
-        let times_s = match batch.sequence {
-            SequenceOutcome::Estimated { .. } => batch.frames.iter().map(|f| f.time_s).collect(),
-            _ => None,
-        };
+        let times_s = batch.times_s();
         let frames: Vec<FrameEstimate> = batch.frames.into_iter().map(|f| f.estimate).collect();
         let (table, path, frames) = if self.unknown {
             self.unknown_ball(tables, &frames, config)?

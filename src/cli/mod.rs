@@ -32,6 +32,8 @@ mod estimate;
 #[cfg(feature = "vision")]
 mod export;
 mod identify;
+#[cfg(feature = "vision")]
+mod images;
 #[cfg(feature = "mark")]
 mod mark;
 mod merge;

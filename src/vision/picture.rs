@@ -6,14 +6,12 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
-use super::image::{GrayImage, RgbImage};
+use super::image::{GrayImage, RgbImage, luma};
 use crate::error::{Error, Result};
 use crate::files;
 
 /// Maximum number of pixels of a picture by default: more than any camera's but a few phones'.
 pub const DEFAULT_MAX_PIXELS: u64 = 64_000_000;
-/// Weights of red, green and blue in gray (ITU-R BT.709).
-const LUMA: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// A picture.
 #[derive(Debug, Clone)]
@@ -149,11 +147,8 @@ impl Picture {
         match self {
             Self::Deep(image) => Ok(image.to_gray()),
             Self::Bytes(bytes) => {
-                let luma = |c: &[u8]| {
-                    let [r, g, b] = [c[0], c[1], c[2]].map(|x| f32::from(x) / 255.0);
-                    LUMA[0] * r + LUMA[1] * g + LUMA[2] * b
-                };
-                let values = bytes.values.chunks_exact(3).map(luma).collect();
+                let gray = |c: &[u8]| luma([c[0], c[1], c[2]].map(|x| f32::from(x) / 255.0));
+                let values = bytes.values.chunks_exact(3).map(gray).collect();
                 GrayImage::new(bytes.width, bytes.height, values)
             }
         }

@@ -34,7 +34,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         return Err(Error::argument("--table", problem));
     };
     let estimator = Arc::new(arguments.estimator(&crate::cli::read_table(table)?)?);
-    let circle = arguments.circle()?;
+    let circle = arguments.source.circle()?;
     let mut sequence = SequenceConfig::default();
     sequence.spin.max_rps = arguments.max_spin_rps;
     let config = TrackerConfig {
@@ -52,7 +52,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             break;
         };
         let arrived = Instant::now();
-        let time_s = match arguments.fps {
+        let time_s = match arguments.source.fps {
             Some(rate) => number as f64 / rate,
             None => arrived
                 .duration_since(*begun.get_or_insert(arrived))

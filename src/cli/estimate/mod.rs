@@ -13,6 +13,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::images::ImageArguments;
 use super::output::{Counter, one_of};
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::error::{Error, Result};
@@ -20,17 +21,11 @@ use crate::files;
 use crate::geometry::CameraFrame;
 use crate::hash::HashTable;
 use crate::vision::estimator::{
-    Batch, BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, estimate_inputs,
+    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
 };
-use crate::vision::input;
-use crate::vision::net::Weights;
-use crate::vision::net::detector::CnnConfig;
 use crate::vision::picture::DEFAULT_MAX_PIXELS;
 use crate::vision::pipe::PipeFormat;
-use crate::vision::{
-    BallCircle, Camera, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    Intrinsics, NamedDetector, Pixel, RgbImage,
-};
+use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RgbImage};
 use output::Report;
 use verdict::Judgment;
 
@@ -69,12 +64,8 @@ pub struct Arguments {
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     output: Option<PathBuf>,
-    /// The dot detector.
-    #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
-    detector: DetectorName,
-    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
-    #[arg(long, value_name = "WEIGHTS.npz")]
-    weights: Option<PathBuf>,
+    #[command(flatten)]
+    source: ImageArguments,
     /// Draw every frame enlarged, with its detections, and a contact sheet, into this folder.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
@@ -83,38 +74,6 @@ pub struct Arguments {
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// The ball's outline in all frames: center and radius in pixels [default: detected].
-    #[arg(
-        long,
-        value_name = "U,V,R",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
-    circle: Vec<f64>,
-    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
-    /// [default: it is estimated with the orientation].
-    #[arg(
-        long,
-        value_name = "D",
-        conflicts_with = "intrinsics",
-        allow_negative_numbers = true
-    )]
-    camera_distance_radii: Option<f64>,
-    /// The camera's focal lengths and principal point in pixels: the distance then follows from the
-    /// ball's size.
-    #[arg(
-        long,
-        value_name = "FX,FY,CX,CY",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
-    intrinsics: Vec<f64>,
-    /// Frames per second, for frames at equal intervals.
-    #[arg(long, value_name = "F", conflicts_with = "times")]
-    fps: Option<f64>,
-    /// Times of the frames: CSV with the header frame,time_s.
-    #[arg(long, value_name = "CSV")]
-    times: Option<PathBuf>,
     /// The camera frame that orientations and spin are written in.
     #[arg(long, value_parser = one_of(&CameraFrame::ALL, CameraFrame::as_str), default_value_t = CameraFrame::Ours)]
     frame: CameraFrame,
@@ -287,10 +246,7 @@ fn calibrate_in_place(
     batch: &mut Batch<Picture>,
 ) -> Result<Estimator<NamedDetector>> {
     let frames: Vec<FrameEstimate> = batch.frames.iter().map(|f| f.estimate.clone()).collect();
-    let times: Option<Vec<f64>> = match batch.sequence {
-        SequenceOutcome::Estimated { .. } => batch.frames.iter().map(|f| f.time_s).collect(),
-        _ => None,
-    };
+    let times = batch.times_s();
     let settings = CalibrationConfig {
         estimator: *estimator.config(),
         ..CalibrationConfig::default()
@@ -324,83 +280,30 @@ impl Arguments {
             let problem = format!("expected 0 to 1, found {}", self.min_confidence);
             return Err(Error::argument("--min-confidence", problem));
         }
-        for (name, value) in [
-            ("--fps", self.fps),
-            ("--max-spin-rps", Some(self.max_spin_rps)),
-        ] {
-            if let Some(x) = value.filter(|x| !(*x > 0.0 && x.is_finite())) {
-                let problem = format!("expected a positive number, found {x}");
-                return Err(Error::argument(name, problem));
-            }
+        self.source.check_rate()?;
+        let max_rps = self.max_spin_rps;
+        if !(max_rps > 0.0 && max_rps.is_finite()) {
+            let problem = format!("expected a positive number, found {max_rps}");
+            return Err(Error::argument("--max-spin-rps", problem));
         }
-        let camera = match (&self.intrinsics[..], self.camera_distance_radii) {
-            ([], None) => CameraModel::default(),
-            ([], Some(distance)) if distance > 1.0 => CameraModel::Known(Camera::Near {
-                inverse_distance: 1.0 / distance,
-            }),
-            ([], Some(distance)) => {
-                let problem = format!("expected more than 1 ball radius, found {distance}");
-                return Err(Error::argument("camera_distance_radii", problem));
-            }
-            (&[fx, fy, cx, cy], _) if fx > 0.0 && fy > 0.0 => {
-                CameraModel::Known(Camera::Perspective(Intrinsics { fx, fy, cx, cy }))
-            }
-            _ => {
-                let problem = "expected FX,FY,CX,CY with positive focal lengths";
-                return Err(Error::argument("intrinsics", problem));
-            }
-        };
         let config = EstimatorConfig {
-            camera,
+            camera: self.source.camera()?,
             min_confidence: self.min_confidence,
             ..EstimatorConfig::default()
         };
-        Estimator::for_table(table, config, self.detector()?)
-    }
-
-    fn detector(&self) -> Result<NamedDetector> {
-        match (&self.weights, self.detector) {
-            (None, name) => name.build(),
-            (Some(path), DetectorName::Cnn) => {
-                let net = CnnDetector::new(&Weights::read(path)?, CnnConfig::default())?;
-                Ok(NamedDetector::Cnn(net))
-            }
-            (Some(_), DetectorName::Blob) => {
-                let problem = "expected --detector cnn: blobs have no weights";
-                Err(Error::argument("--weights", problem))
-            }
-        }
-    }
-
-    fn circle(&self) -> Result<Option<BallCircle>> {
-        match self.circle[..] {
-            [] => Ok(None),
-            [u, v, radius] if radius > 0.0 && radius.is_finite() => Ok(Some(BallCircle {
-                center: Pixel { u, v },
-                radius,
-            })),
-            _ => {
-                let problem = "expected U,V,R in pixels with a positive radius";
-                Err(Error::argument("--circle", problem))
-            }
-        }
+        Estimator::for_table(table, config, self.source.detector()?)
     }
 
     fn batch(&self) -> Result<BatchConfig> {
         let mut config = BatchConfig {
-            circle: self.circle()?,
+            circle: self.source.circle()?,
+            clock: self.source.clock()?,
             independent: self.no_sequence,
             mirrored: self.mirrored,
             max_pixels: self.max_pixels,
             ..BatchConfig::default()
         };
         config.sequence.spin.max_rps = self.max_spin_rps;
-        if let Some(rate) = self.fps {
-            config.clock = FrameClock::FramesPerSecond(rate);
-        }
-        if let Some(path) = &self.times {
-            config.clock = FrameClock::Table(input::read_times(path)?);
-        }
         Ok(config)
     }
 }

@@ -122,7 +122,7 @@ impl<'a> Report<'a> {
         let frames = self.batch.frames.iter();
         let frames: Vec<Value> = frames.map(|frame| self.frame_json(frame)).collect();
         let mut json = json!({
-            "detector": self.arguments.detector,
+            "detector": self.arguments.source.detector,
             "frame": self.arguments.frame,
             "mirrored": self.arguments.mirrored,
             "frames": frames,

@@ -195,6 +195,14 @@ impl<K> Batch<K> {
         posed.count()
     }
 
+    /// The frames' times, seconds, where they are a sequence.
+    pub fn times_s(&self) -> Option<Vec<f64>> {
+        match self.sequence {
+            SequenceOutcome::Estimated { .. } => self.frames.iter().map(|f| f.time_s).collect(),
+            _ => None,
+        }
+    }
+
     /// Lets the frames inform each other anew, after their estimates have changed.
     pub fn track<D: DotDetector>(&mut self, estimator: &Estimator<D>, config: &BatchConfig) {
         self.sequence = as_sequence(estimator, config, &mut self.frames);

@@ -42,6 +42,15 @@ pub(super) struct Candidate {
     pub fit: Option<BallFit>,
 }
 
+impl From<BallFit> for Candidate {
+    fn from(fit: BallFit) -> Self {
+        Self {
+            outline: Outline::from(&fit),
+            fit: Some(fit),
+        }
+    }
+}
+
 /// Finds the ball; keeps its memory from image to image.
 #[derive(Debug)]
 pub(super) struct Locator {
@@ -83,10 +92,7 @@ impl Locator {
         };
         let candidate = match (found, net) {
             (Ok(fit), Some(net)) if !is_whole(&fit) => self.judge(gray, &fit, net),
-            (Ok(fit), _) => Some(Candidate {
-                outline: Outline::from(&fit),
-                fit: Some(fit),
-            }),
+            (Ok(fit), _) => Some(fit.into()),
             (Err(_), _) => None,
         };
         // A crop shows the ball in its middle.
@@ -127,10 +133,7 @@ impl Locator {
             };
             let candidate = match (fit, net) {
                 (Some(fit), Some(net)) if is_judged => self.see(gray, &fit.circle, net),
-                (Some(fit), _) => Some(Candidate {
-                    outline: Outline::from(&fit),
-                    fit: Some(fit),
-                }),
+                (Some(fit), _) => Some(fit.into()),
                 (None, Some(net)) => {
                     *start = TRIES;
                     self.see(gray, &inscribed(gray), net)
@@ -148,10 +151,7 @@ impl Locator {
 
     /// What the net makes of a circle of the edges.
     fn judge(&mut self, gray: &GrayImage, fit: &BallFit, net: &OutlineNet) -> Option<Candidate> {
-        let own = Candidate {
-            outline: Outline::from(fit),
-            fit: Some(*fit),
-        };
+        let own = Candidate::from(*fit);
         let seen = self.see(gray, &fit.circle, net);
         if seen.is_none_or(|seen| !is_same(&own, &seen)) {
             self.contested = Some(own);

@@ -133,6 +133,16 @@ impl<D: DotDetector> Estimator<D> {
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
     pub fn new(pattern: &Pattern, config: EstimatorConfig, detector: D) -> Result<Self> {
+        Self::with_net(pattern, config, detector, config.outline.net()?)
+    }
+
+    /// As [`Estimator::new`], with the net for outlines at hand: another pattern does not read it anew.
+    fn with_net(
+        pattern: &Pattern,
+        config: EstimatorConfig,
+        detector: D,
+        outline_net: Option<OutlineNet>,
+    ) -> Result<Self> {
         config.check()?;
         let doubtful = RobustConfig {
             expected_false_dots: config.recognizer.expected_false_dots + config.doubtful_false_dots,
@@ -146,7 +156,7 @@ impl<D: DotDetector> Estimator<D> {
                 RobustRecognizer::new(pattern, doubtful)?,
             ],
             refiner: Refiner::new(&config),
-            outline_net: config.outline.net()?,
+            outline_net,
             placement_variance: config.placement_sigma_rad.powi(2),
             config,
         })
@@ -160,7 +170,8 @@ impl<D: DotDetector> Estimator<D> {
     where
         D: Clone,
     {
-        Self::new(pattern, self.config, self.detector.clone())
+        let (detector, net) = (self.detector.clone(), self.outline_net.clone());
+        Self::with_net(pattern, self.config, detector, net)
     }
 
     /// An estimator for the ball of a table. Where the table is calibrated, its dots' own covariances

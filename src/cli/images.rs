@@ -1,0 +1,133 @@
+//! What `estimate` and `calibrate` ask alike of images: the detector, the outline, the camera and the
+//! times.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::output::one_of;
+use crate::error::{Error, Result};
+use crate::vision::estimator::{CameraModel, FrameClock};
+use crate::vision::input;
+use crate::vision::net::Weights;
+use crate::vision::net::detector::CnnConfig;
+use crate::vision::{
+    BallCircle, Camera, CnnDetector, DetectorName, Intrinsics, NamedDetector, Pixel,
+};
+
+#[derive(Debug, Args)]
+pub struct ImageArguments {
+    /// The dot detector.
+    #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
+    pub(super) detector: DetectorName,
+    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
+    #[arg(long, value_name = "WEIGHTS.npz")]
+    weights: Option<PathBuf>,
+    /// The ball's outline in all frames: center and radius in pixels [default: detected].
+    #[arg(
+        long,
+        value_name = "U,V,R",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    circle: Vec<f64>,
+    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
+    /// [default: it is estimated with the orientation].
+    #[arg(
+        long,
+        value_name = "D",
+        conflicts_with = "intrinsics",
+        allow_negative_numbers = true
+    )]
+    camera_distance_radii: Option<f64>,
+    /// The camera's focal lengths and principal point in pixels: the distance then follows from the
+    /// ball's size.
+    #[arg(
+        long,
+        value_name = "FX,FY,CX,CY",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    intrinsics: Vec<f64>,
+    /// Frames per second, for frames at equal intervals.
+    #[arg(
+        long,
+        value_name = "F",
+        conflicts_with = "times",
+        allow_negative_numbers = true
+    )]
+    pub(super) fps: Option<f64>,
+    /// Times of the frames: CSV with the header frame,time_s.
+    #[arg(long, value_name = "CSV")]
+    times: Option<PathBuf>,
+}
+
+impl ImageArguments {
+    /// Rejects a rate that is none; before anything is read.
+    pub(super) fn check_rate(&self) -> Result<()> {
+        match self.fps.filter(|x| !(*x > 0.0 && x.is_finite())) {
+            None => Ok(()),
+            Some(rate) => {
+                let problem = format!("expected a positive number, found {rate}");
+                Err(Error::argument("fps", problem))
+            }
+        }
+    }
+
+    pub(super) fn camera(&self) -> Result<CameraModel> {
+        match (&self.intrinsics[..], self.camera_distance_radii) {
+            ([], None) => Ok(CameraModel::default()),
+            ([], Some(distance)) if distance > 1.0 => Ok(CameraModel::Known(Camera::Near {
+                inverse_distance: 1.0 / distance,
+            })),
+            ([], Some(distance)) => {
+                let problem = format!("expected more than 1 ball radius, found {distance}");
+                Err(Error::argument("camera_distance_radii", problem))
+            }
+            (&[fx, fy, cx, cy], _) if fx > 0.0 && fy > 0.0 => {
+                let intrinsics = Intrinsics { fx, fy, cx, cy };
+                Ok(CameraModel::Known(Camera::Perspective(intrinsics)))
+            }
+            _ => {
+                let problem = "expected FX,FY,CX,CY with positive focal lengths";
+                Err(Error::argument("intrinsics", problem))
+            }
+        }
+    }
+
+    pub(super) fn detector(&self) -> Result<NamedDetector> {
+        match (&self.weights, self.detector) {
+            (None, name) => name.build(),
+            (Some(path), DetectorName::Cnn) => {
+                let net = CnnDetector::new(&Weights::read(path)?, CnnConfig::default())?;
+                Ok(NamedDetector::Cnn(net))
+            }
+            (Some(_), DetectorName::Blob) => {
+                let problem = "expected --detector cnn: blobs have no weights";
+                Err(Error::argument("weights", problem))
+            }
+        }
+    }
+
+    pub(super) fn circle(&self) -> Result<Option<BallCircle>> {
+        match self.circle[..] {
+            [] => Ok(None),
+            [u, v, radius] if radius > 0.0 && radius.is_finite() => Ok(Some(BallCircle {
+                center: Pixel { u, v },
+                radius,
+            })),
+            _ => {
+                let problem = "expected U,V,R in pixels with a positive radius";
+                Err(Error::argument("circle", problem))
+            }
+        }
+    }
+
+    pub(super) fn clock(&self) -> Result<FrameClock> {
+        Ok(match (self.fps, &self.times) {
+            (Some(rate), _) => FrameClock::FramesPerSecond(rate),
+            (None, Some(path)) => FrameClock::Table(input::read_times(path)?),
+            (None, None) => FrameClock::Inputs,
+        })
+    }
+}
