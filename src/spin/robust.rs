@@ -15,7 +15,7 @@ use nalgebra::Matrix3;
 use super::chance::expected_by_chance;
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
-use super::shared::{SharedError, shared_covariance};
+use super::shared::{Part, SharedError, shared_covariance};
 use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check, require};
 use crate::geometry::Vec3;
 
@@ -130,6 +130,7 @@ pub struct RobustEstimator {
     shortlist: Shortlist,
     scratch: Vec<f64>,
     probabilities: Vec<f64>,
+    parts: Vec<Part>,
     candidates: [Option<Refined>; KEPT],
 }
 
@@ -142,6 +143,7 @@ impl RobustEstimator {
             shortlist: Shortlist::new(),
             scratch: Vec::new(),
             probabilities: Vec::new(),
+            parts: Vec::new(),
             candidates: [None; KEPT],
         }
     }
@@ -149,6 +151,11 @@ impl RobustEstimator {
     /// The settings.
     pub fn config(&self) -> &RobustSpinConfig {
         &self.config
+    }
+
+    /// Sets the error that the frames of the next fits share.
+    pub fn set_shared(&mut self, shared: Option<SharedError>) {
+        self.config.shared = shared;
     }
 
     /// For each measurement of the last successful fit, the probability that it is an inlier.
@@ -307,7 +314,7 @@ impl RobustEstimator {
 
     /// Covariance of the spin: the inverse of the curvature, widened where the noise is estimated.
     fn covariance(
-        &self,
+        &mut self,
         measurements: &[Measurement],
         motion: &super::Motion,
         best: &Refined,
@@ -334,7 +341,8 @@ impl RobustEstimator {
             return Some(own);
         };
         let (sigma, probabilities) = (best.sigma_rad, &self.probabilities);
-        Some(own + shared_covariance(measurements, motion, sigma, probabilities, shared)?)
+        let parts = &mut self.parts;
+        Some(own + shared_covariance(measurements, motion, sigma, probabilities, shared, parts)?)
     }
 }
 

@@ -22,6 +22,7 @@ use super::sequence::predict;
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, SequenceConfig};
 use crate::error::{Error, Result, require};
 use crate::spin::robust::RobustEstimator;
+use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
 use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
@@ -68,7 +69,8 @@ impl TrackerConfig {
 pub struct TrackerState<'a> {
     /// The frame: its outline, dots and orientation, or why there is none.
     pub frame: &'a FrameEstimate,
-    /// The spin by the window's poses, or why there is none.
+    /// The spin by the window's poses, or why there is none. Its covariance counts the errors of
+    /// drawn dots that the poses share ([`SharedError`]).
     pub spin: &'a std::result::Result<Fit, SpinRejection>,
 }
 
@@ -80,6 +82,8 @@ pub struct Tracker<D: DotDetector> {
     workspace: EstimatorWorkspace<D::Workspace>,
     fitter: RobustEstimator,
     window: VecDeque<Measurement>,
+    /// The residuals of the window's poses, radians.
+    residuals_rad: VecDeque<f64>,
     frame: FrameEstimate,
     spin: std::result::Result<Fit, SpinRejection>,
     last_s: Option<f64>,
@@ -97,6 +101,7 @@ impl<D: DotDetector> Tracker<D> {
             estimator,
             fitter: RobustEstimator::new(config.sequence.spin),
             window: VecDeque::with_capacity(config.window + 1),
+            residuals_rad: VecDeque::with_capacity(config.window + 1),
             frame: FrameEstimate::default(),
             spin: Err(NOTHING_SEEN),
             last_s: None,
@@ -126,6 +131,7 @@ impl<D: DotDetector> Tracker<D> {
     /// Forgets everything: the next frame is the first of another trajectory.
     pub fn reset(&mut self) {
         self.window.clear();
+        self.residuals_rad.clear();
         self.spin = Err(NOTHING_SEEN);
         self.last_s = None;
     }
@@ -152,19 +158,26 @@ impl<D: DotDetector> Tracker<D> {
         let trusted = frame
             .pose()
             .filter(|pose| pose.pose_confidence >= config.trusted)
-            .map(|pose| Measurement {
-                confidence: pose.pose_confidence,
-                ..Measurement::new(time_s, pose.rotation)
+            .map(|pose| {
+                let measurement = Measurement {
+                    confidence: pose.pose_confidence,
+                    ..Measurement::new(time_s, pose.rotation)
+                };
+                (measurement, pose.residual_rad)
             });
         self.look_again(time_s);
-        if let Some(measurement) = trusted {
+        if let Some((measurement, residual_rad)) = trusted {
             if self.window.len() == self.config.window {
                 self.window.pop_front();
+                self.residuals_rad.pop_front();
             }
             self.window.push_back(measurement);
+            self.residuals_rad.push_back(residual_rad);
         }
         // Without a new pose the spin stays what it was, as long as the poses are remembered.
         if trusted.is_some() || self.window.len() < MIN_FRAMES {
+            let residuals = self.residuals_rad.iter().copied();
+            self.fitter.set_shared(SharedError::of_residuals(residuals));
             self.spin = self.fitter.fit(self.window.make_contiguous());
         }
         Ok(self.state())
@@ -189,6 +202,7 @@ impl<D: DotDetector> Tracker<D> {
         let oldest = time_s - self.config.memory_s;
         while self.window.front().is_some_and(|m| m.time_s < oldest) {
             self.window.pop_front();
+            self.residuals_rad.pop_front();
         }
     }
 
