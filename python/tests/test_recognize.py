@@ -57,6 +57,28 @@ def test_a_rejection_is_false_and_has_a_reason(view, recognizer):
     assert pickle.loads(pickle.dumps(found)) == found
 
 
+def test_ambiguous_orientations_are_rejected(table, pattern):
+    """Three dots seldom tell: what is less probable than asked for is no answer, alone or in a batch."""
+    views = [_turned(pattern, seed, noise=0.05)[2][:3] for seed in range(60)]
+    every = spindoe.Recognizer(table, min_confidence=0.0)
+    least = 0.7
+    strict = spindoe.Recognizer(table, min_confidence=least)
+    found = [(every.identify(view), strict.identify(view)) for view in views]
+    doubtful = [bool(a) and a.pose_confidence < least for a, _ in found]
+    assert 0 < sum(doubtful) < len(views)
+    for (a, b), is_doubtful in zip(found, doubtful, strict=True):
+        if is_doubtful:
+            assert b.reason == f"ambiguous: the best pose has a probability of {a.pose_confidence:.2f}"
+        elif a:
+            assert b and np.array_equal(a.quaternion_wxyz, b.quaternion_wxyz)
+    batch = strict.identify_batch(views)
+    assert [bool(b) for b in batch] == [bool(b) for _, b in found]
+    assert all(one == b for one, (_, b) in zip(batch, found, strict=True) if not b)
+    for bad in (-0.1, 1.1, float("nan")):
+        with pytest.raises(ValueError, match="min_confidence"):
+            spindoe.Recognizer(table, min_confidence=bad)
+
+
 def test_the_same_uncertainty_said_in_three_ways(view, recognizer):
     sigma = 0.03
     plain = recognizer.identify(view, sigma_rad=sigma)

@@ -52,8 +52,15 @@ def test_a_clip_gives_its_spin(clip, estimator):
     assert found.spin and np.linalg.norm(found.spin.spin_rad_s - SPIN) < 5.0
     assert found.spin.std_rps is not None and heard[-1] == (20, 20)
     assert found.quaternions_wxyz.shape == (20, 4) and found.confidences.shape == (20,)
-    again = spindoe.fit_spin(times, found.quaternions_wxyz, confidences=found.confidences)
+    again = spindoe.fit_spin(
+        times, found.quaternions_wxyz, confidences=found.confidences,
+        residuals_rad=found.residuals_rad, matched=found.matched,
+    )
     assert again and np.array_equal(again.spin_rad_s, found.spin.spin_rad_s)
+    assert np.array_equal(again.covariance, found.spin.covariance)
+    # Without the residuals nothing is known of the errors that frames share.
+    alone = spindoe.fit_spin(times, found.quaternions_wxyz, confidences=found.confidences)
+    assert alone and np.trace(alone.covariance) < np.trace(found.spin.covariance)
     stacked = estimator.estimate_sequence(np.stack(images), times, color="rgb")
     assert stacked.spin and np.array_equal(stacked.spin.spin_rad_s, found.spin.spin_rad_s)
     alone = estimator.estimate_sequence(images, color="rgb")
