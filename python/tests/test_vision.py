@@ -94,6 +94,29 @@ def test_a_tracker_follows_a_clip(clip, estimator):
         estimator.tracker(window=2)
 
 
+def test_a_trackers_covariance_counts_shared_errors(clip, estimator):
+    """Its spin is that of the window's poses with their residuals."""
+    tracker = estimator.tracker(window=8)
+    times, poses = [], []
+    for image, truth in clip:
+        state = tracker.update(image, truth.time_s, color="rgb")
+        pose = state.frame.pose
+        if pose and not pose.hinted and pose.pose_confidence >= 0.8:
+            times.append(truth.time_s)
+            poses.append(pose)
+    window = poses[-8:]
+    given = {"confidences": [pose.pose_confidence for pose in window]}
+    quaternions = np.array([pose.quaternion_wxyz for pose in window])
+    plain = spindoe.fit_spin(times[-8:], quaternions, **given)
+    shared = spindoe.fit_spin(
+        times[-8:], quaternions, residuals_rad=[pose.residual_rad for pose in window], **given
+    )
+    assert state.spin and plain and shared
+    assert np.abs(state.spin.spin_rad_s - shared.spin_rad_s).max() < 1e-9
+    assert np.allclose(state.spin.covariance, shared.covariance, rtol=1e-9)
+    assert np.all(np.linalg.eigvalsh(state.spin.covariance - plain.covariance) > 0.0)
+
+
 def test_channels_by_name(image, estimator):
     rgb = estimator.estimate(image, color="rgb")
     bgr = estimator.estimate(np.ascontiguousarray(image[..., ::-1]), color="bgr")
