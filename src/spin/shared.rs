@@ -73,6 +73,8 @@ pub(super) fn shared_covariance(
     let mut information = Matrix6::zeros();
     let stride = measurements.len().div_ceil(MAX_FRAMES).max(1);
     parts.clear();
+    // By the frames, not by those that count: a sequence as long then needs no more.
+    parts.reserve(measurements.len().div_ceil(stride));
     for (m, &p) in measurements.iter().zip(probabilities).step_by(stride) {
         if p < MIN_PROBABILITY {
             continue;
