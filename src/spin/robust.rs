@@ -84,6 +84,14 @@ impl Default for RobustSpinConfig {
 }
 
 impl RobustSpinConfig {
+    /// What is known of the noise.
+    pub(super) fn noise(&self) -> NoisePrior {
+        NoisePrior {
+            sigma_rad: self.sigma_rad,
+            degrees: self.sigma_degrees,
+        }
+    }
+
     /// Checks the domains of all settings.
     ///
     /// # Errors
@@ -207,13 +215,6 @@ impl RobustEstimator {
         })
     }
 
-    fn prior(&self) -> NoisePrior {
-        NoisePrior {
-            sigma_rad: self.config.sigma_rad,
-            degrees: self.config.sigma_degrees,
-        }
-    }
-
     fn no_consensus(&self, agreeing: usize, frames: usize) -> SpinRejection {
         SpinRejection::NoConsensus {
             agreeing,
@@ -250,7 +251,7 @@ impl RobustEstimator {
 
     /// Refines the shortlist and returns the winner.
     fn refine_all(&mut self, measurements: &[Measurement]) -> Option<Refined> {
-        let prior = self.prior();
+        let prior = self.config.noise();
         let best_score = self.shortlist.iter().next()?.score;
         self.candidates = [None; KEPT];
         for (i, h) in self.shortlist.iter().enumerate() {
