@@ -4,7 +4,7 @@
 //! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images
 //! and videos whose metadata says that the camera was rotated are rotated upright. Times: a file's
 //! stem as an integer is nanoseconds (SpinDOE's convention); a video's frames have the container's
-//! own time stamps, even or not; [`read_times`] reads others from a table. Videos are decoded by
+//! own time stamps, even or not; [`frame_table`](super::frame_table) reads others from a table. Videos are decoded by
 //! `ffmpeg`, which must be installed, to 8 bits a color.
 //!
 //! # Slow motion
@@ -14,16 +14,13 @@
 //! video.
 
 use std::cmp::Ordering;
-use std::collections::HashMap;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use super::picture::{Picture, RgbBytes};
 use crate::error::{Error, Result};
-use crate::files;
-use crate::files::csv::{Columns, Table, shown};
 
 /// Endings of image files, lower case.
 const IMAGES: [&str; 10] = [
@@ -230,7 +227,7 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
     ending.is_some_and(|e| endings.contains(&e.as_str()))
 }
 
-fn stem(path: &Path) -> String {
+pub(super) fn stem(path: &Path) -> String {
     path.file_stem()
         .map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
@@ -409,136 +406,4 @@ fn token(from: &mut impl Read) -> Option<String> {
         }
     }
     (!word.is_empty()).then_some(word)
-}
-
-static COLUMNS: Columns<2> = Columns {
-    names: ["frame", "time_s"],
-    required: 0..2,
-};
-
-/// Reads a table of times: CSV with the header `frame,time_s`; see [`FrameTimes`].
-///
-/// # Errors
-/// [`Error::Read`], or [`Error::Input`] naming the line: for what is no time, and for a frame that
-/// occurs twice.
-pub fn read_times(path: &Path) -> Result<FrameTimes> {
-    let mut table = Table::new(path, files::open(path)?, &COLUMNS)?;
-    let mut found = FrameTimes {
-        path: path.to_path_buf(),
-        rows: Vec::new(),
-        by_name: HashMap::new(),
-    };
-    while let Some(row) = table.next_row()? {
-        let frame = row.text(0).unwrap_or_default();
-        let mut folders = components(Path::new(frame));
-        let Some(name) = folders.pop() else {
-            return Err(row.error("frame: expected a name, found nothing"));
-        };
-        let time_s = row.number(1).map_err(|problem| row.error(problem))?;
-        let Some(time_s) = time_s else {
-            return Err(row.error("time_s: expected seconds, found nothing"));
-        };
-        let same = found.by_name.entry(name).or_default();
-        if let Some(&before) = same.iter().find(|&&i| found.rows[i].folders == folders) {
-            let (frame, before) = (shown(frame), found.rows[before].line);
-            let problem = format!("frame: \"{frame}\" occurs on line {before} already");
-            return Err(row.error(problem));
-        }
-        same.push(found.rows.len());
-        found.rows.push(TimeRow {
-            line: row.line(),
-            folders,
-            time_s,
-        });
-    }
-    Ok(found)
-}
-
-/// The times of frames, by their names.
-///
-/// A row names a frame by its file's name, with or without the ending, and by as many of the
-/// folders before it as it gives: `7`, `7.png` and `left/7.png` all name `run/left/7.png`. Of
-/// several such rows the one that gives most folders counts. Frames of a video `film.mkv` are named
-/// `film_000001`, `film_000002` and so on.
-#[derive(Debug, Clone)]
-pub struct FrameTimes {
-    path: PathBuf,
-    rows: Vec<TimeRow>,
-    /// Rows by the last component of their names.
-    by_name: HashMap<String, Vec<usize>>,
-}
-
-#[derive(Debug, Clone)]
-struct TimeRow {
-    line: u64,
-    folders: Vec<String>,
-    time_s: f64,
-}
-
-impl FrameTimes {
-    /// The time of each frame, seconds; frames by [`InputFrame::path`].
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a frame that no row names, or two alike, and for a row that names two
-    /// frames.
-    pub fn of_frames(&self, frames: &[PathBuf]) -> Result<Vec<f64>> {
-        let mut taken: HashMap<usize, &Path> = HashMap::new();
-        let mut times = Vec::with_capacity(frames.len());
-        for frame in frames {
-            let i = self.row_of(frame)?;
-            let row = &self.rows[i];
-            if let Some(other) = taken.insert(i, frame) {
-                let (frame, other) = (frame.display(), other.display());
-                let problem =
-                    format!("frame: names both {other} and {frame}: expected their folders too");
-                return Err(self.error(row.line, problem));
-            }
-            times.push(row.time_s);
-        }
-        Ok(times)
-    }
-
-    /// The row that names a frame most specifically.
-    fn row_of(&self, frame: &Path) -> Result<usize> {
-        let mut folders = components(frame);
-        let name = folders.pop().unwrap_or_default();
-        let stem = stem(frame);
-        let names = [Some(&name), Some(&stem).filter(|s| **s != name)];
-        let rows = names
-            .into_iter()
-            .flatten()
-            .filter_map(|n| self.by_name.get(n))
-            .flatten()
-            .copied();
-        let mut naming: Vec<usize> = rows
-            .filter(|&i| folders.ends_with(&self.rows[i].folders))
-            .collect();
-        naming.sort_by_key(|&i| std::cmp::Reverse(self.rows[i].folders.len()));
-        let frame = frame.display();
-        match naming[..] {
-            [] => {
-                let problem = format!("expected a time of frame {frame}");
-                Err(Error::input(&self.path, "file", problem))
-            }
-            [a, b, ..] if self.rows[a].folders.len() == self.rows[b].folders.len() => {
-                let (a, b) = (self.rows[a].line, self.rows[b].line);
-                let problem = format!("frame: names {frame}, as does line {}", a.min(b));
-                Err(self.error(a.max(b), problem))
-            }
-            [i, ..] => Ok(i),
-        }
-    }
-
-    fn error(&self, line: u64, problem: String) -> Error {
-        Error::input(&self.path, format!("line {line}"), problem)
-    }
-}
-
-/// The folders and the name of a path, without `.` components.
-fn components(path: &Path) -> Vec<String> {
-    let component = |c| match c {
-        Component::CurDir => None,
-        other => Some(other.as_os_str().to_string_lossy().into_owned()),
-    };
-    path.components().filter_map(component).collect()
 }

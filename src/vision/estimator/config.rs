@@ -97,6 +97,12 @@ impl OutlineMethod {
     }
 }
 
+impl std::fmt::Display for OutlineMethod {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
 impl std::str::FromStr for OutlineMethod {
     type Err = Error;
 
