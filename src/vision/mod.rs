@@ -28,6 +28,7 @@ pub mod patch;
 pub mod picture;
 pub mod pipe;
 pub mod verdict;
+pub mod video;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};

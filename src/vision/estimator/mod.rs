@@ -22,6 +22,7 @@ mod recenter;
 mod refine;
 mod sequence;
 mod tracker;
+mod trust;
 
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
@@ -31,6 +32,7 @@ pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
+pub use trust::{FEATURES, PoseEvidence, TrustMap};
 
 use std::time::Instant;
 
@@ -97,6 +99,7 @@ struct PoseHypothesis {
     camera: Camera,
     confidence: f64,
     pose_confidence: f64,
+    evidence: PoseEvidence,
 }
 
 impl PoseHypothesis {
@@ -106,6 +109,24 @@ impl PoseHypothesis {
         Self {
             confidence: less(self.confidence),
             pose_confidence: less(self.pose_confidence),
+            ..self
+        }
+    }
+
+    /// The probability by all that is known of the pose, after so many attempts.
+    fn weighed(self, map: &TrustMap, attempts: usize, support: f64) -> Self {
+        let evidence = PoseEvidence {
+            pose_confidence: self.pose_confidence,
+            attempts,
+            support,
+            ..self.evidence
+        };
+        let pose_confidence = map.probability(&evidence);
+        let share = pose_confidence / self.pose_confidence.max(f64::MIN_POSITIVE);
+        Self {
+            confidence: (self.confidence * share).min(pose_confidence),
+            pose_confidence,
+            evidence,
             ..self
         }
     }
@@ -124,6 +145,10 @@ const MIN_LIKELY_DOTS: usize = 5;
 const CLEAR: f64 = 0.9;
 /// Poses from here on are all but certain.
 const CERTAIN: f64 = 0.99;
+/// Dots of the pattern beyond this z are seen in nearly every frame.
+const FACING: f64 = 0.35;
+/// The rejection of a mirrored frame.
+const MIRRORED: FrameRejection = FrameRejection::Recognizer(RecognizerRejection::Mirrored);
 /// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
 const EXPECTED_DOTS: usize = 256;
 
@@ -258,26 +283,27 @@ impl<D: DotDetector> Estimator<D> {
         let image = image.into();
         self.detect(image, circle, ws, out);
         self.estimate_pose(hint, ws, out);
-        if circle.is_some() {
+        if circle.is_some() || is_mirrored(out) {
             return;
         }
         let mut other = std::mem::take(&mut ws.other);
         other.attempts = 0;
         if let Some(candidate) = ws.locator.contested() {
             self.try_outline(&candidate, image, hint, ws, out, &mut other);
-            if is_better(&other, out) && (out.pose().is_some() || is_evident(&other)) {
+            let is_pose = is_better(&other, out) && (out.pose().is_some() || is_evident(&other));
+            if is_pose || is_mirrored(&other) {
                 std::mem::swap(&mut other, out);
             }
         }
         let mut start = 0;
-        while out.pose().is_none() {
+        while out.pose().is_none() && !is_mirrored(out) {
             let gray = gray_of(image, &ws.gray);
             let net = self.outline_net.as_ref();
             let Some(candidate) = ws.locator.other(gray, net, &mut start) else {
                 break;
             };
             self.try_outline(&candidate, image, hint, ws, out, &mut other);
-            if is_evident(&other) {
+            if is_evident(&other) || is_mirrored(&other) {
                 std::mem::swap(&mut other, out);
             }
         }
@@ -420,6 +446,7 @@ impl<D: DotDetector> Estimator<D> {
         let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
             Err(FrameRejection::NotProcessed);
         let mut attempts = out.earlier_attempts;
+        out.evidence = None;
         'search: for pass in 0..self.recognizers.len() {
             for camera in self.camera_of(out).hypotheses() {
                 let Ok(view) = BallView::new(&camera, outline.circle) else {
@@ -428,6 +455,12 @@ impl<D: DotDetector> Estimator<D> {
                 let hint = hint.map(|h| in_view(h, &view));
                 attempts += 1;
                 let found = self.recognize(pass, camera, &view, hint.as_ref(), ws, &out.dots);
+                // What the mirror explains beyond doubt, other dots or another distance may still
+                // explain by accident.
+                if let Err(MIRRORED) = found {
+                    out.attempts = attempts;
+                    return Err(MIRRORED);
+                }
                 let better = match (&best, &found) {
                     (Err(_), _) => true,
                     (Ok(best), Ok(found)) => found.pose_confidence > best.pose_confidence,
@@ -446,7 +479,12 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         out.attempts = attempts;
-        let best = best?.discounted(attempts);
+        let mut best = best?.discounted(attempts);
+        if hint.is_none() {
+            let support = out.fit.map_or(0.0, |fit| fit.support);
+            best = best.weighed(&self.config.trust, attempts, support);
+            out.evidence = Some(best.evidence);
+        }
         if best.pose_confidence < self.config.min_confidence {
             let pose_confidence = best.pose_confidence;
             return Err(FrameRejection::Ambiguous { pose_confidence });
@@ -501,7 +539,42 @@ impl<D: DotDetector> Estimator<D> {
             camera,
             confidence: found.confidence,
             pose_confidence: found.pose_confidence,
+            evidence: self.evidence(dots, ws),
         })
+    }
+
+    /// What the recognizer's last answer shows beside its odds.
+    fn evidence(
+        &self,
+        dots: &[DotDetection],
+        ws: &EstimatorWorkspace<D::Workspace>,
+    ) -> PoseEvidence {
+        let found = &ws.identification;
+        let (mut named, mut unnamed, mut variance) = (0, 0, 0.0);
+        let names = ws.indices.iter().zip(&ws.observed).zip(&found.assignment);
+        for ((&i, seen), name) in names {
+            match (name, &seen.uncertainty) {
+                (None, _) => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
+                (Some(_), DotUncertainty::Tangent { covariance }) => {
+                    named += 1;
+                    variance += covariance.trace();
+                }
+                (Some(_), DotUncertainty::Isotropic { sigma_rad }) => {
+                    named += 1;
+                    variance += 2.0 * sigma_rad * sigma_rad;
+                }
+            }
+        }
+        let facing = self.pattern.dots().iter();
+        let facing = facing.filter(|d| (found.rotation * *d).z > FACING).count();
+        let expected = variance / f64::max(named as f64, 1.0);
+        PoseEvidence {
+            named,
+            unnamed,
+            missing: facing.saturating_sub(named),
+            misfit: found.residual_rad / expected.sqrt().max(f64::MIN_POSITIVE),
+            ..PoseEvidence::default()
+        }
     }
 
     fn refine(
@@ -591,6 +664,11 @@ impl<D: DotDetector> Estimator<D> {
     pub fn camera(&self) -> &CameraModel {
         &self.config.camera
     }
+}
+
+/// Whether the dots are those of the mirrored pattern: no other outline makes up for that.
+fn is_mirrored(frame: &FrameEstimate) -> bool {
+    matches!(frame.outcome, Err(MIRRORED))
 }
 
 /// Whether the dots alone are evidence of a ball, where the circle is none.
