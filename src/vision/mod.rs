@@ -31,6 +31,7 @@ pub mod pipe;
 pub mod raw;
 pub mod roi;
 pub mod verdict;
+pub mod video;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};

@@ -5,6 +5,7 @@ use std::time::Duration;
 use nalgebra::Matrix3;
 
 use super::config::CameraDistance;
+use super::trust::PoseEvidence;
 use crate::geometry::Rotation;
 use crate::recognize::RecognizerRejection;
 use crate::vision::camera::{BallCircle, Pixel};
@@ -257,6 +258,8 @@ pub struct FrameEstimate {
     pub(super) earlier_attempts: usize,
     /// Those and the runs on this outline: each had its chance to be correct by accident.
     pub(super) attempts: usize,
+    /// What speaks for the best pose of this outline, accepted or not.
+    pub(super) evidence: Option<PoseEvidence>,
 }
 
 impl Default for FrameEstimate {
@@ -273,6 +276,7 @@ impl Default for FrameEstimate {
             known_distance: None,
             earlier_attempts: 0,
             attempts: 0,
+            evidence: None,
         }
     }
 }
@@ -309,6 +313,17 @@ impl FrameEstimate {
         for dot in &mut self.dots {
             shift(&mut dot.pixel);
         }
+    }
+
+    /// Runs of the recognizer on this frame, on all outlines: each had its chance to be correct by
+    /// accident.
+    pub fn attempts(&self) -> usize {
+        self.attempts
+    }
+
+    /// What speaks for the frame's best pose, accepted or not; `None` where no dots were identified.
+    pub fn evidence(&self) -> Option<&PoseEvidence> {
+        self.evidence.as_ref()
     }
 
     /// Number of detections that have a name.

@@ -24,6 +24,7 @@ mod refine;
 mod search;
 mod sequence;
 mod tracker;
+mod trust;
 
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
@@ -33,6 +34,7 @@ pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
+pub use trust::{FEATURES, PoseEvidence, TrustMap};
 
 use std::time::Instant;
 
@@ -100,6 +102,7 @@ struct PoseHypothesis {
     camera: Camera,
     confidence: f64,
     pose_confidence: f64,
+    evidence: PoseEvidence,
 }
 
 impl PoseHypothesis {
@@ -112,6 +115,24 @@ impl PoseHypothesis {
             ..self
         }
     }
+
+    /// The probability by all that is known of the pose, after so many attempts.
+    fn weighed(self, map: &TrustMap, attempts: usize, support: f64) -> Self {
+        let evidence = PoseEvidence {
+            pose_confidence: self.pose_confidence,
+            attempts,
+            support,
+            ..self.evidence
+        };
+        let pose_confidence = map.probability(&evidence);
+        let share = pose_confidence / self.pose_confidence.max(f64::MIN_POSITIVE);
+        Self {
+            confidence: (self.confidence * share).min(pose_confidence),
+            pose_confidence,
+            evidence,
+            ..self
+        }
+    }
 }
 
 /// Standard deviation per tangent axis of what a measured dot's middle does beyond its covariance, radians:
@@ -119,6 +140,10 @@ impl PoseHypothesis {
 const MEASURED_DOT: f64 = 0.004;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 const CLEAR: f64 = 0.9;
+/// Dots of the pattern beyond this z are seen in nearly every frame.
+const FACING: f64 = 0.35;
+/// The rejection of a mirrored frame.
+const MIRRORED: FrameRejection = FrameRejection::Recognizer(RecognizerRejection::Mirrored);
 /// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
 const EXPECTED_DOTS: usize = 256;
 
@@ -286,6 +311,7 @@ impl<D: DotDetector> Estimator<D> {
         let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
             Err(FrameRejection::NotProcessed);
         let mut attempts = out.earlier_attempts;
+        out.evidence = None;
         'search: for pass in 0..self.recognizers.len() {
             for camera in self.camera_of(out).hypotheses() {
                 let Ok(view) = BallView::new(&camera, outline.circle) else {
@@ -294,6 +320,12 @@ impl<D: DotDetector> Estimator<D> {
                 let hint = hint.map(|h| in_view(h, &view));
                 attempts += 1;
                 let found = self.recognize(pass, camera, &view, hint.as_ref(), ws, &out.dots);
+                // What the mirror explains beyond doubt, other dots or another distance may still
+                // explain by accident.
+                if let Err(MIRRORED) = found {
+                    out.attempts = attempts;
+                    return Err(MIRRORED);
+                }
                 let better = match (&best, &found) {
                     (Err(_), _) => true,
                     (Ok(best), Ok(found)) => found.pose_confidence > best.pose_confidence,
@@ -312,7 +344,12 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         out.attempts = attempts;
-        let best = best?.discounted(attempts);
+        let mut best = best?.discounted(attempts);
+        if hint.is_none() {
+            let support = out.fit.map_or(0.0, |fit| fit.support);
+            best = best.weighed(&self.config.trust, attempts, support);
+            out.evidence = Some(best.evidence);
+        }
         if best.pose_confidence < self.config.min_confidence {
             let pose_confidence = best.pose_confidence;
             return Err(FrameRejection::Ambiguous { pose_confidence });
@@ -367,7 +404,42 @@ impl<D: DotDetector> Estimator<D> {
             camera,
             confidence: found.confidence,
             pose_confidence: found.pose_confidence,
+            evidence: self.evidence(dots, ws),
         })
+    }
+
+    /// What the recognizer's last answer shows beside its odds.
+    fn evidence(
+        &self,
+        dots: &[DotDetection],
+        ws: &EstimatorWorkspace<D::Workspace>,
+    ) -> PoseEvidence {
+        let found = &ws.identification;
+        let (mut named, mut unnamed, mut variance) = (0, 0, 0.0);
+        let names = ws.indices.iter().zip(&ws.observed).zip(&found.assignment);
+        for ((&i, seen), name) in names {
+            match (name, &seen.uncertainty) {
+                (None, _) => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
+                (Some(_), DotUncertainty::Tangent { covariance }) => {
+                    named += 1;
+                    variance += covariance.trace();
+                }
+                (Some(_), DotUncertainty::Isotropic { sigma_rad }) => {
+                    named += 1;
+                    variance += 2.0 * sigma_rad * sigma_rad;
+                }
+            }
+        }
+        let facing = self.pattern.dots().iter();
+        let facing = facing.filter(|d| (found.rotation * *d).z > FACING).count();
+        let expected = variance / f64::max(named as f64, 1.0);
+        PoseEvidence {
+            named,
+            unnamed,
+            missing: facing.saturating_sub(named),
+            misfit: found.residual_rad / expected.sqrt().max(f64::MIN_POSITIVE),
+            ..PoseEvidence::default()
+        }
     }
 
     fn refine(
@@ -457,6 +529,11 @@ impl<D: DotDetector> Estimator<D> {
     pub fn camera(&self) -> &CameraModel {
         &self.config.camera
     }
+}
+
+/// Whether the dots are those of the mirrored pattern: no other outline makes up for that.
+fn is_mirrored(frame: &FrameEstimate) -> bool {
+    matches!(frame.outcome, Err(MIRRORED))
 }
 
 /// A hint in the camera's frame, in the view frame.

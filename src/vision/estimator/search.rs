@@ -16,7 +16,7 @@ use nalgebra::Matrix3;
 use super::locate::Candidate;
 use super::{
     CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
-    Outline, Timings,
+    Outline, Timings, is_mirrored,
 };
 use crate::recognize::robust::Hint;
 use crate::vision::camera::{BallCircle, Pixel};
@@ -249,7 +249,7 @@ impl<D: DotDetector> Estimator<D> {
             self.estimate_near(image, &rough.circle, attempts, hint, ws, out);
             attempts = out.attempts;
             out.timings.locate += std::mem::take(&mut searched);
-            is_found = is_evident(out);
+            is_found = is_evident(out) || is_mirrored(out);
             if is_found {
                 break;
             }
@@ -335,20 +335,22 @@ impl<D: DotDetector> Estimator<D> {
         self.estimate_pose(hint, ws, out);
         let mut other = std::mem::take(&mut ws.other);
         other.attempts = 0;
-        if let Some(candidate) = ws.locator.contested() {
+        let contested = ws.locator.contested().filter(|_| !is_mirrored(out));
+        if let Some(candidate) = contested {
             self.try_outline(&candidate, view, hint, ws, out, &mut other);
-            if is_better(&other, out) && (out.pose().is_some() || is_evident(&other)) {
+            let is_pose = is_better(&other, out) && (out.pose().is_some() || is_evident(&other));
+            if is_pose || is_mirrored(&other) {
                 std::mem::swap(&mut other, out);
             }
         }
         let mut start = 0;
-        while out.pose().is_none() {
+        while out.pose().is_none() && !is_mirrored(out) {
             let net = self.outline_net.as_ref();
             let Some(candidate) = ws.locator.other(view.gray, net, &mut start) else {
                 break;
             };
             self.try_outline(&candidate, view, hint, ws, out, &mut other);
-            if is_evident(&other) {
+            if is_evident(&other) || is_mirrored(&other) {
                 std::mem::swap(&mut other, out);
             }
         }
@@ -474,6 +476,7 @@ impl FrameEstimate {
         self.timings = Timings::default();
         self.known_distance = None;
         (self.earlier_attempts, self.attempts) = (0, 0);
+        self.evidence = None;
     }
 
     /// Takes back a pose.
