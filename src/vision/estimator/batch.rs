@@ -12,16 +12,16 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError, mpsc};
 
 use super::{
-    Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, SequenceConfig, SequenceSummary,
-    estimate_spin, track_sequence,
+    Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, SequenceConfig,
+    SequenceSummary, estimate_spin, track_sequence,
 };
 use crate::error::{Error, Result};
 use crate::pipeline::{Sink, map_ordered_within};
 use crate::spin::{Fit, SpinRejection};
 use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
-use crate::vision::image::RgbImage;
 use crate::vision::frame_table::{FrameCircles, FrameTimes};
+use crate::vision::image::RgbImage;
 use crate::vision::input::{self, InputFrame, SkippedFiles, VideoClock};
 use crate::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
 use crate::vision::roi::Roi;
@@ -410,7 +410,9 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
         out: &mut FrameEstimate,
     ) -> Result<()> {
         match (circle, &self.config.roi) {
-            (None, Some(roi)) => self.estimator.estimate_roi(image, roi, None, workspace, out),
+            (None, Some(roi)) => self
+                .estimator
+                .estimate_roi(image, roi, None, workspace, out),
             (circle, _) => {
                 self.estimator
                     .estimate_frame(image, circle, None, workspace, out);

@@ -56,6 +56,7 @@ use locate::Locator;
 use recenter::Recentering;
 use refine::{Match, Placement, Prior, Refiner};
 use search::Images;
+use search::LIKELY_DOT;
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
 #[derive(Debug, Clone)]

@@ -29,7 +29,7 @@ use crate::vision::roi::{Roi, shifted_intrinsics};
 /// Standard deviations of a given outline: of its center and radius, in radii.
 const GIVEN_OUTLINE: f64 = 0.01;
 /// Confidence of a detection that is more likely a dot than not.
-const LIKELY_DOT: f64 = 0.5;
+pub(super) const LIKELY_DOT: f64 = 0.5;
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
 const MIN_LIKELY_DOTS: usize = 5;
 /// Poses from here on are all but certain.
@@ -489,7 +489,6 @@ impl FrameEstimate {
             self.assignment.fill(None);
         }
     }
-
 }
 
 /// Whether the dots alone are evidence of a ball, where the circle is none.

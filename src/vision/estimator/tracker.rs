@@ -189,7 +189,10 @@ impl<D: DotDetector> Tracker<D> {
         self.check_time(time_s)?;
         let image = image.into();
         let whole = Roi::whole(image.width(), image.height());
-        let part = self.roi.unwrap_or(whole).within(whole.width, whole.height)?;
+        let part = self
+            .roi
+            .unwrap_or(whole)
+            .within(whole.width, whole.height)?;
         self.last_s = Some(time_s);
         self.forget(time_s);
         self.find(image, &part, time_s, circle);

@@ -86,8 +86,8 @@ fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Resu
         });
         // The disc stands beside the path.
         let place = [middle[0], middle[1] + 3.0 * BALL_PX];
-        let is_inside = ends.iter().all(|t| t.rim_visible > 0.99)
-            && place[1] + DISC < SIZE[1] as f64;
+        let is_inside =
+            ends.iter().all(|t| t.rim_visible > 0.99) && place[1] + DISC < SIZE[1] as f64;
         if is_inside {
             let frame = |k: usize| {
                 let frame = sequence.frame(k)?;
@@ -126,7 +126,12 @@ fn follow(pattern: &Pattern, clip: &Clip) -> spindoe::Result<[Vec<Sample>; 2]> {
             let error = state.frame.pose().map(|p| p.rotation.angle_to(truth));
             if std::env::var_os("LIST").is_some() {
                 let f = state.frame;
-                eprintln!("{kind} {k} {ms:.2} {:?} {:?} {:?} {error:?}", f.timings, f.outline.map(|o| o.circle), f.outcome.as_ref().err());
+                eprintln!(
+                    "{kind} {k} {ms:.2} {:?} {:?} {:?} {error:?}",
+                    f.timings,
+                    f.outline.map(|o| o.circle),
+                    f.outcome.as_ref().err()
+                );
             }
             if kind == 1 || k >= WARMUP {
                 samples.push((ms, error.map(f64::to_degrees)));
@@ -149,7 +154,9 @@ fn crops(pattern: &Pattern, seed: u64) -> spindoe::Result<(Vec<Sample>, [Vec<f64
         let begun = Instant::now();
         estimator.estimate_frame(raw, None, None, &mut ws, &mut out);
         let ms = 1e3 * begun.elapsed().as_secs_f64();
-        let error = out.pose().map(|p| p.rotation.angle_to(&rotation(&frame.truth)));
+        let error = out
+            .pose()
+            .map(|p| p.rotation.angle_to(&rotation(&frame.truth)));
         if k >= WARMUP {
             samples.push((ms, error.map(f64::to_degrees)));
             let t = out.timings;
@@ -169,8 +176,12 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 fn row(name: &str, samples: &[Sample]) {
     let mut ms: Vec<f64> = samples.iter().map(|s| s.0).collect();
     let n = samples.len();
-    let correct = samples.iter().filter(|s| s.1.is_some_and(|e| e < FAILURE_DEG));
-    let wrong = samples.iter().filter(|s| s.1.is_some_and(|e| e >= FAILURE_DEG));
+    let correct = samples
+        .iter()
+        .filter(|s| s.1.is_some_and(|e| e < FAILURE_DEG));
+    let wrong = samples
+        .iter()
+        .filter(|s| s.1.is_some_and(|e| e >= FAILURE_DEG));
     println!(
         "| {name} | {n} | {:.2} | {:.2} | {:.2} | {} | {} |",
         quantile(&mut ms, 0.5),
@@ -186,7 +197,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
-            "--threads" => threads = arguments.next().ok_or("--threads needs a number")?.parse()?,
+            "--threads" => {
+                threads = arguments
+                    .next()
+                    .ok_or("--threads needs a number")?
+                    .parse()?
+            }
             "--disc" => disc = true,
             number => numbers.push(number.parse::<u64>()?),
         }
@@ -200,21 +216,27 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("| frames | number | p50, ms | p99, ms | maximum, ms | correct | wrong |");
     println!("|---|---|---|---|---|---|---|");
     let results = std::thread::scope(|scope| {
-        let followed = clips.iter().map(|clip| scope.spawn(|| follow(&pattern, clip)));
+        let followed = clips
+            .iter()
+            .map(|clip| scope.spawn(|| follow(&pattern, clip)));
         let followed: Vec<_> = followed.collect();
         let joined = followed.into_iter().map(|f| f.join());
         joined
             .map(|f| f.map_err(|_| spindoe::Error::Internal("a thread failed".into()))?)
             .collect::<spindoe::Result<Vec<_>>>()
     })?;
-    let all = |kind: usize| -> Vec<Sample> { results.iter().flat_map(|r| r[kind].clone()).collect() };
+    let all =
+        |kind: usize| -> Vec<Sample> { results.iter().flat_map(|r| r[kind].clone()).collect() };
     row("tracked, 1280 x 1024", &all(0));
     row("acquired, 1280 x 1024", &all(1));
     if threads == 1 && !disc {
         let (samples, mut stages) = crops(&pattern, seed)?;
         row("crop of 60 px", &samples);
         let medians = [0, 1, 2].map(|k| quantile(&mut stages[k], 0.5));
-        println!("\nCrops, medians: outline {:.2} ms, dots {:.2} ms, identification {:.2} ms.", medians[0], medians[1], medians[2]);
+        println!(
+            "\nCrops, medians: outline {:.2} ms, dots {:.2} ms, identification {:.2} ms.",
+            medians[0], medians[1], medians[2]
+        );
     }
     Ok(())
 }
