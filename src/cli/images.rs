@@ -154,7 +154,8 @@ impl ImageArguments {
                 height,
             })),
             _ => {
-                let problem = "expected X,Y,WIDTH,HEIGHT in pixels, with at least one column and row";
+                let problem =
+                    "expected X,Y,WIDTH,HEIGHT in pixels, with at least one column and row";
                 Err(Error::argument("roi", problem))
             }
         }

@@ -13,9 +13,9 @@ use std::path::PathBuf;
 
 use super::estimator::FrameImage;
 use super::image::{GrayImage, RgbImage, luma};
-pub use super::raw::RawPixel;
-use super::raw::RawImage;
 use super::picture::DEFAULT_MAX_PIXELS;
+use super::raw::RawImage;
+pub use super::raw::RawPixel;
 use crate::error::{Error, Result, require};
 
 /// The largest image file that is read, bytes.

@@ -121,7 +121,14 @@ pub struct Arguments {
 
 /// What only a set of files has.
 #[cfg(feature = "plot")]
-const FILES_ONLY: [&str; 6] = ["output", "overlay", "times", "circles", "no_sequence", "json"];
+const FILES_ONLY: [&str; 6] = [
+    "output",
+    "overlay",
+    "times",
+    "circles",
+    "no_sequence",
+    "json",
+];
 #[cfg(not(feature = "plot"))]
 const FILES_ONLY: [&str; 5] = ["output", "times", "circles", "no_sequence", "json"];
 

@@ -195,10 +195,7 @@ impl CoarseSearch {
         self.sample
             .extend(self.changes.iter().step_by(STRIDE).copied());
         let middle = self.sample.len() / 2;
-        let median = *self
-            .sample
-            .select_nth_unstable_by(middle, f32::total_cmp)
-            .1;
+        let median = *self.sample.select_nth_unstable_by(middle, f32::total_cmp).1;
         let limit = (CHANGE.0 * median).max(CHANGE.1);
         for change in &mut self.changes {
             *change /= limit;

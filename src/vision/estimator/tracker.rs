@@ -122,7 +122,7 @@ impl<D: DotDetector> Tracker<D> {
             fitter: RobustEstimator::new(config.sequence.spin),
             window: VecDeque::with_capacity(config.window + 1),
             frame: FrameEstimate::default(),
-            other: FrameEstimate::default(),
+            other: FrameEstimate::with_capacity(),
             motion: OutlineMotion::default(),
             missed: 0,
             spin: Err(NOTHING_SEEN),
@@ -162,7 +162,8 @@ impl<D: DotDetector> Tracker<D> {
     pub fn reset(&mut self) {
         self.window.clear();
         self.motion.clear();
-        self.workspace.images.forget();
+        self.workspace.coarse.forget();
+        self.workspace.fine.forget();
         self.missed = 0;
         self.spin = Err(NOTHING_SEEN);
         self.last_s = None;
@@ -183,7 +184,10 @@ impl<D: DotDetector> Tracker<D> {
         self.check_time(time_s)?;
         let image = image.into();
         let whole = Roi::whole(image.width(), image.height());
-        let part = self.roi.unwrap_or(whole).within(whole.width, whole.height)?;
+        let part = self
+            .roi
+            .unwrap_or(whole)
+            .within(whole.width, whole.height)?;
         self.last_s = Some(time_s);
         self.forget(time_s);
         self.find(image, &part, time_s, circle);
@@ -306,14 +310,14 @@ fn search_again<D: DotDetector>(
     frame: &mut FrameEstimate,
     other: &mut FrameEstimate,
 ) {
-    ws.images.forget();
+    ws.coarse.forget();
     if let Some(hunt) = Hunt::nearby(predicted, NEARBY, &image)
         && estimator.acquire(image, &hunt, None, ws, other)
     {
         std::mem::swap(frame, other);
         return;
     }
-    ws.images.forget();
+    ws.coarse.forget();
     if let Some(part) = lost_in {
         search_everywhere(estimator, image, part, ws, other);
         if other.pose().is_some() || frame.outline.is_none() {
@@ -334,7 +338,8 @@ fn search_everywhere<D: DotDetector>(
         estimator.estimate_part(image, part, None, ws, frame);
         return;
     }
-    let _ = estimator.acquire(image, &Hunt::everywhere(*part, false), None, ws, frame);
+    let _ = estimator.acquire(image, &Hunt::everywhere(*part, false), None, ws, frame)
+        || estimator.acquire(image, &Hunt::everywhere(*part, true), None, ws, frame);
 }
 
 /// The spin's state before the first frame.
