@@ -14,7 +14,7 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::{Batch, BatchFrame, SequenceOutcome, TimeSource};
+use crate::vision::estimator::{Batch, BatchFrame, OutlineSource, SequenceOutcome, TimeSource};
 use crate::vision::input::VideoClock;
 
 /// Skipped files that are named.
@@ -90,7 +90,12 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
             frame.dots.len(),
             pose.residual_rad.to_degrees(),
             pose.residual_px,
-            if pose.hinted { ", hinted" } else { "" },
+            match (pose.hinted, frame.outline_source) {
+                (true, OutlineSource::Neighbors) => ", hinted, outline by its neighbors",
+                (false, OutlineSource::Neighbors) => ", outline by its neighbors",
+                (true, _) => ", hinted",
+                (false, _) => "",
+            },
         ),
         Err(rejection) => format!("{rejection}{second}"),
     }
@@ -194,6 +199,7 @@ impl<'a> Report<'a> {
             "circle": frame.circle.map(|c| json!({
                 "u": c.center.u, "v": c.center.v, "radius": c.radius,
             })),
+            "outline_source": frame.outline_source,
             "dots": dots.len(),
             "detections": dots,
             "milliseconds": {
