@@ -38,6 +38,7 @@ mod images;
 mod mark;
 mod merge;
 mod output;
+mod precession;
 mod report;
 #[cfg(feature = "vision")]
 mod sample;

@@ -16,7 +16,7 @@ use clap::Args;
 use super::images::ImageArguments;
 use super::output::{Counter, one_of};
 use crate::calibrate::{CalibrationConfig, calibrate};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::CameraFrame;
 use crate::hash::HashTable;
@@ -99,12 +99,20 @@ pub struct Arguments {
     /// Calibrate the ball on these frames first, and use its dots as they are drawn.
     #[arg(long)]
     calibrate: bool,
+    /// Placement error: standard deviation of a drawn dot's place from the pattern's, along one tangent
+    /// axis, degrees. The dots of a calibrated table have their own [default: 1.2].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    placement_sigma_deg: Option<f64>,
     /// Estimate every frame independently.
     #[arg(long)]
     no_sequence: bool,
     /// Maximum spin considered, revolutions per second.
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
     max_spin_rps: f64,
+    /// Look for the torque-free precession of an uneven ball in the spin's fit: with evidence for one
+    /// the spin reported is the mean one.
+    #[arg(long, conflicts_with_all = ["no_sequence", "follow"])]
+    precession: bool,
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
@@ -293,12 +301,26 @@ impl Arguments {
             let problem = format!("expected a positive number, found {max_rps}");
             return Err(Error::argument("--max-spin-rps", problem));
         }
-        let config = EstimatorConfig {
+        let mut config = EstimatorConfig {
             camera: self.source.camera()?,
             outline: self.source.outline,
             min_confidence: self.min_confidence,
             ..EstimatorConfig::default()
         };
+        if let Some(degrees) = self.placement_sigma_deg {
+            if table.dot_covariances().is_some() {
+                let problem = "expected none: the table is calibrated and has each dot's own error";
+                return Err(Error::argument("--placement-sigma-deg", problem));
+            }
+            let inside = degrees > 0.0 && degrees < 25.0;
+            require(
+                inside,
+                "--placement-sigma-deg",
+                "more than 0 and less than 25",
+                degrees,
+            )?;
+            config.placement_sigma_rad = degrees.to_radians();
+        }
         Estimator::for_table(table, config, self.source.detector()?)
     }
 
