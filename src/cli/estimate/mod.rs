@@ -66,9 +66,10 @@ pub struct Arguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     source: ImageArguments,
-    /// Draw every frame enlarged, with its detections, and a contact sheet, into this folder.
+    /// Draw every frame with its detections, and a contact sheet, into this folder; or, where the name
+    /// ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
     #[cfg(feature = "plot")]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR_OR_MP4")]
     overlay: Option<PathBuf>,
     /// Write a page to look at: frames, orientations over time, the spin, rejected frames.
     #[cfg(feature = "plot")]
@@ -187,9 +188,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let wanted = false;
     // What cannot be written is known before the work.
     #[cfg(feature = "plot")]
-    if let Some(dir) = &arguments.overlay {
-        files::create_writable_dir(dir)?;
-    }
+    let overlay = arguments.overlay.as_deref().map(overlay::Target::new);
+    #[cfg(feature = "plot")]
+    let overlay = overlay.transpose()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
     let pictures = Pictures {
@@ -216,8 +217,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         );
     }
     #[cfg(feature = "plot")]
-    if let Some(dir) = &arguments.overlay {
-        overlay::draw(dir, &estimators[judgment.table()], &batch)?;
+    if let Some(target) = overlay {
+        target.draw(&estimators[judgment.table()], &batch)?;
     }
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.report {
