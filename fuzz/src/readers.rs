@@ -15,7 +15,7 @@ use spindoe::recognize::observed::ObservedReader;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::synth::SynthConfig;
-use spindoe::vision::input;
+use spindoe::vision::frame_table;
 use spindoe::vision::net::Weights;
 use spindoe::vision::picture::Picture;
 use spindoe::vision::pipe::{PipeFormat, PipeReader, RawPixel};
@@ -125,7 +125,7 @@ fn orientations(bytes: &[u8]) -> Result<()> {
 
 fn times(bytes: &[u8]) -> Result<()> {
     in_folder(&[("t.csv", bytes)], |folder| {
-        let read = input::read_times(&folder.join("t.csv"))?;
+        let read = frame_table::read_times(&folder.join("t.csv"))?;
         let frames = ["a/left/7.png", "a/right/7.png", "8.png"].map(Into::into);
         read.of_frames(&frames).map(drop)
     })
