@@ -19,6 +19,9 @@ use crate::vision::net::outline::{NetOutline, OutlineNet, OutlineWorkspace};
 
 /// An outline of the edges with this support and this part of it in the image needs no judge.
 const WHOLE: f64 = 0.9;
+/// A ball fills a crop, of up to so many pixels, from this radius on, in longer sides.
+const FILLED: f64 = 0.38;
+const CROP: usize = 320;
 /// An outline that the net knows worse than this, in radii, is none.
 const MAX_SIGMA: f64 = 0.06;
 /// Edges farther from the net's outline than this many deviations are those of something else.
@@ -91,9 +94,14 @@ impl Locator {
         net: Option<&OutlineNet>,
     ) -> Result<Candidate, NoBall> {
         self.last = inscribed(gray);
-        let found = match image {
-            FrameImage::Color(color) => self.finder.find_in_color(gray, color),
-            FrameImage::Gray(_) | FrameImage::Raw(_) => self.finder.find(gray),
+        // A crop that the ball fills has no room for another: where its edges show it whole, they are not searched for.
+        let longer = gray.width().max(gray.height());
+        let is_ball = |fit: &BallFit| is_whole(fit) && fit.circle.radius >= FILLED * longer as f64;
+        let near = (longer <= CROP).then(|| self.finder.find_near(gray, None, &self.last));
+        let found = match (near, image) {
+            (Some(Ok(fit)), _) if is_ball(&fit) => Ok(fit),
+            (_, FrameImage::Color(color)) => self.finder.find_in_color(gray, color),
+            (_, FrameImage::Gray(_) | FrameImage::Raw(_)) => self.finder.find(gray),
         };
         self.choose(gray, found, net)
     }
