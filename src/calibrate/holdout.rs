@@ -21,7 +21,7 @@ const LEAVE_ONE_OUT: usize = 30;
 const FOLDS: usize = 5;
 
 /// How well a frame's named dots fit its pose.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FrameResidual {
     /// Root mean square angle between the named dots and the pattern, degrees.
     pub residual_deg: f64,
@@ -30,7 +30,7 @@ pub struct FrameResidual {
 }
 
 /// A frame that took no part in the calibration it is judged by; `None` where it is not identified.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOutFrame {
     /// Its position in the clip.
     pub frame: usize,
@@ -41,7 +41,7 @@ pub struct HeldOutFrame {
 }
 
 /// The residuals of held-out frames.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOut {
     /// Number of folds.
     pub folds: usize,
@@ -128,7 +128,7 @@ fn residual(frame: &FrameEstimate) -> Option<FrameResidual> {
 }
 
 /// How well orientations follow one spin.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MotionResidual {
     /// Number of frames that agree.
     pub frames: usize,
