@@ -198,6 +198,42 @@ def check_estimate(page, checks, data):
     checks.that(all(f["rejection_kind"] in words for f in rejected), f"reasons of {len(rejected)} rejected frames")
 
 
+def check_calibrate(page, checks, data):
+    content = data["content"]
+    dots = content["dots"]
+    checks.that(page.locator("#dots tbody tr").count() == len(dots), f"the table has all {len(dots)} dots")
+    view = page.locator("#ball canvas.view")
+    view.focus()
+    page.keyboard.press("n")
+    settle(page)
+    words = page.locator("#dot-info").inner_text()
+    checks.that(words.startswith(f"dot {dots[0]['nominal_number']}"), "N chooses a dot and names it")
+    before = picture(page, "#ball canvas.view")
+    page.locator("#ball input[type=range]").focus()
+    page.keyboard.press("End")
+    settle(page)
+    checks.that(picture(page, "#ball canvas.view") != before, "the slider enlarges the offsets")
+    page.keyboard.press("Home")
+    # Offsets by compass, computed anew: their length is the angle between nominal and drawn.
+    import math
+
+    worst = 0.0
+    for dot, compass in zip(dots, content["compass_deg"]):
+        cosine = sum(a * b for a, b in zip(dot["nominal"], dot["drawn"]))
+        sine = math.degrees(math.sqrt(max(0.0, 1.0 - min(1.0, cosine) ** 2)))
+        worst = max(worst, abs(math.hypot(*compass) - sine))
+    checks.that(worst < 1e-3, f"offsets to north and east have the offsets' lengths ({worst:.1e} degrees off)")
+    for state in ("missing", "unseen"):
+        numbers = [str(d["nominal_number"]) for d in dots if d["state"] == state]
+        tiles = page.locator(".tiles").inner_text()
+        checks.that(not numbers or ", ".join(numbers) in tiles, f"{state} dots {numbers} are named at the top")
+    if content["held_out"]["frames"]:
+        median = content["held_out"]["median_deg"][1]
+        checks.that(f"{median:.2f}°" in page.locator("#residuals").inner_text(), "the residual of its own table is there")
+    advice = page.locator("#advice li").all_inner_texts()
+    checks.that(advice == content["advice"], f"{len(advice)} lines of advice")
+
+
 def check_print(page, checks, path, shots):
     pdf = page.pdf(format="A4", print_background=True, prefer_css_page_size=True)
     if shots:
@@ -239,7 +275,7 @@ def check(browser, path, shots, checks):
     checks.that(drawn_colors(page, "canvas.view") > 100, "the ball is drawn")
     shoot(page, shots, f"{name}_light")
     turns(page, checks)
-    {"design": check_design, "compare": check_compare, "estimate": check_estimate}[data["kind"]](page, checks, data)
+    {"design": check_design, "compare": check_compare, "estimate": check_estimate, "calibrate": check_calibrate}[data["kind"]](page, checks, data)
     paper = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
     page.locator("#theme").click()
     settle(page)

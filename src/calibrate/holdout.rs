@@ -23,7 +23,7 @@ const LEAVE_ONE_OUT: usize = 30;
 const FOLDS: usize = 5;
 
 /// How well a frame's named dots fit its pose.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FrameResidual {
     /// Root mean square angle between the named dots and the pattern, degrees.
     pub residual_deg: f64,
@@ -32,7 +32,7 @@ pub struct FrameResidual {
 }
 
 /// A frame that took no part in the calibration it is judged by; `None` where it is not identified.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOutFrame {
     /// Its position in the clip.
     pub frame: usize,
@@ -43,7 +43,7 @@ pub struct HeldOutFrame {
 }
 
 /// The residuals of held-out frames.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOut {
     /// Number of folds.
     pub folds: usize,
@@ -130,7 +130,7 @@ fn residual(frame: &FrameEstimate) -> Option<FrameResidual> {
 }
 
 /// How well orientations follow one smooth rotation.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MotionResidual {
     /// Number of frames that agree.
     pub frames: usize,

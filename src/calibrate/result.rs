@@ -9,7 +9,7 @@ use crate::pattern::Pattern;
 use crate::vision::FrameEstimate;
 
 /// What the clip says of a dot of the nominal pattern.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DotState {
     /// It was seen, and its place is measured.

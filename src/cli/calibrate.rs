@@ -27,7 +27,8 @@ Film the ball while you turn it slowly, once about one axis and once about anoth
 the camera for a while: 60 frames or more, sharp, with the ball 60 pixels wide or wider.
 
 The folder holds pattern.csv and table.npz of the ball as it is drawn (give the table to estimate, identify
-and validate as any other), report.json, and the offsets of the dots as a table and a picture.
+and validate as any other), report.html to look at, report.json, and the offsets of the dots as a table and a
+picture.
 
 Dots that are never found where they should be are left out; steady marks that the pattern lacks are reported
 and, with --learn-extra, taken in. Where --table is given several times, the one that fits best is taken.
@@ -126,7 +127,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         frames: &clip.frames,
         times_s: times,
     };
-    let evaluated = evaluate_calibration(&calibration, &source, &config, &evaluation)?;
+    let mut evaluated = evaluate_calibration(&calibration, &source, &config, &evaluation)?;
+    evaluated.report.command = Some(super::output::command_line());
     evaluated.write(&arguments.out)?;
     if arguments.json {
         return super::print_json(&evaluated.report);

@@ -149,6 +149,8 @@ pub fn main() -> ExitCode {
 /// Runs the command with these arguments, the first of which is the program's name, and returns its
 /// exit code.
 pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    output::set_command_line(&arguments);
     let parsed = Cli::command().try_get_matches_from(arguments);
     let parsed = parsed.and_then(|matches| {
         let name = matches.subcommand_name().unwrap_or_default().to_owned();

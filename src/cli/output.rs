@@ -186,6 +186,30 @@ impl Progress {
     }
 }
 
+/// The command as it was given, for files that say how they were made.
+static COMMAND: Mutex<String> = Mutex::new(String::new());
+
+/// Notes the command's arguments, the program's name first.
+pub(super) fn set_command_line(arguments: &[std::ffi::OsString]) {
+    let words = arguments
+        .iter()
+        .skip(1)
+        .map(|a| quoted(&a.to_string_lossy()));
+    let words: Vec<String> = std::iter::once("spindoe".to_owned()).chain(words).collect();
+    // What a panicking thread leaves is still a command.
+    *COMMAND
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner()) = words.join(" ");
+}
+
+/// The command as a shell takes it.
+pub(super) fn command_line() -> String {
+    let command = COMMAND.lock();
+    command
+        .unwrap_or_else(|poisoned| poisoned.into_inner())
+        .clone()
+}
+
 /// A word as a POSIX shell needs it: as it is where every character is harmless, else in single
 /// quotes.
 pub(super) fn quoted(word: &str) -> String {

@@ -1,11 +1,11 @@
-//! `spindoe report`: a design's folder as one page to look at.
+//! `spindoe report`: the folder of a design or a calibration as one page to look at.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
 use crate::error::{Error, Result, require};
-use crate::report::page::{CameraFigures, DesignPage, PAGE};
+use crate::report::page::{CalibrationPage, CameraFigures, DesignPage, PAGE};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -13,13 +13,16 @@ The page shows the ball and the stencil to turn, rates with their intervals, sen
 camera's noise, what the camera can expect, the search, the dots, print settings and the command that repeats
 the design. It is one file and needs no network; the browser's print makes a PDF of it.
 
-`spindoe design` writes the same page. `spindoe compare -o DIR` and `spindoe estimate --report FILE` write
-pages of their own.
+The page of a calibration shows each dot where it was drawn and where it should be, how well that is known,
+residuals and rates with the nominal table and with its own, and what to do.
+
+`spindoe design` and `spindoe calibrate` write the same pages. `spindoe compare -o DIR` and `spindoe estimate
+--report FILE` write pages of their own.
 
 Example:
   spindoe report my-ball --ball-pixels 45 --pixel-noise 0.7 --fps 380")]
 pub struct Arguments {
-    /// A folder that `spindoe design` wrote.
+    /// A folder that `spindoe design` or `spindoe calibrate` wrote.
     dir: PathBuf,
     /// Diameter of the ball in your camera's image, pixels.
     #[arg(long, value_name = "PX", allow_negative_numbers = true)]
@@ -41,17 +44,38 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Err(Error::input(
             dir,
             "report.json",
-            "expected a folder that `spindoe design` wrote",
+            "expected a folder that `spindoe design` or `spindoe calibrate` wrote",
         ));
     }
-    let mut page = DesignPage::read(dir)?;
-    arguments.apply(page.camera_mut())?;
-    page.write(dir)?;
+    if CalibrationPage::is_in(dir)? {
+        arguments.reject_camera()?;
+        CalibrationPage::read(dir)?.write(dir)?;
+    } else {
+        let mut page = DesignPage::read(dir)?;
+        arguments.apply(page.camera_mut())?;
+        page.write(dir)?;
+    }
     outln!("{}", dir.join(PAGE).display());
     Ok(())
 }
 
 impl Arguments {
+    /// Rejects what only a design's page shows.
+    fn reject_camera(&self) -> Result<()> {
+        for (name, given) in [
+            ("ball_pixels", self.ball_pixels.is_some()),
+            ("pixel_noise", self.pixel_noise.is_some()),
+            ("fps", self.fps.is_some()),
+            ("frames", self.frames.is_some()),
+        ] {
+            if given {
+                let problem = "the folder holds a calibration, whose page shows no camera";
+                return Err(Error::argument(name, problem));
+            }
+        }
+        Ok(())
+    }
+
     /// Sets the values that were given.
     fn apply(&self, camera: &mut CameraFigures) -> Result<()> {
         for (name, given, low, field) in [

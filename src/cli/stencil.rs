@@ -125,6 +125,9 @@ sizes! {
     clearance_mm: "MM" => clearance_mm,
     /// Thickness of the shell [default: 2.8].
     wall_mm: "MM" => wall_mm,
+    /// How much farther from the ball the dome's inside lies within 25 degrees of its top, where it is
+    /// printed on air and comes out rough [default: 0.3].
+    ceiling_relief_mm: "MM" => ceiling_relief_mm,
     /// Length of a hole's throat at the ball, before it widens for the pen [default: 0.8].
     throat_mm: "MM" => throat_mm,
     /// Half-angle of the cone by which a hole widens outwards [default: 30].

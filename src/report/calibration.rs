@@ -1,11 +1,11 @@
 //! The result of a calibration: the ball's own pattern and table, and what they are worth.
 //!
 //! The folder holds `pattern.csv` and `table.npz` of the ball as it is drawn, `report.json`,
-//! `offsets.csv` and, where the crate is built with the feature `plot`, `offsets.png`.
+//! `offsets.csv`, `report.html` and, where the crate is built with the feature `plot`, `offsets.png`.
 
 use std::path::Path;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::calibrate::{
     Calibration, CalibrationConfig, DotState, HeldOut, MotionResidual, held_out,
@@ -16,6 +16,7 @@ use crate::geometry::{Vec3, tangent_frame};
 use crate::hash::HashTable;
 use crate::pattern::Pattern;
 use crate::recognize::robust::RobustRecognizer;
+use crate::report::page::CalibrationPage;
 use crate::stats::Proportion;
 use crate::validate::{Protocol, ProtocolName, Validation, run_trials, summarize};
 use crate::vision::FrameEstimate;
@@ -23,12 +24,12 @@ use crate::vision::FrameEstimate;
 /// Version of a calibration's `report.json`.
 pub const CALIBRATION_REPORT_VERSION: u32 = 1;
 /// A dot whose standard deviation is larger needs more views, degrees.
-const WELL_MEASURED_DEG: f64 = 0.5;
+pub(super) const WELL_MEASURED_DEG: f64 = 0.5;
 /// Files by which a folder with a calibration is known.
 pub const FILES: [&str; 4] = ["pattern.csv", "table.npz", "report.json", "offsets.csv"];
 
 /// A dot of the nominal pattern in the report.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DotReport {
     /// Its number in the nominal pattern.
     pub nominal_number: usize,
@@ -51,7 +52,7 @@ pub struct DotReport {
 }
 
 /// A mark in the report.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MarkReport {
     /// Where it is, pattern frame.
     pub direction: [f64; 3],
@@ -64,7 +65,7 @@ pub struct MarkReport {
 }
 
 /// The frames of the clip.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FramesReport {
     /// Given.
     pub given: usize,
@@ -96,6 +97,8 @@ pub struct CalibrationReport {
     pub format_version: u32,
     /// The version of this crate.
     pub spindoe_version: &'static str,
+    /// The command that made it, where one did.
+    pub command: Option<String>,
     /// SHA-256 of the nominal pattern; none where it was built from the clip alone.
     pub nominal_sha256: Option<String>,
     /// SHA-256 of the calibrated pattern.
@@ -226,6 +229,7 @@ pub fn evaluate_calibration(
     let mut report = CalibrationReport {
         format_version: CALIBRATION_REPORT_VERSION,
         spindoe_version: env!("CARGO_PKG_VERSION"),
+        command: None,
         nominal_sha256,
         pattern_sha256: pattern.sha256(),
         frames: FramesReport {
@@ -349,6 +353,14 @@ fn advice(report: &CalibrationReport) -> Vec<String> {
     advice
 }
 
+impl DotReport {
+    /// Its offset to the north (towards +z along the meridian) and to the east, degrees.
+    pub fn compass_deg(&self) -> [f64; 2] {
+        let drawn = Vec3::from(self.drawn);
+        compass(&Vec3::from(self.nominal)).map(|axis| axis.dot(&drawn).to_degrees())
+    }
+}
+
 impl CalibrationEvaluation {
     /// Writes the folder's files to `dir`, each atomically.
     ///
@@ -367,7 +379,8 @@ impl CalibrationEvaluation {
         let mut json = serde_json::to_string_pretty(&self.report)
             .map_err(|e| Error::Internal(format!("report as JSON: {e}")))?;
         json.push('\n');
-        files::write_bytes(&dir.join("report.json"), json.as_bytes())
+        files::write_bytes(&dir.join("report.json"), json.as_bytes())?;
+        CalibrationPage::read(dir)?.write(dir)
     }
 }
 
@@ -378,8 +391,7 @@ impl CalibrationReport {
             "dot,number,state,offset_deg,north_deg,east_deg,sigma_deg,views,expected_views\n"
                 .to_owned();
         for dot in &self.dots {
-            let (nominal, drawn) = (Vec3::from(dot.nominal), Vec3::from(dot.drawn));
-            let [north, east] = compass(&nominal).map(|axis| axis.dot(&drawn).to_degrees());
+            let [north, east] = dot.compass_deg();
             let number = dot.number.map_or(String::new(), |n| n.to_string());
             let state = match dot.state {
                 DotState::Measured => "measured",

@@ -6,6 +6,10 @@ use crate::error::{Result, require};
 pub(super) const MIN_HOLE_MM: f64 = 0.5;
 /// Thinnest web that is made, mm.
 pub(super) const MIN_WEB_MM: f64 = 0.2;
+/// Half-angle of the part of the dome's inside that is relieved. Printed rim down in layers of height h
+/// and lines of width w, the dome's layers lean out by more than a line where it is flatter than
+/// atan(h / w): 24 degrees for 0.2 and 0.45 mm.
+const CEILING_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
 /// Clearance of a pen's tip in its hole, per side, mm: printers draw holes too small.
 const PEN_PLAY_MM: f64 = 0.2;
 
@@ -55,6 +59,11 @@ pub struct StencilConfig {
     pub clearance_mm: f64,
     /// Thickness of the shell, mm. Default 2.8.
     pub wall_mm: f64,
+    /// How much farther from the ball the dome's inside lies within 25 degrees of its top, mm. Default
+    /// 0.3. There it is printed on air and comes out rough, which would hold the ball off. At most half
+    /// the throat and a quarter of the wall are used, see [`StencilConfig::ceiling_depth_mm`].
+    #[serde(default)]
+    pub ceiling_relief_mm: f64,
     /// Diameter of a dot on the ball, mm. Default 4.0.
     pub hole_diameter_mm: f64,
     /// Length of the cylindrical throat at the ball before a hole widens, mm. Default 0.8.
@@ -101,6 +110,7 @@ impl Default for StencilConfig {
             ball_diameter_mm: 40.0,
             clearance_mm: 0.2,
             wall_mm: 2.8,
+            ceiling_relief_mm: 0.3,
             hole_diameter_mm: 4.0,
             throat_mm: 0.8,
             taper_rad: 30f64.to_radians(),
@@ -131,6 +141,18 @@ impl StencilConfig {
     /// Outer radius of the shell, mm.
     pub fn outer_radius_mm(&self) -> f64 {
         self.inner_radius_mm() + self.wall_mm
+    }
+
+    /// How far the dome's inside is relieved around its top, mm.
+    pub fn ceiling_depth_mm(&self) -> f64 {
+        self.ceiling_relief_mm
+            .min(0.5 * self.throat_mm)
+            .min(0.25 * self.wall_mm)
+    }
+
+    /// Radius of the relieved part about the dome's axis, mm.
+    pub fn ceiling_radius_mm(&self) -> f64 {
+        self.inner_radius_mm() * CEILING_RAD.sin()
     }
 
     /// Diameter of the hole through which a pen's tip of `pen_diameter_mm` just goes, mm: 0.2 mm of
@@ -171,6 +193,7 @@ impl StencilConfig {
             ("clearance_mm", self.clearance_mm, 0.0, 0.1 * r),
             ("nozzle_mm", self.nozzle_mm, 0.1, 1.2),
             ("wall_mm", self.wall_mm, 2.0 * self.nozzle_mm, 0.5 * r),
+            ("ceiling_relief_mm", self.ceiling_relief_mm, 0.0, 2.0),
             ("hole_diameter_mm", self.hole_diameter_mm, MIN_HOLE_MM, r),
             ("throat_mm", self.throat_mm, 0.2, self.wall_mm),
             ("min_web_mm", self.min_web_mm, MIN_WEB_MM, 5.0),

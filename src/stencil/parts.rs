@@ -57,6 +57,7 @@ impl Shell<'_> {
         let body = body.plus(&solids(&added)?)?;
         let mut tools = vec![shapes::sphere(config.inner_radius_mm(), chord), self.bore()];
         tools.extend(self.rim());
+        tools.extend(self.ceiling());
         if self.name == HalfName::B {
             tools.push(self.relief());
         }
@@ -225,6 +226,28 @@ impl Shell<'_> {
                 shapes::ring(&Vec3::z(), &other_lip, segments),
             ]
         }
+    }
+
+    /// What relieves the dome's inside around its top, where a printer lays lines on air: a cylinder with
+    /// a cap parallel to the inner sphere.
+    fn ceiling(&self) -> Option<Mesh> {
+        let config = self.config;
+        let depth = config.ceiling_depth_mm();
+        if depth <= 0.0 {
+            return None;
+        }
+        let cap = config.inner_radius_mm() + depth;
+        let side = config.ceiling_radius_mm();
+        let half_angle = (side / cap).asin();
+        let steps = shapes::circle_segments(cap, config.chord_error_mm).div_ceil(8);
+        // From within the ball to the cap's edge, and along the cap to the axis.
+        let mut outline = vec![(0.5 * cap, 0.0), (0.5 * cap, side)];
+        outline.extend((0..=steps).rev().map(|k| {
+            let (sin, cos) = (half_angle * k as f64 / steps as f64).sin_cos();
+            (cap * cos, cap * sin)
+        }));
+        let segments = shapes::circle_segments(side, config.chord_error_mm).max(32);
+        Some(shapes::revolve(&Vec3::z(), &outline, segments))
     }
 
     /// The tool that cuts a window.

@@ -6,16 +6,22 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use spindoe::calibrate::{CalibrationConfig, DotState, calibrate};
 use spindoe::geometry::spiral_directions;
 use spindoe::pattern::Pattern;
 use spindoe::recognize::RecognizerName;
+use spindoe::report::calibration::{
+    CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
+};
 use spindoe::report::compare::{Entry, compare};
-use spindoe::report::page::{DesignPage, EstimatePage};
+use spindoe::report::page::{CalibrationPage, DesignPage, EstimatePage};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::DetectorName;
 use spindoe::vision::estimator::{Batch, BatchFrame, SequenceOutcome, TimeSource};
 use spindoe::{Estimator, EstimatorConfig, FrameEstimate, HashTable, PairRule, RecognizerConfig};
+
+use crate::common::{done, spindoe};
 
 /// The exit code of `check_page.py` where something that it needs is absent.
 const SKIPPED: i32 = 77;
@@ -98,6 +104,82 @@ fn estimate(path: &Path) {
     std::fs::write(path, page.html().unwrap()).unwrap();
 }
 
+/// The folder of a calibration: dot 4 was never drawn, and the clip shows one side of the ball best.
+fn calibration(dir: &Path) -> PathBuf {
+    use crate::calibrate::clip::{ClipConfig, drawn, identified};
+
+    let pattern = Pattern::read_csv(&root().join("designs/dots20/pattern.csv")).unwrap();
+    let mut dots = drawn(&pattern, 0.025, 3);
+    dots.remove(4);
+    let clip = ClipConfig {
+        frames: 60,
+        ..ClipConfig::default()
+    };
+    let clip = identified(&pattern, &dots, &clip);
+    let config = CalibrationConfig::default();
+    let times_s = Some(&clip.times_s[..]);
+    let found = calibrate(&pattern, &clip.frames, times_s, &config).unwrap();
+    let found = found.unwrap();
+    assert_eq!(found.dots[4].state, DotState::Missing);
+    let source = CalibrationSource {
+        nominal: &pattern,
+        is_design: true,
+        frames: &clip.frames,
+        times_s,
+    };
+    let trials = CalibrationEvaluationConfig {
+        samples: 60,
+        seed: 1,
+    };
+    let mut evaluated = evaluate_calibration(&found, &source, &config, &trials).unwrap();
+    evaluated.report.command = Some("spindoe calibrate --table 'a <b>' clip".to_owned());
+    let folder = dir.join("ball");
+    evaluated.write(&folder).unwrap();
+    folder
+}
+
+#[test]
+fn a_calibration_has_a_page_of_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = calibration(dir.path());
+    let page = std::fs::read(folder.join("report.html")).unwrap();
+    std::fs::remove_file(folder.join("report.html")).unwrap();
+    let path = folder.to_str().unwrap();
+    done(dir.path(), &["report", path]);
+    assert_eq!(std::fs::read(folder.join("report.html")).unwrap(), page);
+    // It has no camera to set.
+    let refused = spindoe(dir.path(), &["report", path, "--fps", "100"]);
+    let words = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        words.contains("--fps") && words.contains("calibration"),
+        "{words}"
+    );
+    let json = folder.join("report.json");
+    let report = std::fs::read_to_string(&json).unwrap();
+    for (from, to, named) in [
+        (
+            "\"format_version\": 1",
+            "\"format_version\": 99",
+            "at most version",
+        ),
+        ("\"views\"", "\"looks\"", "views"),
+        (
+            "\"pattern_sha256\": \"",
+            "\"pattern_sha256\": \"0",
+            "table.npz",
+        ),
+    ] {
+        assert!(report.contains(from));
+        std::fs::write(&json, report.replacen(from, to, 1)).unwrap();
+        let error = CalibrationPage::read(&folder).map(drop).unwrap_err();
+        assert!(
+            error.is_usage() && error.to_string().contains(named),
+            "{error}"
+        );
+    }
+}
+
 #[test]
 fn pages_are_used_in_a_browser() {
     let dir = tempfile::tempdir().unwrap();
@@ -107,13 +189,14 @@ fn pages_are_used_in_a_browser() {
         design.join("report.html"),
         dir.path().join("compare.html"),
         dir.path().join("estimate.html"),
+        calibration(dir.path()).join("report.html"),
     ];
     comparison(&pages[1]);
     estimate(&pages[2]);
     for page in &pages {
         let text = std::fs::read_to_string(page).unwrap();
         assert!(text.len() < MAX_BYTES && text.starts_with("<!doctype html>"));
-        assert!(!text.contains("{{") && !text.contains("<b>designs"));
+        assert!(!text.contains("{{") && !text.contains("<b>"));
     }
     let checked = Command::new("python3")
         .arg(root().join("python/check_page.py"))

@@ -73,7 +73,11 @@ fn dome_volumes(stencil: &Stencil, i: usize) -> (f64, f64) {
                 let h = p.dot(dot);
                 h > 0.0 && (p - h * dot).norm() < config.hole_radius_mm(h)
             });
-            if !drilled {
+            // The ceiling is relieved.
+            let flat = p.x.hypot(p.y);
+            let relieved =
+                r < inner + config.ceiling_depth_mm() && flat < config.ceiling_radius_mm();
+            if !drilled && !relieved {
                 ideal += r * r * (outer - inner) / f64::from(steps);
             }
         }

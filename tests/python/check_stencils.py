@@ -19,6 +19,7 @@ For every stencil:
   centers    circles fitted to the vertices of each throat, against pattern.csv
   admesh     no open edge, no flipped facet
   3mf        trimesh and lib3mf find two valid objects in millimeters, side by side, with the STL files' triangles
+  pin        a printed pin is a solid as above, overlaps neither half at any opening, and head and barb hold it
   slicer     PrusaSlicer's --info of STL and 3MF (the first N stencils only)
 """
 
@@ -75,6 +76,9 @@ class Sizes:
         self.inner = self.ball + self.p["clearance_mm"]
         self.outer = self.inner + self.p["wall_mm"]
         self.throat = 0.5 * self.p["hole_diameter_mm"]
+        # The dome's inside is relieved within 25 degrees of its top.
+        self.relief = min(self.p.get("ceiling_relief_mm", 0), 0.5 * self.p["throat_mm"], 0.25 * self.p["wall_mm"])
+        self.ceiling = self.inner * np.sin(np.radians(25))
 
     def hole(self, height):
         rise = np.maximum(height - self.inner - self.p["throat_mm"], 0)
@@ -123,6 +127,7 @@ def ideal(points, dots, is_a, s, windows=()):
                          [[-start, half], [-start, -half]]])
         solid |= inside_hull(points[:, :2], tab) & (z < j["tab_thickness_mm"] - lip)
     solid &= (radius > s.inner) & (z > -lip)
+    solid &= ~((radius < s.inner + s.relief) & (flat < s.ceiling) & (z > 0))
 
     if is_a:
         face = j["cone_wide_mm"] + (np.minimum(z, lip) + lip) * slope + j["half_gap_mm"]
@@ -246,6 +251,32 @@ def window_rays(whole, window, dots, s):
     return inside, beside
 
 
+def pin_faults(path, halves, s):
+    """The faults of the hinge's printed pin: its solid, its way through the knuckles, and its hold in them."""
+    pin = trimesh.load_mesh(path)
+    faults = [f"pin: {what}" for what, good in [
+        ("watertight", pin.is_watertight), ("winding", pin.is_winding_consistent),
+        ("one body", pin.body_count == 1), ("Euler", pin.euler_number == 2),
+        ("on the bed", abs(pin.bounds[0][2]) < 1e-5)] if not good]
+    # The middle of its axis: the head is as wide as a knuckle, and stands out only upwards.
+    radius = s.j["knuckle_radius_mm"]
+    head, play, length = 1.6, 0.6, s.p["hinge_length_mm"]
+    pin.apply_translation([-head - 0.5 * play - 0.5 * length, 0, radius - pin.bounds[1][2]])
+    pin.apply_transform(trimesh.transformations.rotation_matrix(0.5 * np.pi, [0, 0, 1]))
+    pin.apply_translation([s.j["axis_mm"], 0, 0])
+    a = placed(halves[0], True, 0, s)
+    for degrees in (0, 20, 60, 100):
+        common = overlap(pin, a) + overlap(pin, placed(halves[1], False, degrees, s))
+        if common > MOST_OVERLAP_MM3:
+            faults.append(f"pin: overlaps the halves by {common:.2f} mm^3, opened by {degrees} degrees")
+    for way in (-1, 1):
+        moved = pin.copy()
+        moved.apply_translation([0, way * (play + 0.4), 0])
+        if overlap(moved, a) < 0.02:
+            faults.append("pin: nothing keeps it in the knuckles")
+    return faults
+
+
 def admesh_faults(path):
     """Open edges and flipped facets as admesh counts them; None where it is not installed."""
     if shutil.which("admesh") is None:
@@ -365,6 +396,9 @@ def check(job):
     if blocked or missed:
         faults.append(f"{blocked} holes are blocked, {missed} rays beside a hole meet no wall")
     offsets = [center_offset(whole.vertices, d, s) for d in dots]
+    row["pin"] = s.p.get("closure") == "pin"
+    if row["pin"]:
+        faults += pin_faults(folder / "pin.stl", halves, s)
     row["center_mm"] = max(o for o, _ in offsets)
     if row["center_mm"] > MOST_CENTER_MM:
         faults.append(f"a hole's center is off by {row['center_mm']:.3f} mm")

@@ -118,5 +118,8 @@ function comparePage(d) {
       ],
     ),
   );
-  section("repeat", "Repeat it", null).append(el("pre", { text: d.command }));
+  repeatable(d.command, "", [
+    ["trials", d.samples.toLocaleString("en")],
+    ["seed", String(d.seed)],
+  ]);
 }

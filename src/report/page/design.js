@@ -1,7 +1,5 @@
 // The page of a design: the ball, its stencil, its rates, what a camera makes of them, how it was found.
 
-const RECOGNIZERS = { robust: "our recognizer", paper: "the paper's recognizer" };
-
 function designPage(d) {
   tiles(d);
   const ball = ballSection(d);
@@ -16,45 +14,39 @@ function designPage(d) {
   repeatSection(d);
 }
 
-function tile(value, words) {
-  return el("div", { class: "tile" }, el("b", { text: value }), el("span", { text: words }));
-}
-
 function tiles(d) {
   const rate = (name) => d.validation.find((v) => v.recognizer === "robust" && v.protocol === name);
-  const node = el(
-    "div",
-    { class: "tiles" },
+  const row = [
     tile(
       String(d.dots.length),
       `dots of ${fixed(d.dot_diameter_mm, 1)} mm on a ball of ${fixed(d.ball_diameter_mm, 1)} mm`,
     ),
     tile(fixed(d.summary.min_separation_deg, 1) + "\u00b0", "smallest angle between two dots"),
     tile(String(d.summary.min_visible), "dots in view from every side, at least"),
-  );
+  ];
   const sparse = rate("sparse"),
     paper = rate("paper");
   if (sparse)
-    node.append(
+    row.push(
       tile(
         percent(sparse.identity.rate),
         `of views of four dots identified (95 %: ${percent(sparse.identity.low)} to ${percent(sparse.identity.high)})`,
       ),
     );
   if (paper)
-    node.append(
+    row.push(
       tile(
         fixed(paper.mean_error_deg, 2) + "\u00b0",
         `mean orientation error with ${fixed(paper.sigma_deg, 0)}\u00b0 of noise per dot`,
       ),
     );
-  node.append(
+  row.push(
     tile(
       `${fixed(d.bound.mean, 2)} / ${fixed(d.bound.worst, 2)}`,
       "orientation error that the dots allow, mean / worst view, times a dot's noise",
     ),
   );
-  MAIN.append(node);
+  tileRow(...row);
 }
 
 /** What is said of a dot. */
@@ -88,12 +80,6 @@ const neighbors = (d, i) =>
     .map((p, dot) => ({ dot, angle: angleBetween(p, d.dots[i]) }))
     .filter((n) => n.dot !== i)
     .sort((a, b) => a.angle - b.angle);
-
-function checkbox(text, on, change) {
-  const box = el("input", { type: "checkbox", onchange: () => change(box.checked) });
-  box.checked = on;
-  return el("label", {}, box, text);
-}
 
 function ballSection(d) {
   const node = section(
@@ -181,35 +167,22 @@ function ballSection(d) {
       ...d.keep_out.map((z, i) => [`zone ${i + 1}`, z.axis]),
     ].map(([text, v]) => el("option", { value: JSON.stringify(v), text })),
   );
-  const controls = el(
-    "div",
-    { class: "controls screen-only" },
+  const controls = [
     checkbox("numbers", true, set("numbers")),
     d.stencil ? checkbox("seam", true, set("seam")) : null,
     d.keep_out.length ? checkbox("zones kept free", true, set("zones")) : null,
     el("label", {}, "from", sides),
     el("button", { type: "button", text: "Reset", onclick: () => view.reset() }),
-  );
+  ];
   const seam = d.stencil ? "The line is the stencil's seam. " : "";
   const zones = d.keep_out.length
     ? `Hatched: ${d.keep_out.length === 1 ? "the zone" : "zones"} kept free of dots (half angle ${d.keep_out.map((z) => fixed(z.half_angle_rad / DEG, 1) + "\u00b0").join(", ")}). `
     : "";
   node.append(
-    el(
-      "div",
-      { class: "pair" },
-      el(
-        "figure",
-        {},
-        view.node,
-        controls,
-        el("figcaption", {
-          text: `${seam}${zones}Frame of the pattern: x right, y up, z towards the viewer at the start.`,
-        }),
-      ),
-      el(
-        "div",
-        {},
+    turnable(view, {
+      controls,
+      caption: `${seam}${zones}Frame of the pattern: x right, y up, z towards the viewer at the start.`,
+      beside: [
         el("h3", { text: "Dot" }),
         info,
         el("h3", { text: "Pattern" }),
@@ -234,8 +207,8 @@ function ballSection(d) {
               : "none",
           ],
         ]),
-      ),
-    ),
+      ],
+    }),
   );
   view.choose = choose;
   return view;
@@ -337,28 +310,17 @@ function stencilSection(d) {
   };
   const count = (half) => s.dots.filter((x) => x.half === half && !x.through_both_rims).length;
   node.append(
-    el(
-      "div",
-      { class: "pair" },
-      el(
-        "figure",
-        {},
-        view.node,
-        el(
-          "div",
-          { class: "controls screen-only" },
+    turnable(view, {
+      controls: [
           el("button", { type: "button", id: "swing", text: "Open / close", onclick: swing }),
           el("label", {}, "opened", open, angle),
           checkbox("half A", true, set("a")),
           checkbox("half B", true, set("b")),
           checkbox("ball", true, set("ball")),
           el("button", { type: "button", text: "Reset", onclick: () => view.reset() }),
-        ),
-        el("figcaption", { text: "Half A orange, half B blue, as their STL files have them." }),
-      ),
-      el(
-        "div",
-        {},
+      ],
+      caption: "Half A orange, half B blue, as their STL files have them.",
+      beside: [
         el("h3", { text: "Sizes" }),
         list([
           ["ball", fixed(d.ball_diameter_mm, 2) + " mm"],
@@ -378,20 +340,10 @@ function stencilSection(d) {
               " cm\u00b3",
           ]),
         ]),
-      ),
-    ),
+      ],
+    }),
   );
 }
-
-const PROTOCOLS = {
-  paper: ["paper", "all dots in view, 3\u00b0 noise"],
-  sparse: ["sparse", "four dots, 3\u00b0 noise"],
-  clutter: ["clutter", "5\u00b0, a fifth missed, 2 false"],
-  image: ["image", "1 px on 60 px, a tenth missed"],
-};
-/** What counts as success: with false and missed dots it is the orientation. */
-const success = (v) =>
-  v.protocol === "paper" || v.protocol === "sparse" ? v.identity : v.orientation;
 
 function ratesSection(d) {
   const trials = d.validation[0].samples;
@@ -829,24 +781,14 @@ function printSection(d) {
 }
 
 function repeatSection(d) {
-  const node = section("repeat", "Repeat it", null);
-  if (d.command) node.append(el("pre", { text: d.command }));
-  else
-    node.append(
-      el("p", {
-        text: "No command repeats this pattern: it was not made by one, or its search was stopped.",
-      }),
-    );
-  node.append(
-    list([
-      [
-        "seeds",
-        Object.entries(d.seeds)
-          .map(([k, v]) => `${k} ${v}`)
-          .join(", ") || "none",
-      ],
+  const seeds = Object.entries(d.seeds).map(([k, v]) => `${k} ${v}`);
+  repeatable(
+    d.command,
+    "No command repeats this pattern: it was not made by one, or its search was stopped.",
+    [
+      ["seeds", seeds.join(", ") || "none"],
       ["made by", "spindoe " + d.spindoe_version],
       ["SHA-256 of the dots", d.sha256],
-    ]),
+    ],
   );
 }

@@ -2,13 +2,11 @@
 
 function estimatePage(d) {
   const found = d.frames.filter((f) => f.orientation_wxyz);
-  const node = el(
-    "div",
-    { class: "tiles" },
+  const row = [
     tile(`${found.length} of ${d.frames.length}`, "frames with an orientation"),
-  );
+  ];
   if (d.spin) {
-    node.append(
+    row.push(
       tile(
         `${fixed(d.spin.rps, 2)}${d.spin.std_rps ? " \u00b1 " + fixed(d.spin.std_rps, 2) : ""} rps`,
         "spin, with its standard deviation",
@@ -16,8 +14,8 @@ function estimatePage(d) {
       tile(fixed(d.spin.sigma_deg, 2) + "\u00b0", "noise of an orientation per axis"),
       tile(`${d.spin.inliers} of ${found.length}`, "orientations agree with the spin"),
     );
-  } else if (d.spin_rejection) node.append(tile("no spin", d.spin_rejection));
-  MAIN.append(node);
+  } else if (d.spin_rejection) row.push(tile("no spin", d.spin_rejection));
+  tileRow(...row);
   turningBall(d);
   if (d.spin) spinSection(d);
   overTime(d);
@@ -147,23 +145,14 @@ function turningBall(d) {
     },
   });
   node.append(
-    el(
-      "div",
-      { class: "pair" },
-      el(
-        "figure",
-        {},
-        view.node,
-        el(
-          "div",
-          { class: "controls screen-only" },
-          play,
-          slider,
-          el("button", { type: "button", text: "Camera's view", onclick: () => view.reset() }),
-        ),
-      ),
-      el("div", {}, picture, words),
-    ),
+    turnable(view, {
+      controls: [
+        play,
+        slider,
+        el("button", { type: "button", text: "Camera's view", onclick: () => view.reset() }),
+      ],
+      beside: [picture, words],
+    }),
   );
   show(state.k);
 }

@@ -1,24 +1,32 @@
-//! Pages: one self-contained HTML file that shows a design, a comparison or an estimate.
+//! Pages: one self-contained HTML file that shows a design, a comparison, an estimate or a
+//! calibration.
 //!
 //! A page is a template, a style sheet, scripts and one JSON object with the data, all in one file
 //! that opens without a network. The scripts draw: a ball to turn (each pixel's dot is computed in a
 //! fragment shader, so that rims are sharp at any size), shaded meshes, and charts as SVG with values
-//! on hover and by keyboard. They are the project's own, some 90 kB; a plotting library that does
+//! on hover and by keyboard. They are the project's own, some 100 kB; a plotting library that does
 //! the same (plotly.js) has 4.6 MB.
 //!
 //! Guaranteed: no reference to anything outside the file, and text from files never becomes markup.
 //! Not guaranteed: a view without WebGL 2, where the page says so and shows all else.
 
+#[cfg(feature = "vision")]
+mod calibrate;
 mod compare;
 mod design;
 #[cfg(feature = "vision")]
 mod estimate;
+mod features;
+mod folder;
 mod mesh;
+mod stencil;
 
 use serde::Serialize;
 
 use crate::error::{Error, Result};
 
+#[cfg(feature = "vision")]
+pub use calibrate::CalibrationPage;
 pub use design::{CameraFigures, DesignPage};
 #[cfg(feature = "vision")]
 pub use estimate::{EstimatePage, PageFrame, PageSpin};
@@ -28,13 +36,15 @@ pub const PAGE: &str = "report.html";
 
 const TEMPLATE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
-const SCRIPTS: [&str; 7] = [
+const SCRIPTS: [&str; 9] = [
     include_str!("core.js"),
     include_str!("chart.js"),
     include_str!("view.js"),
+    include_str!("layout.js"),
     include_str!("design.js"),
     include_str!("compare.js"),
     include_str!("estimate.js"),
+    include_str!("calibrate.js"),
     include_str!("start.js"),
 ];
 

@@ -132,7 +132,7 @@ function program(gl, vertex, fragment) {
 }
 
 /**
- * A view to turn. `scene(view)` returns { reach, ball: { center, radius, turn, dots, dotAngle, zones, seam,
+ * A view to turn. `scene(view)` returns { reach, ball: { center, radius, turn, dots, names, dotAngle, zones, seam,
  * seamHalf, chosen } or null, meshes: [{ mesh, turn, shift, paint, hub, ground }], labels: [{ at, text, color, hidden }],
  * lines: [{ from, to, color, width }] } in the scene's frame, lengths alike. Drag, touch or arrow keys
  * turn it, + and - zoom, Home resets. `hover(direction or null, x, y, view)` hears of the ball's point under
@@ -436,7 +436,7 @@ function dotLabels(view, ball, reach) {
   return ball.dots.flatMap((d, i) => {
     const seen = times(out, d),
       z = seen[2],
-      text = String(i),
+      text = String(ball.names ? ball.names[i] : i),
       size = 13;
     if (z < 0.1) return [];
     const at = times(ball.turn, d).map((c, k) => c * ball.radius + ball.center[k]);

@@ -1,8 +1,9 @@
 //! Stencils of many random patterns, for `tests/python/check_stencils.py` to examine.
 //!
 //! `stencil_survey COUNT DIR [FIRST_SEED]` writes
-//! `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json, pattern.csv}` for each pattern that
-//! is not rejected, and one line of `DIR/survey.csv` for every pattern.
+//! `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json,pattern.csv}` for each pattern that
+//! is not rejected, with `pin.stl` where its hinge has a printed pin, and one line of `DIR/survey.csv`
+//! for every pattern.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -10,7 +11,7 @@ use std::path::Path;
 use rand::{Rng, RngExt, SeedableRng};
 use spindoe::geometry::{Vec3, angle_between, random_direction};
 use spindoe::pattern::{KeepOut, Pattern};
-use spindoe::stencil::{Stencil, StencilConfig};
+use spindoe::stencil::{Closure, Stencil, StencilConfig};
 use spindoe::{Error, Result};
 
 /// `n` dots, each the one of `tries` random directions that is farthest from those before it: one
@@ -66,6 +67,7 @@ fn random_config(rng: &mut impl Rng) -> StencilConfig {
         knuckles: [3, 5][rng.random_range(0..2)],
         knuckle_clearance_mm: rng.random_range(0.2..0.5),
         numbers: rng.random_bool(0.5),
+        closure: Closure::ALL[rng.random_range(0..2)],
         ..StencilConfig::default()
     }
 }

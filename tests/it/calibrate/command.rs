@@ -38,6 +38,7 @@ fn a_clip_gives_a_table_of_the_ball_as_drawn() {
         "pattern.csv",
         "table.npz",
         "report.json",
+        "report.html",
         "offsets.csv",
         "offsets.png",
     ] {

@@ -1,7 +1,7 @@
 //! Tests of the stage `calibrate`: clips of detections with a known truth, made without its code.
 
 mod bad_input;
-mod clip;
+pub mod clip;
 mod command;
 mod fit;
 mod real;

@@ -1,0 +1,60 @@
+//! Reading a folder that a command wrote: JSON, tables, and whether they belong together.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::files;
+use crate::hash::HashTable;
+use crate::stats::Proportion;
+
+/// Rates in a page.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Rates {
+    pub recognizer: String,
+    pub protocol: String,
+    pub samples: u64,
+    pub sigma_deg: f64,
+    pub skipped: u64,
+    pub identity: Proportion,
+    pub orientation: Proportion,
+    /// `None` where no view succeeded.
+    pub mean_error_deg: Option<f64>,
+    pub median_error_deg: Option<f64>,
+}
+
+/// Rejects a report of a version that is not known yet.
+pub(super) fn known_version(path: &Path, found: u32, newest: u32) -> Result<()> {
+    if found <= newest {
+        return Ok(());
+    }
+    let problem = format!("expected at most version {newest}, found {found}");
+    Err(Error::input(path, "format_version", problem))
+}
+
+/// A file of JSON as `T`.
+pub(super) fn parsed<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+    let bytes = files::read_bytes(path)?;
+    serde_json::from_slice(&bytes)
+        .map_err(|e| Error::input(path, format!("line {}", e.line()), e.to_string()))
+}
+
+/// The folder's table, where it is there and that of the pattern.
+pub(super) fn read_table(dir: &Path, sha256: &str) -> Result<Option<HashTable>> {
+    let path = dir.join("table.npz");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let table = HashTable::from_npz(&path, &files::read_bytes(&path)?)?;
+    same_pattern(&path, "meta", &table.meta().pattern_sha256, sha256)?;
+    Ok(Some(table))
+}
+
+pub(super) fn same_pattern(path: &Path, place: &str, found: &str, expected: &str) -> Result<()> {
+    if found == expected {
+        return Ok(());
+    }
+    let problem = format!("expected pattern {expected:.12} as in report.json, found {found:.12}");
+    Err(Error::input(path, place, problem))
+}

@@ -1,0 +1,52 @@
+// What several pages share: tiles, a view with its controls, names of protocols, and the command.
+
+const RECOGNIZERS = { robust: "our recognizer", paper: "the paper's recognizer" };
+
+const PROTOCOLS = {
+  paper: ["paper", "all dots in view, 3\u00b0 noise"],
+  sparse: ["sparse", "four dots, 3\u00b0 noise"],
+  clutter: ["clutter", "5\u00b0, a fifth missed, 2 false"],
+  image: ["image", "1 px on 60 px, a tenth missed"],
+};
+/** What counts as success: with false and missed dots it is the orientation. */
+const success = (v) =>
+  v.protocol === "paper" || v.protocol === "sparse" ? v.identity : v.orientation;
+
+function tile(value, words) {
+  return el("div", { class: "tile" }, el("b", { text: value }), el("span", { text: words }));
+}
+
+/** Tiles with the values that count, at the top of a page. */
+function tileRow(...tiles) {
+  MAIN.append(el("div", { class: "tiles" }, ...tiles));
+}
+
+function checkbox(text, on, change) {
+  const box = el("input", { type: "checkbox", onchange: () => change(box.checked) });
+  box.checked = on;
+  return el("label", {}, box, text);
+}
+
+/** A view to turn with its controls and caption, and what stands beside it. */
+function turnable(view, { controls, caption, beside }) {
+  return el(
+    "div",
+    { class: "pair" },
+    el(
+      "figure",
+      {},
+      view.node,
+      el("div", { class: "controls screen-only" }, ...controls),
+      caption ? el("figcaption", { text: caption }) : null,
+    ),
+    el("div", {}, ...beside),
+  );
+}
+
+/** How to make the page's values again: the command, where there is one, and what it used. */
+function repeatable(command, without, facts) {
+  section("repeat", "Repeat it", null).append(
+    command ? el("pre", { text: command }) : el("p", { text: without }),
+    list(facts),
+  );
+}
