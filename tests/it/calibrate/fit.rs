@@ -69,9 +69,10 @@ fn the_drawn_dots_are_measured_and_their_covariances_hold() {
         );
         let truth: Vec<(usize, Vec3)> = dots.into_iter().enumerate().collect();
         let (normalized, angles) = errors(&found, &truth);
-        // 0.3 px on 30 px are 0.57 deg a view and axis, more towards the limb; some 45 views a dot.
+        // 0.3 px on 30 px are 0.57 deg a view and axis, more towards the limb; some 45 views a dot. The
+        // camera's axis and the outlines' common error are estimated as well.
         let rms = rms(&angles).to_degrees();
-        assert!(rms < 0.3, "{rms} deg");
+        assert!(rms < 0.35, "{rms} deg");
         squares.extend(normalized);
     }
     // Each square is 1 on average, with a standard deviation near 1: 80 of them.
