@@ -12,6 +12,10 @@ pub struct CalibrationConfig {
     /// Expected standard deviation of a drawn dot from its nominal place along one tangent axis,
     /// radians. It is the prior of every dot: what no frame shows stays there, with this error.
     pub placement_sigma_rad: f64,
+    /// Standard deviation of the error that all views of a dot share, along one tangent axis, radians:
+    /// its ink is not where its middle is, and the detector prefers one side. No view shows it; it is
+    /// added to every dot's covariance.
+    pub shared_sigma_rad: f64,
     /// Maximum angle from its nominal place at which a mark is taken for a dot drawn far off, radians.
     pub max_offset_rad: f64,
     /// Minimum number of frames with an orientation.
@@ -29,12 +33,13 @@ pub struct CalibrationConfig {
 }
 
 impl Default for CalibrationConfig {
-    /// Dots drawn to 3 deg, marks up to 12 deg off; 5 frames or more of a probability of 0.9, a third
+    /// Dots drawn to 3 deg, with 0.1 deg that all views of a dot share (measured on rendered clips), marks up to 12 deg off; 5 frames or more of a probability of 0.9, a third
     /// of those with a ball; 4 rounds; nothing extra; a smooth rotation.
     fn default() -> Self {
         Self {
             estimator: EstimatorConfig::default(),
             placement_sigma_rad: 3f64.to_radians(),
+            shared_sigma_rad: 0.1f64.to_radians(),
             max_offset_rad: 12f64.to_radians(),
             min_frames: 5,
             trusted: 0.9,
@@ -57,6 +62,10 @@ impl CalibrationConfig {
         let expected = "a positive angle below 0.5 rad";
         let inside = sigma > 0.0 && sigma < 0.5;
         require(inside, "placement_sigma_rad", expected, sigma)?;
+        let shared = self.shared_sigma_rad;
+        let inside = (0.0..0.5).contains(&shared);
+        let expected_shared = "0 or more and below 0.5 rad";
+        require(inside, "shared_sigma_rad", expected_shared, shared)?;
         let offset = self.max_offset_rad;
         let inside = offset > 0.0 && offset < 0.5;
         require(inside, "max_offset_rad", expected, offset)?;

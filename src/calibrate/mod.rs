@@ -21,8 +21,8 @@
 //!
 //! # What is not
 //! The covariances are those of a local linearization, with the noise's scale learned from the
-//! residuals: they hold no error that all views of a dot share, such as a dot whose ink is not where
-//! its middle is. A dot that a logo hides is not told from one that was never drawn: either way it is
+//! residuals. An error that all views of a dot share, such as ink that is not where the dot's middle is,
+//! shows in no residual: it is a setting ([`CalibrationConfig::shared_sigma_rad`]). A dot that a logo hides is not told from one that was never drawn: either way it is
 //! of no use to an estimator.
 //!
 //! ```

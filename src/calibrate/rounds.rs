@@ -174,9 +174,10 @@ impl<'a> Rounds<'a> {
     /// A fit, and what it says of each dot and of the marks.
     fn round(&mut self, is_last: bool) -> Outcome<(FitSummary, Vec<Mark>, DetectionRate)> {
         let (fits, summary, mut fitted) = self.fit().ok_or(CalibrationRejection::Singular)?;
+        let shared = Matrix2::identity() * self.config.shared_sigma_rad.powi(2);
         for (candidate, fit) in self.candidates.iter_mut().zip(&fits) {
             candidate.direction = fit.direction;
-            candidate.covariance = fit.covariance;
+            candidate.covariance = fit.covariance + shared;
             candidate.views = fit.views;
             candidate.named = fit.views > 0;
         }

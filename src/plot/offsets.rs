@@ -57,8 +57,10 @@ pub fn offset_views(path: &Path, dots: &[OffsetDot], title: &str) -> Result<()> 
         }
         let (width, height) = area.dim_in_pixel();
         let at = (width as i32 / 2, height as i32 - px(20.0));
+        let ring_deg = (DOT / RADIUS / OFFSET_SCALE).to_degrees();
         let note = format!(
-            "ring: nominal place; line: offset, {OFFSET_SCALE} times as long; cross: missing; ?: not seen"
+            "ring: nominal place; line: offset, {OFFSET_SCALE} times as long (the ring's radius: \
+             {ring_deg:.1} deg); cross: missing; ?: not seen"
         );
         text(&area, &note, at, HPos::Center, SMALL, INK)
     })
@@ -78,10 +80,13 @@ fn draw_side(area: &Area<'_>, side: &Side, dots: &[OffsetDot]) -> Drawn {
         }
         let middle = at(&dot.nominal);
         let ring = px(DOT);
+        // The label stands where the offset does not point.
+        let mut points_right = false;
         match dot.mark {
             OffsetMark::Drawn(direction) => {
                 area.draw(&Circle::new(middle, ring, stroke(INK, 1.2)))?;
                 let end = at(&(dot.nominal + (direction - dot.nominal) * OFFSET_SCALE));
+                points_right = end.0 > middle.0;
                 area.draw(&PathElement::new(vec![middle, end], stroke(color(1), 2.4)))?;
                 area.draw(&Circle::new(end, px(3.5), color(1).filled()))?;
             }
@@ -97,8 +102,12 @@ fn draw_side(area: &Area<'_>, side: &Side, dots: &[OffsetDot]) -> Drawn {
                 text(area, "?", middle, HPos::Center, SMALL, canvas::GRAY)?;
             }
         }
-        let beside = (middle.0 + px(DOT + 4.0), middle.1 - px(DOT));
-        text(area, &dot.label, beside, HPos::Left, SMALL, INK)?;
+        let (aside, anchor) = match points_right {
+            true => (-px(DOT + 4.0), HPos::Right),
+            false => (px(DOT + 4.0), HPos::Left),
+        };
+        let beside = (middle.0 + aside, middle.1 - px(DOT));
+        text(area, &dot.label, beside, anchor, SMALL, INK)?;
     }
     let at = (cx, px(CENTER_Y + RADIUS + 40.0));
     text(area, side.caption, at, HPos::Center, LABEL + 2.0, INK)

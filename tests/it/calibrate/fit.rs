@@ -38,6 +38,14 @@ fn errors(found: &Calibration, drawn: &[(usize, Vec3)]) -> (Vec<f64>, Vec<f64>) 
     (squares, angles)
 }
 
+/// Settings for detections whose errors are all independent.
+fn exact() -> CalibrationConfig {
+    CalibrationConfig {
+        shared_sigma_rad: 0.0,
+        ..CalibrationConfig::default()
+    }
+}
+
 fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
 }
@@ -52,7 +60,7 @@ fn the_drawn_dots_are_measured_and_their_covariances_hold() {
             seed,
             ..ClipConfig::default()
         };
-        let found = calibrated(&pattern, &dots, &clip, &CalibrationConfig::default());
+        let found = calibrated(&pattern, &dots, &clip, &exact());
         assert_eq!(found.measured(), 20);
         assert!(
             (0.85..1.15).contains(&found.noise_scale),
@@ -61,9 +69,10 @@ fn the_drawn_dots_are_measured_and_their_covariances_hold() {
         );
         let truth: Vec<(usize, Vec3)> = dots.into_iter().enumerate().collect();
         let (normalized, angles) = errors(&found, &truth);
-        // 0.3 px on 30 px are 0.57 deg a view and axis, more towards the limb; some 45 views a dot.
+        // 0.3 px on 30 px are 0.57 deg a view and axis, more towards the limb; some 45 views a dot. The
+        // camera's axis and the outlines' common error are estimated as well.
         let rms = rms(&angles).to_degrees();
-        assert!(rms < 0.3, "{rms} deg");
+        assert!(rms < 0.35, "{rms} deg");
         squares.extend(normalized);
     }
     // Each square is 1 on average, with a standard deviation near 1: 80 of them.
@@ -127,7 +136,7 @@ fn what_a_single_axis_never_shows_stays_uncertain() {
     let pattern = crate::common::random_pattern(20, 14);
     let dots = drawn(&pattern, 0.025, 7);
     let truth: Vec<(usize, Vec3)> = dots.iter().copied().enumerate().collect();
-    let config = CalibrationConfig::default();
+    let config = exact();
     let (mut unseen, mut squares) = (0, Vec::new());
     for seed in 8..14 {
         let clip = ClipConfig {

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use spindoe::geometry::Vec3;
+use spindoe::geometry::{Rotation, Vec3};
+use spindoe::spin::Measurement;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::simulate::{Scenario, stream};
 
@@ -387,4 +388,37 @@ fn the_convention_of_the_camera_frame_goes_along() {
         words.contains("camera_frame: expected the same in all rows"),
         "{words}"
     );
+}
+
+#[test]
+fn a_precession_is_reported_with_its_interval_and_its_absence_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let spin = |measurements: &[Measurement]| {
+        let text = Orientations::from_measurements(measurements).to_csv();
+        let path = write(dir.path(), "orientations.csv", &text);
+        let output = run(&["spin", path.to_str().unwrap(), "--precession", "--json"]);
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        json
+    };
+    // The closed form of a symmetric top: 40 rad/s about an axis of the ball, 20 deg off the spin.
+    let (p, q) = (Vec3::new(0.0, 700.0, 0.0), Vec3::new(13.7, 37.6, 0.0));
+    let at = |t: f64| Rotation::from_scaled_axis(p * t) * Rotation::from_scaled_axis(q * t);
+    let times = (0..60).map(|k| f64::from(k) / 350.0);
+    let top: Vec<Measurement> = times.map(|t| Measurement::new(t, at(t))).collect();
+    let found = &spin(&top)["precession"];
+    assert_eq!(found["outcome"], "precessing");
+    let rate = found["rate_deg_s"].as_f64().unwrap();
+    assert!((rate - q.norm().to_degrees()).abs() < 5.0, "{found}");
+    let [low, high] = [0, 1].map(|i| found["rate_interval_deg_s"][i].as_f64().unwrap());
+    assert!(low < rate && rate < high, "{found}");
+    // A constant spin has none, and the answer says how much it would have seen.
+    let even = Scenario {
+        frames: 60,
+        ..Scenario::default()
+    };
+    let even = even.simulate(p, &mut stream(308, 0)).measurements;
+    let found = &spin(&even)["precession"];
+    assert_eq!(found["outcome"], "none");
+    assert!(found["max_drift_deg_s"].as_f64().unwrap() > 0.0);
 }

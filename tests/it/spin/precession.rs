@@ -13,7 +13,7 @@ use spindoe::spin::precession::{
 use spindoe::spin::simulate::{Drops, Scenario, stream};
 use spindoe::spin::{Measurement, SpinRejection};
 
-/// A symmetric top without torque.
+/// A symmetric top without torque, or with that of the air.
 struct Top {
     /// Its axis, pattern frame, and the ratio of the moments about it and across it, less 1.
     axis: Vec3,
@@ -21,6 +21,8 @@ struct Top {
     /// Angular velocity at time 0, pattern frame, rad/s.
     spin: Vec3,
     orientation: Rotation,
+    /// The torque is `-decay I w`, 1/s.
+    decay: f64,
 }
 
 impl Top {
@@ -32,6 +34,7 @@ impl Top {
             unevenness,
             spin: spin * (rps * TAU),
             orientation: random_rotation(rng),
+            decay: 0.0,
         }
     }
 
@@ -49,7 +52,7 @@ impl Top {
         Matrix3::identity() + self.axis * self.axis.transpose() * self.unevenness
     }
 
-    /// Orientations at these times by Euler's equations, `I w' = (I w) x w` in the ball and `Q' = Q
+    /// Orientations at these times by Euler's equations, `I w' = (I w) x w - c I w` in the ball and `Q' = Q
     /// (0, w) / 2`, with the classical Runge-Kutta steps of 20 us.
     fn orientations(&self, times_s: &[f64]) -> Vec<Rotation> {
         let inertia = self.inertia();
@@ -57,7 +60,7 @@ impl Top {
         let rate = |(q, w): &(Quaternion<f64>, Vec3)| {
             (
                 q * Quaternion::from_imag(*w) * 0.5,
-                inverse * (inertia * w).cross(w),
+                inverse * (inertia * w).cross(w) - w * self.decay,
             )
         };
         let after = |(q, w): &(Quaternion<f64>, Vec3), r: &(Quaternion<f64>, Vec3), h: f64| {
@@ -147,6 +150,24 @@ fn a_top_without_noise_is_found_as_it_is() {
 }
 
 #[test]
+fn a_top_that_slows_down_is_told_from_one_that_precesses() {
+    let rng = &mut stream(307, 0);
+    let mut top = Top::random(0.03, 0.2, 130.0, rng);
+    top.decay = 0.3;
+    let times = times(40, 350.0);
+    let measured = top.measured(&times, 0.0, 0.0, rng);
+    let found = precessing(&measured).expect("a precession");
+    assert!((found.decay_per_s - 0.3).abs() < 1e-2, "{found:?}");
+    for (time, q) in times.iter().zip(top.orientations(&times)) {
+        assert!(found.at(*time).angle_to(&q) < 2e-3);
+    }
+    // The same ball, even: its decay is no precession.
+    top.unevenness = 0.0;
+    let measured = top.measured(&times, 0.02, 0.0, rng);
+    assert_eq!(precessing(&measured), None);
+}
+
+#[test]
 fn tops_are_found_and_their_intervals_cover() {
     let count = 200;
     let scores: Vec<Option<(f64, bool, bool)>> = (0..count)
@@ -200,6 +221,7 @@ fn even_balls_do_not_precess() {
             let scenario = Scenario {
                 frames: 12 + (i as usize % 4) * 16,
                 drops: Drops::Probability(0.1),
+                decay_per_s: [0.0, 0.09][i as usize % 2],
                 ..Scenario::default()
             };
             let sequence = scenario.sequence((0.5, 150.0), 303, i);

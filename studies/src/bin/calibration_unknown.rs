@@ -1,0 +1,157 @@
+//! Patterns built from rendered clips alone. The table of docs/measurements/calibrate.md comes from here.
+//!
+//!     cargo run --release -p spindoe-studies --bin calibration_unknown -- [BALLS] [SEED] [PX] [FRAMES]
+//!
+//! A ball has 12 to 24 dots at random, at least 0.3 rad apart, and turns as in `calibration_study`.
+
+use std::error::Error;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use spindoe::calibrate::{CalibrationConfig, build_pattern};
+use spindoe::geometry::{
+    Rotation, angle_between, random_direction, random_rotation, tangent_frame,
+};
+use spindoe::recognize::robust::RobustConfig;
+use spindoe::synth::{Scene, SynthConfig};
+use spindoe::validate::Proportion;
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::{DotUncertainty, ObservedDot, Outcome, Pattern, Recognizer, RobustRecognizer};
+
+/// Revolutions of the ball in a clip, and frames per second.
+const TURNS: f64 = 4.0;
+const FPS: f64 = 30.0;
+/// Minimum separation of the dots, radians.
+const APART_RAD: f64 = 0.35;
+
+/// What became of a clip.
+enum Built {
+    Rejected(String),
+    /// Dots of the ball, of the pattern, those of the pattern that are none of the ball's, and the largest
+    /// error of the others, degrees.
+    Pattern {
+        dots: usize,
+        built: usize,
+        invented: usize,
+        worst_deg: f64,
+    },
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |k: usize, default: f64| -> Result<f64, Box<dyn Error>> {
+        Ok(arguments.get(k).map_or(Ok(default), |a| a.parse())?)
+    };
+    let (balls, seed) = (number(0, 20.0)? as u64, number(1, 17.0)? as u64);
+    let (px, frames) = (number(2, 60.0)?, number(3, 160.0)? as usize);
+    let built: Result<Vec<Built>, String> = (0..balls)
+        .into_par_iter()
+        .map(|k| one(seed, k, px, frames).map_err(|e| e.to_string()))
+        .collect();
+    let mut good = 0;
+    for (k, built) in built?.iter().enumerate() {
+        match built {
+            Built::Rejected(why) => println!("ball {k}: rejected: {why}"),
+            Built::Pattern {
+                dots,
+                built,
+                invented,
+                worst_deg,
+            } => {
+                let whole = built == dots && *invented == 0 && *worst_deg < 1.0;
+                good += u64::from(whole);
+                println!(
+                    "ball {k}: {built} of {dots} dots, {invented} invented, worst {worst_deg:.2} deg"
+                );
+            }
+        }
+    }
+    println!("recovered: {}", Proportion::new(good, balls));
+    Ok(())
+}
+
+fn one(seed: u64, k: u64, px: f64, frames: usize) -> Result<Built, Box<dyn Error>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(k);
+    let count = rng.random_range(12..=24);
+    let mut dots: Vec<spindoe::geometry::Vec3> = Vec::new();
+    while dots.len() < count {
+        let dot = random_direction(&mut rng);
+        if dots.iter().all(|d| angle_between(d, &dot) > APART_RAD) {
+            dots.push(dot);
+        }
+    }
+    let truth = Pattern::new(dots)?;
+    let config = SynthConfig {
+        ball_px: Some([px; 2]),
+        placement_sigma_rad: [0.0; 2],
+        left_out: 0.0,
+        ..SynthConfig::good()
+    };
+    let scene = Scene::random(&truth, &config, &mut rng)?;
+    let detector = DetectorName::Cnn.build()?;
+    let estimator = Estimator::new(&truth, EstimatorConfig::default(), detector)?;
+    let mut workspace = estimator.workspace();
+    let (mut rotation, mut axis) = (random_rotation(&mut rng), random_direction(&mut rng));
+    let about = tangent_frame(&axis)[0];
+    let step = TURNS * std::f64::consts::TAU / frames as f64;
+    let wander = Rotation::from_scaled_axis(about * (std::f64::consts::PI / frames as f64));
+    let mut estimates = Vec::with_capacity(frames);
+    for _ in 0..frames {
+        let mut view = scene.clone();
+        view.rotation = rotation;
+        view.spin = axis * (step * FPS);
+        view.exposure_s = 1e-3;
+        view.shift_px = [0.0; 2];
+        view.noise_seed = rng.random();
+        let mut estimate = FrameEstimate::default();
+        let image = view.render()?.image;
+        estimator.estimate_frame(&image, None, None, &mut workspace, &mut estimate);
+        estimates.push(estimate);
+        rotation = Rotation::from_scaled_axis(axis * step) * rotation;
+        axis = wander * axis;
+    }
+    match build_pattern(&estimates, None, &CalibrationConfig::default())? {
+        Ok(built) => judged(&built, &truth),
+        Err(rejection) => Ok(Built::Rejected(format!("{count} dots: {rejection}"))),
+    }
+}
+
+/// The built dots, named by the true ones.
+fn judged(built: &Pattern, truth: &Pattern) -> Result<Built, Box<dyn Error>> {
+    let config = RobustConfig {
+        visibility_limit: -0.99,
+        ..RobustConfig::default()
+    };
+    let recognizer = RobustRecognizer::new(truth, config)?;
+    let observed: Vec<ObservedDot> = built
+        .dots()
+        .iter()
+        .map(|d| ObservedDot {
+            direction: *d,
+            uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
+        })
+        .collect();
+    let found = match recognizer.identify(&observed, &mut recognizer.workspace()) {
+        Outcome::Identified(found) => found,
+        _ => return Ok(Built::Rejected("not the ball's dots".to_owned())),
+    };
+    let mut worst: f64 = 0.0;
+    let mut invented = 0;
+    for (dot, name) in built.dots().iter().zip(&found.assignment) {
+        match name {
+            Some(name) => {
+                let expected = found.rotation * truth.dots()[usize::from(*name)];
+                worst = worst.max(angle_between(dot, &expected).to_degrees());
+            }
+            None => invented += 1,
+        }
+    }
+    Ok(Built::Pattern {
+        dots: truth.len(),
+        built: built.len(),
+        invented,
+        worst_deg: worst,
+    })
+}
