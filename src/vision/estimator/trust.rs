@@ -10,9 +10,8 @@
 //! ln odds' = w_0 + sum_i w_i f_i
 //! ```
 //!
-//! Its weights are fitted on rendered images of which most show something else (`trust_tables
-//! confidence` in `studies/` fits such a map), so that answers are rather too careful where all images
-//! show the ball; docs/measurements/trust.md compares claims with the truth on other images.
+//! `trust_tables confidence` in `studies/` fits the weights and compares claims with the truth on other
+//! images. The default is the recognizer's own probability.
 
 /// Number of features.
 pub const FEATURES: usize = 6;
@@ -82,14 +81,9 @@ impl TrustMap {
 }
 
 impl Default for TrustMap {
-    /// Fitted on 600 images of the ball and 1 700 others, half of them in good conditions (seeds 14220001,
-    /// 14220011, 14220021, 14220031 and 14220041), less one nat: then at most one in a hundred images of
-    /// any other kind is answered.
+    /// The recognizer's own probability: no fitted map has yet been judged on enough other images.
     fn default() -> Self {
-        Self {
-            constant: -3.48,
-            weights: [0.82, 0.37, -0.65, -0.08, -1.0, 1.45],
-        }
+        Self::IDENTITY
     }
 }
 
@@ -118,7 +112,11 @@ mod tests {
                 unnamed: 1000,
                 ..PoseEvidence::default()
             };
-            let found = TrustMap::default().probability(&evidence);
+            let map = TrustMap {
+                constant: -3.48,
+                weights: [0.82, 0.37, -0.65, -0.08, -1.0, 1.45],
+            };
+            let found = map.probability(&evidence);
             assert!((0.0..=1.0).contains(&found), "{found}");
         }
     }
