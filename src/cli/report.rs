@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::error::{Error, Result, require};
-use crate::report::page::{CalibrationPage, CameraFigures, DesignPage, PAGE};
+#[cfg(feature = "vision")]
+use crate::report::page::CalibrationPage;
+use crate::report::page::{CameraFigures, DesignPage, PAGE};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -36,6 +38,10 @@ pub struct Arguments {
     /// Frames from which a spin is estimated.
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
+    /// Draw a design's plots anew too, as PNG and SVG.
+    #[cfg(feature = "plot")]
+    #[arg(long)]
+    plots: bool,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -47,13 +53,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "expected a folder that `spindoe design` or `spindoe calibrate` wrote",
         ));
     }
+    #[cfg(feature = "vision")]
     if CalibrationPage::is_in(dir)? {
         arguments.reject_camera()?;
         CalibrationPage::read(dir)?.write(dir)?;
-    } else {
-        let mut page = DesignPage::read(dir)?;
-        arguments.apply(page.camera_mut())?;
-        page.write(dir)?;
+        outln!("{}", dir.join(PAGE).display());
+        return Ok(());
+    }
+    let mut page = DesignPage::read(dir)?;
+    arguments.apply(page.camera_mut())?;
+    page.write(dir)?;
+    #[cfg(feature = "plot")]
+    if arguments.plots {
+        crate::report::plots::redraw(dir)?;
     }
     outln!("{}", dir.join(PAGE).display());
     Ok(())
@@ -61,15 +73,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 impl Arguments {
     /// Rejects what only a design's page shows.
+    #[cfg(feature = "vision")]
     fn reject_camera(&self) -> Result<()> {
         for (name, given) in [
             ("ball_pixels", self.ball_pixels.is_some()),
             ("pixel_noise", self.pixel_noise.is_some()),
             ("fps", self.fps.is_some()),
             ("frames", self.frames.is_some()),
+            #[cfg(feature = "plot")]
+            ("plots", self.plots),
         ] {
             if given {
-                let problem = "the folder holds a calibration, whose page shows no camera";
+                let problem = "the folder holds a calibration, whose page shows no camera and has no such plots";
                 return Err(Error::argument(name, problem));
             }
         }

@@ -3,9 +3,12 @@
 
 use std::path::Path;
 
-use super::{DesignEvaluation, DesignReport};
+use serde::Deserialize;
+
+use super::page::folder::{known_version, parsed, read_table};
+use super::{DesignEvaluation, REPORT_VERSION};
 use crate::design::Milestone;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::hash::HashTable;
 use crate::plot::{
     BallDrawing, BarChart, BarGroup, CurvePlot, RatePoint, RateScale, RateSeries, bar_comparison,
@@ -14,7 +17,8 @@ use crate::plot::{
 use crate::recognize::RecognizerName;
 use crate::stencil::StencilConfig;
 use crate::validate::{
-    NamedValidation, Proportion, ProtocolName, SensitivityPoint, SweptParameter, Validation,
+    NamedValidation, Proportion, Protocol, ProtocolName, SensitivityPoint, SweptParameter,
+    Validation,
 };
 
 pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
@@ -48,28 +52,125 @@ pub(crate) fn in_each_format(
 /// # Errors
 /// [`crate::Error::Write`] on an I/O failure.
 pub fn write_all(dir: &Path, design: &DesignEvaluation, stencil: &StencilConfig) -> Result<()> {
-    let (table, report) = (&design.table, &design.report);
+    let report = &design.report;
+    let search = Search {
+        protocol: report.config.protocol.name,
+        finalists: report.finalists.iter().map(|f| f.identity).collect(),
+        milestones: &report.timing.milestones,
+    };
+    write(dir, &design.table, stencil, &report.validation, &search)?;
+    sensitivity_plots(dir, &report.sensitivity)
+}
+
+/// The parts of `report.json` that the plots show.
+#[derive(Deserialize)]
+struct ReportFile {
+    format_version: u32,
+    config: ConfigPart,
+    finalists: Vec<FinalistPart>,
+    pattern: PatternPart,
+    validation: Vec<NamedValidation>,
+    sensitivity: Vec<SensitivityPoint>,
+    timing: TimingPart,
+}
+
+#[derive(Deserialize)]
+struct ConfigPart {
+    protocol: Protocol,
+    constraints: ConstraintsPart,
+}
+
+#[derive(Deserialize)]
+struct ConstraintsPart {
+    stencil: Option<SizePart>,
+}
+
+#[derive(Deserialize)]
+struct SizePart {
+    ball_diameter_mm: f64,
+    hole_diameter_mm: f64,
+}
+
+#[derive(Deserialize)]
+struct FinalistPart {
+    identity: Option<Proportion>,
+}
+
+#[derive(Deserialize)]
+struct PatternPart {
+    sha256: String,
+}
+
+#[derive(Deserialize)]
+struct TimingPart {
+    #[serde(default)]
+    milestones: Vec<Milestone>,
+}
+
+/// Draws the plots of a design's folder anew, from its `report.json` and `table.npz`.
+///
+/// # Errors
+/// [`Error::Read`] where one of them is absent; [`Error::Input`] where one is not what its name says,
+/// or belongs to another pattern; [`Error::Write`] on an I/O failure.
+pub fn redraw(dir: &Path) -> Result<()> {
+    let path = dir.join("report.json");
+    let report: ReportFile = parsed(&path)?;
+    known_version(&path, report.format_version, REPORT_VERSION)?;
+    let table = read_table(dir, &report.pattern.sha256)?
+        .ok_or_else(|| Error::input(dir, "table.npz", "expected the design's table"))?;
+    let mut stencil = StencilConfig::default();
+    if let Some(size) = report.config.constraints.stencil {
+        stencil.ball_diameter_mm = size.ball_diameter_mm;
+        stencil.hole_diameter_mm = size.hole_diameter_mm;
+    }
+    let search = Search {
+        protocol: report.config.protocol.name,
+        finalists: report.finalists.iter().map(|f| f.identity).collect(),
+        milestones: &report.timing.milestones,
+    };
+    write(dir, &table, &stencil, &report.validation, &search)?;
+    sensitivity_plots(dir, &report.sensitivity)
+}
+
+/// The course of a search.
+struct Search<'a> {
+    protocol: ProtocolName,
+    /// The rates of the finalists, best first.
+    finalists: Vec<Option<Proportion>>,
+    milestones: &'a [Milestone],
+}
+
+/// All plots but those of the sweeps.
+fn write(
+    dir: &Path,
+    table: &HashTable,
+    stencil: &StencilConfig,
+    validation: &[NamedValidation],
+    search: &Search<'_>,
+) -> Result<()> {
     in_each_format(dir, "pattern", |path| ball(path, table, stencil))?;
     in_each_format(dir, "features", |path| features(path, table))?;
-    in_each_format(dir, "rates", |path| rates(path, &report.validation))?;
-    progress(dir, report)?;
-    sensitivity_plots(dir, &report.sensitivity)
+    in_each_format(dir, "rates", |path| rates(path, validation))?;
+    progress(dir, search)
 }
 
 /// The best rate over the time of the search; of a search of one round, which has no course, the
 /// rates of its finalists.
-fn progress(dir: &Path, report: &DesignReport) -> Result<()> {
-    let milestones = &report.timing.milestones;
-    let protocol = report.config.protocol.name;
+fn progress(dir: &Path, search: &Search<'_>) -> Result<()> {
+    let Search {
+        protocol,
+        finalists,
+        milestones,
+    } = search;
     let Some(first) = milestones.first() else {
         return Ok(());
     };
     let trials = |n: u64| format!("{n} trials, 95 % intervals");
     if milestones.len() == 1 {
-        let tried = report.finalists.iter().filter_map(|f| f.identity);
+        let tried = finalists.iter().flatten();
         let points: Vec<RatePoint> = (1..)
             .zip(tried)
-            .map(|(rank, p)| point(f64::from(rank), &p))
+            .map(|(rank, p)| point(f64::from(rank), p))
             .collect();
         if points.len() < 2 {
             return Ok(());

@@ -41,6 +41,7 @@ mod config;
 pub mod coupon;
 mod export;
 mod glyphs;
+mod half;
 mod joint;
 mod layout;
 mod marks;
@@ -51,6 +52,7 @@ mod seam;
 pub mod shapes;
 mod solid;
 mod threemf;
+mod webs;
 mod windows;
 
 pub use config::{Closure, StencilConfig};
@@ -62,17 +64,12 @@ pub use pin::pin;
 pub use seam::{Seam, max_margin_seam};
 pub use windows::{ClosedZone, Window};
 
-use crate::error::{Error, Result};
-use crate::geometry::{Rotation, Vec3, angle_between};
+use crate::error::Result;
+use crate::geometry::{Rotation, Vec3};
 use crate::pattern::{KeepOut, Pattern};
-use config::{MIN_HOLE_MM, MIN_WEB_MM};
+use config::MIN_HOLE_MM;
 use layout::{Cut, Layout};
-use solid::Solid;
-
-/// How far cleaning may move the surface, as fractions of the chord error: tried in this order.
-const CLEANING: [f64; 3] = [0.2, 0.05, 0.005];
-/// Chord errors that are tried, as shares of the one asked for.
-const FINENESS: [f64; 4] = [1.0, 0.9, 0.8, 0.7];
+use webs::{check_overlaps, widest_holes};
 
 /// One of the two halves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -173,7 +170,7 @@ impl Stencil {
     /// nothing, which takes thousands of times longer.
     ///
     /// # Errors
-    /// [`Error::Argument`] as [`Stencil::build`].
+    /// [`crate::Error::Argument`] as [`Stencil::build`].
     pub fn check(pattern: &Pattern, config: &StencilConfig) -> Result<()> {
         Plan::new(pattern, config).map(drop)
     }
@@ -198,8 +195,8 @@ impl Stencil {
     /// Designs the stencil of `pattern`.
     ///
     /// # Errors
-    /// [`Error::Argument`] where a parameter is outside its domain or the geometry cannot work
-    /// (with the value that fails); [`Error::Internal`] where a mesh fails its own checks.
+    /// [`crate::Error::Argument`] where a parameter is outside its domain or the geometry cannot work
+    /// (with the value that fails); [`crate::Error::Internal`] where a mesh fails its own checks.
     pub fn build(pattern: &Pattern, config: &StencilConfig) -> Result<Self> {
         let Plan { joint, layout } = Plan::new(pattern, config)?;
         let sides = layout.dots.iter().zip(&layout.cuts).map(|(d, cuts)| {
@@ -219,8 +216,8 @@ impl Stencil {
                 format!("#{id}"),
             ]
         };
-        let a = half(&layout, HalfName::A, &labels("A"), config, &joint)?;
-        let b = half(&layout, HalfName::B, &labels("B"), config, &joint)?;
+        let a = half::build(&layout, HalfName::A, &labels("A"), config, &joint)?;
+        let b = half::build(&layout, HalfName::B, &labels("B"), config, &joint)?;
         Ok(Self {
             config: config.clone(),
             joint,
@@ -318,204 +315,4 @@ impl Stencil {
     pub fn pattern_sha256(&self) -> &str {
         &self.pattern_sha256
     }
-}
-
-/// Rejects holes that leave too little material between them; names the pair that leaves least.
-fn check_overlaps(dots: &[Vec3], config: &StencilConfig) -> Result<()> {
-    let mut worst = (f64::INFINITY, 0, 0);
-    for (i, a) in dots.iter().enumerate() {
-        for (j, b) in dots[..i].iter().enumerate() {
-            let sine = (0.5 * angle_between(a, b)).sin();
-            // Along the chord, which is the shortest way, at both ends of the hole.
-            let web = |radius: f64, hole: f64| 2.0 * radius * sine - 2.0 * hole;
-            let inner = web(config.inner_radius_mm(), 0.5 * config.hole_diameter_mm);
-            let outer = web(config.outer_radius_mm(), config.opening_radius_mm());
-            let thinnest = inner.min(outer);
-            if thinnest < worst.0 {
-                worst = (thinnest, j, i);
-            }
-        }
-    }
-    let (thinnest, j, i) = worst;
-    if thinnest >= config.min_web_mm {
-        return Ok(());
-    }
-    let problem = format!(
-        "the holes of dots {j} and {i} ({:.1} degrees apart) leave {thinnest:.2} mm between them, \
-         expected at least {} mm; {}",
-        angle_between(&dots[i], &dots[j]).to_degrees(),
-        config.min_web_mm,
-        fitting(dots, config, thinnest),
-    );
-    Err(Error::argument("hole_diameter_mm", problem))
-}
-
-/// The hole diameter at which the thinnest web between two holes is as thick as asked for, mm;
-/// negative where no hole is small enough.
-fn widest_holes(dots: &[Vec3], config: &StencilConfig) -> f64 {
-    // How much wider a hole is at its outer end.
-    let widening = 2.0 * config.opening_radius_mm() - config.hole_diameter_mm;
-    let mut widest = f64::INFINITY;
-    for (i, a) in dots.iter().enumerate() {
-        for b in &dots[..i] {
-            let chord = |radius: f64| 2.0 * radius * (0.5 * angle_between(a, b)).sin();
-            let inner = chord(config.inner_radius_mm());
-            let outer = chord(config.outer_radius_mm()) - widening;
-            widest = widest.min(inner.min(outer) - config.min_web_mm);
-        }
-    }
-    widest
-}
-
-/// Which holes, webs and balls fit, in words, where the thinnest web is `thinnest_mm`.
-fn fitting(dots: &[Vec3], config: &StencilConfig, thinnest_mm: f64) -> String {
-    let tenths = (10.0 * widest_holes(dots, config) + 1e-6).floor();
-    let holes = if tenths < 10.0 * MIN_HOLE_MM {
-        "no hole fits".to_owned()
-    } else {
-        format!("holes of at most {:.1} mm fit", 0.1 * tenths)
-    };
-    let web = (10.0 * thinnest_mm + 1e-6).floor();
-    let webs = if web < 10.0 * MIN_WEB_MM {
-        String::new()
-    } else {
-        format!(", or a web of at most {:.1} mm", 0.1 * web)
-    };
-    let ball = (10.0 * smallest_ball(dots, config) - 1e-6).ceil();
-    format!("{holes}{webs}, or a ball of at least {:.1} mm", 0.1 * ball)
-}
-
-/// The ball's diameter from which all webs are as thick as asked for, mm.
-fn smallest_ball(dots: &[Vec3], config: &StencilConfig) -> f64 {
-    let mut radius = 0.0f64;
-    for (i, a) in dots.iter().enumerate() {
-        for b in &dots[..i] {
-            let sine = (0.5 * angle_between(a, b)).sin();
-            let at = |hole: f64| 0.5 * (hole + config.min_web_mm) / sine;
-            // How far inner and outer surface lie beyond the ball.
-            let beyond = [config.clearance_mm, config.clearance_mm + config.wall_mm];
-            let inner = at(config.hole_diameter_mm) - beyond[0];
-            let outer = at(2.0 * config.opening_radius_mm()) - beyond[1];
-            radius = radius.max(inner).max(outer);
-        }
-    }
-    2.0 * radius
-}
-
-/// The numbers to engrave in one half, and its holes (both in its own frame).
-fn marks(
-    layout: &Layout,
-    name: HalfName,
-    labels: &[String],
-    config: &StencilConfig,
-    joint: &Joint,
-) -> Result<marks::Marks> {
-    let mut numbered = Vec::new();
-    let mut holes = Vec::new();
-    for (i, (dot, cuts)) in layout.dots.iter().zip(&layout.cuts).enumerate() {
-        if cuts[name as usize] != Cut::None {
-            holes.push(name.own_frame(dot));
-        }
-        if config.numbers && name.holds(dot.z) {
-            numbered.push((i, name.own_frame(dot)));
-        }
-    }
-    let mut obstacles = layout::hinge_points(config, joint);
-    if name == HalfName::A {
-        obstacles.extend(layout::tab_points(config, joint));
-    }
-    let windows = layout.windows.iter().filter(|w| w.half == name);
-    obstacles.extend(windows.flat_map(|w| w.points(config)));
-    let around = marks::Surroundings {
-        holes: &holes,
-        obstacles: &obstacles,
-    };
-    let mut marks = marks::numbers(&numbered, &around, config, joint)?;
-    if config.numbers {
-        for zone in layout.closed.iter().filter(|z| name.holds(z.axis.z)) {
-            marks.add_arrow(&name.own_frame(&zone.axis), &around, config, joint)?;
-        }
-        marks.add_labels(labels, &around, config, joint)?;
-    }
-    Ok(marks)
-}
-
-/// Builds one half, lays it on the bed and checks it.
-fn half(
-    layout: &Layout,
-    name: HalfName,
-    labels: &[String],
-    config: &StencilConfig,
-    joint: &Joint,
-) -> Result<Half> {
-    let marks = marks(layout, name, labels, config, joint)?;
-    let up = Vec3::new(0.0, 0.0, joint.lip_mm);
-    let mut outcome = Err(Error::Internal(format!(
-        "{name}: no tessellation was tried"
-    )));
-    // Nearly coincident surfaces may make the mesh intersect itself; other facets may avoid that.
-    // Where cleaning causes it, less cleaning may avoid it.
-    'tried: for fineness in FINENESS {
-        let tessellated = StencilConfig {
-            chord_error_mm: fineness * config.chord_error_mm,
-            ..config.clone()
-        };
-        let part = parts::Shell {
-            config: &tessellated,
-            joint,
-            name,
-            holes: layout
-                .dots
-                .iter()
-                .map(|d| name.own_frame(d))
-                .zip(layout.cuts.iter().map(|c| c[name as usize]))
-                .collect(),
-            windows: layout
-                .windows
-                .iter()
-                .filter(|w| w.half == name)
-                .map(|w| (name.own_frame(&w.axis), w.radius_mm))
-                .collect(),
-            marks: marks.tools.clone(),
-        };
-        let raw = part.solid()?.mesh().mapped(|v| v + up);
-        for share in CLEANING {
-            let mesh = clean::cleaned(&raw, share * config.chord_error_mm).rounded();
-            outcome = checked(mesh, name, part.through_holes());
-            if outcome.is_ok() {
-                break 'tried;
-            }
-        }
-    }
-    outcome.map(|half| Half {
-        numbers: marks.numbers,
-        unnumbered: marks.left_out,
-        labels: marks.labels,
-        ..half
-    })
-}
-
-/// The half with this mesh, if it passes all checks.
-fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
-    let check = mesh.check();
-    check.require_solid(&name.to_string())?;
-    if check.genus() != through_holes as i64 {
-        return Err(Error::Internal(format!(
-            "{name}: expected {through_holes} through-holes, found {}",
-            check.genus()
-        )));
-    }
-    if Solid::new(&mesh)?.self_intersects() {
-        return Err(Error::Internal(format!(
-            "{name}: the surface intersects itself"
-        )));
-    }
-    Ok(Half {
-        mesh,
-        check,
-        through_holes,
-        numbers: Vec::new(),
-        unnumbered: Vec::new(),
-        labels: Vec::new(),
-    })
 }

@@ -254,6 +254,30 @@ fn a_folder_with_a_report_alone_has_a_page() {
 }
 
 #[test]
+fn plots_are_drawn_anew_from_the_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let design = design(dir.path());
+    let before = std::fs::read(design.join("report.json")).unwrap();
+    let path = design.to_str().unwrap();
+    let names = ["pattern", "features", "rates", "sensitivity_sigma"];
+    let files = names.map(|name| ["png", "svg"].map(|e| design.join(format!("{name}.{e}"))));
+    for file in files.iter().flatten().filter(|f| f.exists()) {
+        std::fs::remove_file(file).unwrap();
+    }
+    done(dir.path(), &["report", path, "--plots"]);
+    for [png, svg] in &files {
+        let (png, svg) = (std::fs::read(png).unwrap(), std::fs::read(svg).unwrap());
+        assert!(png.starts_with(b"\x89PNG") && svg.starts_with(b"<svg"));
+    }
+    assert_eq!(std::fs::read(design.join("report.json")).unwrap(), before);
+    std::fs::remove_file(design.join("table.npz")).unwrap();
+    let refused = spindoe(dir.path(), &["report", path, "--plots"]);
+    assert_eq!(refused.status.code(), Some(2));
+    let words = String::from_utf8(refused.stderr).unwrap();
+    assert!(words.contains("table.npz"), "{words}");
+}
+
+#[test]
 fn zones_live_beside_the_pattern_and_in_its_table() {
     use spindoe::KeepOut;
     use spindoe::geometry::Vec3;

@@ -31,7 +31,10 @@ function calibrationTiles(d) {
   const h = d.held_out,
     row = [
       tile(`${inState(d, "measured").length} of ${d.dots.length}`, "dots measured"),
-      tile(fixed(d.rms_offset_deg, 2) + "\u00b0", "rms distance of a drawn dot from its nominal place"),
+      tile(
+        fixed(d.rms_offset_deg, 2) + "\u00b0",
+        "rms distance of a drawn dot from its nominal place",
+      ),
       tile(`${d.frames.fitted} of ${d.frames.given}`, "frames used"),
     ];
   if (h.frames.length)
@@ -372,7 +375,10 @@ function residualSection(d) {
         ["dots identified a frame", ...h.mean_matched.map((v) => fixed(v, 1))],
         ...(d.motion
           ? [
-              ["median distance off one spin", ...d.motion.map((m) => fixed(m.median_deg, 2) + "\u00b0")],
+              [
+                "median distance off one spin",
+                ...d.motion.map((m) => fixed(m.median_deg, 2) + "\u00b0"),
+              ],
               ["frames that agree with the spin", ...d.motion.map((m) => String(m.frames))],
             ]
           : []),

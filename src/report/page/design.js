@@ -312,12 +312,12 @@ function stencilSection(d) {
   node.append(
     turnable(view, {
       controls: [
-          el("button", { type: "button", id: "swing", text: "Open / close", onclick: swing }),
-          el("label", {}, "opened", open, angle),
-          checkbox("half A", true, set("a")),
-          checkbox("half B", true, set("b")),
-          checkbox("ball", true, set("ball")),
-          el("button", { type: "button", text: "Reset", onclick: () => view.reset() }),
+        el("button", { type: "button", id: "swing", text: "Open / close", onclick: swing }),
+        el("label", {}, "opened", open, angle),
+        checkbox("half A", true, set("a")),
+        checkbox("half B", true, set("b")),
+        checkbox("ball", true, set("ball")),
+        el("button", { type: "button", text: "Reset", onclick: () => view.reset() }),
       ],
       caption: "Half A orange, half B blue, as their STL files have them.",
       beside: [

@@ -2,9 +2,7 @@
 
 function estimatePage(d) {
   const found = d.frames.filter((f) => f.orientation_wxyz);
-  const row = [
-    tile(`${found.length} of ${d.frames.length}`, "frames with an orientation"),
-  ];
+  const row = [tile(`${found.length} of ${d.frames.length}`, "frames with an orientation")];
   if (d.spin) {
     row.push(
       tile(

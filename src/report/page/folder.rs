@@ -25,7 +25,7 @@ pub(super) struct Rates {
 }
 
 /// Rejects a report of a version that is not known yet.
-pub(super) fn known_version(path: &Path, found: u32, newest: u32) -> Result<()> {
+pub(in crate::report) fn known_version(path: &Path, found: u32, newest: u32) -> Result<()> {
     if found <= newest {
         return Ok(());
     }
@@ -34,14 +34,14 @@ pub(super) fn known_version(path: &Path, found: u32, newest: u32) -> Result<()> 
 }
 
 /// A file of JSON as `T`.
-pub(super) fn parsed<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+pub(in crate::report) fn parsed<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
     let bytes = files::read_bytes(path)?;
     serde_json::from_slice(&bytes)
         .map_err(|e| Error::input(path, format!("line {}", e.line()), e.to_string()))
 }
 
 /// The folder's table, where it is there and that of the pattern.
-pub(super) fn read_table(dir: &Path, sha256: &str) -> Result<Option<HashTable>> {
+pub(in crate::report) fn read_table(dir: &Path, sha256: &str) -> Result<Option<HashTable>> {
     let path = dir.join("table.npz");
     if !path.exists() {
         return Ok(None);

@@ -17,7 +17,7 @@ mod design;
 #[cfg(feature = "vision")]
 mod estimate;
 mod features;
-mod folder;
+pub(super) mod folder;
 mod mesh;
 mod stencil;
 

@@ -1,5 +1,5 @@
 document.getElementById("subtitle").textContent = DATA.subtitle;
-({ design: designPage, compare: comparePage, estimate: estimatePage, calibrate: calibratePage })[DATA.kind](
-  DATA.content,
-);
+({ design: designPage, compare: comparePage, estimate: estimatePage, calibrate: calibratePage })[
+  DATA.kind
+](DATA.content);
 document.documentElement.dataset.ready = "true";
