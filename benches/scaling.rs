@@ -25,7 +25,7 @@ use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
 use spindoe::spin::simulate::{Scenario, stream};
 use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::validate::{Protocol, ProtocolName, observed_frames};
-use spindoe::vision::input::read_times;
+use spindoe::vision::frame_table::read_times;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, RgbImage};
 
 const ROWS: [usize; 3] = [10_000, 100_000, 1_000_000];

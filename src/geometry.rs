@@ -338,6 +338,20 @@ pub fn pair_rotation(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Matrix3<f64>> {
     Some(frame(to)? * frame(from)?.transpose())
 }
 
+/// The left Jacobian of SO(3) at the rotation vector `a`: `exp(a + d) = exp(J d) exp(a)` for a small
+/// `d` (J. Sola, J. Deray, D. Atchuthan, arXiv 1812.01537, eq. 145).
+pub fn left_jacobian(a: &Vec3) -> nalgebra::Matrix3<f64> {
+    let angle = a.norm();
+    let cross = a.cross_matrix();
+    if angle < 1e-4 {
+        return nalgebra::Matrix3::identity() + cross * 0.5;
+    }
+    let (sin, cos) = angle.sin_cos();
+    nalgebra::Matrix3::identity()
+        + cross * ((1.0 - cos) / (angle * angle))
+        + cross * cross * ((angle - sin) / angle.powi(3))
+}
+
 /// Two unit vectors that complete `axis` (a unit vector) to an orthonormal frame.
 pub fn tangent_frame(axis: &Vec3) -> [Vec3; 2] {
     let helper = if axis.x.abs() < 0.6 {

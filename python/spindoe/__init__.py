@@ -15,6 +15,7 @@ Answers that may be missing are `Rejection` where they are, which is false::
 Bad input raises `ValueError`, what the system refuses `OSError`, both with one line.
 """
 
+from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
 from ._native import __version__
@@ -37,6 +38,7 @@ from ._vision import (
 __all__ = [
     "Alias",
     "BallView",
+    "Calibration",
     "Camera",
     "Design",
     "DesignProgress",
@@ -56,6 +58,7 @@ __all__ = [
     "Rival",
     "SequenceEstimate",
     "Spin",
+    "SteadyMark",
     "Stencil",
     "Tracker",
     "TrackerState",

@@ -207,6 +207,8 @@ def merge(
     shards: Sequence[PathLike],
     out: PathLike,
     callback: Callable[[DesignProgress], object] | None = None,
+    *,
+    resume: bool = False,
 ) -> DesignResult:
     """Merges the finished shards of one search: their finalists meet on trials that no shard has drawn.
 
@@ -214,11 +216,12 @@ def merge(
         shards: The folders of all shards, in any order.
         out: The folder for pattern, table, stencil, plots and report.
         callback: As in `Design.run`.
+        resume: Continue a merge of these shards that was interrupted; begin one where none has begun.
 
     Raises:
         ValueError: Where a shard is missing, twice there, not finished, or of another search.
     """
-    table, report = _native.merge(list(shards), out, _teller(callback))
+    table, report = _native.merge(list(shards), out, resume, _teller(callback))
     return DesignResult(os.fspath(out), HashTable._of(table), json.loads(report))
 
 

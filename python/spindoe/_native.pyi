@@ -32,6 +32,15 @@ _Spin = tuple[
     _Floats,
     list[tuple[_Floats, float]],
 ]
+_Calibrated = tuple[
+    HashTable,
+    tuple[list[str], _Floats, _Floats, _Ints, _Floats, _Ints],
+    list[tuple[_Floats, _Floats | None, int, int]],
+    list[_Frame],
+    tuple[int, int, int],
+    tuple[float, float, bool, float | None],
+    str | None,
+]
 _Camera = tuple[str, list[float]]
 
 __version__: str
@@ -41,6 +50,8 @@ def fit_spin(
     times_s: _Floats,
     quaternions: _Floats,
     confidences: _Floats | None,
+    residuals_rad: _Floats | None,
+    matched: _Ints | None,
     method: str,
     max_rps: float,
     sigma_rad: float,
@@ -60,7 +71,7 @@ def trial_views(
     table: HashTable, protocol: str, seed: int, first: int, count: int, sigma_rad: float | None
 ) -> list[tuple[_Floats, _Floats, _Ints, _Floats, int]]: ...
 def merge(
-    shards: _Sequence[_Path], out: _Path, callback: Callable[[str], object] | None
+    shards: _Sequence[_Path], out: _Path, resume: bool, callback: Callable[[str], object] | None
 ) -> tuple[HashTable, str]: ...
 def independent_frame(
     pattern: Pattern, preset: str, settings: str, seed: int, k: int
@@ -91,11 +102,16 @@ class HashTable:
     def bases(self) -> NDArray[np.uint16]: ...
     def feature_dots(self) -> NDArray[np.uint16]: ...
     def meta(self) -> str: ...
+    def dot_covariances(self) -> _Floats | None: ...
 
 class Recognizer:
     @staticmethod
     def robust(
-        table: HashTable, expect: str | None, settings: str, sigma_rad: float | None
+        table: HashTable,
+        expect: str | None,
+        settings: str,
+        sigma_rad: float | None,
+        min_confidence: float,
     ) -> Recognizer: ...
     @staticmethod
     def paper(
@@ -107,6 +123,7 @@ class Recognizer:
         verify_fraction: float | None,
         vote_sum: str | None,
         sigma_rad: float | None,
+        min_confidence: float,
     ) -> Recognizer: ...
     def settings(self) -> str: ...
     def sigma_rad(self) -> float: ...
@@ -154,6 +171,20 @@ class Estimator:
         max_rps: float,
         progress: Callable[[int, int], object] | None,
     ) -> tuple[list[_Frame], int, _Spin | str | None]: ...
+    def calibrate(
+        self,
+        images: _Sequence[Any],
+        paths: _Sequence[_Path],
+        color: str,
+        times_s: list[float] | None,
+        fps: float | None,
+        circle: tuple[float, float, float] | None,
+        placement_sigma_rad: float | None,
+        learn_extra: bool,
+        smooth: bool,
+        evaluation: tuple[int, int] | None,
+        progress: Callable[[int, int], object] | None,
+    ) -> _Calibrated | str: ...
     def tracker(self, window: int, memory_s: float, max_rps: float) -> Tracker: ...
 
 class Tracker:

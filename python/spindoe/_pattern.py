@@ -191,6 +191,12 @@ class HashTable:
         return self._handle.feature_dots()
 
     @property
+    def dot_covariances(self) -> Floats | None:
+        """Covariances of a calibrated ball's dots, rad^2, pattern frame, shape (n, 3, 3); None for a
+        table of a design."""
+        return self._handle.dot_covariances()
+
+    @property
     def meta(self) -> dict[str, Any]:
         """The metadata: version, recognizer, pair rule, objective, and the validation it shipped with."""
         meta: dict[str, Any] = json.loads(self._handle.meta())

@@ -166,6 +166,10 @@ class Identifications(Sequence[Identification | Rejection]):
         return f"<Identifications: {int(self.identified.sum())} of {len(self)} frames identified>"
 
 
+_MIN_CONFIDENCE = 0.5
+"""Minimum probability of an orientation: likelier correct than wrong."""
+
+
 class Recognizer:
     """Identifies the dots of views.
 
@@ -176,6 +180,8 @@ class Recognizer:
         expect: Misses, false dots and noise as in this validation protocol.
         sigma_rad: Standard deviation of a dot along one tangent axis, radians, where `identify` gets
             none; by default the table's noise over sqrt 3.
+        min_confidence: Orientations with a smaller probability are rejected as ambiguous; by default
+            0.5, and 0 for the paper's recognizer, whose confidence is a share of votes.
         settings: For ``"robust"`` ``visibility_limit``, ``detection_probability``,
             ``expected_false_dots``, ``usual_false_dots``, ``null_prior``, ``noise``, ``passes``; for
             ``"paper"`` ``k``, ``kappa``, ``beta``, ``alpha``, ``verify_fraction``, ``vote_sum``.
@@ -195,14 +201,16 @@ class Recognizer:
         *,
         expect: ProtocolName | None = None,
         sigma_rad: float | None = None,
+        min_confidence: float | None = None,
         **settings: Any,
     ) -> None:
         self.table = as_table(table)
-        self._arguments = (recognizer, expect, sigma_rad, settings)
+        self._arguments = (recognizer, expect, sigma_rad, min_confidence, settings)
         native = self.table._handle
         if recognizer == "robust":
             given = settings_json(settings)
-            self._handle = _native.Recognizer.robust(native, expect, given, sigma_rad)
+            least = _MIN_CONFIDENCE if min_confidence is None else min_confidence
+            self._handle = _native.Recognizer.robust(native, expect, given, sigma_rad, least)
         elif recognizer == "paper":
             if expect is not None:
                 raise ValueError("expect: the paper's recognizer has no expectations")
@@ -220,6 +228,7 @@ class Recognizer:
                 get("verify_fraction"),
                 get("vote_sum"),
                 sigma_rad,
+                0.0 if min_confidence is None else min_confidence,
             )
         else:
             raise ValueError(f"recognizer: expected robust or paper, found {recognizer!r}")
@@ -333,7 +342,15 @@ def _recognizer(
     recognizer: RecognizerName,
     expect: ProtocolName | None,
     sigma_rad: float | None,
+    min_confidence: float | None,
     settings: dict[str, Any],
 ) -> Recognizer:
     """What unpickling calls."""
-    return Recognizer(table, recognizer, expect=expect, sigma_rad=sigma_rad, **settings)
+    return Recognizer(
+        table,
+        recognizer,
+        expect=expect,
+        sigma_rad=sigma_rad,
+        min_confidence=min_confidence,
+        **settings,
+    )

@@ -122,6 +122,8 @@ def fit_spin(
     *,
     order: Literal["wxyz", "xyzw"] = "wxyz",
     confidences: ArrayLike | None = None,
+    residuals_rad: ArrayLike | None = None,
+    matched: ArrayLike | None = None,
     method: Literal["robust", "quatera"] = "robust",
     max_rps: float = 175.0,
     sigma_rad: float = np.deg2rad(2.0),
@@ -136,6 +138,11 @@ def fit_spin(
         order: Of the numbers of a quaternion: ``"wxyz"`` as everywhere here, ``"xyzw"`` as in SciPy
             and ROS.
         confidences: Probability of each orientation to be correct, shape (n,).
+        residuals_rad: Residual of the dots of each orientation, radians, shape (n,). They tell of the
+            errors that frames share, which widen the covariance; without them it is too small for
+            hand-drawn dots.
+        matched: Number of dots behind each orientation, shape (n,); with the residuals the frames'
+            weights follow.
         method: ``"robust"``, or ``"quatera"``, the paper's.
         max_rps: Largest spin considered, revolutions per second.
         sigma_rad: First estimate of the orientations' noise per axis, radians.
@@ -159,6 +166,8 @@ def fit_spin(
             floats("times_s", times_s),
             quaternions,
             None if confidences is None else floats("confidences", confidences),
+            None if residuals_rad is None else floats("residuals_rad", residuals_rad),
+            None if matched is None else np.asarray(matched, dtype=np.int64),
             method,
             float(max_rps),
             float(sigma_rad),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -27,6 +29,7 @@ from ._recognize import Hint
 from ._spin import Spin, spin_of
 
 if TYPE_CHECKING:
+    from ._calibrate import Calibration
     from matplotlib.axes import Axes
     from scipy.spatial.transform import Rotation
 
@@ -233,6 +236,16 @@ class SequenceEstimate:
         """Probability of each orientation, 0 where there is none; shape (frames,)."""
         return np.array([f.pose.pose_confidence if f.pose else 0.0 for f in self.frames])
 
+    @property
+    def residuals_rad(self) -> Floats:
+        """Residual of each orientation, radians, NaN where there is none; shape (frames,)."""
+        return np.array([f.pose.residual_rad if f.pose else np.nan for f in self.frames])
+
+    @property
+    def matched(self) -> Ints:
+        """Number of matched dots of each frame; shape (frames,)."""
+        return np.array([f.matched for f in self.frames], dtype=np.int64)
+
     def __repr__(self) -> str:
         posed = sum(bool(frame.pose) for frame in self.frames)
         return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
@@ -258,7 +271,8 @@ class Estimator:
     """From images to orientations.
 
     Args:
-        table: The table, a pattern, or the path of either.
+        table: The table, a pattern, or the path of either. The dots of a calibrated table have their
+            own covariances.
         camera: What is known of the camera; by default its distance is estimated with the orientation.
         detector: ``"cnn"``, the built-in net, or ``"blob"``.
         weights: Another net's weights, ``.npz``.
@@ -376,6 +390,81 @@ class Estimator:
         answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
         return SequenceEstimate([frame_of(f) for f in found], answer, independently)
 
+    def calibrate(
+        self,
+        images: Sequence[Image] | NDArray[Any] | PathLike | Sequence[PathLike],
+        times_s: ArrayLike | None = None,
+        *,
+        fps: float | None = None,
+        color: Color | None = None,
+        circle: ArrayLike | None = None,
+        placement_sigma_rad: float = math.radians(3.0),
+        learn_extra: bool = False,
+        smooth: bool = True,
+        evaluate: int | None = None,
+        seed: int = 0,
+        progress: bool | Progress = False,
+    ) -> Calibration | Rejection:
+        """Measures the dots of a ball as they were really drawn, from a clip of it.
+
+        Film the ball while you turn it slowly, once about one axis and once about another, so that
+        every dot faces the camera for a while: 60 frames or more, sharp, with the ball 60 pixels wide
+        or wider. The numbers are those of ``spindoe calibrate``.
+
+        Args:
+            images: The frames, as in `estimate_sequence`; or the path of a folder of images or a
+                video, or several.
+            times_s: Their times in seconds, increasing, shape (n,); for arrays.
+            fps: Or frames per second. Files without it have the times of their names or their video.
+            color: As in `estimate`; for arrays.
+            circle: The ball's outline in all frames, where it is known.
+            placement_sigma_rad: Expected error of a drawn dot per tangent axis, radians.
+            learn_extra: Take steady marks that the pattern lacks into it.
+            smooth: Use that the ball turns smoothly, where there are times.
+            evaluate: Judge the calibration on frames that take no part, and by so many Monte Carlo
+                trials for each protocol, 0 for none: see `Calibration.report`. None leaves that out.
+            seed: Seed of the trials.
+            progress: True shows a bar (with `tqdm`); a function is called with (done, total). For
+                arrays.
+
+        Returns:
+            A `Calibration`, which is true, or a `Rejection`, which is false and has a reason.
+        """
+        from ._calibrate import calibration_of
+
+        if times_s is not None and fps is not None:
+            raise ValueError("fps: expected it or times_s, found both")
+        paths, frames = _clip(images)
+        if paths and times_s is not None:
+            raise ValueError("times_s: files have those of their names, their video, or fps")
+        times = None
+        if times_s is not None:
+            array = floats("times_s", times_s)
+            if array.ndim != 1:
+                raise ValueError(f"times_s: expected shape (n,), found {array.shape}")
+            times = array.tolist()
+        show, bar = progress_of(progress, len(frames), "frame")
+        try:
+            found = self._handle.calibrate(
+                frames,
+                paths,
+                _color(color, frames[0]) if frames else "gray",
+                times,
+                None if fps is None else float(fps),
+                None if circle is None else triple("circle", circle),
+                float(placement_sigma_rad),
+                learn_extra,
+                smooth,
+                None if evaluate is None else (evaluate, seed),
+                show,
+            )
+        finally:
+            if bar is not None:
+                bar.close()
+        if isinstance(found, str):
+            return Rejection(found)
+        return calibration_of(found, self.table.pattern)
+
     def tracker(
         self, *, window: int = 12, memory_s: float = 0.25, max_rps: float = 175.0
     ) -> Tracker:
@@ -387,6 +476,16 @@ class Estimator:
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         return _estimator, (self.table, *self._arguments)
+
+
+def _clip(images: Any) -> tuple[list[str], list[Any]]:
+    """The paths of a clip, or its frames."""
+    if isinstance(images, (str, os.PathLike)):
+        return [os.fspath(images)], []
+    frames = list(images)
+    if frames and all(isinstance(frame, (str, os.PathLike)) for frame in frames):
+        return [os.fspath(frame) for frame in frames], []
+    return [], frames
 
 
 def _estimator(

@@ -133,7 +133,7 @@ class BayGeoHasher:
                     )
                 made = Recognizer(self._table, "paper", **{**paper, **self.settings})
             else:
-                noise = {"sigma_rad": 1.0 / math.sqrt(max(self.kappa, 1.0))}
+                noise = {"sigma_rad": 1.0 / math.sqrt(max(self.kappa, 1.0)), "min_confidence": 0.0}
                 made = Recognizer(self._table, **{**_EXPECTED, **noise, **self.settings})
             self._made = (state, made)
         return self._made[1]
@@ -221,6 +221,8 @@ class SpinRegressor:
         return times, _native.fit_spin(
             times,
             np.roll(quaternions, 1, axis=1),
+            None,
+            None,
             None,
             self.method,
             self.max_rps,

@@ -10,6 +10,7 @@ checkpoints lie in it, from which a shard whose worker died is taken up again. T
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from typing import Any
 
@@ -26,7 +27,7 @@ def _shard(design: Design, index: int, count: int) -> str:
 def search(
     design: Design, shards: int, *, ray: str | None = None, cpus: int = 1, verbose: bool = False
 ) -> DesignResult:
-    """Runs all shards of a design, and merges them. Shards that have begun are continued.
+    """Runs all shards of a design, and merges them. What has begun is continued.
 
     Args:
         design: The design.
@@ -43,7 +44,9 @@ def search(
         folders.append(folder)
         if verbose:
             print(f"{len(folders)} of {shards} shards: {folder}", file=sys.stderr)
-    return merge(folders, design.out)
+    # A design that is there is not made again.
+    is_done = os.path.exists(os.path.join(os.fspath(design.out), "report.json"))
+    return merge(folders, design.out, resume=not is_done)
 
 
 def _flags(words: list[str]) -> dict[str, Any]:

@@ -54,17 +54,21 @@ fn observed<T: Send>(
     }
 }
 
-/// Merges the shards in these folders into a design; the table, and the report as JSON.
+/// Merges the shards in these folders into a design, or continues that; the table, and the report as
+/// JSON.
 #[pyfunction]
+#[pyo3(signature = (shards, out, resume, callback))]
 pub fn merge(
     py: Python<'_>,
     shards: Vec<PathBuf>,
     out: PathBuf,
+    resume: bool,
     callback: Option<Py<PyAny>>,
 ) -> PyResult<(HashTable, String)> {
+    let start = if resume { Start::Resume } else { Start::Fresh };
     let (job, command) = spindoe::cli::merge_job(&shards, out).or_raise()?;
     let found = observed(py, callback, None, command, |stop, observer| {
-        job.merge(&shards, stop, observer)
+        job.merge(&shards, start, stop, observer)
     })?;
     Ok((HashTable(Arc::new(found.table)), to_json(&found.report)?))
 }

@@ -8,13 +8,15 @@ use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
+use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::tangent_frame;
-use spindoe::spin::Measurement;
-use spindoe::spin::robust::RobustSpinConfig;
+use spindoe::report::calibration::CalibrationEvaluationConfig;
+use spindoe::spin::orientations::{OrientationRow, Orientations};
+use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
     CameraDistance, CameraModel, EstimatorWorkspace, Pose, SequenceConfig, TrackerConfig,
-    estimate_spin, track_sequence,
+    track_sequence,
 };
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
@@ -27,6 +29,7 @@ use spindoe::{DotUncertainty, Vec3};
 use crate::arrays::{
     Numbers, assignment, block2, blocks3, quaternion, require_shape, square, vectors,
 };
+use crate::calibrate::{self, Clip};
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
 use crate::image::{Buffers, Channels, Pixels, Samples};
 use crate::pattern::{HashTable, overlay, to_json};
@@ -52,7 +55,7 @@ type PoseTuple<'py> = (
 
 /// Circle, dots `u, v, confidence`, their covariances, assignment, pose or reason, seconds of the
 /// stages.
-type FrameTuple<'py> = (
+pub type FrameTuple<'py> = (
     Option<(f64, f64, f64)>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray3<f64>>,
@@ -74,7 +77,7 @@ fn pose_tuple<'py>(py: Python<'py>, pose: &Pose) -> PoseTuple<'py> {
     )
 }
 
-fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'py> {
+pub fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'py> {
     let dots = &frame.dots;
     let at = |(i, k): (usize, usize)| {
         let dot = &dots[i];
@@ -158,6 +161,7 @@ struct Slot {
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Estimator {
     inner: Arc<spindoe::Estimator<NamedDetector>>,
+    table: Arc<spindoe::HashTable>,
     slots: Mutex<Vec<Slot>>,
 }
 
@@ -181,23 +185,44 @@ impl Estimator {
     /// Estimates frames on all cores, each independently.
     fn estimate_all(
         &self,
-        images: &[Samples<'_>],
+        py: Python<'_>,
+        images: &[Bound<'_, PyAny>],
+        channels: Channels,
         circle: Option<&BallCircle>,
-    ) -> Vec<FrameEstimate> {
-        images
-            .par_iter()
-            .map_init(
-                || self.slot(),
-                |slot, image| {
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Vec<FrameEstimate>> {
+        let mut frames: Vec<FrameEstimate> = Vec::with_capacity(images.len());
+        for chunk in images.chunks(FRAMES_AT_ONCE) {
+            py.check_signals()?;
+            let name = |k: usize| format!("images[{}]", frames.len() + k);
+            let held: Vec<Pixels<'_>> = chunk
+                .iter()
+                .enumerate()
+                .map(|(k, image)| Pixels::new(&name(k), image))
+                .collect::<PyResult<_>>()?;
+            let samples: Vec<Samples<'_>> = held
+                .iter()
+                .enumerate()
+                .map(|(k, pixels)| pixels.samples(&name(k), channels))
+                .collect::<PyResult<_>>()?;
+            let done = on_all_cores(py, || {
+                let one = |slot: &mut Slot, image: &Samples<'_>| {
                     let mut frame = FrameEstimate::default();
                     let image = image.read(&mut slot.buffers);
                     let workspace = &mut slot.workspace;
                     self.inner
                         .estimate_frame(image, circle, None, workspace, &mut frame);
                     frame
-                },
-            )
-            .collect()
+                };
+                let all = samples.par_iter().map_init(|| self.slot(), one);
+                all.collect::<Vec<_>>()
+            })?;
+            frames.extend(done);
+            if let Some(progress) = progress {
+                progress.call1((frames.len(), images.len()))?;
+            }
+        }
+        Ok(frames)
     }
 }
 
@@ -228,9 +253,10 @@ impl Estimator {
                 return Err(value_error("weights", problem));
             }
         };
-        let inner = spindoe::Estimator::new(table.0.pattern(), config, detector).or_raise()?;
+        let inner = spindoe::Estimator::for_table(&table.0, config, detector).or_raise()?;
         Ok(Self {
             inner: Arc::new(inner),
+            table: Arc::clone(&table.0),
             slots: Mutex::new(Vec::new()),
         })
     }
@@ -296,26 +322,8 @@ impl Estimator {
             check_times(times, images.len())?;
         }
         let config = sequence_config(max_rps)?;
-        let mut frames: Vec<FrameEstimate> = Vec::with_capacity(images.len());
-        for chunk in images.chunks(FRAMES_AT_ONCE) {
-            py.check_signals()?;
-            let name = |k: usize| format!("images[{}]", frames.len() + k);
-            let held: Vec<Pixels<'py>> = chunk
-                .iter()
-                .enumerate()
-                .map(|(k, image)| Pixels::new(&name(k), image))
-                .collect::<PyResult<_>>()?;
-            let samples: Vec<Samples<'_>> = held
-                .iter()
-                .enumerate()
-                .map(|(k, pixels)| pixels.samples(&name(k), channels))
-                .collect::<PyResult<_>>()?;
-            let done = on_all_cores(py, || self.estimate_all(&samples, circle.as_ref()))?;
-            frames.extend(done);
-            if let Some(progress) = &progress {
-                progress.call1((frames.len(), images.len()))?;
-            }
-        }
+        let (circle, progress) = (circle.as_ref(), progress.as_ref());
+        let mut frames = self.estimate_all(py, &images, channels, circle, progress)?;
         let alone = frames.iter().filter(|f| f.pose().is_some()).count();
         let spin = match times_s.filter(|times| times.len() > 1) {
             None => None,
@@ -323,6 +331,71 @@ impl Estimator {
         };
         let tuples = frames.iter().map(|f| frame_tuple(py, f)).collect();
         Ok((tuples, alone, spin))
+    }
+
+    /// The ball as it was drawn, from the arrays or the files of a clip, by the table's pattern as
+    /// designed: the frames' times are `times_s`, or follow from `fps`, or from the files.
+    #[pyo3(signature = (
+        images, paths, color, times_s, fps, circle, placement_sigma_rad, learn_extra, smooth,
+        evaluation, progress
+    ))]
+    #[allow(clippy::too_many_arguments)]
+    fn calibrate<'py>(
+        &self,
+        py: Python<'py>,
+        images: Vec<Bound<'py, PyAny>>,
+        paths: Vec<PathBuf>,
+        color: &str,
+        times_s: Option<Vec<f64>>,
+        fps: Option<f64>,
+        circle: Option<[f64; 3]>,
+        placement_sigma_rad: Option<f64>,
+        learn_extra: bool,
+        smooth: bool,
+        evaluation: Option<(u64, u64)>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Answer<calibrate::Found<'py>>> {
+        let defaults = CalibrationConfig::default();
+        let config = CalibrationConfig {
+            estimator: *self.inner.config(),
+            placement_sigma_rad: placement_sigma_rad.unwrap_or(defaults.placement_sigma_rad),
+            learn_extra,
+            smooth,
+            ..defaults
+        };
+        config.check().or_raise()?;
+        if let Some(rate) = fps.filter(|x| !(*x > 0.0 && x.is_finite())) {
+            let problem = format!("expected a positive number, found {rate}");
+            return Err(value_error("fps", problem));
+        }
+        let circle = self::circle(circle)?;
+        let pattern = self.table.pattern();
+        // As designed, whatever the table knows of the dots.
+        let nominal = Self {
+            inner: Arc::new(self.inner.for_pattern(pattern).or_raise()?),
+            table: Arc::clone(&self.table),
+            slots: Mutex::new(Vec::new()),
+        };
+        let clip = if paths.is_empty() {
+            let rate = |fps: f64| (0..images.len()).map(|k| k as f64 / fps).collect();
+            let times_s: Option<Vec<f64>> = times_s.or_else(|| fps.map(rate));
+            if let Some(times) = &times_s {
+                check_times(times, images.len())?;
+            }
+            let (channels, progress) = (Channels::named(color)?, progress.as_ref());
+            let circle = circle.as_ref();
+            let mut frames = nominal.estimate_all(py, &images, channels, circle, progress)?;
+            let times_s = times_s.filter(|times| times.len() > 1);
+            if let Some(times) = &times_s {
+                nominal.track(py, times, &mut frames, &SequenceConfig::default());
+            }
+            Clip { frames, times_s }
+        } else {
+            calibrate::read_clip(py, &nominal.inner, &paths, circle, fps)?
+        };
+        let evaluation =
+            evaluation.map(|(samples, seed)| CalibrationEvaluationConfig { samples, seed });
+        calibrate::run(py, &self.table, &clip, &config, evaluation)
     }
 
     /// A tracker that shares this estimator.
@@ -338,7 +411,23 @@ impl Estimator {
 }
 
 impl Estimator {
-    /// Lets the frames inform each other, and estimates their spin.
+    /// Lets the frames inform each other.
+    fn track(
+        &self,
+        py: Python<'_>,
+        times: &[f64],
+        frames: &mut [FrameEstimate],
+        config: &SequenceConfig,
+    ) {
+        py.detach(|| {
+            let mut slot = self.slot();
+            track_sequence(&self.inner, config, times, frames, &mut slot.workspace);
+            self.keep(slot);
+        });
+    }
+
+    /// Lets the frames inform each other, and estimates their spin: from what the command writes to
+    /// its file of orientations, as the command does.
     fn as_sequence<'py>(
         &self,
         py: Python<'py>,
@@ -347,18 +436,19 @@ impl Estimator {
         independent: bool,
         config: &SequenceConfig,
     ) -> PyResult<Answer<spin::Found<'py>>> {
-        let fitted = py.detach(|| {
-            if !independent {
-                let mut slot = self.slot();
-                track_sequence(&self.inner, config, times, frames, &mut slot.workspace);
-                self.keep(slot);
-            }
-            estimate_spin(config, times, frames)
+        if !independent {
+            self.track(py, times, frames, config);
+        }
+        let orientations = orientations(times, frames);
+        let measurements = orientations.measurements();
+        let mut estimator = RobustEstimator::new(RobustSpinConfig {
+            shared: orientations.shared_error(),
+            ..config.spin
         });
-        let measurements = measurements(times, frames);
-        match fitted {
+        match py.detach(|| estimator.fit(&measurements)) {
             Ok(fit) => {
-                let found = spin::to_tuple(py, &fit, &measurements, &[], &config.spin);
+                let inliers = estimator.inlier_probabilities();
+                let found = spin::to_tuple(py, &fit, &measurements, inliers, &config.spin);
                 Ok(Answer::Found(found))
             }
             Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
@@ -401,17 +491,24 @@ fn check_times(times: &[f64], images: usize) -> PyResult<()> {
     }
 }
 
-fn measurements(times: &[f64], frames: &[FrameEstimate]) -> Vec<Measurement> {
-    let posed = times.iter().zip(frames);
-    posed
-        .filter_map(|(time_s, frame)| {
-            let pose = frame.pose()?;
-            Some(Measurement {
-                confidence: pose.pose_confidence,
-                ..Measurement::new(*time_s, pose.rotation)
-            })
-        })
-        .collect()
+/// The orientations of frames, as the command writes them.
+fn orientations(times: &[f64], frames: &[FrameEstimate]) -> Orientations {
+    let row = |(time_s, frame): (&f64, &FrameEstimate)| {
+        let pose = frame.pose();
+        OrientationRow {
+            frame: String::new(),
+            time_s: *time_s,
+            orientation: pose.map(|pose| pose.rotation),
+            dots: Some(frame.dots.len()),
+            matched: Some(frame.matched()),
+            residual_rad: pose.map(|pose| pose.residual_rad),
+            confidence: pose.map(|pose| pose.pose_confidence),
+        }
+    };
+    Orientations {
+        rows: times.iter().zip(frames).map(row).collect(),
+        camera_frame: None,
+    }
 }
 
 /// The tracker with the memory of its images.

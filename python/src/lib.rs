@@ -5,6 +5,7 @@
 //! for Ctrl-C. Settings and reports cross the border as JSON, numbers as arrays.
 
 mod arrays;
+mod calibrate;
 mod command;
 mod design;
 mod errors;

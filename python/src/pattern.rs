@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use numpy::ndarray::{Array1, Array2};
-use numpy::{IntoPyArray, PyArray1, PyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use spindoe::{PairRule, RecognizerConfig};
 
-use crate::arrays::{Numbers, rows, triples, vectors};
+use crate::arrays::{Numbers, blocks3, rows, triples, vectors};
 use crate::errors::{OrRaise, value_error};
 
 /// A value as JSON.
@@ -136,6 +136,10 @@ impl HashTable {
 
     fn feature_dots<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u16>> {
         Array1::from_iter(self.0.feature_dots().iter().copied()).into_pyarray(py)
+    }
+
+    fn dot_covariances<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray3<f64>>> {
+        self.0.dot_covariances().map(|c| blocks3(py, c))
     }
 
     fn meta(&self) -> PyResult<String> {

@@ -49,6 +49,25 @@ type Columns<'py> = (
     Bound<'py, PyDict>,
 );
 
+/// Why a view has no answer.
+#[derive(Clone, Copy)]
+enum NoAnswer {
+    Rejected(RecognizerRejection),
+    /// With the probability of the best pose.
+    Ambiguous(f64),
+}
+
+impl std::fmt::Display for NoAnswer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Rejected(rejection) => rejection.fmt(f),
+            Self::Ambiguous(p) => {
+                write!(f, "ambiguous: the best pose has a probability of {p:.2}")
+            }
+        }
+    }
+}
+
 enum Kind {
     Robust(Box<RobustRecognizer>),
     Paper(PaperConfig),
@@ -68,6 +87,8 @@ pub struct Recognizer {
     kind: Kind,
     /// Of dots for which nothing is given, along one tangent axis.
     sigma_rad: f64,
+    /// Less probable orientations are no answers.
+    min_confidence: f64,
     /// One for each call at the same time.
     workspaces: Mutex<Vec<Workspace>>,
 }
@@ -214,7 +235,16 @@ pub fn hint(given: GivenHint<'_>) -> PyResult<Hint> {
 }
 
 impl Recognizer {
-    fn new(table: &HashTable, kind: Kind, sigma_rad: Option<f64>) -> PyResult<Self> {
+    fn new(
+        table: &HashTable,
+        kind: Kind,
+        sigma_rad: Option<f64>,
+        min_confidence: f64,
+    ) -> PyResult<Self> {
+        if !(0.0..=1.0).contains(&min_confidence) {
+            let problem = format!("expected 0 to 1, found {min_confidence}");
+            return Err(value_error("min_confidence", problem));
+        }
         let sigma_rad = match sigma_rad {
             None => table.0.meta().recognizer.sigma_rad / 3f64.sqrt(),
             Some(sigma) if sigma > 0.0 && sigma.is_finite() => sigma,
@@ -227,12 +257,25 @@ impl Recognizer {
             table: Arc::clone(&table.0),
             kind,
             sigma_rad,
+            min_confidence,
             workspaces: Mutex::new(Vec::new()),
         })
     }
 
     /// Identifies the dots in `ws`, into `ws.found`.
-    fn run(&self, hint: Option<&Hint>, ws: &mut Workspace) -> Result<(), RecognizerRejection> {
+    fn run(&self, hint: Option<&Hint>, ws: &mut Workspace) -> Result<(), NoAnswer> {
+        self.recognize(hint, ws).map_err(NoAnswer::Rejected)?;
+        match ws.found.pose_confidence {
+            p if p < self.min_confidence => Err(NoAnswer::Ambiguous(p)),
+            _ => Ok(()),
+        }
+    }
+
+    fn recognize(
+        &self,
+        hint: Option<&Hint>,
+        ws: &mut Workspace,
+    ) -> Result<(), RecognizerRejection> {
         let Workspace {
             robust,
             paper,
@@ -304,6 +347,7 @@ impl Recognizer {
         expect: Option<&str>,
         settings: &str,
         sigma_rad: Option<f64>,
+        min_confidence: f64,
     ) -> PyResult<Self> {
         let defaults = match expect {
             Some(name) => {
@@ -316,12 +360,15 @@ impl Recognizer {
         };
         let config = overlay(&defaults, settings)?;
         let recognizer = RobustRecognizer::new(table.0.pattern(), config).or_raise()?;
-        Self::new(table, Kind::Robust(Box::new(recognizer)), sigma_rad)
+        let kind = Kind::Robust(Box::new(recognizer));
+        Self::new(table, kind, sigma_rad, min_confidence)
     }
 
     /// The paper's recognizer; what is not given comes from the table.
     #[staticmethod]
-    #[pyo3(signature = (table, k, kappa, beta, alpha, verify_fraction, vote_sum, sigma_rad))]
+    #[pyo3(signature = (
+        table, k, kappa, beta, alpha, verify_fraction, vote_sum, sigma_rad, min_confidence
+    ))]
     #[allow(clippy::too_many_arguments)]
     fn paper(
         table: &HashTable,
@@ -332,6 +379,7 @@ impl Recognizer {
         verify_fraction: Option<f64>,
         vote_sum: Option<&str>,
         sigma_rad: Option<f64>,
+        min_confidence: f64,
     ) -> PyResult<Self> {
         let of_table = *PaperRecognizer::from_table(&table.0).or_raise()?.config();
         let config = PaperConfig {
@@ -351,7 +399,7 @@ impl Recognizer {
             },
         };
         PaperRecognizer::new(&table.0, config).or_raise()?;
-        Self::new(table, Kind::Paper(config), sigma_rad)
+        Self::new(table, Kind::Paper(config), sigma_rad, min_confidence)
     }
 
     /// The settings in use, as JSON; empty for the paper's.
@@ -453,7 +501,7 @@ impl Recognizer {
         &self,
         dots: &[ObservedDot],
         ends: &[usize],
-    ) -> Vec<Result<Identification, RecognizerRejection>> {
+    ) -> Vec<Result<Identification, NoAnswer>> {
         let frames: Vec<&[ObservedDot]> = ends.windows(2).map(|w| &dots[w[0]..w[1]]).collect();
         frames
             .par_iter()

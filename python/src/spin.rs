@@ -3,6 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use spindoe::spin::alias::{AliasConfig, alternatives};
+use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig};
 use spindoe::spin::{Fit, Measurement};
@@ -58,15 +59,21 @@ pub fn to_tuple<'py>(
 }
 
 /// The spin of time-stamped orientations, or the reason why there is none. Rows of NaN are frames
-/// without an orientation.
+/// without an orientation; the other columns are then not read. The residuals tell of each frame's
+/// noise and of the errors that frames share, as in a file of orientations.
 #[pyfunction]
-#[pyo3(signature = (times_s, quaternions, confidences, method, max_rps, sigma_rad, prior, quatera))]
+#[pyo3(signature = (
+    times_s, quaternions, confidences, residuals_rad, matched, method, max_rps, sigma_rad, prior,
+    quatera
+))]
 #[allow(clippy::too_many_arguments)]
 pub fn fit_spin<'py>(
     py: Python<'py>,
     times_s: Numbers<'py>,
     quaternions: PyReadonlyArrayDyn<'py, f64>,
     confidences: Option<Numbers<'py>>,
+    residuals_rad: Option<PyReadonlyArrayDyn<'py, f64>>,
+    matched: Option<PyReadonlyArrayDyn<'py, i64>>,
     method: &str,
     max_rps: f64,
     sigma_rad: f64,
@@ -87,23 +94,52 @@ pub fn fit_spin<'py>(
     }
     let (times, rows) = (times_s.as_array(), quaternions.as_array());
     let confidences = confidences.as_ref().map(|c| c.as_array());
-    let mut measurements = Vec::with_capacity(count);
+    let residuals = residuals_rad.as_ref().map(|r| r.as_array());
+    let matched = matched.as_ref().map(|m| m.as_array());
+    let lengths = [
+        ("residuals_rad", residuals.as_ref().map(|r| r.shape())),
+        ("matched", matched.as_ref().map(|m| m.shape())),
+    ];
+    for (name, shape) in lengths {
+        if let Some(shape) = shape.filter(|shape| *shape != [count]) {
+            let problem = format!("expected shape ({count},), found {shape:?}");
+            return Err(value_error(name, problem));
+        }
+    }
+    let mut file = Orientations::default();
     for i in 0..count {
         let wxyz = [0, 1, 2, 3].map(|k| rows[[i, k]]);
         if wxyz.iter().all(|x| x.is_nan()) {
             continue;
         }
-        let turned = rotation(&format!("quaternions: row {i}"), wxyz)?;
-        let plain = Measurement::new(times[i], turned);
-        measurements.push(Measurement {
-            confidence: confidences.as_ref().map_or(plain.confidence, |c| c[i]),
-            ..plain
+        let residual_rad = residuals.as_ref().map(|r| r[i]);
+        if let Some(residual) = residual_rad.filter(|r| !(*r >= 0.0 && r.is_finite())) {
+            let problem = format!("row {i}: expected an angle of 0 or more, found {residual}");
+            return Err(value_error("residuals_rad", problem));
+        }
+        let matched = matched.as_ref().map(|m| usize::try_from(m[i]));
+        let matched = matched.transpose().map_err(|_| {
+            value_error(
+                "matched",
+                format!("row {i}: expected 0 or more, found less"),
+            )
+        })?;
+        file.rows.push(OrientationRow {
+            frame: String::new(),
+            time_s: times[i],
+            orientation: Some(rotation(&format!("quaternions: row {i}"), wxyz)?),
+            dots: None,
+            matched,
+            residual_rad,
+            confidence: confidences.as_ref().map(|c| c[i]),
         });
     }
+    let measurements = file.measurements();
     let config = RobustSpinConfig {
         max_rps,
         sigma_rad,
         prior: prior.map(|(rps, std_rps)| MagnitudePrior { rps, std_rps }),
+        shared: file.shared_error(),
         ..RobustSpinConfig::default()
     };
     let fitted = match method {

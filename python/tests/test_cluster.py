@@ -40,6 +40,22 @@ def test_shards_from_python_are_those_of_the_command(whole, tmp_path, capsys):
     assert search.main(["--shards", "2", "--out", str(tmp_path / "e"), "--dot=3"]) == 2
 
 
+def test_a_search_that_was_interrupted_in_the_last_trial_is_continued(whole, tmp_path):
+    def die(progress):
+        if progress.stage == "halve":
+            raise KeyError("killed")
+
+    design = spindoe.Design(tmp_path / "d", **SMALL)
+    folders = [design.run_shard(k, 2) for k in (1, 2)]
+    with pytest.raises(KeyError, match="killed"):
+        spindoe.merge(folders, design.out, die)
+    assert (tmp_path / "d/search.json").exists() and not (tmp_path / "d/report.json").exists()
+    with pytest.raises(ValueError, match="choose another folder"):
+        spindoe.merge(folders, design.out)
+    search.search(design, 2)
+    assert {name: (tmp_path / "d" / name).read_bytes() for name in FILES} == whole
+
+
 def test_shards_of_another_search_are_refused(tmp_path):
     design = spindoe.Design(tmp_path / "d", **SMALL)
     folder = design.run_shard(1, 2)

@@ -68,15 +68,15 @@ def test_the_same_identifications(command, table, protocol, recognizer, tmp_path
         assert found.pose_confidence == pytest.approx(their["pose_confidence"], abs=TOLERANCE)
 
 
-def _frames(folder, estimator, command):
+def _frames(folder, table, command):
     """Both estimates of the images of a folder, whose names are times in nanoseconds."""
     image = pytest.importorskip("PIL.Image")
     paths = sorted(folder.glob("*.png"), key=lambda path: int(path.stem))
-    theirs = json.loads(run(command, "estimate", "--table", TABLE, folder, "--json"))
+    theirs = json.loads(run(command, "estimate", "--table", table, folder, "--json"))
     images = [np.array(image.open(path).convert("RGB")) for path in paths]
     # The names' nanoseconds in seconds, to the last bit as the command has them.
     times = [frame["time_s"] for frame in theirs["frames"]]
-    return theirs, estimator.estimate_sequence(images, times, color="rgb")
+    return theirs, spindoe.Estimator(table).estimate_sequence(images, times, color="rgb")
 
 
 def _compare(theirs, ours):
@@ -89,23 +89,60 @@ def _compare(theirs, ours):
         assert bool(frame.pose) == (quaternion is not None)
         if frame.pose:
             assert np.abs(frame.pose.quaternion_wxyz - quaternion).max() <= TOLERANCE
-    if "spin" in theirs:
-        assert ours.spin
-        assert np.abs(ours.spin.spin_rad_s - theirs["spin"]["spin_rad_s"]).max() <= TOLERANCE
-    else:
+    spin = theirs.get("spin")
+    if spin is None:
         assert ours.spin.reason == theirs["spin_refusal"]
+        return
+    assert ours.spin and ours.spin.inliers == spin["inliers"]
+    assert np.abs(ours.spin.spin_rad_s - spin["spin_rad_s"]).max() <= TOLERANCE
+    assert np.abs(ours.spin.covariance - spin["covariance_rad2_s2"]).max() <= TOLERANCE
+    assert np.abs(ours.spin.std_rad_s - spin["std_rad_s"]).max() <= TOLERANCE
+    assert ours.spin.std_rps == pytest.approx(spin["std_rps"], abs=TOLERANCE)
+    assert np.rad2deg(ours.spin.sigma_rad) == pytest.approx(spin["sigma_deg"], abs=TOLERANCE)
+    theirs_too = [alias["spin_rad_s"] for alias in spin["alternatives"]]
+    assert len(ours.spin.aliases) == len(theirs_too)
+    for alias, their in zip(ours.spin.aliases, theirs_too, strict=True):
+        assert np.abs(alias.spin_rad_s - their).max() <= TOLERANCE
 
 
-def test_the_same_published_frames(command, estimator, published):
-    theirs, ours = _frames(published / "frames", estimator, command)
+def test_the_same_published_frames(command, published):
+    theirs, ours = _frames(published / "frames", published / "ref_pattern.csv", command)
     _compare(theirs, ours)
 
 
-def test_the_same_synthetic_frames(command, estimator, tmp_path):
-    run(command, "synth", ROOT / "designs/dots20/pattern.csv", "--out", tmp_path / "set",
+@pytest.fixture(scope="module")
+def drawn(command, tmp_path_factory):
+    """A folder of synthetic frames of one spin."""
+    folder = tmp_path_factory.mktemp("drawn") / "set"
+    run(command, "synth", ROOT / "designs/dots20/pattern.csv", "--out", folder,
         "--sequence", "--frames", 12, "--fps", 350, "--preset", "good")
-    theirs, ours = _frames(tmp_path / "set/images", estimator, command)
+    return folder / "images"
+
+
+def test_the_same_synthetic_frames(command, drawn):
+    theirs, ours = _frames(drawn, TABLE, command)
     _compare(theirs, ours)
+
+
+@pytest.mark.parametrize("method", ["robust", "quatera"])
+def test_the_same_spin_of_a_file(command, drawn, tmp_path, method):
+    file = tmp_path / "orientations.csv"
+    run(command, "estimate", "--table", TABLE, drawn, "-o", file)
+    theirs = json.loads(run(command, "spin", file, "--json", "--method", method))
+    with open(file, newline="") as lines:
+        rows = [row for row in csv.DictReader(lines) if row["qw"]]
+    column = lambda name: np.array([float(row[name]) for row in rows])  # noqa: E731
+    quaternions = np.stack([column(f"q{axis}") for axis in "wxyz"], axis=1)
+    found = spindoe.fit_spin(
+        column("time_s"), quaternions, confidences=column("confidence"), method=method,
+        residuals_rad=np.deg2rad(column("residual_deg")), matched=column("matched").astype(int),
+    )
+    assert found and found.inliers == theirs["inliers"]
+    assert np.abs(found.spin_rad_s - theirs["spin_rad_s"]).max() <= TOLERANCE
+    if method == "quatera":
+        assert found.covariance is None and theirs["covariance_rad2_s2"] is None
+    else:
+        assert np.abs(found.covariance - theirs["covariance_rad2_s2"]).max() <= TOLERANCE
 
 
 def test_the_command_fails_as_it_does(command, tmp_path):

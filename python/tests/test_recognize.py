@@ -57,6 +57,28 @@ def test_a_rejection_is_false_and_has_a_reason(view, recognizer):
     assert pickle.loads(pickle.dumps(found)) == found
 
 
+def test_ambiguous_orientations_are_rejected(table, pattern):
+    """Few and noisy dots: what is less probable than asked for is no answer, alone or in a batch."""
+    views = [_turned(pattern, seed, noise=0.05)[2][:5] for seed in range(60)]
+    every = spindoe.Recognizer(table, min_confidence=0.0)
+    least = 0.7
+    strict = spindoe.Recognizer(table, min_confidence=least)
+    found = [(every.identify(view), strict.identify(view)) for view in views]
+    doubtful = [bool(a) and a.pose_confidence < least for a, _ in found]
+    assert 0 < sum(doubtful) < len(views)
+    for (a, b), is_doubtful in zip(found, doubtful, strict=True):
+        if is_doubtful:
+            assert b.reason == f"ambiguous: the best pose has a probability of {a.pose_confidence:.2f}"
+        elif a:
+            assert b and np.array_equal(a.quaternion_wxyz, b.quaternion_wxyz)
+    batch = strict.identify_batch(views)
+    assert [bool(b) for b in batch] == [bool(b) for _, b in found]
+    assert all(one == b for one, (_, b) in zip(batch, found, strict=True) if not b)
+    for bad in (-0.1, 1.1, float("nan")):
+        with pytest.raises(ValueError, match="min_confidence"):
+            spindoe.Recognizer(table, min_confidence=bad)
+
+
 def test_the_same_uncertainty_said_in_three_ways(view, recognizer):
     sigma = 0.03
     plain = recognizer.identify(view, sigma_rad=sigma)
@@ -87,7 +109,9 @@ def test_image_axes_point_outward_and_across(pattern):
     assert a.confidence == pytest.approx(b.confidence, abs=1e-9)
 
 
-def test_a_hint_helps_two_dots(pattern, recognizer):
+def test_a_hint_helps_two_dots(table, pattern):
+    # Two dots where eight are expected are doubtful whatever the hint says.
+    recognizer = spindoe.Recognizer(table, min_confidence=0.0)
     truth, index, dots = _turned(pattern, 5)
     w_last = truth.as_quat()
     hint = spindoe.Hint(np.roll(w_last, 1), 0.02)
@@ -108,7 +132,9 @@ def test_a_symmetric_pattern_has_rivals():
     square = [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]
     dots = np.array(square) * np.cos(0.9) + [0, 0, np.sin(0.9)]
     below = dots * [1, 1, -1]
-    recognizer = spindoe.Recognizer(spindoe.Pattern(np.vstack([dots, below])))
+    symmetric = spindoe.Pattern(np.vstack([dots, below]))
+    assert "ambiguous" in spindoe.Recognizer(symmetric).identify(dots).reason
+    recognizer = spindoe.Recognizer(symmetric, min_confidence=0.0)
     found = recognizer.identify(dots, max_rivals=20)
     assert found and len(found.rivals) >= 3
     assert recognizer.identify(dots, max_rivals=0).rivals == ()

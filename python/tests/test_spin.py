@@ -95,6 +95,22 @@ def test_bad_input_is_named(times, rows, words):
         spindoe.fit_spin(times, rows)
 
 
+def test_residuals_widen_the_covariance():
+    rotations = _sequence(0.02)
+    plain, wide = (
+        spindoe.fit_spin(TIMES, rotations, residuals_rad=residuals)
+        for residuals in (None, np.full(len(TIMES), 0.05))
+    )
+    assert plain and wide
+    # Equal residuals say nothing of the frames' weights.
+    assert np.allclose(plain.spin_rad_s, wide.spin_rad_s, rtol=0, atol=1e-9)
+    assert np.all(np.linalg.eigvalsh(wide.covariance - plain.covariance) > 0.0)
+    for bad in ({"residuals_rad": [0.1]}, {"residuals_rad": np.full(12, -0.1)},
+                {"residuals_rad": np.full(12, np.nan)}, {"matched": [3]}, {"matched": [-1] * 12}):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            spindoe.fit_spin(TIMES, rotations, **bad)
+
+
 def test_settings_are_checked():
     for settings in ({"max_rps": -1.0}, {"sigma_rad": 0.0}, {"prior_rps": (50.0, 0.0)}, {"method": "best"}):
         with pytest.raises(ValueError):

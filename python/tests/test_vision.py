@@ -52,8 +52,15 @@ def test_a_clip_gives_its_spin(clip, estimator):
     assert found.spin and np.linalg.norm(found.spin.spin_rad_s - SPIN) < 5.0
     assert found.spin.std_rps is not None and heard[-1] == (20, 20)
     assert found.quaternions_wxyz.shape == (20, 4) and found.confidences.shape == (20,)
-    again = spindoe.fit_spin(times, found.quaternions_wxyz, confidences=found.confidences)
+    again = spindoe.fit_spin(
+        times, found.quaternions_wxyz, confidences=found.confidences,
+        residuals_rad=found.residuals_rad, matched=found.matched,
+    )
     assert again and np.array_equal(again.spin_rad_s, found.spin.spin_rad_s)
+    assert np.array_equal(again.covariance, found.spin.covariance)
+    # Without the residuals nothing is known of the errors that frames share.
+    alone = spindoe.fit_spin(times, found.quaternions_wxyz, confidences=found.confidences)
+    assert alone and np.trace(alone.covariance) < np.trace(found.spin.covariance)
     stacked = estimator.estimate_sequence(np.stack(images), times, color="rgb")
     assert stacked.spin and np.array_equal(stacked.spin.spin_rad_s, found.spin.spin_rad_s)
     alone = estimator.estimate_sequence(images, color="rgb")
@@ -85,6 +92,29 @@ def test_a_tracker_follows_a_clip(clip, estimator):
     assert not tracker.update(clip[1][0], 10.0, color="rgb").spin
     with pytest.raises(ValueError, match="window"):
         estimator.tracker(window=2)
+
+
+def test_a_trackers_covariance_counts_shared_errors(clip, estimator):
+    """Its spin is that of the window's poses with their residuals."""
+    tracker = estimator.tracker(window=8)
+    times, poses = [], []
+    for image, truth in clip:
+        state = tracker.update(image, truth.time_s, color="rgb")
+        pose = state.frame.pose
+        if pose and not pose.hinted and pose.pose_confidence >= 0.8:
+            times.append(truth.time_s)
+            poses.append(pose)
+    window = poses[-8:]
+    given = {"confidences": [pose.pose_confidence for pose in window]}
+    quaternions = np.array([pose.quaternion_wxyz for pose in window])
+    plain = spindoe.fit_spin(times[-8:], quaternions, **given)
+    shared = spindoe.fit_spin(
+        times[-8:], quaternions, residuals_rad=[pose.residual_rad for pose in window], **given
+    )
+    assert state.spin and plain and shared
+    assert np.abs(state.spin.spin_rad_s - shared.spin_rad_s).max() < 1e-9
+    assert np.allclose(state.spin.covariance, shared.covariance, rtol=1e-9)
+    assert np.all(np.linalg.eigvalsh(state.spin.covariance - plain.covariance) > 0.0)
 
 
 def test_channels_by_name(image, estimator):

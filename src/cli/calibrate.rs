@@ -141,6 +141,7 @@ impl Arguments {
         let config = CalibrationConfig {
             estimator: EstimatorConfig {
                 camera: self.images.camera()?,
+                outline: self.images.outline,
                 ..EstimatorConfig::default()
             },
             placement_sigma_rad: self.placement_sigma_deg.to_radians(),
@@ -155,6 +156,8 @@ impl Arguments {
     fn batch(&self) -> Result<BatchConfig> {
         Ok(BatchConfig {
             circle: self.images.circle()?,
+            circles: self.images.circles()?,
+            roi: self.images.roi()?,
             clock: self.images.clock()?,
             ..BatchConfig::default()
         })

@@ -7,12 +7,12 @@ use clap::Args;
 
 use super::output::one_of;
 use crate::error::{Error, Result};
-use crate::vision::estimator::{CameraModel, FrameClock};
-use crate::vision::input;
+use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod};
+use crate::vision::frame_table::{self, FrameCircles};
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
 use crate::vision::{
-    BallCircle, Camera, CnnDetector, DetectorName, Intrinsics, NamedDetector, Pixel,
+    BallCircle, Camera, CnnDetector, DetectorName, Intrinsics, NamedDetector, Pixel, Roi,
 };
 
 #[derive(Debug, Args)]
@@ -31,6 +31,22 @@ pub struct ImageArguments {
         allow_negative_numbers = true
     )]
     circle: Vec<f64>,
+    /// The ball's outlines in single frames: CSV with the header frame,u,v,radius, pixels; it is detected
+    /// in frames without a row.
+    #[arg(long, value_name = "CSV", conflicts_with = "circle")]
+    circles: Option<PathBuf>,
+    /// Look for the ball in this part of every frame only: its first column and row, its columns and
+    /// rows [default: the whole frame].
+    #[arg(
+        long,
+        value_name = "X,Y,WIDTH,HEIGHT",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    roi: Vec<usize>,
+    /// How the outline is found: by its edges alone, or with a net where they do not show it whole.
+    #[arg(long, value_parser = one_of(&OutlineMethod::ALL, OutlineMethod::as_str), default_value_t = OutlineMethod::default())]
+    pub(super) outline: OutlineMethod,
     /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
     /// [default: it is estimated with the orientation].
     #[arg(
@@ -123,10 +139,32 @@ impl ImageArguments {
         }
     }
 
+    pub(super) fn circles(&self) -> Result<Option<FrameCircles>> {
+        let path = self.circles.as_deref();
+        path.map(frame_table::read_circles).transpose()
+    }
+
+    pub(super) fn roi(&self) -> Result<Option<Roi>> {
+        match self.roi[..] {
+            [] => Ok(None),
+            [left, top, width, height] if width > 0 && height > 0 => Ok(Some(Roi {
+                left,
+                top,
+                width,
+                height,
+            })),
+            _ => {
+                let problem =
+                    "expected X,Y,WIDTH,HEIGHT in pixels, with at least one column and row";
+                Err(Error::argument("roi", problem))
+            }
+        }
+    }
+
     pub(super) fn clock(&self) -> Result<FrameClock> {
         Ok(match (self.fps, &self.times) {
             (Some(rate), _) => FrameClock::FramesPerSecond(rate),
-            (None, Some(path)) => FrameClock::Table(input::read_times(path)?),
+            (None, Some(path)) => FrameClock::Table(frame_table::read_times(path)?),
             (None, None) => FrameClock::Inputs,
         })
     }

@@ -11,7 +11,7 @@ use super::print_json;
 use crate::design::checkpoint::SearchState;
 use crate::design::{DesignConfig, DesignObserver, Stage};
 use crate::error::Result;
-use crate::report::{DesignJob, EvaluationConfig, JobObserver, whole_search};
+use crate::report::{DesignJob, EvaluationConfig, JobObserver, Start, whole_search};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -29,6 +29,9 @@ pub struct Arguments {
     /// The folder to write to.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Continue a merge of these shards that was interrupted; begin one where none has begun.
+    #[arg(long)]
+    resume: bool,
     /// Print the report as one JSON object on standard output.
     #[arg(long)]
     json: bool,
@@ -89,7 +92,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         command,
         line: Progress::new(1, "{elapsed} gone  {msg}", SILENCE),
     };
-    let found = job.merge(&arguments.shards, &stop, &mut progress)?;
+    let start = match arguments.resume {
+        true => Start::Resume,
+        false => Start::Fresh,
+    };
+    let found = job.merge(&arguments.shards, start, &stop, &mut progress)?;
     progress.line.finish();
     if arguments.json {
         return print_json(&found.report);

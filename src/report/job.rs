@@ -177,23 +177,43 @@ impl DesignJob {
     }
 
     /// Merges finished shards: the best of all meet in the last trial; polishes the winner, evaluates
-    /// it and writes everything.
+    /// it and writes everything. [`Start::Resume`] continues a merge of the same shards that was
+    /// interrupted, if one has begun.
     ///
     /// # Errors
     /// [`crate::Error::Input`] for a shard that is missing, twice there, not finished or of another
-    /// search; else those of [`DesignJob::run`].
+    /// search, and for the checkpoint of anything but a merge of these; else those of
+    /// [`DesignJob::run`].
     pub fn merge(
         &self,
         shards: &[PathBuf],
+        start: Start,
         stop: &AtomicBool,
         observer: &mut dyn JobObserver,
     ) -> Result<DesignEvaluation> {
         self.check()?;
-        self.reject_taken()?;
-        let states = finished_shards(&self.config, shards)?;
+        let merged = merge(&self.config, finished_shards(&self.config, shards)?);
+        self.merge_state(merged.clone(), start)?;
         let _lock = FolderLock::take(&self.dir)?;
-        self.reject_taken()?;
-        self.run_from(merge(&self.config, states), stop, observer)
+        // Another job may have ended in the folder before the lock was taken.
+        let state = self.merge_state(merged, start)?;
+        self.run_from(state, stop, observer)
+    }
+
+    /// Where a merge starts: from `merged`, or from its own checkpoint.
+    fn merge_state(&self, merged: SearchState, start: Start) -> Result<SearchState> {
+        let path = self.dir.join(CHECKPOINT);
+        if start == Start::Fresh || !path.exists() {
+            self.reject_taken()?;
+            return Ok(merged);
+        }
+        let begun = SearchState::load(&path, &self.config)?;
+        // The finalists stay as they are until the end.
+        if begun.shards != merged.shards || begun.pool != merged.pool {
+            let problem = "is no merge of these shards; choose another folder";
+            return Err(Error::input(path, "shards", problem));
+        }
+        Ok(begun)
     }
 
     fn check(&self) -> Result<()> {

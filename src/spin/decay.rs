@@ -14,11 +14,7 @@
 //! Over a long sequence a wrong rate loses full turns. The fit therefore starts twice: from the
 //! constant spin of [`super::robust`], and from the spins of short runs ([`super::windows`]). For
 //! the second start a robust line through the logarithms of their rates gives w0 and c well enough
-//! to go on from the middle run outwards, a frame being used once its prediction is good enough.
-//! Each start climbs by damped Gauss-Newton steps that are taken only where the likelihood rises
-//! (D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", J. SIAM
-//! 11, 1963), until the next one would be shorter than a hundredth of its standard deviation. A fit
-//! that has not converged is rejected.
+//! to go on from the middle run outwards. How a start climbs, `spin::mixture` says.
 //!
 //! # Evidence
 //! A constant spin is the case c = 0. With a uniform prior of c in `[-m, m]`, the odds for a decay
@@ -36,21 +32,20 @@
 //! agreement claimed than chance explains (`spin::chance`, with the decays that can be
 //! distinguished as further hypotheses), and most of the frames agree. The interval is that of the
 //! likelihood's curvature, with the noise estimated from the residuals; `docs/measurements/spin.md`
-//! shows its coverage. Not guaranteed: a slow drift of the axis (gyroscopic effects on an uneven
-//! ball) counts as noise.
+//! shows its coverage. Not guaranteed: a drift of the axis, as that of an uneven ball, counts as
+//! noise; see [`super::precession`].
 
 use nalgebra::{SMatrix, SVector};
 
 use super::chance::expected_by_chance;
-use super::refine::{
-    MAX_NOISE, NoisePrior, PREDICTION_LIMIT, Residual, axis_and_rate,
-    jacobian as constant_jacobian, posterior, settle as settle_constant,
+use super::mixture::{
+    self, Path, Prior, duration, grow, held_by_most, is_majority, ln_likelihood_of_constant,
 };
+use super::refine::{Residual, axis_and_rate, jacobian as constant_jacobian};
 use super::robust::{RobustEstimator, RobustSpinConfig, TIE_MARGIN};
-use super::search::CONFIDENCE_LIMIT;
 use super::simulate::decayed_time;
 use super::windows::{WindowFit, spin_over_time};
-use super::{Fit, MIN_FRAMES, Measurement, Motion, SpinRejection, require};
+use super::{Fit, Interval, MIN_FRAMES, Measurement, Motion, SpinRejection, require};
 use crate::geometry::{Rotation, Vec3, angle_between};
 
 type Vec7 = SVector<f64, 7>;
@@ -59,26 +54,13 @@ type Mat3x7 = SMatrix<f64, 3, 7>;
 
 /// Rate of decay's standard deviation while the fit grows, 1/s, where the runs do not say better.
 const PRIOR_DECAY: f64 = 0.5;
-/// Steps while the fit grows from its first run to the whole sequence.
-const GROWTH_STEPS: usize = 40;
-/// Rounds of climbing and estimating the noise; three or four do.
-const NOISE_ROUNDS: usize = 40;
-/// Steps of a climb, the rejected ones included; a good start needs three.
-const CLIMB_STEPS: usize = 100;
-/// Damping (a share of the information's diagonal) at a climb's start, and when it gives up.
-const FIRST_DAMPING: f64 = 1e-3;
-const LAST_DAMPING: f64 = 1e10;
-/// A climb ends where the next step's square length, in standard deviations, is below this.
-const CONVERGED: f64 = 1e-4;
-/// The noise has settled when it changes by less than this fraction.
-const NOISE_CONVERGED: f64 = 1e-4;
 /// The decay counts as determined where its standard deviation changes the sequence's last spin by
 /// less than this fraction. Beyond it the likelihood is no Gaussian of the decay.
 const MAX_RELATIVE_STD: f64 = 0.2;
 /// Axes of runs further apart than this (radians) do not belong to one motion.
 const SAME_AXIS: f64 = 0.3;
-/// The two-sided 95 % quantile of the standard normal distribution.
-const Z95: f64 = 1.959_963_984_540_054;
+/// Variance of the decay below which the fit of the runs is not believed while it grows, 1/s^2.
+const MIN_DECAY_VARIANCE: f64 = 1e-8;
 
 /// Settings of [`fit_decay`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,15 +98,6 @@ impl DecayConfig {
         let inside = c > 0.0 && c.is_finite();
         require(inside, "max_decay_per_s", "a positive number", c)
     }
-}
-
-/// A range of values.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Interval {
-    /// Its lower end.
-    pub low: f64,
-    /// Its upper end.
-    pub high: f64,
 }
 
 /// The outcome of a decay fit.
@@ -205,8 +178,18 @@ pub fn fit_decay(
     let runs = spin_over_time(measurements, config.window, &config.robust)?;
     let constant = RobustEstimator::new(config.robust).fit(measurements);
     let time_s = measurements[0].time_s;
-    let from_runs = State::from_runs(&runs, &config.robust)
-        .and_then(|(state, covariance)| grow(measurements, state, covariance, config));
+    let from_runs = State::from_runs(&runs, &config.robust).and_then(|(state, covariance)| {
+        let mut prior = Prior::none();
+        prior.mean[6] = state.decay;
+        prior.weight[6] = 1.0 / covariance[(6, 6)].max(MIN_DECAY_VARIANCE);
+        grow(
+            measurements,
+            state,
+            covariance,
+            &prior,
+            config.robust.sigma_rad,
+        )
+    });
     let from_constant = constant.as_ref().ok().map(|fit| State {
         motion: fit.motion,
         decay: 0.0,
@@ -214,92 +197,34 @@ pub fn fit_decay(
     let best = [from_constant, from_runs]
         .into_iter()
         .flatten()
-        .filter_map(|start| settle(measurements, start.at(time_s), config))
+        .filter_map(|start| Settled::from(measurements, start.at(time_s), config))
         .filter(|s| s.permitted(measurements, config))
-        .max_by(|a, b| a.objective.total_cmp(&b.objective));
+        .max_by(|a, b| a.fit.objective.total_cmp(&b.fit.objective));
     let Some(best) = best else {
         // The decay is open: a ball that hardly turns.
-        let fit = held_by_most(constant?, measurements, config)?;
+        let fit = held_by_most(constant?, measurements, config.robust.max_rps)?;
         return Ok(DecayOutcome::Constant(ConstantFit {
             fit,
             interval_per_s: None,
             ln_bayes_factor: None,
         }));
     };
-    let ln_constant = ln_likelihood_of_constant(measurements, &constant, &best);
+    let middle = time_s + 0.5 * duration(measurements);
+    let starts = constant.as_ref().ok().map(|c| c.motion);
+    let starts = starts.into_iter().chain([best.fit.path.at(middle).motion]);
+    let ln_constant = ln_likelihood_of_constant(measurements, starts, best.fit.sigma_rad);
     let width = std::f64::consts::TAU.sqrt() * best.std_per_s / (2.0 * config.max_decay_per_s);
-    let ln_bayes_factor = best.ln_likelihood() - ln_constant + width.ln();
+    let ln_bayes_factor = best.fit.log_likelihood - ln_constant + width.ln();
     let determined = best.std_per_s * duration(measurements) < MAX_RELATIVE_STD;
     if determined && ln_bayes_factor > TIE_MARGIN {
         return Ok(DecayOutcome::Decaying(best.decay_fit(ln_bayes_factor)));
     }
-    let fit = held_by_most(constant?, measurements, config)?;
+    let fit = held_by_most(constant?, measurements, config.robust.max_rps)?;
     Ok(DecayOutcome::Constant(ConstantFit {
         fit,
         interval_per_s: determined.then(|| best.interval_per_s()),
         ln_bayes_factor: determined.then_some(ln_bayes_factor),
     }))
-}
-
-/// The constant spin, if most of the sequence agrees on it: a decaying one passes for constant over
-/// a part of its sequence.
-fn held_by_most(
-    fit: Fit,
-    measurements: &[Measurement],
-    config: &DecayConfig,
-) -> Result<Fit, SpinRejection> {
-    if is_majority(fit.inliers, measurements) {
-        return Ok(fit);
-    }
-    Err(SpinRejection::NoConsensus {
-        agreeing: fit.inliers,
-        frames: measurements.len(),
-        max_rps: config.robust.max_rps,
-    })
-}
-
-/// Whether these are at least half of the expected inliers.
-fn is_majority(inliers: usize, measurements: &[Measurement]) -> bool {
-    let expected: f64 = measurements.iter().map(|m| m.confidence).sum();
-    inliers as f64 >= 0.5 * expected
-}
-
-/// From the first measurement to the last, seconds.
-fn duration(measurements: &[Measurement]) -> f64 {
-    match measurements {
-        [first, .., last] => last.time_s - first.time_s,
-        _ => 0.0,
-    }
-}
-
-/// The best log-likelihood of a constant spin at the decaying one's noise. Its lower bound is the
-/// likelihood with all frames as outliers.
-fn ln_likelihood_of_constant(
-    measurements: &[Measurement],
-    constant: &Result<Fit, SpinRejection>,
-    decaying: &Settled,
-) -> f64 {
-    let noise = NoisePrior {
-        sigma_rad: decaying.sigma_rad,
-        degrees: f64::INFINITY,
-    };
-    let outlier = |m: &Measurement| {
-        let p = m.confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
-        ((1.0 - p) / super::search::ROTATION_VOLUME).ln()
-    };
-    let outliers: f64 = measurements.iter().map(outlier).sum();
-    let middle = decaying.state.motion.time_s + 0.5 * duration(measurements);
-    let starts = [
-        constant.as_ref().ok().map(|c| c.motion),
-        Some(decaying.state.at(middle).motion),
-    ];
-    let mut scratch = Vec::new();
-    let mut settled = |start| settle_constant(measurements, start, &noise, &mut scratch);
-    starts
-        .into_iter()
-        .flatten()
-        .filter_map(|start| settled(start).map(|r| r.log_likelihood))
-        .fold(outliers, f64::max)
 }
 
 /// The parameters: orientation and spin at a reference time, and the rate of decay.
@@ -357,7 +282,22 @@ impl State {
         (tau, derivative)
     }
 
-    /// Error of a measurement and its derivative's negative.
+    /// The same motion with another reference time.
+    fn at(&self, time_s: f64) -> Self {
+        let t = time_s - self.motion.time_s;
+        let turned = Rotation::from_scaled_axis(self.motion.spin * self.elapsed(t).0);
+        Self {
+            motion: Motion {
+                time_s,
+                orientation: turned * self.motion.orientation,
+                spin: self.motion.spin * (-self.decay * t).exp(),
+            },
+            decay: self.decay,
+        }
+    }
+}
+
+impl Path<7> for State {
     fn residual(&self, m: &Measurement) -> (Vec3, Mat3x7) {
         let (axis, rate) = axis_and_rate(&self.motion.spin);
         let (tau, change) = self.elapsed(m.time_s - self.motion.time_s);
@@ -371,26 +311,23 @@ impl State {
         (r.error, jacobian)
     }
 
-    fn step(&mut self, change: &Vec7) {
+    fn moved(&self, change: &Vec7) -> Self {
         let turn = Vec3::new(change[0], change[1], change[2]);
         let q = Rotation::from_scaled_axis(turn) * self.motion.orientation;
-        self.motion.orientation = Rotation::new_normalize(q.into_inner());
-        self.motion.spin += Vec3::new(change[3], change[4], change[5]);
-        self.decay += change[6];
-    }
-
-    /// The same motion with another reference time.
-    fn at(&self, time_s: f64) -> Self {
-        let t = time_s - self.motion.time_s;
-        let turned = Rotation::from_scaled_axis(self.motion.spin * self.elapsed(t).0);
         Self {
             motion: Motion {
-                time_s,
-                orientation: turned * self.motion.orientation,
-                spin: self.motion.spin * (-self.decay * t).exp(),
+                time_s: self.motion.time_s,
+                orientation: Rotation::new_normalize(q.into_inner()),
+                spin: self.motion.spin + Vec3::new(change[3], change[4], change[5]),
             },
-            decay: self.decay,
+            decay: self.decay + change[6],
         }
+    }
+
+    fn parameters(&self) -> Vec7 {
+        let mut parameters = Vec7::zeros();
+        parameters[6] = self.decay;
+        parameters
     }
 }
 
@@ -418,98 +355,52 @@ fn robust_line(points: &[(f64, f64)]) -> (f64, f64, f64) {
     (level, slope, spread)
 }
 
-/// Takes in frame after frame, from the reference time outwards.
-fn grow(
-    measurements: &[Measurement],
-    mut state: State,
-    mut covariance: Mat7,
-    config: &DecayConfig,
-) -> Option<State> {
-    let sigma = config.robust.sigma_rad;
-    let prior_mean = state.decay;
-    let prior_weight = 1.0 / covariance[(6, 6)].max(1e-8);
-    let mut used_before = 0;
-    for _ in 0..GROWTH_STEPS {
-        let mut information = Mat7::zeros();
-        let mut gradient = Vec7::zeros();
-        let mut used = 0;
-        for m in measurements {
-            let (error, jacobian) = state.residual(m);
-            let extra = (jacobian * covariance * jacobian.transpose()).trace() / 3.0;
-            if extra > PREDICTION_LIMIT * PREDICTION_LIMIT {
-                continue;
-            }
-            used += 1;
-            let own = (sigma * m.sigma_scale).powi(2);
-            let (right, _) = posterior(m.confidence, error.norm_squared(), own + extra);
-            information += jacobian.transpose() * jacobian * (right / own);
-            gradient += jacobian.transpose() * error * (right / own);
-        }
-        information[(6, 6)] += prior_weight;
-        gradient[6] += prior_weight * (prior_mean - state.decay);
-        covariance = information.cholesky()?.inverse();
-        let change = covariance * gradient;
-        state.step(&change);
-        if used == used_before && change.dot(&gradient) < 1e-2 {
-            break;
-        }
-        used_before = used;
-    }
-    Some(state)
-}
-
-/// A maximum of the likelihood.
+/// A decaying spin at its maximum.
 struct Settled {
-    state: State,
-    sigma_rad: f64,
-    covariance: Mat7,
+    fit: mixture::Settled<State, 7>,
     std_per_s: f64,
-    sums: Sums,
-    /// Log-likelihood and the noise's log prior, by which maxima are compared.
-    objective: f64,
 }
 
 impl Settled {
+    /// The maximum that this start leads to, if any.
+    fn from(measurements: &[Measurement], start: State, config: &DecayConfig) -> Option<Self> {
+        let noise = config.robust.noise();
+        let fit = mixture::settle(measurements, start, &Prior::none(), &noise)?;
+        let std_per_s = fit.covariance[(6, 6)].sqrt();
+        Some(Self { fit, std_per_s })
+    }
+
     /// Whether the decay and the spins at both ends are within what is considered, and most of the
     /// frames agree, and more than chance explains.
     fn permitted(&self, measurements: &[Measurement], config: &DecayConfig) -> bool {
         let max_rps = config.robust.max_rps;
-        let last = self
-            .state
-            .at(self.state.motion.time_s + duration(measurements));
-        let chance = expected_by_chance(measurements, self.sums.inliers, self.sigma_rad, max_rps)
-            * decays_apart(measurements, self.sigma_rad, config);
-        self.state.decay.abs() <= config.max_decay_per_s
-            && self.state.motion.rps() <= max_rps
+        let (state, inliers, sigma_rad) = (&self.fit.path, self.fit.inliers, self.fit.sigma_rad);
+        let last = state.at(state.motion.time_s + duration(measurements));
+        let chance = expected_by_chance(measurements, inliers, sigma_rad, max_rps)
+            * decays_apart(measurements, sigma_rad, config);
+        state.decay.abs() <= config.max_decay_per_s
+            && state.motion.rps() <= max_rps
             && last.motion.rps() <= max_rps
-            && self.sums.inliers >= MIN_FRAMES
-            && is_majority(self.sums.inliers, measurements)
+            && inliers >= MIN_FRAMES
+            && is_majority(inliers, measurements)
             && chance <= config.robust.false_alarms
     }
 
-    fn ln_likelihood(&self) -> f64 {
-        self.sums.log_likelihood
-    }
-
     fn interval_per_s(&self) -> Interval {
-        let half = Z95 * self.std_per_s;
-        Interval {
-            low: self.state.decay - half,
-            high: self.state.decay + half,
-        }
+        Interval::normal(self.fit.path.decay, self.std_per_s)
     }
 
     fn decay_fit(&self, ln_bayes_factor: f64) -> DecayFit {
-        let spin = self.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+        let fit = &self.fit;
         DecayFit {
             start: Fit {
-                motion: self.state.motion,
-                spin_covariance: Some(spin),
-                sigma_rad: Some(self.sigma_rad),
-                log_likelihood: Some(self.ln_likelihood()),
-                inliers: self.sums.inliers,
+                motion: fit.path.motion,
+                spin_covariance: Some(fit.covariance.fixed_view::<3, 3>(3, 3).into_owned()),
+                sigma_rad: Some(fit.sigma_rad),
+                log_likelihood: Some(fit.log_likelihood),
+                inliers: fit.inliers,
             },
-            decay_per_s: self.state.decay,
+            decay_per_s: fit.path.decay,
             std_per_s: self.std_per_s,
             interval_per_s: self.interval_per_s(),
             ln_bayes_factor,
@@ -525,127 +416,4 @@ fn decays_apart(measurements: &[Measurement], sigma_rad: f64, config: &DecayConf
     let rate = config.robust.max_rps * std::f64::consts::TAU;
     let shift = rate * config.max_decay_per_s * duration(measurements).powi(2);
     1.0 + shift / (6.0 * sigma_rad)
-}
-
-/// Maximizes the likelihood of the mixture and estimates the noise; `None` where it does not
-/// converge or the maximum is flat.
-fn settle(measurements: &[Measurement], start: State, config: &DecayConfig) -> Option<Settled> {
-    let robust = &config.robust;
-    let mut state = start;
-    let mut sigma = robust.sigma_rad;
-    let mut degrees = robust.sigma_degrees;
-    let mut converged = false;
-    let mut sums = Sums::new(measurements, &state, sigma);
-    for _ in 0..NOISE_ROUNDS {
-        (state, sums) = climb(measurements, state, sums, sigma)?;
-        if converged || !robust.sigma_degrees.is_finite() {
-            converged = true;
-            break;
-        }
-        degrees = robust.sigma_degrees + (3.0 * sums.support - 7.0).max(0.0);
-        let squares = robust.sigma_degrees * robust.sigma_rad.powi(2) + sums.squares;
-        let next = (squares / degrees).sqrt().min(MAX_NOISE * robust.sigma_rad);
-        // One more climb at the noise that is reported.
-        converged = (next / sigma - 1.0).abs() < NOISE_CONVERGED;
-        sigma = next;
-        sums = Sums::new(measurements, &state, sigma);
-    }
-    if !converged {
-        return None;
-    }
-    // Student's distribution with d degrees of freedom has the variance d / (d - 2).
-    let (widening, ln_prior) = match degrees {
-        d if d.is_finite() => {
-            let ratio = (robust.sigma_rad / sigma).powi(2);
-            let ln_prior = 0.5 * robust.sigma_degrees * (ratio.ln() - ratio);
-            (d / (d - 2.0).max(1.0), ln_prior)
-        }
-        _ => (1.0, 0.0),
-    };
-    let covariance = sums.observed.cholesky()?.inverse() * widening;
-    Some(Settled {
-        state,
-        sigma_rad: sigma,
-        covariance,
-        std_per_s: covariance[(6, 6)].sqrt(),
-        objective: sums.log_likelihood + ln_prior,
-        sums,
-    })
-}
-
-/// Climbs to a maximum of the likelihood at a given noise; `None` where it does not get there.
-fn climb(
-    measurements: &[Measurement],
-    mut state: State,
-    mut sums: Sums,
-    sigma: f64,
-) -> Option<(State, Sums)> {
-    let mut damping = FIRST_DAMPING;
-    for _ in 0..CLIMB_STEPS {
-        // A ball that does not turn says nothing of its decay: no step may be taken along it.
-        let step = sums.information.cholesky()?.solve(&sums.gradient);
-        if step.dot(&sums.gradient) < CONVERGED * CONVERGED {
-            return Some((state, sums));
-        }
-        let mut damped = sums.information;
-        for i in 0..7 {
-            damped[(i, i)] *= 1.0 + damping;
-        }
-        let change = damped.cholesky()?.solve(&sums.gradient);
-        let mut next = state;
-        next.step(&change);
-        let reached = Sums::new(measurements, &next, sigma);
-        if reached.log_likelihood > sums.log_likelihood {
-            (state, sums) = (next, reached);
-            damping *= 0.1;
-        } else if damping > LAST_DAMPING {
-            return None;
-        } else {
-            damping = 10.0 * damping.max(1e-6);
-        }
-    }
-    None
-}
-
-/// The sums of a Gauss-Newton step under the mixture.
-struct Sums {
-    information: Mat7,
-    /// The information less what uncertain membership costs (Louis' formula).
-    observed: Mat7,
-    gradient: Vec7,
-    support: f64,
-    squares: f64,
-    log_likelihood: f64,
-    inliers: usize,
-}
-
-impl Sums {
-    fn new(measurements: &[Measurement], state: &State, sigma: f64) -> Self {
-        let mut sums = Self {
-            information: Mat7::zeros(),
-            observed: Mat7::zeros(),
-            gradient: Vec7::zeros(),
-            support: 0.0,
-            squares: 0.0,
-            log_likelihood: 0.0,
-            inliers: 0,
-        };
-        for m in measurements {
-            let (error, jacobian) = state.residual(m);
-            let scale = m.sigma_scale * m.sigma_scale;
-            let inverse = 1.0 / (sigma * sigma * scale);
-            let (right, log_likelihood) =
-                posterior(m.confidence, error.norm_squared(), 1.0 / inverse);
-            let squared = jacobian.transpose() * jacobian * (right * inverse);
-            let score = jacobian.transpose() * error * inverse;
-            sums.information += squared;
-            sums.observed += squared - score * score.transpose() * (right * (1.0 - right));
-            sums.gradient += score * right;
-            sums.support += right;
-            sums.log_likelihood += log_likelihood;
-            sums.squares += right * error.norm_squared() / scale;
-            sums.inliers += usize::from(right > 0.5);
-        }
-        sums
-    }
 }

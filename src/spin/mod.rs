@@ -17,10 +17,10 @@
 //! ```
 //!
 //! The other modules: [`orientations`] is the file that they read, [`alias`] lists the spins that
-//! the sampling cannot distinguish, [`summary`] says all of a sequence at once, [`bound`] is the Cramér-Rao bound; [`windows`] and [`decay`]
-//! (with the theory in [`air`]) follow a spin through a long sequence; [`dots`] refines it on the
-//! dots themselves; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
-//! published ones.
+//! the sampling cannot distinguish, [`summary`] says all of a sequence at once, [`bound`] is the
+//! Cramér-Rao bound; [`windows`] and [`decay`] (with the theory in [`air`]) follow a spin through a
+//! long sequence, [`precession`] that of an uneven ball; [`dots`] refines it on the dots themselves;
+//! [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the published ones.
 //!
 //! Not guaranteed, by any estimator: that aliases, spins which agree at all the given times, are
 //! distinguished.
@@ -31,6 +31,7 @@ pub mod bound;
 pub mod decay;
 pub mod dots;
 pub mod orientations;
+pub mod precession;
 pub mod quatera;
 pub mod robust;
 pub mod shared;
@@ -41,6 +42,7 @@ pub mod trajectories;
 pub mod windows;
 
 mod chance;
+mod mixture;
 mod refine;
 mod search;
 
@@ -66,6 +68,28 @@ pub const MIN_INTERVAL_S: f64 = 1e-6;
 /// A tenth of the frames wrong is a cautious reading of the 93 % that the paper's identification
 /// reaches on real images; the estimate hardly depends on it.
 pub const DEFAULT_CONFIDENCE: f64 = 0.9;
+
+/// The two-sided 95 % quantile of the standard normal distribution.
+const Z95: f64 = 1.959_963_984_540_054;
+
+/// A range of values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// Its lower end.
+    pub low: f64,
+    /// Its upper end.
+    pub high: f64,
+}
+
+impl Interval {
+    /// The 95 % interval of a normal distribution.
+    pub(crate) fn normal(mean: f64, std: f64) -> Self {
+        Self {
+            low: mean - Z95 * std,
+            high: mean + Z95 * std,
+        }
+    }
+}
 
 /// One measured orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]

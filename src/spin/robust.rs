@@ -15,7 +15,7 @@ use nalgebra::Matrix3;
 use super::chance::expected_by_chance;
 use super::refine::{NoisePrior, Refined, observed_information, rebase, refine};
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
-use super::shared::{SharedError, shared_covariance};
+use super::shared::{Part, SharedError, shared_covariance};
 use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check, require};
 use crate::geometry::Vec3;
 
@@ -84,6 +84,14 @@ impl Default for RobustSpinConfig {
 }
 
 impl RobustSpinConfig {
+    /// What is known of the noise.
+    pub(super) fn noise(&self) -> NoisePrior {
+        NoisePrior {
+            sigma_rad: self.sigma_rad,
+            degrees: self.sigma_degrees,
+        }
+    }
+
     /// Checks the domains of all settings.
     ///
     /// # Errors
@@ -130,6 +138,7 @@ pub struct RobustEstimator {
     shortlist: Shortlist,
     scratch: Vec<f64>,
     probabilities: Vec<f64>,
+    parts: Vec<Part>,
     candidates: [Option<Refined>; KEPT],
 }
 
@@ -142,6 +151,7 @@ impl RobustEstimator {
             shortlist: Shortlist::new(),
             scratch: Vec::new(),
             probabilities: Vec::new(),
+            parts: Vec::new(),
             candidates: [None; KEPT],
         }
     }
@@ -149,6 +159,11 @@ impl RobustEstimator {
     /// The settings.
     pub fn config(&self) -> &RobustSpinConfig {
         &self.config
+    }
+
+    /// Sets the error that the frames of the next fits share.
+    pub fn set_shared(&mut self, shared: Option<SharedError>) {
+        self.config.shared = shared;
     }
 
     /// For each measurement of the last successful fit, the probability that it is an inlier.
@@ -200,13 +215,6 @@ impl RobustEstimator {
         })
     }
 
-    fn prior(&self) -> NoisePrior {
-        NoisePrior {
-            sigma_rad: self.config.sigma_rad,
-            degrees: self.config.sigma_degrees,
-        }
-    }
-
     fn no_consensus(&self, agreeing: usize, frames: usize) -> SpinRejection {
         SpinRejection::NoConsensus {
             agreeing,
@@ -243,7 +251,7 @@ impl RobustEstimator {
 
     /// Refines the shortlist and returns the winner.
     fn refine_all(&mut self, measurements: &[Measurement]) -> Option<Refined> {
-        let prior = self.prior();
+        let prior = self.config.noise();
         let best_score = self.shortlist.iter().next()?.score;
         self.candidates = [None; KEPT];
         for (i, h) in self.shortlist.iter().enumerate() {
@@ -307,7 +315,7 @@ impl RobustEstimator {
 
     /// Covariance of the spin: the inverse of the curvature, widened where the noise is estimated.
     fn covariance(
-        &self,
+        &mut self,
         measurements: &[Measurement],
         motion: &super::Motion,
         best: &Refined,
@@ -334,7 +342,8 @@ impl RobustEstimator {
             return Some(own);
         };
         let (sigma, probabilities) = (best.sigma_rad, &self.probabilities);
-        Some(own + shared_covariance(measurements, motion, sigma, probabilities, shared)?)
+        let parts = &mut self.parts;
+        Some(own + shared_covariance(measurements, motion, sigma, probabilities, shared, parts)?)
     }
 }
 

@@ -53,24 +53,28 @@ impl SharedError {
 }
 
 /// A frame's part in the sum: `w R^T J`, and the side seen.
-struct Part {
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Part {
     weighted: SMatrix<f64, 3, 6>,
     side: Vec3,
 }
 
 /// What the shared error adds to the covariance of the spin; `None` where the fit leaves the spin
-/// undetermined.
+/// undetermined. `parts` is working memory.
 pub(super) fn shared_covariance(
     measurements: &[Measurement],
     motion: &Motion,
     sigma_rad: f64,
     probabilities: &[f64],
     shared: &SharedError,
+    parts: &mut Vec<Part>,
 ) -> Option<Matrix3<f64>> {
     let (axis, rate) = axis_and_rate(&motion.spin);
     let mut information = Matrix6::zeros();
     let stride = measurements.len().div_ceil(MAX_FRAMES).max(1);
-    let mut parts = Vec::with_capacity(MAX_FRAMES);
+    parts.clear();
+    // By the frames, not by those that count: a sequence as long then needs no more.
+    parts.reserve(measurements.len().div_ceil(stride));
     for (m, &p) in measurements.iter().zip(probabilities).step_by(stride) {
         if p < MIN_PROBABILITY {
             continue;

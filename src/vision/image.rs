@@ -69,6 +69,24 @@ impl GrayImage {
             .extend((0..width * height).map(|i| value(i % width, i / width)));
     }
 
+    /// As [`GrayImage::fill_with`], a row at a time: `row(v, values)` appends the values of the row `v`.
+    pub(crate) fn fill_rows(
+        &mut self,
+        width: usize,
+        height: usize,
+        mut row: impl FnMut(usize, &mut Vec<f32>),
+    ) {
+        (self.width, self.height) = (width, height);
+        self.values.clear();
+        self.values.reserve(width * height);
+        (0..height).for_each(|v| row(v, &mut self.values));
+    }
+
+    /// The values of a row between two columns.
+    pub(crate) fn row(&self, v: usize, left: usize, width: usize) -> &[f32] {
+        &self.values[v * self.width + left..][..width]
+    }
+
     /// Makes room for as many pixels.
     pub(crate) fn reserve(&mut self, pixels: usize) {
         self.values
@@ -175,6 +193,24 @@ impl RgbImage {
         self.values.clear();
         self.values
             .extend((0..width * height).map(|i| value(i % width, i / width)));
+    }
+
+    /// As [`RgbImage::fill_with`], a row at a time: `row(v, values)` appends the colors of the row `v`.
+    pub(crate) fn fill_rows(
+        &mut self,
+        width: usize,
+        height: usize,
+        mut row: impl FnMut(usize, &mut Vec<[f32; 3]>),
+    ) {
+        (self.width, self.height) = (width, height);
+        self.values.clear();
+        self.values.reserve(width * height);
+        (0..height).for_each(|v| row(v, &mut self.values));
+    }
+
+    /// The colors of a row between two columns.
+    pub(crate) fn row(&self, v: usize, left: usize, width: usize) -> &[[f32; 3]] {
+        &self.values[v * self.width + left..][..width]
     }
 
     /// Reads a PNG, JPEG, BMP, TIFF or PNM file of any depth, by its content and not its name.

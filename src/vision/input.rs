@@ -4,26 +4,16 @@
 //! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images
 //! and videos whose metadata says that the camera was rotated are rotated upright. Times: a file's
 //! stem as an integer is nanoseconds (SpinDOE's convention); a video's frames have the container's
-//! own time stamps, even or not; [`read_times`] reads others from a table. Videos are decoded by
-//! `ffmpeg`, which must be installed, to 8 bits a color.
-//!
-//! # Slow motion
-//! A phone may store 240 frames a second so that they play at 30. Where the container says at which
-//! rate they were taken (`com.android.capture.fps`), the time stamps are scaled by it
-//! ([`VideoClock`]); where it does not, nothing in the file tells slow motion from an ordinary
-//! video.
+//! own time stamps, even or not; [`frame_table`](super::frame_table) reads others from a table.
+//! [`video`](super::video) reads the frames of videos.
 
 use std::cmp::Ordering;
-use std::collections::HashMap;
-use std::ffi::OsString;
-use std::io::{BufRead, BufReader, Read};
-use std::path::{Component, Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::path::{Path, PathBuf};
 
-use super::picture::{Picture, RgbBytes};
+use super::picture::Picture;
+pub use super::video::VideoClock;
+use super::video::read_video;
 use crate::error::{Error, Result};
-use crate::files;
-use crate::files::csv::{Columns, Table, shown};
 
 /// Endings of image files, lower case.
 const IMAGES: [&str; 10] = [
@@ -103,45 +93,6 @@ pub struct SourceTimes {
     pub cut_short: Option<String>,
 }
 
-/// What a container says of its frames' times.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct VideoClock {
-    /// Mean frames per second by the time stamps as stored.
-    pub stored_fps: f64,
-    /// Whether the intervals differ by more than the rounding of time stamps.
-    pub is_variable: bool,
-    /// Frames per second at which the camera took them, where the container says that they are
-    /// stored for slow motion; the times are scaled by it.
-    pub capture_fps: Option<f64>,
-}
-
-impl VideoClock {
-    /// The clock behind these stored times.
-    fn new(stored_s: &[Option<f64>], capture_fps: Option<f64>) -> Option<Self> {
-        let times: Vec<f64> = stored_s.iter().copied().collect::<Option<_>>()?;
-        let duration = times.last()? - times.first()?;
-        let intervals = times.windows(2).map(|w| w[1] - w[0]);
-        let (low, high) = intervals.fold((f64::INFINITY, 0f64), |(low, high), t| {
-            (low.min(t), high.max(t))
-        });
-        if duration.is_nan() || duration <= 0.0 {
-            return None;
-        }
-        let stored_fps = (times.len() - 1) as f64 / duration;
-        Some(Self {
-            stored_fps,
-            // Containers round to a millisecond at the coarsest.
-            is_variable: high - low > TIME_ROUNDING_S,
-            capture_fps: capture_fps.filter(|c| *c > SLOW_MOTION * stored_fps),
-        })
-    }
-
-    /// Seconds of the ball's motion in a second of the video.
-    pub fn time_scale(&self) -> f64 {
-        self.capture_fps.map_or(1.0, |c| self.stored_fps / c)
-    }
-}
-
 /// Files in a folder that are no images, which are passed over.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SkippedFiles {
@@ -159,11 +110,6 @@ pub struct SourceList {
     /// What is passed over.
     pub skipped: Vec<SkippedFiles>,
 }
-
-/// Rounding of a container's time stamps, seconds, twice.
-const TIME_ROUNDING_S: f64 = 2.1e-3;
-/// Ratio of the rate of capture to the rate as stored from which on a video is slow motion.
-const SLOW_MOTION: f64 = 1.2;
 
 /// The sources behind files and folders, in order, and what the folders hold beside. A file that is
 /// named is taken whatever its ending.
@@ -230,7 +176,7 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
     ending.is_some_and(|e| endings.contains(&e.as_str()))
 }
 
-fn stem(path: &Path) -> String {
+pub(super) fn stem(path: &Path) -> String {
     path.file_stem()
         .map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
@@ -259,286 +205,4 @@ pub fn read_frames(
         }
         Source::Video(path) => read_video(path, max_pixels, visit),
     }
-}
-
-fn read_video(
-    path: &Path,
-    max_pixels: u64,
-    visit: &mut dyn FnMut(InputFrame) -> Result<()>,
-) -> Result<SourceTimes> {
-    // A name with a colon would be taken for a protocol.
-    let mut file = OsString::from("file:");
-    file.push(path);
-    // Deeper video would come as 16-bit pictures.
-    let mut child = Command::new("ffmpeg")
-        .args(["-nostdin", "-hide_banner", "-i"])
-        .arg(file)
-        .args(["-map", "0:v:0", "-vf", "showinfo", "-fps_mode", "passthrough"])
-        .args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "-"])
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(|e| {
-            let problem = format!(
-                "a video is read through ffmpeg, which cannot be started ({e}): install it (https://ffmpeg.org), or give a folder of images"
-            );
-            Error::input(path, "video", problem)
-        })?;
-    // Both outputs must be read at once: a full pipe would stop the other.
-    let log = child.stderr.take();
-    let log = std::thread::spawn(move || log.map_or_else(Log::default, Log::read));
-    let name = stem(path);
-    let mut count = 0usize;
-    let mut done = Ok(());
-    if let Some(out) = child.stdout.take() {
-        let mut out = BufReader::new(out);
-        done = loop {
-            match next_picture(path, max_pixels, &mut out) {
-                Ok(None) => break Ok(()),
-                Ok(Some(picture)) => {
-                    count += 1;
-                    let name = format!("{name}_{count:06}");
-                    let frame = InputFrame {
-                        path: path.with_file_name(&name),
-                        name,
-                        time_s: None,
-                        picture: Ok(picture),
-                    };
-                    if let Err(e) = visit(frame) {
-                        break Err(e);
-                    }
-                }
-                Err(e) => break Err(e),
-            }
-        };
-    }
-    if done.is_err() {
-        // The reader has given up, so that the decoder has nobody to write to.
-        let _ = child.kill();
-    }
-    let status = child.wait().map_err(|e| Error::read(path, e))?;
-    let log = log.join().unwrap_or_default();
-    done?;
-    if count == 0 {
-        let problem = format!("ffmpeg finds no video in it: {}", log.last);
-        return Err(Error::input(path, "video", problem));
-    }
-    let mut times_s = log.times;
-    times_s.resize(count, None);
-    let clock = VideoClock::new(&times_s, log.capture_fps);
-    if let Some(scale) = clock.map(|c| c.time_scale()) {
-        let times = times_s.iter_mut().flatten();
-        times.for_each(|t| *t *= scale);
-    }
-    Ok(SourceTimes {
-        times_s,
-        clock,
-        cut_short: (!status.success()).then_some(log.last),
-    })
-}
-
-/// What ffmpeg says.
-#[derive(Debug, Default)]
-struct Log {
-    times: Vec<Option<f64>>,
-    /// The rate of capture by the container's metadata.
-    capture_fps: Option<f64>,
-    last: String,
-}
-
-impl Log {
-    fn read(from: impl Read) -> Self {
-        let mut log = Self::default();
-        for line in BufReader::new(from).lines().map_while(std::io::Result::ok) {
-            if let Some((_, rest)) = line.split_once("pts_time:") {
-                let time = rest.split_whitespace().next();
-                log.times.push(time.and_then(|t| t.parse().ok()));
-            } else if let Some((_, rest)) = line.split_once("com.android.capture.fps") {
-                let rate = rest.trim_start_matches([' ', ':']).trim().parse().ok();
-                log.capture_fps = rate.filter(|r: &f64| *r > 0.0 && r.is_finite());
-            } else if !line.trim().is_empty() {
-                log.last = line;
-            }
-        }
-        log
-    }
-}
-
-/// The next picture of a stream of binary PPM files; `None` at its end.
-fn next_picture(path: &Path, max_pixels: u64, from: &mut impl BufRead) -> Result<Option<Picture>> {
-    let broken =
-        |what: &str| Error::input(path, "video", format!("ffmpeg's output ends early: {what}"));
-    let mut header = [0usize; 3];
-    match token(from).as_deref() {
-        None => return Ok(None),
-        Some("P6") => {}
-        Some(_) => return Err(broken("no picture")),
-    }
-    for number in &mut header {
-        let text = token(from).ok_or_else(|| broken("no size"))?;
-        *number = text.parse().map_err(|_| broken("no size"))?;
-    }
-    let [width, height, max_value] = header;
-    if (width as u64).saturating_mul(height as u64) > max_pixels {
-        let problem = format!(
-            "expected at most {max_pixels} pixels, found {width} x {height} (--max-pixels allows more)"
-        );
-        return Err(Error::input(path, "video", problem));
-    }
-    if max_value != 255 {
-        return Err(broken("a depth that is not expected"));
-    }
-    let mut bytes = vec![0u8; width * height * 3];
-    from.read_exact(&mut bytes)
-        .map_err(|_| broken("half a picture"))?;
-    RgbBytes::new(width, height, bytes).map(|bytes| Some(Picture::Bytes(bytes)))
-}
-
-/// A word of a PPM header and the white space after it.
-fn token(from: &mut impl Read) -> Option<String> {
-    let mut word = String::new();
-    let mut byte = [0u8];
-    while from.read_exact(&mut byte).is_ok() {
-        if byte[0].is_ascii_whitespace() {
-            if !word.is_empty() {
-                break;
-            }
-        } else if word.len() < 20 {
-            word.push(char::from(byte[0]));
-        }
-    }
-    (!word.is_empty()).then_some(word)
-}
-
-static COLUMNS: Columns<2> = Columns {
-    names: ["frame", "time_s"],
-    required: 0..2,
-};
-
-/// Reads a table of times: CSV with the header `frame,time_s`; see [`FrameTimes`].
-///
-/// # Errors
-/// [`Error::Read`], or [`Error::Input`] naming the line: for what is no time, and for a frame that
-/// occurs twice.
-pub fn read_times(path: &Path) -> Result<FrameTimes> {
-    let mut table = Table::new(path, files::open(path)?, &COLUMNS)?;
-    let mut found = FrameTimes {
-        path: path.to_path_buf(),
-        rows: Vec::new(),
-        by_name: HashMap::new(),
-    };
-    while let Some(row) = table.next_row()? {
-        let frame = row.text(0).unwrap_or_default();
-        let mut folders = components(Path::new(frame));
-        let Some(name) = folders.pop() else {
-            return Err(row.error("frame: expected a name, found nothing"));
-        };
-        let time_s = row.number(1).map_err(|problem| row.error(problem))?;
-        let Some(time_s) = time_s else {
-            return Err(row.error("time_s: expected seconds, found nothing"));
-        };
-        let same = found.by_name.entry(name).or_default();
-        if let Some(&before) = same.iter().find(|&&i| found.rows[i].folders == folders) {
-            let (frame, before) = (shown(frame), found.rows[before].line);
-            let problem = format!("frame: \"{frame}\" occurs on line {before} already");
-            return Err(row.error(problem));
-        }
-        same.push(found.rows.len());
-        found.rows.push(TimeRow {
-            line: row.line(),
-            folders,
-            time_s,
-        });
-    }
-    Ok(found)
-}
-
-/// The times of frames, by their names.
-///
-/// A row names a frame by its file's name, with or without the ending, and by as many of the
-/// folders before it as it gives: `7`, `7.png` and `left/7.png` all name `run/left/7.png`. Of
-/// several such rows the one that gives most folders counts. Frames of a video `film.mkv` are named
-/// `film_000001`, `film_000002` and so on.
-#[derive(Debug, Clone)]
-pub struct FrameTimes {
-    path: PathBuf,
-    rows: Vec<TimeRow>,
-    /// Rows by the last component of their names.
-    by_name: HashMap<String, Vec<usize>>,
-}
-
-#[derive(Debug, Clone)]
-struct TimeRow {
-    line: u64,
-    folders: Vec<String>,
-    time_s: f64,
-}
-
-impl FrameTimes {
-    /// The time of each frame, seconds; frames by [`InputFrame::path`].
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a frame that no row names, or two alike, and for a row that names two
-    /// frames.
-    pub fn of_frames(&self, frames: &[PathBuf]) -> Result<Vec<f64>> {
-        let mut taken: HashMap<usize, &Path> = HashMap::new();
-        let mut times = Vec::with_capacity(frames.len());
-        for frame in frames {
-            let i = self.row_of(frame)?;
-            let row = &self.rows[i];
-            if let Some(other) = taken.insert(i, frame) {
-                let (frame, other) = (frame.display(), other.display());
-                let problem =
-                    format!("frame: names both {other} and {frame}: expected their folders too");
-                return Err(self.error(row.line, problem));
-            }
-            times.push(row.time_s);
-        }
-        Ok(times)
-    }
-
-    /// The row that names a frame most specifically.
-    fn row_of(&self, frame: &Path) -> Result<usize> {
-        let mut folders = components(frame);
-        let name = folders.pop().unwrap_or_default();
-        let stem = stem(frame);
-        let names = [Some(&name), Some(&stem).filter(|s| **s != name)];
-        let rows = names
-            .into_iter()
-            .flatten()
-            .filter_map(|n| self.by_name.get(n))
-            .flatten()
-            .copied();
-        let mut naming: Vec<usize> = rows
-            .filter(|&i| folders.ends_with(&self.rows[i].folders))
-            .collect();
-        naming.sort_by_key(|&i| std::cmp::Reverse(self.rows[i].folders.len()));
-        let frame = frame.display();
-        match naming[..] {
-            [] => {
-                let problem = format!("expected a time of frame {frame}");
-                Err(Error::input(&self.path, "file", problem))
-            }
-            [a, b, ..] if self.rows[a].folders.len() == self.rows[b].folders.len() => {
-                let (a, b) = (self.rows[a].line, self.rows[b].line);
-                let problem = format!("frame: names {frame}, as does line {}", a.min(b));
-                Err(self.error(a.max(b), problem))
-            }
-            [i, ..] => Ok(i),
-        }
-    }
-
-    fn error(&self, line: u64, problem: String) -> Error {
-        Error::input(&self.path, format!("line {line}"), problem)
-    }
-}
-
-/// The folders and the name of a path, without `.` components.
-fn components(path: &Path) -> Vec<String> {
-    let component = |c| match c {
-        Component::CurDir => None,
-        other => Some(other.as_os_str().to_string_lossy().into_owned()),
-    };
-    path.components().filter_map(component).collect()
 }

@@ -21,13 +21,17 @@ pub mod circle;
 pub mod detect;
 pub mod detector;
 pub mod estimator;
+pub mod frame_table;
 pub mod image;
 pub mod input;
 pub mod net;
 pub mod patch;
 pub mod picture;
 pub mod pipe;
+pub mod raw;
+pub mod roi;
 pub mod verdict;
+pub mod video;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
@@ -38,3 +42,5 @@ pub use estimator::{Estimator, EstimatorConfig, FrameEstimate, FrameRejection, P
 pub use image::{GrayImage, RgbImage};
 pub use net::CnnDetector;
 pub use patch::Patch;
+pub use raw::{RawImage, RawPixel};
+pub use roi::Roi;

@@ -14,51 +14,13 @@ use std::path::PathBuf;
 use super::estimator::FrameImage;
 use super::image::{GrayImage, RgbImage, luma};
 use super::picture::DEFAULT_MAX_PIXELS;
+use super::raw::RawImage;
+pub use super::raw::RawPixel;
 use crate::error::{Error, Result, require};
 
 /// The largest image file that is read, bytes.
 const MAX_BYTES: usize = 1 << 30;
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
-
-/// The bytes of a raw pixel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RawPixel {
-    /// One byte of brightness.
-    Gray,
-    /// Red, green, blue, a byte each.
-    Rgb,
-    /// Blue, green, red, a byte each.
-    Bgr,
-}
-
-impl RawPixel {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Gray, Self::Rgb, Self::Bgr];
-
-    /// The name on the command line.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Gray => "gray",
-            Self::Rgb => "rgb",
-            Self::Bgr => "bgr",
-        }
-    }
-
-    fn bytes(self) -> usize {
-        match self {
-            Self::Gray => 1,
-            Self::Rgb | Self::Bgr => 3,
-        }
-    }
-}
-
-impl std::str::FromStr for RawPixel {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        crate::error::by_name(&Self::ALL, Self::as_str, "pixel", name)
-    }
-}
 
 /// What comes through the pipe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,17 +96,17 @@ impl<R: BufRead> PipeReader<R> {
             return Ok(None);
         }
         self.bytes.clear();
-        let is_gray = match self.format {
-            PipeFormat::Raw {
-                width,
-                height,
-                pixel,
-            } => {
-                self.take(width * height * pixel.bytes())?;
-                self.fill(width, height, pixel, 0, 1)
-            }
-            PipeFormat::Images => self.next_image()?,
-        };
+        if let PipeFormat::Raw {
+            width,
+            height,
+            pixel,
+        } = self.format
+        {
+            self.take(width * height * pixel.bytes())?;
+            self.frames += 1;
+            return RawImage::new(width, height, pixel, &self.bytes).map(|raw| Some(raw.into()));
+        }
+        let is_gray = self.next_image()?;
         self.frames += 1;
         Ok(Some(if is_gray {
             FrameImage::Gray(&self.gray)
@@ -295,7 +257,7 @@ impl<R: BufRead> PipeReader<R> {
         }
     }
 
-    /// Makes an image of the bytes; whether it is gray. A maximum of 0 stands for 255.
+    /// Makes an image of the bytes; whether it is gray.
     fn fill(
         &mut self,
         width: usize,
@@ -304,11 +266,7 @@ impl<R: BufRead> PipeReader<R> {
         max_value: usize,
         depth: usize,
     ) -> bool {
-        let scale = if max_value == 0 {
-            255.0
-        } else {
-            max_value as f32
-        };
+        let scale = max_value as f32;
         let bytes = &self.bytes;
         let value = |i: usize| {
             let sample = match depth {

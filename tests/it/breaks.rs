@@ -252,8 +252,37 @@ fn times() {
     let text = "frame,time_s\nleft/7.png,0.5\nright/7.png,0.25\n\"8, 9\",1\n";
     break_reader("times", text.as_bytes(), |bytes| {
         std::fs::write(&path, bytes).unwrap();
-        spindoe::vision::input::read_times(&path).map(drop)
+        spindoe::vision::frame_table::read_times(&path).map(drop)
     });
+}
+
+/// What fuzzing has found, once more: `fuzz/` in cargo-fuzz's layout says how to find more.
+#[cfg(feature = "vision")]
+#[test]
+fn the_corpus_of_fuzzing() {
+    // Seeds and targets use the rest.
+    #[allow(dead_code)]
+    #[path = "../../../fuzz/src/readers.rs"]
+    mod readers;
+
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
+    for (name, read) in readers::READERS {
+        let folder = corpus.join(name);
+        let entries = std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let mut files: Vec<_> = entries.map(|e| e.unwrap().path()).collect();
+        files.sort();
+        let accepted = files.iter().filter(|file| {
+            let bytes = std::fs::read(file).unwrap();
+            let begun = Instant::now();
+            let is_accepted = readers::check(read, &bytes);
+            let took = begun.elapsed();
+            assert!(took < PATIENCE, "{}: {took:?}", file.display());
+            is_accepted
+        });
+        let accepted = accepted.count();
+        println!("{name}: {accepted} of {} inputs are valid", files.len());
+        assert!(!files.is_empty(), "{name}");
+    }
 }
 
 /// Arguments of all kinds: an exit code of its own, one line, nothing hangs.

@@ -16,7 +16,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::schur::{BLOCK, Block, NormalEquations};
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Rotation, Vec3, left_jacobian};
 use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
 use crate::spin::{MIN_INTERVAL_S, Measurement};
 use crate::stats::median;
@@ -239,19 +239,6 @@ fn density(poses: &[TimedPose], intervals: &[f64], rates: &[Vec3]) -> f64 {
         }
     }
     largest
-}
-
-/// The left Jacobian of the rotation group: `exp(a + d) = exp(J d) exp(a)` for a small `d`.
-fn left_jacobian(a: &Vec3) -> Matrix3<f64> {
-    let angle = a.norm();
-    let cross = a.cross_matrix();
-    if angle < 1e-4 {
-        return Matrix3::identity() + cross * 0.5;
-    }
-    let (sin, cos) = angle.sin_cos();
-    Matrix3::identity()
-        + cross * ((1.0 - cos) / (angle * angle))
-        + cross * cross * ((angle - sin) / angle.powi(3))
 }
 
 #[cfg(test)]

@@ -92,7 +92,7 @@ fn run_all_shards(
         }
         dirs.push(dir);
     }
-    job.merge(&dirs, stop, progress).map(Some)
+    job.merge(&dirs, start, stop, progress).map(Some)
 }
 
 impl Arguments {

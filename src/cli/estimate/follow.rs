@@ -42,6 +42,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         ..TrackerConfig::default()
     };
     let mut tracker = Tracker::new(estimator, config)?;
+    if let Some(roi) = arguments.source.roi()? {
+        tracker = tracker.within(roi);
+    }
     let input = crate::cli::open_input(path)?;
     let format = arguments.raw.unwrap_or(PipeFormat::Images);
     let mut reader = PipeReader::new(input.reader, &input.name, format)?;

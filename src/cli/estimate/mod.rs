@@ -121,9 +121,16 @@ pub struct Arguments {
 
 /// What only a set of files has.
 #[cfg(feature = "plot")]
-const FILES_ONLY: [&str; 5] = ["output", "overlay", "times", "no_sequence", "json"];
+const FILES_ONLY: [&str; 6] = [
+    "output",
+    "overlay",
+    "times",
+    "circles",
+    "no_sequence",
+    "json",
+];
 #[cfg(not(feature = "plot"))]
-const FILES_ONLY: [&str; 4] = ["output", "times", "no_sequence", "json"];
+const FILES_ONLY: [&str; 5] = ["output", "times", "circles", "no_sequence", "json"];
 
 /// Keeps the pictures that overlays need, and counts the frames.
 struct Pictures {
@@ -288,6 +295,7 @@ impl Arguments {
         }
         let config = EstimatorConfig {
             camera: self.source.camera()?,
+            outline: self.source.outline,
             min_confidence: self.min_confidence,
             ..EstimatorConfig::default()
         };
@@ -297,6 +305,8 @@ impl Arguments {
     fn batch(&self) -> Result<BatchConfig> {
         let mut config = BatchConfig {
             circle: self.source.circle()?,
+            circles: self.source.circles()?,
+            roi: self.source.roi()?,
             clock: self.source.clock()?,
             independent: self.no_sequence,
             mirrored: self.mirrored,

@@ -36,11 +36,19 @@ pub struct RobustConfig {
     pub noise: NoiseShape,
     /// Maximum number of pairs of observed dots that the search aligns with the pattern.
     pub passes: usize,
+    /// Probability of the pose below which a view is also searched mirrored; 1 searches every view.
+    #[serde(default = "default_mirror_doubt")]
+    pub mirror_doubt: f64,
+}
+
+/// Below this a view is searched mirrored by default.
+fn default_mirror_doubt() -> f64 {
+    0.9
 }
 
 impl Default for RobustConfig {
     /// z > 0 visible, 90 % detected, half a false dot a view, one view in five of something else,
-    /// noise of a detector, at most 64 pairs.
+    /// noise of a detector, at most 64 pairs; mirrored where the pose is less likely than 0.9.
     fn default() -> Self {
         Self {
             visibility_limit: 0.0,
@@ -50,6 +58,7 @@ impl Default for RobustConfig {
             null_prior: 0.2,
             noise: NoiseShape::Gaussian,
             passes: 64,
+            mirror_doubt: default_mirror_doubt(),
         }
     }
 }
@@ -73,6 +82,9 @@ impl RobustConfig {
         let p = self.null_prior;
         require(is_probability(p), "null_prior", expected, p)?;
         require(self.passes > 0, "passes", "1 or more", self.passes)?;
+        let p = self.mirror_doubt;
+        let inside = (0.0..=1.0).contains(&p);
+        require(inside, "mirror_doubt", "a probability", p)?;
         Ok(())
     }
 }

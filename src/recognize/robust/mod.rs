@@ -22,7 +22,7 @@
 //! least-squares bound does not apply.
 //!
 //! # Mirrored images
-//! A view that remains in doubt is searched again mirrored. Where the mirrored pattern is certain,
+//! A view that remains in doubt ([`RobustConfig::mirror_doubt`]) is searched again mirrored. Where the mirrored pattern is certain,
 //! the answer is [`RecognizerRejection::Mirrored`]: an axis of the image is flipped.
 //!
 //! # Unknown conditions
@@ -71,8 +71,6 @@ use screen::ScreenModel;
 /// Minimum number of dots that can be identified without a hint, and with one.
 const MIN_DOTS: usize = 3;
 const MIN_DOTS_HINTED: usize = 2;
-/// Below this probability of the pose a view is also searched mirrored.
-const MIRROR_DOUBT: f64 = 0.9;
 /// Nats behind the best explanation from which on others say nothing of the conditions.
 const NEGLIGIBLE: f64 = 20.0;
 /// Minimum probability at which a view counts as mirrored.
@@ -307,7 +305,7 @@ impl RobustRecognizer {
             ws.found
                 .confidence(best, &self.null, f64::NEG_INFINITY)
                 .pose
-                > MIRROR_DOUBT
+                > self.config.mirror_doubt
         });
         if !sure && self.is_mirrored(ws) {
             return Err(RecognizerRejection::Mirrored);

@@ -4,10 +4,11 @@
 //! `|c + e (cos a, sin a) - (u, v)| - r`, whose derivatives are `-cos a, -sin a, -1` to first order.
 
 use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::vote::{Center, MAX, MIN};
+use super::vote::Center;
 use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
 
 /// Rays around a center.
@@ -90,9 +91,16 @@ impl Default for Unrolled {
 }
 
 impl Unrolled {
-    /// The radius around a center, of those voted for, at which most rays have an edge of this sign.
-    pub fn radius(&mut self, image: &GrayImage, center: &Center, sign: f64) -> Option<f64> {
-        let (from, to) = (0.8 * MIN as f64, 1.2 * MAX as f64);
+    /// The radius around a center, of those voted for, at which most rays have an edge of this sign, and a measure of how
+    /// many: about the share of the rays.
+    pub fn radius(
+        &mut self,
+        image: &GrayImage,
+        center: &Center,
+        voted: RangeInclusive<usize>,
+        sign: f64,
+    ) -> Option<(f64, f64)> {
+        let (from, to) = (0.8 * *voted.start() as f64, 1.2 * *voted.end() as f64);
         let start = Vector3::new(center.u, center.v, 0.0);
         // Rays must reach beyond the largest trial, or none would count there.
         self.find_edges(image, &start, (from, to + 2.0), sign);
@@ -108,7 +116,7 @@ impl Unrolled {
             // Rays that the border cuts cannot have an edge: what is left counts for them, in part.
             let worth = 1.3 * sum / (seen as f64 + 0.3 * RAYS as f64);
             if worth > most {
-                (best, most) = (Some(trial), worth);
+                (best, most) = (Some((trial, worth)), worth);
             }
             trial += 0.5;
         }

@@ -16,6 +16,7 @@
 //! balls: a round lamp is one too. A ball as bright as what is behind it is not found, nor one that is brighter here and darker there over long stretches
 //! of its outline: give its outline.
 
+pub(crate) mod coarse;
 mod edges;
 mod vote;
 
@@ -150,6 +151,9 @@ const WHOLE: f64 = 0.9;
 /// several, and its noise less.
 const FITTED_RADIUS: f64 = 44.0;
 
+/// What the edges of a ball that is known roughly may be.
+const NEAR_POLARITIES: [Polarity; 2] = [Polarity::Brighter, Polarity::Darker];
+
 /// More support asked for where the whole circle lies outside the image; in proportion for parts.
 const HIDDEN: f64 = 0.2;
 /// Minimum width of an edge, pixels of the image in which it is fitted: the smoothing alone makes it 2.
@@ -247,6 +251,50 @@ impl BallFinder {
         self.refine(image, rough, polarity)
     }
 
+    /// The ball near a circle, whose edges may be of either sign; in gray, and where that does not show it whole, in the
+    /// color that sets it off. [`BallFinder::others`] are its other circles.
+    ///
+    /// # Errors
+    /// A [`NoBall`] that says why there is none.
+    pub(crate) fn find_near(
+        &mut self,
+        gray: &GrayImage,
+        color: Option<&RgbImage>,
+        rough: &BallCircle,
+    ) -> Result<BallFit, NoBall> {
+        self.found.clear();
+        self.found.reserve(2 * 2 * NEAR_POLARITIES.len());
+        self.has_contrast = false;
+        let mut support = self.fit_polarities(gray, rough);
+        let is_whole = |b: &BallFit| b.support >= WHOLE && b.visible >= WHOLE;
+        if let Some(color) = color.filter(|_| !self.best().as_ref().is_some_and(is_whole)) {
+            let mut contrast = std::mem::take(&mut self.contrast);
+            contrast.reserve(gray.values().len());
+            self.has_contrast = color.to_contrast_into(&mut contrast);
+            if self.has_contrast {
+                support = support.max(self.fit_polarities(&contrast, rough));
+            }
+            self.contrast = contrast;
+        }
+        sort_by_completeness(&mut self.found);
+        self.best().ok_or(NoBall::NoCircle { support })
+    }
+
+    /// Remembers the circles that fit near a rough one; the best support of any.
+    fn fit_polarities(&mut self, image: &GrayImage, rough: &BallCircle) -> f64 {
+        self.halve(image, rough.radius);
+        let mut best = 0.0f64;
+        for polarity in NEAR_POLARITIES {
+            if let Some(fit) = self.refine(image, rough, polarity) {
+                best = best.max(fit.support);
+                if fit.visible >= self.config.min_visible {
+                    self.remember(fit);
+                }
+            }
+        }
+        best
+    }
+
     /// The color contrast in which the last search looked for a ball, if it did.
     pub(crate) fn color_contrast(&self) -> Option<&GrayImage> {
         self.has_contrast.then_some(&self.contrast)
@@ -310,10 +358,12 @@ impl BallFinder {
             if longer <= LARGE && self.found.iter().any(settled) {
                 break;
             }
+            let halves = &self.halves;
+            let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
+            self.votes.look(small);
             for &polarity in polarities {
-                let (halves, votes) = (&self.halves, &mut self.votes);
-                let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
-                votes.cast(small, polarity.sign());
+                let votes = &mut self.votes;
+                votes.cast(vote::MIN..=vote::MAX, polarity.sign());
                 votes.strongest(count, &mut self.centers);
                 for k in 0..self.centers.len() {
                     let center = self.centers[k];
@@ -372,7 +422,10 @@ impl BallFinder {
     ) -> Option<BallFit> {
         let halves = &self.halves;
         let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
-        let radius = self.unrolled.radius(small, center, polarity.sign())?;
+        let voted = vote::MIN..=vote::MAX;
+        let (radius, _) = self
+            .unrolled
+            .radius(small, center, voted, polarity.sign())?;
         let scale = (1u64 << level) as f64;
         let shift = 0.5 * (scale - 1.0);
         let rough = BallCircle {

@@ -1,5 +1,7 @@
 //! Votes of edges for the centers of circles.
 
+use std::ops::RangeInclusive;
+
 use super::GrayImage;
 
 /// Minimum radius that is voted for, pixels.
@@ -30,6 +32,10 @@ pub(super) struct Votes {
     lengths: Vec<f32>,
     counts: Vec<f32>,
     smooth: Vec<f32>,
+    /// Sums of three neighbors in a row.
+    threes: Vec<f32>,
+    /// The length of a strong gradient; 0 where there is none.
+    strong: f32,
 }
 
 impl Votes {
@@ -37,18 +43,28 @@ impl Votes {
     pub fn reserve(&mut self, pixels: usize) {
         self.gradients
             .reserve(pixels.saturating_sub(self.gradients.len()));
-        for numbers in [&mut self.lengths, &mut self.counts, &mut self.smooth] {
+        for numbers in [
+            &mut self.lengths,
+            &mut self.counts,
+            &mut self.smooth,
+            &mut self.threes,
+        ] {
             numbers.reserve(pixels.saturating_sub(numbers.len()));
         }
     }
 
-    /// Casts all votes: for centers uphill of edges (`sign` 1, balls brighter than what is behind them), downhill (-1), or
-    /// both (0).
-    pub fn cast(&mut self, image: &GrayImage, sign: f64) {
+    /// Finds the edges that vote.
+    pub fn look(&mut self, image: &GrayImage) {
         (self.width, self.height) = (image.width(), image.height());
+        self.strong = self.find_gradients(image);
+    }
+
+    /// Casts the votes of all edges for centers at these distances: uphill of edges (`sign` 1, balls brighter than what
+    /// is behind them), downhill (-1), or both (0).
+    pub fn cast(&mut self, radii: RangeInclusive<usize>, sign: f64) {
         self.counts.clear();
         self.counts.resize(self.width * self.height, 0.0);
-        let strong = self.find_gradients(image);
+        let strong = self.strong;
         if strong <= 0.0 {
             return;
         }
@@ -61,18 +77,24 @@ impl Votes {
                 let weight = length.min(strong);
                 let (x, y) = (x / length, y / length);
                 if sign >= 0.0 {
-                    self.vote([u as f32, v as f32], [x, y], weight);
+                    self.vote(radii.clone(), [u as f32, v as f32], [x, y], weight);
                 }
                 if sign <= 0.0 {
-                    self.vote([u as f32, v as f32], [-x, -y], weight);
+                    self.vote(radii.clone(), [u as f32, v as f32], [-x, -y], weight);
                 }
             }
         }
     }
 
     /// Votes for all centers in a direction from a pixel.
-    fn vote(&mut self, [u, v]: [f32; 2], [x, y]: [f32; 2], weight: f32) {
-        for radius in MIN..=MAX {
+    fn vote(
+        &mut self,
+        radii: RangeInclusive<usize>,
+        [u, v]: [f32; 2],
+        [x, y]: [f32; 2],
+        weight: f32,
+    ) {
+        for radius in radii {
             // Half a pixel on, and cut: the nearest pixel.
             let at_u = u + radius as f32 * x + 0.5;
             let at_v = v + radius as f32 * y + 0.5;
@@ -88,18 +110,15 @@ impl Votes {
     fn find_gradients(&mut self, image: &GrayImage) -> f32 {
         self.gradients.clear();
         self.lengths.clear();
-        for v in 0..self.height as isize {
-            for u in 0..self.width as isize {
-                let at = |du: isize, dv: isize| image.at(u + du, v + dv);
-                let x = at(1, -1) + 2.0 * at(1, 0) + at(1, 1)
-                    - at(-1, -1)
-                    - 2.0 * at(-1, 0)
-                    - at(-1, 1);
-                let y = at(-1, 1) + 2.0 * at(0, 1) + at(1, 1)
-                    - at(-1, -1)
-                    - 2.0 * at(0, -1)
-                    - at(1, -1);
-                let length = x.hypot(y);
+        for v in 0..self.height {
+            let row = |v: usize| image.row(v, 0, self.width);
+            let (above, below) = (v.saturating_sub(1), (v + 1).min(self.height - 1));
+            let (above, here, below) = (row(above), row(v), row(below));
+            for u in 0..self.width {
+                let (l, r) = (u.saturating_sub(1), (u + 1).min(self.width - 1));
+                let x = above[r] + 2.0 * here[r] + below[r] - above[l] - 2.0 * here[l] - below[l];
+                let y = below[l] + 2.0 * below[u] + below[r] - above[l] - 2.0 * above[u] - above[r];
+                let length = (x * x + y * y).sqrt();
                 self.lengths.push(length);
                 self.gradients.push([x, y, length]);
             }
@@ -152,17 +171,24 @@ impl Votes {
     /// Sums over 3 x 3 pixels: a center is not known better than that.
     fn smooth(&mut self) {
         let (width, height) = (self.width, self.height);
+        self.threes.clear();
+        for row in self.counts.chunks_exact(width) {
+            let at = |u: usize| row.get(u).copied().unwrap_or(0.0);
+            self.threes
+                .extend((0..width).map(|u| at(u.wrapping_sub(1)) + at(u) + at(u + 1)));
+        }
         self.smooth.clear();
         for v in 0..height {
-            for u in 0..width {
-                let mut sum = 0.0;
-                for other_v in v.saturating_sub(1)..=(v + 1).min(height - 1) {
-                    let row = &self.counts[other_v * width..][..width];
-                    sum += row[u.saturating_sub(1)..=(u + 1).min(width - 1)]
-                        .iter()
-                        .sum::<f32>();
+            let row = |v: usize| self.threes.get(v * width..(v + 1) * width);
+            let here = &self.threes[v * width..][..width];
+            let above = v.checked_sub(1).and_then(row);
+            let below = row(v + 1);
+            self.smooth.extend_from_slice(here);
+            let sums = &mut self.smooth[v * width..];
+            for other in [above, below].into_iter().flatten() {
+                for (sum, x) in sums.iter_mut().zip(other) {
+                    *sum += x;
                 }
-                self.smooth.push(sum);
             }
         }
     }

@@ -12,17 +12,19 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError, mpsc};
 
 use super::{
-    Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, SequenceConfig, SequenceSummary,
-    estimate_spin, track_sequence,
+    Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, SequenceConfig,
+    SequenceSummary, estimate_spin, track_sequence,
 };
 use crate::error::{Error, Result};
 use crate::pipeline::{Sink, map_ordered_within};
 use crate::spin::{Fit, SpinRejection};
 use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
+use crate::vision::frame_table::{FrameCircles, FrameTimes};
 use crate::vision::image::RgbImage;
-use crate::vision::input::{self, FrameTimes, InputFrame, SkippedFiles, VideoClock};
+use crate::vision::input::{self, InputFrame, SkippedFiles, VideoClock};
 use crate::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
+use crate::vision::roi::Roi;
 
 /// Pictures that wait, beyond one a thread.
 const WAITING: usize = 2;
@@ -48,6 +50,10 @@ pub enum FrameClock {
 pub struct BatchConfig {
     /// The ball's outline in all frames; by default it is found in each.
     pub circle: Option<BallCircle>,
+    /// The outlines of single frames; it is found in those that have no row.
+    pub circles: Option<FrameCircles>,
+    /// The part of every frame in which the ball is looked for; by default all of it.
+    pub roi: Option<Roi>,
     /// Where the times come from.
     pub clock: FrameClock,
     /// How the frames of a sequence inform each other.
@@ -65,6 +71,8 @@ impl Default for BatchConfig {
     fn default() -> Self {
         Self {
             circle: None,
+            circles: None,
+            roi: None,
             clock: FrameClock::default(),
             sequence: SequenceConfig::default(),
             independent: false,
@@ -357,22 +365,26 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
             true => picture.mirrored()?,
             false => picture,
         };
-        done.kept = self.estimate(&picture, workspace, &mut done.estimate)?;
+        let circle = match &self.config.circles {
+            Some(circles) => circles.of_frame(&done.path)?,
+            None => None,
+        };
+        let circle = circle.or(self.config.circle);
+        done.kept = self.estimate(&picture, circle.as_ref(), workspace, &mut done.estimate)?;
         Ok((done, None))
     }
 
     fn estimate(
         &self,
         picture: &Picture,
+        circle: Option<&BallCircle>,
         workspace: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> Result<O::Kept> {
-        let circle = self.config.circle.as_ref();
         let is_large = picture.width() * picture.height() > LARGE;
         if is_large {
             let gray = picture.to_gray()?;
-            self.estimator
-                .estimate_frame(&gray, circle, None, workspace, out);
+            self.answer((&gray).into(), circle, workspace, out)?;
             let is_found = !matches!(out.outcome, Err(FrameRejection::NoBall(_)));
             if is_found && !self.observer.wants_images() {
                 return Ok(O::Kept::default());
@@ -381,15 +393,32 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
             let _alone = self.large.lock().unwrap_or_else(PoisonError::into_inner);
             let rgb = picture.to_rgb()?;
             if !is_found {
-                self.estimator
-                    .estimate_frame(&*rgb, circle, None, workspace, out);
+                self.answer((&*rgb).into(), circle, workspace, out)?;
             }
             return self.keep(&rgb, out);
         }
         let rgb = picture.to_rgb()?;
-        self.estimator
-            .estimate_frame(&*rgb, circle, None, workspace, out);
+        self.answer((&*rgb).into(), circle, workspace, out)?;
         self.keep(&rgb, out)
+    }
+
+    fn answer(
+        &self,
+        image: FrameImage<'_>,
+        circle: Option<&BallCircle>,
+        workspace: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> Result<()> {
+        match (circle, &self.config.roi) {
+            (None, Some(roi)) => self
+                .estimator
+                .estimate_roi(image, roi, None, workspace, out),
+            (circle, _) => {
+                self.estimator
+                    .estimate_frame(image, circle, None, workspace, out);
+                Ok(())
+            }
+        }
     }
 
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<O::Kept> {

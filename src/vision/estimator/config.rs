@@ -1,5 +1,6 @@
 //! What the estimator expects of images.
 
+use super::trust::TrustMap;
 use crate::error::{Error, Result, require};
 use crate::recognize::robust::{NoiseShape, RobustConfig};
 use crate::vision::camera::Camera;
@@ -97,6 +98,12 @@ impl OutlineMethod {
     }
 }
 
+impl std::fmt::Display for OutlineMethod {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
 impl std::str::FromStr for OutlineMethod {
     type Err = Error;
 
@@ -122,6 +129,9 @@ pub struct EstimatorConfig {
     pub dot_confidence: [f64; 2],
     /// False dots expected beyond the recognizer's where doubtful detections are used.
     pub doubtful_false_dots: f64,
+    /// From the recognizer's probability of a pose to the one that is reported; poses found with a
+    /// hint keep the recognizer's.
+    pub trust: TrustMap,
     /// Minimum probability of a pose that is accepted.
     pub min_confidence: f64,
     /// Width of the outline's edge, in radii, from which on a refusal is put down to blur.
@@ -146,10 +156,14 @@ impl Default for EstimatorConfig {
                 null_prior: 0.2,
                 noise: NoiseShape::Gaussian,
                 passes: 64,
+                // The search takes little beside the net, and a near-symmetric pattern fits its
+                // mirror image with any confidence.
+                mirror_doubt: 1.0,
             },
             placement_sigma_rad: 1.2f64.to_radians(),
             dot_confidence: [0.5, 0.15],
             doubtful_false_dots: 1.5,
+            trust: TrustMap::default(),
             min_confidence: 0.5,
             max_blur: 0.6,
         }

@@ -5,12 +5,15 @@ use std::time::Duration;
 use nalgebra::Matrix3;
 
 use super::config::CameraDistance;
+use super::trust::PoseEvidence;
 use crate::geometry::Rotation;
 use crate::recognize::RecognizerRejection;
-use crate::vision::camera::BallCircle;
+use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::{BallFit, NoBall};
 use crate::vision::detect::DotDetection;
-use crate::vision::image::{GrayImage, RgbImage};
+use crate::vision::image::{GrayImage, RgbImage, luma};
+use crate::vision::raw::{RawImage, RawPixel};
+use crate::vision::roi::Roi;
 
 /// A frame as it comes from the camera.
 #[derive(Debug, Clone, Copy)]
@@ -19,6 +22,98 @@ pub enum FrameImage<'a> {
     Gray(&'a GrayImage),
     /// Colors: where brightness does not show the ball's outline, they may.
     Color(&'a RgbImage),
+    /// Bytes as they came: what is not looked at is not converted.
+    Raw(RawImage<'a>),
+}
+
+impl FrameImage<'_> {
+    /// Columns.
+    pub fn width(&self) -> usize {
+        match self {
+            Self::Gray(image) => image.width(),
+            Self::Color(image) => image.width(),
+            Self::Raw(image) => image.width(),
+        }
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        match self {
+            Self::Gray(image) => image.height(),
+            Self::Color(image) => image.height(),
+            Self::Raw(image) => image.height(),
+        }
+    }
+
+    /// A part of it, in colors where it has some, copied into the memory at hand.
+    pub(super) fn part<'b>(
+        &self,
+        part: &Roi,
+        gray: &'b mut GrayImage,
+        color: &'b mut RgbImage,
+    ) -> FrameImage<'b> {
+        let Roi {
+            left,
+            top,
+            width,
+            height,
+        } = *part;
+        match self {
+            Self::Gray(image) => gray.fill_rows(width, height, |v, values| {
+                values.extend_from_slice(image.row(top + v, left, width));
+            }),
+            Self::Color(image) => {
+                color.fill_rows(width, height, |v, values| {
+                    values.extend_from_slice(image.row(top + v, left, width));
+                });
+                return FrameImage::Color(color);
+            }
+            Self::Raw(image) if image.pixel() == RawPixel::Gray => image.gray_into(part, gray),
+            Self::Raw(image) => {
+                image.color_into(part, color);
+                return FrameImage::Color(color);
+            }
+        }
+        FrameImage::Gray(gray)
+    }
+
+    /// A part of it in gray, each value the mean of a square of `2^level` pixels; what does not fill a square at the
+    /// right and at the bottom is left out.
+    pub(super) fn shrink_into(&self, part: &Roi, level: u32, out: &mut GrayImage) {
+        let side = 1usize << level;
+        let (width, height) = (part.width >> level, part.height >> level);
+        let area = 1.0 / (side * side) as f32;
+        out.fill_rows(width, height, |v, values| {
+            let from = values.len();
+            values.resize(from + width, 0.0);
+            let sums = &mut values[from..];
+            for k in 0..side {
+                let row = part.top + side * v + k;
+                match self {
+                    Self::Gray(image) => {
+                        let row = image.row(row, part.left, width * side);
+                        for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
+                            *sum += cell.iter().sum::<f32>();
+                        }
+                    }
+                    Self::Color(image) => {
+                        let row = image.row(row, part.left, width * side);
+                        for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
+                            *sum += cell.iter().map(|c| luma(*c)).sum::<f32>();
+                        }
+                    }
+                    Self::Raw(image) => image.add_row(row, part.left, level, sums),
+                }
+            }
+            sums.iter_mut().for_each(|sum| *sum *= area);
+        });
+    }
+}
+
+impl<'a> From<RawImage<'a>> for FrameImage<'a> {
+    fn from(image: RawImage<'a>) -> Self {
+        Self::Raw(image)
+    }
 }
 
 impl<'a> From<&'a GrayImage> for FrameImage<'a> {
@@ -163,6 +258,8 @@ pub struct FrameEstimate {
     pub(super) earlier_attempts: usize,
     /// Those and the runs on this outline: each had its chance to be correct by accident.
     pub(super) attempts: usize,
+    /// What speaks for the best pose of this outline, accepted or not.
+    pub(super) evidence: Option<PoseEvidence>,
 }
 
 impl Default for FrameEstimate {
@@ -179,6 +276,7 @@ impl Default for FrameEstimate {
             known_distance: None,
             earlier_attempts: 0,
             attempts: 0,
+            evidence: None,
         }
     }
 }
@@ -198,6 +296,34 @@ impl FrameEstimate {
     /// The orientation, if accepted.
     pub fn pose(&self) -> Option<&Pose> {
         self.outcome.as_ref().ok()
+    }
+
+    /// Counts pixels from another origin: those of a part of an image become those of the image.
+    pub(super) fn shift(&mut self, origin: Pixel) {
+        let shift = |pixel: &mut Pixel| {
+            pixel.u += origin.u;
+            pixel.v += origin.v;
+        };
+        let outline = self.outline.as_mut().map(|o| &mut o.circle);
+        let fit = self.fit.as_mut().map(|f| &mut f.circle);
+        let circles = [outline, fit, self.circle.as_mut()];
+        for circle in circles.into_iter().flatten() {
+            shift(&mut circle.center);
+        }
+        for dot in &mut self.dots {
+            shift(&mut dot.pixel);
+        }
+    }
+
+    /// Runs of the recognizer on this frame, on all outlines: each had its chance to be correct by
+    /// accident.
+    pub fn attempts(&self) -> usize {
+        self.attempts
+    }
+
+    /// What speaks for the frame's best pose, accepted or not; `None` where no dots were identified.
+    pub fn evidence(&self) -> Option<&PoseEvidence> {
+        self.evidence.as_ref()
     }
 
     /// Number of detections that have a name.

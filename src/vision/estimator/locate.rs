@@ -29,7 +29,7 @@ const SYSTEMATIC: f64 = 0.006;
 const MIN_SUPPORT: f64 = 0.4;
 /// Outlines nearer than this to each other, in radii, are the same.
 const SAME: f64 = 0.03;
-/// Each circle of the edges is tried as the net sees it and as it is; then the crop's.
+/// Each circle of the edges is tried as the net sees it and as it is; then the crop's, and the rough one.
 const TRIES: usize = 2 * BallFinder::MAX_OTHERS + 1;
 /// Maximum number of outlines of a frame.
 const MAX_CANDIDATES: usize = TRIES + 2;
@@ -60,6 +60,8 @@ pub(super) struct Locator {
     candidates: Vec<Candidate>,
     /// The edges' own circle, where the net contradicts it.
     contested: Option<Candidate>,
+    /// The circle that is tried after all others: that of a crop, or the rough one.
+    last: BallCircle,
 }
 
 impl Locator {
@@ -69,6 +71,10 @@ impl Locator {
             net: OutlineWorkspace::default(),
             candidates: Vec::with_capacity(MAX_CANDIDATES),
             contested: None,
+            last: BallCircle {
+                center: Pixel::default(),
+                radius: 0.0,
+            },
         }
     }
 
@@ -84,19 +90,48 @@ impl Locator {
         image: FrameImage<'_>,
         net: Option<&OutlineNet>,
     ) -> Result<Candidate, NoBall> {
+        self.last = inscribed(gray);
+        let found = match image {
+            FrameImage::Color(color) => self.finder.find_in_color(gray, color),
+            FrameImage::Gray(_) | FrameImage::Raw(_) => self.finder.find(gray),
+        };
+        self.choose(gray, found, net)
+    }
+
+    /// The likeliest outline of a ball near a circle; others follow by [`Locator::other`].
+    pub fn find_near(
+        &mut self,
+        gray: &GrayImage,
+        image: FrameImage<'_>,
+        rough: &BallCircle,
+        net: Option<&OutlineNet>,
+    ) -> Result<Candidate, NoBall> {
+        self.last = *rough;
+        let color = match image {
+            FrameImage::Color(color) => Some(color),
+            FrameImage::Gray(_) | FrameImage::Raw(_) => None,
+        };
+        let found = self.finder.find_near(gray, color, rough);
+        self.choose(gray, found, net)
+    }
+
+    /// The first outline to try: the edges' where they show it whole, else the net's.
+    fn choose(
+        &mut self,
+        gray: &GrayImage,
+        found: Result<BallFit, NoBall>,
+        net: Option<&OutlineNet>,
+    ) -> Result<Candidate, NoBall> {
         self.candidates.clear();
         self.contested = None;
-        let found = match image {
-            FrameImage::Gray(gray) => self.finder.find(gray),
-            FrameImage::Color(color) => self.finder.find_in_color(gray, color),
-        };
         let candidate = match (found, net) {
             (Ok(fit), Some(net)) if !is_whole(&fit) => self.judge(gray, &fit, net),
             (Ok(fit), _) => Some(fit.into()),
             (Err(_), _) => None,
         };
         // A crop shows the ball in its middle.
-        let candidate = candidate.or_else(|| self.see(gray, &inscribed(gray), net?));
+        let last = self.last;
+        let candidate = candidate.or_else(|| self.see(gray, &last, net?));
         let candidate = candidate.ok_or(match found {
             Err(why) => why,
             Ok(fit) => NoBall::NoCircle {
@@ -136,7 +171,8 @@ impl Locator {
                 (Some(fit), _) => Some(fit.into()),
                 (None, Some(net)) => {
                     *start = TRIES;
-                    self.see(gray, &inscribed(gray), net)
+                    let last = self.last;
+                    self.see(gray, &last, net)
                 }
                 (None, None) => None,
             };

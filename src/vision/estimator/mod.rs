@@ -18,10 +18,13 @@ mod batch;
 mod config;
 mod frame;
 mod locate;
+mod motion;
 mod recenter;
 mod refine;
+mod search;
 mod sequence;
 mod tracker;
+mod trust;
 
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
@@ -31,14 +34,14 @@ pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
+pub use trust::{FEATURES, PoseEvidence, TrustMap};
 
 use std::time::Instant;
 
 use nalgebra::{Matrix2, Matrix3};
 
-use super::camera::{BallCircle, BallView, Camera, Intrinsics};
+use super::camera::{BallView, Camera, Intrinsics};
 use super::detect::{DotDetection, DotDetector};
-use super::image::GrayImage;
 use super::net::OutlineNet;
 use super::patch::Patch;
 use crate::error::Result;
@@ -49,9 +52,11 @@ use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorks
 use crate::recognize::{
     DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
 };
-use locate::{Candidate, Locator};
+use locate::Locator;
 use recenter::Recentering;
 use refine::{Match, Placement, Prior, Refiner};
+use search::Images;
+use search::LIKELY_DOT;
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
 #[derive(Debug, Clone)]
@@ -71,8 +76,9 @@ pub struct Estimator<D> {
 /// Working memory of an [`Estimator`], one a thread.
 #[derive(Debug)]
 pub struct EstimatorWorkspace<W> {
-    /// Gray of a frame in colors.
-    gray: GrayImage,
+    images: Images,
+    /// The first of several circles, none of which is a ball by its dots.
+    best: FrameEstimate,
     /// An estimate for another outline.
     other: FrameEstimate,
     locator: Locator,
@@ -97,6 +103,7 @@ struct PoseHypothesis {
     camera: Camera,
     confidence: f64,
     pose_confidence: f64,
+    evidence: PoseEvidence,
 }
 
 impl PoseHypothesis {
@@ -109,21 +116,35 @@ impl PoseHypothesis {
             ..self
         }
     }
+
+    /// The probability by all that is known of the pose, after so many attempts.
+    fn weighed(self, map: &TrustMap, attempts: usize, support: f64) -> Self {
+        let evidence = PoseEvidence {
+            pose_confidence: self.pose_confidence,
+            attempts,
+            support,
+            ..self.evidence
+        };
+        let pose_confidence = map.probability(&evidence);
+        let share = pose_confidence / self.pose_confidence.max(f64::MIN_POSITIVE);
+        Self {
+            confidence: (self.confidence * share).min(pose_confidence),
+            pose_confidence,
+            evidence,
+            ..self
+        }
+    }
 }
 
-/// Standard deviations of a given outline: of its center and radius, in radii.
-const GIVEN_OUTLINE: f64 = 0.01;
 /// Standard deviation per tangent axis of what a measured dot's middle does beyond its covariance, radians:
 /// ink and light change from view to view.
 const MEASURED_DOT: f64 = 0.004;
-/// Confidence of a detection that is more likely a dot than not.
-const LIKELY_DOT: f64 = 0.5;
-/// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
-const MIN_LIKELY_DOTS: usize = 5;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 const CLEAR: f64 = 0.9;
-/// Poses from here on are all but certain.
-const CERTAIN: f64 = 0.99;
+/// Dots of the pattern beyond this z are seen in nearly every frame.
+const FACING: f64 = 0.35;
+/// The rejection of a mirrored frame.
+const MIRRORED: FrameRejection = FrameRejection::Recognizer(RecognizerRejection::Mirrored);
 /// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
 const EXPECTED_DOTS: usize = 256;
 
@@ -229,7 +250,8 @@ impl<D: DotDetector> Estimator<D> {
         other.dots.reserve(EXPECTED_DOTS);
         other.assignment.reserve(EXPECTED_DOTS);
         EstimatorWorkspace {
-            gray: GrayImage::default(),
+            images: Images::default(),
+            best: FrameEstimate::default(),
             other,
             locator: Locator::new(self.config.circle),
             recentering: self
@@ -243,136 +265,6 @@ impl<D: DotDetector> Estimator<D> {
             indices: Vec::with_capacity(EXPECTED_DOTS),
             matches: Vec::with_capacity(EXPECTED_DOTS),
         }
-    }
-
-    /// Estimates a frame: [`Estimator::detect`], then [`Estimator::estimate_pose`]. Where that gives no answer, other outlines are tried: one on
-    /// which the dots tell a clear pose is the ball's.
-    pub fn estimate_frame<'a>(
-        &self,
-        image: impl Into<FrameImage<'a>>,
-        circle: Option<&BallCircle>,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
-        let image = image.into();
-        self.detect(image, circle, ws, out);
-        self.estimate_pose(hint, ws, out);
-        if circle.is_some() {
-            return;
-        }
-        let mut other = std::mem::take(&mut ws.other);
-        other.attempts = 0;
-        if let Some(candidate) = ws.locator.contested() {
-            self.try_outline(&candidate, image, hint, ws, out, &mut other);
-            if is_better(&other, out) && (out.pose().is_some() || is_evident(&other)) {
-                std::mem::swap(&mut other, out);
-            }
-        }
-        let mut start = 0;
-        while out.pose().is_none() {
-            let gray = gray_of(image, &ws.gray);
-            let net = self.outline_net.as_ref();
-            let Some(candidate) = ws.locator.other(gray, net, &mut start) else {
-                break;
-            };
-            self.try_outline(&candidate, image, hint, ws, out, &mut other);
-            if is_evident(&other) {
-                std::mem::swap(&mut other, out);
-            }
-        }
-        ws.other = other;
-    }
-
-    /// Estimates a frame on another outline than that of `first`, into `other`.
-    fn try_outline(
-        &self,
-        candidate: &Candidate,
-        image: FrameImage<'_>,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        first: &FrameEstimate,
-        other: &mut FrameEstimate,
-    ) {
-        other.outline = Some(candidate.outline);
-        (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
-        other.earlier_attempts = first.attempts.max(other.attempts);
-        other.outcome = Err(FrameRejection::NotProcessed);
-        other.timings.locate = first.timings.locate;
-        self.find_dots(image, ws, other);
-        self.estimate_pose(hint, ws, other);
-    }
-
-    /// Finds the ball, unless its outline is given, and the dots on it.
-    pub fn detect<'a>(
-        &self,
-        image: impl Into<FrameImage<'a>>,
-        circle: Option<&BallCircle>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
-        let begun = Instant::now();
-        let image = image.into();
-        if let FrameImage::Color(color) = image {
-            color.to_gray_into(&mut ws.gray);
-        }
-        let gray = gray_of(image, &ws.gray);
-        out.dots.clear();
-        out.assignment.clear();
-        out.outcome = Err(FrameRejection::NotProcessed);
-        out.timings = Timings::default();
-        out.fit = None;
-        (out.earlier_attempts, out.attempts) = (0, 0);
-        out.known_distance = None;
-        out.outline = circle.map(|&circle| Outline {
-            circle,
-            covariance: Matrix3::from_diagonal_element((GIVEN_OUTLINE * circle.radius).powi(2)),
-        });
-        if circle.is_none() {
-            match ws.locator.find(gray, image, self.outline_net.as_ref()) {
-                Ok(found) => {
-                    out.outline = Some(found.outline);
-                    out.fit = found.fit;
-                }
-                Err(why) => out.outcome = Err(FrameRejection::NoBall(why)),
-            }
-        }
-        out.circle = out.outline.map(|o| o.circle);
-        out.timings.locate = begun.elapsed();
-        self.find_dots(image, ws, out);
-    }
-
-    /// Finds the dots within the outline.
-    fn find_dots(
-        &self,
-        image: FrameImage<'_>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
-        let gray = gray_of(image, &ws.gray);
-        out.dots.clear();
-        out.dots.reserve(EXPECTED_DOTS);
-        out.assignment.clear();
-        out.assignment.reserve(EXPECTED_DOTS);
-        if let Some(outline) = out.outline {
-            let begun = Instant::now();
-            let recentered = match (self.intrinsics(), &mut ws.recentering) {
-                (Some(k), Some(r)) => r.recenter(&k, gray, ws.locator.color_contrast(), out),
-                _ => None,
-            };
-            match (recentered, &ws.recentering) {
-                (Some(ball), Some(r)) => ws.patch.cut_into(r.image(), &ball.circle),
-                _ => ws.patch.cut_into(gray, &outline.circle),
-            }
-            self.detector
-                .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
-            if let Some(ball) = recentered {
-                ball.camera.dots_to_image(&mut out.dots);
-            }
-            out.circle = out.outline.map(|o| o.circle);
-            out.timings.detect = begun.elapsed();
-        }
-        out.assignment.resize(out.dots.len(), None);
     }
 
     /// The camera's intrinsics, where they are known.
@@ -420,6 +312,7 @@ impl<D: DotDetector> Estimator<D> {
         let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
             Err(FrameRejection::NotProcessed);
         let mut attempts = out.earlier_attempts;
+        out.evidence = None;
         'search: for pass in 0..self.recognizers.len() {
             for camera in self.camera_of(out).hypotheses() {
                 let Ok(view) = BallView::new(&camera, outline.circle) else {
@@ -428,6 +321,12 @@ impl<D: DotDetector> Estimator<D> {
                 let hint = hint.map(|h| in_view(h, &view));
                 attempts += 1;
                 let found = self.recognize(pass, camera, &view, hint.as_ref(), ws, &out.dots);
+                // What the mirror explains beyond doubt, other dots or another distance may still
+                // explain by accident.
+                if let Err(MIRRORED) = found {
+                    out.attempts = attempts;
+                    return Err(MIRRORED);
+                }
                 let better = match (&best, &found) {
                     (Err(_), _) => true,
                     (Ok(best), Ok(found)) => found.pose_confidence > best.pose_confidence,
@@ -446,7 +345,12 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         out.attempts = attempts;
-        let best = best?.discounted(attempts);
+        let mut best = best?.discounted(attempts);
+        if hint.is_none() {
+            let support = out.fit.map_or(0.0, |fit| fit.support);
+            best = best.weighed(&self.config.trust, attempts, support);
+            out.evidence = Some(best.evidence);
+        }
         if best.pose_confidence < self.config.min_confidence {
             let pose_confidence = best.pose_confidence;
             return Err(FrameRejection::Ambiguous { pose_confidence });
@@ -501,7 +405,42 @@ impl<D: DotDetector> Estimator<D> {
             camera,
             confidence: found.confidence,
             pose_confidence: found.pose_confidence,
+            evidence: self.evidence(dots, ws),
         })
+    }
+
+    /// What the recognizer's last answer shows beside its odds.
+    fn evidence(
+        &self,
+        dots: &[DotDetection],
+        ws: &EstimatorWorkspace<D::Workspace>,
+    ) -> PoseEvidence {
+        let found = &ws.identification;
+        let (mut named, mut unnamed, mut variance) = (0, 0, 0.0);
+        let names = ws.indices.iter().zip(&ws.observed).zip(&found.assignment);
+        for ((&i, seen), name) in names {
+            match (name, &seen.uncertainty) {
+                (None, _) => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
+                (Some(_), DotUncertainty::Tangent { covariance }) => {
+                    named += 1;
+                    variance += covariance.trace();
+                }
+                (Some(_), DotUncertainty::Isotropic { sigma_rad }) => {
+                    named += 1;
+                    variance += 2.0 * sigma_rad * sigma_rad;
+                }
+            }
+        }
+        let facing = self.pattern.dots().iter();
+        let facing = facing.filter(|d| (found.rotation * *d).z > FACING).count();
+        let expected = variance / f64::max(named as f64, 1.0);
+        PoseEvidence {
+            named,
+            unnamed,
+            missing: facing.saturating_sub(named),
+            misfit: found.residual_rad / expected.sqrt().max(f64::MIN_POSITIVE),
+            ..PoseEvidence::default()
+        }
     }
 
     fn refine(
@@ -593,38 +532,9 @@ impl<D: DotDetector> Estimator<D> {
     }
 }
 
-/// Whether the dots alone are evidence of a ball, where the circle is none.
-fn is_evident(frame: &FrameEstimate) -> bool {
-    let is_clear = frame.pose().is_some_and(|p| p.pose_confidence >= CLEAR);
-    is_clear && likely_dots(frame) >= MIN_LIKELY_DOTS
-}
-
-/// Whether the dots speak for `a`'s outline rather than for `b`'s: by the pose's probability and,
-/// where both are all but certain, by how well the dots fit.
-fn is_better(a: &FrameEstimate, b: &FrameEstimate) -> bool {
-    match (a.pose(), b.pose()) {
-        (Some(a), Some(b)) if a.pose_confidence.min(b.pose_confidence) >= CERTAIN => {
-            a.residual_rad < b.residual_rad
-        }
-        (Some(a), Some(b)) => a.pose_confidence > b.pose_confidence,
-        (a, _) => a.is_some(),
-    }
-}
-
-/// An image's gray: its own, or that made of its colors.
-fn gray_of<'a>(image: FrameImage<'a>, made: &'a GrayImage) -> &'a GrayImage {
-    match image {
-        FrameImage::Gray(gray) => gray,
-        FrameImage::Color(_) => made,
-    }
-}
-
-/// Number of identified dots that are more likely dots than not.
-fn likely_dots(frame: &FrameEstimate) -> usize {
-    let named = frame.dots.iter().zip(&frame.assignment);
-    named
-        .filter(|(dot, name)| dot.confidence >= LIKELY_DOT && name.is_some())
-        .count()
+/// Whether the dots are those of the mirrored pattern: no other outline makes up for that.
+fn is_mirrored(frame: &FrameEstimate) -> bool {
+    matches!(frame.outcome, Err(MIRRORED))
 }
 
 /// A hint in the camera's frame, in the view frame.

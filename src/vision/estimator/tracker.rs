@@ -1,6 +1,12 @@
 //! A camera's frames one by one, as they come: the orientation now, and the spin now.
 //!
-//! Every frame is estimated independently first. Poses found that way and likelier than
+//! Where the ball was seen in the frames before, its outline is looked for where they predict it: only the
+//! surroundings of the ball are converted and searched. Where that fails, it is looked for farther around; and
+//! after some frames, as at the beginning, in the whole frame, at a coarse scale first, moving
+//! objects before those that stand still. An outline that was found in this way counts as the ball's by its
+//! dots.
+//!
+//! The orientation of every frame is estimated independently first. Poses found that way and likelier than
 //! [`SequenceConfig::trusted`] enter a window of fixed length, from which the spin is fitted after
 //! each frame. Where the spin predicts the orientation of a frame that has no pose, or one far off,
 //! that prediction is a hint for a second look. A hinted pose is an answer, but no evidence: it never
@@ -9,7 +15,8 @@
 //! # What is promised
 //! The work for a frame depends on the frame and on [`TrackerConfig::window`], not on how many frames
 //! came before. Once the window has been full, no memory is allocated. An answer depends on this
-//! frame and the earlier ones within [`TrackerConfig::memory_s`], and on nothing else.
+//! frame and the earlier ones within [`TrackerConfig::memory_s`]; of those before, no more than the
+//! rounding of an outline's fit, which starts from the predicted one.
 //!
 //! Not promised: what [`track_sequence`](super::track_sequence) finds when it knows the later frames
 //! as well, and any answer to a spin that changes within the window (a bounce): the fit then rejects
@@ -18,13 +25,24 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use super::motion::OutlineMotion;
+use super::search::{Hunt, LARGE};
 use super::sequence::predict;
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, SequenceConfig};
 use crate::error::{Error, Result, require};
 use crate::spin::robust::RobustEstimator;
+use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
 use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
+use crate::vision::roi::Roi;
+
+/// A ball that is not where it is expected is looked for within so many radii.
+const NEARBY: f64 = 4.5;
+/// After so many frames without a pose the ball is looked for in the whole frame.
+const PATIENCE: usize = 3;
+/// An outline with this support of the edges is followed for a while without a pose.
+const WHOLE: f64 = 0.9;
 
 /// What a tracker remembers, and how it uses it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,7 +86,8 @@ impl TrackerConfig {
 pub struct TrackerState<'a> {
     /// The frame: its outline, dots and orientation, or why there is none.
     pub frame: &'a FrameEstimate,
-    /// The spin by the window's poses, or why there is none.
+    /// The spin by the window's poses, or why there is none. Its covariance counts the errors of
+    /// drawn dots that the poses share ([`SharedError`]).
     pub spin: &'a std::result::Result<Fit, SpinRejection>,
 }
 
@@ -77,10 +96,19 @@ pub struct TrackerState<'a> {
 pub struct Tracker<D: DotDetector> {
     estimator: Arc<Estimator<D>>,
     config: TrackerConfig,
+    /// Where the ball is looked for, if not everywhere.
+    roi: Option<Roi>,
     workspace: EstimatorWorkspace<D::Workspace>,
     fitter: RobustEstimator,
     window: VecDeque<Measurement>,
+    /// The residuals of the window's poses, radians.
+    residuals_rad: VecDeque<f64>,
     frame: FrameEstimate,
+    /// The frame, looked at in another place.
+    other: FrameEstimate,
+    motion: OutlineMotion,
+    /// Frames since the last pose.
+    missed: usize,
     spin: std::result::Result<Fit, SpinRejection>,
     last_s: Option<f64>,
 }
@@ -97,11 +125,23 @@ impl<D: DotDetector> Tracker<D> {
             estimator,
             fitter: RobustEstimator::new(config.sequence.spin),
             window: VecDeque::with_capacity(config.window + 1),
+            residuals_rad: VecDeque::with_capacity(config.window + 1),
             frame: FrameEstimate::default(),
+            other: FrameEstimate::default(),
+            motion: OutlineMotion::default(),
+            missed: 0,
             spin: Err(NOTHING_SEEN),
             last_s: None,
+            roi: None,
             config,
         })
+    }
+
+    /// The same tracker, which looks for the ball in this part of every frame; one that it follows may
+    /// leave it.
+    pub fn within(mut self, roi: Roi) -> Self {
+        self.roi = Some(roi);
+        self
     }
 
     /// The settings.
@@ -126,6 +166,10 @@ impl<D: DotDetector> Tracker<D> {
     /// Forgets everything: the next frame is the first of another trajectory.
     pub fn reset(&mut self) {
         self.window.clear();
+        self.residuals_rad.clear();
+        self.motion.clear();
+        self.workspace.images.forget();
+        self.missed = 0;
         self.spin = Err(NOTHING_SEEN);
         self.last_s = None;
     }
@@ -143,28 +187,40 @@ impl<D: DotDetector> Tracker<D> {
         circle: Option<&BallCircle>,
     ) -> Result<TrackerState<'_>> {
         self.check_time(time_s)?;
+        let image = image.into();
+        let whole = Roi::whole(image.width(), image.height());
+        let part = self
+            .roi
+            .unwrap_or(whole)
+            .within(whole.width, whole.height)?;
         self.last_s = Some(time_s);
         self.forget(time_s);
-        let (workspace, frame) = (&mut self.workspace, &mut self.frame);
-        self.estimator
-            .estimate_frame(image, circle, None, workspace, frame);
+        self.find(image, &part, time_s, circle);
         let config = &self.config.sequence;
-        let trusted = frame
+        let trusted = self
+            .frame
             .pose()
             .filter(|pose| pose.pose_confidence >= config.trusted)
-            .map(|pose| Measurement {
-                confidence: pose.pose_confidence,
-                ..Measurement::new(time_s, pose.rotation)
+            .map(|pose| {
+                let measurement = Measurement {
+                    confidence: pose.pose_confidence,
+                    ..Measurement::new(time_s, pose.rotation)
+                };
+                (measurement, pose.residual_rad)
             });
         self.look_again(time_s);
-        if let Some(measurement) = trusted {
+        if let Some((measurement, residual_rad)) = trusted {
             if self.window.len() == self.config.window {
                 self.window.pop_front();
+                self.residuals_rad.pop_front();
             }
             self.window.push_back(measurement);
+            self.residuals_rad.push_back(residual_rad);
         }
         // Without a new pose the spin stays what it was, as long as the poses are remembered.
         if trusted.is_some() || self.window.len() < MIN_FRAMES {
+            let residuals = self.residuals_rad.iter().copied();
+            self.fitter.set_shared(SharedError::of_residuals(residuals));
             self.spin = self.fitter.fit(self.window.make_contiguous());
         }
         Ok(self.state())
@@ -184,11 +240,54 @@ impl<D: DotDetector> Tracker<D> {
         ))
     }
 
-    /// Drops poses that are too old.
+    /// Estimates the frame independently, where the ball is expected or wherever it is.
+    fn find(
+        &mut self,
+        image: FrameImage<'_>,
+        part: &Roi,
+        time_s: f64,
+        circle: Option<&BallCircle>,
+    ) {
+        let predicted = self.motion.predict(time_s);
+        let (estimator, ws) = (&self.estimator, &mut self.workspace);
+        let (frame, other) = (&mut self.frame, &mut self.other);
+        match (circle, predicted) {
+            (Some(circle), _) => estimator.estimate_frame(image, Some(circle), None, ws, frame),
+            (None, Some(predicted)) => {
+                estimator.estimate_near(image, &predicted, 0, None, ws, frame);
+                let is_whole = frame.fit.is_some_and(|f| f.support >= WHOLE);
+                if frame.pose().is_none() && !(is_whole && self.missed < PATIENCE) {
+                    let is_lost = self.missed >= PATIENCE;
+                    let lost_in = is_lost.then_some(part);
+                    search_again(estimator, image, &predicted, lost_in, ws, frame, other);
+                }
+            }
+            (None, None) => search_everywhere(estimator, image, part, ws, frame),
+        }
+        let is_seen = match frame.pose() {
+            Some(_) => {
+                self.missed = 0;
+                true
+            }
+            None => {
+                self.missed += 1;
+                self.missed <= PATIENCE && frame.fit.is_some_and(|f| f.support >= WHOLE)
+            }
+        };
+        if let Some(circle) = frame.circle.filter(|_| is_seen) {
+            self.motion.push(time_s, circle);
+        } else if self.missed > PATIENCE {
+            self.motion.clear();
+        }
+    }
+
+    /// Drops poses and outlines that are too old.
     fn forget(&mut self, time_s: f64) {
         let oldest = time_s - self.config.memory_s;
+        self.motion.forget(oldest);
         while self.window.front().is_some_and(|m| m.time_s < oldest) {
             self.window.pop_front();
+            self.residuals_rad.pop_front();
         }
     }
 
@@ -212,6 +311,47 @@ impl<D: DotDetector> Tracker<D> {
             self.estimator.estimate_pose(Some(&hint), workspace, frame);
         }
     }
+}
+
+/// Looks for a ball that has no pose where it was expected: farther around, and where it is lost in a whole part of the frame.
+fn search_again<D: DotDetector>(
+    estimator: &Estimator<D>,
+    image: FrameImage<'_>,
+    predicted: &BallCircle,
+    lost_in: Option<&Roi>,
+    ws: &mut EstimatorWorkspace<D::Workspace>,
+    frame: &mut FrameEstimate,
+    other: &mut FrameEstimate,
+) {
+    ws.images.forget();
+    if let Some(hunt) = Hunt::nearby(predicted, NEARBY, &image)
+        && estimator.acquire(image, &hunt, None, ws, other)
+    {
+        std::mem::swap(frame, other);
+        return;
+    }
+    ws.images.forget();
+    if let Some(part) = lost_in {
+        search_everywhere(estimator, image, part, ws, other);
+        if other.pose().is_some() || frame.outline.is_none() {
+            std::mem::swap(frame, other);
+        }
+    }
+}
+
+/// Looks for the ball in a part of the frame that may be all of it.
+fn search_everywhere<D: DotDetector>(
+    estimator: &Estimator<D>,
+    image: FrameImage<'_>,
+    part: &Roi,
+    ws: &mut EstimatorWorkspace<D::Workspace>,
+    frame: &mut FrameEstimate,
+) {
+    if part.width.max(part.height) <= LARGE {
+        estimator.estimate_part(image, part, None, ws, frame);
+        return;
+    }
+    let _ = estimator.acquire(image, &Hunt::everywhere(*part, false), None, ws, frame);
 }
 
 /// The spin's state before the first frame.

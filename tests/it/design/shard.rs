@@ -83,24 +83,63 @@ fn merged_shards_are_one_run_of_them_all() {
     assert!(finalists.len() > 8, "{}", finalists.len());
 }
 
+#[test]
+fn a_merge_that_was_killed_is_continued() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let flags = |out| ["--shards", "2", "--polish", "2", "--out", out];
+    design(dir, &flags("whole"));
+    // In the last trial, where the shards have ended.
+    let command = [&["design"], &SMALL[..], &flags("killed")].concat();
+    kill_once_there(dir, &command, &dir.join("killed/search.json"));
+    assert!(!dir.join("killed/report.json").exists(), "it was done");
+    let out = spindoe(dir, &command);
+    assert_eq!(out.status.code(), Some(2), "without --resume");
+    done(dir, &[&command[..], &["--resume"]].concat());
+    // The merge alone, first where none has begun.
+    let parts = ["killed/shards/1", "killed/shards/2"];
+    let merge = |out| [&["merge"], &parts[..], &["--out", out]].concat();
+    kill_once_there(dir, &merge("merged"), &dir.join("merged/search.json"));
+    done(dir, &[&merge("merged")[..], &["--resume"]].concat());
+    done(dir, &[&merge("fresh")[..], &["--resume"]].concat());
+    for out in ["killed", "merged", "fresh"] {
+        for file in ["pattern.csv", "table.npz", "stencil/half_a.stl"] {
+            let [a, b] =
+                ["whole", out].map(|folder| fs::read(dir.join(folder).join(file)).unwrap());
+            assert!(a == b, "{out}/{file}");
+        }
+        assert_eq!(report(&dir.join("whole")), report(&dir.join(out)), "{out}");
+    }
+    // A folder with the search of one piece, or of other shards, is no merge of these.
+    design(dir, &["--shards", "3", "--out", "other"]);
+    let out = spindoe(dir, &[&merge("other")[..], &["--resume"]].concat());
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{said}");
+    assert!(said.contains("other/search.json"), "{said}");
+}
+
 /// Runs a shard, and kills it once its first checkpoint is there.
 fn kill_in_the_middle(dir: &Path, flags: &[&str], checkpoint: &Path) {
+    kill_once_there(dir, &[&["design"], &SMALL[..], flags].concat(), checkpoint);
+    let file: Value = serde_json::from_slice(&fs::read(checkpoint).unwrap()).unwrap();
+    assert!(file["state"]["round"].as_u64().unwrap() < 2, "it was done");
+}
+
+/// Runs the command, and kills it once the file is there.
+fn kill_once_there(dir: &Path, command: &[&str], file: &Path) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
-        .arg("design")
-        .args(SMALL)
-        .args(flags)
+        .args(command)
         .current_dir(dir)
         .stderr(Stdio::null())
+        .stdout(Stdio::null())
         .spawn()
         .unwrap();
-    while !checkpoint.exists() {
+    while !file.exists() {
         assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
     child.kill().unwrap();
     child.wait().unwrap();
-    let file: Value = serde_json::from_slice(&fs::read(checkpoint).unwrap()).unwrap();
-    assert!(file["state"]["round"].as_u64().unwrap() < 2, "it was done");
 }
 
 #[test]

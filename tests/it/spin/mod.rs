@@ -5,6 +5,7 @@ mod allocation;
 mod decay;
 mod dots;
 mod estimators;
+mod precession;
 mod scipy;
 mod shared;
 mod trajectories;

@@ -6,7 +6,8 @@ use std::process::Command;
 
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage as Buffer};
 use spindoe::vision::RgbImage;
-use spindoe::vision::input::{Source, read_frames, read_times};
+use spindoe::vision::frame_table::read_times;
+use spindoe::vision::input::{Source, read_frames};
 use spindoe::vision::picture::DEFAULT_MAX_PIXELS;
 
 /// The times of `frames` by the table `text`, or what is said of it.
@@ -63,7 +64,7 @@ fn times_that_are_not_clear_are_refused() {
     refused(
         "frame,time_s\n8,1\n",
         &one,
-        "file: expected a time of frame a/7.png",
+        "file: expected a row for frame a/7.png",
     );
     refused(
         "frame,time_s\n7,soon\n",

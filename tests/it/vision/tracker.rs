@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use spindoe::geometry::{Vec3, rotation_angle};
 use spindoe::pattern::Pattern;
-use spindoe::spin::SpinRejection;
+use spindoe::spin::robust::RobustEstimator;
+use spindoe::spin::shared::SharedError;
+use spindoe::spin::{Measurement, SpinRejection};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig};
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
@@ -64,8 +66,7 @@ fn it_knows_the_orientation_and_the_spin_now() {
             spins += 1;
             let covariance = fit.spin_covariance.expect("a covariance");
             assert!(covariance.cholesky().is_some());
-            // Errors of the same dots are common to the frames: the covariance of a few frames does not
-            // know them. The first fits are of three frames.
+            // The first fits are of three frames.
             let off = (fit.motion.spin - SPIN).norm();
             assert!(
                 off < if spins > 4 { 10.0 } else { 25.0 },
@@ -84,6 +85,41 @@ fn it_knows_the_orientation_and_the_spin_now() {
     let off = tracker.state().spin.as_ref().unwrap().motion.spin - SPIN;
     assert!(off.norm() < 5.0, "{off}");
     assert_eq!(tracker.inlier_probabilities().len(), 12);
+}
+
+#[test]
+fn the_covariance_counts_the_errors_that_frames_share() {
+    let clip = clip(24);
+    let config = TrackerConfig::default();
+    let mut tracker = tracker(&clip.pattern, config);
+    let mut trusted = Vec::new();
+    for (image, time_s) in &clip.frames {
+        let state = tracker.update(image, *time_s, None).unwrap();
+        let pose = state
+            .frame
+            .pose()
+            .filter(|pose| !pose.hinted && pose.pose_confidence >= config.sequence.trusted);
+        trusted.extend(pose.map(|pose| {
+            let measurement = Measurement {
+                confidence: pose.pose_confidence,
+                ..Measurement::new(*time_s, pose.rotation)
+            };
+            (measurement, pose.residual_rad)
+        }));
+    }
+    // The same window by hand.
+    let window = &trusted[trusted.len() - config.window..];
+    let (measurements, residuals): (Vec<_>, Vec<_>) = window.iter().copied().unzip();
+    let mut estimator = RobustEstimator::new(config.sequence.spin);
+    let independent = estimator.fit(&measurements).unwrap();
+    estimator.set_shared(SharedError::of_residuals(residuals.into_iter()));
+    let shared = estimator.fit(&measurements).unwrap();
+    assert_eq!(*tracker.state().spin, Ok(shared));
+    assert_eq!(shared.motion, independent.motion);
+    let [shared, independent] = [shared, independent].map(|fit| fit.spin_covariance.unwrap());
+    let least = (shared - independent).symmetric_eigenvalues().min();
+    assert!(least > 0.0, "{least}");
+    assert!(shared.trace() > 1.2 * independent.trace());
 }
 
 #[test]

@@ -6,6 +6,7 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistWithCovarianceStamped
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
@@ -38,13 +39,16 @@ class SpinNode(Node):  # type: ignore[misc]
         self.create_subscription(Image, "image", self._on_image, qos_profile_sensor_data)
 
     def _declared(self, name: str, default: Any, description: str) -> Any:
-        from rcl_interfaces.msg import ParameterDescriptor
-
         described = ParameterDescriptor(description=description, read_only=True)
         return self.declare_parameter(name, default, described).value
 
     def _on_image(self, message: Image) -> None:
-        answer = self._core.on_image(message)
+        try:
+            answer = self._core.on_image(message)
+        except ValueError as error:
+            # One image that cannot be read is no reason to stop.
+            self.get_logger().error(str(error), throttle_duration_sec=5.0)
+            return
         if answer.reason:
             self.get_logger().debug(answer.reason)
         self._publish(message.header, answer)

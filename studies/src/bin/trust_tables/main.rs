@@ -5,9 +5,14 @@
 //! `TABLE` is one of
 //! - `conditions`: identification by files that are told nothing, against those told the protocol,
 //! - `spins`: spins reported of random orientations,
+//! - `confidence`: the map of an estimate's confidence, fitted and compared with the truth,
+//! - `kinds`: single images that do not show the ball; further words choose kinds,
 //! - `tables`: verdicts over clips on the right, a wrong and a mirrored table.
 
 mod conditions;
+mod kinds;
+mod logistic;
+mod noise;
 mod spins;
 mod tables;
 
@@ -24,8 +29,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     match table.as_str() {
         "conditions" => conditions::print(trials.unwrap_or(10_000), seed)?,
         "spins" => spins::print(trials.unwrap_or(10_000), seed)?,
+        "confidence" => kinds::confidence(trials.unwrap_or(12_000), seed)?,
+        "kinds" => kinds::print(
+            trials.unwrap_or(3_000),
+            seed,
+            &arguments.collect::<Vec<_>>(),
+        )?,
         "tables" => tables::print(trials.unwrap_or(1_000), seed)?,
-        _ => return Err("expected a table: conditions, spins or tables".into()),
+        _ => return Err("expected a table: conditions, confidence, kinds, spins or tables".into()),
     }
     Ok(())
 }

@@ -9,9 +9,9 @@ use spindoe::vision::verdict::{FrameScore, Hypothesis, Scorer, Verdict, decide, 
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 
 /// The designs.
-const DESIGNS: [&str; 5] = ["dots12", "dots16", "dots20", "dots24", "dots32"];
+pub const DESIGNS: [&str; 5] = ["dots12", "dots16", "dots20", "dots24", "dots32"];
 /// The published pattern, where it is here.
-const PUBLISHED: &str = "/work/shared/data/spindoe2023/ref_pattern.csv";
+pub const PUBLISHED: &str = "/work/shared/data/spindoe2023/ref_pattern.csv";
 /// The ball in the images: the design of this number, and the published pattern.
 const BALL: usize = 2;
 

@@ -1,0 +1,140 @@
+//! Writes a valid input for each reader to `corpus/TARGET/`: what fuzzing starts from.
+
+use std::error::Error;
+use std::fs;
+use std::io::Cursor;
+use std::path::Path;
+
+use nalgebra::Matrix3;
+use spindoe::certify::{CertifyConfig, certify};
+use spindoe::design::Candidate;
+use spindoe::design::checkpoint::{SearchState, ShardFile, ShardRecord};
+use spindoe::design::Shard;
+use spindoe::hash::CalibrationRecord;
+use spindoe::recognize::observed;
+use spindoe::spin::orientations::Orientations;
+use spindoe::spin::simulate::Scenario;
+use spindoe::synth::SynthConfig;
+use spindoe::validate::{Protocol, ProtocolName, observed_frames};
+use spindoe::{HashTable, PairRule, Pattern, RecognizerConfig};
+use spindoe_fuzz::readers::{
+    SEPARATOR, ZONED_PATTERN, arrays, built_in_weights, search_config, table_names,
+};
+
+type Done<T = ()> = Result<T, Box<dyn Error>>;
+
+fn seed(target: &str, name: &str, bytes: impl AsRef<[u8]>) -> Done {
+    let folder = Path::new("corpus").join(target);
+    fs::create_dir_all(&folder)?;
+    Ok(fs::write(folder.join(name), bytes)?)
+}
+
+fn tables(pattern: &Pattern) -> Done {
+    let table = HashTable::build(pattern.clone(), PairRule::default(), RecognizerConfig::default())?;
+    seed("table", "plain", arrays(&table.to_npz()?, &table_names()).concat())?;
+    seed("table", "archive", table.to_npz()?)?;
+    let covariance = |d: &spindoe::Vec3| (Matrix3::identity() - d * d.transpose()) * 1e-4;
+    let record = CalibrationRecord {
+        nominal_sha256: None,
+        nominal_numbers: vec![Some(0), None, Some(2), Some(3)],
+        views: vec![3; 4],
+    };
+    let covariances = pattern.dots().iter().map(covariance).collect();
+    let table = table.with_calibration(covariances, record)?;
+    seed("table", "calibrated", arrays(&table.to_npz()?, &table_names()).concat())
+}
+
+fn searches(pattern: &Pattern) -> Done {
+    let config = search_config();
+    let candidate = Candidate {
+        start: 0,
+        value_before: 2.0,
+        value: 1.0,
+        cost: 1.0,
+        missed: None,
+        short_of_goal: false,
+        identity: None,
+        dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
+    };
+    let state = SearchState {
+        round: 1,
+        pool: vec![candidate],
+        ..SearchState::default()
+    };
+    seed("checkpoint", "search", state.to_json(&config)?)?;
+    let shard = ShardFile {
+        config,
+        record: ShardRecord {
+            shard: Shard::new(1, 2)?,
+            command: Some("spindoe design".into()),
+        },
+        state,
+    };
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("s.json");
+    shard.save(&path)?;
+    seed("shard", "shard", fs::read(path)?)
+}
+
+fn pictures() -> Done {
+    let picture = image::RgbImage::from_fn(6, 5, |u, v| image::Rgb([u as u8 * 9, v as u8 * 9, 80]));
+    for format in [
+        image::ImageFormat::Png,
+        image::ImageFormat::Jpeg,
+        image::ImageFormat::Bmp,
+        image::ImageFormat::Tiff,
+        image::ImageFormat::Pnm,
+    ] {
+        let mut bytes = Cursor::new(Vec::new());
+        picture.write_to(&mut bytes, format)?;
+        seed("picture", &format!("{format:?}").to_lowercase(), bytes.get_ref())?;
+        let piped = [&[0, 0, 0], bytes.get_ref().as_slice()].concat();
+        seed("pipe", &format!("{format:?}").to_lowercase(), piped)?;
+    }
+    seed("pipe", "raw", [&[2, 3, 2][..], &[7; 36]].concat())?;
+    let log = "  Duration: 00:00:01\n    com.android.capture.fps: 240.000000\n\
+               [showinfo] n: 0 pts: 0 pts_time:0 pos: 1\n[showinfo] n: 1 pts: 1 pts_time:0.0333 x\n";
+    let frames = b"P6\n2 1\n255\n123456P6\n2 1\n255\n123456";
+    seed("video", "two", [log.as_bytes(), &[SEPARATOR], frames].concat())
+}
+
+fn main() -> Done {
+    let pattern = Pattern::from_csv(Path::new("p"), ZONED_PATTERN.as_bytes())?;
+    seed("pattern", "plain", ZONED_PATTERN)?;
+    seed("pattern", "header", format!("x,y,z\n# {}\r\n{ZONED_PATTERN}", "\u{e9}"))?;
+    tables(&pattern)?;
+    searches(&pattern)?;
+    pictures()?;
+    let protocol = Protocol::standard(ProtocolName::Image);
+    let frames = observed_frames(&pattern, &protocol, 2, 4);
+    seed("observed", "image", observed::to_csv(&frames))?;
+    seed("observed", "plain", "frame,x,y,z,time_s\n\"a, b\",0,0.6,0.8,1\n7,1,0,0,\n")?;
+    let mut sequence = Scenario::default().sequence((40.0, 60.0), 3, 0);
+    sequence.measurements.truncate(3);
+    let rows = Orientations::from_measurements(&sequence.measurements);
+    seed("orientations", "plain", rows.to_csv())?;
+    let row = "frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence\n";
+    let text = format!("{row}a,0,1,0,0,0,9,8,0.5,0.9\nb,1,,,,,3,,,\n");
+    seed("orientations", "full", text)?;
+    seed("times", "plain", "frame,time_s\nleft/7.png,0.5\nright/7.png,0.25\n\"8\",1\n")?;
+    let set = "traj_file,x_spin,y_spin,z_spin\n1,10,20,30\n";
+    seed("trajectories", "plain", format!("{set}\00.1;1;2;3\n0.2;1.1;2;3\n"))?;
+    let numbers: [f32; 9] = [0.5, 900.0, 320.0, 240.0, 300.0, 200.0, 30.0, 310.0, 205.0];
+    seed("camera", "near", numbers.map(f32::to_le_bytes).concat())?;
+    seed("weights", "meta", &built_in_weights()[0])?;
+    let zones = format!(
+        "{{\"format_version\":1,\"pattern_sha256\":\"{}\",\"keep_out\":[{{\"axis\":[0,0,-1],\"half_angle_rad\":0.2}}]}}",
+        pattern.sha256()
+    );
+    seed("zones", "plain", zones)?;
+    seed("synth", "default", serde_json::to_vec(&SynthConfig::default())?)?;
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("c.json");
+    let larger = spindoe::pattern::random_pattern(8, 0.4, &mut rand_chacha())?;
+    certify(&larger, &CertifyConfig::default())?.write(&path)?;
+    seed("certificate", "plain", fs::read(path)?)
+}
+
+fn rand_chacha() -> impl rand::Rng {
+    <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1)
+}

@@ -1,0 +1,182 @@
+//! Calibration: the dots of a ball as they were really drawn.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use nalgebra::{Matrix2, Matrix3, Matrix3x2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
+use pyo3::prelude::*;
+use spindoe::calibrate::{CalibrationConfig, DotState, calibrate};
+use spindoe::geometry::tangent_frame;
+use spindoe::report::calibration::{
+    CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
+};
+use spindoe::vision::estimator::{BatchConfig, FrameClock, SequenceOutcome, estimate_inputs};
+use spindoe::vision::{BallCircle, FrameEstimate, NamedDetector};
+use spindoe::{Estimator, Vec3};
+
+use crate::arrays::{blocks3, rows, square, vector};
+use crate::errors::{Answer, OrRaise, value_error};
+use crate::estimator::{FrameTuple, frame_tuple};
+use crate::pattern::{HashTable, to_json};
+use crate::work::interruptible;
+
+/// Table; state, place, covariance, views, expected views and number of each nominal dot; marks;
+/// frames; frames with a ball, fitted ones, those with other balls; noise, detection rate; whether
+/// the rotation was smooth; inverse distance; the report as JSON.
+pub type Found<'py> = (
+    HashTable,
+    Dots<'py>,
+    Vec<MarkTuple<'py>>,
+    Vec<FrameTuple<'py>>,
+    (usize, usize, usize),
+    (f64, f64, bool, Option<f64>),
+    Option<String>,
+);
+
+/// State, place, covariance, views, expected views and number of each nominal dot.
+type Dots<'py> = (
+    Vec<&'static str>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray3<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i64>>,
+);
+
+/// Direction, covariance, frames that saw it and that it faced.
+type MarkTuple<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Option<Bound<'py, PyArray2<f64>>>,
+    usize,
+    usize,
+);
+
+/// The frames of a clip as the nominal pattern identifies them.
+pub struct Clip {
+    pub frames: Vec<FrameEstimate>,
+    /// Where they are a sequence.
+    pub times_s: Option<Vec<f64>>,
+}
+
+/// The frames of files, as the command reads them.
+pub fn read_clip(
+    py: Python<'_>,
+    estimator: &Estimator<NamedDetector>,
+    paths: &[PathBuf],
+    circle: Option<BallCircle>,
+    fps: Option<f64>,
+) -> PyResult<Clip> {
+    let config = BatchConfig {
+        circle,
+        clock: fps.map_or(FrameClock::Inputs, FrameClock::FramesPerSecond),
+        ..BatchConfig::default()
+    };
+    let batch = interruptible(py, |_| estimate_inputs(estimator, paths, &config, &()))?;
+    let batch = batch.or_raise()?;
+    if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
+        let problem = "the files' times do not increase from frame to frame: fps sets others";
+        return Err(value_error("images", problem));
+    }
+    Ok(Clip {
+        times_s: batch.times_s(),
+        frames: batch.frames.into_iter().map(|f| f.estimate).collect(),
+    })
+}
+
+/// A covariance in the tangent axes of a direction, in the pattern's frame.
+fn in_space(direction: &Vec3, covariance: &Matrix2<f64>) -> Matrix3<f64> {
+    let axes = Matrix3x2::from_columns(&tangent_frame(direction));
+    let turned = axes * covariance * axes.transpose();
+    0.5 * (turned + turned.transpose())
+}
+
+/// Calibrates the ball of a clip on the pattern of `table`, and evaluates that where it is asked for.
+pub fn run<'py>(
+    py: Python<'py>,
+    table: &spindoe::HashTable,
+    clip: &Clip,
+    config: &CalibrationConfig,
+    evaluation: Option<CalibrationEvaluationConfig>,
+) -> PyResult<Answer<Found<'py>>> {
+    let (nominal, times_s) = (table.pattern(), clip.times_s.as_deref());
+    let found = interruptible(py, |_| calibrate(nominal, &clip.frames, times_s, config))?;
+    let calibration = match found.or_raise()? {
+        Ok(calibration) => calibration,
+        Err(rejection) => return Ok(Answer::Rejected(rejection.to_string())),
+    };
+    let source = CalibrationSource {
+        nominal,
+        is_design: true,
+        frames: &clip.frames,
+        times_s,
+    };
+    let report = evaluation
+        .map(|evaluation| {
+            let evaluated = interruptible(py, |_| {
+                evaluate_calibration(&calibration, &source, config, &evaluation)
+            })?;
+            to_json(&evaluated.or_raise()?.report)
+        })
+        .transpose()?;
+    let own = calibration.table(Some(nominal.sha256())).or_raise()?;
+    let numbers = calibration.nominal_numbers();
+    let number = |j: usize| {
+        let at = numbers.iter().position(|n| *n == Some(j as u16));
+        at.map_or(-1, |k| k as i64)
+    };
+    let dots = &calibration.dots;
+    let states = dots.iter().map(|dot| match dot.state {
+        DotState::Measured => "measured",
+        DotState::Unseen => "unseen",
+        DotState::Missing => "missing",
+    });
+    let places: Vec<Vec3> = dots.iter().map(|dot| dot.direction).collect();
+    let covariances: Vec<Matrix3<f64>> = dots
+        .iter()
+        .map(|dot| in_space(&dot.direction, &dot.covariance))
+        .collect();
+    let views: Vec<i64> = dots.iter().map(|dot| dot.views as i64).collect();
+    let expected: Vec<f64> = dots.iter().map(|dot| dot.expected_views).collect();
+    let numbered: Vec<i64> = (0..dots.len()).map(number).collect();
+    let marks = calibration.marks.iter().map(|mark| {
+        let covariance = mark
+            .covariance
+            .map(|c| square(py, &in_space(&mark.direction, &c)));
+        (
+            vector(py, &mark.direction),
+            covariance,
+            mark.found,
+            mark.views,
+        )
+    });
+    Ok(Answer::Found((
+        HashTable(Arc::new(own)),
+        (
+            states.collect(),
+            rows(py, &places),
+            blocks3(py, &covariances),
+            views.into_pyarray(py),
+            expected.into_pyarray(py),
+            numbered.into_pyarray(py),
+        ),
+        marks.collect(),
+        calibration
+            .frames
+            .iter()
+            .map(|f| frame_tuple(py, f))
+            .collect(),
+        (
+            calibration.with_ball,
+            calibration.fitted,
+            calibration.with_rivals,
+        ),
+        (
+            calibration.noise_scale,
+            calibration.detection_rate,
+            calibration.smooth,
+            calibration.inverse_distance,
+        ),
+        report,
+    )))
+}

@@ -1,0 +1,142 @@
+"""The ROS 2 node itself, driven by a stand-in for `rclpy`: parameters, topics, messages, frames."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+import ros_stand_in as ros
+from conftest import ROOT
+from scipy.spatial.transform import Rotation
+
+import spindoe
+
+PACKAGE = ROOT / "python/examples/ros2_spindoe"
+TABLE = str(ROOT / "designs/dots20/table.npz")
+SPIN = np.array([30.0, 100.0, -40.0])
+OPTICAL = np.diag([1.0, -1.0, -1.0])
+PARAMETERS = {
+    "table": "", "frame": "optical", "intrinsics": [0.0] * 4, "ball_radius_m": 0.02,
+    "min_confidence": 0.5, "window": 12, "memory_s": 0.25, "max_rps": 175.0,
+}
+
+
+@pytest.fixture
+def rclpy(monkeypatch):
+    """The stand-in, and the node's module imported over it."""
+    stand_in = ros.install(monkeypatch)
+    monkeypatch.syspath_prepend(str(PACKAGE))
+    for name in [name for name in sys.modules if name.startswith("spindoe_ros")]:
+        monkeypatch.delitem(sys.modules, name)
+    stand_in.module = importlib.import_module("spindoe_ros.node")
+    monkeypatch.setattr(ros.Node, "overrides", {"table": TABLE})
+    yield stand_in
+    for name in [name for name in sys.modules if name.startswith("spindoe_ros")]:
+        del sys.modules[name]
+
+
+@pytest.fixture(scope="module")
+def clip(pattern):
+    frames = spindoe.synth(
+        pattern, 10, seed=6, fps=350.0, spin_rad_s=SPIN, ball_px=[90, 90], camera_distance_radii=[20, 20]
+    )
+    return list(frames)
+
+
+def messages(clip, frame_id="camera_optical_frame", start_s=1_700_000_000):
+    """Images as a camera's driver sends them, at the wall clock's times."""
+    for image, truth in clip:
+        ns = start_s * 10**9 + round(truth.time_s * 1e9)
+        height, width, _ = image.shape
+        header = ros.Header(ros.Time(ns // 10**9, ns % 10**9), frame_id)
+        data = np.ascontiguousarray(image).reshape(-1)
+        yield ros.Image(header, height, width, "rgb8", 0, 3 * width, data)
+
+
+def test_it_declares_its_parameters(rclpy):
+    node = rclpy.module.SpinNode()
+    assert node.name == "spindoe"
+    found = {name: value for name, (value, _) in node.parameters.items()}
+    assert found == {**PARAMETERS, "table": TABLE}
+    assert all(described.description and described.read_only for _, described in node.parameters.values())
+    readme = (PACKAGE / "README.md").read_text()
+    assert all(f"`{name}`" in readme for name in PARAMETERS)
+
+
+def test_its_topics(rclpy):
+    node = rclpy.module.SpinNode()
+    kind, _, qos = node.subscriptions["image"]
+    assert list(node.subscriptions) == ["image"] and kind is ros.Image and qos is ros.SENSOR_DATA
+    found = {topic: publisher.kind for topic, publisher in node.publishers.items()}
+    assert found == {"ball/pose": ros.PoseStamped, "ball/twist": ros.TwistWithCovarianceStamped}
+
+
+def test_it_answers_images(rclpy, clip, monkeypatch):
+    intrinsics = clip[0][1].everything["intrinsics"]
+    k = [float(intrinsics[name]) for name in ("fx", "fy", "cx", "cy")]
+    monkeypatch.setattr(ros.Node, "overrides", {"table": TABLE, "intrinsics": k})
+    rclpy.incoming = list(messages(clip))
+    rclpy.module.main()
+    assert rclpy.events == ["init", "spin", "shutdown"]
+    node = rclpy.node_of
+    assert node.is_destroyed
+    poses, twists = node.publishers["ball/pose"].sent, node.publishers["ball/twist"].sent
+    assert len(poses) >= 8 and len(twists) >= 6
+    headers = [message.header for message in rclpy.incoming]
+    truths = {(m.header.stamp.sec, m.header.stamp.nanosec): t for m, (_, t) in zip(rclpy.incoming, clip, strict=True)}
+    for message in [*poses, *twists]:
+        assert message.header in headers and message.header.frame_id == "camera_optical_frame"
+    for message in poses:
+        truth = truths[message.header.stamp.sec, message.header.stamp.nanosec]
+        q, p = message.pose.orientation, message.pose.position
+        expected = Rotation.from_matrix(OPTICAL) * truth.as_rotation()
+        off = Rotation.from_quat([q.x, q.y, q.z, q.w]) * expected.inv()
+        assert np.rad2deg(off.magnitude()) < 8.0
+        assert p.z > 0.0 and np.hypot(np.hypot(p.x, p.y), p.z) == pytest.approx(0.4, rel=0.1)
+    angular = twists[-1].twist.twist.angular
+    assert np.linalg.norm(np.array([angular.x, angular.y, angular.z]) - OPTICAL @ SPIN) < 8.0
+    covariance = twists[-1].twist.covariance.reshape(6, 6)
+    assert np.all(np.linalg.eigvalsh(covariance[3:, 3:]) > 0.0) and covariance[0, 0] >= 1e6
+    # The first images have no spin yet, and that is said.
+    assert any(level == "debug" and "at least 3" in line for level, line in node.logger.lines)
+    assert not any(level == "warning" for level, _ in node.logger.lines)
+
+
+def test_parameters_reach_the_core(rclpy, clip, monkeypatch):
+    monkeypatch.setattr(
+        ros.Node, "overrides", {"table": TABLE, "frame": "ours", "min_confidence": 1.0, "window": 5}
+    )
+    node = rclpy.module.SpinNode()
+    assert [level for level, _ in node.logger.lines] == ["warning"]
+    _, on_image, _ = node.subscriptions["image"]
+    for message in messages(clip[:3]):
+        on_image(message)
+    assert not node.publishers["ball/pose"].sent
+    for name, value in [("frame", "map"), ("window", 1), ("table", "none.npz")]:
+        monkeypatch.setattr(ros.Node, "overrides", {"table": TABLE, name: value})
+        with pytest.raises((ValueError, OSError)):
+            rclpy.module.SpinNode()
+    monkeypatch.setattr(ros.Node, "overrides", {"table": TABLE, "window": 5.0})
+    with pytest.raises(TypeError, match="window"):
+        rclpy.module.SpinNode()
+
+
+def test_an_image_that_cannot_be_read_does_not_end_the_node(rclpy, clip):
+    node = rclpy.module.SpinNode()
+    _, on_image, _ = node.subscriptions["image"]
+    first, second = messages(clip[:2])
+    first.encoding = "yuv422"
+    on_image(first)
+    assert [line for level, line in node.logger.lines if "encoding" in line]
+    on_image(second)
+    assert len(node.publishers["ball/pose"].sent) == 1
+
+
+def test_the_package_is_whole():
+    package = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    needed = {element.text for element in package.iter("exec_depend")}
+    assert {"rclpy", "sensor_msgs", "geometry_msgs", "rcl_interfaces", "launch_ros"} <= needed
+    assert package.findtext("name") == "spindoe_ros"

@@ -1,0 +1,248 @@
+//! Rough circles in a large image, at a quarter of its scale: where a ball may be.
+//!
+//! The image is shrunk, each value the mean of a square of pixels, until its longer side is at most
+//! [`SIDE`] values, and halved from there. At each size edges vote for centers as in
+//! [`BallFinder`](super::BallFinder), for radii of 5 to 10 values at the first size and of 10 to 20 at
+//! each. The radius at which most of 72 rays have an edge makes a circle of a center.
+//!
+//! A circle in which something has changed since the image before is *moving*. What changes is
+//! measured against the whole image, half of which is taken for standing still: where the camera
+//! moves, everything changes, and nothing is preferred. Moving circles come first: a lamp, a white
+//! disc on the wall stand still, a ball moves or turns.
+//!
+//! Guarantees: the work does not depend on how many circles there are. Not guaranteed: that any of
+//! them is a ball. They are known to some tenth of the radius; [`fit`](super::BallFinder::fit_near) them.
+
+use super::edges::Unrolled;
+use super::vote::{Center, MAX, MIN, Votes};
+use super::{BallCircle, GrayImage, Pixel, Polarity};
+
+/// Maximum longer side of the first size that is searched, values.
+const SIDE: usize = 320;
+/// The smallest radius that is voted for, at the first size only, values.
+const FINEST: usize = 5;
+/// Centers examined at each size and for each polarity.
+const CENTERS: usize = 8;
+/// Circles given out.
+pub const MAX_CIRCLES: usize = 12;
+/// Circles nearer to each other than this, in radii, are one; so are those of radii within this ratio.
+const SAME: f64 = 0.35;
+/// A change of this many times the median change, and beyond this difference of brightness, is motion.
+const CHANGE: (f32, f32) = (6.0, 0.02);
+/// Share of a circle's values that must change.
+const MOVING: f64 = 0.1;
+/// Every so many values count for the median change.
+const STRIDE: usize = 7;
+
+/// A circle that may be a ball's, full-size pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RoughCircle {
+    /// To some tenth of its radius.
+    pub circle: BallCircle,
+    /// The sign of its edges.
+    pub polarity: Polarity,
+    /// About the share of its rim that has an edge.
+    pub support: f64,
+    /// Whether it differs from the image before.
+    pub is_moving: bool,
+}
+
+/// Searches large images; keeps its memory, and the last image, from image to image.
+#[derive(Debug, Default)]
+pub struct CoarseSearch {
+    /// The image at the first size and the halves of it.
+    sizes: Vec<GrayImage>,
+    previous: GrayImage,
+    /// Whether the image before belongs to the same camera and place.
+    is_continued: bool,
+    /// The change of every value.
+    changes: Vec<f32>,
+    sample: Vec<f32>,
+    votes: Votes,
+    centers: Vec<Center>,
+    unrolled: Unrolled,
+    found: Vec<RoughCircle>,
+}
+
+/// How often an image of this size is halved until it is small enough.
+pub fn level(width: usize, height: usize) -> u32 {
+    let mut level = 0;
+    while width.max(height) >> level > SIDE {
+        level += 1;
+    }
+    level
+}
+
+impl CoarseSearch {
+    /// Forgets the image before: the next one shows another place.
+    pub fn forget(&mut self) {
+        self.is_continued = false;
+    }
+
+    /// The circles of an image, the likeliest first. `shrink` writes the image at the scale
+    /// `1 / 2^level`. Radii are within `radii`, full-size pixels. The image before is that of the last
+    /// call, unless that was forgotten.
+    pub fn search(
+        &mut self,
+        level: u32,
+        radii: (f64, f64),
+        shrink: impl FnOnce(&mut GrayImage),
+    ) -> &[RoughCircle] {
+        self.found.clear();
+        if self.sizes.is_empty() {
+            self.sizes.push(GrayImage::default());
+        }
+        std::mem::swap(&mut self.previous, &mut self.sizes[0]);
+        shrink(&mut self.sizes[0]);
+        self.find_changes();
+        for size in 0.. {
+            let scale = (1u64 << (level + size as u32)) as f64;
+            let smallest = if size == 0 { FINEST } else { MIN };
+            let is_over = smallest as f64 * scale > radii.1;
+            if is_over || (size > 0 && !self.halve(size)) {
+                break;
+            }
+            self.reserve(size);
+            self.votes.look(&self.sizes[size]);
+            let fine = (size == 0).then_some(FINEST..=MIN);
+            for voted in fine.into_iter().chain([MIN..=MAX]) {
+                let (from, to) = (*voted.start() as f64 * scale, *voted.end() as f64 * scale);
+                if to < radii.0 || from > radii.1 {
+                    continue;
+                }
+                for polarity in [Polarity::Brighter, Polarity::Darker] {
+                    self.votes.cast(voted.clone(), polarity.sign());
+                    self.votes.strongest(CENTERS, &mut self.centers);
+                    for k in 0..self.centers.len() {
+                        let center = self.centers[k];
+                        let image = &self.sizes[size];
+                        let sign = polarity.sign();
+                        let voted = voted.clone();
+                        let Some((radius, support)) =
+                            self.unrolled.radius(image, &center, voted, sign)
+                        else {
+                            continue;
+                        };
+                        let shift = 0.5 * (scale - 1.0);
+                        let circle = BallCircle {
+                            center: Pixel {
+                                u: scale * center.u + shift,
+                                v: scale * center.v + shift,
+                            },
+                            radius: scale * radius,
+                        };
+                        if circle.radius < radii.0 || circle.radius > radii.1 {
+                            continue;
+                        }
+                        let is_moving = self.is_moving(&circle, (1u64 << level) as f64);
+                        self.keep(RoughCircle {
+                            circle,
+                            polarity,
+                            support,
+                            is_moving,
+                        });
+                    }
+                }
+            }
+        }
+        &self.found
+    }
+
+    /// Makes the next smaller size; whether it has room for a circle.
+    fn halve(&mut self, size: usize) -> bool {
+        if self.sizes.len() == size {
+            self.sizes.push(GrayImage::default());
+        }
+        let (done, rest) = self.sizes.split_at_mut(size);
+        let Some(last) = done.last() else {
+            return false;
+        };
+        if last.width().max(last.height()) < 4 * MIN {
+            return false;
+        }
+        last.halve_into(&mut rest[0]);
+        true
+    }
+
+    fn reserve(&mut self, size: usize) {
+        if size == 0 {
+            let values = self.sizes[0].values().len();
+            self.votes.reserve(values);
+            self.previous.reserve(values);
+            self.sample
+                .reserve((values / STRIDE + 1).saturating_sub(self.sample.len()));
+        }
+        self.centers
+            .reserve(CENTERS.saturating_sub(self.centers.len()));
+        self.found
+            .reserve((MAX_CIRCLES + 1).saturating_sub(self.found.len()));
+    }
+
+    /// What has changed since the image before, in units of the limit of motion; nothing, where that
+    /// was of another size.
+    fn find_changes(&mut self) {
+        let (now, before) = (&self.sizes[0], &self.previous);
+        self.changes.clear();
+        let is_continued = std::mem::replace(&mut self.is_continued, true);
+        if !is_continued || (now.width(), now.height()) != (before.width(), before.height()) {
+            // Room for the next.
+            self.changes.reserve(now.values().len());
+            return;
+        }
+        let both = now.values().iter().zip(before.values());
+        self.changes.extend(both.map(|(a, b)| (a - b).abs()));
+        self.sample.clear();
+        self.sample
+            .extend(self.changes.iter().step_by(STRIDE).copied());
+        let middle = self.sample.len() / 2;
+        let median = *self.sample.select_nth_unstable_by(middle, f32::total_cmp).1;
+        let limit = (CHANGE.0 * median).max(CHANGE.1);
+        for change in &mut self.changes {
+            *change /= limit;
+        }
+    }
+
+    fn is_moving(&self, circle: &BallCircle, scale: f64) -> bool {
+        if self.changes.is_empty() {
+            return false;
+        }
+        let (width, height) = (self.sizes[0].width(), self.sizes[0].height());
+        let shift = 0.5 * (scale - 1.0);
+        let u = (circle.center.u - shift) / scale;
+        let v = (circle.center.v - shift) / scale;
+        let radius = circle.radius / scale;
+        let (mut changed, mut all) = (0u32, 0u32);
+        let rows = (v - radius).ceil().max(0.0) as usize..=(v + radius).max(0.0) as usize;
+        for row in rows.take_while(|r| *r < height) {
+            let half = (radius * radius - (row as f64 - v).powi(2)).max(0.0).sqrt();
+            let columns = (u - half).ceil().max(0.0) as usize..=(u + half).max(0.0) as usize;
+            for column in columns.take_while(|c| *c < width) {
+                all += 1;
+                changed += u32::from(self.changes[row * width + column] > 1.0);
+            }
+        }
+        f64::from(changed) >= MOVING * f64::from(all.max(1))
+    }
+
+    /// Keeps a circle once, among the best, in order.
+    fn keep(&mut self, circle: RoughCircle) {
+        let same = |other: &RoughCircle| {
+            let (a, b) = (&other.circle, &circle.circle);
+            let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
+            apart < SAME * a.radius.min(b.radius) && (a.radius / b.radius).ln().abs() < SAME
+        };
+        let rank = |c: &RoughCircle| (c.is_moving, c.support);
+        let before = |a: &RoughCircle, b: &RoughCircle| rank(a) >= rank(b);
+        if let Some(at) = self.found.iter().position(same) {
+            if before(&self.found[at], &circle) {
+                return;
+            }
+            self.found.remove(at);
+        }
+        let at = self.found.partition_point(|other| before(other, &circle));
+        if at < MAX_CIRCLES {
+            self.found.insert(at, circle);
+            self.found.truncate(MAX_CIRCLES);
+        }
+    }
+}

@@ -1,0 +1,518 @@
+//! A frame's way from pixels to an answer: outlines are tried, the likeliest first, until the dots are
+//! clear.
+//!
+//! The ball may be looked for in a whole image, in a part of it, or near a circle that is known roughly:
+//! then its surroundings are cut out and nothing else is looked at. In a large image rough circles come
+//! from a [coarse search](crate::vision::circle::coarse); the thorough search follows only where none of
+//! them is a ball by its dots.
+//!
+//! Guarantees: outlines and dots are given in the pixels of the whole image, whatever part of it was
+//! looked at. An outline beside the first needs a clear pose by dots that are likely ones.
+
+use std::time::Instant;
+
+use nalgebra::Matrix3;
+
+use super::locate::Candidate;
+use super::{
+    CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
+    Outline, Timings, is_mirrored,
+};
+use crate::recognize::robust::Hint;
+use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::circle::NoBall;
+use crate::vision::circle::coarse::{self, CoarseSearch, MAX_CIRCLES, RoughCircle};
+use crate::vision::detect::DotDetector;
+use crate::vision::image::{GrayImage, RgbImage};
+use crate::vision::roi::{Roi, shifted_intrinsics};
+
+/// Standard deviations of a given outline: of its center and radius, in radii.
+const GIVEN_OUTLINE: f64 = 0.01;
+/// Confidence of a detection that is more likely a dot than not.
+pub(super) const LIKELY_DOT: f64 = 0.5;
+/// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
+const MIN_LIKELY_DOTS: usize = 5;
+/// Poses from here on are all but certain.
+const CERTAIN: f64 = 0.99;
+/// What is cut out around a rough circle, in radii: what the net for outlines sees, and a rough circle's error.
+const SURROUNDINGS: f64 = 1.8;
+/// Images with a longer side beyond this, pixels, are searched at a coarse scale first.
+pub(super) const LARGE: usize = 480;
+/// Largest radius of the coarse search, as a part of the longer side.
+const MAX_COARSE: f64 = 0.4;
+/// Smallest radius that the coarse search is sure to see, values of the first size that it searches.
+const MIN_COARSE: f64 = 5.0;
+
+/// The images that a frame is converted into; their memory is reused.
+#[derive(Debug, Default)]
+pub(super) struct Images {
+    /// A part of the frame, or the frame itself where it came as bytes.
+    part_gray: GrayImage,
+    part_color: RgbImage,
+    /// Gray of a part in colors.
+    gray: GrayImage,
+    coarse: CoarseSearch,
+    circles: Vec<RoughCircle>,
+}
+
+impl Images {
+    /// Forgets the frame before, by which motion is seen.
+    pub fn forget(&mut self) {
+        self.coarse.forget();
+    }
+}
+
+/// A part of a frame, converted.
+#[derive(Debug, Clone, Copy)]
+struct View<'a> {
+    image: FrameImage<'a>,
+    gray: &'a GrayImage,
+    /// Where its pixel (0, 0) lies in the frame.
+    origin: Pixel,
+}
+
+/// A part of a frame and the sizes of balls that are looked for in it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Hunt {
+    part: Roi,
+    /// The first size that is searched: so often halved.
+    level: u32,
+    /// Radii, pixels.
+    radii: (f64, f64),
+}
+
+impl Hunt {
+    /// For balls of any size from 5 pixels of radius at the coarse scale on; a finer search takes half
+    /// that size as well.
+    pub fn everywhere(part: Roi, is_fine: bool) -> Self {
+        let longer = part.width.max(part.height);
+        let coarse = coarse::level(part.width, part.height);
+        let level = coarse.saturating_sub(u32::from(is_fine));
+        let smallest = |level: u32| MIN_COARSE * f64::from(1u32 << level);
+        let largest = match is_fine {
+            true => 1.2 * smallest(coarse),
+            false => MAX_COARSE * longer as f64,
+        };
+        Self {
+            part,
+            level,
+            radii: (smallest(level), largest),
+        }
+    }
+
+    /// For a ball that was seen with this outline, within so many radii; `None` outside the image.
+    pub fn nearby(circle: &BallCircle, reach: f64, image: &FrameImage<'_>) -> Option<Self> {
+        let part = Roi::around(circle, reach, image.width(), image.height())?;
+        let mut level = 0;
+        while circle.radius / f64::from(2u32 << level) >= 1.4 * MIN_COARSE {
+            level += 1;
+        }
+        Some(Self {
+            part,
+            level,
+            radii: (0.7 * circle.radius, 1.4 * circle.radius),
+        })
+    }
+}
+
+/// Where the outline comes from.
+#[derive(Debug, Clone, Copy)]
+enum Search<'a> {
+    /// It is given, in the frame's pixels.
+    Given(&'a BallCircle),
+    /// It is anywhere in the view.
+    Everywhere,
+    /// It is near a circle, in the frame's pixels, and so many runs of the recognizer were made before.
+    Near(&'a BallCircle, usize),
+}
+
+impl<D: DotDetector> Estimator<D> {
+    /// Estimates a frame: [`Estimator::detect`], then [`Estimator::estimate_pose`]. Where that gives no answer, other outlines are tried: one on
+    /// which the dots tell a clear pose is the ball's.
+    pub fn estimate_frame<'a>(
+        &self,
+        image: impl Into<FrameImage<'a>>,
+        circle: Option<&BallCircle>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let image = image.into();
+        let whole = Roi::whole(image.width(), image.height());
+        match circle {
+            Some(circle) => self.estimate_given(image, circle, hint, ws, out),
+            None => self.estimate_part(image, &whole, hint, ws, out),
+        }
+    }
+
+    /// As [`Estimator::estimate_frame`], with the ball looked for in a part of the image only.
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) where the region is not within the image.
+    pub fn estimate_roi<'a>(
+        &self,
+        image: impl Into<FrameImage<'a>>,
+        roi: &Roi,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> crate::error::Result<()> {
+        let image = image.into();
+        let roi = roi.within(image.width(), image.height())?;
+        self.estimate_part(image, &roi, hint, ws, out);
+        Ok(())
+    }
+
+    /// Finds the ball, unless its outline is given, and the dots on it.
+    pub fn detect<'a>(
+        &self,
+        image: impl Into<FrameImage<'a>>,
+        circle: Option<&BallCircle>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let image = image.into();
+        let whole = Roi::whole(image.width(), image.height());
+        let search = circle.map_or(Search::Everywhere, Search::Given);
+        self.viewed(image, &whole, ws, |view, ws| {
+            self.detect_in(view, search, ws, out);
+        });
+    }
+
+    /// Estimates a frame with the outline given.
+    fn estimate_given(
+        &self,
+        image: FrameImage<'_>,
+        circle: &BallCircle,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let (width, height) = (image.width(), image.height());
+        let part = match image {
+            FrameImage::Raw(_) => Roi::around(circle, SURROUNDINGS, width, height),
+            _ => None,
+        };
+        let part = part.unwrap_or(Roi::whole(width, height));
+        self.viewed(image, &part, ws, |view, ws| {
+            self.detect_in(view, Search::Given(circle), ws, out);
+        });
+        self.estimate_pose(hint, ws, out);
+    }
+
+    /// Estimates a frame with the ball somewhere in a part of it.
+    pub(super) fn estimate_part(
+        &self,
+        image: FrameImage<'_>,
+        part: &Roi,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        if part.width.max(part.height) > LARGE {
+            ws.images.forget();
+            if self.acquire(image, &Hunt::everywhere(*part, false), hint, ws, out) {
+                return;
+            }
+        }
+        self.viewed(image, part, ws, |view, ws| {
+            self.try_outlines(view, Search::Everywhere, hint, ws, out);
+        });
+    }
+
+    /// Looks for the ball in a large image at a coarse scale; whether one was found, by its dots. Without one, `out` has
+    /// the best of the circles, if there is any.
+    pub(super) fn acquire(
+        &self,
+        image: FrameImage<'_>,
+        hunt: &Hunt,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> bool {
+        let begun = Instant::now();
+        let Hunt { part, level, radii } = *hunt;
+        let radii = (radii.0.max(self.config.circle.min_radius_px), radii.1);
+        let mut circles = std::mem::take(&mut ws.images.circles);
+        circles.clear();
+        circles.reserve(MAX_CIRCLES);
+        circles.extend_from_slice(ws.images.coarse.search(level, radii, |out| {
+            image.shrink_into(&part, level, out);
+        }));
+        let mut searched = begun.elapsed();
+        let mut best = std::mem::take(&mut ws.best);
+        best.clear();
+        let (mut is_found, mut attempts) = (false, 0);
+        for rough in &mut circles {
+            rough.circle.center.u += part.left as f64;
+            rough.circle.center.v += part.top as f64;
+            self.estimate_near(image, &rough.circle, attempts, hint, ws, out);
+            attempts = out.attempts;
+            out.timings.locate += std::mem::take(&mut searched);
+            is_found = is_evident(out) || is_mirrored(out);
+            if is_found {
+                break;
+            }
+            searched += out.timings.locate + out.timings.detect + out.timings.identify;
+            if best.outline.is_none() {
+                std::mem::swap(&mut best, out);
+            }
+        }
+        if !is_found {
+            std::mem::swap(&mut best, out);
+            if out.outline.is_none() {
+                out.outcome = Err(FrameRejection::NoBall(NoBall::NoCircle { support: 0.0 }));
+                out.timings.locate = searched;
+            }
+            // A pose that the dots do not make evident is no answer here.
+            out.reject_pose();
+        }
+        ws.best = best;
+        ws.images.circles = circles;
+        is_found
+    }
+
+    /// Estimates a frame whose ball is near a circle: to some tenth of the radius. So many runs of the recognizer on this
+    /// frame were made before.
+    pub(super) fn estimate_near(
+        &self,
+        image: FrameImage<'_>,
+        circle: &BallCircle,
+        attempts: usize,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let (width, height) = (image.width(), image.height());
+        let Some(part) = Roi::around(circle, SURROUNDINGS, width, height) else {
+            out.clear();
+            return;
+        };
+        self.viewed(image, &part, ws, |view, ws| {
+            self.try_outlines(view, Search::Near(circle, attempts), hint, ws, out);
+        });
+    }
+
+    /// Hands a part of a frame to `work`, converted. The workspace's images are away meanwhile.
+    fn viewed(
+        &self,
+        image: FrameImage<'_>,
+        part: &Roi,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        work: impl FnOnce(View<'_>, &mut EstimatorWorkspace<D::Workspace>),
+    ) {
+        let mut images = std::mem::take(&mut ws.images);
+        let is_whole = *part == Roi::whole(image.width(), image.height());
+        let seen = match image {
+            FrameImage::Gray(_) | FrameImage::Color(_) if is_whole => image,
+            _ => image.part(part, &mut images.part_gray, &mut images.part_color),
+        };
+        if let FrameImage::Color(color) = seen {
+            color.to_gray_into(&mut images.gray);
+        }
+        let view = View {
+            image: seen,
+            gray: match seen {
+                FrameImage::Gray(gray) => gray,
+                _ => &images.gray,
+            },
+            origin: part.origin(),
+        };
+        work(view, ws);
+        ws.images = images;
+    }
+
+    /// Tries outlines, the likeliest first.
+    fn try_outlines(
+        &self,
+        view: View<'_>,
+        search: Search<'_>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        self.detect_in(view, search, ws, out);
+        self.estimate_pose(hint, ws, out);
+        let mut other = std::mem::take(&mut ws.other);
+        other.attempts = 0;
+        let contested = ws.locator.contested().filter(|_| !is_mirrored(out));
+        if let Some(candidate) = contested {
+            self.try_outline(&candidate, view, hint, ws, out, &mut other);
+            let is_pose = is_better(&other, out) && (out.pose().is_some() || is_evident(&other));
+            if is_pose || is_mirrored(&other) {
+                std::mem::swap(&mut other, out);
+            }
+        }
+        let mut start = 0;
+        while out.pose().is_none() && !is_mirrored(out) {
+            let net = self.outline_net.as_ref();
+            let Some(candidate) = ws.locator.other(view.gray, net, &mut start) else {
+                break;
+            };
+            self.try_outline(&candidate, view, hint, ws, out, &mut other);
+            if is_evident(&other) || is_mirrored(&other) {
+                std::mem::swap(&mut other, out);
+            }
+        }
+        out.attempts = out.attempts.max(other.attempts);
+        ws.other = other;
+    }
+
+    /// Estimates a frame on another outline than that of `first`, into `other`.
+    fn try_outline(
+        &self,
+        candidate: &Candidate,
+        view: View<'_>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        first: &FrameEstimate,
+        other: &mut FrameEstimate,
+    ) {
+        other.outline = Some(candidate.outline);
+        (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
+        other.earlier_attempts = first.attempts.max(other.attempts);
+        other.outcome = Err(FrameRejection::NotProcessed);
+        other.known_distance = first.known_distance;
+        other.timings.locate = first.timings.locate;
+        self.find_dots(view, ws, other);
+        self.estimate_pose(hint, ws, other);
+    }
+
+    /// Finds the ball in a view, unless its outline is given, and the dots on it.
+    fn detect_in(
+        &self,
+        view: View<'_>,
+        search: Search<'_>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let begun = Instant::now();
+        let attempts = match search {
+            Search::Near(_, attempts) => attempts,
+            Search::Given(_) | Search::Everywhere => 0,
+        };
+        out.clear();
+        out.earlier_attempts = attempts;
+        let in_view = |circle: &BallCircle| BallCircle {
+            center: Pixel {
+                u: circle.center.u - view.origin.u,
+                v: circle.center.v - view.origin.v,
+            },
+            ..*circle
+        };
+        let net = self.outline_net.as_ref();
+        let found = match search {
+            Search::Given(circle) => {
+                let sigma = GIVEN_OUTLINE * circle.radius;
+                out.outline = Some(Outline {
+                    circle: in_view(circle),
+                    covariance: Matrix3::from_diagonal_element(sigma.powi(2)),
+                });
+                None
+            }
+            Search::Everywhere => Some(ws.locator.find(view.gray, view.image, net)),
+            Search::Near(circle, _) => {
+                let rough = in_view(circle);
+                Some(ws.locator.find_near(view.gray, view.image, &rough, net))
+            }
+        };
+        match found {
+            Some(Ok(found)) => {
+                out.outline = Some(found.outline);
+                out.fit = found.fit;
+            }
+            Some(Err(why)) => out.outcome = Err(FrameRejection::NoBall(why)),
+            None => {}
+        }
+        out.circle = out.outline.map(|o| o.circle);
+        out.timings.locate = begun.elapsed();
+        self.find_dots(view, ws, out);
+    }
+
+    /// Finds the dots within the outline; then all that was found is given in the frame's pixels.
+    fn find_dots(
+        &self,
+        view: View<'_>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        out.dots.clear();
+        out.dots.reserve(EXPECTED_DOTS);
+        out.assignment.clear();
+        out.assignment.reserve(EXPECTED_DOTS);
+        if let Some(outline) = out.outline {
+            let begun = Instant::now();
+            let recentered = match (self.intrinsics(), &mut ws.recentering) {
+                (Some(k), Some(r)) => {
+                    let k = shifted_intrinsics(&k, view.origin);
+                    r.recenter(&k, view.gray, ws.locator.color_contrast(), out)
+                }
+                _ => None,
+            };
+            match (recentered, &ws.recentering) {
+                (Some(ball), Some(r)) => ws.patch.cut_into(r.image(), &ball.circle),
+                _ => ws.patch.cut_into(view.gray, &outline.circle),
+            }
+            self.detector
+                .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
+            if let Some(ball) = recentered {
+                ball.camera.dots_to_image(&mut out.dots);
+            }
+            out.circle = out.outline.map(|o| o.circle);
+            out.timings.detect = begun.elapsed();
+        }
+        out.shift(view.origin);
+        out.assignment.resize(out.dots.len(), None);
+    }
+}
+
+impl FrameEstimate {
+    /// Nothing is known; memory stays.
+    fn clear(&mut self) {
+        (self.outline, self.circle, self.fit) = (None, None, None);
+        self.dots.clear();
+        self.assignment.clear();
+        self.outcome = Err(FrameRejection::NotProcessed);
+        self.timings = Timings::default();
+        self.known_distance = None;
+        (self.earlier_attempts, self.attempts) = (0, 0);
+        self.evidence = None;
+    }
+
+    /// Takes back a pose.
+    fn reject_pose(&mut self) {
+        if let Ok(pose) = self.outcome {
+            self.outcome = Err(FrameRejection::Ambiguous {
+                pose_confidence: pose.pose_confidence,
+            });
+            self.circle = self.outline.map(|o| o.circle);
+            self.assignment.fill(None);
+        }
+    }
+}
+
+/// Whether the dots alone are evidence of a ball, where the circle is none.
+pub(super) fn is_evident(frame: &FrameEstimate) -> bool {
+    let is_clear = frame.pose().is_some_and(|p| p.pose_confidence >= CLEAR);
+    is_clear && likely_dots(frame) >= MIN_LIKELY_DOTS
+}
+
+/// Whether the dots speak for `a`'s outline rather than for `b`'s: by the pose's probability and,
+/// where both are all but certain, by how well the dots fit.
+fn is_better(a: &FrameEstimate, b: &FrameEstimate) -> bool {
+    match (a.pose(), b.pose()) {
+        (Some(a), Some(b)) if a.pose_confidence.min(b.pose_confidence) >= CERTAIN => {
+            a.residual_rad < b.residual_rad
+        }
+        (Some(a), Some(b)) => a.pose_confidence > b.pose_confidence,
+        (a, _) => a.is_some(),
+    }
+}
+
+/// Number of identified dots that are more likely dots than not.
+fn likely_dots(frame: &FrameEstimate) -> usize {
+    let named = frame.dots.iter().zip(&frame.assignment);
+    named
+        .filter(|(dot, name)| dot.confidence >= LIKELY_DOT && name.is_some())
+        .count()
+}

@@ -1,0 +1,195 @@
+//! Tables with a row a frame: times, outlines.
+//!
+//! A row names a frame by its file's name, with or without the ending, and by as many of the
+//! folders before it as it gives: `7`, `7.png` and `left/7.png` all name `run/left/7.png`. Of
+//! several such rows the one that gives most folders counts. Frames of a video `film.mkv` are named
+//! `film_000001`, `film_000002` and so on.
+
+use std::collections::HashMap;
+use std::path::{Component, Path, PathBuf};
+
+use super::camera::{BallCircle, Pixel};
+use super::input::stem;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::files::csv::{Columns, Table, TableRow, shown};
+
+static TIMES: Columns<2> = Columns {
+    names: ["frame", "time_s"],
+    required: 0..2,
+};
+static CIRCLES: Columns<4> = Columns {
+    names: ["frame", "u", "v", "radius"],
+    required: 0..4,
+};
+
+/// What a table says of each of some frames.
+#[derive(Debug, Clone)]
+pub struct FrameTable<T> {
+    path: PathBuf,
+    rows: Vec<FrameRow<T>>,
+    /// Rows by the last component of their names.
+    by_name: HashMap<String, Vec<usize>>,
+}
+
+/// The times of frames, seconds.
+pub type FrameTimes = FrameTable<f64>;
+/// The ball's outlines in frames.
+pub type FrameCircles = FrameTable<BallCircle>;
+
+#[derive(Debug, Clone)]
+struct FrameRow<T> {
+    line: u64,
+    folders: Vec<String>,
+    value: T,
+}
+
+/// Reads a table of times: CSV with the header `frame,time_s`.
+///
+/// # Errors
+/// [`Error::Read`], or [`Error::Input`] naming the line: for what is no time, and for a frame that
+/// occurs twice.
+pub fn read_times(path: &Path) -> Result<FrameTimes> {
+    read(path, &TIMES, |row| number(row, 1, "time_s", "seconds"))
+}
+
+/// Reads a table of outlines: CSV with the header `frame,u,v,radius`, pixels.
+///
+/// # Errors
+/// [`Error::Read`], or [`Error::Input`] naming the line: for what is no circle, and for a frame that
+/// occurs twice.
+pub fn read_circles(path: &Path) -> Result<FrameCircles> {
+    read(path, &CIRCLES, |row| {
+        let center = Pixel {
+            u: number(row, 1, "u", "pixels")?,
+            v: number(row, 2, "v", "pixels")?,
+        };
+        let radius = number(row, 3, "radius", "pixels")?;
+        if radius <= 0.0 {
+            let problem = format!("radius: expected a positive number of pixels, found {radius}");
+            return Err(row.error(problem));
+        }
+        Ok(BallCircle { center, radius })
+    })
+}
+
+fn number<const N: usize>(
+    row: &TableRow<'_, N>,
+    column: usize,
+    name: &str,
+    unit: &str,
+) -> Result<f64> {
+    let number = row.number(column).map_err(|problem| row.error(problem))?;
+    number.ok_or_else(|| row.error(format!("{name}: expected {unit}, found nothing")))
+}
+
+fn read<T, const N: usize>(
+    path: &Path,
+    columns: &'static Columns<N>,
+    value: impl Fn(&TableRow<'_, N>) -> Result<T>,
+) -> Result<FrameTable<T>> {
+    let mut table = Table::new(path, files::open(path)?, columns)?;
+    let mut found = FrameTable {
+        path: path.to_path_buf(),
+        rows: Vec::new(),
+        by_name: HashMap::new(),
+    };
+    while let Some(row) = table.next_row()? {
+        let frame = row.text(0).unwrap_or_default();
+        let mut folders = components(Path::new(frame));
+        let Some(name) = folders.pop() else {
+            return Err(row.error("frame: expected a name, found nothing"));
+        };
+        let value = value(&row)?;
+        let same: &mut Vec<usize> = found.by_name.entry(name).or_default();
+        let before = same.iter().find(|&&i| found.rows[i].folders == folders);
+        if let Some(&before) = before {
+            let (frame, before) = (shown(frame), found.rows[before].line);
+            let problem = format!("frame: \"{frame}\" occurs on line {before} already");
+            return Err(row.error(problem));
+        }
+        same.push(found.rows.len());
+        found.rows.push(FrameRow {
+            line: row.line(),
+            folders,
+            value,
+        });
+    }
+    Ok(found)
+}
+
+impl<T: Copy> FrameTable<T> {
+    /// What the table says of each frame; frames by [`InputFrame::path`](super::input::InputFrame::path).
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a frame that no row names, or two alike, and for a row that names two
+    /// frames.
+    pub fn of_frames(&self, frames: &[PathBuf]) -> Result<Vec<T>> {
+        let mut taken: HashMap<usize, &Path> = HashMap::new();
+        let mut values = Vec::with_capacity(frames.len());
+        for frame in frames {
+            let Some(i) = self.row_of(frame)? else {
+                let problem = format!("expected a row for frame {}", frame.display());
+                return Err(Error::input(&self.path, "file", problem));
+            };
+            let row = &self.rows[i];
+            if let Some(other) = taken.insert(i, frame) {
+                let (frame, other) = (frame.display(), other.display());
+                let problem =
+                    format!("frame: names both {other} and {frame}: expected their folders too");
+                return Err(self.error(row.line, problem));
+            }
+            values.push(row.value);
+        }
+        Ok(values)
+    }
+
+    /// What the table says of a frame; `None` where no row names it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a frame that two rows name alike.
+    pub fn of_frame(&self, frame: &Path) -> Result<Option<T>> {
+        Ok(self.row_of(frame)?.map(|i| self.rows[i].value))
+    }
+
+    /// The row that names a frame most specifically.
+    fn row_of(&self, frame: &Path) -> Result<Option<usize>> {
+        let mut folders = components(frame);
+        let name = folders.pop().unwrap_or_default();
+        let stem = stem(frame);
+        let names = [Some(&name), Some(&stem).filter(|s| **s != name)];
+        let rows = names
+            .into_iter()
+            .flatten()
+            .filter_map(|n| self.by_name.get(n))
+            .flatten()
+            .copied();
+        let mut naming: Vec<usize> = rows
+            .filter(|&i| folders.ends_with(&self.rows[i].folders))
+            .collect();
+        naming.sort_by_key(|&i| std::cmp::Reverse(self.rows[i].folders.len()));
+        match naming[..] {
+            [] => Ok(None),
+            [a, b, ..] if self.rows[a].folders.len() == self.rows[b].folders.len() => {
+                let (a, b) = (self.rows[a].line, self.rows[b].line);
+                let frame = frame.display();
+                let problem = format!("frame: names {frame}, as does line {}", a.min(b));
+                Err(self.error(a.max(b), problem))
+            }
+            [i, ..] => Ok(Some(i)),
+        }
+    }
+
+    fn error(&self, line: u64, problem: String) -> Error {
+        Error::input(&self.path, format!("line {line}"), problem)
+    }
+}
+
+/// The folders and the name of a path, without `.` components.
+fn components(path: &Path) -> Vec<String> {
+    let component = |c| match c {
+        Component::CurDir => None,
+        other => Some(other.as_os_str().to_string_lossy().into_owned()),
+    };
+    path.components().filter_map(component).collect()
+}

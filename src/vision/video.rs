@@ -1,0 +1,246 @@
+//! Frames of a video, decoded by `ffmpeg`, which must be installed, to 8 bits a color.
+//!
+//! ffmpeg writes binary PPM pictures ([`PictureStream`]) and a log with the frames' time stamps
+//! ([`DecoderLog`]).
+//!
+//! # Slow motion
+//! A phone may store 240 frames a second so that they play at 30. Where the container says at which
+//! rate they were taken (`com.android.capture.fps`), the time stamps are scaled by it
+//! ([`VideoClock`]); where it does not, nothing in the file tells slow motion from an ordinary
+//! video.
+
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use super::input::{InputFrame, SourceTimes, stem};
+use super::picture::{Picture, RgbBytes};
+use crate::error::{Error, Result};
+
+/// Rounding of a container's time stamps, seconds, twice.
+const TIME_ROUNDING_S: f64 = 2.1e-3;
+/// Ratio of the rate of capture to the rate as stored from which on a video is slow motion.
+const SLOW_MOTION: f64 = 1.2;
+
+/// What a container says of its frames' times.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct VideoClock {
+    /// Mean frames per second by the time stamps as stored.
+    pub stored_fps: f64,
+    /// Whether the intervals differ by more than the rounding of time stamps.
+    pub is_variable: bool,
+    /// Frames per second at which the camera took them, where the container says that they are
+    /// stored for slow motion; the times are scaled by it.
+    pub capture_fps: Option<f64>,
+}
+
+impl VideoClock {
+    /// The clock behind these stored times, seconds; `None` where one is missing or none passes.
+    pub fn new(stored_s: &[Option<f64>], capture_fps: Option<f64>) -> Option<Self> {
+        let times: Vec<f64> = stored_s.iter().copied().collect::<Option<_>>()?;
+        let duration = times.last()? - times.first()?;
+        let intervals = times.windows(2).map(|w| w[1] - w[0]);
+        let (low, high) = intervals.fold((f64::INFINITY, 0f64), |(low, high), t| {
+            (low.min(t), high.max(t))
+        });
+        if duration.is_nan() || duration <= 0.0 {
+            return None;
+        }
+        let stored_fps = (times.len() - 1) as f64 / duration;
+        Some(Self {
+            stored_fps,
+            // Containers round to a millisecond at the coarsest.
+            is_variable: high - low > TIME_ROUNDING_S,
+            capture_fps: capture_fps.filter(|c| *c > SLOW_MOTION * stored_fps),
+        })
+    }
+
+    /// Seconds of the ball's motion in a second of the video.
+    pub fn time_scale(&self) -> f64 {
+        self.capture_fps.map_or(1.0, |c| self.stored_fps / c)
+    }
+}
+
+/// Passes the frames of a video on; its times are known at its end only.
+pub(super) fn read_video(
+    path: &Path,
+    max_pixels: u64,
+    visit: &mut dyn FnMut(InputFrame) -> Result<()>,
+) -> Result<SourceTimes> {
+    // A name with a colon would be taken for a protocol.
+    let mut file = OsString::from("file:");
+    file.push(path);
+    // Deeper video would come as 16-bit pictures.
+    let mut child = Command::new("ffmpeg")
+        .args(["-nostdin", "-hide_banner", "-i"])
+        .arg(file)
+        .args(["-map", "0:v:0", "-vf", "showinfo", "-fps_mode", "passthrough"])
+        .args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "-"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|e| {
+            let problem = format!(
+                "a video is read through ffmpeg, which cannot be started ({e}): install it (https://ffmpeg.org), or give a folder of images"
+            );
+            Error::input(path, "video", problem)
+        })?;
+    // Both outputs must be read at once: a full pipe would stop the other.
+    let log = child.stderr.take();
+    let log = std::thread::spawn(move || log.map_or_else(DecoderLog::default, DecoderLog::read));
+    let name = stem(path);
+    let mut count = 0usize;
+    let mut done = Ok(());
+    if let Some(out) = child.stdout.take() {
+        let mut pictures = PictureStream::new(BufReader::new(out), path, max_pixels);
+        done = loop {
+            match pictures.next_picture() {
+                Ok(None) => break Ok(()),
+                Ok(Some(picture)) => {
+                    count += 1;
+                    let name = format!("{name}_{count:06}");
+                    let frame = InputFrame {
+                        path: path.with_file_name(&name),
+                        name,
+                        time_s: None,
+                        picture: Ok(picture),
+                    };
+                    if let Err(e) = visit(frame) {
+                        break Err(e);
+                    }
+                }
+                Err(e) => break Err(e),
+            }
+        };
+    }
+    if done.is_err() {
+        // The reader has given up, so that the decoder has nobody to write to.
+        let _ = child.kill();
+    }
+    let status = child.wait().map_err(|e| Error::read(path, e))?;
+    let log = log.join().unwrap_or_default();
+    done?;
+    if count == 0 {
+        let problem = format!("ffmpeg finds no video in it: {}", log.last);
+        return Err(Error::input(path, "video", problem));
+    }
+    let mut times_s = log.times;
+    times_s.resize(count, None);
+    let clock = VideoClock::new(&times_s, log.capture_fps);
+    if let Some(scale) = clock.map(|c| c.time_scale()) {
+        let times = times_s.iter_mut().flatten();
+        times.for_each(|t| *t *= scale);
+    }
+    Ok(SourceTimes {
+        times_s,
+        clock,
+        cut_short: (!status.success()).then_some(log.last),
+    })
+}
+
+/// What ffmpeg logs.
+#[derive(Debug, Default)]
+pub struct DecoderLog {
+    /// The time stamp of each frame, seconds.
+    pub times: Vec<Option<f64>>,
+    /// The rate of capture by the container's metadata, frames per second.
+    pub capture_fps: Option<f64>,
+    /// The last line that says anything else.
+    pub last: String,
+}
+
+impl DecoderLog {
+    /// Reads a log to its end.
+    pub fn read(from: impl Read) -> Self {
+        let mut log = Self::default();
+        // Metadata may be in any encoding.
+        let lines = BufReader::new(from).split(b'\n').map_while(|l| l.ok());
+        for bytes in lines {
+            let line = String::from_utf8_lossy(&bytes).into_owned();
+            if let Some((_, rest)) = line.split_once("pts_time:") {
+                let time = rest.split_whitespace().next();
+                let time = time.and_then(|t| t.parse().ok());
+                log.times.push(time.filter(|t: &f64| t.is_finite()));
+            } else if let Some((_, rest)) = line.split_once("com.android.capture.fps") {
+                let rate = rest.trim_start_matches([' ', ':']).trim().parse().ok();
+                log.capture_fps = rate.filter(|r: &f64| *r > 0.0 && r.is_finite());
+            } else if !line.trim().is_empty() {
+                log.last = line;
+            }
+        }
+        log
+    }
+}
+
+/// A stream of binary PPM pictures.
+#[derive(Debug)]
+pub struct PictureStream<R> {
+    input: R,
+    /// The video, for messages.
+    path: PathBuf,
+    max_pixels: u64,
+}
+
+impl<R: BufRead> PictureStream<R> {
+    /// The pictures in `input`, of up to `max_pixels` pixels each; `path` names the video in errors.
+    pub fn new(input: R, path: &Path, max_pixels: u64) -> Self {
+        Self {
+            input,
+            path: path.to_path_buf(),
+            max_pixels,
+        }
+    }
+
+    /// The next picture; `None` at the stream's end.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a picture that is none, is too large or ends early.
+    pub fn next_picture(&mut self) -> Result<Option<Picture>> {
+        let reject = |problem: String| Error::input(&self.path, "video", problem);
+        let broken = |what: &str| reject(format!("ffmpeg's output ends early: {what}"));
+        let from = &mut self.input;
+        let mut header = [0usize; 3];
+        match token(from).as_deref() {
+            None => return Ok(None),
+            Some("P6") => {}
+            Some(_) => return Err(broken("no picture")),
+        }
+        for number in &mut header {
+            let text = token(from).ok_or_else(|| broken("no size"))?;
+            *number = text.parse().map_err(|_| broken("no size"))?;
+        }
+        let [width, height, max_value] = header;
+        let max_pixels = self.max_pixels;
+        if (width as u64).saturating_mul(height as u64) > max_pixels {
+            return Err(reject(format!(
+                "expected at most {max_pixels} pixels, found {width} x {height} (--max-pixels allows more)"
+            )));
+        }
+        if max_value != 255 {
+            return Err(broken("a depth that is not expected"));
+        }
+        let mut bytes = vec![0u8; width * height * 3];
+        from.read_exact(&mut bytes)
+            .map_err(|_| broken("half a picture"))?;
+        let picture = RgbBytes::new(width, height, bytes).map_err(|e| reject(e.to_string()))?;
+        Ok(Some(Picture::Bytes(picture)))
+    }
+}
+
+/// A word of a PPM header and the white space after it.
+fn token(from: &mut impl Read) -> Option<String> {
+    let mut word = String::new();
+    let mut byte = [0u8];
+    while from.read_exact(&mut byte).is_ok() {
+        if byte[0].is_ascii_whitespace() {
+            if !word.is_empty() {
+                break;
+            }
+        } else if word.len() < 20 {
+            word.push(char::from(byte[0]));
+        }
+    }
+    (!word.is_empty()).then_some(word)
+}

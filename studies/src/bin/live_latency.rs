@@ -1,0 +1,242 @@
+//! How long does a frame take, live? Whole frames of 1280 x 1024 with a ball of 60 px that flies through
+//! them, as bytes in memory, and crops of 60 px.
+//!
+//! Each thread follows a camera of its own: its own clip, its own tracker. *Tracked* are the frames
+//! after the first ones; *acquired* are frames before which the tracker was reset, so that the ball
+//! may be anywhere. With `--disc`, a white disc stands still in every clip. Latencies are wall-clock
+//! times on an otherwise idle machine; an answer is correct within 20 degrees.
+//!
+//!     cargo run --release -p spindoe-studies --bin live_latency -- [FRAMES] [SEED] [--threads N] [--disc]
+
+use std::error::Error;
+use std::sync::Arc;
+use std::time::Instant;
+
+use nalgebra::{Quaternion, UnitQuaternion};
+use rayon::prelude::*;
+use spindoe::geometry::Rotation;
+use spindoe::pattern::Pattern;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::{FrameTruth, Sequence, SequenceConfig, independent_frame};
+use spindoe::vision::estimator::{Tracker, TrackerConfig};
+use spindoe::vision::{
+    DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RawImage, RawPixel,
+    RgbImage,
+};
+
+const SIZE: [usize; 2] = [1280, 1024];
+const BALL_PX: f64 = 60.0;
+const FPS: f64 = 400.0;
+/// Displacement over a clip, pixels.
+const DRIFT_PX: [f64; 2] = [420.0, -140.0];
+/// The disc's radius, pixels.
+const DISC: f64 = 38.0;
+/// Frames of a clip before the tracker counts as warm.
+const WARMUP: usize = 5;
+const FAILURE_DEG: f64 = 20.0;
+const CROPS: usize = 300;
+
+struct Clip {
+    frames: Vec<(Vec<u8>, f64, Rotation)>,
+}
+
+/// A frame's latency in milliseconds, and its error where it has an answer.
+type Sample = (f64, Option<f64>);
+
+fn rotation(truth: &FrameTruth) -> Rotation {
+    let [w, x, y, z] = truth.quaternion_wxyz;
+    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
+}
+
+fn bytes(image: &RgbImage, disc: Option<[f64; 2]>) -> Vec<u8> {
+    let mut bytes: Vec<u8> = image
+        .to_gray()
+        .values()
+        .iter()
+        .map(|x| (255.0 * x.clamp(0.0, 1.0) + 0.5) as u8)
+        .collect();
+    let Some([u, v]) = disc else { return bytes };
+    for (i, byte) in bytes.iter_mut().enumerate() {
+        let (x, y) = ((i % image.width()) as f64, (i / image.width()) as f64);
+        let share = (DISC + 0.5 - (x - u).hypot(y - v)).clamp(0.0, 1.0);
+        *byte = (f64::from(*byte) * (1.0 - share) + 250.0 * share) as u8;
+    }
+    bytes
+}
+
+/// The first clip from a seed on in which the ball stays whole.
+fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Result<Clip> {
+    let config = SynthConfig {
+        image_px: Some(SIZE),
+        ball_px: Some([BALL_PX; 2]),
+        parallel_share: 0.0,
+        ..SynthConfig::good()
+    };
+    let sequence = SequenceConfig {
+        fps: FPS,
+        drift_px: Some(DRIFT_PX),
+        ..SequenceConfig::default()
+    };
+    for seed in seed.. {
+        let sequence = Sequence::random(pattern, &config, &sequence, seed, count)?;
+        let ends = [sequence.frame(0)?.truth, sequence.frame(count - 1)?.truth];
+        let middle = [0, 1].map(|k| {
+            let at = |t: &FrameTruth| [t.center.u, t.center.v][k];
+            0.5 * (at(&ends[0]) + at(&ends[1]))
+        });
+        // The disc stands beside the path.
+        let place = [middle[0], middle[1] + 3.0 * BALL_PX];
+        let is_inside =
+            ends.iter().all(|t| t.rim_visible > 0.99) && place[1] + DISC < SIZE[1] as f64;
+        if is_inside {
+            let frame = |k: usize| {
+                let frame = sequence.frame(k)?;
+                let time_s = frame.truth.time_s.unwrap_or_default();
+                let bytes = bytes(&frame.image, disc.then_some(place));
+                Ok((bytes, time_s, rotation(&frame.truth)))
+            };
+            let frames = (0..count).into_par_iter().map(frame);
+            return Ok(Clip {
+                frames: frames.collect::<spindoe::Result<_>>()?,
+            });
+        }
+    }
+    Err(spindoe::Error::Internal("no clip".into()))
+}
+
+fn estimator(pattern: &Pattern) -> spindoe::Result<Estimator<NamedDetector>> {
+    let detector = DetectorName::Cnn.build()?;
+    Estimator::new(pattern, EstimatorConfig::default(), detector)
+}
+
+/// Tracked frames and acquired ones.
+fn follow(pattern: &Pattern, clip: &Clip) -> spindoe::Result<[Vec<Sample>; 2]> {
+    let estimator = Arc::new(estimator(pattern)?);
+    let mut samples = [Vec::new(), Vec::new()];
+    for (kind, samples) in samples.iter_mut().enumerate() {
+        let mut tracker = Tracker::new(Arc::clone(&estimator), TrackerConfig::default())?;
+        for (k, (bytes, time_s, truth)) in clip.frames.iter().enumerate() {
+            let raw = RawImage::new(SIZE[0], SIZE[1], RawPixel::Gray, bytes)?;
+            if kind == 1 {
+                tracker.reset();
+            }
+            let begun = Instant::now();
+            let state = tracker.update(raw, *time_s, None)?;
+            let ms = 1e3 * begun.elapsed().as_secs_f64();
+            let error = state.frame.pose().map(|p| p.rotation.angle_to(truth));
+            if std::env::var_os("LIST").is_some() {
+                let f = state.frame;
+                eprintln!(
+                    "{kind} {k} {ms:.2} {:?} {:?} {:?} {error:?}",
+                    f.timings,
+                    f.outline.map(|o| o.circle),
+                    f.outcome.as_ref().err()
+                );
+            }
+            if kind == 1 || k >= WARMUP {
+                samples.push((ms, error.map(f64::to_degrees)));
+            }
+        }
+    }
+    Ok(samples)
+}
+
+fn crops(pattern: &Pattern, seed: u64) -> spindoe::Result<(Vec<Sample>, [Vec<f64>; 3])> {
+    let estimator = estimator(pattern)?;
+    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+    let config = SynthConfig::good();
+    let (mut samples, mut stages) = (Vec::new(), [const { Vec::new() }; 3]);
+    for k in 0..CROPS {
+        let frame = independent_frame(pattern, &config, seed, k)?;
+        let (width, height) = (frame.image.width(), frame.image.height());
+        let bytes = bytes(&frame.image, None);
+        let raw = RawImage::new(width, height, RawPixel::Gray, &bytes)?;
+        let begun = Instant::now();
+        estimator.estimate_frame(raw, None, None, &mut ws, &mut out);
+        let ms = 1e3 * begun.elapsed().as_secs_f64();
+        let error = out
+            .pose()
+            .map(|p| p.rotation.angle_to(&rotation(&frame.truth)));
+        if k >= WARMUP {
+            samples.push((ms, error.map(f64::to_degrees)));
+            let t = out.timings;
+            for (stage, time) in stages.iter_mut().zip([t.locate, t.detect, t.identify]) {
+                stage.push(1e3 * time.as_secs_f64());
+            }
+        }
+    }
+    Ok((samples, stages))
+}
+
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[((values.len() - 1) as f64 * share).round() as usize]
+}
+
+fn row(name: &str, samples: &[Sample]) {
+    let mut ms: Vec<f64> = samples.iter().map(|s| s.0).collect();
+    let n = samples.len();
+    let correct = samples
+        .iter()
+        .filter(|s| s.1.is_some_and(|e| e < FAILURE_DEG));
+    let wrong = samples
+        .iter()
+        .filter(|s| s.1.is_some_and(|e| e >= FAILURE_DEG));
+    println!(
+        "| {name} | {n} | {:.2} | {:.2} | {:.2} | {} | {} |",
+        quantile(&mut ms, 0.5),
+        quantile(&mut ms, 0.99),
+        quantile(&mut ms, 1.0),
+        correct.count(),
+        wrong.count()
+    );
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let (mut numbers, mut threads, mut disc) = (Vec::new(), 1, false);
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--threads" => {
+                threads = arguments
+                    .next()
+                    .ok_or("--threads needs a number")?
+                    .parse()?
+            }
+            "--disc" => disc = true,
+            number => numbers.push(number.parse::<u64>()?),
+        }
+    }
+    let count = numbers.first().copied().unwrap_or(100) as usize;
+    let seed = numbers.get(1).copied().unwrap_or(1);
+    let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
+    let clips: Vec<Clip> = (0..threads)
+        .map(|k| clip(&pattern, seed + 1000 * k, count, disc))
+        .collect::<spindoe::Result<_>>()?;
+    println!("| frames | number | p50, ms | p99, ms | maximum, ms | correct | wrong |");
+    println!("|---|---|---|---|---|---|---|");
+    let results = std::thread::scope(|scope| {
+        let followed = clips
+            .iter()
+            .map(|clip| scope.spawn(|| follow(&pattern, clip)));
+        let followed: Vec<_> = followed.collect();
+        let joined = followed.into_iter().map(|f| f.join());
+        joined
+            .map(|f| f.map_err(|_| spindoe::Error::Internal("a thread failed".into()))?)
+            .collect::<spindoe::Result<Vec<_>>>()
+    })?;
+    let all =
+        |kind: usize| -> Vec<Sample> { results.iter().flat_map(|r| r[kind].clone()).collect() };
+    row("tracked, 1280 x 1024", &all(0));
+    row("acquired, 1280 x 1024", &all(1));
+    if threads == 1 && !disc {
+        let (samples, mut stages) = crops(&pattern, seed)?;
+        row("crop of 60 px", &samples);
+        let medians = [0, 1, 2].map(|k| quantile(&mut stages[k], 0.5));
+        println!(
+            "\nCrops, medians: outline {:.2} ms, dots {:.2} ms, identification {:.2} ms.",
+            medians[0], medians[1], medians[2]
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,324 @@
+//! Single images that do not show the ball: how often are they answered?
+//!
+//! Each kind is estimated with the table of `dots20`, each image alone, as `estimate` does it. Half of
+//! the rendered images are taken in good conditions, half in all. Photographs come from a folder
+//! (`SPINDOE_PHOTOGRAPHS`): crops of all sizes, none of them used in training. With `SPINDOE_SHOWN` set,
+//! every answer is listed on standard error.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Quaternion;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use spindoe::geometry::Rotation;
+use spindoe::pattern::{Pattern, random_pattern};
+use spindoe::synth::dataset::independent_frame;
+use spindoe::synth::{SynthConfig, SynthKind};
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion};
+use spindoe::vision::estimator::{PoseEvidence, TrustMap};
+use spindoe::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
+use spindoe::vision::{
+    DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RgbImage,
+};
+use spindoe::{Error, Result};
+
+use super::tables::{DESIGNS, PUBLISHED};
+use super::{logistic, noise};
+
+/// The design whose table is used.
+const OWN: &str = "dots20";
+/// Minimum angle between random dots, radians: that of dots of 40 mm balls that hardly touch.
+const MIN_SEPARATION_RAD: f64 = 0.25;
+/// Sides of a photograph's crop, pixels.
+const CROP_PX: [f64; 2] = [40.0, 400.0];
+
+/// What an image shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// The ball: for comparison.
+    Ball,
+    /// The ball in a mirror.
+    Mirrored,
+    /// A ball of another design.
+    OtherDesign,
+    /// A ball with as many random dots.
+    RandomDots,
+    /// What the synthesis offers.
+    Rendered(SynthKind),
+    /// Noise of several spectra all over the image.
+    NoiseField,
+    /// A crop of a photograph.
+    Photograph,
+}
+
+/// All kinds, by name.
+fn kinds() -> Vec<(String, Kind)> {
+    let rendered = SynthKind::ALL.into_iter().filter(|k| !k.has_pattern());
+    let mut all = vec![
+        ("ball (for comparison)".to_owned(), Kind::Ball),
+        ("mirrored ball".to_owned(), Kind::Mirrored),
+        ("other design".to_owned(), Kind::OtherDesign),
+        ("random dots".to_owned(), Kind::RandomDots),
+    ];
+    all.extend(rendered.map(|k| (k.as_str().to_owned(), Kind::Rendered(k))));
+    all.push(("noise field".into(), Kind::NoiseField));
+    all.push(("photograph".into(), Kind::Photograph));
+    all
+}
+
+/// What the images are made of.
+struct Sources {
+    own: Pattern,
+    others: Vec<Pattern>,
+    photographs: Vec<RgbImage>,
+}
+
+impl Sources {
+    fn new() -> Result<Self> {
+        let design = |name: &str| Pattern::read_csv(format!("designs/{name}/pattern.csv").as_ref());
+        let others = DESIGNS.iter().filter(|d| **d != OWN);
+        let mut others: Vec<Pattern> = others.map(|d| design(d)).collect::<Result<_>>()?;
+        if Path::new(PUBLISHED).exists() {
+            others.push(Pattern::read_csv(PUBLISHED.as_ref())?);
+        }
+        Ok(Self {
+            own: design(OWN)?,
+            others,
+            photographs: photographs()?,
+        })
+    }
+
+    /// An image, and the orientation where it shows the ball.
+    fn image(&self, kind: Kind, seed: u64, k: u64) -> Result<(RgbImage, Option<Rotation>)> {
+        let config = match k % 2 {
+            0 => SynthConfig::good(),
+            _ => SynthConfig::default(),
+        };
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(k);
+        let render = |pattern: &Pattern, config: &SynthConfig| {
+            Ok(independent_frame(pattern, config, seed, k as usize)?.image)
+        };
+        let image = match kind {
+            Kind::Ball => {
+                let frame = independent_frame(&self.own, &config, seed, k as usize)?;
+                let [w, x, y, z] = frame.truth.quaternion_wxyz;
+                let truth = Rotation::from_quaternion(Quaternion::new(w, x, y, z));
+                return Ok((frame.image, Some(truth)));
+            }
+            Kind::Mirrored => mirrored(&render(&self.own, &config)?),
+            Kind::OtherDesign => {
+                let other = rng.random_range(0..self.others.len());
+                render(&self.others[other], &config)
+            }
+            Kind::RandomDots => {
+                let pattern = random_pattern(self.own.len(), MIN_SEPARATION_RAD, &mut rng)?;
+                render(&pattern, &config)
+            }
+            Kind::Rendered(kind) => render(&self.own, &SynthConfig { kind, ..config }),
+            Kind::NoiseField => noise::field(&mut rng, k),
+            Kind::Photograph => crop(&self.photographs, &mut rng),
+        };
+        Ok((image?, None))
+    }
+}
+
+fn mirrored(image: &RgbImage) -> Result<RgbImage> {
+    let rows = image.values().chunks_exact(image.width());
+    let values = rows.flat_map(|row| row.iter().rev().copied()).collect();
+    RgbImage::new(image.width(), image.height(), values)
+}
+
+fn photographs() -> Result<Vec<RgbImage>> {
+    let Some(folder) = std::env::var_os("SPINDOE_PHOTOGRAPHS") else {
+        eprintln!("photographs: skipped, SPINDOE_PHOTOGRAPHS names no folder");
+        return Ok(Vec::new());
+    };
+    let folder = PathBuf::from(folder);
+    let entries = std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))?;
+    let mut files: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
+    files.sort();
+    let read = |path: &PathBuf| Picture::read(path, DEFAULT_MAX_PIXELS).ok();
+    let pictures = files.iter().filter_map(read);
+    pictures.map(|p| Ok(p.to_rgb()?.into_owned())).collect()
+}
+
+/// A square of a photograph, of any size and place, at its own scale or made smaller.
+fn crop(photographs: &[RgbImage], rng: &mut ChaCha8Rng) -> Result<RgbImage> {
+    let image = &photographs[rng.random_range(0..photographs.len())];
+    let largest = image.width().min(image.height()) as f64;
+    let [low, high] = CROP_PX;
+    let side = low * (high.min(largest) / low).max(1.0).powf(rng.random());
+    let side = side.min(largest) as usize;
+    let left = rng.random_range(0..=image.width() - side);
+    let top = rng.random_range(0..=image.height() - side);
+    let part = image.part(left, top, side, side)?;
+    match side > 200 {
+        true => part.resized(200, 200),
+        false => Ok(part),
+    }
+}
+
+/// What became of an image.
+#[derive(Debug, Clone, Copy)]
+pub struct Answer {
+    /// What speaks for its best pose, accepted or not.
+    pub evidence: PoseEvidence,
+    /// The probability reported; `None` where there is no answer.
+    pub pose_confidence: Option<f64>,
+    /// Whether the pose is the ball's; unknown where there is none.
+    pub is_correct: bool,
+}
+
+/// Estimates an image; `truth` where it shows the ball. `None` where no dots were identified.
+fn answer(
+    estimator: &Estimator<NamedDetector>,
+    image: &RgbImage,
+    truth: Option<Rotation>,
+) -> Option<Answer> {
+    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+    estimator.estimate_frame(image, None, None, &mut ws, &mut out);
+    let pose = out.pose();
+    let off = truth.zip(pose).map(|(t, p)| t.angle_to(&p.rotation));
+    Some(Answer {
+        evidence: *out.evidence()?,
+        pose_confidence: pose.map(|p| p.pose_confidence),
+        is_correct: off.is_some_and(|o| o < ORIENTATION_FAILURE_RAD),
+    })
+}
+
+/// The answers to images of a kind, in their order; `None` where no dots were identified.
+fn answers(
+    estimator: &Estimator<NamedDetector>,
+    sources: &Sources,
+    kind: Kind,
+    images: std::ops::Range<u64>,
+    seed: u64,
+) -> Result<Vec<Option<Answer>>> {
+    images
+        .into_par_iter()
+        .map(|k| {
+            let (image, truth) = sources.image(kind, seed, k)?;
+            Ok(answer(estimator, &image, truth))
+        })
+        .collect()
+}
+
+/// The shares that are answered, and at which confidence.
+pub fn print(images: u64, seed: u64, wanted: &[String]) -> Result<()> {
+    let is_shown = std::env::var_os("SPINDOE_SHOWN").is_some();
+    let sources = Sources::new()?;
+    let detector = DetectorName::Cnn.build()?;
+    let estimator = Estimator::new(&sources.own, EstimatorConfig::default(), detector)?;
+    println!("{images} images a kind, seed {seed}, table of {OWN}\n");
+    println!("| images | answered | above 0.9 | above 0.99 |\n|---|---|---|---|");
+    for (name, kind) in kinds() {
+        let is_wanted = wanted.is_empty() || wanted.iter().any(|w| name.starts_with(w.as_str()));
+        if !is_wanted || (kind == Kind::Photograph && sources.photographs.is_empty()) {
+            continue;
+        }
+        let found = answers(&estimator, &sources, kind, 0..images, seed)?;
+        let answered = || {
+            found
+                .iter()
+                .flatten()
+                .filter(|a| a.pose_confidence.is_some())
+        };
+        let above = |limit: f64| {
+            let sure = answered().filter(|a| a.pose_confidence.is_some_and(|p| p > limit));
+            Proportion::new(sure.count() as u64, images)
+        };
+        println!(
+            "| {name} | {} | {} | {} |",
+            above(0.0),
+            above(0.9),
+            above(0.99)
+        );
+        if kind == Kind::Ball {
+            let right = answered().filter(|a| a.is_correct).count() as u64;
+            let all = answered().count() as u64;
+            println!("| of these correct | {} | | |", Proportion::new(right, all));
+        }
+        if is_shown {
+            for a in answered() {
+                let (p, e) = (a.pose_confidence.unwrap_or_default(), a.evidence);
+                eprintln!(
+                    "{name}|{}|{p:.6}|{:?}",
+                    u8::from(a.is_correct),
+                    e.features()
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Bounds of the bins in which claims are compared with the truth.
+const BINS: [[f64; 2]; 5] = [
+    [0.5, 0.7],
+    [0.7, 0.9],
+    [0.9, 0.99],
+    [0.99, 0.999],
+    [0.999, 1.1],
+];
+/// Seed of the images that the map is fitted on.
+const FIT_SEED: u64 = 14_220_001;
+
+/// Fits the map of confidences on a mixture of which every second image shows the ball, and compares
+/// its claims with the truth on another.
+pub fn confidence(images: u64, seed: u64) -> Result<()> {
+    let sources = Sources::new()?;
+    let detector = DetectorName::Cnn.build()?;
+    let plain = EstimatorConfig {
+        trust: TrustMap::IDENTITY,
+        ..EstimatorConfig::default()
+    };
+    let mut others: Vec<Kind> = kinds().into_iter().map(|(_, kind)| kind).collect();
+    others.retain(|k| !matches!(k, Kind::Ball | Kind::Photograph));
+    let mixture = |config: EstimatorConfig, seed: u64| -> Result<Vec<Answer>> {
+        let estimator = Estimator::new(&sources.own, config, detector.clone())?;
+        let each = images / 2 / others.len() as u64;
+        let mut all = answers(
+            &estimator,
+            &sources,
+            Kind::Ball,
+            0..each * others.len() as u64,
+            seed,
+        )?;
+        for &kind in &others {
+            all.extend(answers(&estimator, &sources, kind, 0..each, seed)?);
+        }
+        Ok(all.into_iter().flatten().collect())
+    };
+    let (fitting, shown) = (
+        mixture(plain, FIT_SEED)?,
+        mixture(EstimatorConfig::default(), seed)?,
+    );
+    let answered: Vec<Answer> = fitting
+        .into_iter()
+        .filter(|a| a.pose_confidence.is_some())
+        .collect();
+    let map = logistic::fit(&answered);
+    println!(
+        "fitted on {} answers to {images} images, seed {FIT_SEED}:\n{map:?}\n",
+        answered.len()
+    );
+    println!("shown on {images} others, seed {seed}\n");
+    println!("| claimed | answers | mean claim % | correct % |\n|---|---|---|---|");
+    for [from, to] in BINS {
+        let claims = |a: &&Answer| a.pose_confidence.is_some_and(|p| (from..to).contains(&p));
+        let bin: Vec<&Answer> = shown.iter().filter(claims).collect();
+        let mean =
+            bin.iter().filter_map(|a| a.pose_confidence).sum::<f64>() / bin.len().max(1) as f64;
+        let right = bin.iter().filter(|a| a.is_correct).count() as u64;
+        println!(
+            "| {from} to {} | {} | {:.2} | {} |",
+            to.min(1.0),
+            bin.len(),
+            100.0 * mean,
+            Proportion::new(right, bin.len() as u64)
+        );
+    }
+    Ok(())
+}
