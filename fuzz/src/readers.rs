@@ -99,10 +99,7 @@ fn pattern(bytes: &[u8]) -> Result<()> {
 
 fn zones(bytes: &[u8]) -> Result<()> {
     in_folder(
-        &[
-            ("p.csv", ZONED_PATTERN.as_bytes()),
-            ("p.zones.json", bytes),
-        ],
+        &[("p.csv", ZONED_PATTERN.as_bytes()), ("p.zones.json", bytes)],
         |folder| Pattern::read_csv(&folder.join("p.csv")).map(drop),
     )
 }
@@ -144,7 +141,9 @@ fn trajectories(bytes: &[u8]) -> Result<()> {
 
 /// Numbers as the command's arguments give them: intrinsics, a circle, a pixel.
 fn camera(bytes: &[u8]) -> Result<()> {
-    let numbers = bytes.chunks_exact(4).map(|b| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+    let numbers = bytes
+        .chunks_exact(4)
+        .map(|b| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])));
     let numbers: Vec<f64> = numbers.collect();
     let &[fx, fy, cx, cy, u, v, radius, at_u, at_v, ..] = numbers.as_slice() else {
         return Ok(());
@@ -161,7 +160,10 @@ fn camera(bytes: &[u8]) -> Result<()> {
         let view = BallView::new(&camera, circle)?;
         let pixel = Pixel { u: at_u, v: at_v };
         if let Some(direction) = view.direction(pixel) {
-            assert!((direction.norm() - 1.0).abs() < 1e-6, "{camera:?} {direction:?}");
+            assert!(
+                (direction.norm() - 1.0).abs() < 1e-6,
+                "{camera:?} {direction:?}"
+            );
             let _ = view.project(&direction);
             let _ = view.back_project(pixel, &Matrix2::identity());
         }
@@ -223,7 +225,12 @@ fn weight_names(count: usize) -> Vec<String> {
 
 fn checkpoint(bytes: &[u8]) -> Result<()> {
     let state = SearchState::from_json(Path::new("s.json"), bytes, &search_config())?;
-    for candidate in state.scouted.iter().chain(&state.climbed).chain(&state.pool) {
+    for candidate in state
+        .scouted
+        .iter()
+        .chain(&state.climbed)
+        .chain(&state.pool)
+    {
         candidate.pattern()?;
     }
     Ok(())
@@ -278,7 +285,10 @@ fn video(bytes: &[u8]) -> Result<()> {
     let log = DecoderLog::read(log);
     assert!(log.times.iter().flatten().all(|t| t.is_finite()));
     if let Some(clock) = VideoClock::new(&log.times, log.capture_fps) {
-        assert!(clock.time_scale() > 0.0 && clock.stored_fps > 0.0, "{clock:?}");
+        assert!(
+            clock.time_scale() > 0.0 && clock.stored_fps > 0.0,
+            "{clock:?}"
+        );
     }
     let mut stream = PictureStream::new(pictures, Path::new("v"), MAX_PIXELS);
     while let Some(picture) = stream.next_picture()? {

@@ -8,9 +8,11 @@ use super::config::CalibrationConfig;
 use super::identify::identify_frames;
 use super::{Calibration, calibrate};
 use crate::error::Result;
+use crate::geometry::Rotation;
 use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 use crate::spin::Measurement;
+use crate::spin::precession::{PrecessionConfig, PrecessionOutcome, SteadyFit, fit_precession};
 use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
 use crate::stats::median;
 use crate::vision::FrameEstimate;
@@ -127,7 +129,7 @@ fn residual(frame: &FrameEstimate) -> Option<FrameResidual> {
     })
 }
 
-/// How well orientations follow one spin.
+/// How well orientations follow one smooth rotation.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct MotionResidual {
     /// Number of frames that agree.
@@ -136,35 +138,48 @@ pub struct MotionResidual {
     pub rms_deg: f64,
     /// The median of all frames with an orientation, degrees.
     pub median_deg: f64,
+    /// Whether that rotation is the one of an uneven ball: see [`crate::spin::precession`].
+    pub precessing: bool,
 }
 
-/// The angle of each orientation from that of one spin; `None` where no spin explains them.
+/// The angle of each orientation from that of one spin, precessing where there is evidence for it;
+/// `None` where no spin explains them.
 pub fn motion_residual(frames: &[FrameEstimate], times_s: &[f64]) -> Option<MotionResidual> {
     let measured: Vec<Measurement> = frames
         .iter()
         .zip(times_s)
         .filter_map(|(frame, time_s)| Some(Measurement::new(*time_s, frame.pose()?.rotation)))
         .collect();
-    let fit = RobustEstimator::new(RobustSpinConfig::default())
-        .fit(&measured)
-        .ok()?;
-    let mut angles: Vec<f64> = measured
-        .iter()
-        .map(|m| {
-            fit.motion
-                .at(m.time_s)
-                .angle_to(&m.orientation)
-                .to_degrees()
-        })
-        .collect();
+    let precession = fit_precession(&measured, &PrecessionConfig::default()).ok();
+    let (inliers, mut angles) = match precession {
+        Some(PrecessionOutcome::Precessing(found)) => {
+            (found.mean.inliers, angles_off(&measured, |t| found.at(t)))
+        }
+        Some(PrecessionOutcome::Constant(SteadyFit { fit, .. })) => {
+            (fit.inliers, angles_off(&measured, |t| fit.motion.at(t)))
+        }
+        None => {
+            let fit = RobustEstimator::new(RobustSpinConfig::default())
+                .fit(&measured)
+                .ok()?;
+            (fit.inliers, angles_off(&measured, |t| fit.motion.at(t)))
+        }
+    };
     angles.sort_unstable_by(f64::total_cmp);
-    let agreeing = &angles[..fit.inliers.min(angles.len())];
+    let agreeing = &angles[..inliers.min(angles.len())];
     let squares: f64 = agreeing.iter().map(|a| a * a).sum();
     Some(MotionResidual {
         frames: agreeing.len(),
         rms_deg: (squares / agreeing.len().max(1) as f64).sqrt(),
         median_deg: median(&mut angles),
+        precessing: matches!(precession, Some(PrecessionOutcome::Precessing(_))),
     })
+}
+
+/// The angles of the orientations from a motion's, degrees.
+fn angles_off(measured: &[Measurement], motion: impl Fn(f64) -> Rotation) -> Vec<f64> {
+    let angle = |m: &Measurement| motion(m.time_s).angle_to(&m.orientation).to_degrees();
+    measured.iter().map(angle).collect()
 }
 
 impl Calibration {

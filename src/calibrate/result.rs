@@ -85,6 +85,8 @@ pub struct Calibration {
     pub smooth: bool,
     /// Ball radii over the camera's distance, where that was fitted.
     pub inverse_distance: Option<f64>,
+    /// Angle between the camera's axis and the ball, radians, where that was fitted.
+    pub axis_rad: Option<f64>,
     /// Mean rate at which the detector finds a dot that faces the camera well.
     pub detection_rate: f64,
 }

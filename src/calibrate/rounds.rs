@@ -57,6 +57,7 @@ struct FitSummary {
     noise_scale: f64,
     smooth: bool,
     inverse_distance: Option<f64>,
+    axis_rad: Option<f64>,
     /// Mean variance of a detection, rad^2 at the ball's middle.
     detection_variance: f64,
 }
@@ -256,6 +257,7 @@ impl<'a> Rounds<'a> {
             noise_scale: bundle.noise_scale(),
             smooth: bundle.is_smooth(),
             inverse_distance: bundle.inverse_distance(),
+            axis_rad: bundle.axis_rad(),
             detection_variance: variance / count.max(1) as f64,
         };
         for (frame, fit) in fitted.iter_mut().zip(&bundle.frames) {
@@ -431,6 +433,7 @@ impl<'a> Rounds<'a> {
             noise_scale: summary.noise_scale,
             smooth: summary.smooth,
             inverse_distance: summary.inverse_distance,
+            axis_rad: summary.axis_rad,
             detection_rate: rate.mean(),
         })
     }

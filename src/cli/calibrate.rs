@@ -305,7 +305,12 @@ fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path)
     }
     if let Some([before, after]) = motion {
         outln!(
-            "  off one spin: median {:.2} deg before, {:.2} deg after",
+            "  off one smooth rotation{}: median {:.2} deg before, {:.2} deg after",
+            if after.precessing {
+                " (precessing)"
+            } else {
+                ""
+            },
             before.median_deg,
             after.median_deg
         );

@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::output::Counter;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::files::OutputFile;
 use crate::files::csv::shown;
 use crate::geometry::to_wxyz;
@@ -65,6 +65,10 @@ pub struct Arguments {
     /// [default: the table's noise / sqrt 3].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     sigma_deg: Option<f64>,
+    /// Placement error: standard deviation of a drawn dot's place from the pattern's, along one tangent
+    /// axis, degrees. It is added to the dots' own noise [default: 0, the dots' noise has it in it].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    placement_sigma_deg: Option<f64>,
     /// Expect misses, false dots and noise as in this validation protocol.
     #[arg(long, value_parser = super::output::one_of(&ProtocolName::ALL, ProtocolName::as_str), value_name = "PROTOCOL")]
     expect: Option<ProtocolName>,
@@ -106,7 +110,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config(&table)?;
     let sigma_rad = arguments.sigma_rad(&table)?;
     let input = super::open_input(&arguments.dots)?;
-    let frames = ObservedReader::new(&input.name, input.reader, sigma_rad)?;
+    let placement_rad = arguments.placement_sigma_rad()?;
+    let frames = ObservedReader::new(&input.name, input.reader, sigma_rad)?.map(|frame| {
+        let mut frame = frame?;
+        for dot in &mut frame.dots {
+            dot.uncertainty = dot.uncertainty.widened(placement_rad);
+        }
+        Ok(frame)
+    });
     let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
     let mut outputs = Outputs::create(arguments)?;
     match arguments.recognizer {
@@ -183,6 +194,14 @@ impl Arguments {
                 Err(Error::argument("--sigma-deg", problem))
             }
         }
+    }
+
+    fn placement_sigma_rad(&self) -> Result<f64> {
+        let degrees = self.placement_sigma_deg.unwrap_or(0.0);
+        let inside = (0.0..25.0).contains(&degrees);
+        let expected = "0 or more and less than 25";
+        require(inside, "--placement-sigma-deg", expected, degrees)?;
+        Ok(degrees.to_radians())
     }
 
     fn config(&self, table: &HashTable) -> Result<RobustConfig> {

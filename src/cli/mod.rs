@@ -42,6 +42,7 @@ mod images;
 mod mark;
 mod merge;
 mod output;
+mod precession;
 mod report;
 #[cfg(feature = "vision")]
 mod sample;

@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::output::one_of;
+use super::precession::Precession;
 use super::spin_summary;
 use crate::error::{Error, Result};
 use crate::geometry::CameraFrame;
@@ -72,6 +73,11 @@ pub struct Arguments {
     /// orientation. Without evidence for a decay it is the constant spin.
     #[arg(long)]
     decay: bool,
+    /// Look for the torque-free precession of an uneven ball: its spin's axis drifts through the ball
+    /// and circles the angular momentum. With evidence for one the spin reported is the mean one,
+    /// without it the constant spin.
+    #[arg(long, conflicts_with = "decay")]
+    precession: bool,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE")]
@@ -118,8 +124,9 @@ impl Arguments {
             let problem = format!("expected at least {MIN_FRAMES}, found {}", self.window);
             return Err(Error::argument("--window", problem));
         }
-        if self.method == Method::Quatera && (self.decay || self.draws()) {
-            let problem = "the paper's method has neither --decay nor --plot, expected robust";
+        if self.method == Method::Quatera && (self.decay || self.precession || self.draws()) {
+            let problem =
+                "the paper's method has no --decay, --precession or --plot, expected robust";
             return Err(Error::argument("--method", problem));
         }
         Ok(())
@@ -191,32 +198,36 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         window: arguments.window,
         ..DecayConfig::default()
     };
-    let (fit, decay) = if arguments.decay {
-        let outcome = fit_decay(&measurements, &options).map_err(rejected)?;
-        (*outcome.start(), Some(outcome))
-    } else {
-        (
-            arguments
-                .fit(&measurements, file.shared_error())
-                .map_err(rejected)?,
-            None,
-        )
-    };
-    // A decaying spin has its aliases only while it is nearly constant.
-    let constant = match decay {
-        Some(DecayOutcome::Decaying(_)) => &measurements[..arguments.window],
-        _ => &measurements[..],
-    };
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
         sigma_rad: arguments.sigma_deg.to_radians(),
         ..AliasConfig::default()
     };
-    // The decay has no alternatives of its own beyond its first window.
-    let summary = SpinSummary {
-        orientations: measurements.len(),
-        ..SpinSummary::new(constant, &fit, &listed, file.rows.len())
+    let frames = file.rows.len();
+    let (mut decay, mut precession) = (None, None);
+    let summary = if arguments.precession {
+        let fitted = Precession::fit(&measurements, options.robust, &listed, frames);
+        let (summary, found) = fitted.map_err(rejected)?;
+        precession = Some(found);
+        summary
+    } else if arguments.decay {
+        let outcome = fit_decay(&measurements, &options).map_err(rejected)?;
+        // A decaying spin has its aliases only while it is nearly constant.
+        let constant = match outcome {
+            DecayOutcome::Decaying(_) => &measurements[..arguments.window],
+            DecayOutcome::Constant(_) => &measurements[..],
+        };
+        let fit = *outcome.start();
+        decay = Some(outcome);
+        SpinSummary {
+            orientations: measurements.len(),
+            ..SpinSummary::new(constant, &fit, &listed, frames)
+        }
+    } else {
+        let fitted = arguments.fit(&measurements, file.shared_error());
+        SpinSummary::new(&measurements, &fitted.map_err(rejected)?, &listed, frames)
     };
+    let fit = summary.fit;
     let frame = file.camera_frame.unwrap_or_default();
     let written = arguments.frame.unwrap_or(frame);
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
@@ -236,6 +247,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         summary: summary.turned(&(written.turn() * frame.turn())),
         camera_frame: written,
         decay: decay.map(|d| Decay::new(d, arguments)),
+        precession,
     };
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.plot {
@@ -316,6 +328,7 @@ pub(super) struct Found {
     pub(super) summary: SpinSummary,
     camera_frame: CameraFrame,
     decay: Option<Decay>,
+    precession: Option<Precession>,
 }
 
 impl Found {
@@ -338,6 +351,9 @@ impl Found {
         if let Some(decay) = &self.decay {
             json["decay"] = decay.to_json();
         }
+        if let Some(precession) = &self.precession {
+            json["precession"] = precession.to_json();
+        }
         json
     }
 
@@ -347,6 +363,9 @@ impl Found {
         }
         if let Some(decay) = &self.decay {
             decay.print();
+        }
+        for line in self.precession.iter().flat_map(Precession::lines) {
+            outln!("{line}");
         }
     }
 }

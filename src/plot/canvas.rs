@@ -118,13 +118,35 @@ pub(super) fn png_bytes(
     size: (u32, u32),
     draw: impl FnOnce(&Area<'_>) -> Drawn,
 ) -> Result<Vec<u8>> {
+    let pixels = rgb_pixels(size, |_| (), draw)?;
+    encode(size, &pixels, png::ColorType::Rgb, png::Compression::High)
+        .map_err(|e| Error::Internal(format!("plot: {e}")))
+}
+
+/// As [`png_bytes`], of a picture that is mostly a photograph: compressing it well takes longer than
+/// all the rest and saves little.
+pub(super) fn photograph_png(size: (u32, u32), pixels: &[u8]) -> Result<Vec<u8>> {
+    encode(size, pixels, png::ColorType::Rgb, png::Compression::Fast)
+        .map_err(|e| Error::Internal(format!("plot: {e}")))
+}
+
+/// A picture's pixels: red, green, blue, row after row. `fill` paints the drawn pixels before anything
+/// is drawn.
+///
+/// # Errors
+/// [`Error::Internal`] where drawing fails.
+pub(super) fn rgb_pixels(
+    size: (u32, u32),
+    fill: impl FnOnce(&mut [u8]),
+    draw: impl FnOnce(&Area<'_>) -> Drawn,
+) -> Result<Vec<u8>> {
     register_font()?;
     let (width, height) = (size.0 * SCALE, size.1 * SCALE);
     let mut pixels = vec![255u8; width as usize * height as usize * 3];
+    fill(&mut pixels);
     let bitmap = BitMapBackend::with_buffer(&mut pixels, (width, height));
     drawn_on(Backend::Bitmap(bitmap), draw)?;
-    encode(size, &averaged(size, &pixels), png::ColorType::Rgb)
-        .map_err(|e| Error::Internal(format!("plot: {e}")))
+    Ok(averaged(size, &pixels))
 }
 
 /// A picture as an SVG file.
@@ -138,10 +160,11 @@ fn svg_bytes(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> Result<
     let mut pixels = vec![0u8; drawn_size.0 as usize * drawn_size.1 as usize * 4];
     let shapes = SVGBackend::with_string(&mut text, drawn_size);
     drawn_on(Backend::Svg(shapes, &mut pixels), draw)?;
+    let rgba = png::ColorType::Rgba;
     let png = pixels
         .iter()
         .any(|p| *p != 0)
-        .then(|| encode(drawn_size, &pixels, png::ColorType::Rgba))
+        .then(|| encode(drawn_size, &pixels, rgba, png::Compression::High))
         .transpose()
         .map_err(|e| Error::Internal(format!("plot: {e}")))?;
     svg_file(&text, size, FONT, SVG_FONTS, png.as_deref())
@@ -174,12 +197,13 @@ fn encode(
     size: (u32, u32),
     pixels: &[u8],
     color: png::ColorType,
+    compression: png::Compression,
 ) -> std::result::Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, size.0, size.1);
     encoder.set_color(color);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::High);
+    encoder.set_compression(compression);
     encoder.set_filter(png::Filter::Adaptive);
     let mut writer = encoder.write_header()?;
     writer.write_image_data(pixels)?;

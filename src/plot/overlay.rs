@@ -5,14 +5,21 @@ use std::path::Path;
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
-use super::canvas::{self, Area, Drawn, INK, SMALL, px};
+use super::canvas::{self, Area, Drawn, INK, SCALE, SMALL, px};
 use crate::error::Result;
 use crate::vision::{Pixel, RgbImage};
 
-/// Side of an enlarged frame, file pixels.
-pub const OVERLAY_SIDE: u32 = 560;
+/// About the side of a small frame's overlay, file pixels.
+pub const OVERLAY_SIDE: u32 = 360;
+/// Bounds of any frame's: words and legend must fit, and balls of any size.
+const MIN_SIDE: u32 = 300;
+const MAX_SIDE: u32 = 800;
 /// Space for words above and below it.
 const WORDS: u32 = 34;
+/// Space for the legend below all.
+const LEGEND: u32 = 24;
+/// Size of its words, file pixels.
+const LEGEND_TEXT: f64 = 11.0;
 /// Side of a frame on a sheet, file pixels.
 const CELL: u32 = 240;
 /// Space for words below a frame on a sheet.
@@ -24,6 +31,12 @@ const OUTLINE: RGBColor = RGBColor(0, 220, 120);
 const NAMED: RGBColor = RGBColor(60, 200, 255);
 const UNNAMED: RGBColor = RGBColor(255, 90, 60);
 const EXPECTED: RGBColor = RGBColor(255, 230, 40);
+const LEGEND_ENTRIES: [(&str, RGBColor); 4] = [
+    ("outline", OUTLINE),
+    ("identified", NAMED),
+    ("not identified", UNNAMED),
+    ("expected", EXPECTED),
+];
 
 /// A detection to draw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,26 +68,69 @@ pub struct OverlayFrame {
     pub expected: Vec<(u16, Pixel, f64)>,
 }
 
-/// Draws one frame. Circles: the outline green; identified detections blue, others red, with their
-/// confidence in percent; crosses with numbers, yellow: where the orientation expects the pattern's
-/// dots.
+impl OverlayFrame {
+    /// A frame of which there is no picture.
+    pub fn without_picture(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            words: String::new(),
+            refused: true,
+            image: RgbImage::default(),
+            outline: None,
+            dots: Vec::new(),
+            expected: Vec::new(),
+        }
+    }
+}
+
+/// A drawn frame in memory.
+#[derive(Debug, Clone)]
+pub struct OverlayPixels {
+    /// Columns and rows.
+    pub size: (u32, u32),
+    /// Red, green, blue, row after row.
+    pub values: Vec<u8>,
+}
+
+/// Draws one frame, at its own scale or enlarged by a whole number where it is small. Circles: the
+/// outline green; identified detections blue, others red, with their confidence in percent; crosses
+/// with numbers, yellow: where the orientation expects the pattern's dots. A legend stands beneath.
 ///
 /// # Errors
 /// [`Error::Write`](crate::Error::Write) where the system refuses.
 pub fn frame_overlay(path: &Path, frame: &OverlayFrame) -> Result<()> {
-    let size = (OVERLAY_SIDE, OVERLAY_SIDE + 2 * WORDS);
-    canvas::picture(path, size, |area| {
-        let available = px(f64::from(OVERLAY_SIDE)) - px(12.0);
+    let OverlayPixels { size, values } = overlay_pixels(frame, side_of(frame))?;
+    crate::files::write_bytes(path, &canvas::photograph_png(size, &values)?)
+}
+
+/// As [`frame_overlay`], with a frame of `side` pixels, in memory.
+///
+/// # Errors
+/// [`Error::Internal`](crate::Error::Internal) where drawing fails.
+pub fn overlay_pixels(frame: &OverlayFrame, side: u32) -> Result<OverlayPixels> {
+    let size = (side, side + 2 * WORDS + LEGEND);
+    let top = px(f64::from(WORDS));
+    let fill = |pixels: &mut [u8]| paint(pixels, size.0, &frame.image, (0, top), px(side.into()));
+    let values = canvas::rgb_pixels(size, fill, |area| {
+        let available = px(f64::from(side)) - px(12.0);
         let font = canvas::font(SMALL);
         let middle = |y: f64| (px(6.0), px(y));
         let name = canvas::fitted(&frame.name, &font, available);
         canvas::text(area, &name, middle(17.0), HPos::Left, SMALL, INK)?;
         let words = canvas::fitted(&frame.words, &font, available);
-        let below = f64::from(OVERLAY_SIDE) + 1.5 * f64::from(WORDS);
+        let below = f64::from(side) + 1.5 * f64::from(WORDS);
         canvas::text(area, &words, middle(below), HPos::Left, SMALL, ink(frame))?;
-        let top = px(f64::from(WORDS));
-        draw_frame(area, frame, (0, top), px(f64::from(OVERLAY_SIDE)), true)
-    })
+        draw_legend(area, px(f64::from(side + 2 * WORDS)))?;
+        draw_marks(area, frame, (0, top), px(f64::from(side)), true)
+    })?;
+    Ok(OverlayPixels { size, values })
+}
+
+/// Side of a frame's overlay: its own, or enlarged by a whole number to about [`OVERLAY_SIDE`].
+fn side_of(frame: &OverlayFrame) -> u32 {
+    let own = frame.image.width().max(frame.image.height()).max(1) as u32;
+    let zoom = (f64::from(OVERLAY_SIDE) / f64::from(own)).round().max(1.0);
+    (own * zoom as u32).clamp(MIN_SIDE, MAX_SIDE)
 }
 
 /// A frame's overlay as a small PNG file, without words: for a page.
@@ -82,35 +138,75 @@ pub fn frame_overlay(path: &Path, frame: &OverlayFrame) -> Result<()> {
 /// # Errors
 /// [`Error::Internal`](crate::Error::Internal) where drawing fails.
 pub fn frame_thumbnail(frame: &OverlayFrame) -> Result<Vec<u8>> {
-    canvas::png_bytes((CELL, CELL), |area| {
-        draw_frame(area, frame, (0, 0), px(f64::from(CELL)), false)
-    })
+    let (size, side) = ((CELL, CELL), px(f64::from(CELL)));
+    let fill = |pixels: &mut [u8]| paint(pixels, CELL, &frame.image, (0, 0), side);
+    let values = canvas::rgb_pixels(size, fill, |area| {
+        draw_marks(area, frame, (0, 0), side, false)
+    })?;
+    canvas::photograph_png(size, &values)
 }
 
 /// Draws at most [`SHEET_FRAMES`] frames on one sheet, without the numbers' clutter on rejected
-/// ones.
+/// ones, and a legend.
 ///
 /// # Errors
 /// As [`frame_overlay`].
 pub fn contact_sheet(path: &Path, frames: &[OverlayFrame]) -> Result<()> {
     let frames = &frames[..frames.len().min(SHEET_FRAMES)];
-    let columns = ((frames.len() as f64).sqrt().ceil() as u32).clamp(1, 8);
+    let columns = ((frames.len() as f64).sqrt().ceil() as u32).clamp(2, 8);
     let rows = (frames.len() as u32).div_ceil(columns).max(1);
-    let size = (columns * CELL, rows * (CELL + CELL_WORDS));
-    canvas::picture(path, size, |area| {
+    let size = (columns * CELL, rows * (CELL + CELL_WORDS) + LEGEND);
+    let side = px(f64::from(CELL - 4));
+    let corner = |k: usize| {
+        let (column, row) = (k as u32 % columns, k as u32 / columns);
+        let at = |cells: u32, size: u32| px(f64::from(cells * size));
+        (at(column, CELL), at(row, CELL + CELL_WORDS))
+    };
+    let fill = |pixels: &mut [u8]| {
         for (k, frame) in frames.iter().enumerate() {
-            let (column, row) = (k as u32 % columns, k as u32 / columns);
-            let left = px(f64::from(column * CELL));
-            let top = px(f64::from(row * (CELL + CELL_WORDS)));
-            let side = px(f64::from(CELL - 4));
-            draw_frame(area, frame, (left, top), side, false)?;
+            paint(pixels, size.0, &frame.image, corner(k), side);
+        }
+    };
+    let values = canvas::rgb_pixels(size, fill, |area| {
+        for (k, frame) in frames.iter().enumerate() {
+            let (left, top) = corner(k);
+            draw_marks(area, frame, (left, top), side, false)?;
             let words = format!("{}  {}", frame.name, frame.words);
             let words = canvas::fitted(&words, &canvas::font(11.0), side);
             let at = (left + px(2.0), top + side + px(12.0));
             canvas::text(area, &words, at, HPos::Left, 11.0, ink(frame))?;
         }
-        Ok(())
-    })
+        draw_legend(area, px(f64::from(size.1 - LEGEND)))
+    })?;
+    crate::files::write_bytes(path, &canvas::photograph_png(size, &values)?)
+}
+
+/// What the marks mean, on a dark strip from `top` to the bottom.
+fn draw_legend(area: &Area<'_>, top: i32) -> Drawn {
+    let (width, height) = area.dim_in_pixel();
+    let strip = [(0, top), (width as i32, height as i32)];
+    area.draw(&Rectangle::new(strip, INK.filled()))?;
+    let (y, r) = (top + px(0.5 * f64::from(LEGEND)), px(5.0));
+    let mut x = px(6.0) + r;
+    for (words, color) in LEGEND_ENTRIES {
+        match color == EXPECTED {
+            true => draw_cross(area, (x, y), r, color)?,
+            false => {
+                area.draw(&Circle::new((x, y), r, canvas::stroke(color, 1.5)))?;
+            }
+        }
+        x += r + px(5.0);
+        canvas::text(area, words, (x, y), HPos::Left, LEGEND_TEXT, WHITE)?;
+        x += canvas::text_width(words, LEGEND_TEXT) + px(10.0) + r;
+    }
+    Ok(())
+}
+
+fn draw_cross(area: &Area<'_>, (x, y): (i32, i32), arm: i32, color: RGBColor) -> Drawn {
+    for ends in [[(x - arm, y), (x + arm, y)], [(x, y - arm), (x, y + arm)]] {
+        area.draw(&PathElement::new(ends.to_vec(), canvas::stroke(color, 1.0)))?;
+    }
+    Ok(())
 }
 
 fn ink(frame: &OverlayFrame) -> RGBColor {
@@ -121,8 +217,8 @@ fn ink(frame: &OverlayFrame) -> RGBColor {
     }
 }
 
-/// Draws a frame into a square of `side` drawn pixels.
-fn draw_frame(
+/// Draws a frame's marks into a square of `side` drawn pixels.
+fn draw_marks(
     area: &Area<'_>,
     frame: &OverlayFrame,
     (left, top): (i32, i32),
@@ -131,7 +227,6 @@ fn draw_frame(
 ) -> Drawn {
     let (width, height) = (frame.image.width() as f64, frame.image.height() as f64);
     let zoom = f64::from(side) / width.max(height);
-    draw_image(area, &frame.image, (left, top), zoom)?;
     // A pixel's center is half a pixel from its corner.
     let place = |p: &Pixel| {
         let at = |x: f64, from: i32| from + (zoom * (x + 0.5)).round() as i32;
@@ -159,7 +254,7 @@ fn draw_frame(
     for dot in frame.dots.iter().filter(|d| inside(&d.pixel)) {
         let color = if dot.named { NAMED } else { UNNAMED };
         let at = place(&dot.pixel);
-        let r = if in_full { px(11.0) } else { px(5.0) };
+        let r = if in_full { px(9.0) } else { px(5.0) };
         area.draw(&Circle::new(at, r, canvas::stroke(color, 1.2)))?;
         if in_full {
             let words = format!("{:.0}", 100.0 * dot.confidence);
@@ -171,12 +266,7 @@ fn draw_frame(
         let (x, y) = place(pixel);
         // Smaller towards the limb, where dots are hardly seen.
         let arm = px(if in_full { 3.0 } else { 1.5 } + 2.0 * z);
-        for ends in [[(x - arm, y), (x + arm, y)], [(x, y - arm), (x, y + arm)]] {
-            area.draw(&PathElement::new(
-                ends.to_vec(),
-                canvas::stroke(EXPECTED, 1.0),
-            ))?;
-        }
+        draw_cross(area, (x, y), arm, EXPECTED)?;
         if in_full {
             let beside = (x + px(13.0), y - px(9.0));
             canvas::text(
@@ -192,17 +282,27 @@ fn draw_frame(
     Ok(())
 }
 
-/// Draws a picture enlarged, with smooth transitions.
-fn draw_image(area: &Area<'_>, image: &RgbImage, (left, top): (i32, i32), zoom: f64) -> Drawn {
-    let (width, height) = (image.width(), image.height());
-    let (right, bottom) = (zoom * width as f64, zoom * height as f64);
-    for y in 0..bottom as i32 {
-        for x in 0..right as i32 {
-            let u = (f64::from(x) + 0.5) / zoom - 0.5;
-            let v = (f64::from(y) + 0.5) / zoom - 0.5;
-            let [r, g, b] = image.sample(u, v).map(|c| (255.0 * c + 0.5) as u8);
-            area.draw_pixel((left + x, top + y), &RGBColor(r, g, b))?;
+/// Paints a picture into a square of `side` drawn pixels, with smooth transitions. `pixels` are those of
+/// a picture of `width` file pixels.
+fn paint(pixels: &mut [u8], width: u32, image: &RgbImage, (left, top): (i32, i32), side: i32) {
+    let stride = 3 * (width * SCALE) as usize;
+    let zoom = f64::from(side) / image.width().max(image.height()).max(1) as f64;
+    let drawn = |length: usize| (zoom * length as f64).round() as usize;
+    let (columns, rows) = (drawn(image.width()), drawn(image.height()));
+    let (left, top) = (3 * left.max(0) as usize, top.max(0) as usize);
+    if image.values().is_empty() {
+        return;
+    }
+    for (y, row) in pixels
+        .chunks_exact_mut(stride)
+        .skip(top)
+        .take(rows)
+        .enumerate()
+    {
+        let v = (y as f64 + 0.5) / zoom - 0.5;
+        for (x, pixel) in row[left..].chunks_exact_mut(3).take(columns).enumerate() {
+            let u = (x as f64 + 0.5) / zoom - 0.5;
+            pixel.copy_from_slice(&image.sample(u, v).map(|c| (255.0 * c + 0.5) as u8));
         }
     }
-    Ok(())
 }

@@ -81,6 +81,21 @@ pub enum DotUncertainty {
     },
 }
 
+impl DotUncertainty {
+    /// The uncertainty with an independent error of `sigma_rad` along either tangent axis besides.
+    #[must_use]
+    pub fn widened(self, sigma_rad: f64) -> Self {
+        match self {
+            Self::Isotropic { sigma_rad: own } => Self::Isotropic {
+                sigma_rad: own.hypot(sigma_rad),
+            },
+            Self::Tangent { covariance } => Self::Tangent {
+                covariance: covariance + Matrix2::identity() * (sigma_rad * sigma_rad),
+            },
+        }
+    }
+}
+
 /// An observed dot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObservedDot {

@@ -268,24 +268,10 @@ impl State {
         Some((state, covariance))
     }
 
-    /// Time in which a constant spin would turn as far as this one in `t`, and its derivative with
-    /// respect to the decay.
-    fn elapsed(&self, t: f64) -> (f64, f64) {
-        let (c, tau) = (self.decay, decayed_time(t, self.decay));
-        let x = c * t;
-        let derivative = if x.abs() < 1e-3 {
-            // (t exp(-x) - tau) / c by its series: the next term is below 1e-13.
-            t * t * (-0.5 + x * (1.0 / 3.0 + x * (-1.0 / 8.0 + x / 30.0)))
-        } else {
-            (t * (-x).exp() - tau) / c
-        };
-        (tau, derivative)
-    }
-
     /// The same motion with another reference time.
     fn at(&self, time_s: f64) -> Self {
         let t = time_s - self.motion.time_s;
-        let turned = Rotation::from_scaled_axis(self.motion.spin * self.elapsed(t).0);
+        let turned = Rotation::from_scaled_axis(self.motion.spin * elapsed(t, self.decay).0);
         Self {
             motion: Motion {
                 time_s,
@@ -297,10 +283,24 @@ impl State {
     }
 }
 
+/// Time in which a constant spin would turn as far as one with the decay `c` (1/s) in `t`, and its
+/// derivative with respect to the decay.
+pub(super) fn elapsed(t: f64, c: f64) -> (f64, f64) {
+    let tau = decayed_time(t, c);
+    let x = c * t;
+    let derivative = if x.abs() < 1e-3 {
+        // (t exp(-x) - tau) / c by its series: the next term is below 1e-13.
+        t * t * (-0.5 + x * (1.0 / 3.0 + x * (-1.0 / 8.0 + x / 30.0)))
+    } else {
+        (t * (-x).exp() - tau) / c
+    };
+    (tau, derivative)
+}
+
 impl Path<7> for State {
     fn residual(&self, m: &Measurement) -> (Vec3, Mat3x7) {
         let (axis, rate) = axis_and_rate(&self.motion.spin);
-        let (tau, change) = self.elapsed(m.time_s - self.motion.time_s);
+        let (tau, change) = elapsed(m.time_s - self.motion.time_s, self.decay);
         let start = &self.motion.orientation;
         let r = Residual::after(tau, start, &axis, rate, &m.orientation);
         let mut jacobian = Mat3x7::zeros();

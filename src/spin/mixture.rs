@@ -83,8 +83,9 @@ pub(super) struct Settled<P, const N: usize> {
     pub inliers: usize,
     /// Log-likelihood without any prior.
     pub log_likelihood: f64,
-    /// Log-likelihood with the priors of the parameters and of the noise, by which maxima are
-    /// compared.
+    /// Log-likelihood with the priors of the parameters, up to a constant.
+    pub log_posterior: f64,
+    /// The same with the prior of the noise, by which maxima are compared.
     pub objective: f64,
 }
 
@@ -224,6 +225,7 @@ pub(super) fn settle<P: Path<N>, const N: usize>(
         covariance: sums.observed.cholesky()?.inverse() * widening,
         inliers: sums.inliers,
         log_likelihood: sums.log_likelihood,
+        log_posterior: sums.objective,
         objective: sums.objective + ln_noise,
     })
 }
@@ -273,16 +275,20 @@ pub(super) fn ln_likelihood_of_constant(
         sigma_rad,
         degrees: f64::INFINITY,
     };
-    let outlier = |m: &Measurement| {
-        let p = m.confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
-        ((1.0 - p) / ROTATION_VOLUME).ln()
-    };
-    let outliers: f64 = measurements.iter().map(outlier).sum();
     let mut scratch = Vec::new();
     starts
         .filter_map(|start| settle_constant(measurements, start, &noise, &mut scratch))
         .map(|settled| settled.log_likelihood)
-        .fold(outliers, f64::max)
+        .fold(ln_likelihood_of_outliers(measurements), f64::max)
+}
+
+/// The log-likelihood with all frames as outliers.
+pub(super) fn ln_likelihood_of_outliers(measurements: &[Measurement]) -> f64 {
+    let outlier = |m: &Measurement| {
+        let p = m.confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
+        ((1.0 - p) / ROTATION_VOLUME).ln()
+    };
+    measurements.iter().map(outlier).sum()
 }
 
 /// Whether these are at least half of the expected inliers.

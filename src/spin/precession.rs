@@ -13,20 +13,25 @@
 //! with `p` fixed in space (along the angular momentum) and `q` fixed in the ball (along `b`), `|q| =
 //! |e w_b|`. The mean spin lies along `p` and is `p + u (u . R(0) q)`, `u = p / |p|`.
 //!
-//! The nine parameters `R(0), p, q` are fitted by maximum likelihood under the mixture of
+//! Air slows the ball down: with the torque `-c I w` on every axis the motion is the same at the times
+//! `tau(t) = (1 - exp(-c t)) / c` for `t`, as in [`super::decay`].
+//!
+//! The ten parameters `R(0), p, q, c` are fitted by maximum likelihood under the mixture of
 //! [`super::robust`] (how, `spin::mixture` says). Across the spin, `q` shows at once, as a drift of the
 //! spin's axis through the ball; along it, only where the axis has gone a good part of its circle. Each
-//! component of `q` therefore has the prior `N(0, (a w)^2)`: `a` is the expected unevenness.
+//! component of `q` therefore has the prior `N(0, (a w)^2)`: `a` is the expected unevenness. The decay has
+//! a normal prior as well.
 //!
 //! # Starts
 //! The constant spin of [`super::robust`], split between `p` and `q` at every ratio that the sequence
 //! can distinguish; and short runs, from which the fit grows over the sequence.
 //!
 //! # Evidence
-//! A constant spin is the case `q = 0`. The odds for a precession are by Laplace's method
+//! A ball that does not precess is the case `q = 0`, with a decay of its own. The odds for a precession
+//! are by Laplace's method
 //!
 //! ```text
-//! ln B = ln L(precessing) - ln L(constant) + ln N(q; 0, (a w)^2) + 3/2 ln(2 pi) + 1/2 ln det cov(q)
+//! ln B = ln L(precessing) - ln L(not) + ln N(q; 0, (a w)^2) + 3/2 ln(2 pi) + 1/2 ln det cov(q)
 //! ```
 //!
 //! (R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995, eq. 5), both likelihoods
@@ -36,30 +41,31 @@
 //! Guaranteed: no precession without evidence; most of the frames agree, and more than chance explains
 //! (`spin::chance`, with the precessions that can be distinguished as further hypotheses). Not
 //! guaranteed: a ball with three different moments is described to first order in the unevenness
-//! only; torque (air, a decay of the spin) is not modeled, which limits sequences to a small part of the
-//! time in which a spin decays; errors that frames share ([`super::shared`]) count as motion.
+//! only; other torques than that of the air are not modeled; errors that frames share ([`super::shared`]) count as motion.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::alias::AliasConfig;
 use super::chance::expected_by_chance;
+use super::decay::elapsed;
 use super::mixture::{
-    Path, Prior, Settled, duration, grow, held_by_most, is_majority, ln_likelihood_of_constant,
+    Path, Prior, Settled, duration, grow, held_by_most, is_majority, ln_likelihood_of_outliers,
     settle,
 };
-use super::refine::{Residual, axis_and_rate, jacobian as constant_jacobian};
+use super::refine::{NoisePrior, Residual, axis_and_rate, jacobian as constant_jacobian};
 use super::robust::{RobustEstimator, RobustSpinConfig, TIE_MARGIN};
+use super::simulate::decayed_time;
 use super::summary::SpinSummary;
 use super::windows::{WindowFit, spin_over_time};
 use super::{Fit, Interval, Measurement, Motion, SpinRejection, check, require};
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3, left_jacobian};
 
-type Vec9 = SVector<f64, 9>;
-type Mat9 = SMatrix<f64, 9, 9>;
-type Mat3x9 = SMatrix<f64, 3, 9>;
+type Vec10 = SVector<f64, 10>;
+type Mat10 = SMatrix<f64, 10, 10>;
+type Mat3x10 = SMatrix<f64, 3, 10>;
 
-/// Minimum number of orientations: nine parameters are three of them, and as many again check them.
+/// Minimum number of orientations: ten parameters are more than three of them.
 pub const MIN_ORIENTATIONS: usize = 6;
 /// Angle between the starts' rotations about the ball's axis at the end of a sequence, radians.
 const START_STEP_RAD: f64 = 1.5;
@@ -72,6 +78,8 @@ const RUNS: usize = 3;
 /// A component of the precession is open where the orientations leave more than this share of the
 /// prior's standard deviation.
 const OPEN: f64 = 0.5;
+/// Unevenness of an even ball: next to none, so that its fit is that of a precession held at none.
+const NO_UNEVENNESS: f64 = 1e-6;
 /// Step of the differences, in standard deviations of a parameter.
 const DIFFERENCE: f64 = 1e-3;
 
@@ -84,15 +92,19 @@ pub struct PrecessionConfig {
     pub window: usize,
     /// Expected relative difference of the ball's moments of inertia: its standard deviation.
     pub unevenness: f64,
+    /// Expected rate at which the spin decays, 1/s: its standard deviation about none.
+    pub decay_sigma_per_s: f64,
 }
 
 impl Default for PrecessionConfig {
-    /// Runs of ten orientations; moments of inertia that differ by 5 %.
+    /// Runs of ten orientations; moments of inertia that differ by 5 %; decays of 0.2 per second, twice
+    /// what air does to a table tennis ball.
     fn default() -> Self {
         Self {
             robust: RobustSpinConfig::default(),
             window: 10,
             unevenness: 0.05,
+            decay_sigma_per_s: 0.2,
         }
     }
 }
@@ -109,7 +121,10 @@ impl PrecessionConfig {
         let e = self.unevenness;
         let inside = e > 0.0 && e <= 0.5;
         let expected = "more than 0 and at most 0.5";
-        require(inside, "unevenness", expected, e)
+        require(inside, "unevenness", expected, e)?;
+        let c = self.decay_sigma_per_s;
+        let inside = c > 0.0 && c.is_finite();
+        require(inside, "decay_sigma_per_s", "a positive number", c)
     }
 }
 
@@ -138,6 +153,8 @@ pub struct SteadyFit {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PrecessionFit {
     path: Precessing,
+    /// The constant spin that explains the orientations best; the mean one where none does.
+    pub constant: Motion,
     /// The mean spin, at the first measurement's time: along the angular momentum, camera frame. With
     /// its covariance (the precession being estimated as well), the noise and the number of inliers.
     pub mean: Fit,
@@ -154,11 +171,20 @@ pub struct PrecessionFit {
     pub drift_rad_s: f64,
     /// Its 95 % interval, rad/s.
     pub drift_interval_rad_s: Interval,
-    /// Natural logarithm of the odds for a precession against a constant spin.
+    /// Rate at which the spin decays, 1/s.
+    pub decay_per_s: f64,
+    /// Its 95 % interval, 1/s.
+    pub decay_interval_per_s: Interval,
+    /// Natural logarithm of the odds for a precession against none.
     pub ln_bayes_factor: f64,
 }
 
 impl PrecessionFit {
+    /// The rotation that is fixed in space, along the angular momentum: camera frame, rad/s.
+    pub fn space_rate(&self) -> Vec3 {
+        self.path.motion.spin
+    }
+
     /// The orientation at `time_s`, pattern to camera.
     pub fn at(&self, time_s: f64) -> Rotation {
         self.path.at(time_s)
@@ -228,16 +254,13 @@ pub fn fit_precession(
             ln_bayes_factor: None,
         }));
     };
-    let found = best.path.motion_with_mean();
-    let starts = constant_motion.into_iter().chain([found]);
-    let ln_constant = ln_likelihood_of_constant(measurements, starts, best.sigma_rad);
     let body = best.covariance.fixed_view::<3, 3>(6, 6).into_owned();
     let scale = best.path.scale;
-    let off = best.path.body_rate.norm_squared() / (scale * scale);
-    let ln_occam = -0.5 * off - 3.0 * scale.ln() + 0.5 * body.determinant().ln();
-    let ln_bayes_factor = best.log_likelihood - ln_constant + ln_occam;
+    let ln_even = ln_posterior_of_even(measurements, constant_motion, &best, config);
+    let ln_occam = 0.5 * body.determinant().ln() - 3.0 * scale.ln();
+    let ln_bayes_factor = best.log_posterior - ln_even + ln_occam;
     if ln_bayes_factor > TIE_MARGIN {
-        let fit = precession_fit(&best, ln_bayes_factor);
+        let fit = precession_fit(&best, constant_motion, ln_bayes_factor);
         return Ok(PrecessionOutcome::Precessing(fit));
     }
     let fit = held_by_most(constant?, measurements, config.robust.max_rps)?;
@@ -256,6 +279,8 @@ pub fn fit_precession(
 struct Precessing {
     motion: Motion,
     body_rate: Vec3,
+    /// Rate of decay, 1/s.
+    decay: f64,
     /// Standard deviation of each component of `body_rate` before the fit, rad/s.
     scale: f64,
 }
@@ -270,31 +295,41 @@ impl Precessing {
                 ..motion
             },
             body_rate: motion.orientation.inverse() * axis * body,
+            decay: 0.0,
             scale: unevenness * rate,
         }
     }
 
+    /// Time in which the ball would turn as far without a decay, from the reference time.
+    fn elapsed(&self, time_s: f64) -> f64 {
+        decayed_time(time_s - self.motion.time_s, self.decay)
+    }
+
+    /// The measurement of a ball that turns with the part fixed in space alone, and does not slow down.
     fn straightened(&self, m: &Measurement) -> Measurement {
-        let t = m.time_s - self.motion.time_s;
+        let tau = self.elapsed(m.time_s);
         Measurement {
-            orientation: m.orientation * Rotation::from_scaled_axis(self.body_rate * -t),
+            time_s: self.motion.time_s + tau,
+            orientation: m.orientation * Rotation::from_scaled_axis(self.body_rate * -tau),
             ..*m
         }
     }
 
     fn at(&self, time_s: f64) -> Rotation {
-        let t = time_s - self.motion.time_s;
-        self.motion.at(time_s) * Rotation::from_scaled_axis(self.body_rate * t)
+        let tau = self.elapsed(time_s);
+        self.motion.at(self.motion.time_s + tau) * Rotation::from_scaled_axis(self.body_rate * tau)
     }
 
     /// The same motion with another reference time.
     fn rebased(&self, time_s: f64) -> Self {
+        let slowed = (-self.decay * (time_s - self.motion.time_s)).exp();
         Self {
             motion: Motion {
                 time_s,
                 orientation: self.at(time_s),
-                spin: self.motion.spin,
+                spin: self.motion.spin * slowed,
             },
+            body_rate: self.body_rate * slowed,
             ..*self
         }
     }
@@ -324,10 +359,10 @@ impl Precessing {
 
     /// Derivative of a function of the parameters, by differences of a small share of their standard
     /// deviations.
-    fn derivative(&self, covariance: &Mat9, of: impl Fn(&Self) -> Vec3) -> Mat3x9 {
-        let mut derivative = Mat3x9::zeros();
-        for i in 0..9 {
-            let mut change = Vec9::zeros();
+    fn derivative(&self, covariance: &Mat10, of: impl Fn(&Self) -> Vec3) -> Mat3x10 {
+        let mut derivative = Mat3x10::zeros();
+        for i in 0..10 {
+            let mut change = Vec10::zeros();
             change[i] = DIFFERENCE * covariance[(i, i)].sqrt();
             let slope = (of(&self.moved(&change)) - of(&self.moved(&-change))) / (2.0 * change[i]);
             derivative.set_column(i, &slope);
@@ -336,23 +371,27 @@ impl Precessing {
     }
 }
 
-impl Path<9> for Precessing {
-    fn residual(&self, m: &Measurement) -> (Vec3, Mat3x9) {
+impl Path<10> for Precessing {
+    fn residual(&self, m: &Measurement) -> (Vec3, Mat3x10) {
         let (axis, rate) = axis_and_rate(&self.motion.spin);
-        let t = m.time_s - self.motion.time_s;
-        let r = Residual::new(&self.motion, &axis, rate, &self.straightened(m));
-        let turned = self.motion.at(m.time_s).to_rotation_matrix();
-        let mut jacobian = Mat3x9::zeros();
+        let (tau, by_decay) = elapsed(m.time_s - self.motion.time_s, self.decay);
+        let straight = self.straightened(m);
+        let r = Residual::new(&self.motion, &axis, rate, &straight);
+        let turned = self.motion.at(straight.time_s).to_rotation_matrix();
+        let mut jacobian = Mat3x10::zeros();
         jacobian
             .fixed_view_mut::<3, 6>(0, 0)
             .copy_from(&constant_jacobian(&axis, &r));
         // R exp(q + d) = exp(R J d) R exp(q).
-        let of_body = turned.matrix() * left_jacobian(&(self.body_rate * t)) * t;
+        let of_body = turned.matrix() * left_jacobian(&(self.body_rate * tau)) * tau;
         jacobian.fixed_view_mut::<3, 3>(0, 6).copy_from(&of_body);
+        // exp([q]x tau) leaves q as it is.
+        let spin = self.motion.spin + turned * self.body_rate;
+        jacobian.set_column(9, &(spin * by_decay));
         (r.error, jacobian)
     }
 
-    fn moved(&self, change: &Vec9) -> Self {
+    fn moved(&self, change: &Vec10) -> Self {
         let part = |at: usize| Vec3::new(change[at], change[at + 1], change[at + 2]);
         let q = Rotation::from_scaled_axis(part(0)) * self.motion.orientation;
         Self {
@@ -362,22 +401,54 @@ impl Path<9> for Precessing {
                 ..self.motion
             },
             body_rate: self.body_rate + part(6),
+            decay: self.decay + change[9],
             ..*self
         }
     }
 
-    fn parameters(&self) -> Vec9 {
-        let mut parameters = Vec9::zeros();
+    fn parameters(&self) -> Vec10 {
+        let mut parameters = Vec10::zeros();
         parameters.fixed_rows_mut::<3>(6).copy_from(&self.body_rate);
+        parameters[9] = self.decay;
         parameters
     }
 }
 
-/// The prior of the body's rate: zero with the standard deviation `scale`.
-fn prior(scale: f64) -> Prior<9> {
-    let mut prior = Prior::<9>::none();
+/// The priors of the body's rate, zero with the standard deviation `scale`, and of the decay.
+fn prior(scale: f64, config: &PrecessionConfig) -> Prior<10> {
+    let mut prior = Prior::<10>::none();
     prior.weight.fixed_rows_mut::<3>(6).fill(scale.powi(-2));
+    prior.weight[9] = config.decay_sigma_per_s.powi(-2);
     prior
+}
+
+/// The log posterior of a ball that does not precess, at the noise of the precessing one: the same
+/// fit, with no room for a precession. Its lower bound is that of outliers only.
+fn ln_posterior_of_even(
+    measurements: &[Measurement],
+    constant: Option<Motion>,
+    best: &Settled<Precessing, 10>,
+    config: &PrecessionConfig,
+) -> f64 {
+    let noise = NoisePrior {
+        sigma_rad: best.sigma_rad,
+        degrees: f64::INFINITY,
+    };
+    let motions = constant.into_iter().chain([best.path.motion_with_mean()]);
+    let decays = [0.0, best.path.decay];
+    let starts = motions.flat_map(|motion| {
+        decays.map(|decay| Precessing {
+            decay,
+            ..Precessing::split(motion, 0.0, NO_UNEVENNESS)
+        })
+    });
+    starts
+        .filter_map(|start| {
+            let start = start.rebased(best.path.motion.time_s);
+            settle(measurements, start, &prior(start.scale, config), &noise)
+        })
+        .map(|settled| settled.log_posterior)
+        .fold(ln_likelihood_of_outliers(measurements), f64::max)
 }
 
 /// The best of all starts that is permitted.
@@ -386,7 +457,7 @@ fn best(
     constant: Option<Motion>,
     runs: &[WindowFit],
     config: &PrecessionConfig,
-) -> Option<Settled<Precessing, 9>> {
+) -> Option<Settled<Precessing, 10>> {
     let time_s = measurements[0].time_s;
     let mut starts = Vec::new();
     if let Some(motion) = constant {
@@ -398,7 +469,7 @@ fn best(
     let noise = config.robust.noise();
     concurrency::map(&starts, |start| {
         let start = start.rebased(time_s);
-        settle(measurements, start, &prior(start.scale), &noise)
+        settle(measurements, start, &prior(start.scale, config), &noise)
             .filter(|s| is_permitted(s, measurements, config))
     })
     .into_iter()
@@ -429,14 +500,15 @@ fn grown(
     };
     let start = Precessing::split(motion, 0.0, config.unevenness);
     let sigma = run.fit.sigma_rad.unwrap_or(config.robust.sigma_rad);
-    let mut covariance = Mat9::zeros();
+    let mut covariance = Mat10::zeros();
+    covariance[(9, 9)] = config.decay_sigma_per_s.powi(2);
     for i in 0..3 {
         covariance[(i, i)] = sigma * sigma;
         covariance[(6 + i, 6 + i)] = start.scale.powi(2);
     }
     let of_spin = run.fit.spin_covariance?;
     covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&of_spin);
-    let prior = prior(start.scale);
+    let prior = prior(start.scale, config);
     grow(
         measurements,
         start,
@@ -449,7 +521,7 @@ fn grown(
 /// Whether the spin is within what is considered, and most of the frames agree, and more than chance
 /// explains.
 fn is_permitted(
-    settled: &Settled<Precessing, 9>,
+    settled: &Settled<Precessing, 10>,
     measurements: &[Measurement],
     config: &PrecessionConfig,
 ) -> bool {
@@ -487,9 +559,13 @@ fn across_the_spin(covariance: &Matrix3<f64>, path: &Precessing) -> Estimate {
     }
 }
 
-fn precession_fit(best: &Settled<Precessing, 9>, ln_bayes_factor: f64) -> PrecessionFit {
+fn precession_fit(
+    best: &Settled<Precessing, 10>,
+    constant: Option<Motion>,
+    ln_bayes_factor: f64,
+) -> PrecessionFit {
     let (path, covariance) = (best.path, best.covariance);
-    let propagated = |derivative: Mat3x9| derivative * covariance * derivative.transpose();
+    let propagated = |derivative: Mat3x10| derivative * covariance * derivative.transpose();
     let body = covariance.fixed_view::<3, 3>(6, 6).into_owned();
     let along = |direction: &Vec3, covariance: &Matrix3<f64>| {
         direction.dot(&(covariance * direction)).max(0.0).sqrt()
@@ -502,6 +578,7 @@ fn precession_fit(best: &Settled<Precessing, 9>, ln_bayes_factor: f64) -> Preces
     let drift_std = along(&axis_and_rate(&across).0, &of_across);
     PrecessionFit {
         path,
+        constant: constant.unwrap_or(path.motion_with_mean()),
         mean: Fit {
             motion: path.motion_with_mean(),
             spin_covariance: Some(propagated(
@@ -517,6 +594,8 @@ fn precession_fit(best: &Settled<Precessing, 9>, ln_bayes_factor: f64) -> Preces
             .then(|| Interval::normal(rate, rate_std)),
         drift_rad_s: drift,
         drift_interval_rad_s: Interval::normal(drift, drift_std),
+        decay_per_s: path.decay,
+        decay_interval_per_s: Interval::normal(path.decay, covariance[(9, 9)].max(0.0).sqrt()),
         ln_bayes_factor,
     }
 }

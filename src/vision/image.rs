@@ -132,7 +132,20 @@ impl GrayImage {
         }
     }
 
+    /// As [`GrayImage::sample`] at a place between four pixels: neither coordinate is negative, or at or beyond the last
+    /// column or row.
+    #[inline]
+    pub(crate) fn sample_inside(&self, u: f64, v: f64) -> f32 {
+        let (u0, v0) = (u as usize, v as usize);
+        let (fu, fv) = ((u - u0 as f64) as f32, (v - v0 as f64) as f32);
+        let rows = &self.values[v0 * self.width + u0..][..self.width + 2];
+        let top = rows[0] + fu * (rows[1] - rows[0]);
+        let low = rows[self.width] + fu * (rows[self.width + 1] - rows[self.width]);
+        top + fv * (low - top)
+    }
+
     /// The value between pixels (bilinear); outside, that of the nearest border.
+    #[inline]
     pub fn sample(&self, u: f64, v: f64) -> f32 {
         let u = u.clamp(0.0, (self.width - 1) as f64);
         let v = v.clamp(0.0, (self.height - 1) as f64);

@@ -96,6 +96,20 @@ impl<'a> RawImage<'a> {
         self.pixel
     }
 
+    /// The luma of every pixel.
+    pub fn to_gray(&self) -> GrayImage {
+        let mut gray = GrayImage::default();
+        self.gray_into(&Roi::whole(self.width, self.height), &mut gray);
+        gray
+    }
+
+    /// The color of every pixel.
+    pub fn to_rgb(&self) -> RgbImage {
+        let mut color = RgbImage::default();
+        self.color_into(&Roi::whole(self.width, self.height), &mut color);
+        color
+    }
+
     /// The bytes of a row between two columns.
     fn row(&self, v: usize, left: usize, width: usize) -> &'a [u8] {
         let bytes = self.pixel.bytes();

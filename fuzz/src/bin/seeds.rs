@@ -1,5 +1,8 @@
 //! Writes a valid input for each reader to `corpus/TARGET/`: what fuzzing starts from.
 
+// The readers are built with coverage, whose counters libFuzzer holds.
+extern crate libfuzzer_sys;
+
 use std::error::Error;
 use std::fs;
 use std::io::Cursor;
@@ -8,8 +11,8 @@ use std::path::Path;
 use nalgebra::Matrix3;
 use spindoe::certify::{CertifyConfig, certify};
 use spindoe::design::Candidate;
-use spindoe::design::checkpoint::{SearchState, ShardFile, ShardRecord};
 use spindoe::design::Shard;
+use spindoe::design::checkpoint::{SearchState, ShardFile, ShardRecord};
 use spindoe::hash::CalibrationRecord;
 use spindoe::recognize::observed;
 use spindoe::spin::orientations::Orientations;
@@ -30,8 +33,16 @@ fn seed(target: &str, name: &str, bytes: impl AsRef<[u8]>) -> Done {
 }
 
 fn tables(pattern: &Pattern) -> Done {
-    let table = HashTable::build(pattern.clone(), PairRule::default(), RecognizerConfig::default())?;
-    seed("table", "plain", arrays(&table.to_npz()?, &table_names()).concat())?;
+    let table = HashTable::build(
+        pattern.clone(),
+        PairRule::default(),
+        RecognizerConfig::default(),
+    )?;
+    seed(
+        "table",
+        "plain",
+        arrays(&table.to_npz()?, &table_names()).concat(),
+    )?;
     seed("table", "archive", table.to_npz()?)?;
     let covariance = |d: &spindoe::Vec3| (Matrix3::identity() - d * d.transpose()) * 1e-4;
     let record = CalibrationRecord {
@@ -41,7 +52,11 @@ fn tables(pattern: &Pattern) -> Done {
     };
     let covariances = pattern.dots().iter().map(covariance).collect();
     let table = table.with_calibration(covariances, record)?;
-    seed("table", "calibrated", arrays(&table.to_npz()?, &table_names()).concat())
+    seed(
+        "table",
+        "calibrated",
+        arrays(&table.to_npz()?, &table_names()).concat(),
+    )
 }
 
 fn searches(pattern: &Pattern) -> Done {
@@ -87,7 +102,11 @@ fn pictures() -> Done {
     ] {
         let mut bytes = Cursor::new(Vec::new());
         picture.write_to(&mut bytes, format)?;
-        seed("picture", &format!("{format:?}").to_lowercase(), bytes.get_ref())?;
+        seed(
+            "picture",
+            &format!("{format:?}").to_lowercase(),
+            bytes.get_ref(),
+        )?;
         let piped = [&[0, 0, 0], bytes.get_ref().as_slice()].concat();
         seed("pipe", &format!("{format:?}").to_lowercase(), piped)?;
     }
@@ -95,20 +114,32 @@ fn pictures() -> Done {
     let log = "  Duration: 00:00:01\n    com.android.capture.fps: 240.000000\n\
                [showinfo] n: 0 pts: 0 pts_time:0 pos: 1\n[showinfo] n: 1 pts: 1 pts_time:0.0333 x\n";
     let frames = b"P6\n2 1\n255\n123456P6\n2 1\n255\n123456";
-    seed("video", "two", [log.as_bytes(), &[SEPARATOR], frames].concat())
+    seed(
+        "video",
+        "two",
+        [log.as_bytes(), &[SEPARATOR], frames].concat(),
+    )
 }
 
 fn main() -> Done {
     let pattern = Pattern::from_csv(Path::new("p"), ZONED_PATTERN.as_bytes())?;
     seed("pattern", "plain", ZONED_PATTERN)?;
-    seed("pattern", "header", format!("x,y,z\n# {}\r\n{ZONED_PATTERN}", "\u{e9}"))?;
+    seed(
+        "pattern",
+        "header",
+        format!("x,y,z\n# {}\r\n{ZONED_PATTERN}", "\u{e9}"),
+    )?;
     tables(&pattern)?;
     searches(&pattern)?;
     pictures()?;
     let protocol = Protocol::standard(ProtocolName::Image);
     let frames = observed_frames(&pattern, &protocol, 2, 4);
     seed("observed", "image", observed::to_csv(&frames))?;
-    seed("observed", "plain", "frame,x,y,z,time_s\n\"a, b\",0,0.6,0.8,1\n7,1,0,0,\n")?;
+    seed(
+        "observed",
+        "plain",
+        "frame,x,y,z,time_s\n\"a, b\",0,0.6,0.8,1\n7,1,0,0,\n",
+    )?;
     let mut sequence = Scenario::default().sequence((40.0, 60.0), 3, 0);
     sequence.measurements.truncate(3);
     let rows = Orientations::from_measurements(&sequence.measurements);
@@ -116,9 +147,17 @@ fn main() -> Done {
     let row = "frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence\n";
     let text = format!("{row}a,0,1,0,0,0,9,8,0.5,0.9\nb,1,,,,,3,,,\n");
     seed("orientations", "full", text)?;
-    seed("times", "plain", "frame,time_s\nleft/7.png,0.5\nright/7.png,0.25\n\"8\",1\n")?;
+    seed(
+        "times",
+        "plain",
+        "frame,time_s\nleft/7.png,0.5\nright/7.png,0.25\n\"8\",1\n",
+    )?;
     let set = "traj_file,x_spin,y_spin,z_spin\n1,10,20,30\n";
-    seed("trajectories", "plain", format!("{set}\00.1;1;2;3\n0.2;1.1;2;3\n"))?;
+    seed(
+        "trajectories",
+        "plain",
+        format!("{set}\00.1;1;2;3\n0.2;1.1;2;3\n"),
+    )?;
     let numbers: [f32; 9] = [0.5, 900.0, 320.0, 240.0, 300.0, 200.0, 30.0, 310.0, 205.0];
     seed("camera", "near", numbers.map(f32::to_le_bytes).concat())?;
     seed("weights", "meta", &built_in_weights()[0])?;
@@ -127,7 +166,11 @@ fn main() -> Done {
         pattern.sha256()
     );
     seed("zones", "plain", zones)?;
-    seed("synth", "default", serde_json::to_vec(&SynthConfig::default())?)?;
+    seed(
+        "synth",
+        "default",
+        serde_json::to_vec(&SynthConfig::default())?,
+    )?;
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("c.json");
     let larger = spindoe::pattern::random_pattern(8, 0.4, &mut rand_chacha())?;

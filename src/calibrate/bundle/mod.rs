@@ -1,7 +1,7 @@
 //! Bundle adjustment on the sphere: the dots, the orientations, the outlines and the camera at once.
 //!
-//! With the dots' directions `d_j`, the orientation `R_k`, the outline `(u, v, r)_k` and the camera's
-//! distance, a detection `p` has the residual `e = p - project(R_k d_j)`. Minimized is
+//! With the dots' directions `d_j`, the orientation `R_k`, the outline `(u, v, r)_k` and what all frames
+//! share ([`camera`]: the distance, the axis, the outlines' common error), a detection `p` has the residual `e = p - project(R_k d_j)`. Minimized is
 //!
 //! ```text
 //! sum (nu + 2)/2 ln(1 + e^T S^-1 e / nu)  +  the priors of outlines, camera, dots and motion
@@ -21,16 +21,19 @@
 //! The detector states a covariance for each detection. They are scaled by one factor that the
 //! residuals set, with the degrees of freedom that the fit uses taken off.
 
+mod camera;
+mod equations;
 mod motion;
 mod schur;
 
-use nalgebra::{DMatrix, Matrix2, Matrix2x3, Matrix3, Matrix3x2, SMatrix, Vector2};
+use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use crate::geometry::{Rotation, Vec3, kabsch, tangent_frame};
-use crate::vision::camera::{BallCircle, BallView, Camera, Pixel};
+use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::estimator::{CameraModel, Outline};
+use camera::{FrameView, OPTICS, SHARED, SharedCamera};
 use motion::{MotionPrior, SPIN, TimedPose};
-use schur::{BLOCK, Border, NormalEquations, Step};
+use schur::{NormalEquations, Step};
 
 /// Degrees of freedom of the detections' distribution.
 const DEGREES: f64 = 5.0;
@@ -43,8 +46,6 @@ const DAMPING: f64 = 1e-4;
 const DAMPING_DOWN: f64 = 0.2;
 const DAMPING_UP: f64 = 8.0;
 const MAX_DAMPING: f64 = 1e6;
-/// Stiffness of the gauge's condition over the largest information of a dot.
-const GAUGE: f64 = 1e3;
 /// Fits with a new scale of the noise.
 const SCALINGS: usize = 3;
 /// Fits in which the prior of motion may turn out too strong.
@@ -87,34 +88,6 @@ pub(super) struct BundleFrame {
     pub observations: Vec<Observation>,
 }
 
-/// The camera of all frames.
-#[derive(Debug, Clone, Copy)]
-enum SharedCamera {
-    Known(Camera),
-    /// One over the focal length in pixels: it fixes the distance of every ball by its radius.
-    Unknown {
-        inverse_focal: f64,
-        expected: f64,
-        sigma: f64,
-    },
-}
-
-impl SharedCamera {
-    fn of(&self, circle: &BallCircle) -> Camera {
-        match *self {
-            Self::Known(camera) => camera,
-            Self::Unknown { inverse_focal, .. } => Camera::Near {
-                inverse_distance: inverse_distance(inverse_focal * circle.radius),
-            },
-        }
-    }
-}
-
-/// `sin(atan(ratio))`, for a radius of `ratio` focal lengths.
-fn inverse_distance(ratio: f64) -> f64 {
-    (ratio / ratio.hypot(1.0)).clamp(0.0, MAX_INVERSE_DISTANCE)
-}
-
 /// The joint problem, and where its solution stands.
 #[derive(Debug, Clone)]
 pub(super) struct Bundle {
@@ -137,33 +110,18 @@ pub(super) struct DotFit {
     pub views: usize,
 }
 
-/// The derivatives of a detection's expected place.
-struct Projection {
-    pixel: Pixel,
-    by_turn: Matrix2x3<f64>,
-    by_outline: Matrix2x3<f64>,
-    by_dot: Matrix2<f64>,
-    by_focal: Vector2<f64>,
-}
-
 impl Bundle {
     /// The problem of these dots, seen by one camera.
     pub fn new(priors: Vec<DotPrior>, frames: Vec<BundleFrame>, camera: &CameraModel) -> Self {
         let dots = priors.iter().map(|p| p.direction).collect();
         let radius =
             frames.iter().map(|f| f.circle.radius).sum::<f64>() / frames.len().max(1) as f64;
-        let camera = match *camera {
-            CameraModel::Known(camera) => SharedCamera::Known(camera),
-            CameraModel::Unknown(prior) => {
-                let k = prior.inverse_distance;
-                let expected = k / (radius * (1.0 - k * k).sqrt());
-                SharedCamera::Unknown {
-                    inverse_focal: expected,
-                    expected,
-                    sigma: prior.sigma / radius,
-                }
-            }
-        };
+        let variances: Vec3 = frames
+            .iter()
+            .map(|f| f.outline.covariance.diagonal())
+            .sum::<Vec3>()
+            / frames.len().max(1) as f64;
+        let camera = SharedCamera::new(camera, radius, variances);
         let spins = vec![Vec3::zeros(); frames.len()];
         Self {
             priors,
@@ -214,14 +172,17 @@ impl Bundle {
 
     /// Ball radii over the camera's distance, mean over the frames; `None` where it is known.
     pub fn inverse_distance(&self) -> Option<f64> {
-        let SharedCamera::Unknown { inverse_focal, .. } = self.camera else {
-            return None;
-        };
-        let of_frames = self
+        let of_frames: Option<Vec<f64>> = self
             .frames
             .iter()
-            .map(|f| inverse_distance(inverse_focal * f.circle.radius));
-        Some(of_frames.sum::<f64>() / self.frames.len().max(1) as f64)
+            .map(|f| self.camera.inverse_distance(f.circle.radius))
+            .collect();
+        Some(of_frames?.iter().sum::<f64>() / self.frames.len().max(1) as f64)
+    }
+
+    /// Angle between the camera's axis and the ball, radians; `None` where the camera is known.
+    pub fn axis_rad(&self) -> Option<f64> {
+        self.camera.axis_rad()
     }
 
     /// Number of frames that see each dot.
@@ -248,7 +209,7 @@ impl Bundle {
     }
 
     fn equations(&self) -> NormalEquations {
-        NormalEquations::new(self.frames.len(), 2 * self.dots.len() + 1)
+        NormalEquations::new(self.frames.len(), 2 * self.dots.len() + SHARED)
     }
 
     /// Levenberg-Marquardt from where it stands.
@@ -299,211 +260,12 @@ impl Bundle {
             frame.circle.radius += x[5];
             *spin += Vec3::new(x[SPIN], x[SPIN + 1], x[SPIN + 2]);
         }
-        if let SharedCamera::Unknown { inverse_focal, .. } = &mut moved.camera {
-            *inverse_focal = (*inverse_focal + step.border[2 * self.dots.len()]).max(0.0);
-        }
+        let shared = step.border.rows(2 * self.dots.len(), SHARED);
+        let outline = Vec3::new(shared[OPTICS], shared[OPTICS + 1], shared[OPTICS + 2]);
+        moved.camera = self
+            .camera
+            .moved(&std::array::from_fn(|i| shared[i]), &outline);
         moved
-    }
-
-    fn view(&self, frame: &BundleFrame) -> Option<BallView> {
-        BallView::new(&self.camera.of(&frame.circle), frame.circle).ok()
-    }
-
-    /// The cost; `None` where an outline has left its domain.
-    fn cost(&self) -> Option<f64> {
-        let mut cost = self.prior_cost();
-        for frame in &self.frames {
-            let view = self.view(frame)?;
-            let to_view = view.to_camera().inverse() * frame.rotation;
-            for seen in &frame.observations {
-                let at = view.project(&(to_view * self.dots[seen.dot]));
-                let inverse = (seen.covariance * self.variance_scale).try_inverse()?;
-                let off = offset(seen.pixel, at);
-                let distance = off.dot(&(inverse * off));
-                cost += 0.5 * (DEGREES + 2.0) * (distance / DEGREES).ln_1p();
-            }
-            let off = outline_offset(frame);
-            cost += 0.5 * off.dot(&(frame.outline.covariance.try_inverse()? * off));
-        }
-        Some(cost)
-    }
-
-    /// The part of the cost from the priors of dots, camera and motion.
-    fn prior_cost(&self) -> f64 {
-        let mut cost = 0.0;
-        for (dot, prior) in self.dots.iter().zip(&self.priors) {
-            cost += 0.5 * (dot - prior.direction).norm_squared() / prior.sigma_rad.powi(2);
-        }
-        if let SharedCamera::Unknown {
-            inverse_focal,
-            expected,
-            sigma,
-        } = self.camera
-        {
-            cost += 0.5 * ((inverse_focal - expected) / sigma).powi(2);
-        }
-        if let Some(motion) = &self.motion {
-            cost += motion.cost(&self.rotations(), &self.spins);
-        }
-        cost
-    }
-
-    fn rotations(&self) -> Vec<Rotation> {
-        self.frames.iter().map(|f| f.rotation).collect()
-    }
-
-    /// Fills the normal equations, which are zero; returns the cost.
-    fn linearize(&self, equations: &mut NormalEquations) -> Option<f64> {
-        let axes: Vec<Matrix3x2<f64>> = self
-            .dots
-            .iter()
-            .map(|d| Matrix3x2::from_columns(&tangent_frame(d)))
-            .collect();
-        for (k, frame) in self.frames.iter().enumerate() {
-            let view = self.view(frame)?;
-            let inverse = frame.outline.covariance.try_inverse()?;
-            let mut outline = equations.diagonal[k].fixed_view_mut::<3, 3>(3, 3);
-            outline += inverse;
-            let mut gradient = equations.gradient[k].fixed_rows_mut::<3>(3);
-            gradient -= inverse * outline_offset(frame);
-            for seen in &frame.observations {
-                let p = self.projection(&view, frame, seen.dot, &axes[seen.dot]);
-                self.add_observation(equations, k, seen, &p)?;
-            }
-            if self.motion.is_none() {
-                for i in SPIN..BLOCK {
-                    equations.diagonal[k][(i, i)] = 1.0;
-                }
-            }
-        }
-        self.add_priors(equations, &axes);
-        self.cost()
-    }
-
-    fn projection(
-        &self,
-        view: &BallView,
-        frame: &BundleFrame,
-        dot: usize,
-        axes: &Matrix3x2<f64>,
-    ) -> Projection {
-        let to_view = view.to_camera().inverse().to_rotation_matrix();
-        let turned = frame.rotation * self.dots[dot];
-        let q = to_view * turned;
-        let by_direction = view.jacobian(&q) * to_view.matrix();
-        let mut by_outline = view.by_outline(&q);
-        let mut by_focal = Vector2::zeros();
-        if let (SharedCamera::Unknown { inverse_focal, .. }, Some(by_distance)) =
-            (&self.camera, view.by_inverse_distance(&q))
-        {
-            // k = sin(atan(r m)): dk/d(r m) = (1 + (r m)^2)^(-3/2).
-            let radius = frame.circle.radius;
-            let rate = (1.0 + (radius * inverse_focal).powi(2)).powf(-1.5);
-            by_focal = by_distance * (rate * radius);
-            let mut growth = by_outline.column_mut(2);
-            growth += by_distance * (rate * inverse_focal);
-        }
-        Projection {
-            pixel: view.project(&q),
-            // d(R d) = x cross R d.
-            by_turn: by_direction * -turned.cross_matrix(),
-            by_outline,
-            by_dot: by_direction * frame.rotation.to_rotation_matrix().matrix() * axes,
-            by_focal,
-        }
-    }
-
-    fn add_observation(
-        &self,
-        equations: &mut NormalEquations,
-        k: usize,
-        seen: &Observation,
-        p: &Projection,
-    ) -> Option<()> {
-        let inverse = (seen.covariance * self.variance_scale).try_inverse()?;
-        let residual = offset(seen.pixel, p.pixel);
-        let distance = residual.dot(&(inverse * residual));
-        let information = inverse * ((DEGREES + 2.0) / (DEGREES + distance));
-        let mut of_frame = SMatrix::<f64, 2, BLOCK>::zeros();
-        of_frame.fixed_view_mut::<2, 3>(0, 0).copy_from(&p.by_turn);
-        of_frame
-            .fixed_view_mut::<2, 3>(0, 3)
-            .copy_from(&p.by_outline);
-        let weighted = of_frame.transpose() * information;
-        equations.diagonal[k] += weighted * of_frame;
-        equations.gradient[k] += weighted * residual;
-        let at = 2 * seen.dot;
-        let border: &mut Border = &mut equations.border[k];
-        let mut of_dot = border.fixed_columns_mut::<2>(at);
-        of_dot += weighted * p.by_dot;
-        let focal = 2 * self.dots.len();
-        let mut of_focal = border.column_mut(focal);
-        of_focal += weighted * p.by_focal;
-        let dot_weighted = p.by_dot.transpose() * information;
-        let corner = &mut equations.corner;
-        let mut own = corner.fixed_view_mut::<2, 2>(at, at);
-        own += dot_weighted * p.by_dot;
-        let mixed = dot_weighted * p.by_focal;
-        for i in 0..2 {
-            corner[(at + i, focal)] += mixed[i];
-            corner[(focal, at + i)] += mixed[i];
-        }
-        corner[(focal, focal)] += p.by_focal.dot(&(information * p.by_focal));
-        let mut gradient = equations.corner_gradient.fixed_rows_mut::<2>(at);
-        gradient += dot_weighted * residual;
-        equations.corner_gradient[focal] += p.by_focal.dot(&(information * residual));
-        Some(())
-    }
-
-    /// Adds the priors of dots, camera and motion, and the gauge.
-    fn add_priors(&self, equations: &mut NormalEquations, axes: &[Matrix3x2<f64>]) {
-        let focal = 2 * self.dots.len();
-        let stiffness = GAUGE
-            * equations
-                .corner
-                .view((0, 0), (focal, focal))
-                .diagonal()
-                .max();
-        for (j, (prior, axes)) in self.priors.iter().zip(axes).enumerate() {
-            let information = prior.sigma_rad.powi(-2);
-            let back = axes.transpose() * (prior.direction - self.dots[j]) * information;
-            for i in 0..2 {
-                equations.corner[(2 * j + i, 2 * j + i)] += information;
-                equations.corner_gradient[2 * j + i] += back[i];
-            }
-        }
-        if stiffness > 0.0 {
-            let gauge = self.gauge(axes);
-            let mut corner = equations.corner.view_mut((0, 0), (focal, focal));
-            corner.gemm_tr(stiffness, &gauge, &gauge, 1.0);
-        }
-        match self.camera {
-            SharedCamera::Known(_) => equations.corner[(focal, focal)] = 1.0,
-            SharedCamera::Unknown {
-                inverse_focal,
-                expected,
-                sigma,
-            } => {
-                equations.corner[(focal, focal)] += sigma.powi(-2);
-                equations.corner_gradient[focal] += (expected - inverse_focal) / (sigma * sigma);
-            }
-        }
-        if let Some(motion) = &self.motion {
-            motion.add_to(equations, &self.rotations(), &self.spins);
-        }
-    }
-
-    /// The gauge's condition `sum n_j x d_j = 0` by the dots' tangent coordinates, 3 x 2n.
-    fn gauge(&self, axes: &[Matrix3x2<f64>]) -> DMatrix<f64> {
-        let mut gauge = DMatrix::zeros(3, 2 * self.dots.len());
-        let views = self.views();
-        for (j, (prior, axes)) in self.priors.iter().zip(axes).enumerate() {
-            if prior.designed && views[j] > 0 {
-                let rate = prior.direction.cross_matrix() * axes;
-                gauge.fixed_view_mut::<3, 2>(0, 2 * j).copy_from(&rate);
-            }
-        }
-        gauge
     }
 
     /// Turns the pattern to the least rotation from the nominal one, and the frames back.
@@ -532,12 +294,12 @@ impl Bundle {
     fn rescale(&mut self) {
         let (mut sum, mut count) = (0.0, 0usize);
         for frame in &self.frames {
-            let Some(view) = self.view(frame) else {
+            let Some(FrameView { view, to_view }) = self.view(frame) else {
                 continue;
             };
-            let to_view = view.to_camera().inverse() * frame.rotation;
+            let turn = to_view * frame.rotation;
             for seen in &frame.observations {
-                let at = view.project(&(to_view * self.dots[seen.dot]));
+                let at = view.project(&(turn * self.dots[seen.dot]));
                 let scaled = seen.covariance * self.variance_scale;
                 if let Some(inverse) = scaled.try_inverse() {
                     let off = offset(seen.pixel, at);
@@ -577,13 +339,6 @@ impl Bundle {
             .collect();
         MotionPrior::learn(&poses?)
     }
-}
-
-/// From the outline as found to the outline as it is: center and radius.
-fn outline_offset(frame: &BundleFrame) -> Vec3 {
-    let found = &frame.outline.circle;
-    let moved = offset(frame.circle.center, found.center);
-    Vec3::new(moved.x, moved.y, frame.circle.radius - found.radius)
 }
 
 /// From `b` to `a`, pixels.

@@ -12,12 +12,18 @@
 //! to tracking and navigation", 2001, Sec. 6.2.2). `q` is learned from the second differences of the
 //! orientations that the dots alone give. Where frames are too far apart to say how the ball turned
 //! between them, and no single spin explains them, there is no such prior.
+//!
+//! An uneven ball's spin changes without any torque. Where the frames show a precession
+//! ([`crate::spin::precession`]), the turn `q` that is fixed in the ball is taken off: `R exp([q]x t)`
+//! stands for `R`, `w` is the part that is fixed in space, and times are those of a clock that slows
+//! down as the spin decays.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::schur::{BLOCK, Block, NormalEquations};
 use crate::geometry::{Rotation, Vec3, left_jacobian};
-use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
+use crate::spin::precession::{PrecessionConfig, PrecessionOutcome, fit_precession};
+use crate::spin::simulate::decayed_time;
 use crate::spin::{MIN_INTERVAL_S, Measurement};
 use crate::stats::median;
 
@@ -46,8 +52,10 @@ pub(super) struct MotionPrior {
     intervals: Vec<f64>,
     /// Density of the angular acceleration, rad^2/s^3.
     density: f64,
-    /// Spin at each frame to start from, rad/s.
+    /// Spin at each frame to start from, less `body_rate`, rad/s.
     pub spins: Vec<Vec3>,
+    /// The turn that is fixed in the ball, pattern frame, rad/s.
+    body_rate: Vec3,
 }
 
 /// A frame as the dots alone give it.
@@ -63,19 +71,27 @@ pub(super) struct TimedPose {
 impl MotionPrior {
     /// Learns the prior; `None` where there is none (see the module's head).
     pub fn learn(poses: &[TimedPose]) -> Option<Self> {
-        let intervals: Vec<f64> = poses
-            .windows(2)
-            .map(|w| w[1].time_s - w[0].time_s)
-            .collect();
-        if intervals.len() < MIN_TRIPLES + 1 || intervals.iter().any(|t| *t < MIN_INTERVAL_S) {
+        let apart = |w: &[TimedPose]| w[1].time_s - w[0].time_s;
+        if poses.len() < MIN_TRIPLES + 2 || poses.windows(2).any(|w| apart(w) < MIN_INTERVAL_S) {
             return None;
         }
-        let reference = reference_spin(poses)?;
+        let Reference {
+            spin,
+            body_rate,
+            decay,
+        } = Reference::of(poses)?;
+        // On this clock a spin that decays is constant.
+        let clock = |p: &TimedPose| decayed_time(p.time_s - poses[0].time_s, decay);
+        let intervals: Vec<f64> = poses
+            .windows(2)
+            .map(|w| clock(&w[1]) - clock(&w[0]))
+            .collect();
         let rates: Vec<Vec3> = poses
             .windows(2)
             .zip(&intervals)
             .map(|(w, t)| {
-                reference + turn_beyond(&reference, *t, &w[0].rotation, &w[1].rotation) / *t
+                let from = w[0].rotation * Rotation::from_scaled_axis(body_rate * *t);
+                spin + turn_beyond(&spin, *t, &from, &w[1].rotation) / *t
             })
             .collect();
         let density = density(poses, &intervals, &rates);
@@ -93,6 +109,7 @@ impl MotionPrior {
             intervals,
             density,
             spins,
+            body_rate,
         })
     }
 
@@ -104,7 +121,9 @@ impl MotionPrior {
         spins: [&Vec3; 2],
     ) -> (SVector<f64, 6>, [SMatrix<f64, 6, BLOCK>; 2]) {
         let t = self.intervals[k];
-        let turn = turn_beyond(spins[0], t, rotations[0], rotations[1]);
+        // A turn of R on the left is one of R exp(q t).
+        let from = rotations[0] * Rotation::from_scaled_axis(self.body_rate * t);
+        let turn = turn_beyond(spins[0], t, &from, rotations[1]);
         let mut residual = SVector::<f64, 6>::zeros();
         residual.fixed_rows_mut::<3>(0).copy_from(&turn);
         residual
@@ -183,24 +202,55 @@ impl MotionPrior {
     }
 }
 
-/// The spin that all frames share, or 0 where they turn little from one to the next; `None` for
-/// neither.
-fn reference_spin(poses: &[TimedPose]) -> Option<Vec3> {
-    let angles = poses
-        .windows(2)
-        .map(|w| w[0].rotation.angle_to(&w[1].rotation));
-    if median(&mut angles.collect::<Vec<_>>()) < SLOW_RAD {
-        return Some(Vec3::zeros());
+/// The motion from which the rates are taken.
+struct Reference {
+    /// The part of the spin that is fixed in space, and that fixed in the ball, rad/s.
+    spin: Vec3,
+    body_rate: Vec3,
+    /// Rate of decay, 1/s.
+    decay: f64,
+}
+
+impl Reference {
+    /// The motion that all frames share, or none where they turn little from one to the next; `None`
+    /// for neither.
+    fn of(poses: &[TimedPose]) -> Option<Self> {
+        let angles = poses
+            .windows(2)
+            .map(|w| w[0].rotation.angle_to(&w[1].rotation));
+        if median(&mut angles.collect::<Vec<_>>()) < SLOW_RAD {
+            return Some(Self {
+                spin: Vec3::zeros(),
+                body_rate: Vec3::zeros(),
+                decay: 0.0,
+            });
+        }
+        let measurements: Vec<Measurement> = poses
+            .iter()
+            .map(|p| Measurement::new(p.time_s, p.rotation))
+            .collect();
+        let (fit, reference) = match fit_precession(&measurements, &PrecessionConfig::default()) {
+            Ok(PrecessionOutcome::Precessing(found)) => {
+                let reference = Self {
+                    spin: found.space_rate(),
+                    body_rate: found.body_rate,
+                    decay: found.decay_per_s,
+                };
+                (found.mean, reference)
+            }
+            Ok(PrecessionOutcome::Constant(steady)) => {
+                let reference = Self {
+                    spin: steady.fit.motion.spin,
+                    body_rate: Vec3::zeros(),
+                    decay: 0.0,
+                };
+                (steady.fit, reference)
+            }
+            Err(_) => return None,
+        };
+        let enough = fit.inliers as f64 >= MIN_AGREEING * poses.len() as f64;
+        enough.then_some(reference)
     }
-    let measurements: Vec<Measurement> = poses
-        .iter()
-        .map(|p| Measurement::new(p.time_s, p.rotation))
-        .collect();
-    let fit = RobustEstimator::new(RobustSpinConfig::default())
-        .fit(&measurements)
-        .ok()?;
-    let enough = fit.inliers as f64 >= MIN_AGREEING * poses.len() as f64;
-    enough.then_some(fit.motion.spin)
 }
 
 /// `log(exp(-w t) R' R^-1)`: the turn beyond that of the spin `w`.
@@ -252,11 +302,14 @@ mod tests {
             intervals: vec![0.02],
             density: 1.0,
             spins: Vec::new(),
+            body_rate: Vec3::new(3.0, -8.0, 5.0),
         };
         let spin = Vec3::new(40.0, -60.0, 20.0);
         let from = Rotation::from_scaled_axis(Vec3::new(0.3, 1.0, -0.4));
         // Exactly the predicted orientation: the linearization is about a residual of 0.
-        let to = Rotation::from_scaled_axis(spin * 0.02) * from;
+        let to = Rotation::from_scaled_axis(spin * 0.02)
+            * from
+            * Rotation::from_scaled_axis(prior.body_rate * 0.02);
         let (_, jacobians) = prior.residual(0, [&from, &to], [&spin, &spin]);
         let step = 1e-6;
         for (which, jacobian) in jacobians.iter().enumerate() {

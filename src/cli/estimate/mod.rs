@@ -16,7 +16,7 @@ use clap::Args;
 use super::images::ImageArguments;
 use super::output::{Counter, one_of};
 use crate::calibrate::{CalibrationConfig, calibrate};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::CameraFrame;
 use crate::hash::HashTable;
@@ -66,9 +66,10 @@ pub struct Arguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     source: ImageArguments,
-    /// Draw every frame enlarged, with its detections, and a contact sheet, into this folder.
+    /// Draw every frame with its detections, and a contact sheet, into this folder; or, where the name
+    /// ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
     #[cfg(feature = "plot")]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR_OR_MP4")]
     overlay: Option<PathBuf>,
     /// Write a page to look at: frames, orientations over time, the spin, rejected frames.
     #[cfg(feature = "plot")]
@@ -99,12 +100,20 @@ pub struct Arguments {
     /// Calibrate the ball on these frames first, and use its dots as they are drawn.
     #[arg(long)]
     calibrate: bool,
+    /// Placement error: standard deviation of a drawn dot's place from the pattern's, along one tangent
+    /// axis, degrees. The dots of a calibrated table have their own [default: 1.2].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    placement_sigma_deg: Option<f64>,
     /// Estimate every frame independently.
     #[arg(long)]
     no_sequence: bool,
     /// Maximum spin considered, revolutions per second.
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
     max_spin_rps: f64,
+    /// Look for the torque-free precession of an uneven ball in the spin's fit: with evidence for one
+    /// the spin reported is the mean one.
+    #[arg(long, conflicts_with_all = ["no_sequence", "follow"])]
+    precession: bool,
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
@@ -179,9 +188,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let wanted = false;
     // What cannot be written is known before the work.
     #[cfg(feature = "plot")]
-    if let Some(dir) = &arguments.overlay {
-        files::create_writable_dir(dir)?;
-    }
+    let overlay = arguments.overlay.as_deref().map(overlay::Target::new);
+    #[cfg(feature = "plot")]
+    let overlay = overlay.transpose()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
     let pictures = Pictures {
@@ -208,8 +217,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         );
     }
     #[cfg(feature = "plot")]
-    if let Some(dir) = &arguments.overlay {
-        overlay::draw(dir, &estimators[judgment.table()], &batch)?;
+    if let Some(target) = overlay {
+        target.draw(&estimators[judgment.table()], &batch)?;
     }
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.report {
@@ -293,12 +302,26 @@ impl Arguments {
             let problem = format!("expected a positive number, found {max_rps}");
             return Err(Error::argument("--max-spin-rps", problem));
         }
-        let config = EstimatorConfig {
+        let mut config = EstimatorConfig {
             camera: self.source.camera()?,
             outline: self.source.outline,
             min_confidence: self.min_confidence,
             ..EstimatorConfig::default()
         };
+        if let Some(degrees) = self.placement_sigma_deg {
+            if table.dot_covariances().is_some() {
+                let problem = "expected none: the table is calibrated and has each dot's own error";
+                return Err(Error::argument("--placement-sigma-deg", problem));
+            }
+            let inside = degrees > 0.0 && degrees < 25.0;
+            require(
+                inside,
+                "--placement-sigma-deg",
+                "more than 0 and less than 25",
+                degrees,
+            )?;
+            config.placement_sigma_rad = degrees.to_radians();
+        }
         Estimator::for_table(table, config, self.source.detector()?)
     }
 

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::verdict::Judgment;
 use super::{Arguments, Picture};
+use crate::cli::precession::Precession;
 use crate::cli::spin::LISTED_BEYOND;
 use crate::cli::spin_summary;
 use crate::files::csv::shown;
@@ -14,7 +15,7 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::{Batch, BatchFrame, SequenceOutcome, TimeSource};
+use crate::vision::estimator::{Batch, BatchFrame, OutlineSource, SequenceOutcome, TimeSource};
 use crate::vision::input::VideoClock;
 
 /// Skipped files that are named.
@@ -28,6 +29,7 @@ pub(super) struct Report<'a> {
     orientations: Orientations,
     /// Where the frames have times.
     spin: Option<Result<SpinSummary, SpinRejection>>,
+    precession: Option<Precession>,
 }
 
 /// The file of orientations.
@@ -57,7 +59,7 @@ fn spin(
     arguments: &Arguments,
     batch: &Batch<Picture>,
     orientations: &Orientations,
-) -> Option<Result<SpinSummary, SpinRejection>> {
+) -> Option<Result<(SpinSummary, Option<Precession>), SpinRejection>> {
     if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
         return None;
     }
@@ -72,8 +74,13 @@ fn spin(
         ..AliasConfig::default()
     };
     let measurements = orientations.measurements();
+    if arguments.precession {
+        let fit = Precession::fit(&measurements, config, &listed, batch.frames.len());
+        return Some(fit.map(|(summary, found)| (summary, Some(found))));
+    }
     let fit = RobustEstimator::new(config).fit(&measurements);
-    Some(fit.map(|fit| SpinSummary::new(&measurements, &fit, &listed, batch.frames.len())))
+    let summary = |fit| SpinSummary::new(&measurements, &fit, &listed, batch.frames.len());
+    Some(fit.map(|fit| (summary(fit), None)))
 }
 
 /// The outcome of a frame, in words.
@@ -90,7 +97,12 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
             frame.dots.len(),
             pose.residual_rad.to_degrees(),
             pose.residual_px,
-            if pose.hinted { ", hinted" } else { "" },
+            match (pose.hinted, frame.outline_source) {
+                (true, OutlineSource::Neighbors) => ", hinted, outline by its neighbors",
+                (false, OutlineSource::Neighbors) => ", outline by its neighbors",
+                (true, _) => ", hinted",
+                (false, _) => "",
+            },
         ),
         Err(rejection) => format!("{rejection}{second}"),
     }
@@ -104,13 +116,18 @@ impl<'a> Report<'a> {
         judgment: &'a Judgment,
     ) -> Self {
         let orientations = orientations(arguments.frame, batch);
-        let spin = spin(arguments, batch, &orientations);
+        let (spin, precession) = match spin(arguments, batch, &orientations) {
+            Some(Ok((summary, precession))) => (Some(Ok(summary)), precession),
+            Some(Err(rejection)) => (Some(Err(rejection)), None),
+            None => (None, None),
+        };
         Self {
             arguments,
             batch,
             judgment,
             orientations,
             spin,
+            precession,
         }
     }
 
@@ -137,6 +154,9 @@ impl<'a> Report<'a> {
         match &self.spin {
             Some(Ok(summary)) => {
                 json["spin"] = spin_summary::to_json(summary, self.arguments.frame);
+                if let Some(precession) = &self.precession {
+                    json["spin"]["precession"] = precession.to_json();
+                }
             }
             Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
             None => {}
@@ -194,6 +214,7 @@ impl<'a> Report<'a> {
             "circle": frame.circle.map(|c| json!({
                 "u": c.center.u, "v": c.center.v, "radius": c.radius,
             })),
+            "outline_source": frame.outline_source,
             "dots": dots.len(),
             "detections": dots,
             "milliseconds": {
@@ -267,7 +288,8 @@ impl<'a> Report<'a> {
         }
         match &self.spin {
             Some(Ok(summary)) => {
-                let lines = spin_summary::lines(summary, self.arguments.frame);
+                let mut lines = spin_summary::lines(summary, self.arguments.frame);
+                lines.extend(self.precession.iter().flat_map(Precession::lines));
                 errln!("spin: {}", lines.join("\n"));
             }
             Some(Err(rejection)) => errln!("spin: {rejection}"),

@@ -1,13 +1,15 @@
-//! The overlays of `spindoe estimate`: every frame with its detections.
+//! The overlays of `spindoe estimate`: every frame with its detections, as pictures or a video.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
 use super::{Picture, output};
 use crate::error::Result;
+use crate::files;
 use crate::plot::{self, OverlayFrame};
-use crate::vision::estimator::{Batch, BatchFrame};
+use crate::vision::estimator::{Batch, BatchFrame, TimeSource};
+use crate::vision::video::VideoWriter;
 use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel, RgbImage};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
@@ -63,12 +65,78 @@ pub(super) fn drawn(
     })
 }
 
-/// Draws all frames, and the sheets.
-pub(super) fn draw(
-    dir: &Path,
+/// Where overlays go.
+pub(super) enum Target {
+    /// Every frame and a contact sheet, into a folder.
+    Folder(PathBuf),
+    /// One video.
+    Video(VideoWriter),
+}
+
+impl Target {
+    /// By the path's ending; checked before the work.
+    pub fn new(path: &Path) -> Result<Self> {
+        if path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("mp4"))
+        {
+            return VideoWriter::new(path).map(Self::Video);
+        }
+        files::create_writable_dir(path)?;
+        Ok(Self::Folder(path.to_path_buf()))
+    }
+
+    /// Draws all frames.
+    pub fn draw(self, estimator: &Estimator<NamedDetector>, batch: &Batch<Picture>) -> Result<()> {
+        match self {
+            Self::Folder(dir) => draw(&dir, estimator, batch),
+            Self::Video(writer) => write_video(writer, estimator, batch),
+        }
+    }
+}
+
+/// Side of a video's frames, pixels.
+const VIDEO_SIDE: u32 = 480;
+/// Frames a second at most, and where the frames have no rate: faster ones play in slow motion.
+const VIDEO_FPS: f64 = 30.0;
+const VIDEO_DEFAULT_FPS: f64 = 10.0;
+/// Frames drawn at once.
+const VIDEO_CHUNK: usize = 16;
+
+fn write_video(
+    writer: VideoWriter,
     estimator: &Estimator<NamedDetector>,
     batch: &Batch<Picture>,
 ) -> Result<()> {
+    let rate = match &batch.times {
+        TimeSource::Names { fps } | TimeSource::Rate { fps } => Some(*fps),
+        TimeSource::Video(clock) => Some(clock.stored_fps),
+        _ => None,
+    };
+    let fps = rate.map_or(VIDEO_DEFAULT_FPS, |fps| fps.min(VIDEO_FPS));
+    let empty = plot::OverlayFrame::without_picture("");
+    let size = plot::overlay_pixels(&empty, VIDEO_SIDE)?.size;
+    let mut video = writer.begin(size, fps)?;
+    for frames in batch.frames.chunks(VIDEO_CHUNK) {
+        let one = |shown: &BatchFrame<Picture>| {
+            // A frame that cannot be read keeps its time in the video.
+            let drawn = drawn(estimator, shown);
+            let drawn = drawn.unwrap_or_else(|| OverlayFrame {
+                words: output::words(&shown.estimate),
+                ..OverlayFrame::without_picture(&shown.name)
+            });
+            plot::overlay_pixels(&drawn, VIDEO_SIDE)
+        };
+        let pixels: Result<Vec<_>> = frames.par_iter().map(one).collect();
+        for frame in pixels? {
+            video.write(&frame.values)?;
+        }
+    }
+    video.finish()
+}
+
+/// Draws all frames, and the sheets.
+fn draw(dir: &Path, estimator: &Estimator<NamedDetector>, batch: &Batch<Picture>) -> Result<()> {
     let one = |(k, shown): (usize, &BatchFrame<Picture>)| {
         let Some(drawn) = drawn(estimator, shown) else {
             return Ok(None);

@@ -220,10 +220,23 @@ impl Unrolled {
         let begin = (from - margin).max(0.0);
         let count = (((to + margin - begin) * FINE) as usize).min(SAMPLES);
         let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
+        // Where no ray leaves the image, no place has to be compared with its borders.
+        let farthest = begin + count as f64 / FINE;
+        let is_inside = center.x - farthest >= 0.0
+            && center.y - farthest >= 0.0
+            && center.x + farthest < right
+            && center.y + farthest < bottom;
         for ray in 0..RAYS {
             let [cos, sin] = self.directions[ray];
             let mut sampled = 0;
-            for k in 0..count {
+            if is_inside {
+                for (k, value) in self.values[..count].iter_mut().enumerate() {
+                    let radius = begin + k as f64 / FINE;
+                    *value = image.sample_inside(center.x + radius * cos, center.y + radius * sin);
+                }
+                sampled = count;
+            }
+            for k in sampled..count {
                 let radius = begin + k as f64 / FINE;
                 let (u, v) = (center.x + radius * cos, center.y + radius * sin);
                 if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {

@@ -8,12 +8,13 @@
 //! held.
 
 use std::num::NonZero;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError, mpsc};
 
 use super::{
     Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, SequenceConfig,
-    SequenceSummary, estimate_spin, track_sequence,
+    SequenceSummary, estimate_spin, frames_in_doubt, track_sequence,
 };
 use crate::error::{Error, Result};
 use crate::pipeline::{Sink, map_ordered_within};
@@ -292,18 +293,27 @@ where
         return Err(error);
     }
     let mut first = 0;
-    for (source, count, times) in read {
-        for (frame, time) in frames[first..].iter_mut().zip(times.times_s) {
-            frame.time_s = time;
+    for (source, count, times) in &read {
+        for (frame, time) in frames[first..].iter_mut().zip(&times.times_s) {
+            frame.time_s = *time;
         }
         first += count;
         clocks.extend(times.clock);
-        if let (input::Source::Video(path), Some(why)) = (source, times.cut_short) {
-            cut_short.push((path.clone(), why));
+        if let (input::Source::Video(path), Some(why)) = (source, &times.cut_short) {
+            cut_short.push(((*path).clone(), why.clone()));
         }
     }
     let times = set_times(&config.clock, clocks.last().copied(), &mut frames)?;
-    let sequence = as_sequence(estimator, config, &mut frames);
+    let mut sequence = as_sequence(estimator, config, &mut frames);
+    let mut first = 0;
+    let ranges = read.iter().map(|(source, count, _)| {
+        first += count;
+        (*source, first - count..first)
+    });
+    let ranges: Vec<_> = ranges.collect();
+    if job.settle(&ranges, &sequence, &mut frames)? {
+        sequence = as_sequence(estimator, config, &mut frames);
+    }
     Ok(Batch {
         frames,
         sequence,
@@ -419,6 +429,66 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
                 Ok(())
             }
         }
+    }
+
+    /// Looks again at the frames of a sequence that are in doubt, where their neighbors expect the ball; whether that
+    /// changed any. Their files are read once more: pictures are not kept.
+    fn settle(
+        &self,
+        sources: &[(&input::Source, Range<usize>)],
+        sequence: &SequenceOutcome,
+        frames: &mut [BatchFrame<O::Kept>],
+    ) -> Result<bool> {
+        let is_sequence = matches!(sequence, SequenceOutcome::Estimated { .. });
+        if !is_sequence || self.config.independent {
+            return Ok(false);
+        }
+        let times_s: Vec<f64> = frames.iter().filter_map(|f| f.time_s).collect();
+        let mut estimates: Vec<FrameEstimate> = frames
+            .iter_mut()
+            .map(|f| std::mem::take(&mut f.estimate))
+            .collect();
+        let doubts = frames_in_doubt(&self.config.sequence, &times_s, &estimates);
+        for (frame, estimate) in frames.iter_mut().zip(&mut estimates) {
+            frame.estimate = std::mem::take(estimate);
+        }
+        let mut workspace = self.estimator.workspace();
+        let mut is_changed = false;
+        for (source, range) in sources {
+            let mut doubts = doubts
+                .iter()
+                .filter(|d| range.contains(&d.frame))
+                .peekable();
+            if doubts.peek().is_none() {
+                continue;
+            }
+            let mut number = range.start;
+            let read = input::read_frames(source, self.config.max_pixels, &mut |read| {
+                let doubt = doubts.next_if(|d| d.frame == number);
+                number += 1;
+                let (Some(doubt), Ok(picture)) = (doubt, read.picture) else {
+                    return Ok(());
+                };
+                let picture = match self.config.mirrored {
+                    true => picture.mirrored()?,
+                    false => picture,
+                };
+                let rgb = picture.to_rgb()?;
+                let frame = &mut frames[doubt.frame];
+                let (ws, estimate) = (&mut workspace, &mut frame.estimate);
+                let image = &*rgb;
+                if self
+                    .estimator
+                    .estimate_again(image, &doubt.expected, ws, estimate)
+                {
+                    is_changed = true;
+                    frame.kept = self.keep(&rgb, &frame.estimate)?;
+                }
+                Ok(())
+            });
+            read?;
+        }
+        Ok(is_changed)
     }
 
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<O::Kept> {

@@ -224,6 +224,19 @@ impl From<&BallFit> for Outline {
     }
 }
 
+/// Where an outline comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OutlineSource {
+    /// It was found in the frame alone.
+    #[default]
+    Detected,
+    /// It was given.
+    Given,
+    /// It was found where the frames before and after expected it.
+    Neighbors,
+}
+
 /// How long the stages of a frame took.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Timings {
@@ -240,6 +253,8 @@ pub struct Timings {
 pub struct FrameEstimate {
     /// The ball's outline as given or found; `None` where there is no ball.
     pub outline: Option<Outline>,
+    /// Where the outline comes from.
+    pub outline_source: OutlineSource,
     /// That outline, corrected by the dots where the frame has a pose.
     pub circle: Option<BallCircle>,
     /// The outline as fitted; `None` where it was given or there is none.
@@ -267,6 +282,7 @@ impl Default for FrameEstimate {
     fn default() -> Self {
         Self {
             outline: None,
+            outline_source: OutlineSource::default(),
             circle: None,
             fit: None,
             dots: Vec::new(),
@@ -286,6 +302,7 @@ impl FrameEstimate {
     pub fn from_detections(outline: Outline, dots: Vec<DotDetection>) -> Self {
         Self {
             outline: Some(outline),
+            outline_source: OutlineSource::Given,
             circle: Some(outline.circle),
             assignment: vec![None; dots.len()],
             dots,

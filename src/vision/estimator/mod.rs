@@ -19,6 +19,7 @@ mod config;
 mod frame;
 mod locate;
 mod motion;
+mod neighbors;
 mod recenter;
 mod refine;
 mod search;
@@ -31,7 +32,8 @@ pub use batch::{
     estimate_inputs, identify_batch,
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
-pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, Pose, Timings};
+pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, OutlineSource, Pose, Timings};
+pub use neighbors::{FrameInDoubt, frames_in_doubt};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
 pub use trust::{FEATURES, PoseEvidence, TrustMap};
@@ -41,6 +43,7 @@ use std::time::Instant;
 use nalgebra::{Matrix2, Matrix3};
 
 use super::camera::{BallView, Camera, Intrinsics};
+use super::circle::coarse::{CoarseSearch, RoughCircle};
 use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
 use super::patch::Patch;
@@ -77,6 +80,11 @@ pub struct Estimator<D> {
 #[derive(Debug)]
 pub struct EstimatorWorkspace<W> {
     images: Images,
+    coarse: CoarseSearch,
+    /// For smaller balls.
+    fine: CoarseSearch,
+    /// The circles of the coarse search.
+    rough: Vec<RoughCircle>,
     /// The first of several circles, none of which is a ball by its dots.
     best: FrameEstimate,
     /// An estimate for another outline.
@@ -246,13 +254,13 @@ impl<D: DotDetector> Estimator<D> {
     pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
         let mut identification = Identification::default();
         identification.assignment.reserve(EXPECTED_DOTS);
-        let mut other = FrameEstimate::default();
-        other.dots.reserve(EXPECTED_DOTS);
-        other.assignment.reserve(EXPECTED_DOTS);
         EstimatorWorkspace {
             images: Images::default(),
-            best: FrameEstimate::default(),
-            other,
+            coarse: CoarseSearch::default(),
+            fine: CoarseSearch::default(),
+            rough: Vec::new(),
+            best: FrameEstimate::with_capacity(),
+            other: FrameEstimate::with_capacity(),
             locator: Locator::new(self.config.circle),
             recentering: self
                 .intrinsics()

@@ -16,12 +16,12 @@ use nalgebra::Matrix3;
 use super::locate::Candidate;
 use super::{
     CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
-    Outline, Timings, is_mirrored,
+    Outline, OutlineSource, Timings, is_mirrored,
 };
 use crate::recognize::robust::Hint;
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::NoBall;
-use crate::vision::circle::coarse::{self, CoarseSearch, MAX_CIRCLES, RoughCircle};
+use crate::vision::circle::coarse::{self, MAX_CIRCLES};
 use crate::vision::detect::DotDetector;
 use crate::vision::image::{GrayImage, RgbImage};
 use crate::vision::roi::{Roi, shifted_intrinsics};
@@ -51,15 +51,6 @@ pub(super) struct Images {
     part_color: RgbImage,
     /// Gray of a part in colors.
     gray: GrayImage,
-    coarse: CoarseSearch,
-    circles: Vec<RoughCircle>,
-}
-
-impl Images {
-    /// Forgets the frame before, by which motion is seen.
-    pub fn forget(&mut self) {
-        self.coarse.forget();
-    }
 }
 
 /// A part of a frame, converted.
@@ -79,6 +70,8 @@ pub(super) struct Hunt {
     level: u32,
     /// Radii, pixels.
     radii: (f64, f64),
+    /// Whether it goes on where a coarser one has found nothing.
+    is_fine: bool,
 }
 
 impl Hunt {
@@ -97,6 +90,7 @@ impl Hunt {
             part,
             level,
             radii: (smallest(level), largest),
+            is_fine,
         }
     }
 
@@ -111,6 +105,7 @@ impl Hunt {
             part,
             level,
             radii: (0.7 * circle.radius, 1.4 * circle.radius),
+            is_fine: false,
         })
     }
 }
@@ -120,10 +115,12 @@ impl Hunt {
 enum Search<'a> {
     /// It is given, in the frame's pixels.
     Given(&'a BallCircle),
-    /// It is anywhere in the view.
-    Everywhere,
+    /// It is anywhere in the view, and so many runs of the recognizer were made before.
+    Everywhere(usize),
     /// It is near a circle, in the frame's pixels, and so many runs of the recognizer were made before.
     Near(&'a BallCircle, usize),
+    /// As `Near`, but the circle is one of several that may be anything: one without dots is not worth much.
+    Scan(&'a BallCircle, usize),
 }
 
 impl<D: DotDetector> Estimator<D> {
@@ -173,7 +170,7 @@ impl<D: DotDetector> Estimator<D> {
     ) {
         let image = image.into();
         let whole = Roi::whole(image.width(), image.height());
-        let search = circle.map_or(Search::Everywhere, Search::Given);
+        let search = circle.map_or(Search::Everywhere(0), Search::Given);
         self.viewed(image, &whole, ws, |view, ws| {
             self.detect_in(view, search, ws, out);
         });
@@ -209,19 +206,21 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
+        let mut attempts = 0;
         if part.width.max(part.height) > LARGE {
-            ws.images.forget();
+            ws.coarse.forget();
             if self.acquire(image, &Hunt::everywhere(*part, false), hint, ws, out) {
                 return;
             }
+            attempts = out.attempts;
         }
         self.viewed(image, part, ws, |view, ws| {
-            self.try_outlines(view, Search::Everywhere, hint, ws, out);
+            self.try_outlines(view, Search::Everywhere(attempts), hint, ws, out);
         });
     }
 
     /// Looks for the ball in a large image at a coarse scale; whether one was found, by its dots. Without one, `out` has
-    /// the best of the circles, if there is any.
+    /// the best of the circles, if there is any; a fine hunt keeps that of the coarser one before.
     pub(super) fn acquire(
         &self,
         image: FrameImage<'_>,
@@ -231,22 +230,37 @@ impl<D: DotDetector> Estimator<D> {
         out: &mut FrameEstimate,
     ) -> bool {
         let begun = Instant::now();
-        let Hunt { part, level, radii } = *hunt;
+        let Hunt {
+            part,
+            level,
+            radii,
+            is_fine,
+        } = *hunt;
         let radii = (radii.0.max(self.config.circle.min_radius_px), radii.1);
-        let mut circles = std::mem::take(&mut ws.images.circles);
+        let mut circles = std::mem::take(&mut ws.rough);
         circles.clear();
         circles.reserve(MAX_CIRCLES);
-        circles.extend_from_slice(ws.images.coarse.search(level, radii, |out| {
+        let scan = if is_fine {
+            &mut ws.fine
+        } else {
+            &mut ws.coarse
+        };
+        circles.extend_from_slice(scan.search(level, radii, |out| {
             image.shrink_into(&part, level, out);
         }));
         let mut searched = begun.elapsed();
         let mut best = std::mem::take(&mut ws.best);
         best.clear();
+        if is_fine {
+            // What the coarser search leaves.
+            std::mem::swap(&mut best, out);
+        }
         let (mut is_found, mut attempts) = (false, 0);
         for rough in &mut circles {
             rough.circle.center.u += part.left as f64;
             rough.circle.center.v += part.top as f64;
-            self.estimate_near(image, &rough.circle, attempts, hint, ws, out);
+            let search = Search::Scan(&rough.circle, attempts);
+            self.search_near(image, &rough.circle, search, hint, ws, out);
             attempts = out.attempts;
             out.timings.locate += std::mem::take(&mut searched);
             is_found = is_evident(out) || is_mirrored(out);
@@ -260,6 +274,7 @@ impl<D: DotDetector> Estimator<D> {
         }
         if !is_found {
             std::mem::swap(&mut best, out);
+            out.attempts = attempts;
             if out.outline.is_none() {
                 out.outcome = Err(FrameRejection::NoBall(NoBall::NoCircle { support: 0.0 }));
                 out.timings.locate = searched;
@@ -268,7 +283,7 @@ impl<D: DotDetector> Estimator<D> {
             out.reject_pose();
         }
         ws.best = best;
-        ws.images.circles = circles;
+        ws.rough = circles;
         is_found
     }
 
@@ -283,13 +298,26 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
+        self.search_near(image, circle, Search::Near(circle, attempts), hint, ws, out);
+    }
+
+    /// Estimates a frame by the surroundings of a circle.
+    fn search_near(
+        &self,
+        image: FrameImage<'_>,
+        circle: &BallCircle,
+        search: Search<'_>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
         let (width, height) = (image.width(), image.height());
         let Some(part) = Roi::around(circle, SURROUNDINGS, width, height) else {
             out.clear();
             return;
         };
         self.viewed(image, &part, ws, |view, ws| {
-            self.try_outlines(view, Search::Near(circle, attempts), hint, ws, out);
+            self.try_outlines(view, search, hint, ws, out);
         });
     }
 
@@ -332,7 +360,15 @@ impl<D: DotDetector> Estimator<D> {
         out: &mut FrameEstimate,
     ) {
         self.detect_in(view, search, ws, out);
-        self.estimate_pose(hint, ws, out);
+        let is_scan = matches!(search, Search::Scan(..));
+        let found = out.dots.iter().filter(|d| d.confidence >= LIKELY_DOT);
+        match found.count() {
+            found if is_scan && out.outline.is_some() && found < MIN_LIKELY_DOTS => {
+                let needed = MIN_LIKELY_DOTS;
+                out.outcome = Err(FrameRejection::TooFewDots { found, needed });
+            }
+            _ => self.estimate_pose(hint, ws, out),
+        }
         let mut other = std::mem::take(&mut ws.other);
         other.attempts = 0;
         let contested = ws.locator.contested().filter(|_| !is_mirrored(out));
@@ -344,7 +380,7 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         let mut start = 0;
-        while out.pose().is_none() && !is_mirrored(out) {
+        while out.pose().is_none() && !is_scan && !is_mirrored(out) {
             let net = self.outline_net.as_ref();
             let Some(candidate) = ws.locator.other(view.gray, net, &mut start) else {
                 break;
@@ -388,8 +424,10 @@ impl<D: DotDetector> Estimator<D> {
     ) {
         let begun = Instant::now();
         let attempts = match search {
-            Search::Near(_, attempts) => attempts,
-            Search::Given(_) | Search::Everywhere => 0,
+            Search::Near(_, attempts)
+            | Search::Scan(_, attempts)
+            | Search::Everywhere(attempts) => attempts,
+            Search::Given(_) => 0,
         };
         out.clear();
         out.earlier_attempts = attempts;
@@ -404,14 +442,15 @@ impl<D: DotDetector> Estimator<D> {
         let found = match search {
             Search::Given(circle) => {
                 let sigma = GIVEN_OUTLINE * circle.radius;
+                out.outline_source = OutlineSource::Given;
                 out.outline = Some(Outline {
                     circle: in_view(circle),
                     covariance: Matrix3::from_diagonal_element(sigma.powi(2)),
                 });
                 None
             }
-            Search::Everywhere => Some(ws.locator.find(view.gray, view.image, net)),
-            Search::Near(circle, _) => {
+            Search::Everywhere(_) => Some(ws.locator.find(view.gray, view.image, net)),
+            Search::Near(circle, _) | Search::Scan(circle, _) => {
                 let rough = in_view(circle);
                 Some(ws.locator.find_near(view.gray, view.image, &rough, net))
             }
@@ -467,9 +506,18 @@ impl<D: DotDetector> Estimator<D> {
 }
 
 impl FrameEstimate {
+    /// Not processed, with the memory for what is found.
+    pub(super) fn with_capacity() -> Self {
+        let mut this = Self::default();
+        this.dots.reserve(EXPECTED_DOTS);
+        this.assignment.reserve(EXPECTED_DOTS);
+        this
+    }
+
     /// Nothing is known; memory stays.
     fn clear(&mut self) {
         (self.outline, self.circle, self.fit) = (None, None, None);
+        self.outline_source = OutlineSource::Detected;
         self.dots.clear();
         self.assignment.clear();
         self.outcome = Err(FrameRejection::NotProcessed);
@@ -480,7 +528,7 @@ impl FrameEstimate {
     }
 
     /// Takes back a pose.
-    fn reject_pose(&mut self) {
+    pub(super) fn reject_pose(&mut self) {
         if let Ok(pose) = self.outcome {
             self.outcome = Err(FrameRejection::Ambiguous {
                 pose_confidence: pose.pose_confidence,

@@ -10,7 +10,7 @@
 use nalgebra::Matrix3;
 
 use super::config::{CameraDistance, CameraModel};
-use super::{Estimator, EstimatorWorkspace, FrameEstimate, Pose};
+use super::{Estimator, EstimatorWorkspace, FrameEstimate, OutlineSource, Pose};
 use crate::recognize::robust::Hint;
 use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
 use crate::spin::shared::SharedError;
@@ -60,7 +60,7 @@ impl Default for SequenceConfig {
 /// What a pass over a sequence did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SequenceSummary {
-    /// Frames with a pose before.
+    /// Frames with a pose of their own: without a hint, on an outline that was found in the frame alone.
     pub alone: usize,
     /// Frames with a pose now.
     pub together: usize,
@@ -75,8 +75,10 @@ pub fn track_sequence<D: DotDetector>(
     frames: &mut [FrameEstimate],
     ws: &mut EstimatorWorkspace<D::Workspace>,
 ) -> SequenceSummary {
-    let answered = |frames: &[FrameEstimate]| frames.iter().filter(|f| f.pose().is_some()).count();
-    let alone = answered(frames);
+    let is_own = |f: &&FrameEstimate| {
+        f.outline_source != OutlineSource::Neighbors && f.pose().is_some_and(|p| !p.hinted)
+    };
+    let alone = frames.iter().filter(is_own).count();
     // What an earlier hint has brought is no evidence; it is found again if the frames still say so.
     for frame in frames.iter_mut() {
         if frame.pose().is_some_and(|p| p.hinted) {
@@ -113,7 +115,7 @@ pub fn track_sequence<D: DotDetector>(
     }
     SequenceSummary {
         alone,
-        together: answered(frames),
+        together: frames.iter().filter(|f| f.pose().is_some()).count(),
     }
 }
 

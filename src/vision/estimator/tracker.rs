@@ -127,7 +127,7 @@ impl<D: DotDetector> Tracker<D> {
             window: VecDeque::with_capacity(config.window + 1),
             residuals_rad: VecDeque::with_capacity(config.window + 1),
             frame: FrameEstimate::default(),
-            other: FrameEstimate::default(),
+            other: FrameEstimate::with_capacity(),
             motion: OutlineMotion::default(),
             missed: 0,
             spin: Err(NOTHING_SEEN),
@@ -168,7 +168,8 @@ impl<D: DotDetector> Tracker<D> {
         self.window.clear();
         self.residuals_rad.clear();
         self.motion.clear();
-        self.workspace.images.forget();
+        self.workspace.coarse.forget();
+        self.workspace.fine.forget();
         self.missed = 0;
         self.spin = Err(NOTHING_SEEN);
         self.last_s = None;
@@ -323,14 +324,14 @@ fn search_again<D: DotDetector>(
     frame: &mut FrameEstimate,
     other: &mut FrameEstimate,
 ) {
-    ws.images.forget();
+    ws.coarse.forget();
     if let Some(hunt) = Hunt::nearby(predicted, NEARBY, &image)
         && estimator.acquire(image, &hunt, None, ws, other)
     {
         std::mem::swap(frame, other);
         return;
     }
-    ws.images.forget();
+    ws.coarse.forget();
     if let Some(part) = lost_in {
         search_everywhere(estimator, image, part, ws, other);
         if other.pose().is_some() || frame.outline.is_none() {
@@ -351,7 +352,8 @@ fn search_everywhere<D: DotDetector>(
         estimator.estimate_part(image, part, None, ws, frame);
         return;
     }
-    let _ = estimator.acquire(image, &Hunt::everywhere(*part, false), None, ws, frame);
+    let _ = estimator.acquire(image, &Hunt::everywhere(*part, false), None, ws, frame)
+        || estimator.acquire(image, &Hunt::everywhere(*part, true), None, ws, frame);
 }
 
 /// The spin's state before the first frame.

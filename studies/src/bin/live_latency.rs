@@ -3,15 +3,17 @@
 //!
 //! Each thread follows a camera of its own: its own clip, its own tracker. *Tracked* are the frames
 //! after the first ones; *acquired* are frames before which the tracker was reset, so that the ball
-//! may be anywhere. With `--disc`, a white disc stands still in every clip. Latencies are wall-clock
-//! times on an otherwise idle machine; an answer is correct within 20 degrees.
+//! may be anywhere. With `--disc`, a white disc stands still in every clip. Times are given by the clock on
+//! the wall, which needs an idle machine, and by that of the thread's own work. An answer is correct
+//! within 20 degrees. With `--list`, every frame is written on standard error.
 //!
-//!     cargo run --release -p spindoe-studies --bin live_latency -- [FRAMES] [SEED] [--threads N] [--disc]
+//!     cargo run --release -p spindoe-studies --bin live_latency -- [FRAMES] [SEED] [--threads N] [--disc] [--list]
 
 use std::error::Error;
 use std::sync::Arc;
 use std::time::Instant;
 
+use cpu_time::ThreadTime;
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 use spindoe::geometry::Rotation;
@@ -40,8 +42,30 @@ struct Clip {
     frames: Vec<(Vec<u8>, f64, Rotation)>,
 }
 
-/// A frame's latency in milliseconds, and its error where it has an answer.
-type Sample = (f64, Option<f64>);
+/// A frame's time, and its error where it has an answer.
+#[derive(Clone, Copy)]
+struct Sample {
+    wall_ms: f64,
+    cpu_ms: f64,
+    error_deg: Option<f64>,
+}
+
+/// Both clocks.
+struct Stopwatch(Instant, ThreadTime);
+
+impl Stopwatch {
+    fn start() -> Self {
+        Self(Instant::now(), ThreadTime::now())
+    }
+
+    fn stop(&self, error_rad: Option<f64>) -> Sample {
+        Sample {
+            wall_ms: 1e3 * self.0.elapsed().as_secs_f64(),
+            cpu_ms: 1e3 * self.1.elapsed().as_secs_f64(),
+            error_deg: error_rad.map(f64::to_degrees),
+        }
+    }
+}
 
 fn rotation(truth: &FrameTruth) -> Rotation {
     let [w, x, y, z] = truth.quaternion_wxyz;
@@ -110,7 +134,7 @@ fn estimator(pattern: &Pattern) -> spindoe::Result<Estimator<NamedDetector>> {
 }
 
 /// Tracked frames and acquired ones.
-fn follow(pattern: &Pattern, clip: &Clip) -> spindoe::Result<[Vec<Sample>; 2]> {
+fn follow(pattern: &Pattern, clip: &Clip, list: bool) -> spindoe::Result<[Vec<Sample>; 2]> {
     let estimator = Arc::new(estimator(pattern)?);
     let mut samples = [Vec::new(), Vec::new()];
     for (kind, samples) in samples.iter_mut().enumerate() {
@@ -120,21 +144,17 @@ fn follow(pattern: &Pattern, clip: &Clip) -> spindoe::Result<[Vec<Sample>; 2]> {
             if kind == 1 {
                 tracker.reset();
             }
-            let begun = Instant::now();
+            let watch = Stopwatch::start();
             let state = tracker.update(raw, *time_s, None)?;
-            let ms = 1e3 * begun.elapsed().as_secs_f64();
-            let error = state.frame.pose().map(|p| p.rotation.angle_to(truth));
-            if std::env::var_os("LIST").is_some() {
-                let f = state.frame;
-                eprintln!(
-                    "{kind} {k} {ms:.2} {:?} {:?} {:?} {error:?}",
-                    f.timings,
-                    f.outline.map(|o| o.circle),
-                    f.outcome.as_ref().err()
-                );
+            let sample = watch.stop(state.frame.pose().map(|p| p.rotation.angle_to(truth)));
+            if list {
+                let (kind, ms) = (["tracked", "acquired"][kind], sample.cpu_ms);
+                let circle = state.frame.outline.map(|o| o.circle);
+                let (error, why) = (sample.error_deg, state.frame.outcome.err());
+                eprintln!("{kind} {k}: {ms:.2} ms, {circle:?}, {error:.2?} deg, {why:?}");
             }
             if kind == 1 || k >= WARMUP {
-                samples.push((ms, error.map(f64::to_degrees)));
+                samples.push(sample);
             }
         }
     }
@@ -151,14 +171,12 @@ fn crops(pattern: &Pattern, seed: u64) -> spindoe::Result<(Vec<Sample>, [Vec<f64
         let (width, height) = (frame.image.width(), frame.image.height());
         let bytes = bytes(&frame.image, None);
         let raw = RawImage::new(width, height, RawPixel::Gray, &bytes)?;
-        let begun = Instant::now();
+        let watch = Stopwatch::start();
         estimator.estimate_frame(raw, None, None, &mut ws, &mut out);
-        let ms = 1e3 * begun.elapsed().as_secs_f64();
-        let error = out
-            .pose()
-            .map(|p| p.rotation.angle_to(&rotation(&frame.truth)));
+        let truth = rotation(&frame.truth);
+        let sample = watch.stop(out.pose().map(|p| p.rotation.angle_to(&truth)));
         if k >= WARMUP {
-            samples.push((ms, error.map(f64::to_degrees)));
+            samples.push(sample);
             let t = out.timings;
             for (stage, time) in stages.iter_mut().zip([t.locate, t.detect, t.identify]) {
                 stage.push(1e3 * time.as_secs_f64());
@@ -174,26 +192,24 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 }
 
 fn row(name: &str, samples: &[Sample]) {
-    let mut ms: Vec<f64> = samples.iter().map(|s| s.0).collect();
     let n = samples.len();
-    let correct = samples
-        .iter()
-        .filter(|s| s.1.is_some_and(|e| e < FAILURE_DEG));
-    let wrong = samples
-        .iter()
-        .filter(|s| s.1.is_some_and(|e| e >= FAILURE_DEG));
-    println!(
-        "| {name} | {n} | {:.2} | {:.2} | {:.2} | {} | {} |",
-        quantile(&mut ms, 0.5),
-        quantile(&mut ms, 0.99),
-        quantile(&mut ms, 1.0),
-        correct.count(),
-        wrong.count()
-    );
+    let count = |is: fn(f64) -> bool| {
+        let are = samples.iter().filter(|s| s.error_deg.is_some_and(is));
+        are.count()
+    };
+    let (correct, wrong) = (count(|e| e < FAILURE_DEG), count(|e| e >= FAILURE_DEG));
+    print!("| {name} | {n} ");
+    for ms in [|s: &Sample| s.wall_ms, |s: &Sample| s.cpu_ms] {
+        let mut ms: Vec<f64> = samples.iter().map(ms).collect();
+        let (middle, high) = (quantile(&mut ms, 0.5), quantile(&mut ms, 0.99));
+        print!("| {middle:.2} | {high:.2} ");
+    }
+    println!("| {correct} | {wrong} |");
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let (mut numbers, mut threads, mut disc) = (Vec::new(), 1, false);
+    let (mut numbers, mut threads) = (Vec::new(), 1);
+    let (mut disc, mut list) = (false, false);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
@@ -204,6 +220,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                     .parse()?
             }
             "--disc" => disc = true,
+            "--list" => list = true,
             number => numbers.push(number.parse::<u64>()?),
         }
     }
@@ -213,12 +230,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let clips: Vec<Clip> = (0..threads)
         .map(|k| clip(&pattern, seed + 1000 * k, count, disc))
         .collect::<spindoe::Result<_>>()?;
-    println!("| frames | number | p50, ms | p99, ms | maximum, ms | correct | wrong |");
-    println!("|---|---|---|---|---|---|---|");
+    println!(
+        "| frames | number | p50, ms | p99, ms | p50, ms of CPU | p99, ms of CPU | correct | wrong |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
     let results = std::thread::scope(|scope| {
         let followed = clips
             .iter()
-            .map(|clip| scope.spawn(|| follow(&pattern, clip)));
+            .map(|clip| scope.spawn(|| follow(&pattern, clip, list)));
         let followed: Vec<_> = followed.collect();
         let joined = followed.into_iter().map(|f| f.join());
         joined

@@ -325,6 +325,89 @@ fn videos_are_read_through_ffmpeg() {
         "{text}"
     );
     assert!(dir.path().join("seen/contact_sheet.png").is_file());
+    // The same as a video, which ffmpeg itself reads.
+    let run = [
+        "estimate",
+        "--table",
+        "pattern.csv",
+        "film.mkv",
+        "--overlay",
+        "seen.mp4",
+    ];
+    assert_eq!(crate::common::done(dir.path(), &run), text);
+    let probed = std::process::Command::new("ffmpeg")
+        .args(["-v", "info", "-i", "seen.mp4", "-f", "null", "-"])
+        .current_dir(dir.path())
+        .output()
+        .expect("it runs");
+    let words = String::from_utf8_lossy(&probed.stderr);
+    assert!(probed.status.success(), "{words}");
+    assert!(
+        words.contains("480x572") && words.contains("frame=    3"),
+        "{words}"
+    );
+}
+
+#[test]
+fn an_annotated_video_needs_ffmpeg_and_a_place_before_the_work() {
+    let (dir, image) = folder();
+    save(bytes(&image), &dir.path().join("f1.png"));
+    let run = |target: &str, path: &str| {
+        std::process::Command::new(env!("CARGO_BIN_EXE_spindoe"))
+            .args(["estimate", "--table", "pattern.csv", "f1.png", "--overlay"])
+            .arg(target)
+            .current_dir(dir.path())
+            .env("PATH", path)
+            .output()
+            .expect("it runs")
+    };
+    let output = run("seen.mp4", "");
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{words}");
+    assert!(
+        words.contains("ffmpeg") && words.trim().lines().count() == 1,
+        "{words}"
+    );
+    assert!(output.stdout.is_empty() && !dir.path().join("seen.mp4").exists());
+    let path = std::env::var("PATH").unwrap_or_default();
+    let output = run("absent/seen.mp4", &path);
+    assert_ne!(output.status.code(), Some(0));
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn mirrored_balls_are_refused_as_such() {
+    use spindoe::recognize::RecognizerRejection;
+    use spindoe::synth::SynthConfig;
+    use spindoe::synth::dataset::independent_frame;
+    use spindoe::vision::FrameRejection;
+    // Of all designs this one is nearest to its mirror image.
+    let pattern = crate::common::published_pattern().unwrap_or_else(|| {
+        crate::common::skipped("the published pattern is not here: a random one is taken");
+        crate::common::random_pattern(20, 5)
+    });
+    let estimator = estimator_of_synth(&pattern);
+    let mut ws = estimator.workspace();
+    let mut out = FrameEstimate::default();
+    let config = SynthConfig {
+        mirrored: true,
+        ..SynthConfig::good()
+    };
+    let (mut named, mut answered) = (0, 0);
+    for k in 0..40 {
+        let frame = independent_frame(&pattern, &config, 7, k).expect("a frame");
+        estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+        let mirrored = FrameRejection::Recognizer(RecognizerRejection::Mirrored);
+        named += usize::from(out.outcome == Err(mirrored));
+        answered += usize::from(out.pose().is_some());
+    }
+    println!("{named} of 40 named, {answered} answered");
+    assert!(named >= 25 && answered <= 2, "{named} {answered}");
+}
+
+fn estimator_of_synth(pattern: &Pattern) -> Estimator<NamedDetector> {
+    let detector = DetectorName::Cnn.build().expect("weights");
+    Estimator::new(pattern, EstimatorConfig::default(), detector).expect("valid settings")
 }
 
 #[test]

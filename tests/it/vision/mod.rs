@@ -12,3 +12,4 @@ mod outline;
 mod pipe;
 mod sequence;
 mod tracker;
+mod window;

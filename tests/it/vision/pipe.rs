@@ -50,6 +50,7 @@ fn encoded(image: &RgbImage, format: image::ImageFormat) -> Vec<u8> {
 fn color(frame: Option<FrameImage<'_>>) -> RgbImage {
     match frame {
         Some(FrameImage::Color(color)) => color.clone(),
+        Some(FrameImage::Raw(raw)) if raw.pixel() != RawPixel::Gray => raw.to_rgb(),
         other => panic!("expected a color image, found {other:?}"),
     }
 }
@@ -57,6 +58,7 @@ fn color(frame: Option<FrameImage<'_>>) -> RgbImage {
 fn gray(frame: Option<FrameImage<'_>>) -> GrayImage {
     match frame {
         Some(FrameImage::Gray(gray)) => gray.clone(),
+        Some(FrameImage::Raw(raw)) if raw.pixel() == RawPixel::Gray => raw.to_gray(),
         other => panic!("expected a gray image, found {other:?}"),
     }
 }

@@ -1,0 +1,141 @@
+//! A pattern from a clip alone: structure from motion on the sphere.
+//!
+//! One frame's dots are the first map. The frames next to it are identified against the map (the robust
+//! recognizer, with the neighbor's orientation as a hint), their new dots join it, and so on outwards
+//! until no frame can be placed. The map and all orientations are fitted together again and again
+//! ([`super::bundle`]); places that turn out the same when the ball comes around are merged, which closes
+//! the loop; dots that are not found where they should be leave the map.
+//!
+//! # What is promised
+//! A pattern only where most frames hang together and the clip shows the whole ball; else what is missing
+//! ([`UnknownRejection`]). What is not: the pattern's own frame, which is that of the first map, and
+//! marks that the detector takes for dots in most views are dots.
+
+mod coverage;
+mod design;
+mod map;
+mod seen;
+mod tidy;
+
+use super::config::CalibrationConfig;
+use crate::error::Result;
+use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
+use crate::vision::FrameEstimate;
+
+pub use design::matching_design;
+use map::Map;
+use seen::Seen;
+
+/// Minimum number of dots of a frame that begins a map.
+const MIN_SEED: usize = 5;
+/// Frames that may begin a map.
+const SEEDS: usize = 6;
+/// Frames in which a dot must be found before it helps to place others.
+const ESTABLISHED: usize = 3;
+/// Minimum probability of a frame that is placed, and of a design that is the ball's.
+const PLACED: f64 = 0.9;
+/// Views that each place of the ball must have.
+const MIN_VIEWS: usize = ESTABLISHED;
+
+/// Why no pattern can be built from a clip.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum UnknownRejection {
+    /// Too few frames show a ball with dots.
+    #[error(
+        "too short a clip: {found} frames show {MIN_SEED} dots or more, needed are {needed} or more"
+    )]
+    TooFewFrames {
+        /// Frames with so many dots.
+        found: usize,
+        /// Frames needed.
+        needed: usize,
+    },
+    /// The frames do not hang together.
+    #[error(
+        "the frames do not hang together: {placed} of {frames} see the same dots (turn the ball more slowly, \
+         at most 20 degrees from frame to frame, and film one ball only)"
+    )]
+    Disconnected {
+        /// Frames of the largest part.
+        placed: usize,
+        /// Frames with dots.
+        frames: usize,
+    },
+    /// A part of the ball was not shown.
+    #[error(
+        "too static a clip: {:.0} % of the ball never face the camera in {MIN_VIEWS} frames; turn it about \
+         another axis as well", 100.0 * blind
+    )]
+    NotCovered {
+        /// Share of the ball's surface.
+        blind: f64,
+    },
+    /// Another number of dots than expected.
+    #[error("expected {expected} dots, the clip shows {found}")]
+    WrongNumber {
+        /// Dots expected.
+        expected: usize,
+        /// Dots found.
+        found: usize,
+    },
+    /// Too few or too many dots for a pattern.
+    #[error("the clip shows {found} dots, a pattern has {MIN_DOTS} to {MAX_DOTS}")]
+    NoPattern {
+        /// Dots found.
+        found: usize,
+    },
+}
+
+/// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter.
+/// `expected_dots` is the number of dots, where it is known.
+///
+/// # Errors
+/// [`crate::Error::Argument`] for settings outside their domains.
+pub fn build_pattern(
+    estimates: &[FrameEstimate],
+    expected_dots: Option<usize>,
+    config: &CalibrationConfig,
+) -> Result<std::result::Result<Pattern, UnknownRejection>> {
+    config.check()?;
+    let frames: Vec<Seen> = estimates
+        .iter()
+        .enumerate()
+        .filter_map(|(k, estimate)| Seen::new(k, estimate, &config.estimator.camera))
+        .collect();
+    let rich: Vec<usize> = (0..frames.len())
+        .filter(|&k| frames[k].dots.len() >= MIN_SEED)
+        .collect();
+    let (found, needed) = (rich.len(), 2 * config.min_frames);
+    if found < needed {
+        return Ok(Err(UnknownRejection::TooFewFrames { found, needed }));
+    }
+    let mut best: Option<Map> = None;
+    for seed in seeds(&frames, &rich) {
+        let mut map = Map::new(&frames, estimates, config, seed);
+        map.grow()?;
+        if best.as_ref().is_none_or(|b| map.count() > b.count()) {
+            best = Some(map);
+        }
+        if best
+            .as_ref()
+            .is_some_and(|b| 10 * b.count() >= 9 * rich.len())
+        {
+            break;
+        }
+    }
+    let Some(map) = best else {
+        return Ok(Err(UnknownRejection::TooFewFrames { found, needed }));
+    };
+    Ok(map.finish(rich.len(), expected_dots))
+}
+
+/// Frames to begin with: rich in dots, spread over the clip.
+fn seeds(frames: &[Seen], rich: &[usize]) -> Vec<usize> {
+    let parts = rich.chunks(rich.len().div_ceil(SEEDS));
+    let mut seeds: Vec<usize> = parts
+        .filter_map(|part| part.iter().copied().max_by_key(|&k| frames[k].dots.len()))
+        .collect();
+    seeds.sort_by_key(|&k| std::cmp::Reverse(frames[k].dots.len()));
+    seeds
+}

@@ -1,0 +1,161 @@
+//! The map and all placed frames fitted together, and the map tidied: dots that are one are merged, those
+//! that are not there leave it.
+
+use nalgebra::Matrix2;
+
+use super::ESTABLISHED;
+use super::map::{MATCH_RAD, Map, MapDot};
+use crate::calibrate::bundle::{Bundle, BundleFrame, DotPrior, Observation};
+use crate::geometry::angle_between;
+
+/// Dots of the map this near, never seen together, are one.
+const MERGE_RAD: f64 = 0.12;
+/// Depth from which a view faces a dot well, and minimum share of these views in which it is found.
+const FACING: f64 = 0.35;
+const MIN_RATE: f64 = 0.4;
+/// Prior of a dot's place in a fit, radians: hardly any.
+const FREE_SIGMA_RAD: f64 = 0.3;
+
+impl Map<'_> {
+    /// Fits the map and all placed frames together.
+    pub fn fit(&mut self) {
+        let priors = self.dots.iter().map(|d| DotPrior {
+            direction: d.direction,
+            sigma_rad: FREE_SIGMA_RAD,
+            designed: true,
+        });
+        let mut which = Vec::new();
+        let mut frames = Vec::new();
+        for (k, placed) in self.placed.iter().enumerate() {
+            let Some(placed) = placed else { continue };
+            let seen = &self.frames[k];
+            let dots = &self.estimates[seen.index].dots;
+            let named = seen.dots.iter().zip(&placed.names);
+            which.push(k);
+            frames.push(BundleFrame {
+                time_s: None,
+                rotation: placed.rotation,
+                circle: seen.outline.circle,
+                outline: seen.outline,
+                observations: named
+                    .filter_map(|(dot, name)| {
+                        Some(Observation {
+                            dot: (*name)?,
+                            pixel: dots[dot.detection].pixel,
+                            covariance: with_floor(&dots[dot.detection].covariance),
+                        })
+                    })
+                    .collect(),
+            });
+        }
+        let mut bundle = Bundle::new(priors.collect(), frames, &self.config.estimator.camera);
+        bundle.fit(false);
+        for (dot, fitted) in self.dots.iter_mut().zip(&bundle.dots) {
+            dot.direction = *fitted;
+        }
+        for (k, fitted) in which.into_iter().zip(&bundle.frames) {
+            if let Some(placed) = &mut self.placed[k] {
+                placed.rotation = fitted.rotation;
+            }
+        }
+    }
+
+    /// Merges dots that are one, names the placed frames' detections anew, drops dots that are not there.
+    pub fn tidy(&mut self) {
+        while let Some((a, b)) = self.twins() {
+            let (keep, gone) = if self.dots[a].found >= self.dots[b].found {
+                (a, b)
+            } else {
+                (b, a)
+            };
+            let (first, second) = (self.dots[keep], self.dots[gone]);
+            let sum = first.direction * first.found as f64 + second.direction * second.found as f64;
+            self.dots[keep] = MapDot {
+                direction: sum.normalize(),
+                found: first.found + second.found,
+            };
+            self.remove(gone, Some(keep));
+        }
+        self.rename();
+        let weak: Vec<usize> = (0..self.dots.len()).filter(|&j| self.is_weak(j)).collect();
+        for j in weak.into_iter().rev() {
+            self.remove(j, None);
+        }
+    }
+
+    /// Two dots near each other that no frame sees both.
+    fn twins(&self) -> Option<(usize, usize)> {
+        let together = |a: usize, b: usize| {
+            let mut frames = self.placed.iter().flatten();
+            frames.any(|p| p.names.contains(&Some(a)) && p.names.contains(&Some(b)))
+        };
+        for a in 0..self.dots.len() {
+            for b in 0..a {
+                let angle = angle_between(&self.dots[a].direction, &self.dots[b].direction);
+                if angle < MERGE_RAD && !together(a, b) {
+                    return Some((b, a));
+                }
+            }
+        }
+        None
+    }
+
+    /// Whether a dot is found too seldom in the frames that face it.
+    fn is_weak(&self, j: usize) -> bool {
+        let direction = self.dots[j].direction;
+        let (mut views, mut found) = (0usize, 0usize);
+        for (frame, placed) in self.frames.iter().zip(&self.placed) {
+            let Some(placed) = placed else { continue };
+            if frame.depth(&(placed.rotation * direction)) >= FACING {
+                views += 1;
+                found += usize::from(placed.names.contains(&Some(j)));
+            }
+        }
+        views >= ESTABLISHED && (found as f64) < MIN_RATE * views as f64
+    }
+
+    fn remove(&mut self, gone: usize, instead: Option<usize>) {
+        self.dots.remove(gone);
+        let moved = |j: usize| j - usize::from(j > gone);
+        for name in self.placed.iter_mut().flatten().flat_map(|p| &mut p.names) {
+            *name = match *name {
+                Some(j) if j == gone => instead.map(moved),
+                other => other.map(moved),
+            };
+        }
+    }
+
+    /// Names the placed frames' detections by the nearest dot of the map, each dot once a frame.
+    pub fn rename(&mut self) {
+        for dot in &mut self.dots {
+            dot.found = 0;
+        }
+        for k in 0..self.placed.len() {
+            let Some(mut placed) = self.placed[k].take() else {
+                continue;
+            };
+            let back = placed.rotation.inverse();
+            let mut links: Vec<(f64, usize, usize)> = Vec::new();
+            for (i, dot) in self.frames[k].dots.iter().enumerate() {
+                let at = back * dot.direction;
+                let near = self.dots.iter().enumerate();
+                let near = near.map(|(j, d)| (angle_between(&d.direction, &at), i, j));
+                links.extend(near.filter(|l| l.0 < MATCH_RAD));
+            }
+            links.sort_by(|a, b| a.0.total_cmp(&b.0));
+            placed.names.fill(None);
+            for (_, i, j) in links {
+                if placed.names[i].is_none() && !placed.names.contains(&Some(j)) {
+                    placed.names[i] = Some(j);
+                    self.dots[j].found += 1;
+                }
+            }
+            self.placed[k] = Some(placed);
+        }
+    }
+}
+
+/// A detection of a map that is not settled is less certain than the detector says.
+fn with_floor(covariance: &Matrix2<f64>) -> Matrix2<f64> {
+    covariance * 2.0
+}

@@ -1,0 +1,145 @@
+//! Do the frames of a sequence help each other, and at what price?
+//!
+//! Clips of one ball, in good and in all conditions, as crops and as frames of 640 x 480. Every frame is
+//! estimated three ways: independently; with the hints of the spin that its neighbors give; and, before
+//! these, looked at again where the neighbors expect the ball. An answer is correct within 20 degrees;
+//! brackets are Wilson 95 % intervals, though frames of one clip are not independent.
+//!
+//!     cargo run --release -p spindoe-studies --bin sequence_study -- [CLIPS] [FRAMES] [SEED]
+
+use std::error::Error;
+
+use nalgebra::{Quaternion, UnitQuaternion};
+use rayon::prelude::*;
+use spindoe::geometry::Rotation;
+use spindoe::pattern::Pattern;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
+use spindoe::validate::Proportion;
+use spindoe::vision::estimator::{OutlineSource, SequenceConfig, frames_in_doubt, track_sequence};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+
+const FPS: f64 = 350.0;
+const FAILURE_DEG: f64 = 20.0;
+const WAYS: [&str; 3] = ["independent", "with hints", "with hints and outlines"];
+
+/// Frames that are correct, wrong, and wrong by the neighbors' outline, each of the three ways.
+#[derive(Default, Clone, Copy)]
+struct Counts {
+    frames: usize,
+    looked_again: usize,
+    correct: [usize; 3],
+    wrong: [usize; 3],
+    /// Correct and wrong answers on the neighbors' outlines.
+    by_neighbors: [usize; 2],
+}
+
+fn clip(
+    estimator: &Estimator<NamedDetector>,
+    config: &SynthConfig,
+    drift_px: Option<[f64; 2]>,
+    seed: u64,
+    count: usize,
+) -> spindoe::Result<Counts> {
+    let sequence = SynthSequence {
+        fps: FPS,
+        drift_px,
+        ..SynthSequence::default()
+    };
+    let sequence = Sequence::random(estimator.pattern(), config, &sequence, seed, count)?;
+    let settings = SequenceConfig::default();
+    let mut ws = estimator.workspace();
+    let (mut images, mut truths) = (Vec::new(), Vec::new());
+    let (mut times_s, mut frames) = (Vec::new(), Vec::new());
+    for k in 0..count {
+        let frame = sequence.frame(k)?;
+        let mut out = FrameEstimate::default();
+        estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+        let [w, x, y, z] = frame.truth.quaternion_wxyz;
+        truths.push(UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z)));
+        times_s.push(frame.truth.time_s.unwrap_or_default());
+        images.push(frame.image);
+        frames.push(out);
+    }
+    let mut counts = Counts {
+        frames: count,
+        ..Counts::default()
+    };
+    count_answers(&frames, &truths, 0, &mut counts);
+    track_sequence(estimator, &settings, &times_s, &mut frames, &mut ws);
+    count_answers(&frames, &truths, 1, &mut counts);
+    for doubt in frames_in_doubt(&settings, &times_s, &frames) {
+        let (image, frame) = (&images[doubt.frame], &mut frames[doubt.frame]);
+        counts.looked_again += 1;
+        estimator.estimate_again(image, &doubt.expected, &mut ws, frame);
+    }
+    track_sequence(estimator, &settings, &times_s, &mut frames, &mut ws);
+    count_answers(&frames, &truths, 2, &mut counts);
+    Ok(counts)
+}
+
+fn count_answers(frames: &[FrameEstimate], truths: &[Rotation], way: usize, counts: &mut Counts) {
+    for (frame, truth) in frames.iter().zip(truths) {
+        let Some(pose) = frame.pose() else { continue };
+        let is_correct = pose.rotation.angle_to(truth).to_degrees() < FAILURE_DEG;
+        let all = if is_correct {
+            &mut counts.correct
+        } else {
+            &mut counts.wrong
+        };
+        all[way] += 1;
+        if way == 2 && frame.outline_source == OutlineSource::Neighbors {
+            counts.by_neighbors[usize::from(!is_correct)] += 1;
+        }
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let numbers = std::env::args().skip(1).map(|a| a.parse::<u64>());
+    let numbers = numbers.collect::<Result<Vec<_>, _>>()?;
+    let number = |k: usize, default| numbers.get(k).copied().unwrap_or(default);
+    let (clips, count, seed) = (number(0, 40), number(1, 16) as usize, number(2, 70_001));
+    let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
+    let detector = DetectorName::Cnn.build()?;
+    let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
+    let whole = |config: SynthConfig| SynthConfig {
+        image_px: Some([640, 480]),
+        ball_px: Some([60.0; 2]),
+        ..config
+    };
+    let sets = [
+        ("good, crops", SynthConfig::good(), None),
+        ("all, crops", SynthConfig::default(), None),
+        (
+            "all, 640 x 480",
+            whole(SynthConfig::default()),
+            Some([160.0, -60.0]),
+        ),
+    ];
+    println!("| clips | way | correct | wrong | unanswered |");
+    println!("|---|---|---|---|---|");
+    for (name, config, drift_px) in sets {
+        let counts = (0..clips)
+            .into_par_iter()
+            .map(|k| clip(&estimator, &config, drift_px, seed + k, count))
+            .collect::<spindoe::Result<Vec<_>>>()?;
+        let sum = |f: &dyn Fn(&Counts) -> usize| counts.iter().map(f).sum::<usize>() as u64;
+        let frames = sum(&|c| c.frames);
+        for (way, words) in WAYS.iter().enumerate() {
+            let (correct, wrong) = (sum(&|c| c.correct[way]), sum(&|c| c.wrong[way]));
+            let share = |n: u64| Proportion::new(n, frames);
+            println!(
+                "| {name} | {words} | {} | {} | {} |",
+                share(correct),
+                share(wrong),
+                share(frames - correct - wrong)
+            );
+        }
+        let [correct, wrong] = [0, 1].map(|k| sum(&|c| c.by_neighbors[k]));
+        println!(
+            "\n{name}: {clips} clips of {count} frames from seed {seed}; {} looked at again; on the neighbors' outline {correct} correct, {wrong} wrong.\n",
+            sum(&|c| c.looked_again)
+        );
+    }
+    Ok(())
+}
