@@ -187,6 +187,11 @@ fn named_as_flag(error: Error) -> Error {
     }
 }
 
+/// The conditions that a file states.
+pub fn read_conditions(path: &Path) -> Result<CameraConditions> {
+    read(path)?.conditions().map_err(named_as_flag)
+}
+
 fn read(path: &Path) -> Result<CameraFile> {
     let bytes = files::read_bytes(path)?;
     let text = String::from_utf8(bytes)

@@ -13,17 +13,19 @@
 mod advice;
 pub mod conditions;
 mod frames;
+mod judge;
 mod learn;
 pub mod model;
 pub mod regression;
 mod spins;
 
 pub use advice::{
-    Advice, AdviceConfig, ChangeAdvice, DotSize, NamedPattern, PatternAdvice, advise,
+    Advice, AdviceConfig, ChangeAdvice, DotSize, MAX_DOT, NamedPattern, PatternAdvice, advise,
     effective_error_deg, predictions, shipped_designs,
 };
 pub use conditions::{CameraConditions, Surroundings};
 pub use frames::{FrameOutcome, FramePrediction, FrameRates, PredictConfig, Predictor, paired};
+pub use judge::{Judge, Judgment, Trial, rendered};
 pub use learn::Observation;
 pub use model::{DetectionModel, Provenance};
 pub use spins::SpinPrediction;

@@ -93,7 +93,11 @@ impl Scaling {
     /// Number of terms of a predictor: one, each covariate, each square and product.
     pub fn terms(&self) -> usize {
         let k = self.mean.len();
-        let products = if self.with_products { k * (k - 1) / 2 } else { 0 };
+        let products = if self.with_products {
+            k * (k - 1) / 2
+        } else {
+            0
+        };
         1 + 2 * k + products
     }
 

@@ -10,13 +10,12 @@
 use std::error::Error;
 
 use rand::RngExt;
-use rayon::prelude::*;
 use spindoe::Pattern;
 use spindoe::predict::{
-    CameraConditions, DetectionModel, FrameOutcome, FrameRates, Predictor, Surroundings,
+    CameraConditions, DetectionModel, FrameOutcome, FrameRates, Predictor, Surroundings, rendered,
 };
 use spindoe::synth::dataset::frame_rng;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::EstimatorConfig;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -45,11 +44,17 @@ fn main() -> Outcome<()> {
         for path in &paths {
             let pattern = Pattern::read_csv(path.as_ref())?;
             let own = seed + 1 + camera;
-            let rendered = read_rendered(&pattern, &conditions, own, frames)?;
+            let real = rendered(
+                &pattern,
+                &conditions,
+                EstimatorConfig::default(),
+                own,
+                frames,
+            )?;
             let predictor = Predictor::new(&model, &pattern, EstimatorConfig::default())?;
             // Other scenes than those rendered: both have the noise of their draws.
             let (predicted, _) = predictor.outcomes(&conditions, own + 1_000_000, 4 * frames)?;
-            let (r, p) = (FrameRates::of(&rendered), FrameRates::of(&predicted));
+            let (r, p) = (FrameRates::of(&real), FrameRates::of(&predicted));
             println!(
                 "| {camera} | {path} | {} | {:.2} % | {} | {:.2} % | {:.3} | {:.3} |",
                 r.right,
@@ -66,7 +71,7 @@ fn main() -> Outcome<()> {
             within += usize::from((0.8..=1.25).contains(&ratio) || overlaps);
             close += usize::from((p.mean_error_deg / r.mean_error_deg - 1.0).abs() < 0.1);
             let k = usize::from(conditions.surroundings == Surroundings::Any);
-            pooled[k].0.extend(rendered);
+            pooled[k].0.extend(real);
             pooled[k].1.extend(predicted);
         }
     }
@@ -101,26 +106,4 @@ fn random_conditions(seed: u64, camera: u64) -> CameraConditions {
         ..base
     };
     if camera / 2 % 2 == 0 { base } else { stated }
-}
-
-fn read_rendered(
-    pattern: &Pattern,
-    conditions: &CameraConditions,
-    seed: u64,
-    frames: u64,
-) -> Outcome<Vec<FrameOutcome>> {
-    let detector: NamedDetector = DetectorName::Cnn.build()?;
-    let estimator = Estimator::new(pattern, EstimatorConfig::default(), detector)?;
-    (0..frames)
-        .into_par_iter()
-        .map_init(
-            || (estimator.workspace(), FrameEstimate::default()),
-            |(ws, found), k| {
-                let scene = conditions.scene(pattern, seed, k)?;
-                let rendering = scene.render()?;
-                estimator.estimate_frame(&rendering.image, None, None, ws, found);
-                Ok(FrameOutcome::of(found, &rendering.rotation))
-            },
-        )
-        .collect()
 }
