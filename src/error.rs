@@ -71,7 +71,7 @@ impl Error {
     pub fn argument(parameter: impl Into<Parameter>, problem: impl Into<String>) -> Self {
         Self::Argument {
             parameter: parameter.into(),
-            problem: problem.into(),
+            problem: on_one_line(problem.into()),
         }
     }
 
@@ -83,8 +83,8 @@ impl Error {
     ) -> Self {
         Self::Input {
             path: path.as_ref().to_path_buf(),
-            place: place.into(),
-            problem: problem.into(),
+            place: on_one_line(place.into()),
+            problem: on_one_line(problem.into()),
         }
     }
 
@@ -125,6 +125,18 @@ impl Error {
             Self::NoAnswer { .. } | Self::Internal(_) => false,
         }
     }
+}
+
+/// The text with its control characters escaped: what a message quotes may hold any.
+fn on_one_line(text: String) -> String {
+    if !text.contains(char::is_control) {
+        return text;
+    }
+    let escaped = |c: char| match c.is_control() {
+        true => c.escape_default().to_string(),
+        false => c.to_string(),
+    };
+    text.chars().map(escaped).collect()
 }
 
 /// The parameter that an [`Error::Argument`] is about, named as the library names it: the field or

@@ -262,7 +262,7 @@ fn times() {
 fn the_corpus_of_fuzzing() {
     // Seeds and targets use the rest.
     #[allow(dead_code)]
-    #[path = "../../../fuzz/src/readers.rs"]
+    #[path = "../../fuzz/src/readers.rs"]
     mod readers;
 
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");

@@ -273,6 +273,8 @@ pub struct FrameEstimate {
     pub(super) earlier_attempts: usize,
     /// Those and the runs on this outline: each had its chance to be correct by accident.
     pub(super) attempts: usize,
+    /// Whether the outline was given.
+    pub(super) is_given: bool,
     /// What speaks for the best pose of this outline, accepted or not.
     pub(super) evidence: Option<PoseEvidence>,
 }
@@ -292,6 +294,7 @@ impl Default for FrameEstimate {
             known_distance: None,
             earlier_attempts: 0,
             attempts: 0,
+            is_given: false,
             evidence: None,
         }
     }
@@ -306,6 +309,7 @@ impl FrameEstimate {
             circle: Some(outline.circle),
             assignment: vec![None; dots.len()],
             dots,
+            is_given: true,
             ..Self::default()
         }
     }

@@ -355,7 +355,9 @@ impl<D: DotDetector> Estimator<D> {
         out.attempts = attempts;
         let mut best = best?.discounted(attempts);
         if hint.is_none() {
-            let support = out.fit.map_or(0.0, |fit| fit.support);
+            // A given outline is as good as one that the edges show whole.
+            let unseen = f64::from(u8::from(out.is_given));
+            let support = out.fit.map_or(unseen, |fit| fit.support);
             best = best.weighed(&self.config.trust, attempts, support);
             out.evidence = Some(best.evidence);
         }
@@ -424,29 +426,19 @@ impl<D: DotDetector> Estimator<D> {
         ws: &EstimatorWorkspace<D::Workspace>,
     ) -> PoseEvidence {
         let found = &ws.identification;
-        let (mut named, mut unnamed, mut variance) = (0, 0, 0.0);
-        let names = ws.indices.iter().zip(&ws.observed).zip(&found.assignment);
-        for ((&i, seen), name) in names {
-            match (name, &seen.uncertainty) {
-                (None, _) => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
-                (Some(_), DotUncertainty::Tangent { covariance }) => {
-                    named += 1;
-                    variance += covariance.trace();
-                }
-                (Some(_), DotUncertainty::Isotropic { sigma_rad }) => {
-                    named += 1;
-                    variance += 2.0 * sigma_rad * sigma_rad;
-                }
+        let (mut named, mut unnamed) = (0, 0);
+        for (&i, name) in ws.indices.iter().zip(&found.assignment) {
+            match name {
+                Some(_) => named += 1,
+                None => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
             }
         }
         let facing = self.pattern.dots().iter();
         let facing = facing.filter(|d| (found.rotation * *d).z > FACING).count();
-        let expected = variance / f64::max(named as f64, 1.0);
         PoseEvidence {
             named,
             unnamed,
             missing: facing.saturating_sub(named),
-            misfit: found.residual_rad / expected.sqrt().max(f64::MIN_POSITIVE),
             ..PoseEvidence::default()
         }
     }

@@ -431,6 +431,7 @@ impl<D: DotDetector> Estimator<D> {
         };
         out.clear();
         out.earlier_attempts = attempts;
+        out.is_given = matches!(search, Search::Given(_));
         let in_view = |circle: &BallCircle| BallCircle {
             center: Pixel {
                 u: circle.center.u - view.origin.u,
@@ -525,6 +526,7 @@ impl FrameEstimate {
         self.known_distance = None;
         (self.earlier_attempts, self.attempts) = (0, 0);
         self.evidence = None;
+        self.is_given = false;
     }
 
     /// Takes back a pose.
