@@ -46,8 +46,8 @@ struct DotRow {
 pub struct Observation {
     ball: [f64; BALL_OBSERVABLES.len()],
     dots: Vec<DotRow>,
-    /// Logarithms of the outline's variances and of its squared error.
-    outline: Option<[f64; 3]>,
+    /// Logarithms of the outline's variances and of its squared error, and its support.
+    outline: Option<[f64; 4]>,
     /// Counts of false dots, likely and doubtful ones.
     false_dots: [usize; 2],
     /// Of each false dot: whether it lies on print, distance from the middle, logarithm of its
@@ -72,7 +72,8 @@ impl Observation {
             let squared = off.dot(&(o.covariance.try_inverse()? * off)) / 3.0;
             let of_center = 0.5 * (o.covariance[(0, 0)] + o.covariance[(1, 1)]) / (r * r);
             let of_radius = o.covariance[(2, 2)] / (r * r);
-            is_good.then(|| [of_center.ln(), of_radius.ln(), ln_error(squared)])
+            let support = found.fit.map_or(0.0, |fit| fit.support);
+            is_good.then(|| [of_center.ln(), of_radius.ln(), ln_error(squared), support])
         });
         let mut observation = Self {
             ball: ball.observables,
@@ -260,6 +261,7 @@ impl DetectionModel {
             good_terms.spread(of_outline(1), &of_balls)?,
         ];
         let outline_ln_error = good_terms.spread(of_outline(2), &of_balls)?;
+        let support = good_terms.spread(of_outline(3), &of_balls)?;
         let lost: Vec<_> = observations
             .iter()
             .filter(|o| o.outline.is_none())
@@ -281,6 +283,7 @@ impl DetectionModel {
             outline_correction,
             outline_ln_variance,
             outline_ln_error,
+            support,
             wrong_without_outline: wrong as f64 / lost.len().max(1) as f64,
             false_dots: [
                 false_dots(&good, &good_terms, 0, &of_balls, &ball_classes)?,

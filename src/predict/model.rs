@@ -169,6 +169,8 @@ pub struct DetectionModel {
     pub outline_ln_variance: [Spread; 2],
     /// Logarithm of its squared error over the stated covariance, by dimension.
     pub outline_ln_error: Spread,
+    /// Share of the outline that the edges show.
+    pub support: Spread,
     /// Probability of a wrong answer where the outline is not found.
     pub wrong_without_outline: f64,
     /// False dots, likely and doubtful ones.
@@ -223,10 +225,14 @@ impl DetectionModel {
         let mut of_dots = [&self.likely, &self.doubtful, &self.ln_error.mean]
             .into_iter()
             .chain(self.ln_variance.iter().map(|s| &s.mean));
-        let mut of_ball = [&self.outline, &self.outline_ln_error.mean]
-            .into_iter()
-            .chain(self.outline_ln_variance.iter().map(|s| &s.mean))
-            .chain(self.false_dots.iter().map(|f| &f.rate));
+        let mut of_ball = [
+            &self.outline,
+            &self.outline_ln_error.mean,
+            &self.support.mean,
+        ]
+        .into_iter()
+        .chain(self.outline_ln_variance.iter().map(|s| &s.mean))
+        .chain(self.false_dots.iter().map(|f| &f.rate));
         let fits = |r: &Regression, n: usize| {
             r.coefficients.len() == n && r.coefficients.iter().all(|b| b.is_finite())
         };
@@ -241,6 +247,7 @@ impl DetectionModel {
                 .iter()
                 .all(|s| tables(s, of_ball_class))
             && tables(&self.outline_ln_error, of_ball_class)
+            && tables(&self.support, of_ball_class)
             && self.frame_effect.len() == of_ball_class
             && self
                 .false_dots
@@ -282,7 +289,8 @@ impl DetectionModel {
             false_dots.draw(ball, &terms.ball, class, confidence, rng, &mut dots);
         }
         dots.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-        Some(FrameEstimate::from_detections(outline, dots))
+        let support = self.support.draw(&terms.ball, class, rng).clamp(0.0, 1.0);
+        Some(FrameEstimate::from_detections(outline, dots).with_support(support))
     }
 
     fn draw_outline<R: Rng + ?Sized>(
