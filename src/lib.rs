@@ -147,6 +147,8 @@ pub mod pattern;
 pub mod pipeline;
 #[cfg(feature = "plot")]
 pub mod plot;
+#[cfg(feature = "vision")]
+pub mod predict;
 pub mod recognize;
 #[cfg(feature = "native")]
 pub mod report;

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+#[cfg(feature = "vision")]
+use super::camera::CameraArguments;
 use super::output::{Counter, one_of, quoted};
 use super::{print_json, read_table};
 use crate::certify::CertifyConfig;
@@ -20,7 +22,10 @@ All patterns are evaluated on the same rotations with the same random numbers; d
 first pattern, with 95 % intervals for pairs.
 
 Example:
-  spindoe compare published.csv designs/dots20/pattern.csv -o comparison")]
+  spindoe compare published.csv designs/dots20/pattern.csv -o comparison
+  spindoe compare published.csv designs/dots20/pattern.csv --ball-px 45 --surroundings any
+
+With any flag of a camera the patterns are compared on frames of that camera, predicted without rendering.")]
 pub struct Arguments {
     /// Patterns (CSV of unit vectors x,y,z) or hash tables (.npz); at least two.
     #[arg(value_name = "PATTERN_OR_TABLE", required = true)]
@@ -44,6 +49,9 @@ pub struct Arguments {
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
+    #[cfg(feature = "vision")]
+    #[command(flatten)]
+    camera: CameraArguments,
 }
 
 impl Arguments {
@@ -71,6 +79,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             })
         })
         .collect::<Result<Vec<_>>>()?;
+    #[cfg(feature = "vision")]
+    if arguments.camera.is_stated() {
+        return before_camera(arguments, &entries);
+    }
     if let Some(dir) = &arguments.output {
         files::create_writable_dir(dir)?;
     }
@@ -105,6 +117,74 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return print_json(&found);
     }
     print_words(&found);
+    Ok(())
+}
+
+/// The patterns before the stated camera, on the same scenes.
+#[cfg(feature = "vision")]
+fn before_camera(arguments: &Arguments, entries: &[Entry]) -> Result<()> {
+    use crate::error::Error;
+    use crate::predict::{DetectionModel, FrameRates, Predictor, paired};
+    use crate::vision::EstimatorConfig;
+
+    for (is_given, flag) in [
+        (arguments.output.is_some(), "output"),
+        (arguments.recognizer.is_some(), "recognizer"),
+        (arguments.certify, "certify"),
+    ] {
+        if is_given {
+            return Err(Error::argument(flag, "cannot be used with a camera"));
+        }
+    }
+    let conditions = arguments.camera.conditions()?;
+    let model = DetectionModel::shipped()?;
+    let counter = Counter::new(entries.len() as u64, "patterns");
+    let mut outcomes = Vec::with_capacity(entries.len());
+    for entry in entries {
+        let pattern = entry.table.pattern();
+        let predictor = Predictor::new(&model, pattern, EstimatorConfig::default())?;
+        outcomes.push(
+            predictor
+                .outcomes(&conditions, arguments.seed, arguments.samples)?
+                .0,
+        );
+        counter.add(1);
+    }
+    counter.finish();
+    let rows = entries.iter().zip(&outcomes).map(|(entry, own)| {
+        let difference = paired(&outcomes[0], own);
+        (entry, FrameRates::of(own), difference)
+    });
+    if arguments.json {
+        let rows: Vec<_> = rows
+            .map(|(entry, rates, difference)| {
+                serde_json::json!({ "pattern": entry.name, "frames": rates, "difference": difference })
+            })
+            .collect();
+        return print_json(&serde_json::json!({
+            "conditions": conditions, "seed": arguments.seed, "patterns": rows
+        }));
+    }
+    outln!(
+        "{} frames of seed {}, the same scenes for all:",
+        arguments.samples,
+        arguments.seed
+    );
+    for (entry, r, difference) in rows {
+        outln!("{} ({} dots)", entry.name, entry.table.pattern().len());
+        outln!(
+            "  right {}, wrong {}, error: mean {:.3} deg",
+            r.right,
+            r.wrong,
+            r.mean_error_deg
+        );
+        outln!(
+            "  right more often than the first by {:.2} [{:.2}, {:.2}] points",
+            100.0 * difference.difference,
+            100.0 * difference.low,
+            100.0 * difference.high
+        );
+    }
     Ok(())
 }
 

@@ -23,7 +23,11 @@ macro_rules! errln {
 }
 
 #[cfg(feature = "vision")]
+mod advise;
+#[cfg(feature = "vision")]
 mod calibrate;
+#[cfg(feature = "vision")]
+mod camera;
 mod certify;
 mod compare;
 mod design;
@@ -93,6 +97,9 @@ enum Command {
     Merge(merge::Arguments),
     /// Measure how often a pattern is identified correctly, by Monte Carlo.
     Validate(validate::Arguments),
+    /// Say which pattern a camera identifies best, how well, and what to change of the camera.
+    #[cfg(feature = "vision")]
+    Advise(Box<advise::Arguments>),
     /// Make the page of a design's folder: report.html, to look at and to hand on.
     Report(report::Arguments),
     /// Compare patterns on the same trials, side by side.
@@ -165,6 +172,8 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Design(arguments) => design::run(&arguments),
         Command::Merge(arguments) => merge::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
+        #[cfg(feature = "vision")]
+        Command::Advise(arguments) => advise::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Certify(arguments) => certify::run(&arguments),

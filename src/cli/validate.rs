@@ -4,10 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+#[cfg(feature = "vision")]
+use super::camera::{CameraArguments, print_frames};
 use super::output::{Counter, one_of};
 use super::{print_json, read_table};
 use crate::error::{Error, Result};
 use crate::files;
+#[cfg(feature = "vision")]
+use crate::hash::HashTable;
 use crate::recognize::{RecognizerName, observed};
 use crate::validate::{
     NamedValidation, Protocol, ProtocolName, observed_frames, validate_named_observed,
@@ -20,19 +24,22 @@ Protocols (a view is a rotation uniform on SO(3)):
   sparse   four of the dots with z > 1/3, noise of 3 deg: the hardest to identify
   clutter  noise of 5 deg, 20 % of the dots missed, two false dots
   image    noise of 1 px per axis on a ball of 30 px radius, 10 % missed, one false dot
+With any flag of a camera the views are instead those of that camera: what the estimator would answer on
+its images, predicted without rendering them.
 
 Views with too few dots are counted as skipped, never as failures or successes.
 
 Examples:
   spindoe validate pattern.csv
-  spindoe validate table.npz --protocol sparse --recognizer paper --json")]
+  spindoe validate table.npz --protocol sparse --recognizer paper --json
+  spindoe validate table.npz --ball-px 45 --exposure-ms 0.3")]
 pub struct Arguments {
     /// A pattern (CSV of unit vectors x,y,z) or a hash table (.npz).
     #[arg(value_name = "PATTERN_OR_TABLE")]
     input: PathBuf,
-    /// Protocol of the views.
-    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Paper)]
-    protocol: ProtocolName,
+    /// Protocol of the views [default: paper].
+    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str))]
+    protocol: Option<ProtocolName>,
     /// Number of trials.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     samples: u64,
@@ -52,11 +59,18 @@ pub struct Arguments {
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
+    #[cfg(feature = "vision")]
+    #[command(flatten)]
+    camera: CameraArguments,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let table = read_table(&arguments.input)?;
-    let mut protocol = Protocol::standard(arguments.protocol);
+    #[cfg(feature = "vision")]
+    if arguments.camera.is_stated() {
+        return before_camera(arguments, &table);
+    }
+    let mut protocol = Protocol::standard(arguments.protocol.unwrap_or(ProtocolName::Paper));
     if let Some(sigma) = arguments.sigma_deg {
         protocol = protocol.with_sigma_rad(sigma.to_radians());
     }
@@ -86,6 +100,33 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return print_json(&found);
     }
     print_words(&found);
+    Ok(())
+}
+
+/// The rates before the stated camera.
+#[cfg(feature = "vision")]
+fn before_camera(arguments: &Arguments, table: &HashTable) -> Result<()> {
+    use crate::predict::{DetectionModel, Predictor};
+    use crate::vision::EstimatorConfig;
+
+    for (is_given, flag) in [
+        (arguments.protocol.is_some(), "protocol"),
+        (arguments.sigma_deg.is_some(), "sigma-deg"),
+        (arguments.dump.is_some(), "dump"),
+        (arguments.recognizer != RecognizerName::Robust, "recognizer"),
+    ] {
+        if is_given {
+            return Err(Error::argument(flag, "cannot be used with a camera"));
+        }
+    }
+    let conditions = arguments.camera.conditions()?;
+    let model = DetectionModel::shipped()?;
+    let predictor = Predictor::new(&model, table.pattern(), EstimatorConfig::default())?;
+    let found = predictor.frames(&conditions, arguments.seed, arguments.samples)?;
+    if arguments.json {
+        return print_json(&serde_json::json!({ "conditions": conditions, "frames": found }));
+    }
+    print_frames(&found);
     Ok(())
 }
 

@@ -42,6 +42,15 @@ pub trait DesignObserver {
         Ok(())
     }
 
+    /// Puts the finalists of the last trial, the best first, into another order. By default they
+    /// stay as their rates have them.
+    ///
+    /// # Errors
+    /// Any error of the observer; it ends the search.
+    fn rank(&mut self, _finalists: &mut [Candidate]) -> Result<()> {
+        Ok(())
+    }
+
     /// Whether another round begins; called after each round but the last.
     fn another_round(&mut self, _state: &SearchState) -> bool {
         true
@@ -88,7 +97,8 @@ pub fn design(
 ) -> Result<DesignOutcome> {
     let mut search = Search::new(config, state, stop, observer)?;
     let mut stopped = !search.rounds(state)?;
-    let finalists = search.halve(state)?;
+    let mut finalists = search.halve(state)?;
+    search.observer.rank(&mut finalists)?;
     let Some(winner) = finalists.first() else {
         return Err(nothing_found(state, stopped));
     };

@@ -28,10 +28,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::page::DesignPage;
-use super::{DesignEvaluation, EvaluationConfig, evaluate};
+use super::{CameraRecord, DesignEvaluation, EvaluationConfig, evaluate};
 use crate::design::checkpoint::{SearchState, ShardFile, ShardRecord};
 use crate::design::shard::merge;
-use crate::design::{DesignConfig, DesignObserver, Shard, Stage, design, search_rounds};
+use crate::design::{Candidate, DesignConfig, DesignObserver, Shard, Stage, design, search_rounds};
 use crate::error::{Error, Result};
 use crate::files::{self, FolderLock, Replacement};
 use crate::stencil::StencilConfig;
@@ -84,6 +84,11 @@ pub trait JobObserver: DesignObserver {
     /// The command that reproduces the completed search, for the report; `None` where there is
     /// none.
     fn command(&self, _searched: &DesignConfig) -> Option<String> {
+        None
+    }
+
+    /// How the finalists were ranked for a camera, for the report; `None` where they were not.
+    fn camera(&self) -> Option<CameraRecord> {
         None
     }
 }
@@ -250,6 +255,7 @@ impl DesignJob {
             observer.step(what);
         })?;
         found.report.command = command;
+        found.report.camera = observer.camera();
         found.report.timing.search_s = search_s;
         let results = Replacement::begin(&self.dir)?;
         observer.step("drawing the plots");
@@ -400,6 +406,10 @@ impl DesignObserver for Keeper<'_> {
             self.saved = Some(best.dots.clone());
         }
         self.observer.progress(state, stage)
+    }
+
+    fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
+        self.observer.rank(finalists)
     }
 
     fn another_round(&mut self, state: &SearchState) -> bool {

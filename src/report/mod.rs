@@ -31,6 +31,7 @@ use crate::files;
 use crate::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
 use crate::pattern::PatternSummary;
 use crate::recognize::RecognizerName;
+use crate::stats::Proportion;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
     NamedValidation, Protocol, ProtocolName, SensitivityConfig, SensitivityPoint, sensitivity,
@@ -121,8 +122,41 @@ pub struct DesignReport {
     pub validation: Vec<NamedValidation>,
     /// How the rates depend on noise and alpha.
     pub sensitivity: Vec<SensitivityPoint>,
+    /// How the finalists were ranked for a camera, where they were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraRecord>,
     /// Clock times; they differ from run to run.
     pub timing: Timing,
+}
+
+/// How the finalists of a design were ranked for a camera.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct CameraRecord {
+    /// The camera's conditions, as JSON.
+    pub conditions: serde_json::Value,
+    /// Whether the frames were rendered; predicted if not.
+    pub rendered: bool,
+    /// Frames a finalist.
+    pub frames: u64,
+    /// Their seed.
+    pub seed: u64,
+    /// The finalists, the best first.
+    pub finalists: Vec<CameraRank>,
+}
+
+/// A finalist before the camera.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct CameraRank {
+    /// The start it came from.
+    pub start: usize,
+    /// Frames answered with an error under 20 degrees.
+    pub right: Proportion,
+    /// Frames answered with a larger one.
+    pub wrong: Proportion,
+    /// Mean error of the right ones, degrees.
+    pub mean_error_deg: f64,
+    /// Root mean square error over `sqrt(right - 2 wrong)`, degrees: what they were ranked by.
+    pub effective_error_deg: f64,
 }
 
 /// Configuration of the winner's evaluation.
@@ -232,6 +266,7 @@ pub fn evaluate(
         },
         validation,
         sensitivity,
+        camera: None,
         timing,
     };
     Ok(DesignEvaluation { table, report })

@@ -238,6 +238,17 @@ impl Sequence {
         })
     }
 
+    /// The ball of a scene, which stays at its place in the image, seen `count` times.
+    pub(crate) fn of_scene(first: Scene, fps: f64, seed: u64, count: usize) -> Self {
+        Self {
+            first,
+            fps,
+            seed,
+            count,
+            drift_px: [0.0; 2],
+        }
+    }
+
     /// The spin, camera frame, rad/s.
     pub fn spin(&self) -> Vec3 {
         self.first.spin
@@ -248,6 +259,12 @@ impl Sequence {
     /// # Errors
     /// [`Error::Internal`] where the compression fails.
     pub fn frame(&self, k: usize) -> Result<Frame> {
+        let (scene, ns) = self.scene(k);
+        frame(&scene, format!("{ns}.png"), Some(ns as f64 * 1e-9))
+    }
+
+    /// The scene of frame number `k` before it is rendered, and its time, ns.
+    pub(crate) fn scene(&self, k: usize) -> (Scene, u64) {
         let step = (1e9 * k as f64 / self.fps).round() as u64;
         // The time that the name says, to the nanosecond.
         let since_s = step as f64 * 1e-9;
@@ -257,8 +274,7 @@ impl Sequence {
         scene.circle.center.u += self.drift_px[0] * share;
         scene.circle.center.v += self.drift_px[1] * share;
         scene.noise_seed = frame_rng(self.seed, 1 + k as u64).random();
-        let ns = FIRST_NS + step;
-        frame(&scene, format!("{ns}.png"), Some(ns as f64 * 1e-9))
+        (scene, FIRST_NS + step)
     }
 }
 

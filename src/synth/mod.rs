@@ -40,6 +40,7 @@ pub mod folder;
 pub mod light;
 pub mod logo;
 mod noise;
+pub mod observables;
 pub mod occlusion;
 pub mod pen;
 mod random;

@@ -201,13 +201,13 @@ impl Scene {
     }
 
     /// Whether a point of the image lies within it, and whether it is hidden.
-    fn inside_and_hidden(&self, Pixel { u, v }: Pixel) -> [bool; 2] {
+    pub(super) fn inside_and_hidden(&self, Pixel { u, v }: Pixel) -> [bool; 2] {
         let within = |x: f64, side: usize| (-0.5..=side as f64 - 0.5).contains(&x);
         let inside = within(u, self.size[0]) && within(v, self.size[1]);
         [inside, self.hidden(u, v).0 > 0.5]
     }
 
-    fn rim(&self, outline: &Ellipse) -> f64 {
+    pub(super) fn rim(&self, outline: &Ellipse) -> f64 {
         let seen = (0..RIM_POINTS).filter(|k| {
             let t = std::f64::consts::TAU * *k as f64 / RIM_POINTS as f64;
             self.inside_and_hidden(outline.point(t)) == [true, false]
@@ -215,7 +215,7 @@ impl Scene {
         seen.count() as f64 / RIM_POINTS as f64
     }
 
-    fn true_dots(&self, view: &View) -> Vec<TrueDot> {
+    pub(super) fn true_dots(&self, view: &View) -> Vec<TrueDot> {
         let ball = luma(self.surface.ball);
         let to_view = view.to_view();
         let dots = self.surface.dots.iter().enumerate();

@@ -140,6 +140,14 @@ impl Scene {
         self
     }
 
+    /// The rotation from the camera's frame to the view frame, see [`Rendering`](super::Rendering).
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] where the circle or the camera is not finite or not positive.
+    pub fn to_view(&self) -> Result<Rotation> {
+        Ok(View::new(&self.camera, self.circle)?.to_view())
+    }
+
     /// Maximum of the surface's motion in the image during the exposure, pixels: the rotation and
     /// the displacement of the ball.
     pub fn blur_px(&self) -> f64 {

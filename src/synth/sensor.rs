@@ -144,7 +144,7 @@ impl Sensor {
     }
 
     /// The value of a signal.
-    fn encode(&self, signal: f32) -> f32 {
+    pub(super) fn encode(&self, signal: f32) -> f32 {
         let s = signal.clamp(0.0, 1.0);
         let encoded = match self.encoding {
             Encoding::Linear => s,

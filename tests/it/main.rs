@@ -14,6 +14,8 @@ mod hash;
 mod mark;
 mod pattern;
 mod plot;
+#[cfg(feature = "vision")]
+mod predict;
 mod recognize;
 mod report;
 mod spin;

@@ -15,7 +15,7 @@ use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::stencil::StencilConfig;
 use crate::validate::{Noise, Protocol, ProtocolName};
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(after_help = "\
 Random starts descend on the objective under the constraints; the best are evaluated by Monte Carlo, the
 winner is polished on the measured rate itself, and evaluated on trials of seeds used nowhere else.
@@ -30,17 +30,18 @@ Examples:
   spindoe design --seed 7 --budget 30m --out my-ball --resume
   spindoe design --dots 12 --hole-diameter-mm 6 --out twelve
   spindoe design --from old.csv --keep-out 0,0,1,25 --out with-logo
+  spindoe design --camera camera.toml --out for-my-camera
   spindoe design --protocol image --ball-pixels 40 --pixel-noise 0.7 --out small-in-the-image")]
 pub struct Arguments {
-    /// Number of dots, 4 to 64.
-    #[arg(long, value_name = "N", default_value_t = DesignConfig::default().dots)]
-    dots: usize,
+    /// Number of dots, 4 to 64 [default: 20; with --camera the best of a few numbers].
+    #[arg(long, value_name = "N")]
+    pub(super) dots: Option<usize>,
     /// Seed of the random starts; the seeds of all trials are derived from it.
     #[arg(long, value_name = "N", default_value_t = 0)]
-    seed: u64,
+    pub(super) seed: u64,
     /// Number of random starts per round.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().starts)]
-    starts: usize,
+    pub(super) starts: usize,
     /// Number of rounds.
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "budget")]
     rounds: usize,
@@ -90,7 +91,7 @@ pub struct Arguments {
     protocol: ProtocolName,
     /// Improve this pattern instead of starting at random.
     #[arg(long, value_name = "PATTERN.csv", conflicts_with = "dots")]
-    from: Option<PathBuf>,
+    pub(super) from: Option<PathBuf>,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
     /// need, at least 18.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
@@ -118,10 +119,11 @@ pub struct Arguments {
     /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6:
     /// measure yours.
     #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
-    ball_diameter_mm: f64,
-    /// Diameter of the stencil's holes at the ball, mm.
-    #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().hole_diameter_mm, allow_negative_numbers = true)]
-    hole_diameter_mm: f64,
+    pub(super) ball_diameter_mm: f64,
+    /// Diameter of the stencil's holes at the ball, mm [default: 4; with --camera the largest that the
+    /// number of dots leaves room for].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub(super) hole_diameter_mm: Option<f64>,
     /// Diameter of the ball in the camera's image, pixels; sets the noise of --protocol image, and
     /// tells whether the dots are too small to be detected.
     #[arg(
@@ -148,6 +150,16 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     blur: f64,
+    /// The camera that the pattern is for, as for `spindoe advise`: it chooses the number of dots where
+    /// --dots is not given, and ranks the finalists by what it would see of them.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "CAMERA.toml")]
+    pub(super) camera: Option<PathBuf>,
+    /// Rank the finalists on N rendered frames each, read by the whole estimator, instead of
+    /// predicted ones; some 10 ms a frame and core.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "N", requires = "camera")]
+    pub(super) render: Option<u64>,
     /// The folder to write to; by default spindoe-design, with a number where that is taken.
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
@@ -184,7 +196,11 @@ impl Arguments {
             Some(path) => Some(Pattern::read_csv(path)?),
             None => None,
         };
-        let dots = from.as_ref().map_or(self.dots, Pattern::len);
+        let dots = from
+            .as_ref()
+            .map(Pattern::len)
+            .or(self.dots)
+            .unwrap_or(DesignConfig::default().dots);
         let protocol = self.protocol()?;
         Ok(DesignConfig {
             dots,
@@ -276,13 +292,14 @@ impl Arguments {
     /// A warning where the camera sees the dots so small that its detector misses many.
     pub(super) fn dot_size_warning(&self) -> Option<String> {
         let per_mm = self.ball_pixels / self.ball_diameter_mm;
-        let width_px = self.hole_diameter_mm * per_mm;
+        let hole_diameter_mm = self.stencil().hole_diameter_mm;
+        let width_px = hole_diameter_mm * per_mm;
         (width_px < MIN_DOT_PX).then(|| {
             format!(
                 "warning: --hole-diameter-mm: dots of {} mm are {width_px:.1} pixels wide on a ball of {} pixels; \
                  below {MIN_DOT_PX} pixels 5 to 20 of 100 frames more go without an answer; here that takes \
                  {:.1} mm",
-                self.hole_diameter_mm,
+                hole_diameter_mm,
                 self.ball_pixels,
                 (10.0 * MIN_DOT_PX / per_mm).ceil() / 10.0,
             )
@@ -327,7 +344,9 @@ impl Arguments {
     pub(super) fn stencil(&self) -> StencilConfig {
         StencilConfig {
             ball_diameter_mm: self.ball_diameter_mm,
-            hole_diameter_mm: self.hole_diameter_mm,
+            hole_diameter_mm: self
+                .hole_diameter_mm
+                .unwrap_or(StencilConfig::default().hole_diameter_mm),
             ..StencilConfig::default()
         }
     }
@@ -367,10 +386,20 @@ impl Arguments {
             add("keep-out", cone.given.map(|x| x.to_string()).join(","));
         }
         add("ball-diameter-mm", self.ball_diameter_mm.to_string());
-        add("hole-diameter-mm", self.hole_diameter_mm.to_string());
+        add(
+            "hole-diameter-mm",
+            self.stencil().hole_diameter_mm.to_string(),
+        );
+        #[cfg(feature = "vision")]
+        if let Some(path) = &self.camera {
+            add("camera", quoted(&path.to_string_lossy()));
+            if let Some(frames) = self.render {
+                add("render", frames.to_string());
+            }
+        }
         if self.protocol == ProtocolName::Image {
-            add("ball_pixels", self.ball_pixels.to_string());
-            add("pixel_noise", self.pixel_noise.to_string());
+            add("ball-pixels", self.ball_pixels.to_string());
+            add("pixel-noise", self.pixel_noise.to_string());
             add("blur", self.blur.to_string());
         }
         words.join(" ")

@@ -1,6 +1,8 @@
 //! `spindoe design`: searches a pattern, evaluates it and writes its folder.
 
 mod arguments;
+#[cfg(feature = "vision")]
+mod camera;
 mod progress;
 
 use std::path::PathBuf;
@@ -24,13 +26,15 @@ use progress::DesignProgress;
 const FOLDER: &str = "spindoe-design";
 
 pub fn run(arguments: &Arguments) -> Result<()> {
+    let stop = stop_on_interrupt()?;
+    #[cfg(feature = "vision")]
+    let arguments = &camera::settled(arguments, &stop)?;
     let (job, start) = arguments.job()?;
     if let Some(warning) = arguments.dot_size_warning() {
         errln!("spindoe: {warning}");
     }
-    let stop = stop_on_interrupt()?;
     let clock = Instant::now();
-    let mut progress = DesignProgress::new(&job.config, arguments);
+    let mut progress = DesignProgress::new(&job.config, arguments)?;
     if let Some(shard) = arguments.shard {
         let done = job.run_shard(shard, start, &stop, &mut progress)?;
         progress.finish();

@@ -3,10 +3,16 @@
 use std::time::Duration;
 
 use super::Arguments;
+#[cfg(feature = "vision")]
+use super::camera::CameraRanking;
 use crate::cli::output::Progress;
+#[cfg(feature = "vision")]
+use crate::design::Candidate;
 use crate::design::checkpoint::SearchState;
 use crate::design::{DesignConfig, DesignObserver, Stage};
 use crate::error::Result;
+#[cfg(feature = "vision")]
+use crate::report::CameraRecord;
 use crate::report::JobObserver;
 
 /// Shows the progress of a design, and ends it when its budget is spent.
@@ -14,6 +20,8 @@ pub(super) struct DesignProgress<'a> {
     config: &'a DesignConfig,
     arguments: &'a Arguments,
     line: Progress,
+    #[cfg(feature = "vision")]
+    ranking: Option<CameraRanking>,
     /// Start of the current round, in seconds of the search.
     round_began_s: f64,
 }
@@ -29,14 +37,16 @@ const SEARCH_SHARE: f64 = 0.7;
 const POLISH_SHARE: f64 = 0.9;
 
 impl<'a> DesignProgress<'a> {
-    pub fn new(config: &'a DesignConfig, arguments: &'a Arguments) -> Self {
+    pub fn new(config: &'a DesignConfig, arguments: &'a Arguments) -> Result<Self> {
         let template = "{bar:25} {elapsed} gone, {eta} left  {msg}";
-        Self {
+        Ok(Self {
             config,
             arguments,
             line: Progress::new(STEPS, template, SILENCE),
+            #[cfg(feature = "vision")]
+            ranking: CameraRanking::new(arguments)?,
             round_began_s: 0.0,
-        }
+        })
     }
 
     pub fn finish(&self) {
@@ -116,6 +126,11 @@ impl JobObserver for DesignProgress<'_> {
     fn command(&self, searched: &DesignConfig) -> Option<String> {
         Some(self.arguments.command(searched))
     }
+
+    #[cfg(feature = "vision")]
+    fn camera(&self) -> Option<CameraRecord> {
+        self.ranking.as_ref().and_then(CameraRanking::record)
+    }
 }
 
 impl DesignObserver for DesignProgress<'_> {
@@ -126,6 +141,17 @@ impl DesignObserver for DesignProgress<'_> {
         let elapsed_s = state.elapsed_s;
         self.line.show(done, &what, || left(elapsed_s, share));
         Ok(())
+    }
+
+    #[cfg(feature = "vision")]
+    fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
+        match &mut self.ranking {
+            Some(ranking) => {
+                self.line.say("ranking the finalists for the camera");
+                ranking.rank(finalists)
+            }
+            None => Ok(()),
+        }
     }
 
     fn another_round(&mut self, state: &SearchState) -> bool {

@@ -273,8 +273,8 @@ pub struct FrameEstimate {
     pub(super) earlier_attempts: usize,
     /// Those and the runs on this outline: each had its chance to be correct by accident.
     pub(super) attempts: usize,
-    /// Whether the outline was given.
-    pub(super) is_given: bool,
+    /// Share of the outline that counts as shown where it is not fitted to edges: all of a given one.
+    pub(super) unfitted_support: f64,
     /// What speaks for the best pose of this outline, accepted or not.
     pub(super) evidence: Option<PoseEvidence>,
 }
@@ -294,7 +294,7 @@ impl Default for FrameEstimate {
             known_distance: None,
             earlier_attempts: 0,
             attempts: 0,
-            is_given: false,
+            unfitted_support: 0.0,
             evidence: None,
         }
     }
@@ -309,9 +309,15 @@ impl FrameEstimate {
             circle: Some(outline.circle),
             assignment: vec![None; dots.len()],
             dots,
-            is_given: true,
+            unfitted_support: 1.0,
             ..Self::default()
         }
+    }
+
+    /// The same with an outline of which the edges show this share.
+    pub(crate) fn with_support(mut self, support: f64) -> Self {
+        self.unfitted_support = support;
+        self
     }
 
     /// The orientation, if accepted.

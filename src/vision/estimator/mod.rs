@@ -355,9 +355,7 @@ impl<D: DotDetector> Estimator<D> {
         out.attempts = attempts;
         let mut best = best?.discounted(attempts);
         if hint.is_none() {
-            // A given outline is as good as one that the edges show whole.
-            let unseen = f64::from(u8::from(out.is_given));
-            let support = out.fit.map_or(unseen, |fit| fit.support);
+            let support = out.fit.map_or(out.unfitted_support, |fit| fit.support);
             best = best.weighed(&self.config.trust, attempts, support);
             out.evidence = Some(best.evidence);
         }

@@ -431,7 +431,11 @@ impl<D: DotDetector> Estimator<D> {
         };
         out.clear();
         out.earlier_attempts = attempts;
-        out.is_given = matches!(search, Search::Given(_));
+        out.unfitted_support = match search {
+            // As good as one that the edges show whole.
+            Search::Given(_) => 1.0,
+            _ => 0.0,
+        };
         let in_view = |circle: &BallCircle| BallCircle {
             center: Pixel {
                 u: circle.center.u - view.origin.u,
@@ -526,7 +530,7 @@ impl FrameEstimate {
         self.known_distance = None;
         (self.earlier_attempts, self.attempts) = (0, 0);
         self.evidence = None;
-        self.is_given = false;
+        self.unfitted_support = 0.0;
     }
 
     /// Takes back a pose.

@@ -8,6 +8,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use zip::ZipWriter;
 
 use super::graph::Head;
@@ -21,6 +22,23 @@ pub const FORMAT_VERSION: u32 = 1;
 /// The weights that come with this crate: models/README.md says how they were made.
 static DOTS: &[u8] = include_bytes!("../../../models/dots.npz");
 static OUTLINE: &[u8] = include_bytes!("../../../models/outline.npz");
+
+/// SHA-256 of the shipped weights of the net for dots, hexadecimal.
+pub fn dots_sha256() -> String {
+    sha256(DOTS)
+}
+
+/// SHA-256 of the shipped weights of the net for outlines, hexadecimal.
+pub fn outline_sha256() -> String {
+    sha256(OUTLINE)
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
 
 /// One convolution's numbers.
 #[derive(Debug, Clone, PartialEq)]

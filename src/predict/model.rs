@@ -1,0 +1,457 @@
+//! The detection model: what the estimator's first stages give for a ball that is not rendered.
+//!
+//! For every dot in sight the probability that it is found, as a likely dot or as a doubtful one
+//! (the two thresholds of [`EstimatorConfig::dot_confidence`]), the covariance that the detector
+//! states and how far off the detection is in units of it; for the ball whether its outline is
+//! found, the outline's error, and the number and place of false dots. All are [`Regression`]s on
+//! the numbers of [`crate::synth::observables`]; what is left beyond them is drawn from the
+//! quantiles of the residuals, and dots of a frame share one random effect. The file
+//! `models/camera.json` ships the coefficients, the domain in which they were learned, and how they
+//! came about.
+//!
+//! What is not modeled: detections that merge two dots, false dots that stay at their place from
+//! frame to frame, an outline's error that lasts over a sequence.
+//!
+//! [`EstimatorConfig::dot_confidence`]: crate::vision::EstimatorConfig
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix2, Matrix3, Vector2};
+use rand::{Rng, RngExt};
+use rand_distr::{Distribution, Gamma, Poisson, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use super::regression::{Regression, Scaling};
+use crate::error::{Error, Result};
+use crate::synth::observables::{BALL_OBSERVABLES, DOT_OBSERVABLES, SeenBall, SeenDot};
+use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::detect::DotDetection;
+use crate::vision::estimator::{FrameEstimate, Outline};
+
+/// The file's version.
+pub const VERSION: u32 = 1;
+/// Below this cosine no dot is found.
+pub(super) const MIN_FACING: f64 = 0.05;
+/// Confidences that stand for likely and for doubtful detections.
+const CONFIDENCE: [f64; 2] = [0.9, 0.3];
+/// Bounds of a stated standard deviation, pixels.
+const SIGMA_PX: [f64; 2] = [0.02, 10.0];
+
+/// How a model came about.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Rendered frames from which it was learned.
+    pub frames: usize,
+    /// Their seed.
+    pub seed: u64,
+    /// SHA-256 of the detector's weights that read them.
+    pub weights_sha256: String,
+    /// SHA-256 of the weights of the net for outlines.
+    pub outline_sha256: String,
+}
+
+/// A mean with the quantiles of what is left, which differ with how easy the case is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// The mean.
+    pub mean: Regression,
+    /// For each class of cases ([`Classes`]) equally spaced quantiles of the residuals, from the
+    /// least to the greatest.
+    pub residuals: Vec<Vec<f64>>,
+}
+
+impl Spread {
+    fn draw<R: Rng + ?Sized>(&self, terms: &[f64], class: usize, rng: &mut R) -> f64 {
+        self.mean.value(terms) + draw(&self.residuals[class], rng)
+    }
+}
+
+/// Classes of cases by the linear predictor of a probability: hard ones first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Classes {
+    /// The predictor's value between one class and the next, ascending.
+    pub borders: Vec<f64>,
+}
+
+impl Classes {
+    /// The class of a case.
+    pub fn of(&self, predictor: f64) -> usize {
+        self.borders.partition_point(|b| *b <= predictor)
+    }
+
+    /// Their number.
+    pub fn count(&self) -> usize {
+        self.borders.len() + 1
+    }
+}
+
+/// A probability in place of one that is off in some of its range: straight between the points of a
+/// table of predictors.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recalibration {
+    /// Predictors, ascending.
+    pub from: Vec<f64>,
+    /// What they should be.
+    pub to: Vec<f64>,
+}
+
+impl Recalibration {
+    /// The corrected probability.
+    pub fn probability(&self, predictor: f64) -> f64 {
+        let (from, to) = (&self.from, &self.to);
+        let at = from.partition_point(|b| *b <= predictor);
+        let eta = match (at, from.len()) {
+            (_, 0) => predictor,
+            (0, _) => to[0],
+            (at, n) if at == n => to[n - 1],
+            (at, _) => {
+                let share = (predictor - from[at - 1]) / (from[at] - from[at - 1]).max(1e-9);
+                to[at - 1] + share * (to[at] - to[at - 1])
+            }
+        };
+        1.0 / (1.0 + (-eta).exp())
+    }
+}
+
+/// Counts of false dots.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FalseDots {
+    /// Their expected number.
+    pub rate: Regression,
+    /// Shape of the gamma distribution by which single frames' rates differ from it, by class of
+    /// balls.
+    pub shape: Vec<f64>,
+    /// Share of them that lie on print or beside it, where the ball is printed on.
+    pub on_print: f64,
+    /// Equally spaced quantiles of the others' distance from the middle, ball radii.
+    pub distance: Vec<f64>,
+    /// Equally spaced quantiles of the logarithm of their stated variance, ball radii squared.
+    pub ln_variance: Vec<f64>,
+}
+
+/// See the module.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DetectionModel {
+    /// The file's version.
+    pub version: u32,
+    /// How it came about.
+    pub provenance: Provenance,
+    /// Names of the dots' covariates.
+    pub dot_names: Vec<String>,
+    /// Names of the ball's covariates.
+    pub ball_names: Vec<String>,
+    /// Scaling of the dots' covariates.
+    pub dots: Scaling,
+    /// Scaling of the ball's covariates.
+    pub ball: Scaling,
+    /// Probability that a dot is found as a likely one.
+    pub likely: Regression,
+    /// Probability that one which is not is found as a doubtful one.
+    pub doubtful: Regression,
+    /// Classes of dots by the predictor of `likely`.
+    pub dot_classes: Classes,
+    /// Standard deviation of the shift that the dots of a frame share in the logit of `likely`, by
+    /// class of balls.
+    pub frame_effect: Vec<f64>,
+    /// Logarithm of the stated variance along the ball's radius and across it, px^2.
+    pub ln_variance: [Spread; 2],
+    /// Logarithm of the squared error over the stated covariance, by dimension.
+    pub ln_error: Spread,
+    /// What a doubtful detection adds to the variances and to the error.
+    pub of_doubtful: [f64; 2],
+    /// Probability that the outline is found within [`GOOD_OUTLINE`] radii.
+    pub outline: Regression,
+    /// What that probability is corrected to.
+    pub outline_correction: Recalibration,
+    /// Classes of balls by the predictor of `outline`.
+    pub ball_classes: Classes,
+    /// Logarithm of the outline's stated variance, of its center and of its radius, radii squared.
+    pub outline_ln_variance: [Spread; 2],
+    /// Logarithm of its squared error over the stated covariance, by dimension.
+    pub outline_ln_error: Spread,
+    /// Share of the outline that the edges show.
+    pub support: Spread,
+    /// Probability of a wrong answer where the outline is not found.
+    pub wrong_without_outline: f64,
+    /// False dots, likely and doubtful ones.
+    pub false_dots: [FalseDots; 2],
+}
+
+/// Largest error of the center, and of the radius, of an outline that counts as found, radii.
+pub const GOOD_OUTLINE: f64 = 0.1;
+
+/// Working memory of [`DetectionModel::detect`].
+#[derive(Debug, Clone, Default)]
+pub struct Terms {
+    dot: Vec<f64>,
+    ball: Vec<f64>,
+}
+
+impl DetectionModel {
+    /// The model that the crate ships.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where it does not fit this version of the code.
+    pub fn shipped() -> Result<Self> {
+        let text = include_str!("../../models/camera.json");
+        Self::from_json(text).map_err(|why| Error::Internal(format!("models/camera.json: {why}")))
+    }
+
+    /// Reads a model.
+    ///
+    /// # Errors
+    /// The reason in words: no JSON, another version, other covariates, numbers that are missing or
+    /// not finite.
+    pub fn from_json(text: &str) -> std::result::Result<Self, String> {
+        let model: Self = serde_json::from_str(text).map_err(|e| e.to_string())?;
+        if model.version != VERSION {
+            return Err(format!(
+                "expected version {VERSION}, found {}",
+                model.version
+            ));
+        }
+        if model.dot_names != DOT_OBSERVABLES || model.ball_names != BALL_OBSERVABLES {
+            return Err("its covariates are not those of this version".into());
+        }
+        if !model.is_complete() {
+            return Err("a function has not one finite coefficient for each term".into());
+        }
+        Ok(model)
+    }
+
+    /// Whether every function has one finite coefficient for each term.
+    fn is_complete(&self) -> bool {
+        let (dot, ball) = (self.dots.terms(), self.ball.terms());
+        let mut of_dots = [&self.likely, &self.doubtful, &self.ln_error.mean]
+            .into_iter()
+            .chain(self.ln_variance.iter().map(|s| &s.mean));
+        let mut of_ball = [
+            &self.outline,
+            &self.outline_ln_error.mean,
+            &self.support.mean,
+        ]
+        .into_iter()
+        .chain(self.outline_ln_variance.iter().map(|s| &s.mean))
+        .chain(self.false_dots.iter().map(|f| &f.rate));
+        let fits = |r: &Regression, n: usize| {
+            r.coefficients.len() == n && r.coefficients.iter().all(|b| b.is_finite())
+        };
+        let (of_dot_class, of_ball_class) = (self.dot_classes.count(), self.ball_classes.count());
+        let tables = |s: &Spread, n: usize| {
+            s.residuals.len() == n && s.residuals.iter().all(|q| !q.is_empty())
+        };
+        let has_tables = self.ln_variance.iter().all(|s| tables(s, of_dot_class))
+            && tables(&self.ln_error, of_dot_class)
+            && self
+                .outline_ln_variance
+                .iter()
+                .all(|s| tables(s, of_ball_class))
+            && tables(&self.outline_ln_error, of_ball_class)
+            && tables(&self.support, of_ball_class)
+            && self.frame_effect.len() == of_ball_class
+            && self
+                .false_dots
+                .iter()
+                .all(|f| f.shape.len() == of_ball_class)
+            && self.outline_correction.from.len() == self.outline_correction.to.len();
+        has_tables && of_dots.all(|r| fits(r, dot)) && of_ball.all(|r| fits(r, ball))
+    }
+
+    /// What the estimator would find on this ball before it identifies the dots; `None` where it
+    /// does not find the outline.
+    pub fn detect<R: Rng + ?Sized>(
+        &self,
+        ball: &SeenBall,
+        terms: &mut Terms,
+        rng: &mut R,
+    ) -> Option<FrameEstimate> {
+        terms.dot.resize(self.dots.terms(), 0.0);
+        terms.ball.resize(self.ball.terms(), 0.0);
+        self.ball.expand(&ball.observables, &mut terms.ball);
+        let predictor = self.outline.predictor(&terms.ball);
+        if rng.random::<f64>() >= self.outline_correction.probability(predictor) {
+            return None;
+        }
+        let class = self.ball_classes.of(predictor);
+        let outline = self.draw_outline(ball, &terms.ball, class, rng);
+        let mut dots = Vec::with_capacity(ball.dots.len() + 4);
+        let scale = self.frame_effect[class];
+        let effect = FrameEffect {
+            // The coefficients are those of the mean over all frames; given the frame's own shift
+            // they are steeper (S. L. Zeger, K.-Y. Liang, P. S. Albert, Biometrics 44, 1988).
+            steeper: (1.0 + 0.346 * scale * scale).sqrt(),
+            shift: scale * normal(rng),
+        };
+        for dot in &ball.dots {
+            dots.extend(self.draw_dot(dot, &ball.circle, &effect, &mut terms.dot, rng));
+        }
+        for (false_dots, confidence) in self.false_dots.iter().zip(CONFIDENCE) {
+            false_dots.draw(ball, &terms.ball, class, confidence, rng, &mut dots);
+        }
+        dots.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+        let support = self.support.draw(&terms.ball, class, rng).clamp(0.0, 1.0);
+        Some(FrameEstimate::from_detections(outline, dots).with_support(support))
+    }
+
+    fn draw_outline<R: Rng + ?Sized>(
+        &self,
+        ball: &SeenBall,
+        terms: &[f64],
+        class: usize,
+        rng: &mut R,
+    ) -> Outline {
+        let r = ball.circle.radius;
+        let [center, radius] = [0, 1].map(|k| {
+            let ln: f64 = self.outline_ln_variance[k].draw(terms, class, rng);
+            r * (0.5 * ln).exp().clamp(1e-4, GOOD_OUTLINE)
+        });
+        let scale = (0.5 * self.outline_ln_error.draw(terms, class, rng)).exp() * 3f64.sqrt();
+        let towards = [(); 3].map(|()| normal(rng));
+        let norm = towards.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
+        let limit = GOOD_OUTLINE * r;
+        let [u, v, d] = [center, center, radius];
+        let off = [
+            (scale * u * towards[0] / norm).clamp(-limit, limit),
+            (scale * v * towards[1] / norm).clamp(-limit, limit),
+            (scale * d * towards[2] / norm).clamp(-limit, limit),
+        ];
+        Outline {
+            circle: BallCircle {
+                center: Pixel {
+                    u: ball.circle.center.u + off[0],
+                    v: ball.circle.center.v + off[1],
+                },
+                radius: r + off[2],
+            },
+            covariance: Matrix3::from_diagonal(&nalgebra::Vector3::new(u * u, v * v, d * d)),
+        }
+    }
+
+    fn draw_dot<R: Rng + ?Sized>(
+        &self,
+        dot: &SeenDot,
+        circle: &BallCircle,
+        effect: &FrameEffect,
+        terms: &mut [f64],
+        rng: &mut R,
+    ) -> Option<DotDetection> {
+        let truth = &dot.truth;
+        if !can_be_found(dot) {
+            return None;
+        }
+        self.dots.expand(&dot.observables, terms);
+        let predictor = self.likely.predictor(terms);
+        let class = self.dot_classes.of(predictor);
+        let eta = predictor * effect.steeper + effect.shift;
+        let is_likely = rng.random::<f64>() < 1.0 / (1.0 + (-eta).exp());
+        let is_doubtful = !is_likely && rng.random::<f64>() < self.doubtful.value(terms);
+        if !is_likely && !is_doubtful {
+            return None;
+        }
+        let [more_variance, more_error] = if is_likely {
+            [0.0, 0.0]
+        } else {
+            self.of_doubtful
+        };
+        let sigmas = [0, 1].map(|k| {
+            let ln = self.ln_variance[k].draw(terms, class, rng) + more_variance;
+            (0.5 * ln).exp().clamp(SIGMA_PX[0], SIGMA_PX[1])
+        });
+        let ln_error = self.ln_error.draw(terms, class, rng) + more_error;
+        let (s, c) = (TAU * rng.random::<f64>()).sin_cos();
+        let scale = (0.5 * ln_error).exp() * 2f64.sqrt();
+        let radial = radial(truth.pixel, circle);
+        let across = Vector2::new(-radial.y, radial.x);
+        let off = radial * (scale * c * sigmas[0]) + across * (scale * s * sigmas[1]);
+        let covariance: Matrix2<f64> = radial * radial.transpose() * sigmas[0].powi(2)
+            + across * across.transpose() * sigmas[1].powi(2);
+        Some(DotDetection {
+            pixel: Pixel {
+                u: truth.pixel.u + off.x,
+                v: truth.pixel.v + off.y,
+            },
+            covariance,
+            confidence: if is_likely {
+                CONFIDENCE[0]
+            } else {
+                CONFIDENCE[1]
+            },
+        })
+    }
+
+    /// Share of the dots and balls that lie within what the model was learned from.
+    pub fn covers(&self, ball: &SeenBall) -> bool {
+        self.ball.contains(&ball.observables)
+    }
+}
+
+/// What the dots of a frame share.
+struct FrameEffect {
+    /// Factor on the predictor.
+    steeper: f64,
+    /// Added to it.
+    shift: f64,
+}
+
+impl FalseDots {
+    fn draw<R: Rng + ?Sized>(
+        &self,
+        ball: &SeenBall,
+        terms: &[f64],
+        class: usize,
+        confidence: f64,
+        rng: &mut R,
+        dots: &mut Vec<DotDetection>,
+    ) {
+        let rate = self.rate.value(terms);
+        let own =
+            Gamma::new(self.shape[class], 1.0 / self.shape[class]).map_or(1.0, |g| g.sample(rng));
+        let count = Poisson::new((rate * own).clamp(1e-9, 50.0)).map_or(0.0, |p| p.sample(rng));
+        let BallCircle { center, radius } = ball.circle;
+        for _ in 0..count as usize {
+            let is_on_print = rng.random::<f64>() < self.on_print && !ball.printed.is_empty();
+            let pixel = if is_on_print {
+                let at = ball.printed[rng.random_range(0..ball.printed.len())];
+                let off = 0.08 * radius;
+                Pixel {
+                    u: at.u + off * normal(rng),
+                    v: at.v + off * normal(rng),
+                }
+            } else {
+                let out = radius * draw(&self.distance, rng);
+                let (s, c) = (TAU * rng.random::<f64>()).sin_cos();
+                Pixel {
+                    u: center.u + out * c,
+                    v: center.v + out * s,
+                }
+            };
+            let variance = draw(&self.ln_variance, rng).exp() * radius * radius;
+            dots.push(DotDetection {
+                pixel,
+                covariance: Matrix2::from_diagonal_element(variance),
+                confidence,
+            });
+        }
+    }
+}
+
+/// Whether a detector could find the dot at all.
+pub(super) fn can_be_found(dot: &SeenDot) -> bool {
+    dot.truth.inside && !dot.truth.occluded && dot.truth.facing > MIN_FACING
+}
+
+/// The direction from the ball's middle to a pixel.
+pub(super) fn radial(pixel: Pixel, circle: &BallCircle) -> Vector2<f64> {
+    Vector2::new(pixel.u - circle.center.u, pixel.v - circle.center.v)
+        .try_normalize(1e-9)
+        .unwrap_or_else(Vector2::x)
+}
+
+/// A number from the distribution with these equally spaced quantiles.
+fn draw<R: Rng + ?Sized>(quantiles: &[f64], rng: &mut R) -> f64 {
+    crate::stats::quantile(quantiles, rng.random())
+}
+
+fn normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {
+    rng.sample(StandardNormal)
+}

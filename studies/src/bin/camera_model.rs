@@ -1,0 +1,108 @@
+//! Learns the detection model of `spindoe::predict` from rendered frames that the estimator reads,
+//! and writes models/camera.json.
+//!
+//!     cargo run --release -p spindoe-studies --bin camera_model -- [FRAMES] [SEED] [OUT.json]
+//!
+//! Half of the frames are drawn from all conditions, half from good ones, balls of 20 to 200 pixels,
+//! each with another random pattern of 12 to 40 dots. No shipped pattern occurs.
+
+use std::error::Error;
+
+use rand::RngExt;
+use rayon::prelude::*;
+use spindoe::pattern::random_pattern;
+use spindoe::predict::{DetectionModel, FrameOutcome, Observation, Provenance};
+use spindoe::synth::dataset::frame_rng;
+use spindoe::synth::{Scene, SynthConfig};
+use spindoe::vision::net::weights::{dots_sha256, outline_sha256};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+
+/// Minimum separation of the dots of a random pattern, radians.
+const SEPARATION: f64 = 0.25;
+/// The stream of a frame's pattern, apart from the one that draws its scene.
+const PATTERNS: u64 = 1 << 61;
+
+type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
+
+fn main() -> Outcome<()> {
+    let mut arguments = std::env::args().skip(1);
+    let frames: usize = arguments.next().map_or(Ok(20_000), |a| a.parse())?;
+    let seed: u64 = arguments.next().map_or(Ok(15_000_001), |a| a.parse())?;
+    let out = arguments.next().unwrap_or("models/camera.json".into());
+    let ball_px = Some([20.0, 200.0]);
+    let configs = [
+        SynthConfig {
+            ball_px,
+            ..SynthConfig::default()
+        },
+        SynthConfig {
+            ball_px,
+            ..SynthConfig::good()
+        },
+    ];
+    let detector = DetectorName::Cnn.build()?;
+    let first = random_pattern(20, SEPARATION, &mut frame_rng(seed, PATTERNS))?;
+    let estimator = Estimator::new(&first, EstimatorConfig::default(), detector)?;
+    let observed: Vec<Outcome<(Observation, FrameOutcome)>> = (0..frames)
+        .into_par_iter()
+        .map(|k| {
+            let mut rng = frame_rng(seed, PATTERNS + 1 + k as u64);
+            let dots = rng.random_range(12..=40);
+            let pattern = random_pattern(dots, SEPARATION, &mut rng)?;
+            let scene = Scene::random(&pattern, &configs[k % 2], &mut frame_rng(seed, k as u64))?;
+            let rendering = scene.render()?;
+            let ball = scene.seen()?;
+            let own = estimator.for_pattern(&pattern)?;
+            let (mut ws, mut found) = (own.workspace(), FrameEstimate::default());
+            own.estimate_frame(&rendering.image, None, None, &mut ws, &mut found);
+            let outcome = FrameOutcome::of(&found, &ball.rotation);
+            Ok((Observation::new(&ball, &found, outcome.is_wrong()), outcome))
+        })
+        .collect();
+    let (mut observations, mut right, mut wrong) = (Vec::new(), 0, 0);
+    for one in observed {
+        let (observation, outcome) = one?;
+        right += usize::from(outcome.is_right());
+        wrong += usize::from(outcome.is_wrong());
+        observations.push(observation);
+    }
+    println!("{frames} frames of seed {seed}: {right} right, {wrong} wrong");
+    for k in 0..12 {
+        let mut rows: Vec<(f64, bool)> = observations
+            .iter()
+            .map(|o| (o.ball()[k], o.has_outline()))
+            .collect();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+        print!("{k:2}:");
+        for part in rows.chunks(rows.len().div_ceil(10)) {
+            let lost = part.iter().filter(|r| !r.1).count();
+            print!(
+                " {:.2}:{:.1}%",
+                part[0].0,
+                100.0 * lost as f64 / part.len() as f64
+            );
+        }
+        println!();
+    }
+    let provenance = Provenance {
+        frames,
+        seed,
+        weights_sha256: dots_sha256(),
+        outline_sha256: outline_sha256(),
+    };
+    let model = DetectionModel::learn(&observations, provenance)?;
+    println!(
+        "frame effects {:.3?}, doubtful {:?}, wrong without outline {:.4}, false dots: shapes {:.2?} {:.2?}, on print {:.2} {:.2}\noutline: {:.2?}",
+        model.frame_effect,
+        model.of_doubtful,
+        model.wrong_without_outline,
+        model.false_dots[0].shape,
+        model.false_dots[1].shape,
+        model.false_dots[0].on_print,
+        model.false_dots[1].on_print,
+        model.outline_correction,
+    );
+    std::fs::write(&out, model.to_json()?)?;
+    println!("{out}");
+    Ok(())
+}
