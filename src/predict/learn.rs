@@ -89,16 +89,6 @@ impl Observation {
         observation
     }
 
-    /// Its covariates.
-    pub fn ball(&self) -> &[f64] {
-        &self.ball
-    }
-
-    /// Whether the outline was found.
-    pub fn has_outline(&self) -> bool {
-        self.outline.is_some()
-    }
-
     fn match_dots(&mut self, ball: &SeenBall, found: &FrameEstimate) {
         let r = ball.circle.radius;
         let dots: Vec<_> = ball.dots.iter().filter(|d| can_be_found(d)).collect();

@@ -129,6 +129,8 @@ impl PrecessionConfig {
 }
 
 /// The outcome of a precession fit.
+// One a sequence: half a kilobyte is less trouble than a box.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PrecessionOutcome {
     /// There is evidence for a precession.

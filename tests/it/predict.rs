@@ -31,7 +31,13 @@ fn regressions_have_their_closed_forms() {
     let rows: Vec<[f64; 2]> = (0..n)
         .map(|i| [1.0, f64::from(u8::from(i % 2 == 0))])
         .collect();
-    let share = |i: usize| if i % 2 == 0 { i % 10 < 6 } else { i % 5 == 0 };
+    let share = |i: usize| {
+        if i.is_multiple_of(2) {
+            i % 10 < 6
+        } else {
+            i.is_multiple_of(5)
+        }
+    };
     let values: Vec<f64> = (0..n).map(|i| f64::from(u8::from(share(i)))).collect();
     let rate = |group: usize| {
         let of: Vec<f64> = values.iter().skip(group).step_by(2).copied().collect();
@@ -113,7 +119,7 @@ fn observables_are_what_the_image_shows() {
                 .map(|(s, c)| value(at.u + reach * c, at.v + reach * s))
                 .sum::<f64>()
                 / 8.0;
-            if around > 0.99 || around < 0.05 {
+            if !(0.05..=0.99).contains(&around) {
                 continue;
             }
             let [_, facing, _, contrast, _, brightness, ..] = dot.observables;

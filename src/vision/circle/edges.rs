@@ -236,7 +236,8 @@ impl Unrolled {
                 }
                 sampled = count;
             }
-            for k in sampled..count {
+            while sampled < count {
+                let k = sampled;
                 let radius = begin + k as f64 / FINE;
                 let (u, v) = (center.x + radius * cos, center.y + radius * sin);
                 if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {

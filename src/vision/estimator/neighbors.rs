@@ -152,7 +152,7 @@ fn expected_outline(around: &[(f64, BallCircle)]) -> Option<BallCircle> {
         ends(f64::max, f64::NEG_INFINITY),
     );
     let step = (last - first) / (around.len() - 1) as f64;
-    if !(step > 0.0) || first > BEYOND * step || last < -BEYOND * step {
+    if step.is_nan() || step <= 0.0 || first > BEYOND * step || last < -BEYOND * step {
         return None;
     }
     let values = |f: fn(&BallCircle) -> f64| -> Vec<(f64, f64)> {

@@ -67,23 +67,6 @@ fn main() -> Outcome<()> {
         observations.push(observation);
     }
     println!("{frames} frames of seed {seed}: {right} right, {wrong} wrong");
-    for k in 0..12 {
-        let mut rows: Vec<(f64, bool)> = observations
-            .iter()
-            .map(|o| (o.ball()[k], o.has_outline()))
-            .collect();
-        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-        print!("{k:2}:");
-        for part in rows.chunks(rows.len().div_ceil(10)) {
-            let lost = part.iter().filter(|r| !r.1).count();
-            print!(
-                " {:.2}:{:.1}%",
-                part[0].0,
-                100.0 * lost as f64 / part.len() as f64
-            );
-        }
-        println!();
-    }
     let provenance = Provenance {
         frames,
         seed,

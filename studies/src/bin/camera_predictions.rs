@@ -105,5 +105,9 @@ fn random_conditions(seed: u64, camera: u64) -> CameraConditions {
         noise_levels: Some(log(0.3, 6.0)),
         ..base
     };
-    if camera / 2 % 2 == 0 { base } else { stated }
+    if (camera / 2).is_multiple_of(2) {
+        base
+    } else {
+        stated
+    }
 }
