@@ -327,8 +327,10 @@ impl Refiner {
             self.ln_leave[i] = match j {
                 UNASSIGNED => 0.0,
                 j => {
-                    let q = &self.rotated[usize::from(j)];
-                    -self.gain[i] + Leverage::new(dot, q, &covariance).without(model)
+                    let j = usize::from(j);
+                    let own = widening(view.spread, j, dot);
+                    let leverage = Leverage::new(dot, &self.rotated[j], &covariance, own);
+                    -self.gain[i] + leverage.without(model)
                 }
             };
         }
@@ -370,7 +372,8 @@ impl Refiner {
                 let refit = if mine {
                     0.0
                 } else {
-                    Leverage::new(dot, &self.rotated[j], covariance).with(view.model)
+                    let own = widening(view.spread, j, dot);
+                    Leverage::new(dot, &self.rotated[j], covariance, own).with(view.model)
                 };
                 matched += (link.gain - own + refit).exp();
                 continue;
@@ -441,11 +444,13 @@ struct Leverage {
 }
 
 impl Leverage {
-    fn new(dot: &Dot, q: &Vec3, covariance: &Matrix3<f64>) -> Self {
-        let [a, b] = dot.axes.map(|u| q.cross(&u));
+    /// `own` is the ratio by which the place of the pattern's dot widens the dot's variance.
+    fn new(dot: &Dot, q: &Vec3, covariance: &Matrix3<f64>, own: f64) -> Self {
+        let axes = dot.axes.map(|u| u / own.sqrt());
+        let [a, b] = axes.map(|u| q.cross(&u));
         let (ca, cb) = (covariance * a, covariance * b);
         Self {
-            residual: Vector2::new(dot.axes[0].dot(q), dot.axes[1].dot(q)),
+            residual: Vector2::new(axes[0].dot(q), axes[1].dot(q)),
             hat: Matrix2::new(a.dot(&ca), a.dot(&cb), a.dot(&cb), b.dot(&cb)),
         }
     }
@@ -456,7 +461,9 @@ impl Leverage {
         let weight = model.weight(self.residual.norm_squared(), SEARCH_WEIGHT);
         let left = Matrix2::identity() - self.hat * weight;
         let det = left.determinant();
-        let Some(inverse) = left.try_inverse().filter(|_| det > MIN_LEFT) else {
+        // A dot holds less than all of the information.
+        let is_part = det > MIN_LEFT && left.trace() > 0.0;
+        let Some(inverse) = left.try_inverse().filter(|_| is_part) else {
             return 0.0;
         };
         let pull = self.residual * weight;

@@ -12,7 +12,9 @@ use crate::stats::Proportion;
 /// Rates in a page.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Rates {
-    pub recognizer: String,
+    /// None where one holds for all.
+    #[serde(default)]
+    pub recognizer: Option<String>,
     pub protocol: String,
     pub samples: u64,
     pub sigma_deg: f64,
