@@ -177,15 +177,16 @@ impl DetectionModel {
         let flat: Vec<f64> = rows.iter().flat_map(|r| r.observables).collect();
         let dots = Scaling::of(&flat, DOT_OBSERVABLES.len())?;
         let flat: Vec<f64> = observations.iter().flat_map(|o| o.ball).collect();
-        let ball = Scaling::of(&flat, BALL_OBSERVABLES.len())?.without_products();
-        if observations.len() < 10 * ball.terms() {
-            let needed = 10 * ball.terms();
+        let ball_products = Scaling::of(&flat, BALL_OBSERVABLES.len())?;
+        let ball = ball_products.clone().without_products();
+        if observations.len() < 10 * ball_products.terms() {
+            let needed = 10 * ball_products.terms();
             let problem = format!("expected at least {needed}, found {}", observations.len());
             return Err(Error::argument("observations", problem));
         }
         let dot_terms = Expanded::of(&dots, rows.iter().map(|r| &r.observables[..]));
         let ball_terms = Expanded::of(&ball, observations.iter().map(|o| &o.ball[..]));
-        let good_terms = Expanded::of(&ball, good.iter().map(|o| &o.ball[..]));
+        let good_terms = Expanded::of(&ball_products, good.iter().map(|o| &o.ball[..]));
 
         let likely = dot_terms.fit(
             Link::Logit,
@@ -237,10 +238,11 @@ impl DetectionModel {
         let ball_predictors = ball_terms.predictors(&outline);
         let outline_correction = correction(&ball_predictors, &found);
         let ball_classes = classes(&ball_predictors);
-        let of_balls: Vec<usize> = good_terms
-            .predictors(&outline)
+        let of_balls: Vec<usize> = ball_predictors
             .iter()
-            .map(|p| ball_classes.of(*p))
+            .zip(&found)
+            .filter(|(_, is_found)| **is_found)
+            .map(|(p, _)| ball_classes.of(*p))
             .collect();
         let frame_effect = (0..ball_classes.count())
             .map(|class| frame_effect(&good, &dot_terms, &likely, |i| of_balls[i] == class))
@@ -282,6 +284,7 @@ impl DetectionModel {
             ball_classes,
             dots,
             ball,
+            ball_products,
         })
     }
 

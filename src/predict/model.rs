@@ -142,8 +142,11 @@ pub struct DetectionModel {
     pub ball_names: Vec<String>,
     /// Scaling of the dots' covariates.
     pub dots: Scaling,
-    /// Scaling of the ball's covariates.
+    /// Scaling of the ball's covariates, for the probability of its outline: without products, so that
+    /// no corner is extrapolated.
     pub ball: Scaling,
+    /// The same with products, for all else.
+    pub ball_products: Scaling,
     /// Probability that a dot is found as a likely one.
     pub likely: Regression,
     /// Probability that one which is not is found as a doubtful one.
@@ -185,6 +188,7 @@ pub const GOOD_OUTLINE: f64 = 0.1;
 pub struct Terms {
     dot: Vec<f64>,
     ball: Vec<f64>,
+    products: Vec<f64>,
 }
 
 impl DetectionModel {
@@ -221,40 +225,36 @@ impl DetectionModel {
 
     /// Whether every function has one finite coefficient for each term.
     fn is_complete(&self) -> bool {
-        let (dot, ball) = (self.dots.terms(), self.ball.terms());
-        let mut of_dots = [&self.likely, &self.doubtful, &self.ln_error.mean]
-            .into_iter()
-            .chain(self.ln_variance.iter().map(|s| &s.mean));
-        let mut of_ball = [
-            &self.outline,
-            &self.outline_ln_error.mean,
-            &self.support.mean,
-        ]
-        .into_iter()
-        .chain(self.outline_ln_variance.iter().map(|s| &s.mean))
-        .chain(self.false_dots.iter().map(|f| &f.rate));
-        let fits = |r: &Regression, n: usize| {
-            r.coefficients.len() == n && r.coefficients.iter().all(|b| b.is_finite())
+        let fits = |r: &Regression, scaling: &Scaling| {
+            let is_finite = r.coefficients.iter().all(|b| b.is_finite());
+            is_finite && r.coefficients.len() == scaling.terms()
         };
-        let (of_dot_class, of_ball_class) = (self.dot_classes.count(), self.ball_classes.count());
-        let tables = |s: &Spread, n: usize| {
-            s.residuals.len() == n && s.residuals.iter().all(|q| !q.is_empty())
+        let whole = |s: &Spread, scaling: &Scaling, classes: &Classes| {
+            let tables = &s.residuals;
+            let has_tables = tables.len() == classes.count()
+                && tables.iter().all(|quantiles| !quantiles.is_empty());
+            has_tables && fits(&s.mean, scaling)
         };
-        let has_tables = self.ln_variance.iter().all(|s| tables(s, of_dot_class))
-            && tables(&self.ln_error, of_dot_class)
-            && self
-                .outline_ln_variance
-                .iter()
-                .all(|s| tables(s, of_ball_class))
-            && tables(&self.outline_ln_error, of_ball_class)
-            && tables(&self.support, of_ball_class)
-            && self.frame_effect.len() == of_ball_class
-            && self
-                .false_dots
-                .iter()
-                .all(|f| f.shape.len() == of_ball_class)
-            && self.outline_correction.from.len() == self.outline_correction.to.len();
-        has_tables && of_dots.all(|r| fits(r, dot)) && of_ball.all(|r| fits(r, ball))
+        let [along, across] = &self.ln_variance;
+        let mut of_dots = [along, across, &self.ln_error].into_iter();
+        let [center, radius] = &self.outline_ln_variance;
+        let mut of_ball = [center, radius, &self.outline_ln_error, &self.support].into_iter();
+        let classes = self.ball_classes.count();
+        let correction = &self.outline_correction;
+        of_dots.all(|s| whole(s, &self.dots, &self.dot_classes))
+            && of_ball.all(|s| whole(s, &self.ball_products, &self.ball_classes))
+            && [&self.likely, &self.doubtful]
+                .into_iter()
+                .all(|r| fits(r, &self.dots))
+            && fits(&self.outline, &self.ball)
+            && correction.from.len() == correction.to.len()
+            && self.frame_effect.len() == classes
+            && self.false_dots.iter().all(|f| {
+                fits(&f.rate, &self.ball_products)
+                    && f.shape.len() == classes
+                    && !f.distance.is_empty()
+                    && !f.ln_variance.is_empty()
+            })
     }
 
     /// What the estimator would find on this ball before it identifies the dots; `None` where it
@@ -267,13 +267,16 @@ impl DetectionModel {
     ) -> Option<FrameEstimate> {
         terms.dot.resize(self.dots.terms(), 0.0);
         terms.ball.resize(self.ball.terms(), 0.0);
+        terms.products.resize(self.ball_products.terms(), 0.0);
         self.ball.expand(&ball.observables, &mut terms.ball);
+        self.ball_products
+            .expand(&ball.observables, &mut terms.products);
         let predictor = self.outline.predictor(&terms.ball);
         if rng.random::<f64>() >= self.outline_correction.probability(predictor) {
             return None;
         }
         let class = self.ball_classes.of(predictor);
-        let outline = self.draw_outline(ball, &terms.ball, class, rng);
+        let outline = self.draw_outline(ball, &terms.products, class, rng);
         let mut dots = Vec::with_capacity(ball.dots.len() + 4);
         let scale = self.frame_effect[class];
         let effect = FrameEffect {
@@ -286,10 +289,13 @@ impl DetectionModel {
             dots.extend(self.draw_dot(dot, &ball.circle, &effect, &mut terms.dot, rng));
         }
         for (false_dots, confidence) in self.false_dots.iter().zip(CONFIDENCE) {
-            false_dots.draw(ball, &terms.ball, class, confidence, rng, &mut dots);
+            false_dots.draw(ball, &terms.products, class, confidence, rng, &mut dots);
         }
         dots.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-        let support = self.support.draw(&terms.ball, class, rng).clamp(0.0, 1.0);
+        let support = self
+            .support
+            .draw(&terms.products, class, rng)
+            .clamp(0.0, 1.0);
         Some(FrameEstimate::from_detections(outline, dots).with_support(support))
     }
 
