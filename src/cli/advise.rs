@@ -30,10 +30,10 @@ pub struct Arguments {
     #[arg(value_name = "PATTERN_OR_TABLE")]
     inputs: Vec<PathBuf>,
     /// Frames a prediction.
-    #[arg(long, value_name = "N", default_value_t = 1000)]
+    #[arg(long, value_name = "N", default_value_t = 600)]
     frames: u64,
     /// Sequences a pattern, for the spin.
-    #[arg(long, value_name = "N", default_value_t = 60)]
+    #[arg(long, value_name = "N", default_value_t = 40)]
     sequences: u64,
     /// Frames of a sequence.
     #[arg(long, value_name = "N", default_value_t = 10)]
