@@ -203,6 +203,7 @@ pub(super) fn set_command_line(arguments: &[std::ffi::OsString]) {
 }
 
 /// The command as a shell takes it.
+#[cfg(feature = "vision")]
 pub(super) fn command_line() -> String {
     let command = COMMAND.lock();
     command

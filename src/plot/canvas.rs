@@ -125,6 +125,7 @@ pub(super) fn png_bytes(
 
 /// As [`png_bytes`], of a picture that is mostly a photograph: compressing it well takes longer than
 /// all the rest and saves little.
+#[cfg(feature = "vision")]
 pub(super) fn photograph_png(size: (u32, u32), pixels: &[u8]) -> Result<Vec<u8>> {
     encode(size, pixels, png::ColorType::Rgb, png::Compression::Fast)
         .map_err(|e| Error::Internal(format!("plot: {e}")))
