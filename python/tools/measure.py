@@ -1,6 +1,6 @@
 """Measures what the package costs beyond the library: time per call, batches, images, memory.
 
-    RAYON_NUM_THREADS=2 python measure.py ../designs/dots20/table.npz [--calls 100000]
+    python python/tools/measure.py designs/dots20/table.npz [--calls 100000]
 
 Times of identifications are processor time, the least of several passes. The library's own part of a call
 is what a frame takes in a batch of the same views; of a frame's estimate, `FrameEstimate.seconds`.
