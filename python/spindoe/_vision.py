@@ -258,6 +258,16 @@ def frame_of(found: Any) -> FrameEstimate:
     return FrameEstimate(circle, dots, covariances, assignment, answer, seconds)
 
 
+def _times(times_s: ArrayLike | None) -> list[float] | None:
+    """Times as the library takes them; None where there are none."""
+    if times_s is None:
+        return None
+    array = floats("times_s", times_s)
+    if array.ndim != 1:
+        raise ValueError(f"times_s: expected shape (n,), found {array.shape}")
+    return [float(time) for time in array]
+
+
 def _color(color: Color | None, image: Any) -> str:
     """The order of the channels; that of three must be said, since files and cameras differ."""
     if color is not None:
@@ -367,12 +377,7 @@ class Estimator:
             progress: True shows a bar (with `tqdm`); a function is called with (done, total).
         """
         frames = list(images)
-        times = None
-        if times_s is not None:
-            array = floats("times_s", times_s)
-            if array.ndim != 1:
-                raise ValueError(f"times_s: expected shape (n,), found {array.shape}")
-            times = array.tolist()
+        times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
             found, independently, spin = self._handle.estimate_sequence(
@@ -437,12 +442,7 @@ class Estimator:
         paths, frames = _clip(images)
         if paths and times_s is not None:
             raise ValueError("times_s: files have those of their names, their video, or fps")
-        times = None
-        if times_s is not None:
-            array = floats("times_s", times_s)
-            if array.ndim != 1:
-                raise ValueError(f"times_s: expected shape (n,), found {array.shape}")
-            times = array.tolist()
+        times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
             found = self._handle.calibrate(

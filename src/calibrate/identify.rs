@@ -3,25 +3,12 @@
 use crate::concurrency;
 use crate::error::Result;
 use crate::hash::HashTable;
+use crate::vision::detect::NoDetector;
 use crate::vision::estimator::EstimatorConfig;
-use crate::vision::{DotDetection, DotDetector, Estimator, FrameEstimate, Patch};
+use crate::vision::{Estimator, FrameEstimate};
 
 /// Frames handled by one task: a workspace serves them all.
 const CHUNK: usize = 32;
-
-/// The frames come with their detections.
-#[derive(Debug, Clone, Copy)]
-struct NoDetector;
-
-impl DotDetector for NoDetector {
-    type Workspace = ();
-
-    fn workspace(&self) {}
-
-    fn detect_into(&self, _: &Patch, _: &mut (), out: &mut Vec<DotDetection>) {
-        out.clear();
-    }
-}
 
 /// The frames, identified anew and independently from their detections with the ball of this table.
 ///

@@ -1,8 +1,6 @@
 //! Single frames of a pattern before a camera: answered correctly, wrongly, not at all, and how far
 //! off the orientation is.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -17,11 +15,10 @@ use crate::stats::{PairedDifference, Pairs, Proportion, quantile};
 use crate::synth::Scene;
 use crate::synth::dataset::frame_rng;
 use crate::validate::ORIENTATION_FAILURE_RAD;
-use crate::vision::detect::{DotDetection, DotDetector};
+use crate::vision::detect::NoDetector;
 use crate::vision::estimator::{
     Estimator, EstimatorConfig, EstimatorWorkspace, FrameEstimate, OutlineMethod,
 };
-use crate::vision::patch::Patch;
 
 /// Maximum number of frames of a prediction.
 pub const MAX_FRAMES: u64 = 10_000_000;
@@ -154,18 +151,26 @@ pub struct FramePrediction {
     pub seed: u64,
 }
 
-/// Finds nothing: the detections come from the model.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct NoDetector;
+/// Frames worked on by one task: a workspace serves them all.
+const CHUNK: u64 = 16;
 
-impl DotDetector for NoDetector {
-    type Workspace = ();
-
-    fn workspace(&self) {}
-
-    fn detect_into(&self, _: &Patch, (): &mut (), out: &mut Vec<DotDetection>) {
-        out.clear();
+/// The results of `work` on the frames `0..frames`, in their order.
+pub(super) fn each_frame<W, T: Send>(
+    frames: u64,
+    workspace: impl Fn() -> W + Sync + Send,
+    work: impl Fn(u64, &mut W) -> Result<T> + Sync + Send,
+) -> Result<Vec<T>> {
+    let chunks = concurrency::map_range(0..frames.div_ceil(CHUNK), |chunk| {
+        let mut ws = workspace();
+        (chunk * CHUNK..((chunk + 1) * CHUNK).min(frames))
+            .map(|k| work(k, &mut ws))
+            .collect::<Result<Vec<_>>>()
+    });
+    let mut results = Vec::with_capacity(frames as usize);
+    for chunk in chunks {
+        results.extend(chunk?);
     }
+    Ok(results)
 }
 
 /// A pattern before a camera.
@@ -257,25 +262,19 @@ impl<'a> Predictor<'a> {
             let problem = format!("expected 1 to {MAX_FRAMES}, found {frames}");
             return Err(Error::argument("frames", problem));
         }
-        const CHUNK: u64 = 32;
-        let covered = AtomicU64::new(0);
-        let chunks = concurrency::map_range(0..frames.div_ceil(CHUNK), |chunk| {
-            let mut ws = self.workspace();
-            (chunk * CHUNK..((chunk + 1) * CHUNK).min(frames))
-                .map(|k| {
-                    let scene = conditions.scene(self.pattern, seed, k)?;
-                    let mut rng = frame_rng(seed, k | DETECTIONS);
-                    let (outcome, _, covers) = self.read(&scene, &mut rng, &mut ws)?;
-                    covered.fetch_add(u64::from(covers), Ordering::Relaxed);
-                    Ok(outcome)
-                })
-                .collect::<Result<Vec<_>>>()
-        });
-        let mut outcomes = Vec::with_capacity(frames as usize);
-        for chunk in chunks {
-            outcomes.extend(chunk?);
-        }
-        Ok((outcomes, covered.into_inner() as f64 / frames as f64))
+        let read = each_frame(
+            frames,
+            || self.workspace(),
+            |k, ws| {
+                let scene = conditions.scene(self.pattern, seed, k)?;
+                let mut rng = frame_rng(seed, k | DETECTIONS);
+                let (outcome, _, covers) = self.read(&scene, &mut rng, ws)?;
+                Ok((outcome, covers))
+            },
+        )?;
+        let covered = read.iter().filter(|(_, covers)| *covers).count();
+        let outcomes = read.into_iter().map(|(outcome, _)| outcome).collect();
+        Ok((outcomes, covered as f64 / frames as f64))
     }
 
     /// Predicts how single frames are answered.

@@ -2,15 +2,12 @@
 
 use super::advice::effective_error_deg;
 use super::conditions::CameraConditions;
-use super::frames::{FrameOutcome, FrameRates, Predictor};
+use super::frames::{FrameOutcome, FrameRates, Predictor, each_frame};
 use super::model::DetectionModel;
-use crate::concurrency;
 use crate::error::{Result, require};
 use crate::pattern::Pattern;
 use crate::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 
-/// Rendered frames worked on by one task.
-const CHUNK: u64 = 8;
 /// Maximum number of rendered frames.
 const MAX_RENDERED: u64 = 1_000_000;
 
@@ -105,19 +102,13 @@ pub fn rendered(
         frames,
     )?;
     let estimator = Estimator::new(pattern, config, DetectorName::Cnn.build()?)?;
-    let chunks = concurrency::map_range(0..frames.div_ceil(CHUNK), |chunk| {
-        let (mut ws, mut found) = (estimator.workspace(), FrameEstimate::default());
-        (chunk * CHUNK..((chunk + 1) * CHUNK).min(frames))
-            .map(|k| {
-                let rendering = conditions.scene(pattern, seed, k)?.render()?;
-                estimator.estimate_frame(&rendering.image, None, None, &mut ws, &mut found);
-                Ok(FrameOutcome::of(&found, &rendering.rotation))
-            })
-            .collect::<Result<Vec<_>>>()
-    });
-    let mut outcomes = Vec::with_capacity(frames as usize);
-    for chunk in chunks {
-        outcomes.extend(chunk?);
-    }
-    Ok(outcomes)
+    each_frame(
+        frames,
+        || (estimator.workspace(), FrameEstimate::default()),
+        |k, (ws, found)| {
+            let rendering = conditions.scene(pattern, seed, k)?.render()?;
+            estimator.estimate_frame(&rendering.image, None, None, ws, found);
+            Ok(FrameOutcome::of(found, &rendering.rotation))
+        },
+    )
 }

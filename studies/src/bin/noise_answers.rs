@@ -9,7 +9,7 @@
 
 use std::error::Error;
 
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spindoe::pattern::Pattern;
@@ -20,60 +20,14 @@ use spindoe::vision::estimator::FrameImage;
 use spindoe::vision::{
     DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, NamedDetector, RgbImage,
 };
-
-/// Standard deviations of the blur of white noise, pixels; the last spectrum is the sum of octaves.
-const BLURS: [f64; 4] = [0.0, 1.0, 2.0, 4.0];
-const OCTAVES: [f64; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
-
-/// White noise after a Gaussian, mean 0 and standard deviation 1.
-fn blurred(side: usize, sigma: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
-    let mut values: Vec<f64> = (0..side * side).map(|_| rng.random::<f64>()).collect();
-    if sigma > 0.0 {
-        let half = (3.0 * sigma).ceil() as isize;
-        let weight = |k: isize| (-0.5 * (k as f64 / sigma).powi(2)).exp();
-        // Wrapped around: noise without a border.
-        let wrap = |x: isize| x.rem_euclid(side as isize) as usize;
-        for (du, dv) in [(1, 0), (0, 1)] {
-            let before = values.clone();
-            for (i, value) in values.iter_mut().enumerate() {
-                let (u, v) = ((i % side) as isize, (i / side) as isize);
-                let at = |k: isize| before[wrap(v + k * dv) * side + wrap(u + k * du)];
-                *value = (-half..=half).map(|k| weight(k) * at(k)).sum();
-            }
-        }
-    }
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let spread = (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
-    values.iter().map(|x| (x - mean) / spread).collect()
-}
+use spindoe_studies::noise::NoiseField;
 
 fn noise(seed: u64, k: u64) -> Result<(String, GrayImage), spindoe::Error> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(k);
-    let side = (40.0 * 5f64.powf(rng.random())) as usize;
-    let deviation = rng.random_range(0.02..0.3);
-    let spectrum = (k % 5) as usize;
-    let (name, values) = match BLURS.get(spectrum) {
-        Some(sigma) => (
-            format!("blur {sigma}, {side} px, {deviation:.2}"),
-            blurred(side, *sigma, &mut rng),
-        ),
-        None => {
-            let mut sum = vec![0.0; side * side];
-            for sigma in OCTAVES {
-                let octave = blurred(side, sigma, &mut rng);
-                sum.iter_mut().zip(octave).for_each(|(s, x)| *s += x);
-            }
-            let root = (OCTAVES.len() as f64).sqrt();
-            sum.iter_mut().for_each(|s| *s /= root);
-            (format!("pink, {side} px, {deviation:.2}"), sum)
-        }
-    };
-    let values = values
-        .iter()
-        .map(|x| (0.5 + deviation * x).clamp(0.0, 1.0) as f32);
-    Ok((name, GrayImage::new(side, side, values.collect())?))
+    let field = NoiseField::random(&mut rng, k);
+    let image = GrayImage::new(field.side, field.side, field.values)?;
+    Ok((field.name, image))
 }
 
 /// An image without a ball, or with one.

@@ -22,9 +22,10 @@ use spindoe::vision::{
     DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RgbImage,
 };
 use spindoe::{Error, Result};
+use spindoe_studies::noise::NoiseField;
 
+use super::logistic;
 use super::tables::{DESIGNS, PUBLISHED};
-use super::{logistic, noise};
 
 /// The design whose table is used.
 const OWN: &str = "dots20";
@@ -117,7 +118,11 @@ impl Sources {
                 render(&pattern, &config)
             }
             Kind::Rendered(kind) => render(&self.own, &SynthConfig { kind, ..config }),
-            Kind::NoiseField => noise::field(&mut rng, k),
+            Kind::NoiseField => {
+                let field = NoiseField::random(&mut rng, k);
+                let values = field.values.iter().map(|x| [*x; 3]).collect();
+                RgbImage::new(field.side, field.side, values)
+            }
             Kind::Photograph => crop(&self.photographs, &mut rng),
         };
         Ok((image?, None))

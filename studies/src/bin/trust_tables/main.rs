@@ -12,7 +12,6 @@
 mod conditions;
 mod kinds;
 mod logistic;
-mod noise;
 mod spins;
 mod tables;
 

@@ -2,8 +2,6 @@
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use spindoe::Result;
-use spindoe::vision::RgbImage;
 
 /// Standard deviations of the blur of white noise, pixels; the last spectrum is the sum of octaves.
 const BLURS: [f64; 4] = [0.0, 1.0, 2.0, 4.0];
@@ -32,23 +30,40 @@ fn blurred(side: usize, sigma: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
     values.iter().map(|x| (x - mean) / spread).collect()
 }
 
-/// An image of noise, of 40 to 200 px and any contrast; `k` chooses the spectrum.
-pub fn field(rng: &mut ChaCha8Rng, k: u64) -> Result<RgbImage> {
-    let side = (40.0 * 5f64.powf(rng.random())) as usize;
-    let deviation = rng.random_range(0.02..0.3);
-    let values = match BLURS.get((k % 5) as usize) {
-        Some(sigma) => blurred(side, *sigma, rng),
-        None => {
-            let mut sum = vec![0.0; side * side];
-            for sigma in OCTAVES {
-                let octave = blurred(side, sigma, rng);
-                sum.iter_mut().zip(octave).for_each(|(s, x)| *s += x);
+/// An image of noise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NoiseField {
+    /// Its spectrum, side and deviation in words.
+    pub name: String,
+    /// Its side, pixels.
+    pub side: usize,
+    /// Its gray values in [0, 1], row after row.
+    pub values: Vec<f32>,
+}
+
+impl NoiseField {
+    /// A field of 40 to 200 px and any contrast; `k` chooses the spectrum.
+    pub fn random(rng: &mut ChaCha8Rng, k: u64) -> Self {
+        let side = (40.0 * 5f64.powf(rng.random())) as usize;
+        let deviation = rng.random_range(0.02..0.3);
+        let (spectrum, values) = match BLURS.get((k % 5) as usize) {
+            Some(sigma) => (format!("blur {sigma}"), blurred(side, *sigma, rng)),
+            None => {
+                let mut sum = vec![0.0; side * side];
+                for sigma in OCTAVES {
+                    let octave = blurred(side, sigma, rng);
+                    sum.iter_mut().zip(octave).for_each(|(s, x)| *s += x);
+                }
+                let root = (OCTAVES.len() as f64).sqrt();
+                sum.iter_mut().for_each(|s| *s /= root);
+                ("pink".to_owned(), sum)
             }
-            let root = (OCTAVES.len() as f64).sqrt();
-            sum.iter_mut().for_each(|s| *s /= root);
-            sum
+        };
+        let gray = |x: &f64| (0.5 + deviation * x).clamp(0.0, 1.0) as f32;
+        Self {
+            name: format!("{spectrum}, {side} px, {deviation:.2}"),
+            side,
+            values: values.iter().map(gray).collect(),
         }
-    };
-    let gray = |x: &f64| [(0.5 + deviation * x).clamp(0.0, 1.0) as f32; 3];
-    RgbImage::new(side, side, values.iter().map(gray).collect())
+    }
 }

@@ -1,0 +1,3 @@
+//! What several measuring programs share.
+
+pub mod noise;
