@@ -29,6 +29,8 @@ const LEADER_GAP_MM: f64 = 1.0;
 /// Sizes of labels that are tried, as parts of a number's full height, and their bound, mm.
 const LABEL_SIZES: [f64; 3] = [1.0, 0.9, 0.8];
 const MIN_LABEL_MM: f64 = 2.4;
+/// Half of the longest label as a part of the dome's radius: longer ones leave the sphere at their ends.
+const MAX_HALF_WIDTH: f64 = 0.7;
 /// Directions tried for a label, over the whole sphere.
 const LABEL_PLACES: usize = 1200;
 /// Height of an arrow as a part of a number's full height.
@@ -105,6 +107,17 @@ impl Place {
 
     /// Whether it keeps clear of rims, holes and obstacles.
     fn is_clear(&self, around: &Surroundings<'_>, config: &StencilConfig, joint: &Joint) -> bool {
+        self.is_clear_but(None, around, config, joint)
+    }
+
+    /// As [`Place::is_clear`], but for one hole.
+    fn is_clear_but(
+        &self,
+        own: Option<&Vec3>,
+        around: &Surroundings<'_>,
+        config: &StencilConfig,
+        joint: &Joint,
+    ) -> bool {
         let radius = config.outer_radius_mm();
         let hole = config.opening_radius_mm();
         let lowest = joint.lip_mm + joint.ledge_gap_mm + CLEAR_MM;
@@ -112,6 +125,7 @@ impl Place {
             && around
                 .holes
                 .iter()
+                .filter(|h| Some(*h) != own)
                 .all(|h| self.distance(&(radius * h)) > hole + CLEAR_MM)
             && around.obstacles.iter().all(|p| self.distance(p) > CLEAR_MM)
     }
@@ -140,11 +154,11 @@ impl Place {
             })
     }
 
-    /// Whether two rectangles keep clear of each other.
-    fn is_apart(&self, other: &Self, radius: f64) -> bool {
+    /// Whether two rectangles are so many mm apart.
+    fn is_apart(&self, other: &Self, gap: f64, radius: f64) -> bool {
         let apart = |a: &Self, b: &Self| {
             let mut points = b.outline(radius);
-            points.all(|p| a.distance(&p) > NUMBERS_APART_MM)
+            points.all(|p| a.distance(&p) > gap)
         };
         apart(self, other) && apart(other, self)
     }
@@ -163,6 +177,8 @@ pub(super) struct Marks {
     pub labels: Vec<Label>,
     /// Rectangles that are taken.
     taken: Vec<Place>,
+    /// Lines from numbers to their holes.
+    lines: Vec<Place>,
 }
 
 /// What numbers keep clear of.
@@ -200,8 +216,26 @@ pub(super) fn numbers(
     }
     waiting.sort_by_key(|(_, _, found)| found.len());
     for (dot, hole, found) in waiting {
-        let free = |place: &Place| marks.is_free(place, radius);
-        let Some((height_mm, nearer, place)) = found.into_iter().find(|(_, _, p)| free(p)) else {
+        let free = found.iter().filter(|(_, _, p)| marks.is_free(p, radius));
+        // A number that needs a line stands where one can lead to its hole, if there is such a place.
+        let leads = |nearer: f64, place: &Place| {
+            let line = (nearer > CLEARLY)
+                .then(|| leader(place, hole, config))
+                .flatten();
+            let is_possible = line.as_ref().is_none_or(|(line, _)| {
+                line.is_clear_but(Some(hole), around, config, joint) && marks.can_lead(line, radius)
+            });
+            is_possible.then_some(line)
+        };
+        let mut led = free
+            .clone()
+            .filter_map(|(height, nearer, place)| Some((*height, *place, leads(*nearer, place)?)));
+        let other = || {
+            free.clone()
+                .map(|(height, _, place)| (*height, *place, None))
+                .next()
+        };
+        let Some((height_mm, place, line)) = led.next().or_else(other) else {
             marks.left_out.push(dot);
             continue;
         };
@@ -213,15 +247,9 @@ pub(super) fn numbers(
             height_mm,
         });
         marks.taken.push(place);
-        if nearer > CLEARLY
-            && let Some((line, bar)) = leader(&place, hole, config)
-            && around
-                .holes
-                .iter()
-                .filter(|h| *h != hole)
-                .all(|h| line.distance(&(radius * h)) > config.opening_radius_mm() + CLEAR_MM)
-        {
+        if let Some((line, bar)) = line {
             marks.tools.push(tool(&line, &bar, config)?);
+            marks.lines.push(line);
         }
     }
     marks.numbers.sort_by_key(|number| number.dot);
@@ -249,8 +277,18 @@ fn leader(number: &Place, hole: &Vec3, config: &StencilConfig) -> Option<(Place,
 }
 
 impl Marks {
+    /// Whether a rectangle keeps clear of all numbers, labels and lines.
     fn is_free(&self, place: &Place, radius: f64) -> bool {
-        self.taken.iter().all(|t| t.is_apart(place, radius))
+        let apart = |gap: f64| move |t: &Place| t.is_apart(place, gap, radius);
+        self.taken.iter().all(apart(NUMBERS_APART_MM)) && self.lines.iter().all(apart(CLEAR_MM))
+    }
+
+    /// Whether a line keeps clear of the numbers and lines that are there.
+    fn can_lead(&self, line: &Place, radius: f64) -> bool {
+        let others = self.taken.iter().chain(&self.lines);
+        others
+            .into_iter()
+            .all(|t| t.is_apart(line, CLEAR_MM, radius))
     }
 
     /// Engraves each of `texts` where there is space, as high on the dome as possible.
@@ -273,6 +311,9 @@ impl Marks {
             for size in LABEL_SIZES {
                 let height_mm = (size * full_height(config)).max(MIN_LABEL_MM);
                 let words = Words::new(text, height_mm)?;
+                if words.half_width > MAX_HALF_WIDTH * radius {
+                    continue;
+                }
                 let mut places = directions.iter().map(|d| Place::new(*d, &words));
                 let Some(place) =
                     places.find(|p| p.is_clear(around, config, joint) && self.is_free(p, radius))

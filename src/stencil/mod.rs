@@ -212,7 +212,10 @@ impl Stencil {
         let id: String = pattern.sha256().chars().take(marks::ID_DIGITS).collect();
         let labels = |half: &str| {
             [
-                format!("{half} Ø{}", config.ball_diameter_mm),
+                format!(
+                    "{half} Ø{}",
+                    (100.0 * config.ball_diameter_mm).round() / 100.0
+                ),
                 format!("#{id}"),
             ]
         };

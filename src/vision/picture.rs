@@ -6,7 +6,8 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
-use super::image::{GrayImage, RgbImage, luma};
+use super::image::RgbImage;
+use super::raw::{RawImage, RawPixel};
 use crate::error::{Error, Result};
 use crate::files;
 
@@ -124,6 +125,14 @@ impl Picture {
         }
     }
 
+    /// The bytes, where the picture has no more than 8 bits a color.
+    pub fn bytes(&self) -> Option<RawImage<'_>> {
+        match self {
+            Self::Bytes(b) => RawImage::new(b.width, b.height, RawPixel::Rgb, &b.values).ok(),
+            Self::Deep(_) => None,
+        }
+    }
+
     /// The colors, as the estimator takes them.
     ///
     /// # Errors
@@ -135,21 +144,6 @@ impl Picture {
                 let colors = bytes.values.chunks_exact(3);
                 let colors = colors.map(|c| [c[0], c[1], c[2]].map(|x| f32::from(x) / 255.0));
                 RgbImage::new(bytes.width, bytes.height, colors.collect()).map(Cow::Owned)
-            }
-        }
-    }
-
-    /// The luma of every pixel, without the colors in between.
-    ///
-    /// # Errors
-    /// [`Error::Internal`] where a picture lacks colors.
-    pub fn to_gray(&self) -> Result<GrayImage> {
-        match self {
-            Self::Deep(image) => Ok(image.to_gray()),
-            Self::Bytes(bytes) => {
-                let gray = |c: &[u8]| luma([c[0], c[1], c[2]].map(|x| f32::from(x) / 255.0));
-                let values = bytes.values.chunks_exact(3).map(gray).collect();
-                GrayImage::new(bytes.width, bytes.height, values)
             }
         }
     }
@@ -202,7 +196,7 @@ mod tests {
     fn bytes_and_colors_agree() {
         let rgb = picture().to_rgb().unwrap().into_owned();
         assert_eq!(rgb.values()[1], [30.0, 40.0, 50.0].map(|x| x / 255.0));
-        assert_eq!(picture().to_gray().unwrap(), rgb.to_gray());
+        assert_eq!(picture().bytes().unwrap().to_rgb(), rgb);
         let deep = Picture::Deep(rgb).mirrored().unwrap();
         let bytes = picture().mirrored().unwrap();
         assert_eq!(deep.to_rgb().unwrap(), bytes.to_rgb().unwrap());

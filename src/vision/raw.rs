@@ -138,6 +138,15 @@ impl<'a> RawImage<'a> {
         });
     }
 
+    /// The color of a pixel.
+    pub(super) fn color_at(&self, u: usize, v: usize) -> [f32; 3] {
+        let bytes = self.row(v, u, 1);
+        match self.pixel {
+            RawPixel::Gray => [unit(bytes[0]); 3],
+            _ => self.color(bytes),
+        }
+    }
+
     fn color(&self, bytes: &[u8]) -> [f32; 3] {
         let [red, green, blue] = match self.pixel {
             RawPixel::Bgr => [2, 1, 0],

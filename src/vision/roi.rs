@@ -69,20 +69,100 @@ impl Roi {
         Err(Error::argument("roi", problem))
     }
 
-    /// Where the region's pixel (0, 0) lies in the image.
-    pub fn origin(&self) -> Pixel {
-        Pixel {
-            u: self.left as f64,
-            v: self.top as f64,
+    /// The pixels of this region, halved so often.
+    pub(super) fn grid(&self, level: u32) -> Grid {
+        Grid {
+            left: self.left as f64,
+            top: self.top as f64,
+            side: f64::from(1u32 << level),
         }
     }
 }
 
-/// A camera's intrinsics for pixels that are counted from `origin`.
-pub(super) fn shifted_intrinsics(k: &Intrinsics, origin: Pixel) -> Intrinsics {
-    Intrinsics {
-        cx: k.cx - origin.u,
-        cy: k.cy - origin.v,
-        ..*k
+/// The pixels of a part of an image, each the mean of a square of the image's.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grid {
+    left: f64,
+    top: f64,
+    /// Pixels of the image along a pixel of the part.
+    pub side: f64,
+}
+
+impl Grid {
+    /// Half of what a pixel of the part is wider: its center lies so far from that of its first one.
+    fn half(&self) -> f64 {
+        0.5 * (self.side - 1.0)
+    }
+
+    /// A place in the part, in the image.
+    pub fn pixel_to_image(&self, pixel: Pixel) -> Pixel {
+        Pixel {
+            u: self.side * pixel.u + (self.left + self.half()),
+            v: self.side * pixel.v + (self.top + self.half()),
+        }
+    }
+
+    /// A circle of the part, in the image.
+    pub fn circle_to_image(&self, circle: &BallCircle) -> BallCircle {
+        BallCircle {
+            center: self.pixel_to_image(circle.center),
+            radius: self.side * circle.radius,
+        }
+    }
+
+    /// A circle of the image, in the part.
+    pub fn circle_to_part(&self, circle: &BallCircle) -> BallCircle {
+        let center = Pixel {
+            u: (circle.center.u - (self.left + self.half())) / self.side,
+            v: (circle.center.v - (self.top + self.half())) / self.side,
+        };
+        BallCircle {
+            center,
+            radius: circle.radius / self.side,
+        }
+    }
+
+    /// The intrinsics of the image's camera, in the part.
+    pub fn intrinsics_to_part(&self, k: &Intrinsics) -> Intrinsics {
+        Intrinsics {
+            fx: k.fx / self.side,
+            fy: k.fy / self.side,
+            cx: (k.cx - (self.left + self.half())) / self.side,
+            cy: (k.cy - (self.top + self.half())) / self.side,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_halved_returns_to_the_pixels_it_covers() {
+        let part = Roi {
+            left: 100,
+            top: 7,
+            width: 64,
+            height: 64,
+        };
+        let grid = part.grid(1);
+        let circle = BallCircle {
+            center: Pixel { u: 10.0, v: 0.0 },
+            radius: 5.0,
+        };
+        let found = grid.circle_to_image(&circle);
+        // The part's pixel 10 covers the image's columns 120 and 121.
+        assert_eq!((found.center.u, found.center.v), (120.5, 7.5));
+        assert_eq!(found.radius, 10.0);
+        assert_eq!(grid.circle_to_part(&found), circle);
+        // The camera's axis is the same point of either.
+        let k = Intrinsics {
+            fx: 800.0,
+            fy: 800.0,
+            cx: 120.5,
+            cy: 7.5,
+        };
+        let half = grid.intrinsics_to_part(&k);
+        assert_eq!((half.fx, half.cx, half.cy), (400.0, 10.0, 0.0));
     }
 }

@@ -871,17 +871,20 @@ fn zones_become_windows() {
 #[test]
 fn a_half_says_what_it_is_for() {
     let pattern = random_pattern(10, 30.0, 5);
-    let config = StencilConfig {
-        ball_diameter_mm: 40.3,
-        ..StencilConfig::default()
-    };
-    let stencil = Stencil::build(&pattern, &config).unwrap();
     let id = format!("#{:.6}", pattern.sha256());
-    for (half, name) in stencil.halves().iter().zip(["A Ø40.3", "B Ø40.3"]) {
-        let texts: Vec<&str> = half.labels.iter().map(|l| l.text.as_str()).collect();
-        assert_eq!(texts, [name, &id]);
-        for label in &half.labels {
-            assert!(label.direction.z > 0.0 && label.height_mm >= 2.4);
+    // A measured diameter is engraved in hundredths, so that the label fits on the half.
+    for (diameter, written) in [(40.3, "40.3"), (36.273_611_834, "36.27")] {
+        let config = StencilConfig {
+            ball_diameter_mm: diameter,
+            ..StencilConfig::default()
+        };
+        let stencil = Stencil::build(&pattern, &config).unwrap();
+        for (half, name) in stencil.halves().iter().zip(["A", "B"]) {
+            let texts: Vec<&str> = half.labels.iter().map(|l| l.text.as_str()).collect();
+            assert_eq!(texts, [&format!("{name} Ø{written}"), &id]);
+            for label in &half.labels {
+                assert!(label.direction.z > 0.0 && label.height_mm >= 2.4);
+            }
         }
     }
 }

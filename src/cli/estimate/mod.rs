@@ -93,7 +93,7 @@ pub struct Arguments {
     #[arg(
         long,
         value_name = "P",
-        default_value_t = 0.5,
+        default_value_t = EstimatorConfig::default().min_confidence,
         allow_negative_numbers = true
     )]
     min_confidence: f64,

@@ -3,15 +3,15 @@
 //!
 //! Guarantees: frames come in the order of the inputs; each is estimated independently, so that the
 //! number of threads changes nothing; a file that cannot be read is a rejected frame. Memory: two
-//! pictures more than there are threads wait, 8 bits a color; a large one is estimated by its
-//! brightness, and by its colors, one at a time, only where that shows no ball. All estimates are
-//! held.
+//! pictures more than there are threads wait, 8 bits a color; of a large one only those parts are
+//! converted that are looked at. All estimates are held.
 
 use std::num::NonZero;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError, mpsc};
 
+use super::shrunk::MAX_THOROUGH;
 use super::{
     Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, SequenceConfig,
     SequenceSummary, estimate_spin, frames_in_doubt, track_sequence,
@@ -29,8 +29,6 @@ use crate::vision::roi::Roi;
 
 /// Pictures that wait, beyond one a thread.
 const WAITING: usize = 2;
-/// Pixels of a picture from which on its colors take too much memory on every thread.
-const LARGE: usize = 4_000_000;
 /// Minimum time between frames, seconds: a million a second. Names that count frames are closer.
 const MIN_STEP_S: f64 = 1e-6;
 
@@ -391,21 +389,14 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
         workspace: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> Result<O::Kept> {
-        let is_large = picture.width() * picture.height() > LARGE;
-        if is_large {
-            let gray = picture.to_gray()?;
-            self.answer((&gray).into(), circle, workspace, out)?;
-            let is_found = !matches!(out.outcome, Err(FrameRejection::NoBall(_)));
-            if is_found && !self.observer.wants_images() {
+        let is_large = picture.width() * picture.height() > MAX_THOROUGH;
+        if let Some(bytes) = picture.bytes().filter(|_| is_large) {
+            self.answer(bytes.into(), circle, workspace, out)?;
+            if !self.observer.wants_images() {
                 return Ok(O::Kept::default());
             }
-            drop(gray);
             let _alone = self.large.lock().unwrap_or_else(PoisonError::into_inner);
-            let rgb = picture.to_rgb()?;
-            if !is_found {
-                self.answer((&*rgb).into(), circle, workspace, out)?;
-            }
-            return self.keep(&rgb, out);
+            return self.keep(&*picture.to_rgb()?, out);
         }
         let rgb = picture.to_rgb()?;
         self.answer((&*rgb).into(), circle, workspace, out)?;

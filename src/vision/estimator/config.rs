@@ -141,8 +141,8 @@ pub struct EstimatorConfig {
 impl Default for EstimatorConfig {
     /// A camera at an unknown distance; dots from z = 0.2, 85 % of them detected, one false dot a frame (a logo); drawn to
     /// 1.2 deg; detections likelier dots than not, then those down to 0.15, with 1.5 false dots more. A pose is accepted
-    /// where it is likelier correct than wrong: the spin's estimator weighs each by its probability, and a user
-    /// who wants fewer wrong ones asks for more.
+    /// from a probability of 0.8 on: with less, several in a hundred images of other balls and things are
+    /// answered (docs/measurements/trust.md).
     fn default() -> Self {
         Self {
             camera: CameraModel::default(),
@@ -164,7 +164,7 @@ impl Default for EstimatorConfig {
             dot_confidence: [0.5, 0.15],
             doubtful_false_dots: 1.5,
             trust: TrustMap::default(),
-            min_confidence: 0.5,
+            min_confidence: 0.8,
             max_blur: 0.6,
         }
     }

@@ -4,16 +4,17 @@ use std::time::Duration;
 
 use nalgebra::Matrix3;
 
+use super::EXPECTED_DOTS;
 use super::config::CameraDistance;
 use super::trust::PoseEvidence;
 use crate::geometry::Rotation;
 use crate::recognize::RecognizerRejection;
-use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::camera::BallCircle;
 use crate::vision::circle::{BallFit, NoBall};
 use crate::vision::detect::DotDetection;
 use crate::vision::image::{GrayImage, RgbImage, luma};
 use crate::vision::raw::{RawImage, RawPixel};
-use crate::vision::roi::Roi;
+use crate::vision::roi::{Grid, Roi};
 
 /// A frame as it comes from the camera.
 #[derive(Debug, Clone, Copy)]
@@ -107,6 +108,40 @@ impl FrameImage<'_> {
             }
             sums.iter_mut().for_each(|sum| *sum *= area);
         });
+    }
+
+    /// A part of it, each value the mean of a square of `2^level` pixels, in colors where it has some, written into the
+    /// memory at hand.
+    pub(super) fn shrunk<'b>(
+        &self,
+        part: &Roi,
+        level: u32,
+        gray: &'b mut GrayImage,
+        color: &'b mut RgbImage,
+    ) -> FrameImage<'b> {
+        let side = 1usize << level;
+        let area = 1.0 / (side * side) as f32;
+        let color_at: &dyn Fn(usize, usize) -> [f32; 3] = match self {
+            Self::Color(image) => &|u, v| image.row(v, u, 1)[0],
+            Self::Raw(image) if image.pixel() != RawPixel::Gray => &|u, v| image.color_at(u, v),
+            Self::Raw(_) | Self::Gray(_) => {
+                self.shrink_into(part, level, gray);
+                return FrameImage::Gray(gray);
+            }
+        };
+        let (width, height) = (part.width >> level, part.height >> level);
+        color.fill_rows(width, height, |v, values| {
+            values.extend((0..width).map(|u| {
+                let mut sum = [0.0; 3];
+                for cell in 0..side * side {
+                    let left = part.left + side * u + cell % side;
+                    let found = color_at(left, part.top + side * v + cell / side);
+                    (0..3).for_each(|c| sum[c] += found[c]);
+                }
+                sum.map(|s| s * area)
+            }));
+        });
+        FrameImage::Color(color)
     }
 }
 
@@ -325,20 +360,24 @@ impl FrameEstimate {
         self.outcome.as_ref().ok()
     }
 
-    /// Counts pixels from another origin: those of a part of an image become those of the image.
-    pub(super) fn shift(&mut self, origin: Pixel) {
-        let shift = |pixel: &mut Pixel| {
-            pixel.u += origin.u;
-            pixel.v += origin.v;
-        };
-        let outline = self.outline.as_mut().map(|o| &mut o.circle);
-        let fit = self.fit.as_mut().map(|f| &mut f.circle);
-        let circles = [outline, fit, self.circle.as_mut()];
-        for circle in circles.into_iter().flatten() {
-            shift(&mut circle.center);
+    /// What was found in the pixels of a part, in those of the image.
+    pub(super) fn place(&mut self, grid: &Grid) {
+        let area = grid.side * grid.side;
+        if let Some(outline) = &mut self.outline {
+            outline.circle = grid.circle_to_image(&outline.circle);
+            outline.covariance *= area;
+        }
+        if let Some(fit) = &mut self.fit {
+            fit.circle = grid.circle_to_image(&fit.circle);
+            fit.covariance *= area;
+            fit.edge_width *= grid.side;
+        }
+        if let Some(circle) = &mut self.circle {
+            *circle = grid.circle_to_image(circle);
         }
         for dot in &mut self.dots {
-            shift(&mut dot.pixel);
+            dot.pixel = grid.pixel_to_image(dot.pixel);
+            dot.covariance *= area;
         }
     }
 
@@ -356,5 +395,38 @@ impl FrameEstimate {
     /// Number of detections that have a name.
     pub fn matched(&self) -> usize {
         self.assignment.iter().flatten().count()
+    }
+
+    /// Not processed, with the memory for what is found.
+    pub(super) fn with_capacity() -> Self {
+        let mut this = Self::default();
+        this.dots.reserve(EXPECTED_DOTS);
+        this.assignment.reserve(EXPECTED_DOTS);
+        this
+    }
+
+    /// Nothing is known; memory stays.
+    pub(super) fn clear(&mut self) {
+        (self.outline, self.circle, self.fit) = (None, None, None);
+        self.outline_source = OutlineSource::Detected;
+        self.dots.clear();
+        self.assignment.clear();
+        self.outcome = Err(FrameRejection::NotProcessed);
+        self.timings = Timings::default();
+        self.known_distance = None;
+        (self.earlier_attempts, self.attempts) = (0, 0);
+        self.evidence = None;
+        self.unfitted_support = 0.0;
+    }
+
+    /// Takes back a pose.
+    pub(super) fn reject_pose(&mut self) {
+        if let Ok(pose) = self.outcome {
+            self.outcome = Err(FrameRejection::Ambiguous {
+                pose_confidence: pose.pose_confidence,
+            });
+            self.circle = self.outline.map(|o| o.circle);
+            self.assignment.fill(None);
+        }
     }
 }

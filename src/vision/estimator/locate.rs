@@ -123,6 +123,25 @@ impl Locator {
         self.choose(gray, found, net)
     }
 
+    /// All outlines that are worth trying, the likeliest first.
+    pub fn outlines(
+        &mut self,
+        gray: &GrayImage,
+        image: FrameImage<'_>,
+        net: Option<&OutlineNet>,
+        out: &mut Vec<BallCircle>,
+    ) -> Result<(), NoBall> {
+        out.reserve(MAX_CANDIDATES);
+        let first = self.find(gray, image, net);
+        out.extend(first.iter().map(|c| c.outline.circle));
+        out.extend(self.contested().map(|c| c.outline.circle));
+        let mut start = 0;
+        while let Some(candidate) = self.other(gray, net, &mut start) {
+            out.push(candidate.outline.circle);
+        }
+        first.map(|_| ())
+    }
+
     /// The first outline to try: the edges' where they show it whole, else the net's.
     fn choose(
         &mut self,

@@ -24,6 +24,7 @@ mod recenter;
 mod refine;
 mod search;
 mod sequence;
+mod shrunk;
 mod tracker;
 mod trust;
 
@@ -42,7 +43,7 @@ use std::time::Instant;
 
 use nalgebra::{Matrix2, Matrix3};
 
-use super::camera::{BallView, Camera, Intrinsics};
+use super::camera::{BallCircle, BallView, Camera, Intrinsics};
 use super::circle::coarse::{CoarseSearch, RoughCircle};
 use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
@@ -85,6 +86,8 @@ pub struct EstimatorWorkspace<W> {
     fine: CoarseSearch,
     /// The circles of the coarse search.
     rough: Vec<RoughCircle>,
+    /// Circles of a picture that was searched at a smaller scale.
+    shrunk: Vec<BallCircle>,
     /// The first of several circles, none of which is a ball by its dots.
     best: FrameEstimate,
     /// An estimate for another outline.
@@ -259,6 +262,7 @@ impl<D: DotDetector> Estimator<D> {
             coarse: CoarseSearch::default(),
             fine: CoarseSearch::default(),
             rough: Vec::new(),
+            shrunk: Vec::new(),
             best: FrameEstimate::with_capacity(),
             other: FrameEstimate::with_capacity(),
             locator: Locator::new(self.config.circle),

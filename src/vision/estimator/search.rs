@@ -4,27 +4,28 @@
 //! The ball may be looked for in a whole image, in a part of it, or near a circle that is known roughly:
 //! then its surroundings are cut out and nothing else is looked at. In a large image rough circles come
 //! from a [coarse search](crate::vision::circle::coarse); the thorough search follows only where none of
-//! them is a ball by its dots.
+//! them is a ball by its dots, in very large images [at a smaller scale](super::shrunk).
 //!
 //! Guarantees: outlines and dots are given in the pixels of the whole image, whatever part of it was
 //! looked at. An outline beside the first needs a clear pose by dots that are likely ones.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nalgebra::Matrix3;
 
 use super::locate::Candidate;
+use super::shrunk::MAX_THOROUGH;
 use super::{
     CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
-    Outline, OutlineSource, Timings, is_mirrored,
+    Outline, OutlineSource, Pose, is_mirrored,
 };
 use crate::recognize::robust::Hint;
-use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::camera::BallCircle;
 use crate::vision::circle::NoBall;
 use crate::vision::circle::coarse::{self, MAX_CIRCLES};
 use crate::vision::detect::DotDetector;
 use crate::vision::image::{GrayImage, RgbImage};
-use crate::vision::roi::{Roi, shifted_intrinsics};
+use crate::vision::roi::{Grid, Roi};
 
 /// Standard deviations of a given outline: of its center and radius, in radii.
 const GIVEN_OUTLINE: f64 = 0.01;
@@ -36,8 +37,12 @@ const MIN_LIKELY_DOTS: usize = 5;
 const CERTAIN: f64 = 0.99;
 /// What is cut out around a rough circle, in radii: what the net for outlines sees, and a rough circle's error.
 const SURROUNDINGS: f64 = 1.8;
+/// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.
+const MAX_NEAR: f64 = 250.0;
 /// Images with a longer side beyond this, pixels, are searched at a coarse scale first.
 pub(super) const LARGE: usize = 480;
+/// How much finer a very large image is searched: for balls of 40 pixels in one of 3840 x 2160.
+const HALVINGS: u32 = 2;
 /// Largest radius of the coarse search, as a part of the longer side.
 const MAX_COARSE: f64 = 0.4;
 /// Smallest radius that the coarse search is sure to see, values of the first size that it searches.
@@ -55,11 +60,11 @@ pub(super) struct Images {
 
 /// A part of a frame, converted.
 #[derive(Debug, Clone, Copy)]
-struct View<'a> {
-    image: FrameImage<'a>,
-    gray: &'a GrayImage,
-    /// Where its pixel (0, 0) lies in the frame.
-    origin: Pixel,
+pub(super) struct View<'a> {
+    pub image: FrameImage<'a>,
+    pub gray: &'a GrayImage,
+    /// Where its pixels lie in the frame.
+    pub grid: Grid,
 }
 
 /// A part of a frame and the sizes of balls that are looked for in it.
@@ -75,22 +80,28 @@ pub(super) struct Hunt {
 }
 
 impl Hunt {
-    /// For balls of any size from 5 pixels of radius at the coarse scale on; a finer search takes half
-    /// that size as well.
-    pub fn everywhere(part: Roi, is_fine: bool) -> Self {
-        let longer = part.width.max(part.height);
-        let coarse = coarse::level(part.width, part.height);
-        let level = coarse.saturating_sub(u32::from(is_fine));
-        let smallest = |level: u32| MIN_COARSE * f64::from(1u32 << level);
-        let largest = match is_fine {
-            true => 1.2 * smallest(coarse),
-            false => MAX_COARSE * longer as f64,
-        };
+    /// For balls of any size from 5 pixels of radius at the coarse scale on.
+    pub fn everywhere(part: Roi) -> Self {
+        let level = coarse::level(part.width, part.height);
         Self {
             part,
             level,
-            radii: (smallest(level), largest),
-            is_fine,
+            radii: (
+                smallest(level),
+                MAX_COARSE * part.width.max(part.height) as f64,
+            ),
+            is_fine: false,
+        }
+    }
+
+    /// For balls up to `halvings` times half as large as the smallest of [`Hunt::everywhere`], and not those of fewer.
+    pub fn finer(part: Roi, halvings: u32) -> Self {
+        let level = coarse::level(part.width, part.height).saturating_sub(halvings);
+        Self {
+            part,
+            level,
+            radii: (smallest(level), 1.2 * smallest(level + 1)),
+            is_fine: true,
         }
     }
 
@@ -110,9 +121,19 @@ impl Hunt {
     }
 }
 
+/// The smallest radius, pixels, that is seen in an image that was halved so often.
+fn smallest(level: u32) -> f64 {
+    MIN_COARSE * f64::from(1u32 << level)
+}
+
+/// How often a length is halved until it is no more than another.
+pub(super) fn level_of(length: f64, most: f64) -> u32 {
+    (length / most).log2().ceil().max(0.0) as u32
+}
+
 /// Where the outline comes from.
 #[derive(Debug, Clone, Copy)]
-enum Search<'a> {
+pub(super) enum Search<'a> {
     /// It is given, in the frame's pixels.
     Given(&'a BallCircle),
     /// It is anywhere in the view, and so many runs of the recognizer were made before.
@@ -209,10 +230,20 @@ impl<D: DotDetector> Estimator<D> {
         let mut attempts = 0;
         if part.width.max(part.height) > LARGE {
             ws.coarse.forget();
-            if self.acquire(image, &Hunt::everywhere(*part, false), hint, ws, out) {
+            if self.acquire(image, &Hunt::everywhere(*part), hint, ws, out) {
                 return;
             }
             attempts = out.attempts;
+        }
+        if part.width * part.height > MAX_THOROUGH {
+            for halvings in 1..=HALVINGS {
+                ws.fine.forget();
+                if self.acquire(image, &Hunt::finer(*part, halvings), hint, ws, out) {
+                    return;
+                }
+            }
+            attempts = out.attempts;
+            return self.estimate_shrunk(image, part, attempts, hint, ws, out);
         }
         self.viewed(image, part, ws, |view, ws| {
             self.try_outlines(view, Search::Everywhere(attempts), hint, ws, out);
@@ -248,33 +279,23 @@ impl<D: DotDetector> Estimator<D> {
         circles.extend_from_slice(scan.search(level, radii, |out| {
             image.shrink_into(&part, level, out);
         }));
-        let mut searched = begun.elapsed();
+        let searched = begun.elapsed();
+        let place = part.grid(0);
+        for rough in &mut circles {
+            rough.circle = place.circle_to_image(&rough.circle);
+        }
         let mut best = std::mem::take(&mut ws.best);
         best.clear();
+        let mut attempts = 0;
         if is_fine {
             // What the coarser search leaves.
             std::mem::swap(&mut best, out);
+            attempts = best.attempts;
         }
-        let (mut is_found, mut attempts) = (false, 0);
-        for rough in &mut circles {
-            rough.circle.center.u += part.left as f64;
-            rough.circle.center.v += part.top as f64;
-            let search = Search::Scan(&rough.circle, attempts);
-            self.search_near(image, &rough.circle, search, hint, ws, out);
-            attempts = out.attempts;
-            out.timings.locate += std::mem::take(&mut searched);
-            is_found = is_evident(out) || is_mirrored(out);
-            if is_found {
-                break;
-            }
-            searched += out.timings.locate + out.timings.detect + out.timings.identify;
-            if best.outline.is_none() {
-                std::mem::swap(&mut best, out);
-            }
-        }
+        let scans = circles.iter();
+        let scans = scans.map(|rough| Search::Scan(&rough.circle, attempts));
+        let is_found = self.try_circles(image, scans, searched, hint, ws, &mut best, out);
         if !is_found {
-            std::mem::swap(&mut best, out);
-            out.attempts = attempts;
             if out.outline.is_none() {
                 out.outcome = Err(FrameRejection::NoBall(NoBall::NoCircle { support: 0.0 }));
                 out.timings.locate = searched;
@@ -285,6 +306,42 @@ impl<D: DotDetector> Estimator<D> {
         ws.best = best;
         ws.rough = circles;
         is_found
+    }
+
+    /// Estimates a frame by the surroundings of one circle after the other until one is the ball; without one, `out` has
+    /// `best`, the first of the others where that is empty.
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn try_circles<'a>(
+        &self,
+        image: FrameImage<'_>,
+        searches: impl Iterator<Item = Search<'a>>,
+        mut searched: Duration,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        best: &mut FrameEstimate,
+        out: &mut FrameEstimate,
+    ) -> bool {
+        let mut attempts = 0;
+        for search in searches {
+            let (circle, search, is_likely) = match search {
+                Search::Near(c, before) => (c, Search::Near(c, attempts.max(before)), true),
+                Search::Scan(c, before) => (c, Search::Scan(c, attempts.max(before)), false),
+                Search::Given(_) | Search::Everywhere(_) => continue,
+            };
+            self.search_near(image, circle, search, hint, ws, out);
+            attempts = out.attempts;
+            out.timings.locate += std::mem::take(&mut searched);
+            if is_evident(out) || is_mirrored(out) || (is_likely && out.pose().is_some()) {
+                return true;
+            }
+            searched += out.timings.locate + out.timings.detect + out.timings.identify;
+            if best.outline.is_none() {
+                std::mem::swap(best, out);
+            }
+        }
+        std::mem::swap(best, out);
+        out.attempts = out.attempts.max(attempts);
+        false
     }
 
     /// Estimates a frame whose ball is near a circle: to some tenth of the radius. So many runs of the recognizer on this
@@ -316,7 +373,8 @@ impl<D: DotDetector> Estimator<D> {
             out.clear();
             return;
         };
-        self.viewed(image, &part, ws, |view, ws| {
+        let level = level_of(circle.radius, MAX_NEAR);
+        self.viewed_at(image, &part, level, ws, |view, ws| {
             self.try_outlines(view, search, hint, ws, out);
         });
     }
@@ -329,11 +387,25 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         work: impl FnOnce(View<'_>, &mut EstimatorWorkspace<D::Workspace>),
     ) {
+        self.viewed_at(image, part, 0, ws, work);
+    }
+
+    /// As [`Estimator::viewed`], of an image that is halved so often.
+    pub(super) fn viewed_at(
+        &self,
+        image: FrameImage<'_>,
+        part: &Roi,
+        level: u32,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        work: impl FnOnce(View<'_>, &mut EstimatorWorkspace<D::Workspace>),
+    ) {
         let mut images = std::mem::take(&mut ws.images);
         let is_whole = *part == Roi::whole(image.width(), image.height());
+        let (gray, color) = (&mut images.part_gray, &mut images.part_color);
         let seen = match image {
+            _ if level > 0 => image.shrunk(part, level, gray, color),
             FrameImage::Gray(_) | FrameImage::Color(_) if is_whole => image,
-            _ => image.part(part, &mut images.part_gray, &mut images.part_color),
+            _ => image.part(part, gray, color),
         };
         if let FrameImage::Color(color) = seen {
             color.to_gray_into(&mut images.gray);
@@ -344,7 +416,7 @@ impl<D: DotDetector> Estimator<D> {
                 FrameImage::Gray(gray) => gray,
                 _ => &images.gray,
             },
-            origin: part.origin(),
+            grid: part.grid(level),
         };
         work(view, ws);
         ws.images = images;
@@ -436,27 +508,22 @@ impl<D: DotDetector> Estimator<D> {
             Search::Given(_) => 1.0,
             _ => 0.0,
         };
-        let in_view = |circle: &BallCircle| BallCircle {
-            center: Pixel {
-                u: circle.center.u - view.origin.u,
-                v: circle.center.v - view.origin.v,
-            },
-            ..*circle
-        };
+        let grid = view.grid;
         let net = self.outline_net.as_ref();
         let found = match search {
             Search::Given(circle) => {
+                let circle = grid.circle_to_part(circle);
                 let sigma = GIVEN_OUTLINE * circle.radius;
                 out.outline_source = OutlineSource::Given;
                 out.outline = Some(Outline {
-                    circle: in_view(circle),
+                    circle,
                     covariance: Matrix3::from_diagonal_element(sigma.powi(2)),
                 });
                 None
             }
             Search::Everywhere(_) => Some(ws.locator.find(view.gray, view.image, net)),
             Search::Near(circle, _) | Search::Scan(circle, _) => {
-                let rough = in_view(circle);
+                let rough = grid.circle_to_part(circle);
                 Some(ws.locator.find_near(view.gray, view.image, &rough, net))
             }
         };
@@ -488,7 +555,7 @@ impl<D: DotDetector> Estimator<D> {
             let begun = Instant::now();
             let recentered = match (self.intrinsics(), &mut ws.recentering) {
                 (Some(k), Some(r)) => {
-                    let k = shifted_intrinsics(&k, view.origin);
+                    let k = view.grid.intrinsics_to_part(&k);
                     r.recenter(&k, view.gray, ws.locator.color_contrast(), out)
                 }
                 _ => None,
@@ -505,49 +572,19 @@ impl<D: DotDetector> Estimator<D> {
             out.circle = out.outline.map(|o| o.circle);
             out.timings.detect = begun.elapsed();
         }
-        out.shift(view.origin);
+        out.place(&view.grid);
         out.assignment.resize(out.dots.len(), None);
     }
 }
 
-impl FrameEstimate {
-    /// Not processed, with the memory for what is found.
-    pub(super) fn with_capacity() -> Self {
-        let mut this = Self::default();
-        this.dots.reserve(EXPECTED_DOTS);
-        this.assignment.reserve(EXPECTED_DOTS);
-        this
-    }
-
-    /// Nothing is known; memory stays.
-    fn clear(&mut self) {
-        (self.outline, self.circle, self.fit) = (None, None, None);
-        self.outline_source = OutlineSource::Detected;
-        self.dots.clear();
-        self.assignment.clear();
-        self.outcome = Err(FrameRejection::NotProcessed);
-        self.timings = Timings::default();
-        self.known_distance = None;
-        (self.earlier_attempts, self.attempts) = (0, 0);
-        self.evidence = None;
-        self.unfitted_support = 0.0;
-    }
-
-    /// Takes back a pose.
-    pub(super) fn reject_pose(&mut self) {
-        if let Ok(pose) = self.outcome {
-            self.outcome = Err(FrameRejection::Ambiguous {
-                pose_confidence: pose.pose_confidence,
-            });
-            self.circle = self.outline.map(|o| o.circle);
-            self.assignment.fill(None);
-        }
-    }
-}
-
-/// Whether the dots alone are evidence of a ball, where the circle is none.
+/// Whether the dots alone are evidence of a ball, where the circle is none: by the recognizer's own probability,
+/// which leaves it to [`TrustMap`](super::TrustMap) what an accepted pose is worth.
 pub(super) fn is_evident(frame: &FrameEstimate) -> bool {
-    let is_clear = frame.pose().is_some_and(|p| p.pose_confidence >= CLEAR);
+    let of_dots = |pose: &Pose| match frame.evidence() {
+        Some(evidence) => evidence.pose_confidence,
+        None => pose.pose_confidence,
+    };
+    let is_clear = frame.pose().is_some_and(|pose| of_dots(pose) >= CLEAR);
     is_clear && likely_dots(frame) >= MIN_LIKELY_DOTS
 }
 

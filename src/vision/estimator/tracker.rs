@@ -352,8 +352,8 @@ fn search_everywhere<D: DotDetector>(
         estimator.estimate_part(image, part, None, ws, frame);
         return;
     }
-    let _ = estimator.acquire(image, &Hunt::everywhere(*part, false), None, ws, frame)
-        || estimator.acquire(image, &Hunt::everywhere(*part, true), None, ws, frame);
+    let _ = estimator.acquire(image, &Hunt::everywhere(*part), None, ws, frame)
+        || estimator.acquire(image, &Hunt::finer(*part, 1), None, ws, frame);
 }
 
 /// The spin's state before the first frame.

@@ -2,8 +2,8 @@
 //!
 //! `stencil_survey COUNT DIR [FIRST_SEED]` writes
 //! `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json,pattern.csv}` for each pattern that
-//! is not rejected, with `pin.stl` where its hinge has a printed pin, and one line of `DIR/survey.csv`
-//! for every pattern.
+//! is not rejected, with `pin.stl` where its hinge has a printed pin, pattern and settings in
+//! `DIR/failed-SEED` where the stencil fails, and one line of `DIR/survey.csv` for every pattern.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -111,7 +111,15 @@ fn main() -> Result<()> {
                 parameter: name,
                 problem,
             }) => (format!("refused: {name}"), problem.clone()),
-            Err(e) => ("failed".to_owned(), e.to_string()),
+            Err(e) => {
+                // What it takes to repeat it.
+                let dir = dir.join(format!("failed-{seed}"));
+                spindoe::files::create_dir(&dir)?;
+                pattern.write_csv(&dir.join("pattern.csv"))?;
+                let config = format!("{config:#?}\n");
+                spindoe::files::write_bytes(&dir.join("config.txt"), config.as_bytes())?;
+                ("failed".to_owned(), e.to_string())
+            }
         };
         let (ball, hole) = (config.ball_diameter_mm, config.hole_diameter_mm);
         let screw = config.screw_diameter_mm;

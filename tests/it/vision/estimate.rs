@@ -424,7 +424,7 @@ fn published_frames_are_explained_by_one_spin() {
     let (mut times, mut frames) = (Vec::new(), Vec::new());
     for source in &sources {
         let mut visit = |frame: spindoe::vision::input::InputFrame| {
-            let gray: GrayImage = frame.picture?.to_gray()?;
+            let gray: GrayImage = frame.picture?.to_rgb()?.to_gray();
             let mut out = FrameEstimate::default();
             estimator.estimate_frame(&gray, None, None, &mut ws, &mut out);
             assert!(

@@ -295,6 +295,33 @@ fn a_region_gives_the_frames_pixels_and_is_within_the_frame() {
     }
 }
 
+/// Frames too large to be searched thoroughly: the ball is 60 pixels of 3840.
+#[test]
+fn a_small_ball_in_a_very_large_frame_is_found() {
+    const LARGE: [usize; 2] = [3840, 2160];
+    let clip = clip(11, 1);
+    let (image, truth) = &clip.frames[0];
+    let (left, top) = (2501, 702);
+    let mut bytes = vec![20; 3 * LARGE[0] * LARGE[1]];
+    for (v, row) in image.values().chunks_exact(SIZE[0]).enumerate() {
+        let row = row.iter().flatten().map(|x| (255.0 * x + 0.5) as u8);
+        let at = 3 * ((top + v) * LARGE[0] + left);
+        bytes[at..at + 3 * SIZE[0]].copy_from_slice(&row.collect::<Vec<u8>>());
+    }
+    let large = RawImage::new(LARGE[0], LARGE[1], RawPixel::Rgb, &bytes).unwrap();
+    let estimator = estimator(&clip.pattern);
+    let (mut ws, mut found) = (estimator.workspace(), FrameEstimate::default());
+    estimator.estimate_frame(large, None, None, &mut ws, &mut found);
+    let pose = found.pose().expect("the ball is seen");
+    assert!(pose.rotation.angle_to(&rotation(truth)).to_degrees() < 20.0);
+    let circle = found.circle.unwrap();
+    let off = Pixel {
+        u: truth.center.u + left as f64 - circle.center.u,
+        v: truth.center.v + top as f64 - circle.center.v,
+    };
+    assert!(off.u.hypot(off.v) < 1.5, "{off:?}");
+}
+
 #[test]
 fn bytes_are_the_values_of_an_image_file() {
     let clip = clip(11, 1);

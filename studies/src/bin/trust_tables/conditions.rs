@@ -150,7 +150,7 @@ fn row(name: &str, judged: &[Judged]) {
 
 pub fn print(trials: u64, seed: u64) -> Result<()> {
     let patterns = [
-        ("published", "/work/shared/data/spindoe2023/ref_pattern.csv"),
+        ("published", "../shared/data/spindoe2023/ref_pattern.csv"),
         ("dots20", "designs/dots20/pattern.csv"),
     ];
     println!("{trials} trials a row, seed {seed}\n");

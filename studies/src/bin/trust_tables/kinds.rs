@@ -1,7 +1,7 @@
 //! Single images that do not show the ball: how often are they answered?
 //!
-//! Each kind is estimated with the table of `dots20`, each image alone, as `estimate` does it. Half of
-//! the rendered images are taken in good conditions, half in all. Photographs come from a folder
+//! Each kind is estimated with the table of `dots20` or of another design, each image alone, as `estimate`
+//! does it. Half of the rendered images are taken in good conditions, half in all. Photographs come from a folder
 //! (`SPINDOE_PHOTOGRAPHS`): crops of all sizes, none of them used in training. With `SPINDOE_SHOWN` set,
 //! every answer is listed on standard error.
 
@@ -27,8 +27,9 @@ use spindoe_studies::noise::NoiseField;
 use super::logistic;
 use super::tables::{DESIGNS, PUBLISHED};
 
-/// The design whose table is used.
+/// The design whose table is used, and those on which the map of confidences is fitted and shown.
 const OWN: &str = "dots20";
+const FITTED: [&str; 3] = ["dots12", "dots20", "dots32"];
 /// Minimum angle between random dots, radians: that of dots of 40 mm balls that hardly touch.
 const MIN_SEPARATION_RAD: f64 = 0.25;
 /// Sides of a photograph's crop, pixels.
@@ -76,15 +77,15 @@ struct Sources {
 }
 
 impl Sources {
-    fn new() -> Result<Self> {
+    fn new(own: &str) -> Result<Self> {
         let design = |name: &str| Pattern::read_csv(format!("designs/{name}/pattern.csv").as_ref());
-        let others = DESIGNS.iter().filter(|d| **d != OWN);
+        let others = DESIGNS.iter().filter(|d| **d != own);
         let mut others: Vec<Pattern> = others.map(|d| design(d)).collect::<Result<_>>()?;
         if Path::new(PUBLISHED).exists() {
             others.push(Pattern::read_csv(PUBLISHED.as_ref())?);
         }
         Ok(Self {
-            own: design(OWN)?,
+            own: design(own)?,
             others,
             photographs: photographs()?,
         })
@@ -174,6 +175,8 @@ pub struct Answer {
     pub pose_confidence: Option<f64>,
     /// Whether the pose is the ball's; unknown where there is none.
     pub is_correct: bool,
+    /// Whether the image shows the ball.
+    pub is_ball: bool,
 }
 
 /// Estimates an image; `truth` where it shows the ball. `None` where no dots were identified.
@@ -190,6 +193,7 @@ fn answer(
         evidence: *out.evidence()?,
         pose_confidence: pose.map(|p| p.pose_confidence),
         is_correct: off.is_some_and(|o| o < ORIENTATION_FAILURE_RAD),
+        is_ball: truth.is_some(),
     })
 }
 
@@ -210,13 +214,17 @@ fn answers(
         .collect()
 }
 
-/// The shares that are answered, and at which confidence.
+/// The shares that are answered, and at which confidence; `wanted` are kinds, all of them by default, and
+/// the design whose table is used.
 pub fn print(images: u64, seed: u64, wanted: &[String]) -> Result<()> {
     let is_shown = std::env::var_os("SPINDOE_SHOWN").is_some();
-    let sources = Sources::new()?;
+    let is_design = |word: &&String| DESIGNS.contains(&word.as_str());
+    let own = wanted.iter().find(is_design).map_or(OWN, String::as_str);
+    let wanted: Vec<&String> = wanted.iter().filter(|w| !is_design(w)).collect();
+    let sources = Sources::new(own)?;
     let detector = DetectorName::Cnn.build()?;
     let estimator = Estimator::new(&sources.own, EstimatorConfig::default(), detector)?;
-    println!("{images} images a kind, seed {seed}, table of {OWN}\n");
+    println!("{images} images a kind, seed {seed}, table of {own}\n");
     println!("| images | answered | above 0.9 | above 0.99 |\n|---|---|---|---|");
     for (name, kind) in kinds() {
         let is_wanted = wanted.is_empty() || wanted.iter().any(|w| name.starts_with(w.as_str()));
@@ -260,70 +268,82 @@ pub fn print(images: u64, seed: u64, wanted: &[String]) -> Result<()> {
 }
 
 /// Bounds of the bins in which claims are compared with the truth.
-const BINS: [[f64; 2]; 5] = [
+const BINS: [[f64; 2]; 6] = [
+    [0.2, 0.5],
     [0.5, 0.7],
     [0.7, 0.9],
     [0.9, 0.99],
     [0.99, 0.999],
     [0.999, 1.1],
 ];
+/// Least probability of the answers that the map is fitted on and shown on.
+const MIN_CONFIDENCE: f64 = 0.2;
 /// Seed of the images that the map is fitted on.
 const FIT_SEED: u64 = 14_220_001;
 
-/// Fits the map of confidences on a mixture of which every second image shows the ball, and compares
-/// its claims with the truth on another.
+/// Fits the map of confidences on a mixture of which every second image shows the ball, for balls of few
+/// and of many dots, and compares its claims with the truth on another.
 pub fn confidence(images: u64, seed: u64) -> Result<()> {
-    let sources = Sources::new()?;
-    let detector = DetectorName::Cnn.build()?;
     let plain = EstimatorConfig {
         trust: TrustMap::IDENTITY,
+        min_confidence: MIN_CONFIDENCE,
         ..EstimatorConfig::default()
     };
+    let fitting = FITTED.map(|own| mixture(own, plain, images, FIT_SEED));
+    let fitting: Vec<Answer> = fitting.into_iter().collect::<Result<Vec<_>>>()?.concat();
+    let map = logistic::fit(&fitting);
+    println!(
+        "fitted on {} answers to {images} images of each of {FITTED:?}, seed {FIT_SEED}:\n{map:?}\n",
+        fitting.len()
+    );
+    let fitted = EstimatorConfig {
+        trust: map,
+        ..plain
+    };
+    println!("shown on as many others, seed {seed}\n");
+    println!("| table | claimed | answers | mean claim % | correct % |\n|---|---|---|---|---|");
+    let mut all = Vec::new();
+    for own in FITTED {
+        let shown = mixture(own, fitted, images, seed)?;
+        print_bins(own, &shown);
+        all.extend(shown);
+    }
+    print_bins("all", &all);
+    let balls: Vec<Answer> = all.into_iter().filter(|a| a.is_ball).collect();
+    print_bins("images of the ball alone", &balls);
+    Ok(())
+}
+
+/// Answers to images of which every second shows the ball.
+fn mixture(own: &str, config: EstimatorConfig, images: u64, seed: u64) -> Result<Vec<Answer>> {
+    let sources = Sources::new(own)?;
+    let detector = DetectorName::Cnn.build()?;
+    let estimator = Estimator::new(&sources.own, config, detector)?;
     let mut others: Vec<Kind> = kinds().into_iter().map(|(_, kind)| kind).collect();
     others.retain(|k| !matches!(k, Kind::Ball | Kind::Photograph));
-    let mixture = |config: EstimatorConfig, seed: u64| -> Result<Vec<Answer>> {
-        let estimator = Estimator::new(&sources.own, config, detector.clone())?;
-        let each = images / 2 / others.len() as u64;
-        let mut all = answers(
-            &estimator,
-            &sources,
-            Kind::Ball,
-            0..each * others.len() as u64,
-            seed,
-        )?;
-        for &kind in &others {
-            all.extend(answers(&estimator, &sources, kind, 0..each, seed)?);
-        }
-        Ok(all.into_iter().flatten().collect())
-    };
-    let (fitting, shown) = (
-        mixture(plain, FIT_SEED)?,
-        mixture(EstimatorConfig::default(), seed)?,
-    );
-    let answered: Vec<Answer> = fitting
-        .into_iter()
-        .filter(|a| a.pose_confidence.is_some())
-        .collect();
-    let map = logistic::fit(&answered);
-    println!(
-        "fitted on {} answers to {images} images, seed {FIT_SEED}:\n{map:?}\n",
-        answered.len()
-    );
-    println!("shown on {images} others, seed {seed}\n");
-    println!("| claimed | answers | mean claim % | correct % |\n|---|---|---|---|");
+    let each = (images / 2).div_ceil(others.len() as u64);
+    let balls = 0..each * others.len() as u64;
+    let mut all = answers(&estimator, &sources, Kind::Ball, balls, seed)?;
+    for &kind in &others {
+        all.extend(answers(&estimator, &sources, kind, 0..each, seed)?);
+    }
+    let answered = all.into_iter().flatten();
+    Ok(answered.filter(|a| a.pose_confidence.is_some()).collect())
+}
+
+/// Claims beside the truth.
+fn print_bins(label: &str, shown: &[Answer]) {
     for [from, to] in BINS {
         let claims = |a: &&Answer| a.pose_confidence.is_some_and(|p| (from..to).contains(&p));
         let bin: Vec<&Answer> = shown.iter().filter(claims).collect();
-        let mean =
-            bin.iter().filter_map(|a| a.pose_confidence).sum::<f64>() / bin.len().max(1) as f64;
+        let claimed = bin.iter().filter_map(|a| a.pose_confidence).sum::<f64>();
         let right = bin.iter().filter(|a| a.is_correct).count() as u64;
         println!(
-            "| {from} to {} | {} | {:.2} | {} |",
+            "| {label} | {from} to {} | {} | {:.2} | {} |",
             to.min(1.0),
             bin.len(),
-            100.0 * mean,
+            100.0 * claimed / bin.len().max(1) as f64,
             Proportion::new(right, bin.len() as u64)
         );
     }
-    Ok(())
 }

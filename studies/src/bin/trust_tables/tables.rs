@@ -11,7 +11,7 @@ use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, N
 /// The designs.
 pub const DESIGNS: [&str; 5] = ["dots12", "dots16", "dots20", "dots24", "dots32"];
 /// The published pattern, where it is here.
-pub const PUBLISHED: &str = "/work/shared/data/spindoe2023/ref_pattern.csv";
+pub const PUBLISHED: &str = "../shared/data/spindoe2023/ref_pattern.csv";
 /// The ball in the images: the design of this number, and the published pattern.
 const BALL: usize = 2;
 
