@@ -124,7 +124,7 @@ pub struct LearningConfig {
 pub enum LearningOrder {
     /// The first frames are read and learned from; then all are answered.
     InAdvance,
-    /// Every frame is answered as it comes, by what the frames before it told: those before the
+    /// Every frame is answered as it comes, by what the frames before it say: those before the
     /// last power of two.
     AsTheyCome,
 }
@@ -173,7 +173,7 @@ pub fn identify_learning(
         base,
         prior: ConditionsPosterior::new(&learning.prior)?,
     };
-    let mut told = Told::nothing(&learner);
+    let mut learned = Learned::nothing(&learner);
     match learning.order {
         LearningOrder::InAdvance => {
             let mut first: Vec<ObservedFrame> = Vec::new();
@@ -185,17 +185,17 @@ pub fn identify_learning(
                     None => break,
                 }
             }
-            told = learner.learn(&first)?;
-            if !told.posterior.is_settled() {
+            learned = learner.learn(&first)?;
+            if !learned.posterior.is_settled() {
                 // No frame confirms itself.
                 for (k, frame) in first.drain(..).enumerate() {
-                    let recognizer = learner.without(&told, k)?;
+                    let recognizer = learner.without(&learned, k)?;
                     let mut workspace = recognizer.workspace();
                     sink.take(answer(&recognizer, rivals, &mut workspace, frame))?;
                 }
             }
             let first = first.into_iter().map(Ok).chain(failed.map(Err));
-            let recognizer = learner.recognizer(&told.posterior)?;
+            let recognizer = learner.recognizer(&learned.posterior)?;
             identify_with_rivals(&recognizer, rivals, first.chain(frames), threads, sink)?;
         }
         LearningOrder::AsTheyCome => {
@@ -203,7 +203,7 @@ pub fn identify_learning(
             let mut share = 1;
             while seen.len() < learning.max_frames {
                 let before = seen.len();
-                let recognizer = learner.recognizer(&told.posterior)?;
+                let recognizer = learner.recognizer(&learned.posterior)?;
                 let frames = frames.by_ref().take(share);
                 let mut keeper = Keeper {
                     sink,
@@ -223,16 +223,16 @@ pub fn identify_learning(
                     break;
                 }
                 share = seen.len();
-                told = learner.learn(&seen)?;
+                learned = learner.learn(&seen)?;
             }
             drop(seen);
-            let recognizer = learner.recognizer(&told.posterior)?;
+            let recognizer = learner.recognizer(&learned.posterior)?;
             identify_with_rivals(&recognizer, rivals, frames, threads, sink)?;
         }
     }
     Ok(LearnedConditions {
-        conditions: told.posterior.expected(),
-        frames: told.posterior.frames(),
+        conditions: learned.posterior.expected(),
+        frames: learned.posterior.frames(),
     })
 }
 
@@ -244,13 +244,13 @@ struct Learner<'a> {
     prior: ConditionsPosterior,
 }
 
-/// What some frames have told.
-struct Told {
+/// What is learned of some frames.
+struct Learned {
     evidence: Vec<FrameEvidence>,
     posterior: Arc<ConditionsPosterior>,
 }
 
-impl Told {
+impl Learned {
     fn nothing(learner: &Learner<'_>) -> Self {
         Self {
             evidence: Vec::new(),
@@ -265,19 +265,19 @@ impl Learner<'_> {
     }
 
     /// What the frames tell: they are identified, tell the conditions, and are identified again.
-    fn learn(&self, frames: &[ObservedFrame]) -> Result<Told> {
-        let mut told = Told::nothing(self);
+    fn learn(&self, frames: &[ObservedFrame]) -> Result<Learned> {
+        let mut learned = Learned::nothing(self);
         for _ in 0..LEARNING_ROUNDS {
-            let recognizer = self.recognizer(&told.posterior)?;
-            told.evidence = evidence(&recognizer, &told.posterior, frames);
-            Arc::make_mut(&mut told.posterior).learn(&told.evidence);
+            let recognizer = self.recognizer(&learned.posterior)?;
+            learned.evidence = evidence(&recognizer, &learned.posterior, frames);
+            Arc::make_mut(&mut learned.posterior).learn(&learned.evidence);
         }
-        Ok(told)
+        Ok(learned)
     }
 
-    /// The recognizer that knows what all frames but one have told.
-    fn without(&self, told: &Told, frame: usize) -> Result<RobustRecognizer> {
-        let mut others = told.evidence.clone();
+    /// The recognizer that knows what all frames but one have learned.
+    fn without(&self, learned: &Learned, frame: usize) -> Result<RobustRecognizer> {
+        let mut others = learned.evidence.clone();
         others.remove(frame);
         let mut posterior = self.prior.clone();
         posterior.learn(&others);
@@ -292,7 +292,7 @@ fn evidence(
     frames: &[ObservedFrame],
 ) -> Vec<FrameEvidence> {
     let chunks = frames.len().div_ceil(LEARNING_CHUNK);
-    let told = concurrency::map_range(0..chunks as u64, |chunk| {
+    let learned = concurrency::map_range(0..chunks as u64, |chunk| {
         let from = chunk as usize * LEARNING_CHUNK;
         let to = (from + LEARNING_CHUNK).min(frames.len());
         let mut workspace = recognizer.workspace();
@@ -306,7 +306,7 @@ fn evidence(
         };
         frames[from..to].iter().map(one).collect::<Vec<_>>()
     });
-    told.into_iter().flatten().collect()
+    learned.into_iter().flatten().collect()
 }
 
 /// Frames that one task learns from; small enough to balance.

@@ -5,7 +5,7 @@ use std::io::{Cursor, Read, Write};
 use std::path::Path;
 
 use burn::module::Module;
-use burn::optim::{AdamWConfig, ModuleOptimizer};
+use burn::optim::{AdamWConfig, ModuleOptimizer, OptimizerRecord};
 use burn::store::ModuleRecord;
 use burn::tensor::{Bytes, Device};
 use serde::{Deserialize, Serialize};
@@ -68,12 +68,18 @@ impl Checkpoint {
             Error::Internal(format!("the checkpoint cannot be packed: {e}"))
         };
         let record = net.clone().into_record().into_bytes();
+        // The optimizer hands its moments out in any order; a record that was read has them by name, so
+        // that the same training gives the same file.
+        let moments = optimizer
+            .into_bytes()
+            .and_then(OptimizerRecord::from_bytes)
+            .and_then(OptimizerRecord::into_bytes);
         Ok(Self {
             state,
             best,
             config: config.clone(),
             net: record.map_err(|e| packed(&e))?.to_vec(),
-            optimizer: optimizer.into_bytes().map_err(|e| packed(&e))?.to_vec(),
+            optimizer: moments.map_err(|e| packed(&e))?.to_vec(),
         })
     }
 

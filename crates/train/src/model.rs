@@ -4,7 +4,7 @@
 //! of [`spindoe::vision::net::graph`]. `spindoe` runs the same net without burn, and a test
 //! compares the outputs of both.
 
-use burn::module::{Module, Param};
+use burn::module::{Module, Param, ParamId};
 use burn::nn::PaddingConfig2d;
 use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::tensor::activation::relu;
@@ -41,6 +41,8 @@ impl Net {
         if !fits {
             return Err(Error::argument("weights", "expected those of this net"));
         }
+        // Random identifiers, as by default, would make every checkpoint another file.
+        let mut ids = (1..).map(ParamId::from);
         let convolutions = std::iter::zip(layers, &shapes)
             .map(|(layer, c)| {
                 let pad = c.kernel / 2;
@@ -52,7 +54,10 @@ impl Net {
                 let weight = TensorData::new(layer.weight.clone(), shape);
                 let bias = TensorData::new(layer.bias.clone(), [c.outputs]);
                 built.weight = Param::from_data(weight, device);
-                built.bias = Some(Param::from_data(bias, device));
+                let mut bias = Param::from_data(bias, device);
+                std::iter::zip([&mut built.weight.id, &mut bias.id], &mut ids)
+                    .for_each(|(id, number)| *id = number);
+                built.bias = Some(bias);
                 built
             })
             .collect();

@@ -69,6 +69,13 @@ fn a_resumed_training_ends_as_one_without_a_break() {
     assert_eq!(whole.state, rest.state);
     assert_eq!(whole.best, rest.best);
     assert!(whole.layers().unwrap() == rest.layers().unwrap());
+    // The same seed gives the same file.
+    let files = [whole, rest].map(|checkpoint| {
+        let path = dir.path().join("again.zip");
+        checkpoint.write(&path).unwrap();
+        std::fs::read(path).unwrap()
+    });
+    assert!(files[0] == files[1]);
     let other = TrainConfig { seed: 4, ..short() };
     let rejected = Checkpoint::read(&path, &other).unwrap_err().to_string();
     assert!(rejected.contains("same options"), "{rejected}");
