@@ -214,7 +214,7 @@ impl SharedCamera {
 
     /// The change of the first of the shared unknowns to where rays are parallel; `None` for a known
     /// camera.
-    pub fn to_parallel(&self) -> Option<f64> {
+    pub fn change_to_parallel(&self) -> Option<f64> {
         match self.optics {
             Optics::Known(_) => None,
             Optics::Unknown {

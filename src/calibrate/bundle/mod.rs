@@ -271,7 +271,7 @@ impl Bundle {
     fn step(&self, equations: &NormalEquations, damping: f64) -> Option<Step> {
         let step = equations.solve(damping)?;
         let at = 2 * self.dots.len();
-        match self.camera.to_parallel() {
+        match self.camera.change_to_parallel() {
             Some(back) if step.border[at] < back => equations.solve_given(damping, at, back),
             _ => Some(step),
         }

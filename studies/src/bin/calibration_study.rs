@@ -409,6 +409,9 @@ fn report(outcomes: &[Outcome]) {
     println!("calibrated over true, mean: {}", ratio(&measured));
 }
 
+/// Whether a dot is of a kind.
+type DotTest = fn(&Dot) -> bool;
+
 fn report_dots(measured: &[&Measured]) {
     let mut per_ball: Vec<f64> = measured.iter().map(|m| rms(m.dots.iter())).collect();
     per_ball.sort_by(f64::total_cmp);
@@ -417,12 +420,12 @@ fn report_dots(measured: &[&Measured]) {
         per_ball[per_ball.len() / 2],
         per_ball[per_ball.len() * 9 / 10]
     );
-    let kinds: [(&str, &dyn Fn(&Dot) -> bool); 5] = [
-        ("all", &|_| true),
-        ("not doubtful", &|d| !d.doubtful),
-        ("doubtful", &|d| d.doubtful),
-        ("clear of print and seams", &|d| !d.on_print),
-        ("on print or seams", &|d| d.on_print),
+    let kinds: [(&str, DotTest); 5] = [
+        ("all", |_| true),
+        ("not doubtful", |d| !d.doubtful),
+        ("doubtful", |d| d.doubtful),
+        ("clear of print and seams", |d| !d.on_print),
+        ("on print or seams", |d| d.on_print),
     ];
     for (name, is_of_kind) in kinds {
         // The balls are the sample: dots of a ball share its orientation and camera.
