@@ -14,7 +14,9 @@ pub struct CalibrationConfig {
     pub placement_sigma_rad: f64,
     /// Standard deviation of the error that all views of a dot share, along one tangent axis, radians:
     /// its ink is not where its middle is, and the detector prefers one side. No view shows it; it is
-    /// added to every dot's covariance.
+    /// added to every dot's covariance. Beside print and on seams it is larger, and so are the variances
+    /// that the detector states: where these are larger than those of the ball's middle dot, this
+    /// standard deviation grows with their ratio.
     pub shared_sigma_rad: f64,
     /// Maximum angle from its nominal place at which a mark is taken for a dot drawn far off, radians.
     pub max_offset_rad: f64,
@@ -33,8 +35,9 @@ pub struct CalibrationConfig {
 }
 
 impl Default for CalibrationConfig {
-    /// Dots drawn to 3 deg, with 0.1 deg that all views of a dot share (measured on rendered clips), marks up to 12 deg off; 5 frames or more of a probability of 0.9, a third
-    /// of those with a ball; 4 rounds; nothing extra; a smooth rotation.
+    /// Dots drawn to 3 deg, with 0.1 deg that all views of a dot share (measured on rendered clips), marks
+    /// up to 12 deg off; 5 frames or more of a probability of 0.9, a third of those with a ball; 4 rounds;
+    /// nothing extra; a smooth rotation.
     fn default() -> Self {
         Self {
             estimator: EstimatorConfig::default(),

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 
+use super::presence::is_doubtful;
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between, tangent_frame};
 use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
@@ -35,11 +36,20 @@ pub struct CalibratedDot {
     /// Expected number of frames in which it would be found, facing the camera well, at the rate at which
     /// the other dots are.
     pub expected_views: f64,
+    /// The detector's mean probability that this is a dot, over that of the ball's middle dot; 1 for a dot
+    /// that was not measured. See [`is_doubtful`](Self::is_doubtful).
+    pub confidence: f64,
     /// See [`DotState`].
     pub state: DotState,
 }
 
 impl CalibratedDot {
+    /// Whether something is seen there that may be no dot: print or a stain, beside which the dot is hidden
+    /// or missing.
+    pub fn is_doubtful(&self) -> bool {
+        self.state == DotState::Measured && is_doubtful(self.confidence)
+    }
+
     /// Angle from the nominal place, radians.
     pub fn offset_rad(&self) -> f64 {
         angle_between(&self.nominal, &self.direction)

@@ -43,6 +43,8 @@ struct Candidate {
     direction: Vec3,
     covariance: Matrix2<f64>,
     views: usize,
+    /// What the detector says of it; see [`CalibratedDot::confidence`].
+    confidence: f64,
     /// Whether a frame of the last fit names it.
     named: bool,
     /// Not left out.
@@ -50,6 +52,15 @@ struct Candidate {
     presence: Presence,
     /// As a mark: see [`SteadyMark`].
     mark: Option<Mark>,
+}
+
+/// What the detector says of a dot, mean over its views.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sighting {
+    /// Probability of a dot.
+    confidence: f64,
+    /// Variance of a detection, rad^2 per axis at the ball's middle.
+    variance: f64,
 }
 
 /// What a fit gives besides the dots.
@@ -60,6 +71,7 @@ struct FitSummary {
     axis_rad: Option<f64>,
     /// Mean variance of a detection, rad^2 at the ball's middle.
     detection_variance: f64,
+    sightings: Vec<Sighting>,
 }
 
 /// The alternation's state.
@@ -93,6 +105,7 @@ impl<'a> Rounds<'a> {
             direction: *direction,
             covariance: Matrix2::identity() * variance,
             views: 0,
+            confidence: 1.0,
             named: false,
             active: true,
             presence: Presence::default(),
@@ -174,13 +187,7 @@ impl<'a> Rounds<'a> {
     /// A fit, and what it says of each dot and of the marks.
     fn round(&mut self, is_last: bool) -> Outcome<(FitSummary, Vec<Mark>, DetectionRate)> {
         let (fits, summary, mut fitted) = self.fit().ok_or(CalibrationRejection::Singular)?;
-        let shared = Matrix2::identity() * self.config.shared_sigma_rad.powi(2);
-        for (candidate, fit) in self.candidates.iter_mut().zip(&fits) {
-            candidate.direction = fit.direction;
-            candidate.covariance = fit.covariance + shared;
-            candidate.views = fit.views;
-            candidate.named = fit.views > 0;
-        }
+        self.take_fits(&fits, &summary.sightings);
         fitted.sort_by_key(|f| f.index);
         let strays = self.strays(&fitted);
         let marks = self.marks(&fitted, &strays);
@@ -190,7 +197,7 @@ impl<'a> Rounds<'a> {
         let (presences, rate) = presences(&fitted, &directions, &finds);
         for (candidate, presence) in self.candidates.iter_mut().zip(presences) {
             candidate.presence = presence;
-            candidate.active = !presence.is_missing();
+            candidate.active = !presence.is_missing(candidate.confidence);
             if !candidate.active {
                 // What was taken for it lies elsewhere.
                 candidate.direction = candidate.prior.direction;
@@ -200,6 +207,32 @@ impl<'a> Rounds<'a> {
         // What is taken in must take part in a fit.
         let marks = self.learn(marks, self.config.learn_extra && !is_last);
         Ok((summary, marks, rate))
+    }
+
+    /// The dots of a fit, with the error that their views share: see
+    /// [`CalibrationConfig::shared_sigma_rad`].
+    fn take_fits(&mut self, fits: &[DotFit], sightings: &[Sighting]) {
+        let seen = || fits.iter().zip(sightings).filter(|(fit, _)| fit.views > 0);
+        let typical = |value: &dyn Fn(&Sighting) -> f64| {
+            median(&mut seen().map(|(_, s)| value(s)).collect::<Vec<_>>())
+        };
+        let usual = Sighting {
+            confidence: typical(&|s| s.confidence),
+            variance: typical(&|s| s.variance),
+        };
+        let shared = self.config.shared_sigma_rad.powi(2);
+        for ((candidate, fit), seen) in self.candidates.iter_mut().zip(fits).zip(sightings) {
+            candidate.direction = fit.direction;
+            candidate.views = fit.views;
+            candidate.named = fit.views > 0;
+            candidate.covariance = fit.covariance;
+            candidate.confidence = 1.0;
+            if candidate.named {
+                let unclear = (seen.variance / usual.variance).max(1.0).powi(2);
+                candidate.covariance += Matrix2::identity() * (shared * unclear);
+                candidate.confidence = seen.confidence / usual.confidence;
+            }
+        }
     }
 
     /// Too many dots missing are another ball's.
@@ -218,7 +251,7 @@ impl<'a> Rounds<'a> {
     fn fit(&self) -> Option<(Vec<DotFit>, FitSummary, Vec<FittedFrame>)> {
         let mut frames = Vec::new();
         let mut fitted = Vec::new();
-        let (mut variance, mut count) = (0.0, 0usize);
+        let mut sightings = vec![Sighting::default(); self.candidates.len()];
         for (k, frame) in self.frames.iter().enumerate() {
             if !self.is_trusted(frame) {
                 continue;
@@ -228,19 +261,17 @@ impl<'a> Rounds<'a> {
             else {
                 continue;
             };
-            let named = frame.dots.iter().zip(&frame.assignment);
-            let observations: Vec<Observation> = named
-                .filter_map(|(dot, name)| {
-                    Some(Observation {
-                        dot: self.names[usize::from((*name)?)],
-                        pixel: dot.pixel,
-                        covariance: dot.covariance,
-                    })
-                })
-                .collect();
-            for seen in &observations {
-                variance += 0.5 * seen.covariance.trace() / circle.radius.powi(2);
-                count += 1;
+            let mut observations = Vec::new();
+            for (dot, name) in frame.dots.iter().zip(&frame.assignment) {
+                let Some(name) = name else { continue };
+                let j = self.names[usize::from(*name)];
+                sightings[j].confidence += dot.confidence;
+                sightings[j].variance += 0.5 * dot.covariance.trace() / circle.radius.powi(2);
+                observations.push(Observation {
+                    dot: j,
+                    pixel: dot.pixel,
+                    covariance: dot.covariance,
+                });
             }
             fitted.extend(FittedFrame::new(k, frame, &self.config.estimator.camera));
             frames.push(BundleFrame {
@@ -254,12 +285,21 @@ impl<'a> Rounds<'a> {
         let priors = self.candidates.iter().map(|c| c.prior).collect();
         let mut bundle = Bundle::new(priors, frames, &self.config.estimator.camera);
         bundle.fit(self.config.smooth);
+        let views = bundle.views();
+        let variance: f64 = sightings.iter().map(|s| s.variance).sum();
+        let count = views.iter().sum::<usize>().max(1);
+        for (seen, views) in sightings.iter_mut().zip(views) {
+            let views = views.max(1) as f64;
+            seen.confidence /= views;
+            seen.variance /= views;
+        }
         let summary = FitSummary {
             noise_scale: bundle.noise_scale(),
             smooth: bundle.is_smooth(),
             inverse_distance: bundle.inverse_distance(),
             axis_rad: bundle.axis_rad(),
-            detection_variance: variance / count.max(1) as f64,
+            detection_variance: variance / count as f64,
+            sightings,
         };
         for (frame, fit) in fitted.iter_mut().zip(&bundle.frames) {
             frame.turn_to(&fit.rotation);
@@ -352,6 +392,7 @@ impl<'a> Rounds<'a> {
                     direction: mark.direction,
                     covariance: Matrix2::identity() * self.config.placement_sigma_rad.powi(2),
                     views: mark.found,
+                    confidence: 1.0,
                     named: false,
                     active: true,
                     presence: Presence::default(),
@@ -462,6 +503,11 @@ impl<'a> Rounds<'a> {
                 0
             },
             expected_views: c.presence.expected,
+            confidence: if state == DotState::Measured {
+                c.confidence
+            } else {
+                1.0
+            },
             state,
         }
     }

@@ -49,6 +49,8 @@ pub struct DotReport {
     pub views: usize,
     /// Frames that should have, facing it well, at the rate of the other dots.
     pub expected_views: f64,
+    /// Whether what is seen there may be no dot.
+    pub doubtful: bool,
 }
 
 /// A mark in the report.
@@ -209,6 +211,7 @@ pub fn evaluate_calibration(
             sigma_deg: dot.sigma_rad().to_degrees(),
             views: dot.views,
             expected_views: dot.expected_views,
+            doubtful: dot.is_doubtful(),
         })
         .collect();
     let first_mark = calibration.dots.len() - calibration.count(DotState::Missing);
@@ -258,7 +261,9 @@ pub fn evaluate_calibration(
 
 /// The dots that are not well measured, the worst first.
 fn more_views(dots: &[DotReport]) -> Vec<usize> {
-    let poor = |d: &&DotReport| d.state != DotState::Missing && d.sigma_deg > WELL_MEASURED_DEG;
+    let poor = |d: &&DotReport| {
+        d.state != DotState::Missing && !d.doubtful && d.sigma_deg > WELL_MEASURED_DEG
+    };
     let mut poor: Vec<&DotReport> = dots.iter().filter(poor).collect();
     poor.sort_by(|a, b| b.sigma_deg.total_cmp(&a.sigma_deg));
     poor.iter().map(|d| d.nominal_number).collect()
@@ -317,6 +322,14 @@ fn advice(report: &CalibrationReport) -> Vec<String> {
         advice.push(format!(
             "never found where they should be: dots {}",
             list(&missing)
+        ));
+    }
+    let doubtful = report.dots.iter().filter(|d| d.doubtful);
+    let doubtful: Vec<usize> = doubtful.map(|d| d.nominal_number).collect();
+    if !doubtful.is_empty() {
+        advice.push(format!(
+            "what is seen there may be print or a stain; look at dots {}",
+            list(&doubtful)
         ));
     }
     let lost = |p: &ProtocolReport| {

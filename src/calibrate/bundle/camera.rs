@@ -24,8 +24,11 @@ use crate::vision::estimator::CameraModel;
 const AXIS_SIGMA: f64 = 0.1;
 /// Smallest one over the focal length, in ball radii: parallel rays for every purpose.
 const MIN_INVERSE_DISTANCE: f64 = 1e-4;
-/// Steps of the differences by the focal length and the radius (a share of them) and by the axis.
+/// Steps of the differences by the radius (a share of it) and by the axis.
 const DIFFERENCE: f64 = 1e-5;
+/// Step of the difference by one over the focal length, ball radii. It does not shrink with it: for nearly
+/// parallel rays a share of it would move no digit of the projection.
+const FOCAL_DIFFERENCE: f64 = 1e-4;
 
 /// Unknowns that all frames share besides the dots.
 pub(super) const SHARED: usize = 6;
@@ -50,6 +53,8 @@ enum Optics {
         axis: Vector2<f64>,
         expected: f64,
         sigma: f64,
+        /// Where rays count as parallel: the bound of `inverse_focal`.
+        parallel: f64,
     },
 }
 
@@ -90,6 +95,8 @@ impl SharedCamera {
                     axis: Vector2::zeros(),
                     expected,
                     sigma: prior.sigma / radius,
+                    // Above the bound for every frame, whose radii are not all the mean.
+                    parallel: 2.0 * MIN_INVERSE_DISTANCE / radius,
                 }
             }
         };
@@ -112,13 +119,11 @@ impl SharedCamera {
 
     /// The views that differ a little in what is unknown; `None` for a known camera.
     pub fn neighbors(&self, circle: &BallCircle) -> Option<Neighbors> {
-        let Optics::Unknown { inverse_focal, .. } = self.optics else {
+        let Optics::Unknown { .. } = self.optics else {
             return None;
         };
-        let least = MIN_INVERSE_DISTANCE / circle.radius;
-        let focal_step = DIFFERENCE * inverse_focal.max(least);
         let steps = [
-            focal_step,
+            FOCAL_DIFFERENCE / circle.radius,
             DIFFERENCE,
             DIFFERENCE,
             DIFFERENCE * circle.radius,
@@ -196,14 +201,28 @@ impl SharedCamera {
         if let Optics::Unknown {
             inverse_focal,
             axis,
+            parallel,
             ..
         } = &mut moved.optics
         {
-            *inverse_focal = (*inverse_focal + optics[0]).max(0.0);
+            *inverse_focal = (*inverse_focal + optics[0]).max(*parallel);
             *axis += Vector2::new(optics[1], optics[2]);
         }
         moved.outline_bias += outline;
         moved
+    }
+
+    /// The change of the first of the shared unknowns to where rays are parallel; `None` for a known
+    /// camera.
+    pub fn change_to_parallel(&self) -> Option<f64> {
+        match self.optics {
+            Optics::Known(_) => None,
+            Optics::Unknown {
+                inverse_focal,
+                parallel,
+                ..
+            } => Some(parallel - inverse_focal),
+        }
     }
 
     /// Information of each shared unknown before the fit, and how far it lies off what is expected. A
@@ -215,6 +234,7 @@ impl SharedCamera {
             axis,
             expected,
             sigma,
+            ..
         } = self.optics
         {
             prior[0] = (sigma.powi(-2), inverse_focal - expected);

@@ -7,7 +7,7 @@ use nalgebra::{
 use super::camera::{FrameView, Neighbors, OPTICS, SHARED};
 use super::motion::SPIN;
 use super::schur::{BLOCK, NormalEquations};
-use super::{Bundle, BundleFrame, DEGREES, Observation, offset};
+use super::{Bundle, BundleFrame, DEGREES, Observation, Weighting, offset};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 use crate::vision::camera::Pixel;
 
@@ -20,9 +20,9 @@ const KEPT: f64 = 0.5;
 const OUTLINE: usize = 3;
 
 /// The derivatives of a detection's expected place.
-struct Projection {
-    pixel: Pixel,
-    of_frame: SMatrix<f64, 2, BLOCK>,
+pub(super) struct Projection {
+    pub pixel: Pixel,
+    pub of_frame: SMatrix<f64, 2, BLOCK>,
     by_dot: Matrix2<f64>,
     by_shared: SMatrix<f64, 2, SHARED>,
 }
@@ -77,13 +77,19 @@ impl Bundle {
         Vec3::new(moved.x, moved.y, grown) + self.camera.outline_bias
     }
 
+    /// The axes of the dots' coordinates.
+    pub(super) fn axes(&self) -> Vec<Matrix3x2<f64>> {
+        let of = |d: &Vec3| Matrix3x2::from_columns(&tangent_frame(d));
+        self.dots.iter().map(of).collect()
+    }
+
     /// Fills the normal equations, which are zero; returns the cost.
-    pub(super) fn linearize(&self, equations: &mut NormalEquations) -> Option<f64> {
-        let axes: Vec<Matrix3x2<f64>> = self
-            .dots
-            .iter()
-            .map(|d| Matrix3x2::from_columns(&tangent_frame(d)))
-            .collect();
+    pub(super) fn linearize(
+        &self,
+        equations: &mut NormalEquations,
+        weighting: Weighting,
+    ) -> Option<f64> {
+        let axes = self.axes();
         for (k, frame) in self.frames.iter().enumerate() {
             let view = self.view(frame)?;
             let neighbors = self.camera.neighbors(&frame.circle);
@@ -91,7 +97,7 @@ impl Bundle {
             for seen in &frame.observations {
                 let axes = &axes[seen.dot];
                 let p = self.projection(&view, neighbors.as_ref(), frame, seen.dot, axes);
-                self.add_observation(equations, k, seen, &p)?;
+                self.add_observation(equations, k, seen, &p, weighting)?;
             }
             if self.motion.is_none() {
                 for i in SPIN..BLOCK {
@@ -103,7 +109,7 @@ impl Bundle {
         self.cost()
     }
 
-    fn projection(
+    pub(super) fn projection(
         &self,
         FrameView { view, to_view }: &FrameView,
         neighbors: Option<&Neighbors>,
@@ -231,11 +237,10 @@ impl Bundle {
         k: usize,
         seen: &Observation,
         p: &Projection,
+        weighting: Weighting,
     ) -> Option<()> {
-        let inverse = (seen.covariance * self.variance_scale).try_inverse()?;
-        let residual: Vector2<f64> = offset(seen.pixel, p.pixel);
-        let distance = residual.dot(&(inverse * residual));
-        let information = inverse * ((DEGREES + 2.0) / (DEGREES + distance));
+        let (residual, information) = self.weighted(seen, p.pixel)?;
+        let information = information * weighting.share();
         self.add_of_frame(
             equations,
             k,
@@ -260,6 +265,19 @@ impl Bundle {
         let mut gradient = equations.corner_gradient.fixed_rows_mut::<2>(at);
         gradient += weighted * residual;
         Some(())
+    }
+
+    /// A detection's residual, and its information in a step of the weighted least squares.
+    pub(super) fn weighted(
+        &self,
+        seen: &Observation,
+        at: Pixel,
+    ) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+        let inverse = (seen.covariance * self.variance_scale).try_inverse()?;
+        let residual = offset(seen.pixel, at);
+        let distance = residual.dot(&(inverse * residual));
+        let weight = (DEGREES + 2.0) / (DEGREES + distance);
+        Some((residual, inverse * weight))
     }
 
     /// Adds the priors of dots, camera and motion, and the gauge.

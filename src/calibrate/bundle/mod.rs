@@ -12,6 +12,11 @@
 //! adjustment: a modern synthesis", 2000; K. Lange et al., "Robust statistical modeling using the t
 //! distribution", JASA 84, 1989). The frames are eliminated by the Schur complement ([`schur`]).
 //!
+//! # Covariances
+//! The weights' mean is 1, but a detection tells less than that: the information of Student's
+//! distribution in two dimensions is `S^-1 (nu + 2) / (nu + 4)` (Lange et al., Appendix B). The
+//! covariances are the inverse of that information, those of the steps would be too small by 2/9.
+//!
 //! # Gauge
 //! Turning all dots one way and all frames back changes no residual. The dots are kept at the least
 //! rotation from their nominal places, `sum n_j x d_j = 0` over the dots that were seen; the
@@ -19,19 +24,21 @@
 //!
 //! # Scale of the noise
 //! The detector states a covariance for each detection. They are scaled by one factor that the
-//! residuals set, with the degrees of freedom that the fit uses taken off.
+//! residuals set, with the degrees of freedom that the fit uses taken off. A frame uses fewer than its
+//! six, as far as its outline is known already: with the detections' information `A` and that of the
+//! outline `P` it is the trace of `(A + P)^-1 A`.
 
 mod camera;
 mod equations;
 mod motion;
 mod schur;
 
-use nalgebra::{Matrix2, Matrix3, Vector2};
+use nalgebra::{Matrix2, Matrix3, Matrix6, Vector2};
 
 use crate::geometry::{Rotation, Vec3, kabsch, tangent_frame};
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::estimator::{CameraModel, Outline};
-use camera::{FrameView, OPTICS, SHARED, SharedCamera};
+use camera::{OPTICS, SHARED, SharedCamera};
 use motion::{MotionPrior, SPIN, TimedPose};
 use schur::{NormalEquations, Step};
 
@@ -56,6 +63,24 @@ const SCALES: [f64; 2] = [0.3, 5.0];
 const MIN_FREEDOM: f64 = 10.0;
 /// Largest ball radii over the camera's distance.
 const MAX_INVERSE_DISTANCE: f64 = 0.3;
+
+/// What a detection counts for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Weighting {
+    /// In a step towards the minimum.
+    Step,
+    /// In the covariance: see the module's head.
+    Information,
+}
+
+impl Weighting {
+    fn share(self) -> f64 {
+        match self {
+            Self::Step => 1.0,
+            Self::Information => (DEGREES + 2.0) / (DEGREES + 4.0),
+        }
+    }
+}
 
 /// A dot before the fit.
 #[derive(Debug, Clone, Copy)]
@@ -197,7 +222,7 @@ impl Bundle {
     /// The dots with their covariances; `None` where the problem is singular.
     pub fn dot_fits(&self) -> Option<Vec<DotFit>> {
         let mut equations = self.equations();
-        self.linearize(&mut equations)?;
+        self.linearize(&mut equations, Weighting::Information)?;
         let covariance = equations.border_covariance()?;
         let fits = self.dots.iter().zip(self.views()).enumerate();
         let fits = fits.map(|(j, (direction, views))| DotFit {
@@ -216,11 +241,11 @@ impl Bundle {
     fn minimize(&mut self) {
         let mut equations = self.equations();
         let mut damping = DAMPING;
-        let Some(mut cost) = self.linearize(&mut equations) else {
+        let Some(mut cost) = self.linearize(&mut equations, Weighting::Step) else {
             return;
         };
         for _ in 0..MAX_STEPS {
-            let moved = equations.solve(damping).map(|step| self.moved(&step));
+            let moved = self.step(&equations, damping).map(|step| self.moved(&step));
             let better = moved.and_then(|m| Some((m.cost()?, m)).filter(|(c, _)| *c < cost));
             let Some((lower, moved)) = better else {
                 damping *= DAMPING_UP;
@@ -234,9 +259,21 @@ impl Bundle {
             cost = lower;
             damping *= DAMPING_DOWN;
             equations.clear();
-            if fall < CONVERGED * cost.max(1.0) || self.linearize(&mut equations).is_none() {
+            let converged = fall < CONVERGED * cost.max(1.0);
+            if converged || self.linearize(&mut equations, Weighting::Step).is_none() {
                 return;
             }
+        }
+    }
+
+    /// The step of these equations that keeps the camera in its domain. Rays that are parallel or nearly so
+    /// lie at its bound: there the distance is held, and the rest moves as it would without it.
+    fn step(&self, equations: &NormalEquations, damping: f64) -> Option<Step> {
+        let step = equations.solve(damping)?;
+        let at = 2 * self.dots.len();
+        match self.camera.change_to_parallel() {
+            Some(back) if step.border[at] < back => equations.solve_given(damping, at, back),
+            _ => Some(step),
         }
     }
 
@@ -292,27 +329,35 @@ impl Bundle {
 
     /// Sets the scale of the noise to what the residuals say.
     fn rescale(&mut self) {
-        let (mut sum, mut count) = (0.0, 0usize);
+        let axes = self.axes();
+        let seen = self.views().iter().filter(|v| **v > 0).count();
+        let (mut sum, mut freedom) = (0.0, -2.0 * seen as f64);
         for frame in &self.frames {
-            let Some(FrameView { view, to_view }) = self.view(frame) else {
+            let (Some(view), Some(of_outline)) =
+                (self.view(frame), frame.outline.covariance.try_inverse())
+            else {
                 continue;
             };
-            let turn = to_view * frame.rotation;
+            let neighbors = self.camera.neighbors(&frame.circle);
+            let mut prior = Matrix6::zeros();
+            let mut own = prior.fixed_view_mut::<3, 3>(3, 3);
+            own += of_outline;
+            let mut all = prior;
             for seen in &frame.observations {
-                let at = view.project(&(turn * self.dots[seen.dot]));
-                let scaled = seen.covariance * self.variance_scale;
-                if let Some(inverse) = scaled.try_inverse() {
-                    let off = offset(seen.pixel, at);
-                    let distance = off.dot(&(inverse * off));
+                let axes = &axes[seen.dot];
+                let p = self.projection(&view, neighbors.as_ref(), frame, seen.dot, axes);
+                if let Some((residual, information)) = self.weighted(seen, p.pixel) {
                     // At the true scale this is 2 on average.
-                    sum += (DEGREES + 2.0) / (DEGREES + distance) * distance;
-                    count += 2;
+                    sum += residual.dot(&(information * residual));
+                    freedom += 2.0;
+                    let of_frame = p.of_frame.fixed_columns::<6>(0);
+                    all += of_frame.transpose() * information * of_frame;
                 }
             }
+            if let Some(inverse) = all.try_inverse() {
+                freedom -= 6.0 - (inverse * prior).trace();
+            }
         }
-        let seen = self.views().iter().filter(|v| **v > 0).count();
-        let used = 3 * self.frames.len() + 2 * seen;
-        let freedom = count as f64 - used as f64;
         if freedom >= MIN_FREEDOM {
             let [min, max] = SCALES.map(|s| s * s);
             self.variance_scale = (self.variance_scale * sum / freedom).clamp(min, max);
@@ -321,7 +366,7 @@ impl Bundle {
 
     fn learn_motion(&self) -> Option<MotionPrior> {
         let mut equations = self.equations();
-        self.linearize(&mut equations)?;
+        self.linearize(&mut equations, Weighting::Information)?;
         let poses: Option<Vec<TimedPose>> = self
             .frames
             .iter()

@@ -25,6 +25,7 @@ pub(super) type BlockVector = SVector<f64, BLOCK>;
 pub(super) type Border = OMatrix<f64, Const<BLOCK>, Dyn>;
 
 /// The normal equations.
+#[derive(Debug, Clone)]
 pub(super) struct NormalEquations {
     /// A block a frame, and its coupling with the next one.
     pub diagonal: Vec<Block>,
@@ -94,6 +95,22 @@ impl NormalEquations {
             frames[k] = rest;
         }
         Some(Step { frames, border })
+    }
+
+    /// As [`solve`](Self::solve), with the step of one of the border's unknowns given.
+    pub fn solve_given(&self, damping: f64, at: usize, step: f64) -> Option<Step> {
+        let mut given = self.clone();
+        for (gradient, border) in given.gradient.iter_mut().zip(&mut given.border) {
+            *gradient -= border.column(at) * step;
+            border.column_mut(at).fill(0.0);
+        }
+        given.corner_gradient -= given.corner.column(at) * step;
+        given.corner.column_mut(at).fill(0.0);
+        given.corner.row_mut(at).fill(0.0);
+        given.corner[(at, at)] = 1.0;
+        // The damping takes nothing off what is given.
+        given.corner_gradient[at] = step * (1.0 + damping);
+        given.solve(damping)
     }
 
     /// The border's covariance with all frames marginalized.
@@ -216,6 +233,20 @@ mod tests {
             let found = system.border_covariance().unwrap();
             assert!((found - inverse.view((at, at), (5, 5))).norm() < 1e-12);
         }
+    }
+
+    #[test]
+    fn a_given_step_is_taken_and_the_rest_follows() {
+        let (system, dense, gradient) = random(4, 5);
+        let (at, given) = (4 * BLOCK + 2, 0.7);
+        let step = system.solve_given(0.0, 2, given).unwrap();
+        assert!((step.border[2] - given).abs() < 1e-12);
+        // What is left of the dense equations without that unknown's row.
+        let rest = (gradient - dense.column(at) * given).remove_row(at);
+        let matrix = dense.remove_row(at).remove_column(at);
+        let expected = matrix.lu().solve(&rest).unwrap();
+        assert!((step.frames[3] - expected.rows(3 * BLOCK, BLOCK)).norm() < 1e-12);
+        assert!((step.border[4] - expected[4 * BLOCK + 3]).abs() < 1e-12);
     }
 
     #[test]

@@ -1,12 +1,14 @@
-//! The calibration against the Cramér-Rao bound, and patterns built from clips alone, on exact detections
-//! with Gaussian errors. The tables of docs/measurements/calibrate.md come from here.
+//! The calibration against the Cramér-Rao bound, its stated covariances against both, and patterns built
+//! from clips alone, on exact detections with Gaussian errors. The tables of docs/measurements/calibrate.md
+//! come from here.
 //!
-//!     cargo run --release -p spindoe-studies --bin calibration_bound -- [BALLS] [SEED] [FRAMES]
+//!     cargo run --release -p spindoe-studies --bin calibration_bound -- [BALLS] [SEED] [FRAMES] [REPEATS]
 //!
 //! A ball of 30 px radius 12 radii away; detections off by 0.3 px per axis, outlines by 0.2 px; 8 % of the
 //! dots are missed. The bound is that of the dots with orientations and outlines unknown (the outlines with
 //! their stated error as a prior), made of numeric derivatives of the renderer's projection; it shares no
-//! code with the calibration.
+//! code with the calibration. A bias of the model and a covariance that is too small are told apart by
+//! REPEATS of the noise on one ball and one motion: the scatter of the repeats, and their mean's error.
 
 use std::error::Error;
 
@@ -15,7 +17,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use spindoe::calibrate::{CalibrationConfig, DotState, build_pattern, calibrate, identify_frames};
+use spindoe::calibrate::{CalibrationConfig, build_pattern, calibrate, identify_frames};
 use spindoe::geometry::{
     Rotation, Vec3, angle_between, kabsch, random_direction, random_rotation, tangent_frame,
 };
@@ -62,9 +64,9 @@ struct Clip {
     names: Vec<Vec<usize>>,
 }
 
-fn clip<R: Rng>(dots: &[Vec3], frames: usize, view: &View, rng: &mut R) -> Clip {
-    let mut rotation = random_rotation(rng);
-    let mut axis = random_direction(rng);
+fn clip<R: Rng>(dots: &[Vec3], frames: usize, view: &View, motion: &mut R, rng: &mut R) -> Clip {
+    let mut rotation = random_rotation(motion);
+    let mut axis = random_direction(motion);
     let about = tangent_frame(&axis)[0] * (std::f64::consts::PI / frames as f64);
     let precession = Rotation::from_scaled_axis(about);
     let step = TURNS * std::f64::consts::TAU / frames as f64;
@@ -177,39 +179,47 @@ fn bound(dots: &[Vec3], clip: &Clip, view: &View) -> Option<f64> {
     Some(values[3..].iter().map(|v| 1.0 / v).sum())
 }
 
+/// What the calibration knows besides the detections.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Knowledge {
+    /// The camera, but no prior of motion: as the bound.
+    Camera,
+    /// The times, from which a smooth rotation is learned; the camera is fitted.
+    Motion,
+}
+
+/// Sums over a ball's dots, rad^2.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    squared_error: f64,
+    stated: f64,
+    bound: f64,
+    /// Mean over the dots of the squared error over the stated variance.
+    normalized: f64,
+    dots: usize,
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |k: usize, default: u64| -> Result<u64, Box<dyn Error>> {
         Ok(arguments.get(k).map_or(Ok(default), |a| a.parse())?)
     };
-    let (balls, seed, frames) = (
-        number(0, 100)?,
-        number(1, 20_261_122)?,
-        number(2, 120)? as usize,
-    );
+    let (balls, seed) = (number(0, 100)?, number(1, 20_261_122)?);
+    let (frames, repeats) = (number(2, 120)? as usize, number(3, 100)?);
     let text = include_bytes!("../../../designs/dots20/pattern.csv");
     let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
-    println!("{balls} balls, {frames} frames, seed {seed}\n");
-    let each: Result<Vec<[f64; 3]>, String> = (0..balls)
-        .into_par_iter()
-        .map(|k| judge(&nominal, seed, k, frames).map_err(|e| e.to_string()))
-        .collect();
-    let each = each?;
-    let sum = |i: usize| each.iter().map(|e| e[i]).sum::<f64>();
-    let (error, limit, dots) = (sum(0), sum(1), sum(2));
-    let ratio = (error / limit).sqrt();
-    let spread: f64 = each
-        .iter()
-        .map(|e| (e[0] - error / limit * e[1]).powi(2))
-        .sum();
-    let half = 1.96 * spread.sqrt() / limit / (2.0 * ratio);
-    println!(
-        "dots: {:.4} deg rms, bound {:.4} deg, ratio {ratio:.3} [{:.3}, {:.3}]",
-        (error / dots).sqrt().to_degrees(),
-        (limit / dots).sqrt().to_degrees(),
-        ratio - half,
-        ratio + half
-    );
+    println!("{balls} balls, {frames} frames, seed {seed}");
+    for knowledge in [Knowledge::Camera, Knowledge::Motion] {
+        let each: Result<Vec<Sums>, String> = (0..balls)
+            .into_par_iter()
+            .map(|k| {
+                let found = judge(&nominal, seed, k, k, frames, knowledge);
+                found.map(|f| f.0).map_err(|e| e.to_string())
+            })
+            .collect();
+        report(knowledge, &each?);
+        scatter(&nominal, seed, repeats, frames, knowledge)?;
+    }
     let built: Result<Vec<(bool, f64)>, String> = (0..balls.min(20))
         .into_par_iter()
         .map(|k| build(seed, k, frames.max(160)).map_err(|e| e.to_string()))
@@ -217,17 +227,103 @@ fn main() -> Result<(), Box<dyn Error>> {
     let built = built?;
     let good = built.iter().filter(|b| b.0).count() as u64;
     println!(
-        "unknown patterns recovered, each dot within 1 deg: {}; worst dot {:.2} deg",
+        "\nunknown patterns recovered, each dot within 1 deg: {}; worst dot {:.2} deg",
         Proportion::new(good, built.len() as u64),
         built.iter().map(|b| b.1).fold(0.0, f64::max)
     );
     Ok(())
 }
 
-/// Sum of squared errors of the dots, the bound on it, and their number.
-fn judge(nominal: &Pattern, seed: u64, k: u64, frames: usize) -> Result<[f64; 3], Box<dyn Error>> {
+fn report(knowledge: Knowledge, each: &[Sums]) {
+    let sum = |value: &dyn Fn(&Sums) -> f64| each.iter().map(value).sum::<f64>();
+    let dots = sum(&|e| e.dots as f64);
+    let rms = |sum: f64| (sum / dots).sqrt().to_degrees();
+    let (error, limit, stated) = (
+        sum(&|e| e.squared_error),
+        sum(&|e| e.bound),
+        sum(&|e| e.stated),
+    );
+    println!(
+        "\n{knowledge:?} known: {:.4} deg rms, stated {:.4} deg, bound (without motion) {:.4} deg",
+        rms(error),
+        rms(stated),
+        rms(limit)
+    );
+    println!("  error over bound {}", root_ratio(each, |e| e.bound));
+    println!("  error over stated {}", root_ratio(each, |e| e.stated));
+    let mut normalized: Vec<f64> = each.iter().map(|e| e.normalized).collect();
+    normalized.sort_by(f64::total_cmp);
+    println!(
+        "  squared errors over stated variances: mean {:.3}, clips {:.2} to {:.2}",
+        normalized.iter().sum::<f64>() / each.len() as f64,
+        normalized[0],
+        normalized[normalized.len() - 1]
+    );
+}
+
+/// The root of the ratio of the squared errors to `limit`, with the interval of the balls' spread.
+fn root_ratio(each: &[Sums], limit: impl Fn(&Sums) -> f64) -> String {
+    let total: f64 = each.iter().map(&limit).sum();
+    let square = each.iter().map(|e| e.squared_error).sum::<f64>() / total;
+    let spread: f64 = each
+        .iter()
+        .map(|e| (e.squared_error - square * limit(e)).powi(2))
+        .sum();
+    let ratio = square.sqrt();
+    let half = 1.96 * spread.sqrt() / total / (2.0 * ratio);
+    format!("{ratio:.3} [{:.3}, {:.3}]", ratio - half, ratio + half)
+}
+
+/// One ball and one motion under repeated noise: how far the dots scatter, and how far their means lie off.
+fn scatter(
+    nominal: &Pattern,
+    seed: u64,
+    repeats: u64,
+    frames: usize,
+    knowledge: Knowledge,
+) -> Result<(), Box<dyn Error>> {
+    let each: Result<Vec<(Sums, Vec<Vec3>)>, String> = (0..repeats)
+        .into_par_iter()
+        .map(|r| judge(nominal, seed, 0, r, frames, knowledge).map_err(|e| e.to_string()))
+        .collect();
+    let each = each?;
+    let (n, dots) = (each.len() as f64, nominal.len());
+    if each.len() < 2 {
+        return Ok(());
+    }
+    let (mut scatter, mut bias) = (0.0, 0.0);
+    for j in 0..dots {
+        let mean = each.iter().map(|e| e.1[j]).sum::<Vec3>() / n;
+        let off = |e: &(Sums, Vec<Vec3>)| (e.1[j] - mean).norm_squared();
+        let variance = each.iter().map(off).sum::<f64>() / (n - 1.0);
+        scatter += variance;
+        // The mean's own scatter is no bias.
+        bias += mean.norm_squared() - variance / n;
+    }
+    let stated = each.iter().map(|e| e.0.stated).sum::<f64>() / n;
+    let rms = |sum: f64| (sum.max(0.0) / dots as f64).sqrt().to_degrees();
+    println!(
+        "  {repeats} repeats of the noise on one clip: scatter {:.4} deg, stated {:.4} deg, bias {:.4} deg",
+        rms(scatter),
+        rms(stated),
+        rms(bias)
+    );
+    Ok(())
+}
+
+/// The sums of ball `k` under noise `r`, and the errors of its dots.
+fn judge(
+    nominal: &Pattern,
+    seed: u64,
+    k: u64,
+    r: u64,
+    frames: usize,
+    knowledge: Knowledge,
+) -> Result<(Sums, Vec<Vec3>), Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(k);
+    let mut noise = ChaCha8Rng::seed_from_u64(seed ^ 0xa5);
+    noise.set_stream(r);
     let view = unit_view()?;
     let drawn: Vec<Vec3> = nominal
         .dots()
@@ -238,38 +334,44 @@ fn judge(nominal: &Pattern, seed: u64, k: u64, frames: usize) -> Result<[f64; 3]
             (dot + (e1 * a + e2 * b) * 0.035).normalize()
         })
         .collect();
-    let clip = clip(&drawn, frames, &view, &mut rng);
+    let clip = clip(&drawn, frames, &view, &mut rng, &mut noise);
+    let smooth = knowledge == Knowledge::Motion;
+    let mut estimator = EstimatorConfig::default();
+    if knowledge == Knowledge::Camera {
+        estimator.camera = CameraModel::Known(Camera::Near {
+            inverse_distance: 1.0 / DISTANCE,
+        });
+    }
     let config = CalibrationConfig {
-        estimator: EstimatorConfig {
-            camera: CameraModel::Known(Camera::Near {
-                inverse_distance: 1.0 / DISTANCE,
-            }),
-            ..EstimatorConfig::default()
-        },
-        // The bound knows no prior of motion.
-        smooth: false,
+        estimator,
+        smooth,
+        // The errors of these detections are independent.
+        shared_sigma_rad: 0.0,
         ..CalibrationConfig::default()
     };
-    let table = HashTable::build(
-        nominal.clone(),
-        PairRule::default(),
-        RecognizerConfig::default(),
-    )?;
+    let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
+    let table = HashTable::build(nominal.clone(), rule, recognizer)?;
     let identified = identify_frames(&table, &config.estimator, &clip.frames)?;
-    let found = calibrate(nominal, &identified, None, &config)?.map_err(|r| r.to_string())?;
+    let times: Vec<f64> = (0..frames).map(|k| k as f64 / 30.0).collect();
+    let times = smooth.then_some(times.as_slice());
+    let found = calibrate(nominal, &identified, times, &config)?.map_err(|r| r.to_string())?;
     if found.measured() != drawn.len() {
         return Err(format!("ball {k}: {} dots measured", found.measured()).into());
     }
     let to: Vec<Vec3> = found.dots.iter().map(|d| d.direction).collect();
     let turn = kabsch(&drawn, &to, None)?;
-    let error = drawn
-        .iter()
-        .zip(&to)
-        .map(|(a, b)| angle_between(&(turn * a), b).powi(2))
-        .sum();
-    let limit = bound(&drawn, &clip, &view).ok_or("a singular bound")?;
-    assert!(found.dots.iter().all(|d| d.state == DotState::Measured));
-    Ok([error, limit, drawn.len() as f64])
+    let errors: Vec<Vec3> = drawn.iter().zip(&to).map(|(a, b)| b - turn * a).collect();
+    let squares = errors.iter().map(Vec3::norm_squared);
+    let ratios = squares.clone().zip(&found.dots);
+    let ratios = ratios.map(|(square, d)| square / d.covariance.trace());
+    let sums = Sums {
+        squared_error: squares.clone().sum(),
+        stated: found.dots.iter().map(|d| d.covariance.trace()).sum(),
+        bound: bound(&drawn, &clip, &view).ok_or("a singular bound")?,
+        normalized: ratios.sum::<f64>() / drawn.len() as f64,
+        dots: drawn.len(),
+    };
+    Ok((sums, errors))
 }
 
 /// Whether a random pattern is built from its clip alone, and its worst dot, degrees.
@@ -278,7 +380,9 @@ fn build(seed: u64, k: u64, frames: usize) -> Result<(bool, f64), Box<dyn Error>
     rng.set_stream(k);
     let dots = rng.random_range(12..=24);
     let truth = random_pattern(dots, 0.3, &mut rng)?;
-    let clip = clip(truth.dots(), frames, &unit_view()?, &mut rng);
+    let mut noise = rng.clone();
+    noise.set_stream(k + (1 << 32));
+    let clip = clip(truth.dots(), frames, &unit_view()?, &mut rng, &mut noise);
     let built = match build_pattern(&clip.frames, None, &CalibrationConfig::default())? {
         Ok(built) => built,
         Err(rejection) => {

@@ -1,8 +1,10 @@
 //! Patterns built from rendered clips alone. The table of docs/measurements/calibrate.md comes from here.
 //!
-//!     cargo run --release -p spindoe-studies --bin calibration_unknown -- [BALLS] [SEED] [PX] [FRAMES]
+//!     cargo run --release -p spindoe-studies --bin calibration_unknown -- [BALLS] [SEED] [PX] [FRAMES] [PLAIN]
 //!
-//! A ball has 12 to 24 dots at random, at least 0.3 rad apart, and turns as in `calibration_study`.
+//! A ball has 12 to 24 dots at random, at least 0.35 rad apart, and turns as in `calibration_study`.
+//! With PLAIN = 1 there is nothing else on it; otherwise logos, seams and stains as in `SynthConfig::good`,
+//! which nothing tells from dots but their looks.
 
 use std::error::Error;
 
@@ -45,9 +47,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let (balls, seed) = (number(0, 20.0)? as u64, number(1, 17.0)? as u64);
     let (px, frames) = (number(2, 60.0)?, number(3, 160.0)? as usize);
+    let looks = match number(4, 0.0)? as u64 {
+        0 => SynthConfig::good(),
+        _ => SynthConfig {
+            logo_probability: 0.0,
+            seam_probability: 0.0,
+            stains: false,
+            ..SynthConfig::good()
+        },
+    };
     let built: Result<Vec<Built>, String> = (0..balls)
         .into_par_iter()
-        .map(|k| one(seed, k, px, frames).map_err(|e| e.to_string()))
+        .map(|k| one(&looks, seed, k, px, frames).map_err(|e| e.to_string()))
         .collect();
     let mut good = 0;
     for (k, built) in built?.iter().enumerate() {
@@ -71,7 +82,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn one(seed: u64, k: u64, px: f64, frames: usize) -> Result<Built, Box<dyn Error>> {
+fn one(
+    looks: &SynthConfig,
+    seed: u64,
+    k: u64,
+    px: f64,
+    frames: usize,
+) -> Result<Built, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(k);
     let count = rng.random_range(12..=24);
@@ -87,7 +104,7 @@ fn one(seed: u64, k: u64, px: f64, frames: usize) -> Result<Built, Box<dyn Error
         ball_px: Some([px; 2]),
         placement_sigma_rad: [0.0; 2],
         left_out: 0.0,
-        ..SynthConfig::good()
+        ..looks.clone()
     };
     let scene = Scene::random(&truth, &config, &mut rng)?;
     let detector = DetectorName::Cnn.build()?;

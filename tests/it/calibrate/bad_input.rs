@@ -1,6 +1,7 @@
 //! Clips that cannot be calibrated are rejected with the reason.
 
 use spindoe::calibrate::{CalibrationConfig, CalibrationRejection, calibrate};
+use spindoe::geometry::{Vec3, angle_between, kabsch};
 use spindoe::vision::FrameEstimate;
 
 use super::clip::{ClipConfig, drawn, identified};
@@ -48,6 +49,39 @@ fn another_ball_is_rejected() {
             ),
             "seed {seed}: {rejection}"
         );
+    }
+}
+
+#[test]
+fn a_clip_of_two_balls_is_rejected_or_gives_the_dots_of_the_right_one() {
+    let config = CalibrationConfig::default();
+    for seed in 50..54 {
+        let nominal = crate::common::random_pattern(20, seed);
+        let other = crate::common::random_pattern(20, seed + 100);
+        let dots = drawn(&nominal, 0.02, seed);
+        let clip = ClipConfig {
+            seed,
+            ..ClipConfig::default()
+        };
+        let mut mixed = identified(&nominal, &dots, &clip);
+        let strange = identified(&nominal, &drawn(&other, 0.02, seed), &clip);
+        // One frame of two shows the other ball, then two of three besides.
+        for step in [2, 3] {
+            for (k, frame) in strange.frames.iter().enumerate() {
+                if k % step != 0 {
+                    mixed.frames[k] = frame.clone();
+                }
+            }
+            let found = calibrate(&nominal, &mixed.frames, None, &config).unwrap();
+            let Ok(found) = found else { continue };
+            let to: Vec<Vec3> = found.dots.iter().map(|d| d.direction).collect();
+            let turn = kabsch(&dots, &to, None).unwrap();
+            for ((drawn, dot), j) in dots.iter().zip(&found.dots).zip(0..) {
+                let off = angle_between(&(turn * drawn), &dot.direction);
+                let limit = 5.0 * dot.sigma_rad();
+                assert!(off < limit, "seed {seed}, dot {j}: {off} > {limit}");
+            }
+        }
     }
 }
 

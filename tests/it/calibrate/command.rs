@@ -157,6 +157,25 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
         assert!(words.contains(word), "{kind}: {words}");
         assert!(!dir.join("no").exists(), "{kind}");
     }
+    done(
+        dir,
+        &"synth nominal.csv --out three --frames 3 --seed 3 --preset good"
+            .split(' ')
+            .collect::<Vec<_>>(),
+    );
+    let three = [
+        "calibrate",
+        "--table",
+        "nominal.csv",
+        "three/images",
+        "--out",
+        "no",
+    ];
+    let found = spindoe(dir, &three);
+    let words = String::from_utf8_lossy(&found.stderr).into_owned();
+    assert_eq!(found.status.code(), Some(3), "{words}");
+    assert!(words.contains("too few frames"), "{words}");
+    assert!(!dir.join("no").exists());
     for bad in [
         &["calibrate", "--table", "nominal.csv", "absent"][..],
         &["calibrate", "nominal.csv"],
