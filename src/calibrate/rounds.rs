@@ -28,6 +28,8 @@ const SAME_RAD: f64 = 0.07;
 const MAX_MISSING: f64 = 0.34;
 /// Expected finds from which on a dot counts as in view.
 const IN_VIEW: f64 = 3.0;
+/// Placement errors with which a ball that is not recognized is tried again, in those of the estimator.
+const WIDER: [f64; 2] = [2.0, 3.5];
 /// A dot may be drawn off by so many standard deviations: 1 in 500 lies farther.
 const FAR_OFF: f64 = 3.5;
 /// Median length of a normal vector in the plane over its standard deviation per axis.
@@ -124,7 +126,10 @@ impl<'a> Rounds<'a> {
 
     pub fn run(mut self) -> Result<Outcome<Calibration>> {
         if let Err(rejection) = self.check_frames() {
-            return Ok(Err(rejection));
+            let is_unknown = matches!(rejection, CalibrationRejection::OtherBall { .. });
+            if !(is_unknown && self.identify_wider()?) {
+                return Ok(Err(rejection));
+            }
         }
         let mut round = 1;
         loop {
@@ -401,6 +406,23 @@ impl<'a> Rounds<'a> {
             }
         }
         Vec::new()
+    }
+
+    /// Identifies all frames anew, with dots that may be drawn farther off than the estimator supposes; whether
+    /// enough are then beyond doubt.
+    fn identify_wider(&mut self) -> Result<bool> {
+        let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
+        let table = HashTable::build(self.nominal.clone(), rule, recognizer)?;
+        let detected = self.frames.clone();
+        for factor in WIDER {
+            let mut estimator = self.config.estimator;
+            estimator.placement_sigma_rad *= factor;
+            self.frames = identify_frames(&table, &estimator, &detected)?;
+            if self.check_frames().is_ok() {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Identifies all frames with the dots as they are known now.
