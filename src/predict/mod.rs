@@ -11,6 +11,7 @@
 //! right, wrong and missing answers, the orientation's error, and the spin's over sequences.
 
 mod advice;
+mod assumptions;
 pub mod conditions;
 mod frames;
 mod judge;
@@ -23,6 +24,7 @@ pub use advice::{
     Advice, AdviceConfig, ChangeAdvice, DotSize, MAX_DOT, NamedPattern, PatternAdvice, advise,
     effective_error_deg, predictions, shipped_designs,
 };
+pub use assumptions::coincidence;
 pub use conditions::{CameraConditions, Surroundings};
 pub use frames::{FrameOutcome, FramePrediction, FrameRates, PredictConfig, Predictor, paired};
 pub use judge::{Judge, Judgment, Trial, rendered};

@@ -24,6 +24,7 @@ use serde_json::{Value, json};
 use spindoe::Pattern;
 use spindoe::design::constraints::max_separation;
 use spindoe::design::scp::descend;
+use spindoe::design::objective::Coincidence;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::geometry::Vec3;
 use spindoe::pattern::random_pattern;
@@ -250,6 +251,16 @@ fn main() -> Outcome<()> {
                 .map(|r| Ok::<_, spindoe::Error>(objective.evaluate_at(&r.dots)?.value))
                 .collect();
             values.push((name.to_string(), all?));
+        }
+        let camera = spindoe::predict::coincidence(&model, &conditions(dots), dots)?;
+        println!("{camera:?}");
+        for sigma in [0.6, 1.0, 1.5, 2.0] {
+            let o = Coincidence {
+                sigma_rad: sigma * camera.sigma_rad,
+                ..camera
+            };
+            let all = rows.par_iter().map(|r| o.evaluate(&r.dots).value).collect();
+            values.push((format!("coincidence {sigma}"), all));
         }
         let group = |name: &str, keep: &dyn Fn(&Row) -> bool| {
             let indices: Vec<usize> = (0..rows.len()).filter(|&i| keep(&rows[i])).collect();
