@@ -1,11 +1,14 @@
 //! What a camera shows of a pattern, in the few numbers that an objective needs.
 
+use nalgebra::{Matrix2, Vector2};
+
 use super::conditions::CameraConditions;
 use super::model::{DetectionModel, Terms, can_be_found};
+use crate::design::constraints::max_separation;
 use crate::design::objective::Coincidence;
+use crate::design::objective::coincidence::crowds;
 use crate::error::Result;
-use crate::geometry::spiral_directions;
-use crate::pattern::Pattern;
+use crate::pattern::random_pattern;
 use crate::synth::dataset::frame_rng;
 
 /// Scenes that are looked at.
@@ -20,6 +23,8 @@ const MAX_PROBABILITY: f64 = 0.98;
 const FALSE_WEIGHT: f64 = 0.05;
 /// Slopes of a logit by z, between which the fit stays.
 const SLOPES: [f64; 2] = [2.0, 50.0];
+/// Largest loss to a neighbor.
+const MAX_CROWDING: f64 = 5.0;
 
 /// The assumptions of [`Coincidence`] for so many dots before a camera: a logistic curve in z for the
 /// probability that a dot is found, whose limit varies from scene to scene, and the dots' mean noise.
@@ -32,10 +37,13 @@ pub fn coincidence(
     dots: usize,
 ) -> Result<Coincidence> {
     conditions.check()?;
-    let pattern = Pattern::new(spiral_directions(dots).collect())?;
+    // As near to each other as on random patterns that can be drawn.
+    let nearest = (3.0 * conditions.dot_diameter).min(0.5 * max_separation(dots));
     let mut terms = Terms::default();
     let mut found = Detections::default();
     for k in 0..SCENES {
+        let pattern = random_pattern(dots, nearest, &mut frame_rng(SEED, k | 1 << 60))?;
+        let crowds = crowds(pattern.dots());
         let ball = conditions.scene(&pattern, SEED, k)?.seen()?;
         let mut rng = frame_rng(SEED, k | 1 << 61);
         let Some(frame) = model.detect(&ball, &mut terms, &mut rng) else {
@@ -43,7 +51,9 @@ pub fn coincidence(
         };
         let radius = ball.circle.radius;
         for dot in frame.dots.iter().filter(|d| d.confidence >= 0.5) {
-            found.variances.push(0.5 * dot.covariance.trace() / (radius * radius));
+            found
+                .variances
+                .push(0.5 * dot.covariance.trace() / (radius * radius));
         }
         found.shared_variance += model.shared_shift(&ball, &mut terms).powi(2);
         let dots = ball.dots.iter().filter(|d| can_be_found(d));
@@ -51,7 +61,7 @@ pub fn coincidence(
             let logit = model.likely_logit(dot, &mut terms);
             let p = 1.0 / (1.0 + (-logit).exp());
             Chance {
-                z: dot.truth.facing,
+                by: Vector2::new(dot.truth.facing, crowds[dot.truth.index]),
                 logit,
                 weight: (p * (1.0 - p)).max(CLEAR),
             }
@@ -61,11 +71,11 @@ pub fn coincidence(
     Ok(found.summary())
 }
 
-/// A dot that could be found: its z, the logit of the probability that it is, and its weight in a
+/// A dot that could be found: its z and how crowded it is, the logit of the probability that it is, and its weight in a
 /// fit.
 #[derive(Debug, Clone, Copy)]
 struct Chance {
-    z: f64,
+    by: Vector2<f64>,
     logit: f64,
     weight: f64,
 }
@@ -85,30 +95,33 @@ impl Detections {
     /// A logistic curve of one width for all scenes, whose limit differs from scene to scene.
     fn summary(&self) -> Coincidence {
         let scenes = || self.chances.iter().map(|scene| mean_of(scene));
-        let (mut covariance, mut variance) = (0.0, 1e-9);
+        let (mut products, mut squares) = (Vector2::zeros(), Matrix2::identity() * 1e-9);
         for (scene, mean) in self.chances.iter().zip(scenes()) {
             for c in scene {
-                covariance += c.weight * (c.z - mean.z) * (c.logit - mean.logit);
-                variance += c.weight * (c.z - mean.z).powi(2);
+                let off = c.by - mean.by;
+                products += c.weight * (c.logit - mean.logit) * off;
+                squares += c.weight * off * off.transpose();
             }
         }
-        let slope = (covariance / variance).clamp(SLOPES[0], SLOPES[1]);
+        let slopes = squares.try_inverse().unwrap_or_default() * products;
+        let slope = slopes.x.clamp(SLOPES[0], SLOPES[1]);
+        let crowding = (-slopes.y).clamp(0.0, MAX_CROWDING);
         let limits: Vec<f64> = scenes()
             .filter(|mean| mean.weight > 0.0)
-            .map(|mean| mean.z - mean.logit / slope)
+            .map(|mean| mean.by.x - (mean.logit + crowding * mean.by.y) / slope)
             .collect();
         let count = limits.len().max(1) as f64;
         let limit = limits.iter().sum::<f64>() / count;
         let spread = limits.iter().map(|l| (l - limit).powi(2)).sum::<f64>() / count;
         let shared = self.shared_variance / count / (slope * slope);
-        let variance =
-            self.variances.iter().sum::<f64>() / self.variances.len().max(1) as f64;
+        let variance = self.variances.iter().sum::<f64>() / self.variances.len().max(1) as f64;
         Coincidence {
             sigma_rad: variance.sqrt().clamp(0.005, 0.2),
             visibility_limit: limit.clamp(-0.5, 0.9),
             softness: 1.0 / slope,
             limit_spread: (spread + shared).sqrt(),
             detection_probability: MAX_PROBABILITY,
+            crowding,
             given: None,
             false_weight: FALSE_WEIGHT,
         }
@@ -122,7 +135,7 @@ fn mean_of(scene: &[Chance]) -> Chance {
         scene.iter().map(|c| c.weight * f(c)).sum::<f64>() / weight.max(1e-12)
     };
     Chance {
-        z: mean(&|c| c.z),
+        by: Vector2::new(mean(&|c| c.by.x), mean(&|c| c.by.y)),
         logit: mean(&|c| c.logit),
         weight,
     }

@@ -161,6 +161,7 @@ impl Objective {
                 softness: 0.04,
                 limit_spread: 0.0,
                 detection_probability: 1.0 - protocol.miss_probability,
+                crowding: 0.0,
                 given: protocol.dots_given,
                 false_weight: 0.0,
             }),

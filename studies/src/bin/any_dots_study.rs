@@ -23,8 +23,8 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use spindoe::Pattern;
 use spindoe::design::constraints::max_separation;
-use spindoe::design::scp::descend;
 use spindoe::design::objective::Coincidence;
+use spindoe::design::scp::descend;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::geometry::Vec3;
 use spindoe::pattern::random_pattern;
@@ -42,6 +42,8 @@ const SCENE_SEED: u64 = 15_400_002;
 const DETECTION_SEED: u64 = 15_400_003;
 /// Distance of the camera, ball radii.
 const DISTANCE: f64 = 20.0;
+/// Numbers of detected dots are counted up to this one.
+const MAX_COUNT: usize = 24;
 /// Objectives that patterns descend on, in turn.
 const DESCENTS: [ObjectiveName; 2] = [ObjectiveName::MeanNn, ObjectiveName::WhitenedNn];
 
@@ -54,6 +56,8 @@ struct Row {
     failed: f64,
     /// Mean number of detected dots.
     detected: f64,
+    /// Frames, and the sum of their failures, by number of detected dots.
+    by_count: Vec<[f64; 2]>,
 }
 
 /// A camera so hard that some percent of the frames fail.
@@ -109,19 +113,23 @@ fn measured(dots: usize, index: usize, frames: u64, model: &DetectionModel) -> O
     let estimator = Estimator::new(&pattern, config, BlobDetector::new(BlobConfig::default()))?;
     let (mut ws, mut terms) = (estimator.workspace(), Default::default());
     let (mut sums, mut counts, mut failed, mut detected) = ([0.0; 2], [0.0; 2], 0.0, 0.0);
+    let mut by_count = vec![[0.0; 2]; MAX_COUNT + 1];
     for k in 0..frames {
         let ball = conditions.scene(&pattern, SCENE_SEED, k)?.seen()?;
         let mut rng = frame_rng(DETECTION_SEED, k);
         let Some(mut frame) = model.detect(&ball, &mut terms, &mut rng) else {
             continue;
         };
-        detected += frame.dots.iter().filter(|d| d.confidence >= 0.5).count() as f64;
+        let likely = frame.dots.iter().filter(|d| d.confidence >= 0.5).count();
+        detected += likely as f64;
         estimator.estimate_pose(None, &mut ws, &mut frame);
         let outcome = FrameOutcome::of(&frame, &ball.rotation);
         let failure = match frame.pose() {
             Some(pose) if outcome.is_right() => 1.0 - pose.pose_confidence,
             _ => 1.0,
         };
+        let of_count = &mut by_count[likely.min(MAX_COUNT)];
+        *of_count = [of_count[0] + 1.0, of_count[1] + failure];
         let half = (k % 2) as usize;
         sums[half] += failure;
         counts[half] += 1.0;
@@ -134,6 +142,7 @@ fn measured(dots: usize, index: usize, frames: u64, model: &DetectionModel) -> O
         failures: [sums[0] / counts[0], sums[1] / counts[1]],
         failed: failed / count,
         detected: detected / count,
+        by_count,
     })
 }
 
@@ -143,7 +152,7 @@ fn to_json(rows: &[Row]) -> Value {
             json!({
                 "dots": r.dots.iter().map(|d| [d.x, d.y, d.z]).collect::<Vec<_>>(),
                 "descended": r.descended, "failures": r.failures, "failed": r.failed,
-                "detected": r.detected,
+                "detected": r.detected, "by_count": r.by_count,
             })
         })
         .collect()
@@ -160,6 +169,7 @@ fn from_json(path: &Path) -> Outcome<Vec<Row>> {
                 failures: serde_json::from_value(r["failures"].clone())?,
                 failed: serde_json::from_value(r["failed"].clone())?,
                 detected: serde_json::from_value(r["detected"].clone())?,
+                by_count: serde_json::from_value(r["by_count"].clone()).unwrap_or_default(),
             })
         })
         .collect()
@@ -254,13 +264,17 @@ fn main() -> Outcome<()> {
         }
         let camera = spindoe::predict::coincidence(&model, &conditions(dots), dots)?;
         println!("{camera:?}");
-        for sigma in [0.6, 1.0, 1.5, 2.0] {
-            let o = Coincidence {
-                sigma_rad: sigma * camera.sigma_rad,
-                ..camera
-            };
+        for (label, o) in [
+            ("camera", camera),
+            ("no rivals", Coincidence { sigma_rad: 1e-4, ..camera }),
+            ("no crowd", Coincidence { crowding: 0.0, ..camera }),
+            ("2 sigma", Coincidence { sigma_rad: 2.0 * camera.sigma_rad, ..camera }),
+            ("3 sigma", Coincidence { sigma_rad: 3.0 * camera.sigma_rad, ..camera }),
+            ("2 crowd", Coincidence { crowding: 2.0 * camera.crowding, ..camera }),
+            ("2 crowd 2 sigma", Coincidence { crowding: 2.0 * camera.crowding, sigma_rad: 2.0 * camera.sigma_rad, ..camera }),
+        ] {
             let all = rows.par_iter().map(|r| o.evaluate(&r.dots).value).collect();
-            values.push((format!("coincidence {sigma}"), all));
+            values.push((label.into(), all));
         }
         let group = |name: &str, keep: &dyn Fn(&Row) -> bool| {
             let indices: Vec<usize> = (0..rows.len()).filter(|&i| keep(&rows[i])).collect();

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use super::cells::Cells;
-use super::{Kernel, WINDOW_RAD};
+use super::{Kernel, MIN_COUNT, WINDOW_RAD};
 use crate::geometry::Vec3;
 
 /// A dot that comes to lie near another.
@@ -74,7 +74,7 @@ pub(super) fn rivals(dots: &[Vec3], kernel: &Kernel, pairs: &[[usize; 2]]) -> Ri
     }
     others.sort_by(|a, b| a.angle.total_cmp(&b.angle).then(a.dots.cmp(&b.dots)));
     // Two dots laid symmetrically on two others are off by half the difference of the angles each.
-    let max_gap = 4.0 * (0.5 * kernel.reach).min(1.0).asin();
+    let max_gap = 4.0 * (0.5 * kernel.pair_reach_squared.sqrt()).min(1.0).asin();
     let max_trace = 1.0 + 2.0 * WINDOW_RAD[0].cos();
     let mut found = Rivals::default();
     for &pair in pairs {
@@ -94,6 +94,11 @@ pub(super) fn rivals(dots: &[Vec3], kernel: &Kernel, pairs: &[[usize; 2]]) -> Ri
             }
             let begin = found.matches.len();
             coincidences(dots, &cells, kernel, &rotation, &mut found.matches);
+            // Fewer coincide in views of many dots: nothing that counts.
+            if found.matches.len() - begin < MIN_COUNT {
+                found.matches.truncate(begin);
+                continue;
+            }
             found.rivals.push(Rival {
                 rotation,
                 pair,
