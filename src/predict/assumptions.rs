@@ -19,8 +19,6 @@ const SEED: u64 = 15_500_001;
 const CLEAR: f64 = 0.01;
 /// Probability that a dot in the middle is found where nothing prevents it.
 const MAX_PROBABILITY: f64 = 0.98;
-/// A found dot that coincides with none may be a false one; small, so that it rarely helps.
-const FALSE_WEIGHT: f64 = 0.05;
 /// Slopes of a logit by z, between which the fit stays.
 const SLOPES: [f64; 2] = [2.0, 50.0];
 /// Largest loss to a neighbor.
@@ -123,7 +121,6 @@ impl Detections {
             detection_probability: MAX_PROBABILITY,
             crowding,
             given: None,
-            false_weight: FALSE_WEIGHT,
         }
     }
 }

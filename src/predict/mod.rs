@@ -19,6 +19,7 @@ mod learn;
 pub mod model;
 pub mod regression;
 mod spins;
+mod sweep;
 
 pub use advice::{
     Advice, AdviceConfig, ChangeAdvice, DotSize, MAX_DOT, NamedPattern, PatternAdvice, advise,
@@ -31,3 +32,4 @@ pub use judge::{Judge, Judgment, Trial, rendered};
 pub use learn::Observation;
 pub use model::{DetectionModel, Provenance};
 pub use spins::SpinPrediction;
+pub use sweep::{CameraParameter, CameraPoint, CameraSweep, SweptCamera, sweep_csv};

@@ -163,7 +163,6 @@ impl Objective {
                 detection_probability: 1.0 - protocol.miss_probability,
                 crowding: 0.0,
                 given: protocol.dots_given,
-                false_weight: 0.0,
             }),
         }
     }

@@ -217,7 +217,7 @@ fn report(name: &str, rows: &[&Row], values: &[(String, Vec<f64>)], indices: &[u
         let r = spearman(&own, &both);
         let half = 1.96 * (1.06 / (rows.len() as f64 - 3.0)).sqrt();
         let (low, high) = ((r.atanh() - half).tanh(), (r.atanh() + half).tanh());
-        println!("    {objective:<18} {r:+.3} [{low:+.3}, {high:+.3}]");
+        println!("    {objective:<26} {r:+.3} [{low:+.3}, {high:+.3}]");
     }
 }
 
@@ -265,16 +265,24 @@ fn main() -> Outcome<()> {
         let camera = spindoe::predict::coincidence(&model, &conditions(dots), dots)?;
         println!("{camera:?}");
         for (label, o) in [
-            ("camera", camera),
-            ("no rivals", Coincidence { sigma_rad: 1e-4, ..camera }),
-            ("no crowd", Coincidence { crowding: 0.0, ..camera }),
-            ("2 sigma", Coincidence { sigma_rad: 2.0 * camera.sigma_rad, ..camera }),
-            ("3 sigma", Coincidence { sigma_rad: 3.0 * camera.sigma_rad, ..camera }),
-            ("2 crowd", Coincidence { crowding: 2.0 * camera.crowding, ..camera }),
-            ("2 crowd 2 sigma", Coincidence { crowding: 2.0 * camera.crowding, sigma_rad: 2.0 * camera.sigma_rad, ..camera }),
+            ("of the camera", camera),
+            (
+                "without poses",
+                Coincidence {
+                    sigma_rad: 1e-4,
+                    ..camera
+                },
+            ),
+            (
+                "without crowds",
+                Coincidence {
+                    crowding: 0.0,
+                    ..camera
+                },
+            ),
         ] {
             let all = rows.par_iter().map(|r| o.evaluate(&r.dots).value).collect();
-            values.push((label.into(), all));
+            values.push((format!("coincidence {label}"), all));
         }
         let group = |name: &str, keep: &dyn Fn(&Row) -> bool| {
             let indices: Vec<usize> = (0..rows.len()).filter(|&i| keep(&rows[i])).collect();

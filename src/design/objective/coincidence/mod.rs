@@ -57,14 +57,17 @@ const PAIR_REACH: f64 = 2.828_427_124_746_190_3;
 /// Rotations by less than the first angle are the true pose; by more than the second, false ones.
 const WINDOW_RAD: [f64; 2] = [0.26, 0.44];
 /// Viewing directions.
-const VIEWS: usize = 96;
+const VIEWS: usize = 64;
 /// Least and largest number of detected dots that is counted; all larger ones count as it.
 const MIN_COUNT: usize = 3;
 const MAX_COUNT: usize = 12;
 /// Numbers of detected dots.
 const COUNTS: usize = MAX_COUNT - MIN_COUNT + 1;
 /// About how many false poses are evaluated, for so many dots.
-const RIVALS: [(usize, usize); 3] = [(20, 6_000), (32, 20_000), (64, 100_000)];
+const RIVALS: [(usize, usize); 3] = [(20, 5_000), (32, 9_000), (64, 24_000)];
+
+/// From this noise on fewer are: more coincide under each, radians.
+const DENSE_SIGMA: f64 = 0.018;
 
 /// The objective's assumptions about a view.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -86,14 +89,14 @@ pub struct Coincidence {
 }
 
 impl Default for Coincidence {
-    /// About what a ball of 25 pixels gives.
+    /// What `spindoe::predict::coincidence` finds for 20 dots on a ball of 26 pixels.
     fn default() -> Self {
         Self {
-            sigma_rad: 0.035,
-            visibility_limit: 0.35,
-            softness: 0.1,
-            limit_spread: 0.2,
-            detection_probability: 0.95,
+            sigma_rad: 0.0153,
+            visibility_limit: 0.31,
+            softness: 0.14,
+            limit_spread: 0.15,
+            detection_probability: 0.98,
             crowding: 0.5,
             given: None,
         }
@@ -206,13 +209,13 @@ struct Sample {
 impl Sample {
     /// Pairs of indices that differ by certain steps, so that every dot is in as many.
     fn of(n: usize, sigma: f64) -> Self {
-        let wanted = wanted_rivals(n);
+        let wanted = wanted_rivals(n) as f64 * (DENSE_SIGMA / sigma).min(1.0);
         // Of all pairs of pairs so many have nearly equal angles.
         let share = (2.0 * PAIR_REACH * sigma * 2.0 * 0.75).min(1.0);
         let all = n * (n - 1) / 2;
         let each = share * (n * (n - 1)) as f64;
         let half = n / 2;
-        let steps = ((wanted as f64 / each / n as f64).ceil() as usize).clamp(1, half);
+        let steps = ((wanted / each / n as f64).ceil() as usize).clamp(1, half);
         let mut pairs = Vec::with_capacity(steps * n);
         for s in 0..steps {
             // Spread over all differences of indices, without a difference twice.

@@ -221,8 +221,9 @@ impl Views {
                 for (v, direction) in self.directions.iter().enumerate() {
                     let at = (l * n + i) * VIEWS + v;
                     let s = self.by_level[at];
-                    let by_logit =
-                        (closed.by_level[at] + weight * by_seen[i * VIEWS + v]) * s * (1.0 - s / self.most);
+                    let by_logit = (closed.by_level[at] + weight * by_seen[i * VIEWS + v])
+                        * s
+                        * (1.0 - s / self.most);
                     gradient[i] += by_logit / self.softness * direction;
                     by_crowd[i] -= by_logit * self.crowding;
                 }
