@@ -7,6 +7,8 @@
 //! - [`confusion`]: the expected rate at which four visible dots are mistaken for four others. It
 //!   is an analytic failure rate, and the default: `docs/objectives.md` shows how well each
 //!   objective predicts the measured rate.
+//! - [`coincidence`]: the expected rate at which the dots that a camera detects are too few, or
+//!   coincide with those of a false pose. For any number of dots.
 //!
 //! The optimizer minimizes the logarithm of the value (with its sign reversed where larger is
 //! better): scales then do not matter, and a step is a relative change.
