@@ -90,7 +90,7 @@ pub struct Coincidence {
     pub limit_spread: f64,
     /// Probability that a dot in the middle is detected.
     pub detection_probability: f64,
-    /// Share of its logit that a dot beside another loses: of the probability that it is detected.
+    /// What a dot right beside another loses of the logit of its probability of detection.
     pub crowding: f64,
     /// So many dots are given, of those detected; `None` where it is all.
     pub given: Option<usize>,

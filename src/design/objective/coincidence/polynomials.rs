@@ -87,11 +87,12 @@ impl Polynomials {
         let degree = self.degree();
         let mut by_values = [[0.0; VIEWS]; COUNTS + MIN_COUNT];
         let mut total = 0.0;
-        for k in MIN_COUNT..=degree {
+        let counted = by_values.iter_mut().zip(&self.values).take(degree + 1);
+        for (k, (by_value, values)) in counted.enumerate().skip(MIN_COUNT) {
             let c = k - MIN_COUNT;
-            for v in 0..VIEWS {
-                by_values[k][v] = by_sums.of[c][v] * views.inverse_subsets[c][v];
-                total += by_values[k][v] * self.values[k][v];
+            for (v, by_value) in by_value.iter_mut().enumerate() {
+                *by_value = by_sums.of[c][v] * views.inverse_subsets[c][v];
+                total += *by_value * values[v];
             }
         }
         self.slopes.resize(self.dots.len(), [0.0; VIEWS]);

@@ -54,8 +54,8 @@ pub(super) fn frame(a: &Vec3, b: &Vec3) -> Option<Matrix3<f64>> {
     Some(Matrix3::from_columns(&[mid, normal, mid.cross(&normal)]))
 }
 
-/// Finds the rivals from the pairs of seen dots whose indices differ by one of `steps`, modulo the
-/// number of dots: every dot is part of as many pairs.
+/// Finds the rivals that lay any pair of dots on one of these seen pairs, as far as enough dots then
+/// coincide.
 pub(super) fn rivals(dots: &[Vec3], kernel: &Kernel, pairs: &[[usize; 2]]) -> Rivals {
     let n = dots.len();
     let cells = Cells::new(dots, kernel.reach);

@@ -250,8 +250,8 @@ fn inverse_subsets(seen: &[f64]) -> [[f64; VIEWS]; COUNTS] {
         for s in seen.iter().skip(v).step_by(VIEWS) {
             sums = with_term(&sums, *s);
         }
-        for c in 0..COUNTS {
-            inverse[c][v] = 1.0 / sums[MIN_COUNT + c].max(1.0);
+        for (inverse, sum) in inverse.iter_mut().zip(&sums[MIN_COUNT..]) {
+            inverse[v] = 1.0 / sum.max(1.0);
         }
     }
     inverse
