@@ -8,6 +8,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use spindoe::design::objective::Coincidence;
 use spindoe::design::scp::descend;
 use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
@@ -34,6 +35,15 @@ fn design(c: &mut Criterion) {
         c.bench_function(&format!("{name}: value and gradient"), |b| {
             b.iter(|| objective.evaluate_at(black_box(pattern.dots())));
         });
+    }
+    // Those of many dots before a camera: to be seen beside `confusion` at 20.
+    for (dots, separation) in [(20, 0.31), (32, 0.25), (64, 0.15)] {
+        let pattern = random_pattern(dots, separation, &mut rng).expect("the dots fit at random");
+        let camera = Coincidence::default();
+        c.bench_function(
+            &format!("coincidence of {dots} dots before a camera: value and gradient"),
+            |b| b.iter(|| camera.evaluate(black_box(pattern.dots()))),
+        );
     }
     c.bench_function("orientation bound: value and gradient", |b| {
         b.iter(|| OrientationBound::default().cost(black_box(pattern.dots())));

@@ -4,18 +4,25 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+#[cfg(feature = "vision")]
+use super::camera::CameraArguments;
 use super::output::{Counter, one_of};
 use super::{print_json, read_table};
 use crate::error::Result;
 use crate::files;
+#[cfg(feature = "vision")]
+use crate::hash::HashTable;
 use crate::validate::{Protocol, ProtocolName, SensitivityConfig, sensitivity, sensitivity_csv};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Writes sensitivity.csv, sensitivity_sigma.png and sensitivity_alpha.png.
+With any flag of a camera it writes instead sensitivity.csv with what that camera would answer, one of its
+properties varied at a time: pixels, exposure, noise, blur, dots.
 
-Example:
-  spindoe sensitivity pattern.csv -o sweep --protocol clutter --samples 5000")]
+Examples:
+  spindoe sensitivity pattern.csv -o sweep --protocol clutter --samples 5000
+  spindoe sensitivity pattern.csv -o sweep --camera camera.toml --samples 500")]
 pub struct Arguments {
     /// A pattern (CSV of unit vectors x,y,z) or a hash table (.npz).
     #[arg(value_name = "PATTERN_OR_TABLE")]
@@ -23,10 +30,10 @@ pub struct Arguments {
     /// The folder to write to.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Protocol of the views.
-    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Paper)]
-    protocol: ProtocolName,
-    /// Trials per point.
+    /// Protocol of the views [default: paper].
+    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str))]
+    protocol: Option<ProtocolName>,
+    /// Trials per point; with a camera, frames.
     #[arg(long, value_name = "N", default_value_t = 2_000)]
     samples: u64,
     /// Seed of the trials.
@@ -43,10 +50,17 @@ pub struct Arguments {
     /// Print the points as one JSON array.
     #[arg(long)]
     json: bool,
+    #[cfg(feature = "vision")]
+    #[command(flatten)]
+    camera: CameraArguments,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let table = read_table(&arguments.input)?;
+    #[cfg(feature = "vision")]
+    if arguments.camera.is_stated() {
+        return before_camera(arguments, &table);
+    }
     let config = SensitivityConfig {
         sigmas_deg: arguments.sigmas_deg.clone(),
         alphas: arguments.alphas.clone(),
@@ -55,7 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let dir = &arguments.output;
     files::create_dir(dir)?;
-    let protocol = Protocol::standard(arguments.protocol);
+    let protocol = Protocol::standard(arguments.protocol.unwrap_or(ProtocolName::Paper));
     let count = 2 * config.sigmas_deg.len() + config.alphas.len();
     let counter = Counter::new(count as u64, "points");
     let points = sensitivity(&table, &protocol, &config, &mut |p| {
@@ -75,6 +89,50 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
     #[cfg(feature = "plot")]
     crate::report::plots::sensitivity_plots(dir, &points)?;
+    if arguments.json {
+        return print_json(&points);
+    }
+    outln!("{}", dir.display());
+    Ok(())
+}
+
+/// The rates before the stated camera, and before others that differ from it in one property.
+#[cfg(feature = "vision")]
+fn before_camera(arguments: &Arguments, table: &HashTable) -> Result<()> {
+    use crate::error::Error;
+    use crate::predict::{CameraSweep, DetectionModel, Predictor, sweep_csv};
+    use crate::vision::EstimatorConfig;
+
+    let usual = SensitivityConfig::default();
+    for (is_given, flag) in [
+        (arguments.protocol.is_some(), "protocol"),
+        (arguments.sigmas_deg != usual.sigmas_deg, "sigmas-deg"),
+        (arguments.alphas != usual.alphas, "alphas"),
+    ] {
+        if is_given {
+            return Err(Error::argument(flag, "cannot be used with a camera"));
+        }
+    }
+    let conditions = arguments.camera.conditions()?;
+    let sweep = CameraSweep::around(&conditions);
+    let dir = &arguments.output;
+    files::create_dir(dir)?;
+    let model = DetectionModel::shipped()?;
+    let predictor = Predictor::new(&model, table.pattern(), EstimatorConfig::default())?;
+    let counter = Counter::new(sweep.cameras.len() as u64, "points");
+    let points = sweep.run(&predictor, arguments.seed, arguments.samples, &mut |p| {
+        counter.line(&format!(
+            "{:<13} {:>8.3}  right {}  wrong {}  {:.3} deg",
+            p.parameter.as_str(),
+            p.value,
+            p.frames.rates.right,
+            p.frames.rates.wrong,
+            p.frames.rates.mean_error_deg
+        ));
+        counter.add(1);
+    })?;
+    counter.finish();
+    files::write_bytes(&dir.join("sensitivity.csv"), sweep_csv(&points).as_bytes())?;
     if arguments.json {
         return print_json(&points);
     }

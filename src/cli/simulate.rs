@@ -10,14 +10,19 @@ use crate::geometry::{Vec3, random_direction};
 use crate::spin::orientations::Orientations;
 use crate::spin::simulate::{Drops, Scenario, stream};
 
+/// The pattern that a camera sees where none is given.
+#[cfg(feature = "vision")]
+const SHIPPED: &str = "dots20";
+
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Where to write the orientations, CSV (quaternion scalar first, pattern to camera).
     #[arg(short, long)]
     out: PathBuf,
-    /// Spin at the first frame, revolutions per second.
-    #[arg(long, default_value_t = 50.0, allow_negative_numbers = true)]
-    rps: f64,
+    /// Spin at the first frame, revolutions per second [default: 50; with --camera at random from its
+    /// range].
+    #[arg(long, allow_negative_numbers = true)]
+    rps: Option<f64>,
     /// Axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random
     /// where not given.
     #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z")]
@@ -25,18 +30,27 @@ pub struct Arguments {
     /// Number of frames.
     #[arg(long, default_value_t = 10)]
     frames: usize,
-    /// Frames per second.
-    #[arg(long, default_value_t = 350.0, allow_negative_numbers = true)]
-    fps: f64,
-    /// Noise of an orientation in degrees per axis.
-    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
-    sigma_deg: f64,
-    /// Probability that an orientation is uniformly random.
-    #[arg(long, default_value_t = 0.07, allow_negative_numbers = true)]
-    outliers: f64,
-    /// Probability that a frame is lost.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
-    drops: f64,
+    /// Frames per second [default: 350, or the camera's].
+    #[arg(long, allow_negative_numbers = true)]
+    fps: Option<f64>,
+    /// Noise of an orientation in degrees per axis [default: 2, or what the camera gives].
+    #[arg(long, allow_negative_numbers = true)]
+    sigma_deg: Option<f64>,
+    /// Probability that an orientation is uniformly random [default: 0.07, or what the camera gives].
+    #[arg(long, allow_negative_numbers = true)]
+    outliers: Option<f64>,
+    /// Probability that a frame is lost [default: 0, or what the camera gives].
+    #[arg(long, allow_negative_numbers = true)]
+    drops: Option<f64>,
+    /// The camera, as for `spindoe advise`: frame rate, noise, outliers and lost frames are what it
+    /// would give of --pattern, predicted.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "CAMERA.toml")]
+    camera: Option<PathBuf>,
+    /// The ball's pattern (CSV) or hash table (.npz), for --camera [default: the shipped one of 20 dots].
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "PATTERN_OR_TABLE", requires = "camera")]
+    pattern: Option<PathBuf>,
     /// Standard deviation of a frame's (known) time about the even grid, in intervals; at most a
     /// third of an interval.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
@@ -52,15 +66,82 @@ pub struct Arguments {
     json: bool,
 }
 
+/// What holds where no flag says otherwise.
+#[derive(Debug, Clone, Copy)]
+struct Usual {
+    rps: f64,
+    fps: f64,
+    sigma_deg: f64,
+    outliers: f64,
+    drops: f64,
+}
+
+impl Default for Usual {
+    fn default() -> Self {
+        Self {
+            rps: 50.0,
+            fps: 350.0,
+            sigma_deg: 2.0,
+            outliers: 0.07,
+            drops: 0.0,
+        }
+    }
+}
+
+/// Frames from which a camera's noise, outliers and lost frames are predicted.
+#[cfg(feature = "vision")]
+const PREDICTED: u64 = 2000;
+
 impl Arguments {
-    fn scenario(&self) -> Result<Scenario> {
+    fn usual(&self) -> Result<Usual> {
+        #[cfg(feature = "vision")]
+        if let Some(path) = &self.camera {
+            return self.of_camera(path);
+        }
+        Ok(Usual::default())
+    }
+
+    /// What the camera gives of the pattern.
+    #[cfg(feature = "vision")]
+    fn of_camera(&self, path: &std::path::Path) -> Result<Usual> {
+        use crate::predict::{DetectionModel, Predictor, shipped_designs};
+        use crate::vision::EstimatorConfig;
+        use rand::RngExt as _;
+
+        let conditions = super::camera::read_conditions(path)?;
+        let pattern = match &self.pattern {
+            Some(path) => super::read_table(path)?.pattern().clone(),
+            None => {
+                let shipped = shipped_designs()?;
+                let usual = shipped.into_iter().find(|d| d.name == SHIPPED);
+                usual
+                    .ok_or_else(|| Error::Internal(format!("no design {SHIPPED}")))?
+                    .pattern
+            }
+        };
+        let model = DetectionModel::shipped()?;
+        let predictor = Predictor::new(&model, &pattern, EstimatorConfig::default())?;
+        let rates = predictor.frames(&conditions, self.seed, PREDICTED)?.rates;
+        let answered = rates.right.rate + rates.wrong.rate;
+        let [low, high] = conditions.rps;
+        Ok(Usual {
+            rps: low + (high - low) * stream(self.seed, 2).random::<f64>(),
+            fps: conditions.fps,
+            // The error is a rotation's angle: that of three axes.
+            sigma_deg: rates.rms_error_deg / 3f64.sqrt(),
+            outliers: rates.wrong.rate / answered.max(1e-9),
+            drops: rates.unanswered.rate,
+        })
+    }
+
+    fn scenario(&self, usual: &Usual) -> Result<Scenario> {
         let scenario = Scenario {
             frames: self.frames,
-            fps: self.fps,
+            fps: self.fps.unwrap_or(usual.fps),
             jitter: self.jitter,
-            sigma_rad: self.sigma_deg.to_radians(),
-            outliers: self.outliers,
-            drops: Drops::Probability(self.drops),
+            sigma_rad: self.sigma_deg.unwrap_or(usual.sigma_deg).to_radians(),
+            outliers: self.outliers.unwrap_or(usual.outliers),
+            drops: Drops::Probability(self.drops.unwrap_or(usual.drops)),
             decay_per_s: self.decay,
         };
         scenario.check()?;
@@ -90,12 +171,14 @@ pub(super) fn vector(text: &str) -> std::result::Result<Vec3, String> {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let scenario = arguments.scenario()?;
-    if !(arguments.rps >= 0.0 && arguments.rps.is_finite()) {
-        let problem = format!("expected 0 or more, found {}", arguments.rps);
+    let usual = arguments.usual()?;
+    let scenario = arguments.scenario(&usual)?;
+    let rps = arguments.rps.unwrap_or(usual.rps);
+    if !(rps >= 0.0 && rps.is_finite()) {
+        let problem = format!("expected 0 or more, found {rps}");
         return Err(Error::argument("--rps", problem));
     }
-    let spin = arguments.axis()? * (arguments.rps * std::f64::consts::TAU);
+    let spin = arguments.axis()? * (rps * std::f64::consts::TAU);
     let sequence = scenario.simulate(spin, &mut stream(arguments.seed, 0));
     let mut file = Orientations::from_measurements(&sequence.measurements);
     for row in &mut file.rows {
@@ -110,7 +193,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return super::print_json(&json!({
             "spin_rad_s": [spin.x, spin.y, spin.z],
-            "rps": arguments.rps,
+            "rps": rps,
             "decay_per_s": arguments.decay,
             "time_s": sequence.truth.time_s,
             "orientations": orientations,

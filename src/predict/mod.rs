@@ -11,6 +11,7 @@
 //! right, wrong and missing answers, the orientation's error, and the spin's over sequences.
 
 mod advice;
+mod assumptions;
 pub mod conditions;
 mod frames;
 mod judge;
@@ -18,14 +19,17 @@ mod learn;
 pub mod model;
 pub mod regression;
 mod spins;
+mod sweep;
 
 pub use advice::{
     Advice, AdviceConfig, ChangeAdvice, DotSize, MAX_DOT, NamedPattern, PatternAdvice, advise,
     effective_error_deg, predictions, shipped_designs,
 };
+pub use assumptions::coincidence;
 pub use conditions::{CameraConditions, Surroundings};
 pub use frames::{FrameOutcome, FramePrediction, FrameRates, PredictConfig, Predictor, paired};
 pub use judge::{Judge, Judgment, Trial, rendered};
 pub use learn::Observation;
 pub use model::{DetectionModel, Provenance};
 pub use spins::SpinPrediction;
+pub use sweep::{CameraParameter, CameraPoint, CameraSweep, SweptCamera, sweep_csv};

@@ -385,6 +385,21 @@ impl DetectionModel {
         })
     }
 
+    /// The logit of the probability that a dot is found as a likely one, in a frame like most.
+    pub(super) fn likely_logit(&self, dot: &SeenDot, terms: &mut Terms) -> f64 {
+        terms.dot.resize(self.dots.terms(), 0.0);
+        self.dots.expand(&dot.observables, &mut terms.dot);
+        self.likely.predictor(&terms.dot)
+    }
+
+    /// Standard deviation of the shift of that logit that the dots of a frame share.
+    pub(super) fn shared_shift(&self, ball: &SeenBall, terms: &mut Terms) -> f64 {
+        terms.ball.resize(self.ball.terms(), 0.0);
+        self.ball.expand(&ball.observables, &mut terms.ball);
+        let predictor = self.outline.predictor(&terms.ball);
+        self.frame_effect[self.ball_classes.of(predictor)]
+    }
+
     /// Share of the dots and balls that lie within what the model was learned from.
     pub fn covers(&self, ball: &SeenBall) -> bool {
         self.ball.contains(&ball.observables)

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::predict::regression::{Link, Regression, Scaling};
 use spindoe::predict::{
     CameraConditions, DetectionModel, FrameOutcome, FrameRates, Predictor, Surroundings,
-    shipped_designs,
+    coincidence, shipped_designs,
 };
 use spindoe::synth::observables::{BALL_OBSERVABLES, DOT_OBSERVABLES};
 use spindoe::synth::sensor::Sensor;
@@ -348,4 +348,95 @@ fn the_command_advises_and_names_what_it_cannot_use() {
             "{words}"
         );
     }
+}
+
+#[test]
+fn what_an_objective_assumes_follows_from_the_camera() {
+    let model = DetectionModel::shipped().unwrap();
+    let assumed = |conditions: &CameraConditions| coincidence(&model, conditions, 20).unwrap();
+    let usual = assumed(&CameraConditions::default());
+    let small = assumed(&CameraConditions {
+        ball_px: 25.0,
+        noise_levels: Some(8.0),
+        ..CameraConditions::default()
+    });
+    // Of a small ball in noise dots are placed worse, and found only nearer to the middle.
+    assert!(
+        small.sigma_rad > 1.2 * usual.sigma_rad,
+        "{small:?} {usual:?}"
+    );
+    assert!(
+        small.visibility_limit > usual.visibility_limit + 0.05,
+        "{small:?} {usual:?}"
+    );
+    let dots = random_pattern(20, 1);
+    let value = |c: &spindoe::design::objective::Coincidence| c.evaluate(dots.dots()).value;
+    assert!(value(&small) > value(&usual));
+}
+
+#[test]
+fn sensitivity_and_simulation_take_a_camera() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    let pattern = random_pattern(16, 2);
+    pattern.write_csv(&at.join("p.csv")).unwrap();
+    std::fs::write(
+        at.join("camera.toml"),
+        "ball_px = 40\nfps = 200\nrps = [20, 30]\n",
+    )
+    .unwrap();
+    let swept = [
+        "sensitivity",
+        "p.csv",
+        "-o",
+        "sweep",
+        "--camera",
+        "camera.toml",
+    ];
+    let words = done(at, &[&swept[..], &["--samples", "40", "--json"]].concat());
+    let points: serde_json::Value = serde_json::from_str(&words).unwrap();
+    let points = points.as_array().unwrap();
+    let value = |p: &serde_json::Value| (p["parameter"].to_string(), p["value"].as_f64().unwrap());
+    // Half of 40 pixels is the least that is allowed, twice of it within.
+    assert_eq!(value(&points[0]), ("\"ball_px\"".to_owned(), 20.0));
+    assert_eq!(value(&points[4]), ("\"ball_px\"".to_owned(), 80.0));
+    let right = |k: usize| points[k]["right"]["rate"].as_f64().unwrap();
+    assert!(right(4) > right(0), "{points:?}");
+    let csv = std::fs::read_to_string(at.join("sweep/sensitivity.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + points.len());
+    let output = spindoe(at, &[&swept[..], &["--protocol", "sparse"]].concat());
+    assert_eq!(output.status.code(), Some(2));
+
+    let simulated = [
+        "simulate",
+        "-o",
+        "s.csv",
+        "--pattern",
+        "p.csv",
+        "--frames",
+        "40",
+        "--json",
+    ];
+    let words = done(at, &[&simulated[..], &["--camera", "camera.toml"]].concat());
+    let truth: serde_json::Value = serde_json::from_str(&words).unwrap();
+    let rps = truth["rps"].as_f64().unwrap();
+    assert!((20.0..30.0).contains(&rps), "{truth}");
+    // 40 frames at 200 a second end after 0.195 s.
+    let last = std::fs::read_to_string(at.join("s.csv")).unwrap();
+    let last: f64 = last
+        .lines()
+        .last()
+        .unwrap()
+        .split(',')
+        .nth(1)
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!(last > 0.1 && last < 0.2, "{last}");
+    let found = spindoe(at, &["spin", "s.csv", "--json"]);
+    let found: serde_json::Value = serde_json::from_slice(&found.stdout).unwrap();
+    assert!(
+        (found["rps"].as_f64().unwrap() - rps).abs() < 1.0,
+        "{found}"
+    );
 }

@@ -63,6 +63,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", conflicts_with_all = ["shard", "budget"])]
     pub(super) shards: Option<usize>,
     /// Objective that a descent minimizes; by default confusion, for more than 24 dots whitened-nn.
+    /// With --camera coincidence counts what that camera detects.
     #[arg(long, value_parser = one_of(&ObjectiveName::ALL, ObjectiveName::as_str), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
@@ -227,15 +228,31 @@ impl Arguments {
                 stencil: Some(self.stencil()),
                 ..Constraints::default()
             },
-            objective: Objective::for_protocol(
-                self.objective.unwrap_or(ObjectiveName::for_dots(dots)),
-                &protocol,
-            ),
+            objective: self.objective(dots, &protocol)?,
             bound_weight: self.bound_weight,
             bound_goal: self.bound_goal(dots),
             basis_weight: self.basis_weight,
             from: from.map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
         })
+    }
+
+    /// The objective, for the protocol's views; coincidence for those of the camera, where one is
+    /// given.
+    fn objective(&self, dots: usize, protocol: &Protocol) -> Result<Objective> {
+        let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));
+        #[cfg(feature = "vision")]
+        if let (ObjectiveName::Coincidence, Some(path)) = (name, &self.camera) {
+            use crate::predict::{DetectionModel, coincidence};
+
+            let conditions = super::camera::conditions(path, &self.stencil())?;
+            let model = DetectionModel::shipped()?;
+            return Ok(Objective::Coincidence(coincidence(
+                &model,
+                &conditions,
+                dots,
+            )?));
+        }
+        Ok(Objective::for_protocol(name, protocol))
     }
 
     fn bound_goal(&self, dots: usize) -> Option<BoundSummary> {

@@ -4,6 +4,7 @@
 //! many dots leave room for; then the winner's search runs as asked. Both choices are by the
 //! effective error of an orientation ([`crate::predict`]), on seeds that nothing else uses.
 
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::Arguments;
@@ -49,10 +50,7 @@ impl CameraRanking {
             return Ok(None);
         };
         let stencil = arguments.stencil();
-        let conditions = CameraConditions {
-            dot_diameter: stencil.hole_diameter_mm / stencil.ball_diameter_mm,
-            ..read_conditions(path)?
-        };
+        let conditions = conditions(path, &stencil)?;
         let trial = arguments
             .render
             .map_or(Trial::Predicted(FRAMES), Trial::Rendered);
@@ -105,6 +103,14 @@ fn rank_of(candidate: &Candidate, judgment: &Judgment) -> CameraRank {
         mean_error_deg: judgment.rates.mean_error_deg,
         effective_error_deg: judgment.effective_error_deg,
     }
+}
+
+/// The camera of a file before dots as large as the stencil's holes.
+pub(super) fn conditions(path: &Path, stencil: &StencilConfig) -> Result<CameraConditions> {
+    Ok(CameraConditions {
+        dot_diameter: stencil.hole_diameter_mm / stencil.ball_diameter_mm,
+        ..read_conditions(path)?
+    })
 }
 
 /// The arguments with the number of dots and the holes settled for the camera: those given, or the

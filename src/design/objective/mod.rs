@@ -7,6 +7,8 @@
 //! - [`confusion`]: the expected rate at which four visible dots are mistaken for four others. It
 //!   is an analytic failure rate, and the default: `docs/objectives.md` shows how well each
 //!   objective predicts the measured rate.
+//! - [`coincidence`]: the expected rate at which the dots that a camera detects are too few, or
+//!   coincide with those of a false pose. For any number of dots.
 //!
 //! The optimizer minimizes the logarithm of the value (with its sign reversed where larger is
 //! better): scales then do not matter, and a step is a relative change.
@@ -14,6 +16,7 @@
 pub mod align;
 pub mod basis;
 pub mod bound;
+pub mod coincidence;
 pub mod confusion;
 mod erfc;
 mod lookalikes;
@@ -25,6 +28,7 @@ use crate::geometry::{Spherical, Vec3};
 use crate::validate::Protocol;
 
 pub use bound::OrientationBound;
+pub use coincidence::Coincidence;
 pub use confusion::Confusion;
 pub use mean_nn::MeanNearestNeighbor;
 pub use whitened::WhitenedNearestNeighbor;
@@ -66,11 +70,19 @@ pub enum ObjectiveName {
     /// The expected rate at which four visible dots are mistaken for four others.
     #[default]
     Confusion,
+    /// The expected rate at which the dots that a camera detects are too few, or coincide with those
+    /// of a false pose.
+    Coincidence,
 }
 
 impl ObjectiveName {
     /// All objectives, the paper's first.
-    pub const ALL: [Self; 3] = [Self::MeanNn, Self::WhitenedNn, Self::Confusion];
+    pub const ALL: [Self; 4] = [
+        Self::MeanNn,
+        Self::WhitenedNn,
+        Self::Confusion,
+        Self::Coincidence,
+    ];
 
     /// The default objective for so many dots: `confusion` as far as it can be computed,
     /// `whitened-nn` beyond.
@@ -88,6 +100,7 @@ impl ObjectiveName {
             Self::MeanNn => "mean-nn",
             Self::WhitenedNn => "whitened-nn",
             Self::Confusion => "confusion",
+            Self::Coincidence => "coincidence",
         }
     }
 
@@ -121,6 +134,8 @@ pub enum Objective {
     WhitenedNn(WhitenedNearestNeighbor),
     /// See [`confusion`].
     Confusion(Confusion),
+    /// See [`coincidence`].
+    Coincidence(Coincidence),
 }
 
 impl Default for Objective {
@@ -142,6 +157,15 @@ impl Objective {
                 visibility_limit: protocol.visibility_limit,
                 ..Confusion::default()
             }),
+            ObjectiveName::Coincidence => Self::Coincidence(Coincidence {
+                sigma_rad,
+                visibility_limit: protocol.visibility_limit,
+                softness: 0.04,
+                limit_spread: 0.0,
+                detection_probability: 1.0 - protocol.miss_probability,
+                crowding: 0.0,
+                given: protocol.dots_given,
+            }),
         }
     }
 
@@ -151,12 +175,13 @@ impl Objective {
             Self::MeanNn(_) => ObjectiveName::MeanNn,
             Self::WhitenedNn(_) => ObjectiveName::WhitenedNn,
             Self::Confusion(_) => ObjectiveName::Confusion,
+            Self::Coincidence(_) => ObjectiveName::Coincidence,
         }
     }
 
     /// Whether larger values are better.
     pub fn larger_is_better(&self) -> bool {
-        !matches!(self, Self::Confusion(_))
+        !matches!(self, Self::Confusion(_) | Self::Coincidence(_))
     }
 
     /// The value itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of
@@ -169,6 +194,7 @@ impl Objective {
             Self::MeanNn(o) => o.evaluate(dots),
             Self::WhitenedNn(o) => o.evaluate(dots),
             Self::Confusion(o) => Ok(o.evaluate(dots)),
+            Self::Coincidence(o) => Ok(o.evaluate(dots)),
         }
     }
 

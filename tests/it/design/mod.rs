@@ -1,5 +1,6 @@
 //! Tests of the stage `design`.
 
+mod coincidence;
 mod confusion;
 mod objectives;
 mod orientation_bound;
