@@ -81,9 +81,11 @@ fn no_objective_changes_when_the_ball_turns() {
     for objective in objectives() {
         let value = |dots: &[Vec3]| objective.evaluate_at(dots).unwrap().value;
         let (a, b) = (value(pattern.dots()), value(&turned));
-        // Confusion and bound sample viewing directions, which do not turn along.
+        // Confusion and bound sample viewing directions, which do not turn along; coincidence has 64 of
+        // them.
         let tolerance = match objective.name() {
-            ObjectiveName::Confusion | ObjectiveName::Coincidence => 0.05,
+            ObjectiveName::Confusion => 0.05,
+            ObjectiveName::Coincidence => 0.12,
             _ => 1e-9,
         };
         assert!(
