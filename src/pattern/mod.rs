@@ -5,6 +5,7 @@
 //! Lengths that differ from 1 by more than [`LENGTH_TOLERANCE`] are rejected; smaller deviations
 //! are normalized.
 
+pub(crate) mod crowding;
 mod keep_out;
 
 use std::fmt::Write as _;

@@ -6,8 +6,8 @@ use super::conditions::CameraConditions;
 use super::model::{DetectionModel, Terms, can_be_found};
 use crate::design::constraints::max_separation;
 use crate::design::objective::Coincidence;
-use crate::design::objective::coincidence::crowds;
 use crate::error::Result;
+use crate::pattern::crowding::crowds;
 use crate::pattern::random_pattern;
 use crate::synth::dataset::frame_rng;
 

@@ -53,7 +53,6 @@ use self::gradient::Backward;
 use self::polynomials::Polynomials;
 use self::rivals::rivals;
 use self::views::Views;
-pub(crate) use self::views::crowds;
 use self::weight::Weight;
 use super::Evaluation;
 use crate::geometry::Vec3;

@@ -2,6 +2,7 @@
 
 use super::{COUNTS, Coincidence, MAX_COUNT, MIN_COUNT, Sums, VIEWS, volumes};
 use crate::geometry::{Vec3, spiral_directions};
+use crate::pattern::crowding::{CROWD, crowds, nearness};
 
 /// Gauss and Hermite's nodes and weights for the mean over a normal distribution.
 const LEVELS: [[f64; 2]; 5] = [
@@ -11,8 +12,6 @@ const LEVELS: [[f64; 2]; 5] = [
     [1.355_626_179_974_266, 0.222_075_922_005_612_6],
     [2.856_970_013_872_806, 0.011_257_411_327_720_69],
 ];
-/// Dots crowd each other within about this chord.
-const CROWD: f64 = 0.3;
 /// Share of the dots detected on average at which a view begins to have enough, and by how much
 /// more of it the probability of too few falls by `e`.
 const ENOUGH: f64 = 0.29;
@@ -50,21 +49,6 @@ pub(super) struct Closed {
 /// The share of a logistic curve.
 fn logistic(logit: f64) -> f64 {
     1.0 / (1.0 + (-logit).exp())
-}
-
-/// How near two dots are to each other, as they crowd each other.
-fn nearness(a: &Vec3, b: &Vec3) -> f64 {
-    (-0.5 * (a - b).norm_squared() / (CROWD * CROWD)).exp()
-}
-
-/// How much the other dots crowd each one.
-pub(crate) fn crowds(dots: &[Vec3]) -> Vec<f64> {
-    let all = dots.iter().enumerate();
-    all.map(|(i, a)| {
-        let others = dots.iter().enumerate().filter(|(j, _)| *j != i);
-        others.map(|(_, b)| nearness(a, b)).sum()
-    })
-    .collect()
 }
 
 impl Views {
