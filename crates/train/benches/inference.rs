@@ -5,6 +5,7 @@ use std::hint::black_box;
 use burn::tensor::{Device, Tensor, TensorData};
 use criterion::{Criterion, criterion_group, criterion_main};
 use spindoe::vision::net::Weights;
+use spindoe::vision::net::graph::Head;
 use spindoe::vision::net::network::{Activations, Network};
 use spindoe::vision::patch::{Patch, SIZE};
 use spindoe_train::model::{Net, floats};
@@ -16,7 +17,7 @@ fn inference(c: &mut Criterion) {
     let device = Device::flex();
     let (Ok(network), Ok(net)) = (
         Network::new(Head::Dots, &weights.layers),
-        Net::new(&weights.layers, &device),
+        Net::new(Head::Dots, &weights.layers, &device),
     ) else {
         return;
     };

@@ -6,6 +6,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::synth::SynthConfig;
 use spindoe::vision::net::Weights;
+use spindoe::vision::net::graph::Head;
 use spindoe::vision::net::network::{Activations, Network};
 use spindoe::vision::net::weights::Layer;
 use spindoe::vision::patch::SIZE;
@@ -23,10 +24,10 @@ fn samples(count: u64) -> Vec<Sample> {
 }
 
 /// The largest difference of any cell.
-fn difference(layers: &[Layer], samples: &[Sample]) -> f32 {
+fn difference(head: Head, layers: &[Layer], samples: &[Sample]) -> f32 {
     let device = Device::flex();
-    let net = Net::new(layers, &device).unwrap();
-    let network = Network::new(Head::Dots, layers).unwrap();
+    let net = Net::new(head, layers, &device).unwrap();
+    let network = Network::new(head, layers).unwrap();
     let mut activations = Activations::default();
     let mut worst = 0f32;
     for sample in samples {
@@ -44,12 +45,16 @@ fn difference(layers: &[Layer], samples: &[Sample]) -> f32 {
 #[test]
 fn both_give_the_same_cells() {
     let samples = samples(12);
-    let built_in = difference(&Weights::built_in(Head::Dots).unwrap().layers, &samples);
-    assert!(built_in < 1e-4, "{built_in:.1e}");
-    for seed in 0..3 {
-        let layers = Net::random_layers(&mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
-        let random = difference(&layers, &samples[..3]);
-        assert!(random < 1e-4, "{random:.1e}");
+    for head in [Head::Dots, Head::Outline] {
+        let weights = Weights::built_in(head).unwrap();
+        let built_in = difference(head, &weights.layers, &samples);
+        assert!(built_in < 1e-4, "{head:?}: {built_in:.1e}");
+        for seed in 0..3 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let layers = Net::random_layers(head, &mut rng).unwrap();
+            let random = difference(head, &layers, &samples[..3]);
+            assert!(random < 1e-4, "{head:?}: {random:.1e}");
+        }
+        println!("{head:?}, built-in weights: cells differ by at most {built_in:.1e}");
     }
-    println!("built-in weights: cells differ by at most {built_in:.1e}");
 }
