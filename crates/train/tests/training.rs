@@ -125,7 +125,12 @@ fn the_command_trains_and_rejects_bad_arguments() {
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
     assert_eq!(scored, report["score"]);
     let weights = Weights::read(&dir.path().join("net/dots.npz")).unwrap();
-    assert!(weights.meta.command.starts_with("spindoe-train --seed 0 "));
+    assert!(
+        weights
+            .meta
+            .command
+            .starts_with("spindoe-train --head dots --seed 0 ")
+    );
     for (wrong, expected) in [
         (flags, "holds a detector already"),
         ("--out other --steps 0", "steps: "),
