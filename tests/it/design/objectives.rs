@@ -84,7 +84,7 @@ fn no_objective_changes_when_the_ball_turns() {
         // Confusion and bound sample viewing directions, which do not turn along; coincidence has 64 of
         // them.
         let tolerance = match objective.name() {
-            ObjectiveName::Confusion => 0.05,
+            ObjectiveName::Confusion => 0.02,
             ObjectiveName::Coincidence => 0.12,
             _ => 1e-9,
         };
