@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use spindoe::calibrate::{CalibrationConfig, DotState, calibrate};
+use spindoe::calibrate::{CalibrationConfig, calibrate};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
@@ -126,11 +126,7 @@ pub fn run<'py>(
         at.map_or(-1, |k| k as i64)
     };
     let dots = &calibration.dots;
-    let states = dots.iter().map(|dot| match dot.state {
-        DotState::Measured => "measured",
-        DotState::Unseen => "unseen",
-        DotState::Missing => "missing",
-    });
+    let states = dots.iter().map(|dot| dot.state.as_str());
     let places: Vec<Vec3> = dots.iter().map(|dot| dot.direction).collect();
     let covariances: Vec<Matrix3<f64>> = dots
         .iter()

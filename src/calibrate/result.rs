@@ -2,12 +2,17 @@
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 
-use super::presence::is_doubtful;
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between, tangent_frame};
 use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
+use crate::stats::median;
 use crate::vision::FrameEstimate;
+
+/// A dot may be drawn off by so many standard deviations per axis: 1 in 500 lies farther.
+const FAR_OFF: f64 = 3.5;
+/// Median length of a normal vector in the plane over its standard deviation per axis.
+const MEDIAN_OFFSET: f64 = 1.1774;
 
 /// What the clip says of a dot of the nominal pattern.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -17,8 +22,23 @@ pub enum DotState {
     Measured,
     /// Too few frames show its side of the ball: it stays at its nominal place.
     Unseen,
+    /// Something is seen that may be no dot: print or a stain, beside which the dot is hidden or missing. It
+    /// stays at its nominal place.
+    Doubtful,
     /// It is not found where it should be: forgotten, washed off, or on a dark mark. It is left out.
     Missing,
+}
+
+impl DotState {
+    /// The name in reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Unseen => "unseen",
+            Self::Doubtful => "doubtful",
+            Self::Missing => "missing",
+        }
+    }
 }
 
 /// A dot of the nominal pattern as it was drawn.
@@ -31,25 +51,16 @@ pub struct CalibratedDot {
     /// Covariance of the direction, rad^2, in the axes of
     /// [`tangent_frame(direction)`](crate::geometry::tangent_frame).
     pub covariance: Matrix2<f64>,
-    /// Frames in which it was found.
+    /// Frames in which it was found; 0 for a dot that was not measured.
     pub views: usize,
     /// Expected number of frames in which it would be found, facing the camera well, at the rate at which
     /// the other dots are.
     pub expected_views: f64,
-    /// The detector's mean probability that this is a dot, over that of the ball's middle dot; 1 for a dot
-    /// that was not measured. See [`is_doubtful`](Self::is_doubtful).
-    pub confidence: f64,
     /// See [`DotState`].
     pub state: DotState,
 }
 
 impl CalibratedDot {
-    /// Whether something is seen there that may be no dot: print or a stain, beside which the dot is hidden
-    /// or missing.
-    pub fn is_doubtful(&self) -> bool {
-        self.state == DotState::Measured && is_doubtful(self.confidence)
-    }
-
     /// Angle from the nominal place, radians.
     pub fn offset_rad(&self) -> f64 {
         angle_between(&self.nominal, &self.direction)
@@ -170,9 +181,27 @@ impl Calibration {
         (sum / self.measured().max(1) as f64).sqrt()
     }
 
+    /// The measured dots that lie farther off than nearly all dots that are drawn as these are: drawn in
+    /// a wrong place, or a stain in a hidden dot's.
+    pub fn far_off(&self) -> impl Iterator<Item = usize> + '_ {
+        let measured = || {
+            let dots = self.dots.iter().enumerate();
+            dots.filter(|(_, d)| d.state == DotState::Measured)
+        };
+        let limit = far_off_rad(measured().map(|(_, d)| d.offset_rad()));
+        measured()
+            .filter(move |(_, d)| d.offset_rad() > limit)
+            .map(|(j, _)| j)
+    }
+
     fn learned(&self) -> impl Iterator<Item = &SteadyMark> {
         self.marks.iter().filter(|m| m.covariance.is_some())
     }
+}
+
+/// How far off dots may be drawn whose offsets are these, radians.
+pub(super) fn far_off_rad(offsets: impl Iterator<Item = f64>) -> f64 {
+    FAR_OFF * median(&mut offsets.collect::<Vec<f64>>()) / MEDIAN_OFFSET
 }
 
 /// A covariance in the axes of the direction's tangent frame, in the pattern's frame.

@@ -7,9 +7,9 @@ use super::config::CalibrationConfig;
 use super::fitted::FittedFrame;
 use super::identify::identify_frames;
 use super::marks::{Mark, steady_marks};
-use super::presence::{DetectionRate, Presence, presences};
+use super::presence::{DetectionRate, Presence, is_doubtful, presences};
 use super::result::{
-    CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, in_space,
+    CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, far_off_rad, in_space,
 };
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
@@ -30,10 +30,8 @@ const MAX_MISSING: f64 = 0.34;
 const IN_VIEW: f64 = 3.0;
 /// Placement errors with which a ball that is not recognized is tried again, in those of the estimator.
 const WIDER: [f64; 2] = [2.0, 3.5];
-/// A dot may be drawn off by so many standard deviations: 1 in 500 lies farther.
-const FAR_OFF: f64 = 3.5;
-/// Median length of a normal vector in the plane over its standard deviation per axis.
-const MEDIAN_OFFSET: f64 = 1.1774;
+/// Detections this much less likely a dot's than the other dots' cast doubt on a dot that is far off.
+const UNCLEAR: f64 = 0.9;
 /// Change of the dots, radians, below which the rounds end.
 const SETTLED_RAD: f64 = 1e-4;
 
@@ -45,13 +43,15 @@ struct Candidate {
     direction: Vec3,
     covariance: Matrix2<f64>,
     views: usize,
-    /// What the detector says of it; see [`CalibratedDot::confidence`].
+    /// The detector's mean probability that this is a dot, over that of the ball's middle dot.
     confidence: f64,
     /// Whether a frame of the last fit names it.
     named: bool,
     /// Not left out.
     active: bool,
     presence: Presence,
+    /// Expected finds if it were at its nominal place.
+    expected_nominal: f64,
     /// As a mark: see [`SteadyMark`].
     mark: Option<Mark>,
 }
@@ -111,6 +111,7 @@ impl<'a> Rounds<'a> {
             named: false,
             active: true,
             presence: Presence::default(),
+            expected_nominal: 0.0,
             mark: None,
         });
         Self {
@@ -202,6 +203,7 @@ impl<'a> Rounds<'a> {
         let (presences, rate) = presences(&fitted, &directions, &finds);
         for (candidate, presence) in self.candidates.iter_mut().zip(presences) {
             candidate.presence = presence;
+            candidate.expected_nominal = rate.expected(&fitted, &candidate.prior.direction);
             candidate.active = !presence.is_missing(candidate.confidence);
             if !candidate.active {
                 // What was taken for it lies elsewhere.
@@ -370,11 +372,8 @@ impl<'a> Rounds<'a> {
             .candidates
             .iter()
             .filter(|c| c.mark.is_none() && c.views > 0);
-        let mut offsets: Vec<f64> = measured
-            .map(|c| angle_between(&c.prior.direction, &c.direction))
-            .collect();
-        let sigma = median(&mut offsets) / MEDIAN_OFFSET;
-        (FAR_OFF * sigma).clamp(SAME_RAD, self.config.max_offset_rad)
+        let offsets = measured.map(|c| angle_between(&c.prior.direction, &c.direction));
+        far_off_rad(offsets).clamp(SAME_RAD, self.config.max_offset_rad)
     }
 
     /// Takes marks in where `take_in` says so; the marks that are left.
@@ -401,6 +400,7 @@ impl<'a> Rounds<'a> {
                     named: false,
                     active: true,
                     presence: Presence::default(),
+                    expected_nominal: 0.0,
                     mark: Some(*mark),
                 });
             }
@@ -502,34 +502,34 @@ impl<'a> Rounds<'a> {
         })
     }
 
+    /// Whether a dot that was found is none, as far as the clip says: the detector doubts it, or it is
+    /// farther off than dots are drawn and either unclear or not looked for in its place.
+    fn is_doubtful(&self, c: &Candidate) -> bool {
+        let offset = angle_between(&c.prior.direction, &c.direction);
+        let hidden = c.expected_nominal < IN_VIEW || c.confidence < UNCLEAR;
+        is_doubtful(c.confidence) || (offset > self.max_offset() && hidden)
+    }
+
     fn calibrated(&self, c: &Candidate) -> CalibratedDot {
         let state = match (c.active, c.views) {
             (false, _) => DotState::Missing,
             (true, 0) => DotState::Unseen,
+            (true, _) if self.is_doubtful(c) => DotState::Doubtful,
             (true, _) => DotState::Measured,
         };
-        let (direction, covariance) = match state {
-            DotState::Measured => (c.direction, c.covariance),
-            DotState::Unseen | DotState::Missing => (
-                c.prior.direction,
-                Matrix2::identity() * self.config.placement_sigma_rad.powi(2),
-            ),
+        let is_measured = state == DotState::Measured;
+        let (direction, covariance) = if is_measured {
+            (c.direction, c.covariance)
+        } else {
+            let variance = self.config.placement_sigma_rad.powi(2);
+            (c.prior.direction, Matrix2::identity() * variance)
         };
         CalibratedDot {
             nominal: c.prior.direction,
             direction,
             covariance,
-            views: if state == DotState::Measured {
-                c.views
-            } else {
-                0
-            },
+            views: if is_measured { c.views } else { 0 },
             expected_views: c.presence.expected,
-            confidence: if state == DotState::Measured {
-                c.confidence
-            } else {
-                1.0
-            },
             state,
         }
     }

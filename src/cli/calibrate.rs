@@ -271,6 +271,10 @@ fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path)
             "never found where they should be, left out",
         ),
         (DotState::Unseen, "not seen, left at their nominal places"),
+        (
+            DotState::Doubtful,
+            "print or a stain may hide them, left at their nominal places",
+        ),
     ] {
         let dots = evaluated.report.dots.iter().filter(|d| d.state == state);
         let numbers: Vec<String> = dots.map(|d| d.nominal_number.to_string()).collect();

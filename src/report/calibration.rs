@@ -22,7 +22,7 @@ use crate::validate::{Protocol, ProtocolName, Validation, run_trials, summarize}
 use crate::vision::FrameEstimate;
 
 /// Version of a calibration's `report.json`.
-pub const CALIBRATION_REPORT_VERSION: u32 = 1;
+pub const CALIBRATION_REPORT_VERSION: u32 = 2;
 /// A dot whose standard deviation is larger needs more views, degrees.
 pub(super) const WELL_MEASURED_DEG: f64 = 0.5;
 /// Files by which a folder with a calibration is known.
@@ -49,8 +49,6 @@ pub struct DotReport {
     pub views: usize,
     /// Frames that should have, facing it well, at the rate of the other dots.
     pub expected_views: f64,
-    /// Whether what is seen there may be no dot.
-    pub doubtful: bool,
 }
 
 /// A mark in the report.
@@ -211,7 +209,6 @@ pub fn evaluate_calibration(
             sigma_deg: dot.sigma_rad().to_degrees(),
             views: dot.views,
             expected_views: dot.expected_views,
-            doubtful: dot.is_doubtful(),
         })
         .collect();
     let first_mark = calibration.dots.len() - calibration.count(DotState::Missing);
@@ -255,14 +252,16 @@ pub fn evaluate_calibration(
         seed: evaluation.seed,
         advice: Vec::new(),
     };
-    report.advice = advice(&report);
+    let far_off: Vec<usize> = calibration.far_off().collect();
+    report.advice = advice(&report, &far_off);
     Ok(CalibrationEvaluation { table, report })
 }
 
 /// The dots that are not well measured, the worst first.
 fn more_views(dots: &[DotReport]) -> Vec<usize> {
     let poor = |d: &&DotReport| {
-        d.state != DotState::Missing && !d.doubtful && d.sigma_deg > WELL_MEASURED_DEG
+        let may_be_seen = matches!(d.state, DotState::Measured | DotState::Unseen);
+        may_be_seen && d.sigma_deg > WELL_MEASURED_DEG
     };
     let mut poor: Vec<&DotReport> = dots.iter().filter(poor).collect();
     poor.sort_by(|a, b| b.sigma_deg.total_cmp(&a.sigma_deg));
@@ -304,7 +303,7 @@ fn monte_carlo(
 }
 
 /// What to do, in words.
-fn advice(report: &CalibrationReport) -> Vec<String> {
+fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let mut advice = Vec::new();
     let list = |numbers: &[usize]| {
         let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
@@ -324,12 +323,19 @@ fn advice(report: &CalibrationReport) -> Vec<String> {
             list(&missing)
         ));
     }
-    let doubtful = report.dots.iter().filter(|d| d.doubtful);
+    let doubtful = report.dots.iter().filter(|d| d.state == DotState::Doubtful);
     let doubtful: Vec<usize> = doubtful.map(|d| d.nominal_number).collect();
     if !doubtful.is_empty() {
         advice.push(format!(
             "what is seen there may be print or a stain; look at dots {}",
             list(&doubtful)
+        ));
+    }
+    if !far_off.is_empty() {
+        advice.push(format!(
+            "much farther from their places than the others: look whether these are the dots, or stains beside \
+             them: {}",
+            list(far_off)
         ));
     }
     let lost = |p: &ProtocolReport| {
@@ -406,11 +412,7 @@ impl CalibrationReport {
         for dot in &self.dots {
             let [north, east] = dot.compass_deg();
             let number = dot.number.map_or(String::new(), |n| n.to_string());
-            let state = match dot.state {
-                DotState::Measured => "measured",
-                DotState::Unseen => "unseen",
-                DotState::Missing => "missing",
-            };
+            let state = dot.state.as_str();
             text += &format!(
                 "{},{number},{state},{:.4},{north:.4},{east:.4},{:.4},{},{:.1}\n",
                 dot.nominal_number, dot.offset_deg, dot.sigma_deg, dot.views, dot.expected_views
@@ -427,7 +429,7 @@ impl CalibrationReport {
             mark: match dot.state {
                 DotState::Measured => OffsetMark::Drawn(dot.drawn.into()),
                 DotState::Missing => OffsetMark::Missing,
-                DotState::Unseen => OffsetMark::Unseen,
+                DotState::Unseen | DotState::Doubtful => OffsetMark::Unseen,
             },
             label: dot.nominal_number.to_string(),
         });

@@ -32,6 +32,9 @@ use crate::recognize::{DotUncertainty, ObservedDot};
 const MIN_DEPTH: f64 = 0.12;
 /// Dots up to this far outside the circle, in radii, are projected onto the limb.
 const BEYOND_LIMB: f64 = 0.06;
+/// Lengths in pixels that an image can have: focal lengths and radii. What is farther out loses the digits
+/// that the geometry needs.
+const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e9;
 
 /// A position in an image, pixels: u right, v down, the center of the top-left pixel at (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -107,13 +110,12 @@ impl BallView {
     /// angle of the ball: to first order in `a` the ellipse's half-axis across the direction to the principal point.
     ///
     /// # Errors
-    /// [`Error::Argument`] where the radius or a focal length is not positive, or a number not
-    /// finite.
+    /// [`Error::Argument`] where the radius or a focal length is not within 1e-6 to 1e9 pixels, or a center farther out.
     pub fn new(camera: &Camera, circle: BallCircle) -> Result<Self> {
-        let finite = circle.center.u.is_finite() && circle.center.v.is_finite();
-        if !(finite && circle.radius > 0.0 && circle.radius.is_finite()) {
-            let problem =
-                format!("expected a finite center and a positive radius, found {circle:?}");
+        if !(is_near(circle.center.u, circle.center.v) && LENGTHS.contains(&circle.radius)) {
+            let problem = format!(
+                "expected a center within 1e9 pixels and a radius of 1e-6 to 1e9, found {circle:?}"
+            );
             return Err(Error::argument("circle", problem));
         }
         let projection = match *camera {
@@ -131,10 +133,10 @@ impl BallView {
     }
 
     fn perspective(k: Intrinsics, circle: &BallCircle) -> Result<Projection> {
-        let positive = |f: f64| f > 0.0 && f.is_finite();
-        if !(positive(k.fx) && positive(k.fy) && k.cx.is_finite() && k.cy.is_finite()) {
-            let problem =
-                format!("expected positive focal lengths and a finite center, found {k:?}");
+        if !(LENGTHS.contains(&k.fx) && LENGTHS.contains(&k.fy) && is_near(k.cx, k.cy)) {
+            let problem = format!(
+                "expected focal lengths of 1e-6 to 1e9 pixels and a center within 1e9, found {k:?}"
+            );
             return Err(Error::argument("intrinsics", problem));
         }
         let ray = ray(&k, circle.center);
@@ -245,7 +247,7 @@ impl BallView {
                 let q = (to_camera.inverse() * ray(&intrinsics, pixel)).normalize();
                 let along = -distance * q.z;
                 let off = (distance * distance - along * along).max(0.0);
-                if off.sqrt() > 1.0 + BEYOND_LIMB {
+                if !q.z.is_finite() || off.sqrt() > 1.0 + BEYOND_LIMB {
                     return None;
                 }
                 let s = along - (1.0 - off).max(0.0).sqrt();
@@ -307,6 +309,11 @@ impl BallView {
             }
         }
     }
+}
+
+/// Whether a point is one of an image; not so for NaN.
+fn is_near(u: f64, v: f64) -> bool {
+    u.abs() <= *LENGTHS.end() && v.abs() <= *LENGTHS.end()
 }
 
 /// The ray through a pixel, camera frame (x right, y up, z towards the camera), with z = -1.

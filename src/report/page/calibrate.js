@@ -4,6 +4,7 @@
 const DOT_STATES = {
   measured: ["measured", "--accent"],
   unseen: ["not seen: left at its nominal place", "--soft"],
+  doubtful: ["print or a stain may hide it: left at its nominal place", "--soft"],
   missing: ["never found where it should be: left out", "--bad"],
 };
 
@@ -47,6 +48,7 @@ function calibrationTiles(d) {
   for (const [state, words] of [
     ["missing", "dots never found where they should be"],
     ["unseen", "dots that too few frames show"],
+    ["doubtful", "dots that print or a stain may hide"],
   ]) {
     const dots = inState(d, state);
     if (dots.length) row.push(tile(dots.map((dot) => dot.nominal_number).join(", "), words));
@@ -153,8 +155,9 @@ function drawnBall(d) {
         labels = state.numbers ? dotLabels(v, ball, 1.12) : [],
         lines = axes.lines;
       d.dots.forEach((p) => {
-        const color = DOT_STATES[p.state][1];
-        lines.push(...ringLines(v, p.nominal, d.dot_angle_rad, color, p.state === "unseen"));
+        const color = DOT_STATES[p.state][1],
+          dashed = p.state === "unseen" || p.state === "doubtful";
+        lines.push(...ringLines(v, p.nominal, d.dot_angle_rad, color, dashed));
         if (p.state === "missing" && times(v.turn, p.nominal)[2] > 0.1)
           labels.push({ at: p.nominal, text: String(p.nominal_number), color: "--bad", size: 13 });
       });
