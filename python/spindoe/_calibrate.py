@@ -41,8 +41,8 @@ class Calibration:
     table: HashTable
     """The table of the ball as drawn, with the dots' covariances: give it to `Estimator`."""
     states: tuple[DotState, ...]
-    """Of each dot: measured; unseen, or doubtful because print or a stain may hide it, both left at their
-    nominal places; or missing, never found where it should be and left out of `pattern`."""
+    """Of each dot: measured; doubtful, what is seen may be print or a stain; unseen, left at its nominal
+    place; or missing, never found where it should be and left out of `pattern`."""
     directions: Floats
     """Where each dot is, unit vectors, pattern frame, shape (n, 3); the nominal place where it was not
     measured."""

@@ -57,6 +57,7 @@ mod config;
 mod fitted;
 mod holdout;
 mod identify;
+mod looks;
 mod marks;
 mod presence;
 mod result;

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 
+use super::presence::FAR_OFF;
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between, tangent_frame};
 use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
@@ -9,8 +10,6 @@ use crate::pattern::Pattern;
 use crate::stats::median;
 use crate::vision::FrameEstimate;
 
-/// A dot may be drawn off by so many standard deviations per axis: 1 in 500 lies farther.
-const FAR_OFF: f64 = 3.5;
 /// Median length of a normal vector in the plane over its standard deviation per axis.
 const MEDIAN_OFFSET: f64 = 1.1774;
 
@@ -20,10 +19,10 @@ const MEDIAN_OFFSET: f64 = 1.1774;
 pub enum DotState {
     /// It was seen, and its place is measured.
     Measured,
-    /// Too few frames show its side of the ball: it stays at its nominal place.
+    /// Too few frames show its place on the ball: it stays at its nominal place.
     Unseen,
-    /// Something is seen that may be no dot: print or a stain, beside which the dot is hidden or missing. It
-    /// stays at its nominal place.
+    /// Something is seen that may be no dot: print or a stain, beside which the dot is hidden or missing. Its
+    /// place is what is seen, and the standard deviation covers that.
     Doubtful,
     /// It is not found where it should be: forgotten, washed off, or on a dark mark. It is left out.
     Missing,
@@ -56,6 +55,9 @@ pub struct CalibratedDot {
     /// Expected number of frames in which it would be found, facing the camera well, at the rate at which
     /// the other dots are.
     pub expected_views: f64,
+    /// The detector's mean probability that what is seen there is a dot, over that of the ball's middle dot; 1
+    /// where nothing is seen.
+    pub confidence: f64,
     /// See [`DotState`].
     pub state: DotState,
 }
@@ -188,7 +190,7 @@ impl Calibration {
             let dots = self.dots.iter().enumerate();
             dots.filter(|(_, d)| d.state == DotState::Measured)
         };
-        let limit = far_off_rad(measured().map(|(_, d)| d.offset_rad()));
+        let limit = FAR_OFF * drawing_sigma_rad(measured().map(|(_, d)| d.offset_rad()));
         measured()
             .filter(move |(_, d)| d.offset_rad() > limit)
             .map(|(j, _)| j)
@@ -199,9 +201,9 @@ impl Calibration {
     }
 }
 
-/// How far off dots may be drawn whose offsets are these, radians.
-pub(super) fn far_off_rad(offsets: impl Iterator<Item = f64>) -> f64 {
-    FAR_OFF * median(&mut offsets.collect::<Vec<f64>>()) / MEDIAN_OFFSET
+/// Standard deviation per tangent axis of dots that are drawn off by these angles, radians.
+pub(super) fn drawing_sigma_rad(offsets: impl Iterator<Item = f64>) -> f64 {
+    median(&mut offsets.collect::<Vec<f64>>()) / MEDIAN_OFFSET
 }
 
 /// A covariance in the axes of the direction's tangent frame, in the pattern's frame.

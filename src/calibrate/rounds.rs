@@ -7,9 +7,10 @@ use super::config::CalibrationConfig;
 use super::fitted::FittedFrame;
 use super::identify::identify_frames;
 use super::marks::{Mark, steady_marks};
-use super::presence::{DetectionRate, Presence, is_doubtful, presences};
+use super::presence::{DetectionRate, Looks, Presence, Verdict, doubtful_limit, presences};
 use super::result::{
-    CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, far_off_rad, in_space,
+    CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, drawing_sigma_rad,
+    in_space,
 };
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
@@ -30,8 +31,11 @@ const MAX_MISSING: f64 = 0.34;
 const IN_VIEW: f64 = 3.0;
 /// Placement errors with which a ball that is not recognized is tried again, in those of the estimator.
 const WIDER: [f64; 2] = [2.0, 3.5];
-/// Detections this much less likely a dot's than the other dots' cast doubt on a dot that is far off.
-const UNCLEAR: f64 = 0.9;
+/// A mark this many standard deviations of the dots' offsets from a dot's place may be that dot: its looks say
+/// whether it is.
+const DISPLACED: f64 = 5.0;
+/// Standard deviation per axis of what may be print beside a dot, radians: on rendered balls it is 1.2 deg.
+const PRINT_SIGMA_RAD: f64 = 0.021;
 /// Change of the dots, radians, below which the rounds end.
 const SETTLED_RAD: f64 = 1e-4;
 
@@ -47,13 +51,49 @@ struct Candidate {
     confidence: f64,
     /// Whether a frame of the last fit names it.
     named: bool,
-    /// Not left out.
-    active: bool,
     presence: Presence,
-    /// Expected finds if it were at its nominal place.
-    expected_nominal: f64,
+    verdict: Verdict,
+    /// Where something lies that was taken for it and is not.
+    rejected: Option<Vec3>,
     /// As a mark: see [`SteadyMark`].
     mark: Option<Mark>,
+}
+
+impl Candidate {
+    /// Not left out.
+    fn is_active(&self) -> bool {
+        self.verdict != Verdict::Missing
+    }
+
+    /// Angle from its nominal place, radians; 0 for a mark.
+    fn offset(&self) -> f64 {
+        match self.mark {
+            None => angle_between(&self.prior.direction, &self.direction),
+            Some(_) => 0.0,
+        }
+    }
+
+    /// Takes what the views say of it.
+    fn judge(&mut self, presence: Presence, looks: &Looks) {
+        self.presence = presence;
+        self.verdict = presence.verdict(looks);
+        match self.verdict {
+            Verdict::There => {}
+            Verdict::Doubtful => {
+                self.covariance += Matrix2::identity() * PRINT_SIGMA_RAD.powi(2);
+            }
+            Verdict::Hidden | Verdict::Missing => {
+                // What was taken for it lies elsewhere, or it is found too seldom: then a mark may be it.
+                let is_other = looks.confidence < looks.limit || self.verdict == Verdict::Hidden;
+                if self.views > 0 && is_other {
+                    self.rejected = Some(self.direction);
+                }
+                self.direction = self.prior.direction;
+                self.covariance = Matrix2::identity() * self.prior.sigma_rad.powi(2);
+                self.views = 0;
+            }
+        }
+    }
 }
 
 /// What the detector says of a dot, mean over its views.
@@ -109,9 +149,9 @@ impl<'a> Rounds<'a> {
             views: 0,
             confidence: 1.0,
             named: false,
-            active: true,
             presence: Presence::default(),
-            expected_nominal: 0.0,
+            verdict: Verdict::There,
+            rejected: None,
             mark: None,
         });
         Self {
@@ -157,7 +197,7 @@ impl<'a> Rounds<'a> {
     }
 
     fn state(&self) -> impl Iterator<Item = (Vec3, bool)> + '_ {
-        self.candidates.iter().map(|c| (c.direction, c.active))
+        self.candidates.iter().map(|c| (c.direction, c.is_active()))
     }
 
     /// Whether a frame's orientation is beyond doubt.
@@ -201,14 +241,17 @@ impl<'a> Rounds<'a> {
         let finds = self.finds(&fitted, &strays);
         let directions: Vec<Vec3> = self.candidates.iter().map(|c| c.direction).collect();
         let (presences, rate) = presences(&fitted, &directions, &finds);
+        let named = self.candidates.iter().filter(|c| c.named);
+        let limit = doubtful_limit(named.map(|c| c.confidence));
+        let drawing_sigma = self.drawing_sigma();
         for (candidate, presence) in self.candidates.iter_mut().zip(presences) {
-            candidate.presence = presence;
-            candidate.expected_nominal = rate.expected(&fitted, &candidate.prior.direction);
-            candidate.active = !presence.is_missing(candidate.confidence);
-            if !candidate.active {
-                // What was taken for it lies elsewhere.
-                candidate.direction = candidate.prior.direction;
-            }
+            let looks = Looks {
+                confidence: candidate.confidence,
+                limit,
+                offset: candidate.offset() / drawing_sigma,
+                expected_nominal: rate.expected(&fitted, &candidate.prior.direction),
+            };
+            candidate.judge(presence, &looks);
         }
         self.check_dots()?;
         // What is taken in must take part in a fit.
@@ -247,7 +290,7 @@ impl<'a> Rounds<'a> {
         let designed = self.candidates.iter().filter(|c| c.mark.is_none());
         let in_view = designed.filter(|c| c.presence.expected >= IN_VIEW);
         let (expected, missing) = in_view.fold((0, 0), |(all, missing), c| {
-            (all + 1, missing + usize::from(!c.active))
+            (all + 1, missing + usize::from(!c.is_active()))
         });
         if missing as f64 > MAX_MISSING * expected as f64 {
             return Err(CalibrationRejection::Contradiction { missing, expected });
@@ -341,7 +384,10 @@ impl<'a> Rounds<'a> {
     fn marks(&self, fitted: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<Mark> {
         let mut marks = steady_marks(fitted, strays);
         marks.retain(|m| {
-            let dots = self.candidates.iter().filter(|c| c.active && c.views > 0);
+            let dots = self
+                .candidates
+                .iter()
+                .filter(|c| c.is_active() && c.views > 0);
             dots.map(|c| angle_between(&c.direction, &m.direction))
                 .all(|angle| angle > SAME_RAD)
         });
@@ -350,36 +396,39 @@ impl<'a> Rounds<'a> {
 
     /// A dot that no frame has by name, and a mark near its place: the dot was drawn there.
     fn take_displaced(&mut self, marks: &[Mark]) {
-        let max_offset = self.max_offset();
+        let max_offset =
+            (DISPLACED * self.drawing_sigma()).clamp(SAME_RAD, self.config.max_offset_rad);
         for mark in marks {
             let near = |c: &Candidate| angle_between(&c.prior.direction, &mark.direction);
             let unfound = self
                 .candidates
                 .iter_mut()
-                .filter(|c| c.mark.is_none() && c.views == 0 && near(c) < max_offset);
+                .filter(|c| c.mark.is_none() && c.views == 0 && near(c) < max_offset)
+                .filter(|c| {
+                    let is_rejected = |at| angle_between(&at, &mark.direction) < SAME_RAD;
+                    !c.rejected.is_some_and(is_rejected)
+                });
             if let Some(dot) = unfound.min_by(|a, b| near(a).total_cmp(&near(b))) {
                 dot.direction = mark.direction;
-                dot.active = true;
                 // So that another mark does not take it as well.
                 dot.views = mark.found;
             }
         }
     }
 
-    /// How far off a dot may have been drawn: as the other dots are, and within the setting.
-    fn max_offset(&self) -> f64 {
+    /// How far off the dots are drawn, standard deviation per axis.
+    fn drawing_sigma(&self) -> f64 {
         let measured = self
             .candidates
             .iter()
             .filter(|c| c.mark.is_none() && c.views > 0);
-        let offsets = measured.map(|c| angle_between(&c.prior.direction, &c.direction));
-        far_off_rad(offsets).clamp(SAME_RAD, self.config.max_offset_rad)
+        drawing_sigma_rad(measured.map(Candidate::offset))
     }
 
     /// Takes marks in where `take_in` says so; the marks that are left.
     fn learn(&mut self, mut marks: Vec<Mark>, take_in: bool) -> Vec<Mark> {
         marks.retain(|m| {
-            let mut dots = self.candidates.iter().filter(|c| c.active);
+            let mut dots = self.candidates.iter().filter(|c| c.is_active());
             dots.all(|c| angle_between(&c.direction, &m.direction) > SAME_RAD)
         });
         if !take_in {
@@ -398,9 +447,9 @@ impl<'a> Rounds<'a> {
                     views: mark.found,
                     confidence: 1.0,
                     named: false,
-                    active: true,
                     presence: Presence::default(),
-                    expected_nominal: 0.0,
+                    verdict: Verdict::There,
+                    rejected: None,
                     mark: Some(*mark),
                 });
             }
@@ -427,7 +476,11 @@ impl<'a> Rounds<'a> {
 
     /// Identifies all frames with the dots as they are known now.
     fn identify_again(&mut self, summary: &FitSummary) -> Result<()> {
-        let active = self.candidates.iter().enumerate().filter(|(_, c)| c.active);
+        let active = self
+            .candidates
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| c.is_active());
         let (names, dots): (Vec<usize>, Vec<Vec3>) = active.map(|(j, c)| (j, c.direction)).unzip();
         // What the detector does not state counts as placement.
         let unstated = (summary.noise_scale.powi(2) - 1.0).max(0.0) * summary.detection_variance;
@@ -467,7 +520,7 @@ impl<'a> Rounds<'a> {
         let learned = self.candidates[self.nominal.len()..]
             .iter()
             .filter_map(|c| {
-                let mark = c.mark.filter(|_| c.active)?;
+                let mark = c.mark.filter(|_| c.is_active())?;
                 Some(SteadyMark {
                     direction: c.direction,
                     covariance: Some(c.covariance),
@@ -502,23 +555,15 @@ impl<'a> Rounds<'a> {
         })
     }
 
-    /// Whether a dot that was found is none, as far as the clip says: the detector doubts it, or it is
-    /// farther off than dots are drawn and either unclear or not looked for in its place.
-    fn is_doubtful(&self, c: &Candidate) -> bool {
-        let offset = angle_between(&c.prior.direction, &c.direction);
-        let hidden = c.expected_nominal < IN_VIEW || c.confidence < UNCLEAR;
-        is_doubtful(c.confidence) || (offset > self.max_offset() && hidden)
-    }
-
     fn calibrated(&self, c: &Candidate) -> CalibratedDot {
-        let state = match (c.active, c.views) {
-            (false, _) => DotState::Missing,
-            (true, 0) => DotState::Unseen,
-            (true, _) if self.is_doubtful(c) => DotState::Doubtful,
-            (true, _) => DotState::Measured,
+        let state = match c.verdict {
+            Verdict::Missing => DotState::Missing,
+            _ if c.views == 0 => DotState::Unseen,
+            Verdict::Doubtful => DotState::Doubtful,
+            _ => DotState::Measured,
         };
-        let is_measured = state == DotState::Measured;
-        let (direction, covariance) = if is_measured {
+        let is_seen = matches!(state, DotState::Measured | DotState::Doubtful);
+        let (direction, covariance) = if is_seen {
             (c.direction, c.covariance)
         } else {
             let variance = self.config.placement_sigma_rad.powi(2);
@@ -528,8 +573,9 @@ impl<'a> Rounds<'a> {
             nominal: c.prior.direction,
             direction,
             covariance,
-            views: if is_measured { c.views } else { 0 },
+            views: if is_seen { c.views } else { 0 },
             expected_views: c.presence.expected,
+            confidence: if is_seen { c.confidence } else { 1.0 },
             state,
         }
     }
@@ -537,7 +583,11 @@ impl<'a> Rounds<'a> {
     /// Gives the frames' detections the numbers of the calibrated pattern.
     fn rename(&mut self) {
         let mut numbers = vec![None; self.candidates.len()];
-        let active = self.candidates.iter().enumerate().filter(|(_, c)| c.active);
+        let active = self
+            .candidates
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| c.is_active());
         for (number, (j, _)) in active.enumerate() {
             numbers[j] = Some(number as u16);
         }

@@ -273,7 +273,7 @@ fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path)
         (DotState::Unseen, "not seen, left at their nominal places"),
         (
             DotState::Doubtful,
-            "print or a stain may hide them, left at their nominal places",
+            "may be print or stains, taken for less certain",
         ),
     ] {
         let dots = evaluated.report.dots.iter().filter(|d| d.state == state);

@@ -28,7 +28,7 @@ pub enum OffsetMark {
     Drawn(Vec3),
     /// A dot that is not there.
     Missing,
-    /// A dot that was not seen, or not clearly.
+    /// A dot that was not seen.
     Unseen,
 }
 

@@ -427,9 +427,9 @@ impl CalibrationReport {
         let dots = self.dots.iter().map(|dot| OffsetDot {
             nominal: dot.nominal.into(),
             mark: match dot.state {
-                DotState::Measured => OffsetMark::Drawn(dot.drawn.into()),
+                DotState::Measured | DotState::Doubtful => OffsetMark::Drawn(dot.drawn.into()),
                 DotState::Missing => OffsetMark::Missing,
-                DotState::Unseen | DotState::Doubtful => OffsetMark::Unseen,
+                DotState::Unseen => OffsetMark::Unseen,
             },
             label: dot.nominal_number.to_string(),
         });

@@ -1,3 +1,4 @@
 //! What several measuring programs share.
 
 pub mod noise;
+pub mod ranks;

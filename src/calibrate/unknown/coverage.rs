@@ -31,7 +31,7 @@ impl Map<'_> {
             });
         }
         let blind = self.blind();
-        let names = self.established();
+        let names = self.like_dots(&self.established(), expected);
         let found = names.len();
         let max_blind = match expected == Some(found) {
             true => MAX_BLIND_COUNTED,

@@ -8,11 +8,12 @@
 //!
 //! # What is promised
 //! A pattern only where most frames hang together and the clip shows the whole ball; else what is missing
-//! ([`UnknownRejection`]). What is not: the pattern's own frame, which is that of the first map, and
-//! marks that the detector takes for dots in most views are dots.
+//! ([`UnknownRejection`]). What is not: the pattern's own frame, which is that of the first map. Marks that
+//! look less like dots than the others do are left out; marks that look alike are dots.
 
 mod coverage;
 mod design;
+mod looks;
 mod map;
 mod seen;
 mod tidy;
@@ -88,7 +89,8 @@ pub enum UnknownRejection {
 }
 
 /// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter.
-/// `expected_dots` is the number of dots, where it is known.
+/// `expected_dots` is the number of dots, where it is known: of more places that are found, the likeliest
+/// are taken.
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for settings outside their domains.

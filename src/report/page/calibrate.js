@@ -4,7 +4,7 @@
 const DOT_STATES = {
   measured: ["measured", "--accent"],
   unseen: ["not seen: left at its nominal place", "--soft"],
-  doubtful: ["print or a stain may hide it: left at its nominal place", "--soft"],
+  doubtful: ["may be print or a stain", "--soft"],
   missing: ["never found where it should be: left out", "--bad"],
 };
 
@@ -48,7 +48,7 @@ function calibrationTiles(d) {
   for (const [state, words] of [
     ["missing", "dots never found where they should be"],
     ["unseen", "dots that too few frames show"],
-    ["doubtful", "dots that print or a stain may hide"],
+    ["doubtful", "dots that may be print or a stain"],
   ]) {
     const dots = inState(d, state);
     if (dots.length) row.push(tile(dots.map((dot) => dot.nominal_number).join(", "), words));
@@ -68,7 +68,7 @@ function drawnWords(d, i) {
   const p = d.dots[i],
     [north, east] = d.compass_deg[i],
     lines = [`dot ${p.nominal_number}: ${DOT_STATES[p.state][0]}`];
-  if (p.state === "measured")
+  if (p.state === "measured" || p.state === "doubtful")
     lines.push(
       `${fixed(p.offset_deg, 2)}\u00b0 off: ${fixed(north, 2)}\u00b0 north, ${fixed(east, 2)}\u00b0 east`,
       `standard deviation ${fixed(p.sigma_deg, 2)}\u00b0 per axis`,
@@ -427,7 +427,7 @@ function drawnDots(d, ball) {
   const made = table(
     ["dot", "state", "number now", "offset", "north", "east", "sigma", "frames", "expected"],
     d.dots.map((p, i) => {
-      const measured = p.state === "measured",
+      const measured = p.state === "measured" || p.state === "doubtful",
         angle = (v) => (measured ? fixed(v, 2) + "\u00b0" : "\u2013");
       return [
         String(p.nominal_number),

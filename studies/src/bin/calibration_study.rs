@@ -3,7 +3,7 @@
 //!
 //!     cargo run --release -p spindoe-studies --bin calibration_study -- [BALLS] [SEED] [PX] [FRAMES] [SIGMA_DEG] [DOTS_CSV]
 //!
-//! DOTS_CSV gets a line for each measured dot.
+//! DOTS_CSV gets a line for each dot of the pattern: what became of it.
 //!
 //! A ball has the dots of designs/dots20, each moved by a normal error per tangent axis; two in three
 //! balls lack a dot, one in three lacks two. It turns three times before the camera while its axis
@@ -65,16 +65,11 @@ struct Outcome {
 
 /// A measured dot.
 struct Dot {
-    /// Its number in the nominal pattern.
-    number: usize,
     /// rad^2.
     squared_error: f64,
     predicted: f64,
     /// Whether it is drawn on a logo or a seam, or beside them.
     on_print: bool,
-    /// Share of the frames it faces in which it can be seen.
-    seen: f64,
-    found: CalibratedDot,
 }
 
 /// What is said of a dot that is missing.
@@ -88,6 +83,8 @@ enum Missing {
 }
 
 struct Measured {
+    /// Lines of [`dots_csv`] without the ball's number.
+    lines: Vec<String>,
     dots: Vec<Dot>,
     missing: Vec<Missing>,
     false_alarms: usize,
@@ -135,24 +132,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A line for each measured dot.
+/// A line for each dot of each calibrated ball.
 fn dots_csv(outcomes: &[Outcome]) -> String {
-    let mut text =
-        "ball,dot,error_deg,stated_deg,offset_deg,views,expected,seen,on_print\n".to_string();
+    let mut text = "ball,dot,drawn,state,error_deg,stated_deg,offset_deg,confidence,views,expected,facing,seen,on_print\n"
+        .to_string();
     for (ball, outcome) in outcomes.iter().enumerate() {
-        for dot in outcome.calibrated.iter().flat_map(|m| &m.dots) {
-            let _ = writeln!(
-                text,
-                "{ball},{},{:.4},{:.4},{:.4},{},{:.1},{:.3},{}",
-                dot.number,
-                dot.squared_error.sqrt().to_degrees(),
-                dot.predicted.sqrt().to_degrees(),
-                dot.found.offset_rad().to_degrees(),
-                dot.found.views,
-                dot.found.expected_views,
-                dot.seen,
-                u8::from(dot.on_print)
-            );
+        for line in outcome.calibrated.iter().flat_map(|m| &m.lines) {
+            let _ = writeln!(text, "{ball},{line}");
         }
     }
     text
@@ -281,16 +267,33 @@ fn one(
     let turn = kabsch(&from, &to, None)?;
     let numbers = ball.numbers.iter().filter(on_ball);
     let dots = numbers.zip(from.iter().zip(&to)).map(|(&j, (a, b))| Dot {
-        number: j,
-        seen: seen(j),
-        found: calibration.dots[j],
         squared_error: angle_between(&(turn * a), b).powi(2),
         predicted: calibration.dots[j].covariance.trace(),
         on_print: on_print(&ball.scene.surface, a),
     });
+    let line = |(j, dot): (usize, &CalibratedDot)| {
+        let k = ball.numbers.iter().position(|n| *n == j);
+        let at = k.map(|k| ball.drawn.dots()[k]);
+        let [facing, seen] = k.map_or([0; 2], |k| views[k]);
+        format!(
+            "{j},{},{},{:.4},{:.4},{:.4},{:.3},{},{:.1},{facing},{seen},{}",
+            u8::from(k.is_some()),
+            dot.state.as_str(),
+            at.map_or(f64::NAN, |at| angle_between(&(turn * at), &dot.direction))
+                .to_degrees(),
+            dot.covariance.trace().sqrt().to_degrees(),
+            dot.offset_rad().to_degrees(),
+            dot.confidence,
+            dot.views,
+            dot.expected_views,
+            u8::from(at.is_some_and(|at| on_print(&ball.scene.surface, &at)))
+        )
+    };
+    let lines = calibration.dots.iter().enumerate().map(line).collect();
     let errors = fresh(nominal, estimator, &ball, &calibration, turn, rng)?;
     Ok(Outcome {
         calibrated: Some(Measured {
+            lines,
             dots: dots.collect(),
             missing: missing.collect(),
             false_alarms,

@@ -23,6 +23,7 @@ use spindoe::plot::{LinePlot, LineSeries, scatter_plot};
 use spindoe::recognize::RecognizerName;
 use spindoe::validate::{Protocol, ProtocolName, validate_named};
 use spindoe::{Error, Result};
+use spindoe_studies::ranks::spearman;
 
 /// Seeds: of the patterns, and of the trials. Neither is used by any design.
 const PATTERN_SEED: u64 = 2_026_001;
@@ -78,32 +79,6 @@ fn row(index: usize, trials: u64) -> Result<Row> {
         failures: 1.0 - found.validation.identity.rate,
         descended,
     })
-}
-
-/// Ranks from 1, ties at their mean.
-fn ranks(values: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
-    let mut ranks = vec![0.0; values.len()];
-    let mut from = 0;
-    while from < order.len() {
-        let tie = |&&i: &&usize| values[i] == values[order[from]];
-        let to = from + order[from..].iter().take_while(tie).count();
-        for &i in &order[from..to] {
-            ranks[i] = 0.5 * (from + to + 1) as f64;
-        }
-        from = to;
-    }
-    ranks
-}
-
-fn spearman(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (ranks(a), ranks(b));
-    let mean = 0.5 * (a.len() + 1) as f64;
-    let product = |x: &[f64], y: &[f64]| -> f64 {
-        x.iter().zip(y).map(|(x, y)| (x - mean) * (y - mean)).sum()
-    };
-    product(&a, &b) / (product(&a, &a) * product(&b, &b)).sqrt()
 }
 
 fn report(name: &str, rows: &[&Row]) {

@@ -27,6 +27,8 @@ pub struct ClipConfig {
     /// Probability that a dot is missed, and number of false dots a frame.
     pub missed: f64,
     pub false_dots: usize,
+    /// Dots that the detector doubts.
+    pub unlike: Vec<usize>,
     /// Turn from frame to frame, radians, and of the axis over the clip.
     pub step: f64,
     pub precession: f64,
@@ -43,6 +45,7 @@ impl Default for ClipConfig {
             outline_px: 0.2,
             missed: 0.08,
             false_dots: 0,
+            unlike: Vec::new(),
             step: 0.16,
             precession: std::f64::consts::PI,
             seed: 1,
@@ -138,28 +141,33 @@ fn frame<R: Rng>(
         },
         radius: exact.radius + normal(config.outline_px),
     };
-    let mut seen: Vec<Pixel> = Vec::new();
-    for dot in dots {
+    let mut seen: Vec<(Pixel, f64)> = Vec::new();
+    for (j, dot) in dots.iter().enumerate() {
         let at = rotation * dot;
         if view.facing(&at) > 0.15 && rng.random::<f64>() >= config.missed {
-            seen.push(view.project(&at));
+            let confidence = if config.unlike.contains(&j) {
+                0.6
+            } else {
+                0.95
+            };
+            seen.push((view.project(&at), confidence));
         }
     }
     for _ in 0..config.false_dots {
         let at = spindoe::geometry::random_direction_above(rng, 0.3);
-        seen.push(view.project(&at));
+        seen.push((view.project(&at), 0.95));
     }
     let mut normal = |sigma: f64| -> f64 {
         let x: f64 = StandardNormal.sample(rng);
         x * sigma
     };
-    let detection = |at: Pixel| DotDetection {
+    let detection = |(at, confidence): (Pixel, f64)| DotDetection {
         pixel: Pixel {
             u: at.u + normal(config.sigma_px),
             v: at.v + normal(config.sigma_px),
         },
         covariance: Matrix2::identity() * config.sigma_px.powi(2),
-        confidence: 0.95,
+        confidence,
     };
     let dots: Vec<DotDetection> = seen.into_iter().map(detection).collect();
     let outline = Outline {

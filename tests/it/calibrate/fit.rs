@@ -115,8 +115,11 @@ fn what_the_detector_doubts_is_doubtful_and_less_certain() {
     let found = calibrate(&pattern, &clip.frames, Some(&clip.times_s), &config)
         .unwrap()
         .unwrap();
-    let doubtful: Vec<usize> = (0..20).filter(|&j| found.dots[j].is_doubtful()).collect();
+    let is_doubtful = |j: &usize| found.dots[*j].state == DotState::Doubtful;
+    let doubtful: Vec<usize> = (0..20).filter(is_doubtful).collect();
     assert_eq!(doubtful, [7]);
+    // Its views agree to a fraction of a degree, and may all be of print beside it.
+    assert!(found.dots[7].sigma_rad() > 0.02);
     // Four times the variance: four times the standard deviation of what the views share.
     let sigma = found.dots[5].sigma_rad();
     assert!(sigma > 3.5 * config.shared_sigma_rad, "{sigma}");
@@ -172,6 +175,41 @@ fn missing_dots_are_named_and_a_mark_is_found() {
         let table = found.table(Some(pattern.sha256())).unwrap();
         assert_eq!(table.dot_covariances().unwrap().len(), numbers.len());
     }
+}
+
+#[test]
+fn a_dot_drawn_far_off_is_told_from_a_stain_by_its_looks() {
+    let pattern = crate::common::random_pattern(20, 13);
+    let mut dots = drawn(&pattern, 0.035, 6);
+    // Nine degrees, and away from the nearest dot.
+    let nearest = pattern
+        .dots()
+        .iter()
+        .filter(|d| **d != pattern.dots()[7])
+        .min_by(|a, b| {
+            angle_between(a, &pattern.dots()[7]).total_cmp(&angle_between(b, &pattern.dots()[7]))
+        })
+        .unwrap();
+    let away = (pattern.dots()[7] - nearest).normalize();
+    dots[7] = (pattern.dots()[7] + 0.16 * away).normalize();
+    let config = CalibrationConfig::default();
+    let found = calibrated(&pattern, &dots, &ClipConfig::default(), &config);
+    assert_eq!(found.dots[7].state, DotState::Measured);
+    assert!(found.far_off().eq([7]));
+    let off = angle_between(&found.dots[7].direction, &dots[7]);
+    assert!(off < 0.03, "{off}");
+
+    let clip = ClipConfig {
+        unlike: vec![7],
+        ..ClipConfig::default()
+    };
+    let found = calibrated(&pattern, &dots, &clip, &config);
+    let missing: Vec<usize> = (0..20)
+        .filter(|&j| found.dots[j].state == DotState::Missing)
+        .collect();
+    assert_eq!(missing, [7]);
+    assert_eq!(found.far_off().count(), 0);
+    assert_eq!(found.count(DotState::Doubtful), 0);
 }
 
 #[test]

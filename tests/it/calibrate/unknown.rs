@@ -59,6 +59,30 @@ fn patterns_are_built_from_clips_alone() {
 }
 
 #[test]
+fn marks_that_look_unlike_the_dots_are_left_out() {
+    let truth = crate::common::random_pattern(16, 70);
+    let apart = |v: &Vec3| truth.dots().iter().all(|d| angle_between(d, v) > 0.3);
+    let mark = spindoe::geometry::spiral_directions(500).find(apart);
+    let mut seen = truth.dots().to_vec();
+    seen.push(mark.unwrap());
+    for (unlike, expected, dots) in [
+        (vec![16], None, Some(16)),
+        (vec![16], Some(16), Some(16)),
+        (vec![], None, Some(17)),
+        (vec![], Some(18), None),
+    ] {
+        let clip = ClipConfig {
+            frames: 160,
+            unlike,
+            ..ClipConfig::default()
+        };
+        let clip = detections(&seen, &clip);
+        let found = build_pattern(&clip.frames, expected, &CalibrationConfig::default()).unwrap();
+        assert_eq!(found.as_ref().ok().map(Pattern::len), dots, "{found:?}");
+    }
+}
+
+#[test]
 fn what_is_missing_for_a_pattern_is_said() {
     let truth = crate::common::random_pattern(20, 60);
     let config = CalibrationConfig::default();

@@ -1,5 +1,6 @@
 //! Coincidence against brute force and random rotations, and its slope against differences.
 
+use super::central_difference;
 use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -158,12 +159,8 @@ fn coincidence_s_slope_matches_central_differences() {
             assert!(largest > 1e-6, "{config:?}: no slope anywhere");
             for i in [0, 1, n / 2, n - 1] {
                 for axis in tangent_frame(&dots[i]) {
-                    let value = |step: f64| {
-                        let mut moved = dots.clone();
-                        moved[i] = (moved[i] + step * axis).normalize();
-                        config.evaluate(&moved).value
-                    };
-                    let numeric = (value(h) - value(-h)) / (2.0 * h);
+                    let value = |dots: &[Vec3]| config.evaluate(dots).value;
+                    let numeric = central_difference(&dots, i, &axis, h, value);
                     let error = (numeric - gradient[i].dot(&axis)).abs();
                     assert!(
                         error < 1e-4 * largest,

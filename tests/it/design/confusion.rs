@@ -1,5 +1,6 @@
 //! Confusion against brute force over all ordered quadruples, and its slope against differences.
 
+use super::central_difference;
 use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -167,12 +168,8 @@ fn confusion_s_slope_matches_central_differences() {
             assert!(largest > 1e-4, "{}: no slope anywhere", protocol.name);
             for i in 0..dots.len() {
                 for axis in tangent_frame(&dots[i]) {
-                    let value = |step: f64| {
-                        let mut moved = dots.clone();
-                        moved[i] = (moved[i] + step * axis).normalize();
-                        config.evaluate(&moved).value
-                    };
-                    let numeric = (value(h) - value(-h)) / (2.0 * h);
+                    let value = |dots: &[Vec3]| config.evaluate(dots).value;
+                    let numeric = central_difference(&dots, i, &axis, h, value);
                     let error = (numeric - gradient[i].dot(&axis)).abs();
                     assert!(
                         error < 1e-3 * largest,

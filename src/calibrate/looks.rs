@@ -1,0 +1,19 @@
+//! Which steady places look like dots: print and stains stay at one place of the ball as dots do, and the
+//! detector doubts them more.
+
+use crate::stats::median;
+
+/// What looks unlike dots lies this many standard deviations of the others below their middle.
+const DEVIATIONS: f64 = 4.0;
+/// Standard deviation of a normal distribution over its median absolute deviation.
+const SIGMA_PER_MAD: f64 = 1.4826;
+
+/// The probability of a dot, mean over a place's views, below which a place looks unlike the others:
+/// `share` of the middle place's at most, and less where the probabilities spread.
+pub(super) fn unlike_limit(probabilities: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut probabilities: Vec<f64> = probabilities.collect();
+    let middle = median(&mut probabilities);
+    let mut off: Vec<f64> = probabilities.iter().map(|p| (p - middle).abs()).collect();
+    let spread = SIGMA_PER_MAD * median(&mut off);
+    (share * middle).min(middle - DEVIATIONS * spread)
+}
