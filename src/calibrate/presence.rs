@@ -50,6 +50,8 @@ pub(super) struct Presence {
 /// What is taken for a dot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Looks {
+    /// Whether anything is.
+    pub is_found: bool,
     /// Mean probability of a dot over that of the ball's middle dot.
     pub confidence: f64,
     /// The confidence from which on it looks like the other dots: see [`doubtful_limit`].
@@ -66,7 +68,7 @@ pub(super) enum Verdict {
     /// It is there.
     #[default]
     There,
-    /// Something is there that may be print or a stain.
+    /// Something is there that may be print or a stain, or is seen at the limb only.
     Doubtful,
     /// What is taken for it is farther off than dots are drawn, and its own place was never in view.
     Hidden,
@@ -83,13 +85,14 @@ impl Presence {
         let is_far = looks.offset > FAR_OFF;
         let is_unlike = looks.confidence < looks.limit;
         let is_in_view = looks.expected_nominal >= MIN_EXPECTED;
-        if self.expected >= MIN_EXPECTED && (is_never_found || is_other) {
+        let faces_camera = self.expected >= MIN_EXPECTED;
+        if faces_camera && (is_never_found || is_other) {
             Verdict::Missing
         } else if is_far && !is_in_view {
             Verdict::Hidden
         } else if is_far && is_unlike {
             Verdict::Missing
-        } else if is_unlike {
+        } else if looks.is_found && (is_unlike || !faces_camera) {
             Verdict::Doubtful
         } else {
             Verdict::There

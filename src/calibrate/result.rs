@@ -21,8 +21,8 @@ pub enum DotState {
     Measured,
     /// Too few frames show its place on the ball: it stays at its nominal place.
     Unseen,
-    /// Something is seen that may be no dot: print or a stain, beside which the dot is hidden or missing. Its
-    /// place is what is seen, and the standard deviation covers that.
+    /// Something is seen that may be no dot: print or a stain, beside which the dot is hidden or missing; or it
+    /// is seen at the limb only. Its place is what is seen, and the standard deviation covers that.
     Doubtful,
     /// It is not found where it should be: forgotten, washed off, or on a dark mark. It is left out.
     Missing,

@@ -246,6 +246,7 @@ impl<'a> Rounds<'a> {
         let drawing_sigma = self.drawing_sigma();
         for (candidate, presence) in self.candidates.iter_mut().zip(presences) {
             let looks = Looks {
+                is_found: candidate.views > 0,
                 confidence: candidate.confidence,
                 limit,
                 offset: candidate.offset() / drawing_sigma,

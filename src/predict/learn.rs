@@ -6,6 +6,7 @@ use super::model::{
     Classes, DetectionModel, FalseDots, GOOD_OUTLINE, Provenance, Recalibration, Spread, VERSION,
     can_be_found, radial,
 };
+use super::quantiles::Quantiles;
 use super::regression::{Link, Regression, Scaling};
 use crate::error::{Error, Result};
 use crate::stats::quantile;
@@ -16,8 +17,6 @@ use crate::vision::estimator::FrameEstimate;
 const NEAR: f64 = 0.12;
 /// Confidences from which a detection is a likely and a doubtful one.
 const THRESHOLDS: [f64; 2] = [0.5, 0.15];
-/// Quantiles that are kept.
-const QUANTILES: usize = 41;
 /// Shares of the cases below the borders of their classes.
 const CLASSES: [f64; 5] = [0.08, 0.2, 0.4, 0.65, 0.85];
 /// Parts into which a probability is corrected.
@@ -362,17 +361,9 @@ impl Expanded {
         }
         Ok(Spread {
             mean,
-            residuals: left.iter_mut().map(|l| quantiles(l)).collect(),
+            residuals: left.iter_mut().map(|l| Quantiles::of(l)).collect(),
         })
     }
-}
-
-fn quantiles(values: &mut [f64]) -> Vec<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    let last = (QUANTILES - 1) as f64;
-    (0..QUANTILES)
-        .map(|k| quantile(values, k as f64 / last))
-        .collect()
 }
 
 fn ln_error(squared: f64) -> f64 {
@@ -446,8 +437,8 @@ fn false_dots(
         rate,
         shape,
         on_print: on_print / of_printed().count().max(1) as f64,
-        distance: quantiles(&mut distance),
-        ln_variance: quantiles(&mut ln_variance),
+        distance: Quantiles::of(&mut distance),
+        ln_variance: Quantiles::of(&mut ln_variance),
     })
 }
 

@@ -17,7 +17,8 @@ mod frames;
 mod judge;
 mod learn;
 pub mod model;
-pub mod regression;
+pub mod quantiles;
+mod regression;
 mod spins;
 mod sweep;
 

@@ -21,6 +21,7 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Gamma, Poisson, StandardNormal};
 use serde::{Deserialize, Serialize};
 
+use super::quantiles::Quantiles;
 use super::regression::{Regression, Scaling};
 use crate::error::{Error, Result};
 use crate::synth::observables::{BALL_OBSERVABLES, DOT_OBSERVABLES, SeenBall, SeenDot};
@@ -29,7 +30,7 @@ use crate::vision::detect::DotDetection;
 use crate::vision::estimator::{FrameEstimate, Outline};
 
 /// The file's version.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Below this cosine no dot is found.
 pub(super) const MIN_FACING: f64 = 0.05;
 /// Confidences that stand for likely and for doubtful detections.
@@ -55,14 +56,13 @@ pub struct Provenance {
 pub struct Spread {
     /// The mean.
     pub mean: Regression,
-    /// For each class of cases ([`Classes`]) equally spaced quantiles of the residuals, from the
-    /// least to the greatest.
-    pub residuals: Vec<Vec<f64>>,
+    /// For each class of cases ([`Classes`]) the residuals.
+    pub residuals: Vec<Quantiles>,
 }
 
 impl Spread {
     fn draw<R: Rng + ?Sized>(&self, terms: &[f64], class: usize, rng: &mut R) -> f64 {
-        self.mean.value(terms) + draw(&self.residuals[class], rng)
+        self.mean.value(terms) + self.residuals[class].draw(rng)
     }
 }
 
@@ -123,10 +123,10 @@ pub struct FalseDots {
     pub shape: Vec<f64>,
     /// Share of them that lie on print or beside it, where the ball is printed on.
     pub on_print: f64,
-    /// Equally spaced quantiles of the others' distance from the middle, ball radii.
-    pub distance: Vec<f64>,
-    /// Equally spaced quantiles of the logarithm of their stated variance, ball radii squared.
-    pub ln_variance: Vec<f64>,
+    /// The others' distance from the middle, ball radii.
+    pub distance: Quantiles,
+    /// The logarithm of their stated variance, ball radii squared.
+    pub ln_variance: Quantiles,
 }
 
 /// See the module.
@@ -231,8 +231,8 @@ impl DetectionModel {
         };
         let whole = |s: &Spread, scaling: &Scaling, classes: &Classes| {
             let tables = &s.residuals;
-            let has_tables = tables.len() == classes.count()
-                && tables.iter().all(|quantiles| !quantiles.is_empty());
+            let has_tables =
+                tables.len() == classes.count() && tables.iter().all(Quantiles::is_complete);
             has_tables && fits(&s.mean, scaling)
         };
         let [along, across] = &self.ln_variance;
@@ -252,8 +252,8 @@ impl DetectionModel {
             && self.false_dots.iter().all(|f| {
                 fits(&f.rate, &self.ball_products)
                     && f.shape.len() == classes
-                    && !f.distance.is_empty()
-                    && !f.ln_variance.is_empty()
+                    && f.distance.is_complete()
+                    && f.ln_variance.is_complete()
             })
     }
 
@@ -439,14 +439,14 @@ impl FalseDots {
                     v: at.v + off * normal(rng),
                 }
             } else {
-                let out = radius * draw(&self.distance, rng);
+                let out = radius * self.distance.draw(rng);
                 let (s, c) = (TAU * rng.random::<f64>()).sin_cos();
                 Pixel {
                     u: center.u + out * c,
                     v: center.v + out * s,
                 }
             };
-            let variance = draw(&self.ln_variance, rng).exp() * radius * radius;
+            let variance = self.ln_variance.draw(rng).exp() * radius * radius;
             dots.push(DotDetection {
                 pixel,
                 covariance: Matrix2::from_diagonal_element(variance),
@@ -466,11 +466,6 @@ pub(super) fn radial(pixel: Pixel, circle: &BallCircle) -> Vector2<f64> {
     Vector2::new(pixel.u - circle.center.u, pixel.v - circle.center.v)
         .try_normalize(1e-9)
         .unwrap_or_else(Vector2::x)
-}
-
-/// A number from the distribution with these equally spaced quantiles.
-fn draw<R: Rng + ?Sized>(quantiles: &[f64], rng: &mut R) -> f64 {
-    crate::stats::quantile(quantiles, rng.random())
 }
 
 fn normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {
