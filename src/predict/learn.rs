@@ -45,8 +45,9 @@ struct DotRow {
 pub struct Observation {
     ball: [f64; BALL_OBSERVABLES.len()],
     dots: Vec<DotRow>,
-    /// Logarithms of the outline's variances and of its squared error, and its support.
-    outline: Option<[f64; 4]>,
+    /// Logarithms of the variances of the outline's center and radius, of their squared errors over
+    /// these, and its support.
+    outline: Option<[f64; 5]>,
     /// Counts of false dots, likely and doubtful ones.
     false_dots: [usize; 2],
     /// Of each false dot: whether it lies on print, distance from the middle, logarithm of its
@@ -68,11 +69,17 @@ impl Observation {
                 o.circle.radius - r,
             );
             let is_good = off.x.hypot(off.y) < GOOD_OUTLINE * r && off.z.abs() < GOOD_OUTLINE * r;
-            let squared = off.dot(&(o.covariance.try_inverse()? * off)) / 3.0;
-            let of_center = 0.5 * (o.covariance[(0, 0)] + o.covariance[(1, 1)]) / (r * r);
-            let of_radius = o.covariance[(2, 2)] / (r * r);
+            let of_center = o.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+            let of_radius = o.covariance[(2, 2)];
+            let shift = off.xy();
+            let errors = [
+                shift.dot(&(of_center.try_inverse()? * shift)) / 2.0,
+                off.z * off.z / of_radius,
+            ];
+            let variances = [0.5 * of_center.trace(), of_radius].map(|v| (v / (r * r)).ln());
             let support = found.fit.map_or(0.0, |fit| fit.support);
-            is_good.then(|| [of_center.ln(), of_radius.ln(), ln_error(squared), support])
+            let [center, radius] = errors.map(ln_error);
+            is_good.then(|| [variances[0], variances[1], center, radius, support])
         });
         let mut observation = Self {
             ball: ball.observables,
@@ -251,8 +258,11 @@ impl DetectionModel {
             good_terms.spread(of_outline(0), &of_balls)?,
             good_terms.spread(of_outline(1), &of_balls)?,
         ];
-        let outline_ln_error = good_terms.spread(of_outline(2), &of_balls)?;
-        let support = good_terms.spread(of_outline(3), &of_balls)?;
+        let outline_ln_error = [
+            good_terms.spread(of_outline(2), &of_balls)?,
+            good_terms.spread(of_outline(3), &of_balls)?,
+        ];
+        let support = good_terms.spread(of_outline(4), &of_balls)?;
         let lost: Vec<_> = observations
             .iter()
             .filter(|o| o.outline.is_none())

@@ -170,8 +170,9 @@ pub struct DetectionModel {
     pub ball_classes: Classes,
     /// Logarithm of the outline's stated variance, of its center and of its radius, radii squared.
     pub outline_ln_variance: [Spread; 2],
-    /// Logarithm of its squared error over the stated covariance, by dimension.
-    pub outline_ln_error: Spread,
+    /// Logarithm of the squared error of its center, by dimension, and of its radius, over the stated
+    /// variances. Apart: blur moves the radius and leaves the center where it is.
+    pub outline_ln_error: [Spread; 2],
     /// Share of the outline that the edges show.
     pub support: Spread,
     /// Probability of a wrong answer where the outline is not found.
@@ -237,8 +238,11 @@ impl DetectionModel {
         };
         let [along, across] = &self.ln_variance;
         let mut of_dots = [along, across, &self.ln_error].into_iter();
-        let [center, radius] = &self.outline_ln_variance;
-        let mut of_ball = [center, radius, &self.outline_ln_error, &self.support].into_iter();
+        let of_outline = self
+            .outline_ln_variance
+            .iter()
+            .chain(&self.outline_ln_error);
+        let mut of_ball = of_outline.chain([&self.support]);
         let classes = self.ball_classes.count();
         let correction = &self.outline_correction;
         of_dots.all(|s| whole(s, &self.dots, &self.dot_classes))
@@ -311,16 +315,15 @@ impl DetectionModel {
             let ln: f64 = self.outline_ln_variance[k].draw(terms, class, rng);
             r * (0.5 * ln).exp().clamp(1e-4, GOOD_OUTLINE)
         });
-        let scale = (0.5 * self.outline_ln_error.draw(terms, class, rng)).exp() * 3f64.sqrt();
-        let towards = [(); 3].map(|()| normal(rng));
-        let norm = towards.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
+        let [shift, growth] = [0, 1].map(|k| {
+            let ln: f64 = self.outline_ln_error[k].draw(terms, class, rng);
+            (0.5 * ln).exp()
+        });
         let limit = GOOD_OUTLINE * r;
-        let [u, v, d] = [center, center, radius];
-        let off = [
-            (scale * u * towards[0] / norm).clamp(-limit, limit),
-            (scale * v * towards[1] / norm).clamp(-limit, limit),
-            (scale * d * towards[2] / norm).clamp(-limit, limit),
-        ];
+        let (s, c) = (TAU * rng.random::<f64>()).sin_cos();
+        let shift = (shift * 2f64.sqrt() * center).min(limit);
+        let sign = if rng.random() { 1.0 } else { -1.0 };
+        let off = [shift * c, shift * s, sign * (growth * radius).min(limit)];
         Outline {
             circle: BallCircle {
                 center: Pixel {
@@ -329,7 +332,11 @@ impl DetectionModel {
                 },
                 radius: r + off[2],
             },
-            covariance: Matrix3::from_diagonal(&nalgebra::Vector3::new(u * u, v * v, d * d)),
+            covariance: Matrix3::from_diagonal(&nalgebra::Vector3::new(
+                center * center,
+                center * center,
+                radius * radius,
+            )),
         }
     }
 

@@ -11,7 +11,7 @@ use crate::geometry::angle_between;
 /// Dots of the map this near, never seen together, are one.
 const MERGE_RAD: f64 = 0.12;
 /// Depth from which a view faces a dot well, and minimum share of these views in which it is found.
-const FACING: f64 = 0.35;
+pub(super) const FACING: f64 = 0.35;
 const MIN_RATE: f64 = 0.4;
 /// Prior of a dot's place in a fit, radians: hardly any.
 const FREE_SIGMA_RAD: f64 = 0.3;

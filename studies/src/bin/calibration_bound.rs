@@ -210,14 +210,19 @@ fn main() -> Result<(), Box<dyn Error>> {
     let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
     println!("{balls} balls, {frames} frames, seed {seed}");
     for knowledge in [Knowledge::Camera, Knowledge::Motion] {
-        let each: Result<Vec<Sums>, String> = (0..balls)
+        let each: Result<Vec<Option<Sums>>, String> = (0..balls)
             .into_par_iter()
             .map(|k| {
                 let found = judge(&nominal, seed, k, k, frames, knowledge);
-                found.map(|f| f.0).map_err(|e| e.to_string())
+                found.map(|f| f.map(|f| f.0)).map_err(|e| e.to_string())
             })
             .collect();
-        report(knowledge, &each?);
+        let each: Vec<Sums> = each?.into_iter().flatten().collect();
+        report(knowledge, &each);
+        println!(
+            "  left out, a dot at the limb only: {} balls",
+            balls as usize - each.len()
+        );
         scatter(&nominal, seed, repeats, frames, knowledge)?;
     }
     let built: Result<Vec<(bool, f64)>, String> = (0..balls.min(20))
@@ -282,11 +287,11 @@ fn scatter(
     frames: usize,
     knowledge: Knowledge,
 ) -> Result<(), Box<dyn Error>> {
-    let each: Result<Vec<(Sums, Vec<Vec3>)>, String> = (0..repeats)
+    let each: Result<Vec<Option<(Sums, Vec<Vec3>)>>, String> = (0..repeats)
         .into_par_iter()
         .map(|r| judge(nominal, seed, 0, r, frames, knowledge).map_err(|e| e.to_string()))
         .collect();
-    let each = each?;
+    let each: Vec<(Sums, Vec<Vec3>)> = each?.into_iter().flatten().collect();
     let (n, dots) = (each.len() as f64, nominal.len());
     if each.len() < 2 {
         return Ok(());
@@ -303,7 +308,7 @@ fn scatter(
     let stated = each.iter().map(|e| e.0.stated).sum::<f64>() / n;
     let rms = |sum: f64| (sum.max(0.0) / dots as f64).sqrt().to_degrees();
     println!(
-        "  {repeats} repeats of the noise on one clip: scatter {:.4} deg, stated {:.4} deg, bias {:.4} deg",
+        "  {n} repeats of the noise on one clip: scatter {:.4} deg, stated {:.4} deg, bias {:.4} deg",
         rms(scatter),
         rms(stated),
         rms(bias)
@@ -311,7 +316,8 @@ fn scatter(
     Ok(())
 }
 
-/// The sums of ball `k` under noise `r`, and the errors of its dots.
+/// The sums of ball `k` under noise `r`, and the errors of its dots; `None` where some dot is seen at the
+/// limb only, whose covariance covers more than the detections' errors.
 fn judge(
     nominal: &Pattern,
     seed: u64,
@@ -319,7 +325,7 @@ fn judge(
     r: u64,
     frames: usize,
     knowledge: Knowledge,
-) -> Result<(Sums, Vec<Vec3>), Box<dyn Error>> {
+) -> Result<Option<(Sums, Vec<Vec3>)>, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(k);
     let mut noise = ChaCha8Rng::seed_from_u64(seed ^ 0xa5);
@@ -356,7 +362,7 @@ fn judge(
     let times = smooth.then_some(times.as_slice());
     let found = calibrate(nominal, &identified, times, &config)?.map_err(|r| r.to_string())?;
     if found.measured() != drawn.len() {
-        return Err(format!("ball {k}: {} dots measured", found.measured()).into());
+        return Ok(None);
     }
     let to: Vec<Vec3> = found.dots.iter().map(|d| d.direction).collect();
     let turn = kabsch(&drawn, &to, None)?;
@@ -371,7 +377,7 @@ fn judge(
         normalized: ratios.sum::<f64>() / drawn.len() as f64,
         dots: drawn.len(),
     };
-    Ok((sums, errors))
+    Ok(Some((sums, errors)))
 }
 
 /// Whether a random pattern is built from its clip alone, and its worst dot, degrees.
