@@ -32,5 +32,5 @@ pub use frames::{FrameOutcome, FramePrediction, FrameRates, PredictConfig, Predi
 pub use judge::{Judge, Judgment, Trial, rendered};
 pub use learn::Observation;
 pub use model::{DetectionModel, Provenance};
-pub use spins::SpinPrediction;
+pub use spins::{SpinPrediction, rendered_spins};
 pub use sweep::{CameraParameter, CameraPoint, CameraSweep, SweptCamera, sweep_csv};

@@ -7,9 +7,16 @@ use super::frames::{DETECTIONS, Predictor};
 use crate::concurrency;
 use crate::error::{Result, require};
 use crate::geometry::{Vec3, angle_between};
+use crate::pattern::Pattern;
 use crate::stats::{Proportion, quantile};
+use crate::synth::Scene;
 use crate::synth::dataset::{Sequence, frame_rng};
-use crate::vision::estimator::{FrameEstimate, SequenceConfig, estimate_spin, track_sequence};
+use crate::vision::DetectorName;
+use crate::vision::detect::DotDetector;
+use crate::vision::estimator::{
+    Estimator, EstimatorConfig, EstimatorWorkspace, FrameEstimate, SequenceConfig, estimate_spin,
+    track_sequence,
+};
 
 /// A spin vector off by less than this part of its magnitude is right (SpinDOE Sec. IV-C).
 pub const SPIN_TOLERANCE: f64 = 0.2;
@@ -56,62 +63,132 @@ impl Predictor<'_> {
         sequences: u64,
         frames: usize,
     ) -> Result<SpinPrediction> {
-        conditions.check()?;
-        require(
-            (1..=1_000_000).contains(&sequences),
-            "sequences",
-            "1 to 1000000",
-            sequences,
-        )?;
-        let inside = (crate::spin::MIN_FRAMES..=MAX_FRAMES).contains(&frames);
-        let expected = format!("{} to {MAX_FRAMES}", crate::spin::MIN_FRAMES);
-        require(inside, "frames", &expected, frames)?;
-        let outcomes = concurrency::map_range(0..sequences, |k| {
-            self.spin_of_sequence(conditions, seed, k, frames)
-        });
-        let outcomes = outcomes.into_iter().collect::<Result<Vec<_>>>()?;
-        Ok(summary(&outcomes, frames, seed))
+        let size = SequencesSize { sequences, frames };
+        spins(self.pattern, conditions, seed, size, |k, watched| {
+            let mut rng = frame_rng(seed, k | DETECTIONS);
+            let mut ws = self.workspace();
+            watched.read(|scene| {
+                let (_, frame, _) = self.read(scene, &mut rng, &mut ws)?;
+                Ok(frame.unwrap_or_default())
+            })?;
+            Ok(watched.outcome(&self.estimator, &mut ws.estimator))
+        })
     }
+}
 
-    fn spin_of_sequence(
-        &self,
+/// The spins of `sequences` rendered sequences, each of another ball, of `frames` frames that the whole
+/// estimator reads.
+///
+/// # Errors
+/// [`crate::Error::Argument`] for conditions or numbers outside their domain.
+pub fn rendered_spins(
+    pattern: &Pattern,
+    conditions: &CameraConditions,
+    config: EstimatorConfig,
+    seed: u64,
+    sequences: u64,
+    frames: usize,
+) -> Result<SpinPrediction> {
+    let estimator = Estimator::new(pattern, config, DetectorName::Cnn.build()?)?;
+    let size = SequencesSize { sequences, frames };
+    spins(pattern, conditions, seed, size, |_, watched| {
+        let mut ws = estimator.workspace();
+        watched.read(|scene| {
+            let mut found = FrameEstimate::default();
+            estimator.estimate_frame(&scene.render()?.image, None, None, &mut ws, &mut found);
+            Ok(found)
+        })?;
+        Ok(watched.outcome(&estimator, &mut ws))
+    })
+}
+
+/// How many sequences of how many frames.
+#[derive(Debug, Clone, Copy)]
+struct SequencesSize {
+    sequences: u64,
+    frames: usize,
+}
+
+/// Spins of sequences that `work` reads, given their numbers.
+fn spins(
+    pattern: &Pattern,
+    conditions: &CameraConditions,
+    seed: u64,
+    size: SequencesSize,
+    work: impl Fn(u64, &mut Watched) -> Result<Outcome> + Sync + Send,
+) -> Result<SpinPrediction> {
+    let SequencesSize { sequences, frames } = size;
+    conditions.check()?;
+    let expected = "1 to 1000000";
+    require(
+        (1..=1_000_000).contains(&sequences),
+        "sequences",
+        expected,
+        sequences,
+    )?;
+    let inside = (crate::spin::MIN_FRAMES..=MAX_FRAMES).contains(&frames);
+    let expected = format!("{} to {MAX_FRAMES}", crate::spin::MIN_FRAMES);
+    require(inside, "frames", &expected, frames)?;
+    let outcomes = concurrency::map_range(0..sequences, |k| {
+        work(k, &mut Watched::new(pattern, conditions, seed, k, frames)?)
+    });
+    let outcomes = outcomes.into_iter().collect::<Result<Vec<_>>>()?;
+    Ok(summary(&outcomes, frames, seed))
+}
+
+/// A sequence and what is read of it.
+struct Watched {
+    sequence: Sequence,
+    times: Vec<f64>,
+    estimates: Vec<FrameEstimate>,
+    truth: Vec3,
+}
+
+impl Watched {
+    fn new(
+        pattern: &Pattern,
         conditions: &CameraConditions,
         seed: u64,
         k: u64,
         count: usize,
-    ) -> Result<Outcome> {
-        let first = conditions.scene(self.pattern, seed, k)?;
-        let sequence = Sequence::of_scene(first, conditions.fps, seed, count);
-        let mut rng = frame_rng(seed, k | DETECTIONS);
-        let mut ws = self.workspace();
-        let (mut times, mut estimates) = (Vec::with_capacity(count), Vec::with_capacity(count));
-        let mut truth = Vec3::zeros();
-        for i in 0..count {
-            let (scene, _) = sequence.scene(i);
-            let (_, frame, _) = self.read(&scene, &mut rng, &mut ws)?;
+    ) -> Result<Self> {
+        let first = conditions.scene(pattern, seed, k)?;
+        Ok(Self {
+            sequence: Sequence::of_scene(first, conditions.fps, seed, count),
+            times: (0..count).map(|i| i as f64 / conditions.fps).collect(),
+            estimates: Vec::with_capacity(count),
+            truth: Vec3::zeros(),
+        })
+    }
+
+    fn read(&mut self, mut frame: impl FnMut(&Scene) -> Result<FrameEstimate>) -> Result<()> {
+        for i in 0..self.times.len() {
+            let (scene, _) = self.sequence.scene(i);
             if i == 0 {
                 // An observer without intrinsics sees the spin in the view frame.
-                truth = scene.to_view()? * scene.spin;
+                self.truth = scene.to_view()? * scene.spin;
             }
-            times.push(i as f64 / conditions.fps);
-            estimates.push(frame.unwrap_or_default());
+            self.estimates.push(frame(&scene)?);
         }
+        Ok(())
+    }
+
+    /// The spin of the frames as a sequence.
+    fn outcome<D: DotDetector>(
+        &mut self,
+        estimator: &Estimator<D>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+    ) -> Outcome {
         let config = SequenceConfig::default();
-        track_sequence(
-            &self.estimator,
-            &config,
-            &times,
-            &mut estimates,
-            &mut ws.estimator,
-        );
+        track_sequence(estimator, &config, &self.times, &mut self.estimates, ws);
         let answered = |f: &&FrameEstimate| f.pose().is_some();
-        Ok(Outcome {
-            truth,
-            spin: estimate_spin(&config, &times, &estimates)
+        Outcome {
+            truth: self.truth,
+            spin: estimate_spin(&config, &self.times, &self.estimates)
                 .ok()
                 .map(|fit| fit.motion.spin),
-            answered: estimates.iter().filter(answered).count(),
-        })
+            answered: self.estimates.iter().filter(answered).count(),
+        }
     }
 }
 
