@@ -23,7 +23,7 @@ def main() -> None:
     design = spindoe.Design(
         arguments.out, dots=arguments.dots, starts=arguments.starts, samples=arguments.samples
     )
-    found = design.run(lambda told: print(f"{told.stage:8} {told.step}", end="\r"))
+    found = design.run(lambda progress: print(f"{progress.stage:8} {progress.step}", end="\r"))
     print(f"\n{found}")
 
     # 2. How often is it identified correctly, on trials that the search never used?

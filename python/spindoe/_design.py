@@ -151,7 +151,7 @@ class Design:
         if "from" not in flags and "from_" not in flags:
             given = {"dots": dots, **given}
         self._flags = _words(given)
-        # Wrong flags are told here, not once the search begins.
+        # Wrong flags are reported here, not once the search begins.
         _native.DesignJob(self._flags)
 
     def run(
@@ -175,7 +175,7 @@ class Design:
                 raise ValueError(f"budget_s: expected a positive number, found {budget_s}")
             flags += ["--budget", f"{max(1, round(1000 * budget_s))}ms"]
         job = _native.DesignJob(flags)
-        table, report = job.run(_teller(callback), budget_s)
+        table, report = job.run(_progress_callback(callback), budget_s)
         return DesignResult(str(job.dir()), HashTable._of(table), json.loads(report))
 
     def run_shard(
@@ -196,7 +196,7 @@ class Design:
         begun = os.path.exists(os.path.join(folder, "search.json"))
         flags = [word for word in self._flags if not word.startswith("--out=")]
         flags += [f"--out={folder}", f"--shard={index}/{count}", *(["--resume"] if begun else [])]
-        _native.DesignJob(flags).run_shard(_teller(callback), None)
+        _native.DesignJob(flags).run_shard(_progress_callback(callback), None)
         return folder
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
@@ -221,31 +221,31 @@ def merge(
     Raises:
         ValueError: Where a shard is missing, twice there, not finished, or of another search.
     """
-    table, report = _native.merge(list(shards), out, resume, _teller(callback))
+    table, report = _native.merge(list(shards), out, resume, _progress_callback(callback))
     return DesignResult(os.fspath(out), HashTable._of(table), json.loads(report))
 
 
-def _teller(
+def _progress_callback(
     callback: Callable[[DesignProgress], object] | None,
 ) -> Callable[[str], object] | None:
     """What the native part calls."""
     if callback is None:
         return None
 
-    def tell(event: str) -> None:
-        told = json.loads(event)
-        best = told.get("best")
+    def report(event: str) -> None:
+        state = json.loads(event)
+        best = state.get("best")
         callback(
             DesignProgress(
-                told["stage"],
-                told.get("rounds", 0),
-                told.get("elapsed_s", 0.0),
+                state["stage"],
+                state.get("rounds", 0),
+                state.get("elapsed_s", 0.0),
                 None if best is None else Pattern(best["dots"]),
-                told.get("step", ""),
+                state.get("step", ""),
             )
         )
 
-    return tell
+    return report
 
 
 def _design(out: PathLike, flags: list[str]) -> Design:

@@ -178,7 +178,7 @@ fn missing_dots_are_named_and_a_mark_is_found() {
 }
 
 #[test]
-fn a_dot_drawn_far_off_is_told_from_a_stain_by_its_looks() {
+fn a_dot_drawn_far_off_is_distinguished_from_a_stain_by_its_looks() {
     let pattern = crate::common::random_pattern(20, 13);
     let mut dots = drawn(&pattern, 0.035, 6);
     // Nine degrees, and away from the nearest dot.
