@@ -22,8 +22,9 @@
 //! # What is not
 //! The covariances are those of a local linearization, with the noise's scale learned from the
 //! residuals. An error that all views of a dot share, such as ink that is not where the dot's middle is,
-//! shows in no residual: it is a setting ([`CalibrationConfig::shared_sigma_rad`]). A dot that a logo hides is not told from one that was never drawn: either way it is
-//! of no use to an estimator.
+//! shows in no residual: it is a setting ([`CalibrationConfig::shared_sigma_rad`]). A dot that a logo hides is not
+//! distinguished from one that was never drawn: either way it is of no use to an estimator. A stain that looks
+//! like a dot, near the place of one that is missing, is taken for it.
 //!
 //! ```
 //! use spindoe::calibrate::{CalibrationConfig, calibrate};
@@ -69,6 +70,7 @@ pub use holdout::{
     FrameResidual, HeldOut, HeldOutFrame, MotionResidual, held_out, motion_residual,
 };
 pub use identify::identify_frames;
+pub use presence::MIN_EXPECTED_VIEWS;
 pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
 pub use unknown::{UnknownRejection, build_pattern, matching_design};
 

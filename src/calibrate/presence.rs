@@ -31,8 +31,8 @@ const UNLIKELY_SOMETIMES: f64 = 0.5;
 const DOUBTFUL: f64 = 0.85;
 /// A dot may be drawn off by so many standard deviations of the others' offsets: 1 in 500 lies farther.
 pub(super) const FAR_OFF: f64 = 3.5;
-/// Expected number of finds below which nothing is said.
-const MIN_EXPECTED: f64 = 3.0;
+/// A dot that is expected in fewer frames hardly faces the camera: nothing is said of it.
+pub const MIN_EXPECTED_VIEWS: f64 = 3.0;
 
 /// How often a dot was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -84,8 +84,8 @@ impl Presence {
         let is_other = looks.confidence < UNLIKELY && found < UNLIKELY_SOMETIMES * self.expected;
         let is_far = looks.offset > FAR_OFF;
         let is_unlike = looks.confidence < looks.limit;
-        let is_in_view = looks.expected_nominal >= MIN_EXPECTED;
-        let faces_camera = self.expected >= MIN_EXPECTED;
+        let is_in_view = looks.expected_nominal >= MIN_EXPECTED_VIEWS;
+        let faces_camera = self.expected >= MIN_EXPECTED_VIEWS;
         if faces_camera && (is_never_found || is_other) {
             Verdict::Missing
         } else if is_far && !is_in_view {

@@ -7,7 +7,9 @@ use super::config::CalibrationConfig;
 use super::fitted::FittedFrame;
 use super::identify::identify_frames;
 use super::marks::{Mark, steady_marks};
-use super::presence::{DetectionRate, Looks, Presence, Verdict, doubtful_limit, presences};
+use super::presence::{
+    DetectionRate, Looks, MIN_EXPECTED_VIEWS, Presence, Verdict, doubtful_limit, presences,
+};
 use super::result::{
     CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, drawing_sigma_rad,
     in_space,
@@ -27,8 +29,6 @@ const FIND_RAD: f64 = 0.05;
 const SAME_RAD: f64 = 0.07;
 /// Share of the dots in view that may be missing.
 const MAX_MISSING: f64 = 0.34;
-/// Expected finds from which on a dot counts as in view.
-const IN_VIEW: f64 = 3.0;
 /// Placement errors with which a ball that is not recognized is tried again, in those of the estimator.
 const WIDER: [f64; 2] = [2.0, 3.5];
 /// A mark this many standard deviations of the dots' offsets from a dot's place may be that dot: its looks say
@@ -289,7 +289,7 @@ impl<'a> Rounds<'a> {
     /// Too many dots missing are another ball's.
     fn check_dots(&self) -> Outcome<()> {
         let designed = self.candidates.iter().filter(|c| c.mark.is_none());
-        let in_view = designed.filter(|c| c.presence.expected >= IN_VIEW);
+        let in_view = designed.filter(|c| c.presence.expected >= MIN_EXPECTED_VIEWS);
         let (expected, missing) = in_view.fold((0, 0), |(all, missing), c| {
             (all + 1, missing + usize::from(!c.is_active()))
         });

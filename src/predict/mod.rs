@@ -18,7 +18,7 @@ mod judge;
 mod learn;
 pub mod model;
 pub mod quantiles;
-mod regression;
+pub mod regression;
 mod spins;
 mod sweep;
 

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::{
-    Calibration, CalibrationConfig, DotState, HeldOut, MotionResidual, held_out,
+    Calibration, CalibrationConfig, DotState, HeldOut, MIN_EXPECTED_VIEWS, MotionResidual, held_out,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -260,7 +260,11 @@ pub fn evaluate_calibration(
 /// The dots that are not well measured, the worst first.
 fn more_views(dots: &[DotReport]) -> Vec<usize> {
     let poor = |d: &&DotReport| {
-        let may_be_seen = matches!(d.state, DotState::Measured | DotState::Unseen);
+        let may_be_seen = match d.state {
+            DotState::Measured | DotState::Unseen => true,
+            DotState::Doubtful => d.is_at_limb(),
+            DotState::Missing => false,
+        };
         may_be_seen && d.sigma_deg > WELL_MEASURED_DEG
     };
     let mut poor: Vec<&DotReport> = dots.iter().filter(poor).collect();
@@ -323,7 +327,10 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
             list(&missing)
         ));
     }
-    let doubtful = report.dots.iter().filter(|d| d.state == DotState::Doubtful);
+    let doubtful = report
+        .dots
+        .iter()
+        .filter(|d| d.state == DotState::Doubtful && !d.is_at_limb());
     let doubtful: Vec<usize> = doubtful.map(|d| d.nominal_number).collect();
     if !doubtful.is_empty() {
         advice.push(format!(
@@ -373,6 +380,11 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
 }
 
 impl DotReport {
+    /// Whether it never turned away from the limb.
+    fn is_at_limb(&self) -> bool {
+        self.expected_views < MIN_EXPECTED_VIEWS
+    }
+
     /// Its offset to the north (towards +z along the meridian) and to the east, degrees.
     pub fn compass_deg(&self) -> [f64; 2] {
         let drawn = Vec3::from(self.drawn);

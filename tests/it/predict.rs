@@ -144,7 +144,7 @@ fn the_shipped_model_belongs_to_the_shipped_weights() {
     let text = model.to_json().unwrap();
     assert_eq!(DetectionModel::from_json(&text).unwrap(), model);
     let refused = |text: &str| DetectionModel::from_json(text).unwrap_err();
-    assert!(refused(&text.replace("\"version\":1", "\"version\":9")).contains("version"));
+    assert!(refused(&text.replace("\"version\":2", "\"version\":9")).contains("version"));
     assert!(refused(&text.replace("facing", "phasing")).contains("covariates"));
     assert!(refused(&text[..text.len() / 2]).contains("EOF"));
     let mut short = model;

@@ -159,7 +159,7 @@ fn a_calibration_has_a_page_of_its_own() {
     let report = std::fs::read_to_string(&json).unwrap();
     for (from, to, named) in [
         (
-            "\"format_version\": 1",
+            "\"format_version\": 2",
             "\"format_version\": 99",
             "at most version",
         ),

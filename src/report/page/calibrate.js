@@ -216,7 +216,7 @@ function drawnBall(d) {
         el("button", { type: "button", text: "Reset", onclick: () => view.reset() }),
       ],
       caption:
-        "Blue rings: measured dots. Grey dashes: not seen. Red: never found. Orange: marks that the pattern lacks. Frame of the pattern: x right, y up, z towards the viewer at the start.",
+        "Blue rings: measured dots. Grey dashes: not seen, or doubtful. Red: never found. Orange: marks that the pattern lacks. Frame of the pattern: x right, y up, z towards the viewer at the start.",
       beside: [
         el("h3", { text: "Dot" }),
         info,

@@ -1,7 +1,10 @@
 //! The joint estimate: dots, covariances, missing dots, marks, poses.
 
 use spindoe::Pattern;
-use spindoe::calibrate::{Calibration, CalibrationConfig, DotState, calibrate, held_out};
+use spindoe::calibrate::{
+    CalibratedDot, Calibration, CalibrationConfig, DotState, MIN_EXPECTED_VIEWS, calibrate,
+    held_out,
+};
 use spindoe::geometry::{Vec3, angle_between, kabsch};
 
 use super::clip::{ClipConfig, drawn, identified};
@@ -61,7 +64,12 @@ fn the_drawn_dots_are_measured_and_their_covariances_hold() {
             ..ClipConfig::default()
         };
         let found = calibrated(&pattern, &dots, &clip, &exact());
-        assert_eq!(found.measured(), 20);
+        // A dot that never turns away from the limb may be print.
+        let at_limb = |d: &&CalibratedDot| d.expected_views < MIN_EXPECTED_VIEWS;
+        let doubtful = found.dots.iter().filter(at_limb).count();
+        assert!(doubtful <= 1);
+        assert_eq!(found.count(DotState::Doubtful), doubtful);
+        assert_eq!(found.measured() + doubtful, 20);
         assert!(
             (0.8..1.2).contains(&found.noise_scale),
             "{}",
