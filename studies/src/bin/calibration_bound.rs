@@ -188,6 +188,9 @@ enum Knowledge {
     Motion,
 }
 
+/// A ball's sums, and the errors of its dots.
+type Judged = (Sums, Vec<Vec3>);
+
 /// Sums over a ball's dots, rad^2.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
@@ -287,11 +290,11 @@ fn scatter(
     frames: usize,
     knowledge: Knowledge,
 ) -> Result<(), Box<dyn Error>> {
-    let each: Result<Vec<Option<(Sums, Vec<Vec3>)>>, String> = (0..repeats)
+    let each: Result<Vec<Option<Judged>>, String> = (0..repeats)
         .into_par_iter()
         .map(|r| judge(nominal, seed, 0, r, frames, knowledge).map_err(|e| e.to_string()))
         .collect();
-    let each: Vec<(Sums, Vec<Vec3>)> = each?.into_iter().flatten().collect();
+    let each: Vec<Judged> = each?.into_iter().flatten().collect();
     let (n, dots) = (each.len() as f64, nominal.len());
     if each.len() < 2 {
         return Ok(());
@@ -299,7 +302,7 @@ fn scatter(
     let (mut scatter, mut bias) = (0.0, 0.0);
     for j in 0..dots {
         let mean = each.iter().map(|e| e.1[j]).sum::<Vec3>() / n;
-        let off = |e: &(Sums, Vec<Vec3>)| (e.1[j] - mean).norm_squared();
+        let off = |e: &Judged| (e.1[j] - mean).norm_squared();
         let variance = each.iter().map(off).sum::<f64>() / (n - 1.0);
         scatter += variance;
         // The mean's own scatter is no bias.
@@ -325,7 +328,7 @@ fn judge(
     r: u64,
     frames: usize,
     knowledge: Knowledge,
-) -> Result<Option<(Sums, Vec<Vec3>)>, Box<dyn Error>> {
+) -> Result<Option<Judged>, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(k);
     let mut noise = ChaCha8Rng::seed_from_u64(seed ^ 0xa5);
