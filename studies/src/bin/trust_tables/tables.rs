@@ -98,7 +98,7 @@ pub fn print(frames: u64, seed: u64) -> spindoe::Result<()> {
     println!(
         "{frames} frames a ball in good conditions, each its own, seed {seed}; no motion helps\n"
     );
-    println!("| ball | frames a clip | told | share |\n|---|---|---|---|");
+    println!("| ball | frames a clip | what is asked | share |\n|---|---|---|---|");
     let mut balls = vec![BALL];
     balls.extend((tables.len() > DESIGNS.len()).then_some(DESIGNS.len()));
     for ball in balls {
