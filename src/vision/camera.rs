@@ -35,6 +35,9 @@ const BEYOND_LIMB: f64 = 0.06;
 /// Lengths in pixels that an image can have: focal lengths and radii. What is farther out loses the digits
 /// that the geometry needs.
 const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e9;
+/// Largest distance of a ball from a pinhole, ball radii: farther out the sphere's roundness is lost in the
+/// digits of its distance.
+const FARTHEST: f64 = 1e6;
 
 /// A position in an image, pixels: u right, v down, the center of the top-left pixel at (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -110,7 +113,8 @@ impl BallView {
     /// angle of the ball: to first order in `a` the ellipse's half-axis across the direction to the principal point.
     ///
     /// # Errors
-    /// [`Error::Argument`] where the radius or a focal length is not within 1e-6 to 1e9 pixels, or a center farther out.
+    /// [`Error::Argument`] where the radius or a focal length is not within 1e-6 to 1e9 pixels, a center farther
+    /// out, or the ball more than 1e6 of its radii away.
     pub fn new(camera: &Camera, circle: BallCircle) -> Result<Self> {
         if !(is_near(circle.center.u, circle.center.v) && LENGTHS.contains(&circle.radius)) {
             let problem = format!(
@@ -145,13 +149,18 @@ impl BallView {
         // center.
         let focal = (k.fx * k.fy).sqrt() * ray.norm();
         let half_angle = (circle.radius / focal).atan();
+        let distance = 1.0 / half_angle.sin();
+        if distance > FARTHEST {
+            let problem = format!("expected a ball within 1e6 of its radii, found {distance:e}");
+            return Err(Error::argument("circle", problem));
+        }
         let towards = -ray.normalize();
         let to_camera = Rotation::rotation_between(&Vec3::z(), &towards)
             .ok_or_else(|| Error::argument("circle", "expected a ball before the camera"))?;
         Ok(Projection::Perspective {
             intrinsics: k,
             to_camera,
-            distance: 1.0 / half_angle.sin(),
+            distance,
         })
     }
 
@@ -251,7 +260,7 @@ impl BallView {
                     return None;
                 }
                 let s = along - (1.0 - off).max(0.0).sqrt();
-                Some((Vec3::z() * distance + q * s).normalize())
+                (Vec3::z() * distance + q * s).try_normalize(0.5)
             }
         }
     }
