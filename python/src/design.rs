@@ -92,8 +92,8 @@ impl Observer<'_> {
         let Some(callback) = &self.callback else {
             return Ok(());
         };
-        let told = Python::attach(|py| callback.call1(py, (event.to_string(),)).map(drop));
-        told.map_err(|error| {
+        let called = Python::attach(|py| callback.call1(py, (event.to_string(),)).map(drop));
+        called.map_err(|error| {
             self.raised = Some(error);
             Error::Internal("the callback raised".to_owned())
         })

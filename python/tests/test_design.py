@@ -38,12 +38,12 @@ def test_bad_arguments(table):
 
 
 def test_a_design_from_start_to_end(tmp_path):
-    told = []
+    events = []
     design = spindoe.Design(tmp_path / "d", seed=1, **SMALL)
-    found = pickle.loads(pickle.dumps(design)).run(told.append)
+    found = pickle.loads(pickle.dumps(design)).run(events.append)
     assert len(found.pattern) == 12 and len(found.validation) == 8
-    assert {event.stage for event in told} >= {"scout", "climb", "try", "finish"}
-    assert any(event.best is not None for event in told)
+    assert {event.stage for event in events} >= {"scout", "climb", "try", "finish"}
+    assert any(event.best is not None for event in events)
     assert (tmp_path / "d/stencil/half_a.stl").exists()
     assert spindoe.HashTable.load(tmp_path / "d/table.npz").pattern == found.pattern
     report = json.loads((tmp_path / "d/report.json").read_text())

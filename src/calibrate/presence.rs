@@ -63,10 +63,9 @@ pub(super) struct Looks {
 }
 
 /// What the clip says of a dot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     /// It is there.
-    #[default]
     There,
     /// Something is there that may be print or a stain, or is seen at the limb only.
     Doubtful,

@@ -26,6 +26,8 @@ function calibratePage(d) {
   ]);
 }
 
+/** Whether something was seen in the dot's place. */
+const isSeen = (p) => p.state === "measured" || p.state === "doubtful";
 const inState = (d, state) => d.dots.filter((dot) => dot.state === state);
 
 function calibrationTiles(d) {
@@ -68,7 +70,7 @@ function drawnWords(d, i) {
   const p = d.dots[i],
     [north, east] = d.compass_deg[i],
     lines = [`dot ${p.nominal_number}: ${DOT_STATES[p.state][0]}`];
-  if (p.state === "measured" || p.state === "doubtful")
+  if (isSeen(p))
     lines.push(
       `${fixed(p.offset_deg, 2)}\u00b0 off: ${fixed(north, 2)}\u00b0 north, ${fixed(east, 2)}\u00b0 east`,
       `standard deviation ${fixed(p.sigma_deg, 2)}\u00b0 per axis`,
@@ -427,8 +429,7 @@ function drawnDots(d, ball) {
   const made = table(
     ["dot", "state", "number now", "offset", "north", "east", "sigma", "frames", "expected"],
     d.dots.map((p, i) => {
-      const measured = p.state === "measured" || p.state === "doubtful",
-        angle = (v) => (measured ? fixed(v, 2) + "\u00b0" : "\u2013");
+      const angle = (v) => (isSeen(p) ? fixed(v, 2) + "\u00b0" : "\u2013");
       return [
         String(p.nominal_number),
         p.state,
