@@ -41,6 +41,7 @@
 mod conditions;
 mod config;
 mod hint;
+mod marginal;
 mod model;
 mod pairs;
 mod posterior;
@@ -71,8 +72,6 @@ use screen::ScreenModel;
 /// Minimum number of dots that can be identified without a hint, and with one.
 const MIN_DOTS: usize = 3;
 const MIN_DOTS_HINTED: usize = 2;
-/// Nats behind the best explanation from which on others say nothing of the conditions.
-const NEGLIGIBLE: f64 = 20.0;
 /// Minimum probability at which a view counts as mirrored.
 const MIRROR_SURE: f64 = 0.9;
 
@@ -203,78 +202,6 @@ impl RobustRecognizer {
         let best = ws.found.best()?;
         self.report(best, ws, out);
         Some(best.refined.ln_evidence - self.null.ln_evidence(dots.len()))
-    }
-
-    /// What the explanations of the last view of `ws` say of the conditions, written into `out`;
-    /// nothing where there are none.
-    pub fn conditions_evidence(
-        &self,
-        conditions: &ConditionsPosterior,
-        ws: &RobustWorkspace,
-        out: &mut FrameEvidence,
-    ) {
-        out.explanations.clear();
-        out.ln_null = self.null.ln_density(ws.dots.len(), std::f64::consts::TAU);
-        let Some(best) = ws.found.best() else {
-            return;
-        };
-        for explanation in ws.found.explanations() {
-            let refined = &explanation.refined;
-            if refined.ln_evidence < best.refined.ln_evidence - NEGLIGIBLE {
-                continue;
-            }
-            let assignment = ws.found.assignment(explanation);
-            let mut likelihood = self.ln_likelihood(conditions, explanation, assignment, &ws.dots);
-            likelihood.constant += refined.ln_alternatives;
-            out.explanations.push(likelihood);
-        }
-    }
-
-    /// An explanation's likelihood under every condition.
-    fn ln_likelihood(
-        &self,
-        conditions: &ConditionsPosterior,
-        explanation: &Explanation,
-        assignment: &[u16],
-        dots: &[model::Dot],
-    ) -> conditions::LnLikelihood {
-        let matched = || {
-            dots.iter()
-                .zip(assignment)
-                .filter(|(_, j)| **j != UNASSIGNED)
-        };
-        let peaks: f64 = matched().map(|(d, _)| self.model.ln_gaussian_peak(d)).sum();
-        let constant = explanation.refined.ln_volume + explanation.refined.ln_prior + peaks;
-        let mut tally = conditions.tally(constant, self.model.noise_scale());
-        for (j, dot) in self.dots.iter().enumerate() {
-            let q = explanation.refined.rotation * dot;
-            match matched().find(|(_, k)| usize::from(**k) == j) {
-                Some((seen, _)) => tally.matched(q.z, seen.distance_squared(&q).sqrt()),
-                None => tally.missed(q.z),
-            }
-        }
-        tally.finish(dots.len() - matched().count())
-    }
-
-    /// Weighs the explanations by their evidence over all conditions.
-    fn marginalize(&self, conditions: &ConditionsPosterior, ws: &mut RobustWorkspace) {
-        let Some(best) = ws.found.best() else {
-            return;
-        };
-        let least = best.refined.ln_evidence - NEGLIGIBLE;
-        let all_false = self.model.ln_all_false(ws.dots.len());
-        let dots = &ws.dots;
-        let marginal = |e: &Explanation, assignment: &[u16]| {
-            let likelihood = self.ln_likelihood(conditions, e, assignment, dots);
-            conditions.ln_marginal(&likelihood) - all_false
-        };
-        // What is negligible stays behind by as much.
-        let shift = marginal(best, ws.found.assignment(best)) - best.refined.ln_evidence;
-        ws.found
-            .reweigh(|e, assignment| match e.refined.ln_evidence {
-                ln_evidence if ln_evidence < least => ln_evidence + shift,
-                _ => marginal(e, assignment),
-            });
     }
 
     fn identify_with(

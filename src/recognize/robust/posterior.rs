@@ -177,6 +177,27 @@ impl Found {
         }
     }
 
+    /// Replaces an explanation, whose dots were named anew; of several that now have the same
+    /// rotation the most likely is kept. Returns whether this one is.
+    pub fn rename(&mut self, of: &Explanation, refined: Refined, assignment: &[u16]) -> bool {
+        let near = 1.0 + 2.0 * ONE_ROTATION.cos();
+        let same = |e: &Explanation| {
+            e.slot != of.slot && overlap(&e.refined.rotation, &refined.rotation) > near
+        };
+        let ahead = |e: &Explanation| e.refined.ln_evidence > refined.ln_evidence;
+        if self.explanations.iter().any(|e| same(e) && ahead(e)) {
+            self.explanations.retain(|e| e.slot != of.slot);
+            return false;
+        }
+        self.explanations.retain(|e| !same(e));
+        self.assignments[of.slot..][..self.dots].copy_from_slice(assignment);
+        let renamed = self.explanations.iter_mut().find(|e| e.slot == of.slot);
+        if let Some(explanation) = renamed {
+            explanation.refined = refined;
+        }
+        true
+    }
+
     pub fn assignment(&self, explanation: &Explanation) -> &[u16] {
         &self.assignments[explanation.slot..][..self.dots]
     }

@@ -29,7 +29,7 @@ const MAX_TURNS: usize = 8;
 /// Steps towards the reported rotation.
 const POLISH_STEPS: usize = 5;
 /// Minimum number of dots that support an explanation.
-const MIN_MATCHED: usize = 2;
+pub(super) const MIN_MATCHED: usize = 2;
 /// Links that cost more than this many nats do not count even as alternatives.
 const MIN_GAIN: f64 = -7.0;
 
@@ -51,7 +51,7 @@ pub(super) struct View<'a> {
 }
 
 /// Ratio by which the place of pattern dot `j` widens the variance of `dot`.
-fn widening(spread: &[f64], j: usize, dot: &Dot) -> f64 {
+pub(super) fn widening(spread: &[f64], j: usize, dot: &Dot) -> f64 {
     spread
         .get(j)
         .map_or(1.0, |variance| 1.0 + variance * dot.radial)
@@ -192,17 +192,29 @@ impl Refiner {
         rotation: &Matrix3<f64>,
         assignment: &[u16],
     ) -> Matrix3<f64> {
-        self.assignment.clear();
-        self.assignment.extend_from_slice(assignment);
         let mut polished = *rotation;
         for _ in 0..POLISH_STEPS {
-            self.project(view.model, view.pattern, &polished);
-            let Some((_, moved)) = self.step(view, &polished, [1.0, FINAL_WEIGHT]) else {
+            let Some((_, moved)) = self.fit(view, &polished, assignment, FINAL_WEIGHT) else {
                 break;
             };
             polished = moved;
         }
         polished
+    }
+
+    /// One step towards the most likely rotation for a given assignment: the information matrix at
+    /// `rotation`, and the rotation after the step. `None` where the dots do not determine it.
+    pub fn fit(
+        &mut self,
+        view: &View<'_>,
+        rotation: &Matrix3<f64>,
+        assignment: &[u16],
+        max_weight: f64,
+    ) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+        self.assignment.clear();
+        self.assignment.extend_from_slice(assignment);
+        self.project(view.model, view.pattern, rotation);
+        self.step(view, rotation, [1.0, max_weight])
     }
 
     /// Rotates the pattern; the penalty of missing every dot.
@@ -483,7 +495,7 @@ impl Leverage {
 }
 
 /// Laplace's factor: the share of all rotations that the data leave, at most 1.
-fn ln_volume(information: &Matrix3<f64>) -> f64 {
+pub(super) fn ln_volume(information: &Matrix3<f64>) -> f64 {
     let det = information.determinant().max(f64::MIN_POSITIVE);
     (1.5 * TAU.ln() - 0.5 * det.ln() - (8.0 * PI * PI).ln()).min(0.0)
 }

@@ -2,6 +2,7 @@
 
 use super::RobustRecognizer;
 use super::hint::Prior;
+use super::marginal::Naming;
 use super::model::Dot;
 use super::pairs::{PatternPairs, frame};
 use super::posterior::Found;
@@ -36,7 +37,8 @@ pub struct RobustWorkspace {
     pairs: Vec<ObservedPair>,
     used: Vec<bool>,
     screen: Screen,
-    refiner: Refiner,
+    pub(super) refiner: Refiner,
+    pub(super) naming: Naming,
     pub(super) found: Found,
     pub(super) mirrored: Found,
 }
@@ -57,6 +59,7 @@ impl RobustWorkspace {
             used: Vec::with_capacity(CAPACITY),
             screen: Screen::with_capacity_for(CAPACITY, pairs.row()),
             refiner: Refiner::with_capacity_for(CAPACITY, pattern),
+            naming: Naming::with_capacity_for(CAPACITY),
             found: Found::with_capacity_for(CAPACITY),
             mirrored: Found::with_capacity_for(CAPACITY),
         }
@@ -226,17 +229,22 @@ impl RobustRecognizer {
     /// Gives the best explanation the most likely rotation for its assignment.
     pub(super) fn polish_best(&self, ws: &mut RobustWorkspace) -> Option<()> {
         let best = *ws.found.best()?;
-        let view = View {
-            model: &self.model,
-            pattern: &self.dots,
-            dots: &ws.dots,
-            prior: None,
-            spread: &self.spread,
-        };
+        let view = self.view(&ws.dots, None);
         let assignment = ws.found.assignment(&best);
         let rotation = ws.refiner.polish(&view, &best.refined.rotation, assignment);
         ws.found.turn(&best, rotation);
         Some(())
+    }
+
+    /// The view that this recognizer compares with its pattern.
+    pub(super) fn view<'a>(&'a self, dots: &'a [Dot], prior: Option<&'a Prior>) -> View<'a> {
+        View {
+            model: &self.model,
+            pattern: &self.dots,
+            dots,
+            prior,
+            spread: &self.spread,
+        }
     }
 
     /// Refines a rotation that may be a few degrees off.
@@ -253,13 +261,7 @@ impl RobustRecognizer {
         least: f64,
         ws: &mut RobustWorkspace,
     ) -> bool {
-        let view = View {
-            model: &self.model,
-            pattern: &self.dots,
-            dots: &ws.dots,
-            prior,
-            spread: &self.spread,
-        };
+        let view = self.view(&ws.dots, prior);
         let Some(refined) = ws.refiner.refine(&view, start, least) else {
             return false;
         };

@@ -1,0 +1,308 @@
+//! Explanations weighed over unknown conditions, and their dots named under them.
+//!
+//! The search assumes the conditions expected. Where these are uncertain, a dot that they call
+//! false may be real under others that are nearly as likely: a dot just inside the limb where the
+//! visibility limit is not known, or one far off where the noise is not known. The assignments of
+//! the best explanations are therefore improved by changes of one dot or of two that share a pattern
+//! dot, until none raises the evidence over all conditions
+//! ([`ConditionsPosterior::ln_marginal`]). Every change is judged at the rotation fitted to it. What
+//! the last changes tried would have given are the alternatives:
+//!
+//! ```text
+//! ln_alternatives = sum_dots ln(1 + sum_{changes of the dot} exp(ln p(changed) - ln p(chosen)))
+//! ```
+//!
+//! What it does not guarantee: that no change of several dots at once would be better.
+
+use super::RobustRecognizer;
+use super::conditions::{ConditionsPosterior, FrameEvidence, LnLikelihood};
+use super::model::{Dot, SEARCH_WEIGHT};
+use super::posterior::Explanation;
+use super::refine::{MIN_MATCHED, Refined, Refiner, UNASSIGNED, View, ln_volume, widening};
+use super::search::RobustWorkspace;
+
+/// Nats behind the best explanation from which on others say nothing of the conditions.
+const NEGLIGIBLE: f64 = 20.0;
+/// Nats behind the best explanation up to which dots are named anew: a few dots may make up for
+/// them.
+const NAMED_WITHIN: f64 = 8.0;
+/// Maximum number of explanations whose dots are named anew.
+const MAX_NAMED: usize = 12;
+/// Changes of one assignment; a frame needs one or two.
+const MAX_CHANGES: usize = 12;
+/// Standard deviations within which a dot may be a pattern dot's.
+const REACH: f64 = 5.0;
+/// Nats that a change must gain.
+const LEAST_GAIN: f64 = 1e-6;
+
+/// Scratch memory of the naming.
+#[derive(Debug, Default)]
+pub(super) struct Naming {
+    /// The best assignment so far, the one that is tried, and the best of those tried.
+    chosen: Vec<u16>,
+    tried: Vec<u16>,
+    better: Vec<u16>,
+    /// Possible matches: observed dot and pattern dot.
+    links: Vec<[u16; 2]>,
+    /// For each dot the sum over its changes.
+    alternatives: Vec<f64>,
+}
+
+impl Naming {
+    pub fn with_capacity_for(dots: usize) -> Self {
+        Self {
+            chosen: Vec::with_capacity(dots),
+            tried: Vec::with_capacity(dots),
+            better: Vec::with_capacity(dots),
+            links: Vec::with_capacity(4 * dots),
+            alternatives: Vec::with_capacity(dots),
+        }
+    }
+
+    /// Gives `dot` the pattern dot `to`, whose holder gets what `dot` leaves if that is one of its
+    /// links, or else nothing.
+    fn change(&mut self, dot: usize, to: u16) {
+        self.tried.clone_from(&self.chosen);
+        let left = std::mem::replace(&mut self.tried[dot], to);
+        let holder = self.chosen.iter().position(|&j| j == to && j != UNASSIGNED);
+        if let Some(holder) = holder {
+            let fits = self.links.contains(&[holder as u16, left]);
+            self.tried[holder] = if fits { left } else { UNASSIGNED };
+        }
+    }
+}
+
+/// An assignment's fit, and its log-evidence over all conditions.
+#[derive(Debug, Clone, Copy)]
+struct Weighed {
+    fit: Refined,
+    ln_evidence: f64,
+}
+
+impl RobustRecognizer {
+    /// What the explanations of the last view of `ws` say of the conditions, written into `out`;
+    /// nothing where there are none.
+    pub fn conditions_evidence(
+        &self,
+        conditions: &ConditionsPosterior,
+        ws: &RobustWorkspace,
+        out: &mut FrameEvidence,
+    ) {
+        out.explanations.clear();
+        out.ln_null = self.null.ln_density(ws.dots.len(), std::f64::consts::TAU);
+        let Some(best) = ws.found.best() else {
+            return;
+        };
+        for explanation in ws.found.explanations() {
+            let refined = &explanation.refined;
+            if refined.ln_evidence < best.refined.ln_evidence - NEGLIGIBLE {
+                continue;
+            }
+            let assignment = ws.found.assignment(explanation);
+            let mut likelihood = self.ln_likelihood(conditions, refined, assignment, &ws.dots);
+            likelihood.constant += refined.ln_alternatives;
+            out.explanations.push(likelihood);
+        }
+    }
+
+    /// An explanation's likelihood under every condition.
+    fn ln_likelihood(
+        &self,
+        conditions: &ConditionsPosterior,
+        fit: &Refined,
+        assignment: &[u16],
+        dots: &[Dot],
+    ) -> LnLikelihood {
+        let matched = || {
+            dots.iter()
+                .zip(assignment)
+                .filter(|(_, j)| **j != UNASSIGNED)
+        };
+        let peaks: f64 = matched()
+            .map(|(dot, &j)| {
+                let own = widening(&self.spread, usize::from(j), dot);
+                self.model.ln_gaussian_peak(dot) - own.ln()
+            })
+            .sum();
+        let constant = fit.ln_volume + fit.ln_prior + peaks;
+        let mut tally = conditions.tally(constant, self.model.noise_scale());
+        for (j, dot) in self.dots.iter().enumerate() {
+            let q = fit.rotation * dot;
+            match matched().find(|(_, k)| usize::from(**k) == j) {
+                Some((seen, _)) => {
+                    let own = widening(&self.spread, j, seen);
+                    tally.matched(q.z, (seen.distance_squared(&q) / own).sqrt());
+                }
+                None => tally.missed(q.z),
+            }
+        }
+        tally.finish(dots.len() - matched().count())
+    }
+
+    /// Weighs the explanations by their evidence over all conditions, and names the dots of the
+    /// best by it.
+    pub(super) fn marginalize(&self, conditions: &ConditionsPosterior, ws: &mut RobustWorkspace) {
+        let Some(best) = ws.found.best() else {
+            return;
+        };
+        let least = best.refined.ln_evidence - NEGLIGIBLE;
+        let all_false = self.model.ln_all_false(ws.dots.len());
+        let dots = &ws.dots;
+        let marginal = |e: &Explanation, assignment: &[u16]| {
+            let likelihood = self.ln_likelihood(conditions, &e.refined, assignment, dots);
+            conditions.ln_marginal(&likelihood) - all_false
+        };
+        // What is negligible stays behind by as much.
+        let shift = marginal(best, ws.found.assignment(best)) - best.refined.ln_evidence;
+        ws.found
+            .reweigh(|e, assignment| match e.refined.ln_evidence {
+                ln_evidence if ln_evidence < least => ln_evidence + shift,
+                _ => marginal(e, assignment),
+            });
+        self.name_best(conditions, ws);
+    }
+
+    /// Names the dots of the best explanations anew.
+    fn name_best(&self, conditions: &ConditionsPosterior, ws: &mut RobustWorkspace) {
+        let Some(best) = ws.found.best() else {
+            return;
+        };
+        let least = best.refined.ln_evidence - NAMED_WITHIN;
+        // Those up to `rank` are named, whatever their order has become.
+        let mut rank = 0;
+        for _ in 0..MAX_NAMED {
+            let Some(&explanation) = ws.found.ranked(rank) else {
+                return;
+            };
+            if explanation.refined.ln_evidence < least {
+                return;
+            }
+            ws.naming.chosen.clear();
+            let assignment = ws.found.assignment(&explanation);
+            ws.naming.chosen.extend_from_slice(assignment);
+            let named = self.name(conditions, &explanation.refined, ws);
+            if ws.found.rename(&explanation, named, &ws.naming.chosen) {
+                rank += 1;
+            }
+        }
+    }
+
+    /// Improves the assignment in `ws.naming` while that raises the evidence; the explanation that
+    /// it becomes.
+    fn name(
+        &self,
+        conditions: &ConditionsPosterior,
+        refined: &Refined,
+        ws: &mut RobustWorkspace,
+    ) -> Refined {
+        let RobustWorkspace {
+            dots,
+            refiner,
+            naming,
+            ..
+        } = ws;
+        let view = self.view(dots, None);
+        self.link(refined, dots, naming);
+        let mut now = Weighed {
+            fit: *refined,
+            ln_evidence: refined.ln_evidence,
+        };
+        for _ in 0..MAX_CHANGES {
+            let better = self.try_changes(conditions, &view, &now, refiner, naming);
+            let Some(better) = better else {
+                break;
+            };
+            now = better;
+            naming.chosen.clone_from(&naming.better);
+        }
+        Refined {
+            ln_evidence: now.ln_evidence,
+            ln_alternatives: naming.alternatives.iter().map(|sum| sum.ln_1p()).sum(),
+            ..now.fit
+        }
+    }
+
+    /// Lists the matches within reach.
+    fn link(&self, refined: &Refined, dots: &[Dot], naming: &mut Naming) {
+        naming.links.clear();
+        for (j, p) in self.dots.iter().enumerate() {
+            let q = refined.rotation * p;
+            for (i, dot) in dots.iter().enumerate() {
+                let own = widening(&self.spread, j, dot);
+                // The squared distance holds for directions on the same side.
+                let near = dot.direction.dot(&q) > 0.0;
+                if near && dot.distance_squared(&q) < own * REACH * REACH {
+                    naming.links.push([i as u16, j as u16]);
+                }
+            }
+        }
+    }
+
+    /// Tries every change of the chosen assignment; the best one if it gains, left in
+    /// `naming.better`.
+    fn try_changes(
+        &self,
+        conditions: &ConditionsPosterior,
+        view: &View<'_>,
+        now: &Weighed,
+        refiner: &mut Refiner,
+        naming: &mut Naming,
+    ) -> Option<Weighed> {
+        naming.alternatives.clear();
+        naming.alternatives.resize(view.dots.len(), 0.0);
+        let mut best: Option<Weighed> = None;
+        let leaves = naming.chosen.len();
+        for k in 0..leaves + naming.links.len() {
+            let (dot, to) = match k.checked_sub(leaves) {
+                None => (k, UNASSIGNED),
+                Some(link) => {
+                    let [dot, to] = naming.links[link];
+                    (usize::from(dot), to)
+                }
+            };
+            if naming.chosen[dot] == to {
+                continue;
+            }
+            naming.change(dot, to);
+            let fitted = self.weigh(conditions, view, &now.fit, refiner, &naming.tried);
+            let Some(weighed) = fitted else {
+                continue;
+            };
+            naming.alternatives[dot] += (weighed.ln_evidence - now.ln_evidence).exp();
+            let least = best.map_or(now.ln_evidence + LEAST_GAIN, |b| b.ln_evidence);
+            if weighed.ln_evidence > least {
+                naming.better.clone_from(&naming.tried);
+                best = Some(weighed);
+            }
+        }
+        best
+    }
+
+    /// Fits an assignment and weighs it; `None` where it does not determine a rotation.
+    fn weigh(
+        &self,
+        conditions: &ConditionsPosterior,
+        view: &View<'_>,
+        from: &Refined,
+        refiner: &mut Refiner,
+        assignment: &[u16],
+    ) -> Option<Weighed> {
+        let matched = assignment.iter().filter(|&&j| j != UNASSIGNED).count();
+        if matched < MIN_MATCHED {
+            return None;
+        }
+        let (information, rotation) =
+            refiner.fit(view, &from.rotation, assignment, SEARCH_WEIGHT)?;
+        let fit = Refined {
+            rotation,
+            ln_volume: ln_volume(&information),
+            ..*from
+        };
+        let likelihood = self.ln_likelihood(conditions, &fit, assignment, view.dots);
+        let all_false = self.model.ln_all_false(view.dots.len());
+        Some(Weighed {
+            fit,
+            ln_evidence: conditions.ln_marginal(&likelihood) - all_false,
+        })
+    }
+}
