@@ -6,8 +6,8 @@ use clap::Args;
 
 use super::images::ImageArguments;
 use crate::calibrate::{
-    Calibration, CalibrationConfig, DotState, build_pattern, calibrate, identify_frames,
-    matching_design,
+    BuiltPattern, Calibration, CalibrationConfig, DotState, build_pattern, calibrate,
+    identify_frames, matching_design,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -225,7 +225,18 @@ impl Arguments {
         frames: &[FrameEstimate],
         config: &CalibrationConfig,
     ) -> Result<(HashTable, Option<PathBuf>, Vec<FrameEstimate>)> {
-        let built = build_pattern(frames, self.dots, config)?.map_err(|r| self.no_answer(&r))?;
+        let BuiltPattern {
+            pattern: built,
+            blind,
+        } = build_pattern(frames, self.dots, config)?.map_err(|r| self.no_answer(&r))?;
+        if blind > 0.0 && self.dots.is_none() {
+            errln!(
+                "spindoe: {:.1} % of the ball hardly faced the camera, and a dot there would be missed: {} dots were \
+                 found, compare that with the ball",
+                100.0 * blind,
+                built.len()
+            );
+        }
         let designs: Vec<Pattern> = tables.iter().map(|t| t.pattern().clone()).collect();
         let known = matching_design(&built, &designs)?
             .and_then(|k| Some((tables.into_iter().nth(k)?, self.table[k].clone())));

@@ -59,7 +59,8 @@ enum Optics {
 }
 
 /// A frame as the camera sees it.
-pub(super) struct FrameView {
+#[derive(Debug, Clone, Copy)]
+pub(in crate::calibrate) struct FrameView {
     pub view: BallView,
     /// Frame of the orientations to view frame.
     pub to_view: Rotation,

@@ -33,6 +33,8 @@ mod equations;
 mod motion;
 mod schur;
 
+pub(super) use camera::FrameView;
+
 use nalgebra::{Matrix2, Matrix3, Matrix6, Vector2};
 
 use crate::geometry::{Rotation, Vec3, kabsch, tangent_frame};
@@ -203,6 +205,25 @@ impl Bundle {
             .map(|f| self.camera.inverse_distance(f.circle.radius))
             .collect();
         Some(of_frames?.iter().sum::<f64>() / self.frames.len().max(1) as f64)
+    }
+
+    /// How the camera sees a ball with this outline; `None` where the outline is none of a ball's.
+    pub fn view_of(&self, circle: &BallCircle) -> Option<FrameView> {
+        self.camera.view(circle)
+    }
+
+    /// Mean difference of the fitted outlines from those found, in radii.
+    pub fn outline_shift(&self) -> Vec3 {
+        let sum: Vec3 = self
+            .frames
+            .iter()
+            .map(|f| {
+                let (now, found) = (f.circle, f.outline.circle);
+                let [du, dv] = [now.center.u - found.center.u, now.center.v - found.center.v];
+                Vec3::new(du, dv, now.radius - found.radius) / found.radius
+            })
+            .sum();
+        sum / self.frames.len().max(1) as f64
     }
 
     /// Angle between the camera's axis and the ball, radians; `None` where the camera is known.

@@ -14,8 +14,17 @@ use crate::vision::FrameEstimate;
 pub(super) const NEW_DEPTH: f64 = 0.25;
 /// Minimum number of matches of a frame that is placed.
 const MIN_MATCHED: usize = 4;
-/// Turn from a placed neighbor that a hint allows, radians.
+/// The same where two neighbors in a row say how the ball turns.
+const MIN_MATCHED_AHEAD: usize = 2;
+/// Turn from a placed neighbor that a hint allows, radians; and from where the turn goes on, once it is known
+/// how evenly the ball turns and before.
 const HINT_SIGMA_RAD: f64 = 0.25;
+const AHEAD_SIGMAS_RAD: [f64; 2] = [0.02, 0.1];
+/// Number of turns from which it is known how even they are.
+const MIN_TURNS: usize = 8;
+/// Minimum probability of a frame that no neighbor helps to place: a map that lacks dots takes chance for
+/// certainty.
+const PLACED_ALONE: f64 = 0.999;
 /// A detection this near to a dot of the map is that dot; no new dot begins nearer than the second.
 pub(super) const MATCH_RAD: f64 = 0.09;
 const APART_RAD: f64 = 0.14;
@@ -30,7 +39,29 @@ const FINAL_ROUNDS: usize = 4;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MapDot {
     pub direction: Vec3,
+    /// Number of views in which it was found.
     pub found: usize,
+    /// What these views say of its place until the next fit: the sum of their squared depths, since an error
+    /// of the outline or of the camera's distance moves what is near the limb most.
+    pub weight: f64,
+}
+
+impl MapDot {
+    fn first(seen: &SeenDot, at: Vec3) -> Self {
+        Self {
+            direction: at,
+            found: 1,
+            weight: seen.depth * seen.depth,
+        }
+    }
+
+    /// Takes another sighting into the mean.
+    fn add(&mut self, seen: &SeenDot, at: &Vec3) {
+        let weight = seen.depth * seen.depth;
+        self.direction = (self.direction * self.weight + at * weight).normalize();
+        self.weight += weight;
+        self.found += 1;
+    }
 }
 
 /// A frame that is placed.
@@ -44,18 +75,21 @@ pub(super) struct Placed {
 
 /// A map that grows from one frame.
 pub(super) struct Map<'a> {
-    pub frames: &'a [Seen],
+    /// As the last fit sees them.
+    pub frames: Vec<Seen>,
     pub estimates: &'a [FrameEstimate],
     pub config: &'a CalibrationConfig,
     pub dots: Vec<MapDot>,
     pub placed: Vec<Option<Placed>>,
     /// Number of placed frames when a frame could not be placed: it is tried again when there are more.
     tried: Vec<Option<usize>>,
+    /// See [`Map::learn_turns`].
+    ahead_sigma_rad: f64,
 }
 
 impl<'a> Map<'a> {
     pub fn new(
-        frames: &'a [Seen],
+        frames: &[Seen],
         estimates: &'a [FrameEstimate],
         config: &'a CalibrationConfig,
         seed: usize,
@@ -67,17 +101,18 @@ impl<'a> Map<'a> {
             names: (0..dots.len()).map(Some).collect(),
         });
         let begin = |d: &SeenDot| MapDot {
-            direction: d.direction,
             // What the first frame shows must serve until others are placed.
             found: ESTABLISHED,
+            ..MapDot::first(d, d.direction)
         };
         Self {
-            frames,
+            frames: frames.to_vec(),
             estimates,
             config,
             dots: dots.iter().map(begin).collect(),
             placed,
             tried: vec![None; frames.len()],
+            ahead_sigma_rad: AHEAD_SIGMAS_RAD[1],
         }
     }
 
@@ -101,6 +136,7 @@ impl<'a> Map<'a> {
                 since_fit = 0;
                 self.fit();
                 self.tidy();
+                self.learn_turns();
             }
         }
         for _ in 0..FINAL_ROUNDS {
@@ -110,6 +146,7 @@ impl<'a> Map<'a> {
                 return Ok(());
             };
             self.place_all(&recognizer);
+            self.discover();
         }
         self.fit();
         self.tidy();
@@ -162,7 +199,7 @@ impl<'a> Map<'a> {
     /// Identifies every frame anew.
     fn place_all(&mut self, recognizer: &(RobustRecognizer, Vec<usize>)) {
         for k in 0..self.frames.len() {
-            self.placed[k] = self.place(k, recognizer).or(self.placed[k].take());
+            self.placed[k] = self.place(k, recognizer);
         }
         self.rename();
     }
@@ -187,13 +224,9 @@ impl<'a> Map<'a> {
         let mut workspace = recognizer.workspace();
         let mut found = Identification::default();
         let mut hinted = false;
-        for neighbor in [k.checked_sub(1), Some(k + 1)].into_iter().flatten() {
-            let Some(Some(beside)) = self.placed.get(neighbor) else {
-                continue;
-            };
-            let hint = Hint::isotropic(beside.rotation, HINT_SIGMA_RAD);
+        for (hint, least) in self.hints(k) {
             let done = recognizer.identify_hinted(&observed, &hint, &mut workspace, &mut found);
-            hinted = done.is_ok() && is_sure(&found);
+            hinted = done.is_ok() && found.matched() >= least && found.pose_confidence >= PLACED;
             if hinted {
                 break;
             }
@@ -204,7 +237,8 @@ impl<'a> Map<'a> {
             };
             found = alone;
         }
-        is_sure(&found).then(|| Placed {
+        let sure = hinted || found.matched() > MIN_MATCHED && found.pose_confidence >= PLACED_ALONE;
+        sure.then(|| Placed {
             rotation: found.rotation,
             names: found
                 .assignment
@@ -214,29 +248,92 @@ impl<'a> Map<'a> {
         })
     }
 
+    /// What the placed neighbors say of a frame's orientation, and the number of matches that it then needs:
+    /// where two in a row are placed the turn goes on, else it is somewhere near.
+    fn hints(&self, k: usize) -> Vec<(Hint, usize)> {
+        let rotation = |k: Option<usize>| Some(self.placed.get(k?)?.as_ref()?.rotation);
+        let sides = [
+            [k.checked_sub(1), k.checked_sub(2)],
+            [Some(k + 1), Some(k + 2)],
+        ];
+        let ahead = sides.iter().filter_map(|[one, two]| {
+            let (one, two) = (rotation(*one)?, rotation(*two)?);
+            let hint = Hint::isotropic(one * two.inverse() * one, self.ahead_sigma_rad);
+            Some((hint, MIN_MATCHED_AHEAD))
+        });
+        let beside = sides.iter().filter_map(|[one, _]| {
+            Some((
+                Hint::isotropic(rotation(*one)?, HINT_SIGMA_RAD),
+                MIN_MATCHED,
+            ))
+        });
+        ahead.chain(beside).collect()
+    }
+
+    /// How well the turn between two frames tells the next: what the placed frames show.
+    fn learn_turns(&mut self) {
+        let rotation = |k: usize| Some(self.placed[k].as_ref()?.rotation);
+        let mut errors: Vec<f64> = (2..self.placed.len())
+            .filter_map(|k| {
+                let [two, one, now] = [rotation(k - 2)?, rotation(k - 1)?, rotation(k)?];
+                Some((one * two.inverse() * one).angle_to(&now))
+            })
+            .collect();
+        if errors.len() < MIN_TURNS {
+            return;
+        }
+        errors.sort_by(f64::total_cmp);
+        let often = errors[errors.len() * 9 / 10];
+        self.ahead_sigma_rad = often.clamp(AHEAD_SIGMAS_RAD[0], AHEAD_SIGMAS_RAD[1]);
+    }
+
     /// Takes a placed frame in, with its new dots.
     fn adopt(&mut self, (k, mut placed): (usize, Placed)) {
         let back = placed.rotation.inverse();
         for (dot, name) in self.frames[k].dots.iter().zip(&mut placed.names) {
             let at = back * dot.direction;
+            let nearest = self.nearest(&at, APART_RAD);
             if name.is_none() {
-                *name = self.nearest(&at, MATCH_RAD);
+                *name = nearest.filter(|&j| {
+                    let known = &self.dots[j];
+                    // What was seen once or twice came in at the limb: its place is rough.
+                    known.found < ESTABLISHED || angle_between(&known.direction, &at) < MATCH_RAD
+                });
             }
             if let Some(j) = *name {
-                let known = &mut self.dots[j];
-                // A running mean, until the next fit.
-                let weight = known.found as f64;
-                known.direction = (known.direction * weight + at).normalize();
-                known.found += 1;
-            } else if dot.depth >= NEW_DEPTH && self.nearest(&at, APART_RAD).is_none() {
+                self.dots[j].add(dot, &at);
+            } else if dot.depth >= NEW_DEPTH && nearest.is_none() {
                 *name = Some(self.dots.len());
-                self.dots.push(MapDot {
-                    direction: at,
-                    found: 1,
-                });
+                self.dots.push(MapDot::first(dot, at));
             }
         }
         self.placed[k] = Some(placed);
+    }
+
+    /// Takes in what the placed frames show over and over where the map has no dot: dots that left it while
+    /// it was not settled, and dots that only the limb shows.
+    fn discover(&mut self) {
+        let known = self.dots.len();
+        for (frame, placed) in self.frames.iter().zip(&self.placed) {
+            let Some(placed) = placed else { continue };
+            let back = placed.rotation.inverse();
+            for (dot, name) in frame.dots.iter().zip(&placed.names) {
+                let at = back * dot.direction;
+                if name.is_some() || self.nearest(&at, APART_RAD).is_some_and(|j| j < known) {
+                    continue;
+                }
+                match self.nearest(&at, APART_RAD) {
+                    Some(j) => self.dots[j].add(dot, &at),
+                    None => self.dots.push(MapDot::first(dot, at)),
+                }
+            }
+        }
+        let mut k = 0;
+        self.dots.retain(|dot| {
+            k += 1;
+            k <= known || dot.found >= ESTABLISHED
+        });
+        self.rename();
     }
 
     fn nearest(&self, at: &Vec3, within: f64) -> Option<usize> {
@@ -244,8 +341,4 @@ impl<'a> Map<'a> {
         let nearest = angles.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
         (nearest.1 < within).then_some(nearest.0)
     }
-}
-
-fn is_sure(found: &Identification) -> bool {
-    found.matched() >= MIN_MATCHED && found.pose_confidence >= PLACED
 }

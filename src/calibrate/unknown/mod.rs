@@ -38,6 +38,15 @@ const PLACED: f64 = 0.9;
 /// Views that each place of the ball must have.
 const MIN_VIEWS: usize = ESTABLISHED;
 
+/// A pattern built from a clip alone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BuiltPattern {
+    /// The pattern, in a frame of its own.
+    pub pattern: Pattern,
+    /// Share of the ball's surface that hardly any frame shows: a dot there is not in the pattern.
+    pub blind: f64,
+}
+
 /// Why no pattern can be built from a clip.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -72,6 +81,26 @@ pub enum UnknownRejection {
         /// Share of the ball's surface.
         blind: f64,
     },
+    /// Frames that hang together contradict each other.
+    #[error(
+        "the frames contradict each other: {:.0} % of the dots that they show are where one ball has its dots \
+         (film one ball only, and turn it more slowly)", 100.0 * explained
+    )]
+    Contradictory {
+        /// Share of the detections that are dots of the map.
+        explained: f64,
+    },
+    /// Dots whose places are not known well enough.
+    #[error(
+        "too static a clip: {dots} of the dots are seen near the ball's edge only, their places are known to \
+         {:.1} degrees; turn the ball about another axis as well", sigma_rad.to_degrees()
+    )]
+    AtTheLimb {
+        /// Number of these dots.
+        dots: usize,
+        /// The largest standard deviation of a dot's place, radians.
+        sigma_rad: f64,
+    },
     /// Another number of dots than expected.
     #[error("expected {expected} dots, the clip shows {found}")]
     WrongNumber {
@@ -98,7 +127,7 @@ pub fn build_pattern(
     estimates: &[FrameEstimate],
     expected_dots: Option<usize>,
     config: &CalibrationConfig,
-) -> Result<std::result::Result<Pattern, UnknownRejection>> {
+) -> Result<std::result::Result<BuiltPattern, UnknownRejection>> {
     config.check()?;
     let frames: Vec<Seen> = estimates
         .iter()

@@ -1,7 +1,9 @@
 //! What a frame shows: the detections that are likely dots and face the camera.
 
+use crate::calibrate::bundle::FrameView;
 use crate::geometry::Vec3;
 use crate::recognize::DotUncertainty;
+use crate::vision::DotDetection;
 use crate::vision::FrameEstimate;
 use crate::vision::camera::{BallView, Camera};
 use crate::vision::estimator::{CameraModel, Outline};
@@ -9,7 +11,7 @@ use crate::vision::estimator::{CameraModel, Outline};
 /// Minimum confidence of the detections used.
 const LIKELY: f64 = 0.5;
 /// Minimum depth (z over the horizon) of a detection that is used.
-pub(super) const MIN_DEPTH: f64 = 0.2;
+pub(super) const MIN_DEPTH: f64 = 0.08;
 /// Error of a direction beyond the detector's, radians: the camera's distance is not known yet.
 const BASE_SIGMA_RAD: f64 = 0.02;
 
@@ -19,7 +21,7 @@ pub(super) struct Seen {
     /// Its place in the clip.
     pub index: usize,
     pub outline: Outline,
-    view: BallView,
+    view: FrameView,
     pub dots: Vec<SeenDot>,
 }
 
@@ -42,33 +44,53 @@ impl Seen {
             },
         };
         let view = BallView::new(&camera, outline.circle).ok()?;
+        let view = FrameView {
+            to_view: view.to_camera().inverse(),
+            view,
+        };
         let likely = estimate.dots.iter().enumerate();
         let likely = likely.filter(|(_, dot)| dot.confidence >= LIKELY);
-        let dots = likely.filter_map(|(detection, dot)| {
-            let seen = view.back_project(dot.pixel, &dot.covariance)?;
-            let depth = (seen.direction.z - view.horizon()) / (1.0 - view.horizon());
-            let variance = match seen.uncertainty {
-                DotUncertainty::Isotropic { sigma_rad } => sigma_rad * sigma_rad,
-                DotUncertainty::Tangent { covariance } => 0.5 * covariance.trace(),
-            };
-            (depth >= MIN_DEPTH).then_some(SeenDot {
-                detection,
-                direction: view.to_camera() * seen.direction,
-                depth,
-                sigma_rad: (variance + BASE_SIGMA_RAD * BASE_SIGMA_RAD).sqrt(),
-            })
-        });
+        let dots = likely.filter_map(|(k, dot)| see(&view, k, dot));
         Some(Self {
             index,
             outline,
+            dots: dots.filter(|dot| dot.depth >= MIN_DEPTH).collect(),
             view,
-            dots: dots.collect(),
         })
+    }
+
+    /// The same detections, seen as `view` says now.
+    pub fn look(&mut self, view: FrameView, estimate: &FrameEstimate) {
+        self.view = view;
+        for dot in &mut self.dots {
+            let again = see(&view, dot.detection, &estimate.dots[dot.detection]);
+            // What is no more on the ball stays where it was.
+            *dot = again.unwrap_or(*dot);
+        }
     }
 
     /// How far a direction of the camera's frame faces the camera.
     pub fn depth(&self, direction: &Vec3) -> f64 {
-        let z = (self.view.to_camera().inverse() * direction).z;
-        (z - self.view.horizon()) / (1.0 - self.view.horizon())
+        depth(&self.view.view, (self.view.to_view * direction).z)
     }
+}
+
+/// How far what has this z faces the camera: 0 on the horizon, 1 in the middle.
+fn depth(view: &BallView, z: f64) -> f64 {
+    (z - view.horizon()) / (1.0 - view.horizon())
+}
+
+fn see(frame: &FrameView, detection: usize, dot: &DotDetection) -> Option<SeenDot> {
+    let view = &frame.view;
+    let seen = view.back_project(dot.pixel, &dot.covariance)?;
+    let variance = match seen.uncertainty {
+        DotUncertainty::Isotropic { sigma_rad } => sigma_rad * sigma_rad,
+        DotUncertainty::Tangent { covariance } => 0.5 * covariance.trace(),
+    };
+    Some(SeenDot {
+        detection,
+        direction: frame.to_view.inverse() * seen.direction,
+        depth: depth(view, seen.direction.z),
+        sigma_rad: (variance + BASE_SIGMA_RAD * BASE_SIGMA_RAD).sqrt(),
+    })
 }

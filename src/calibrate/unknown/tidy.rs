@@ -4,7 +4,7 @@
 use nalgebra::Matrix2;
 
 use super::ESTABLISHED;
-use super::map::{MATCH_RAD, Map, MapDot};
+use super::map::{MATCH_RAD, Map, MapDot, Placed};
 use crate::calibrate::bundle::{Bundle, BundleFrame, DotPrior, Observation};
 use crate::geometry::angle_between;
 
@@ -13,12 +13,14 @@ const MERGE_RAD: f64 = 0.12;
 /// Depth from which a view faces a dot well, and minimum share of these views in which it is found.
 pub(super) const FACING: f64 = 0.35;
 const MIN_RATE: f64 = 0.4;
+/// Minimum number of named detections of a frame that takes part in a fit.
+const MIN_NAMED: usize = 2;
 /// Prior of a dot's place in a fit, radians: hardly any.
 const FREE_SIGMA_RAD: f64 = 0.3;
 
 impl Map<'_> {
     /// Fits the map and all placed frames together.
-    pub fn fit(&mut self) {
+    pub fn fit(&mut self) -> Bundle {
         let priors = self.dots.iter().map(|d| DotPrior {
             direction: d.direction,
             sigma_rad: FREE_SIGMA_RAD,
@@ -26,8 +28,12 @@ impl Map<'_> {
         });
         let mut which = Vec::new();
         let mut frames = Vec::new();
+        // Fewer dots leave an orientation open.
+        let fixed = |p: &&Placed| p.names.iter().flatten().count() >= MIN_NAMED;
         for (k, placed) in self.placed.iter().enumerate() {
-            let Some(placed) = placed else { continue };
+            let Some(placed) = placed.as_ref().filter(fixed) else {
+                continue;
+            };
             let seen = &self.frames[k];
             let dots = &self.estimates[seen.index].dots;
             let named = seen.dots.iter().zip(&placed.names);
@@ -53,9 +59,29 @@ impl Map<'_> {
         for (dot, fitted) in self.dots.iter_mut().zip(&bundle.dots) {
             dot.direction = *fitted;
         }
+        self.look(&bundle);
         for (k, fitted) in which.into_iter().zip(&bundle.frames) {
+            if let Some(view) = bundle.view_of(&fitted.circle) {
+                let seen = &mut self.frames[k];
+                seen.look(view, &self.estimates[seen.index]);
+            }
             if let Some(placed) = &mut self.placed[k] {
                 placed.rotation = fitted.rotation;
+            }
+        }
+        bundle
+    }
+
+    /// Sees all frames as the fitted camera does, their outlines shifted as the fitted ones are.
+    fn look(&mut self, bundle: &Bundle) {
+        let shift = bundle.outline_shift();
+        for seen in &mut self.frames {
+            let mut circle = seen.outline.circle;
+            circle.center.u += shift.x * circle.radius;
+            circle.center.v += shift.y * circle.radius;
+            circle.radius += shift.z * circle.radius;
+            if let Some(view) = bundle.view_of(&circle) {
+                seen.look(view, &self.estimates[seen.index]);
             }
         }
     }
@@ -69,10 +95,11 @@ impl Map<'_> {
                 (b, a)
             };
             let (first, second) = (self.dots[keep], self.dots[gone]);
-            let sum = first.direction * first.found as f64 + second.direction * second.found as f64;
+            let sum = first.direction * first.weight + second.direction * second.weight;
             self.dots[keep] = MapDot {
                 direction: sum.normalize(),
                 found: first.found + second.found,
+                weight: first.weight + second.weight,
             };
             self.remove(gone, Some(keep));
         }

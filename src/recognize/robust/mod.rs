@@ -110,7 +110,11 @@ impl RobustRecognizer {
         conditions: &Arc<ConditionsPosterior>,
     ) -> Result<Self> {
         let expected = conditions.expected();
-        let known = Self::build(pattern, expected.config(base), expected.noise_scale)?;
+        let known = if conditions.frames() == 0 {
+            Self::build(pattern, *base, 1.0)?
+        } else {
+            Self::build(pattern, expected.config(base), expected.noise_scale)?
+        };
         Ok(Self {
             uncertain: (!conditions.is_settled()).then(|| Arc::clone(conditions)),
             ..known

@@ -393,7 +393,7 @@ fn build(seed: u64, k: u64, frames: usize) -> Result<(bool, f64), Box<dyn Error>
     noise.set_stream(k + (1 << 32));
     let clip = clip(truth.dots(), frames, &unit_view()?, &mut rng, &mut noise);
     let built = match build_pattern(&clip.frames, None, &CalibrationConfig::default())? {
-        Ok(built) => built,
+        Ok(built) => built.pattern,
         Err(rejection) => {
             eprintln!("ball {k}, {dots} dots: {rejection}");
             return Ok((false, 0.0));

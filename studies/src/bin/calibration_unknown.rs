@@ -150,7 +150,7 @@ fn one(
         Ok(built) => {
             let is_hidden = |[facing, seen]: &[usize; 2]| (*seen as f64) < HIDDEN * *facing as f64;
             let hidden: Vec<bool> = views.iter().map(is_hidden).collect();
-            judged(&built, &truth, &hidden)
+            judged(&built.pattern, &truth, &hidden)
         }
         Err(rejection) => Ok(Built::Rejected(format!("{count} dots: {rejection}"))),
     }

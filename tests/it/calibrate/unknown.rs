@@ -49,6 +49,8 @@ fn patterns_are_built_from_clips_alone() {
         let clip = detections(truth.dots(), &clip);
         let found = build_pattern(&clip.frames, None, &CalibrationConfig::default()).unwrap();
         let built = found.unwrap_or_else(|rejection| panic!("seed {seed}: {rejection}"));
+        assert!(built.blind < 0.03, "seed {seed}: {} blind", built.blind);
+        let built = built.pattern;
         let worst = worst(&built, &truth).map(f64::to_degrees);
         assert!(
             worst.is_some_and(|w| w < 1.0),
@@ -78,7 +80,11 @@ fn marks_that_look_unlike_the_dots_are_left_out() {
         };
         let clip = detections(&seen, &clip);
         let found = build_pattern(&clip.frames, expected, &CalibrationConfig::default()).unwrap();
-        assert_eq!(found.as_ref().ok().map(Pattern::len), dots, "{found:?}");
+        assert_eq!(
+            found.as_ref().ok().map(|b| b.pattern.len()),
+            dots,
+            "{found:?}"
+        );
     }
 }
 
