@@ -15,9 +15,9 @@
 //! - [`robust`]: the posterior over all explanations of the dots, the default,
 //! - [`stream`]: frame after frame from an endless input, on all cores.
 
-use nalgebra::Matrix2;
+use nalgebra::{Matrix2, Vector2};
 
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Rotation, Vec3, tangent_frame};
 
 pub mod kent;
 pub mod observed;
@@ -79,6 +79,21 @@ pub enum DotUncertainty {
         /// [`tangent_frame(direction)`](crate::geometry::tangent_frame).
         covariance: Matrix2<f64>,
     },
+}
+
+impl ObservedDot {
+    /// Squared distance of `direction` in standard deviations: over two axes, so 2 on average. Holds for
+    /// directions near the dot's.
+    pub fn squared_deviations(&self, direction: &Vec3) -> f64 {
+        let [e1, e2] = tangent_frame(&self.direction);
+        let off = Vector2::new(e1.dot(direction), e2.dot(direction));
+        match self.uncertainty {
+            DotUncertainty::Isotropic { sigma_rad } => off.norm_squared() / (sigma_rad * sigma_rad),
+            DotUncertainty::Tangent { covariance } => covariance
+                .try_inverse()
+                .map_or(f64::INFINITY, |inverse| off.dot(&(inverse * off))),
+        }
+    }
 }
 
 impl DotUncertainty {

@@ -141,7 +141,7 @@ pub struct EstimatorConfig {
 impl Default for EstimatorConfig {
     /// A camera at an unknown distance; dots from z = 0.2, 85 % of them detected, one false dot a frame (a logo); drawn to
     /// 1.2 deg; detections likelier dots than not, then those down to 0.15, with 1.5 false dots more. A pose is accepted
-    /// from a probability of 0.8 on: with less, several in a hundred images of other balls and things are
+    /// from a probability of 0.85 on: with less, several in a hundred images of other balls and things are
     /// answered (docs/measurements/trust.md).
     fn default() -> Self {
         Self {
@@ -164,7 +164,7 @@ impl Default for EstimatorConfig {
             dot_confidence: [0.5, 0.15],
             doubtful_false_dots: 1.5,
             trust: TrustMap::default(),
-            min_confidence: 0.8,
+            min_confidence: 0.85,
             max_blur: 0.6,
         }
     }

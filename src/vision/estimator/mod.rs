@@ -428,10 +428,16 @@ impl<D: DotDetector> Estimator<D> {
         ws: &EstimatorWorkspace<D::Workspace>,
     ) -> PoseEvidence {
         let found = &ws.identification;
-        let (mut named, mut unnamed) = (0, 0);
-        for (&i, name) in ws.indices.iter().zip(&found.assignment) {
+        let (mut named, mut unnamed, mut doubt, mut squares) = (0, 0, 0.0, 0.0);
+        let observed = ws.indices.iter().zip(&ws.observed);
+        for ((&i, seen), name) in observed.zip(&found.assignment) {
             match name {
-                Some(_) => named += 1,
+                Some(name) => {
+                    named += 1;
+                    doubt -= dots[i].confidence.max(f64::MIN_POSITIVE).ln();
+                    let expected = found.rotation * self.pattern.dots()[usize::from(*name)];
+                    squares += seen.squared_deviations(&expected);
+                }
                 None => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
             }
         }
@@ -441,6 +447,8 @@ impl<D: DotDetector> Estimator<D> {
             named,
             unnamed,
             missing: facing.saturating_sub(named),
+            doubt: doubt / named.max(1) as f64,
+            misfit: (0.5 * squares / named.max(1) as f64).sqrt(),
             ..PoseEvidence::default()
         }
     }

@@ -15,10 +15,14 @@
 //! does not know whether the ball is there: among images that all show it, more of them are correct.
 
 /// Number of features.
-pub const FEATURES: usize = 6;
+pub const FEATURES: usize = 8;
 
 /// Bounds of the model's ln odds.
 const LN_ODDS: [f64; 2] = [-5.0, 25.0];
+/// Bound of the detector's doubt.
+const MAX_DOUBT: f64 = 3.0;
+/// Bound of the misfit.
+const MAX_MISFIT: f64 = 6.0;
 
 /// What speaks for a pose and against it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -35,6 +39,10 @@ pub struct PoseEvidence {
     pub attempts: usize,
     /// Share of the outline that the edges show; 0 where they show none, 1 where it was given.
     pub support: f64,
+    /// How much the detector doubts the named dots: the mean of `-ln p`.
+    pub doubt: f64,
+    /// How far the named dots are off, in standard deviations per axis: the root of the mean square.
+    pub misfit: f64,
 }
 
 impl PoseEvidence {
@@ -49,6 +57,8 @@ impl PoseEvidence {
             self.missing as f64,
             (self.attempts.max(1) as f64).ln(),
             self.support,
+            self.doubt.min(MAX_DOUBT),
+            self.misfit.min(MAX_MISFIT),
         ]
     }
 }
@@ -66,7 +76,7 @@ impl TrustMap {
     /// The recognizer's own probability.
     pub const IDENTITY: Self = Self {
         constant: 0.0,
-        weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
     };
 
     /// The probability that the pose is correct.
@@ -85,8 +95,10 @@ impl Default for TrustMap {
     /// Fitted on 4 352 answers for patterns of 12, 20 and 32 dots (docs/measurements/trust.md).
     fn default() -> Self {
         Self {
-            constant: 0.183,
-            weights: [0.676, 0.259, -0.295, -0.095, -0.864, -0.205],
+            constant: 0.369,
+            weights: [
+                0.4876, 0.9506, -0.7028, -0.4427, -0.5241, -0.2662, -3.4598, -1.2758,
+            ],
         }
     }
 }
