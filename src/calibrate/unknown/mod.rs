@@ -92,8 +92,8 @@ pub enum UnknownRejection {
     },
     /// Dots whose places are not known well enough.
     #[error(
-        "too static a clip: {dots} of the dots are seen near the ball's edge only, their places are known to \
-         {:.1} degrees; turn the ball about another axis as well", sigma_rad.to_degrees()
+        "too static a clip: only the ball's edge shows some dots ({dots}), known to {:.1} degrees; turn it about \
+         another axis as well", sigma_rad.to_degrees()
     )]
     AtTheLimb {
         /// Number of these dots.

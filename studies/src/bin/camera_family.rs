@@ -1,0 +1,98 @@
+//! A family of patterns on the same rendered frames of one camera, each with the largest dots that its stencil
+//! allows. The table of docs/measurements/camera.md comes from here.
+//!
+//!     cargo run --release -p spindoe-studies --bin camera_family -- [FRAMES] [SEED] [SURROUNDINGS] PATTERN.csv ...
+//!
+//! The camera is the default one of `spindoe advise`, before SURROUNDINGS (dark or any). Differences are
+//! against the first pattern, on the same scenes.
+
+use std::error::Error;
+
+use spindoe::Pattern;
+use spindoe::predict::{
+    CameraConditions, FrameOutcome, FrameRates, MAX_DOT, Surroundings, paired, rendered,
+};
+use spindoe::stencil::{Stencil, StencilConfig};
+use spindoe::vision::EstimatorConfig;
+
+/// Normal quantile of 95 % intervals.
+const Z: f64 = 1.96;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let frames: u64 = arguments.next().map_or(Ok(5000), |a| a.parse())?;
+    let seed: u64 = arguments.next().map_or(Ok(15_500_001), |a| a.parse())?;
+    let surroundings = match arguments.next().as_deref() {
+        None | Some("dark") => Surroundings::Dark,
+        Some("any") => Surroundings::Any,
+        Some(other) => return Err(format!("expected dark or any, found {other}").into()),
+    };
+    println!("{frames} frames a pattern, seed {seed}, {surroundings:?}\n");
+    println!(
+        "| pattern | dots | diameter | right | wrong | unanswered | mean error | more right, points | error less by |\n\
+         |---|---|---|---|---|---|---|---|---|"
+    );
+    let mut first: Option<Vec<FrameOutcome>> = None;
+    for path in arguments {
+        let pattern = Pattern::read_csv(path.as_ref())?;
+        let config = StencilConfig::default();
+        let hole = Stencil::largest_hole_mm(&pattern, &config)
+            .ok_or_else(|| format!("{path}: no stencil has holes for it"))?;
+        let conditions = CameraConditions {
+            surroundings,
+            dot_diameter: (hole / config.ball_diameter_mm).min(MAX_DOT),
+            ..CameraConditions::default()
+        };
+        let outcomes = rendered(
+            &pattern,
+            &conditions,
+            EstimatorConfig::default(),
+            seed,
+            frames,
+        )?;
+        let rates = FrameRates::of(&outcomes);
+        let against = first.as_ref().map_or(String::from("| |"), |first| {
+            let difference = paired(first, &outcomes);
+            let [less, off] = error_less_by(first, &outcomes);
+            format!(
+                "| {:+.2} [{:+.2}, {:+.2}] | {:.1} % [{:.1}, {:.1}] |",
+                100.0 * difference.difference,
+                100.0 * difference.low,
+                100.0 * difference.high,
+                100.0 * less,
+                100.0 * (less - off),
+                100.0 * (less + off)
+            )
+        });
+        println!(
+            "| {path} | {} | {:.1} % | {} | {} | {} | {:.3} deg {against}",
+            pattern.len(),
+            100.0 * conditions.dot_diameter,
+            rates.right,
+            rates.wrong,
+            rates.unanswered,
+            rates.mean_error_deg,
+        );
+        first.get_or_insert(outcomes);
+    }
+    Ok(())
+}
+
+/// Share by which the mean error falls on frames that both answer rightly, and half of its interval.
+fn error_less_by(first: &[FrameOutcome], other: &[FrameOutcome]) -> [f64; 2] {
+    let error = |o: &FrameOutcome| match o {
+        FrameOutcome::Answered { error_rad } if o.is_right() => Some(*error_rad),
+        _ => None,
+    };
+    let both = first.iter().zip(other);
+    let both: Vec<[f64; 2]> = both
+        .filter_map(|(a, b)| Some([error(a)?, error(b)?]))
+        .collect();
+    let n = both.len() as f64;
+    let mean = |k: usize| both.iter().map(|e| e[k]).sum::<f64>() / n;
+    let (a, ratio) = (mean(0), mean(1) / mean(0));
+    // The ratio's error by linear propagation.
+    let squares = both.iter().map(|e| (e[1] - ratio * e[0]).powi(2));
+    let sigma = (squares.sum::<f64>() / n).sqrt() / (a * n.sqrt());
+    [1.0 - ratio, Z * sigma]
+}
