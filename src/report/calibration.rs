@@ -306,6 +306,9 @@ fn monte_carlo(
     ProtocolName::ALL.iter().map(of_protocol).collect()
 }
 
+/// Less than this share of the frames with a ball is used where some show another ball, or hardly any dots.
+const EXPECTED_SHARE: f64 = 0.75;
+
 /// What to do, in words.
 fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let mut advice = Vec::new();
@@ -313,6 +316,16 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
         let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
         words.join(", ")
     };
+    let FramesReport {
+        with_ball, fitted, ..
+    } = report.frames;
+    if (fitted as f64) < EXPECTED_SHARE * with_ball as f64 {
+        advice.push(format!(
+            "{} of the {with_ball} frames with a ball could not be used: look whether all show this ball, sharp and \
+             not mirrored",
+            with_ball - fitted
+        ));
+    }
     if !report.more_views.is_empty() {
         advice.push(format!(
             "turn the ball so that these dots face the camera, and film again: {}",
