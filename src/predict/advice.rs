@@ -22,7 +22,7 @@ const COST_OF_WRONG: f64 = 2.0;
 const MIN_SHARE: f64 = 0.01;
 
 /// The designs that the crate ships, by name.
-const SHIPPED: [(&str, &str); 6] = [
+const SHIPPED: [(&str, &str); 8] = [
     ("dots12", include_str!("../../designs/dots12/pattern.csv")),
     ("dots16", include_str!("../../designs/dots16/pattern.csv")),
     ("dots20", include_str!("../../designs/dots20/pattern.csv")),
@@ -31,7 +31,9 @@ const SHIPPED: [(&str, &str); 6] = [
         include_str!("../../designs/dots20-paper/pattern.csv"),
     ),
     ("dots24", include_str!("../../designs/dots24/pattern.csv")),
+    ("dots28", include_str!("../../designs/dots28/pattern.csv")),
     ("dots32", include_str!("../../designs/dots32/pattern.csv")),
+    ("dots40", include_str!("../../designs/dots40/pattern.csv")),
 ];
 
 /// A pattern and its name.
