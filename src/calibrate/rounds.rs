@@ -20,6 +20,7 @@ use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
 use crate::pattern::{MAX_DOTS, Pattern};
 use crate::stats::median;
 use crate::vision::FrameEstimate;
+use crate::vision::estimator::TrustMap;
 
 /// Minimum number of named dots of a frame that takes part in the fit.
 const MIN_MATCHED: usize = 4;
@@ -467,6 +468,7 @@ impl<'a> Rounds<'a> {
         for factor in WIDER {
             let mut estimator = self.config.estimator;
             estimator.placement_sigma_rad *= factor;
+            estimator.trust = TrustMap::WIDE;
             self.frames = identify_frames(&table, &estimator, &detected)?;
             if self.check_frames().is_ok() {
                 return Ok(true);

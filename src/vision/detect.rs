@@ -27,6 +27,12 @@ pub trait DotDetector: Sync {
     /// Finds the dots of a ball and writes them into `out`, the most confident first. None is an
     /// answer too; a detector that exists cannot fail.
     fn detect_into(&self, patch: &Patch, ws: &mut Self::Workspace, out: &mut Vec<DotDetection>);
+
+    /// Where the confidences are no probabilities that were fitted on images: the mean of `-ln p` to take for every
+    /// ball's dots. `None` where they are.
+    fn usual_doubt(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// Finds nothing: for frames that come with their detections.

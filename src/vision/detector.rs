@@ -83,6 +83,13 @@ impl DotDetector for NamedDetector {
         ws
     }
 
+    fn usual_doubt(&self) -> Option<f64> {
+        match self {
+            Self::Cnn(detector) => detector.usual_doubt(),
+            Self::Blob(detector) => detector.usual_doubt(),
+        }
+    }
+
     fn detect_into(&self, patch: &Patch, ws: &mut NamedWorkspace, out: &mut Vec<DotDetection>) {
         match self {
             Self::Cnn(detector) => {

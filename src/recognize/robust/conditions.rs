@@ -521,6 +521,22 @@ impl ConditionsPosterior {
         }
     }
 
+    /// ln of the density of so many dots, uniform over [`FALSE_AREA`], if they are not the pattern's: as many as a
+    /// view of a pattern of `pattern_dots` dots has (Poisson), summed over all conditions.
+    pub(super) fn ln_null(&self, dots: usize, pattern_dots: usize) -> f64 {
+        let w = &self.weights;
+        let of_visibility: [f64; VISIBILITIES] = std::array::from_fn(|v| {
+            let seen = 0.5 * (1.0 - limit(v)) * pattern_dots as f64;
+            let real = seen * self.grid.rates[v % RATES.len()];
+            let of_false_dots: [f64; FALSE_DOTS] = std::array::from_fn(|f| {
+                let mean = real + self.grid.mean(f);
+                w.false_dots[f] + dots as f64 * (mean / FALSE_AREA).ln() - mean
+            });
+            w.visibility[v] + ln_sum(&of_false_dots)
+        });
+        ln_sum(&of_visibility)
+    }
+
     /// ln of an explanation's likelihood, summed over all conditions.
     pub(super) fn ln_marginal(&self, e: &LnLikelihood) -> f64 {
         self.weights.ln_marginal(e)

@@ -26,6 +26,9 @@ const NEGLIGIBLE: f64 = 20.0;
 /// Nats behind the best explanation up to which dots are named anew: a few dots may make up for
 /// them.
 const NAMED_WITHIN: f64 = 8.0;
+/// Fewer dots than these keep the names of the search: with so many conditions open nearly any three or four
+/// can be named.
+const MIN_NAMED: usize = 5;
 /// Maximum number of explanations whose dots are named anew.
 const MAX_NAMED: usize = 12;
 /// Changes of one assignment; a frame needs one or two.
@@ -89,7 +92,8 @@ impl RobustRecognizer {
         out: &mut FrameEvidence,
     ) {
         out.explanations.clear();
-        out.ln_null = self.null.ln_density(ws.dots.len(), std::f64::consts::TAU);
+        let n = ws.dots.len();
+        out.ln_null = self.null.ln_odds() + conditions.ln_null(n, self.dots.len());
         let Some(best) = ws.found.best() else {
             return;
         };
@@ -159,7 +163,11 @@ impl RobustRecognizer {
                 ln_evidence if ln_evidence < least => ln_evidence + shift,
                 _ => marginal(e, assignment),
             });
-        self.name_best(conditions, ws);
+        let ln_null = conditions.ln_null(ws.dots.len(), self.dots.len());
+        ws.null = Some(self.null.of_view(ln_null - all_false));
+        if ws.dots.len() >= MIN_NAMED {
+            self.name_best(conditions, ws);
+        }
     }
 
     /// Names the dots of the best explanations anew.

@@ -72,6 +72,8 @@ use screen::ScreenModel;
 /// Minimum number of dots that can be identified without a hint, and with one.
 const MIN_DOTS: usize = 3;
 const MIN_DOTS_HINTED: usize = 2;
+/// The same where no frame has told anything of the conditions: three dots anywhere then fit some pose.
+const MIN_DOTS_BLIND: usize = 4;
 /// Minimum probability at which a view counts as mirrored.
 const MIRROR_SURE: f64 = 0.9;
 
@@ -110,6 +112,7 @@ impl RobustRecognizer {
         conditions: &Arc<ConditionsPosterior>,
     ) -> Result<Self> {
         let expected = conditions.expected();
+        // Before any frame has had a say the defaults search better than what is expected.
         let known = if conditions.frames() == 0 {
             Self::build(pattern, *base, 1.0)?
         } else {
@@ -215,10 +218,11 @@ impl RobustRecognizer {
         ws: &mut RobustWorkspace,
         out: &mut Identification,
     ) -> std::result::Result<(), RecognizerRejection> {
-        let needed = if prior.is_some() {
-            MIN_DOTS_HINTED
-        } else {
-            MIN_DOTS
+        let is_blind = self.uncertain.as_ref().is_some_and(|c| c.frames() == 0);
+        let needed = match prior {
+            Some(_) => MIN_DOTS_HINTED,
+            None if is_blind => MIN_DOTS_BLIND,
+            None => MIN_DOTS,
         };
         ws.clear(dots.len());
         if dots.len() < needed {
@@ -232,11 +236,9 @@ impl RobustRecognizer {
         if let Some(conditions) = &self.uncertain {
             self.marginalize(conditions, ws);
         }
+        let null = ws.null.unwrap_or(self.null);
         let sure = ws.found.best().is_some_and(|best| {
-            ws.found
-                .confidence(best, &self.null, f64::NEG_INFINITY)
-                .pose
-                > self.config.mirror_doubt
+            ws.found.confidence(best, &null, f64::NEG_INFINITY).pose > self.config.mirror_doubt
         });
         if !sure && self.is_mirrored(ws) {
             return Err(RecognizerRejection::Mirrored);
@@ -267,7 +269,8 @@ impl RobustRecognizer {
     /// Writes an explanation into `out`.
     fn report(&self, explanation: &Explanation, ws: &RobustWorkspace, out: &mut Identification) {
         let mirrored = ws.mirrored.ln_evidence() + posterior::MIRROR_LN_ODDS;
-        let confidence = ws.found.confidence(explanation, &self.null, mirrored);
+        let null = ws.null.unwrap_or(self.null);
+        let confidence = ws.found.confidence(explanation, &null, mirrored);
         let rotation = explanation.refined.rotation;
         let (mut squared, mut matched) = (0.0, 0usize);
         out.assignment.clear();

@@ -42,8 +42,6 @@ pub(super) struct NullHypothesis {
     ln_odds: f64,
     ln_ratio: f64,
     excess: f64,
-    /// Mean number of dots.
-    mean: f64,
 }
 
 /// Probabilities of the best explanation.
@@ -64,7 +62,6 @@ impl NullHypothesis {
             ln_odds: (config.null_prior / (1.0 - config.null_prior)).ln(),
             ln_ratio: (mean / false_dots).ln(),
             excess: mean - false_dots,
-            mean,
         }
     }
 
@@ -73,9 +70,18 @@ impl NullHypothesis {
         dots as f64 * self.ln_ratio - self.excess
     }
 
-    /// ln of the prior odds times the density of so many dots, spread over `area` steradians.
-    pub fn ln_density(&self, dots: usize, area: f64) -> f64 {
-        dots as f64 * (self.mean / area).ln() - self.mean + self.ln_odds
+    /// ln of the prior odds.
+    pub fn ln_odds(&self) -> f64 {
+        self.ln_odds
+    }
+
+    /// The same for a view whose log-evidence, against "all dots are false", is known.
+    pub fn of_view(&self, ln_evidence: f64) -> Self {
+        Self {
+            ln_ratio: 0.0,
+            excess: -ln_evidence,
+            ..*self
+        }
     }
 
     /// The same against a mirrored view, which is itself unlikely.

@@ -5,7 +5,7 @@ use super::hint::Prior;
 use super::marginal::Naming;
 use super::model::Dot;
 use super::pairs::{PatternPairs, frame};
-use super::posterior::Found;
+use super::posterior::{Found, NullHypothesis};
 use super::refine::{Refined, Refiner, Start, UNASSIGNED, View};
 use super::screen::Screen;
 use crate::geometry::Rotation;
@@ -41,6 +41,8 @@ pub struct RobustWorkspace {
     pub(super) naming: Naming,
     pub(super) found: Found,
     pub(super) mirrored: Found,
+    /// The null hypothesis of this view, where it is not the recognizer's.
+    pub(super) null: Option<NullHypothesis>,
 }
 
 /// A pair of observed dots.
@@ -62,6 +64,7 @@ impl RobustWorkspace {
             naming: Naming::with_capacity_for(CAPACITY),
             found: Found::with_capacity_for(CAPACITY),
             mirrored: Found::with_capacity_for(CAPACITY),
+            null: None,
         }
     }
 
@@ -69,6 +72,7 @@ impl RobustWorkspace {
         self.dots.clear();
         self.found.clear(dots);
         self.mirrored.clear(dots);
+        self.null = None;
     }
 
     /// Lists all usable pairs.

@@ -27,6 +27,8 @@ const FAINT: f32 = 0.12;
 const MAX_BLOBS: usize = 48;
 /// Dots nearer than this, in patch values, are one.
 const ONE_DOT: f64 = 2.5;
+/// A contrast is no probability: what the net's dots have in the median ball is taken for its doubt.
+const USUAL_DOUBT: f64 = 0.05;
 
 /// Settings of the blob detector.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -178,6 +180,10 @@ impl DotDetector for BlobDetector {
 
     fn workspace(&self) -> BlobWorkspace {
         BlobWorkspace::default()
+    }
+
+    fn usual_doubt(&self) -> Option<f64> {
+        Some(USUAL_DOUBT)
     }
 
     fn detect_into(&self, patch: &Patch, ws: &mut BlobWorkspace, out: &mut Vec<DotDetection>) {

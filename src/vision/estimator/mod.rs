@@ -447,7 +447,10 @@ impl<D: DotDetector> Estimator<D> {
             named,
             unnamed,
             missing: facing.saturating_sub(named),
-            doubt: doubt / named.max(1) as f64,
+            doubt: self
+                .detector
+                .usual_doubt()
+                .unwrap_or(doubt / named.max(1) as f64),
             misfit: (0.5 * squares / named.max(1) as f64).sqrt(),
             ..PoseEvidence::default()
         }

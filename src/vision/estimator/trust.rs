@@ -79,6 +79,13 @@ impl TrustMap {
         weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
     };
 
+    /// For dots that may be off by more than the default placement: fitted without the detector's doubt and the
+    /// misfit, which a wide placement makes small for any pose.
+    pub const WIDE: Self = Self {
+        constant: 0.183,
+        weights: [0.676, 0.259, -0.295, -0.095, -0.864, -0.205, 0.0, 0.0],
+    };
+
     /// The probability that the pose is correct.
     pub fn probability(&self, evidence: &PoseEvidence) -> f64 {
         if *self == Self::IDENTITY {
