@@ -87,6 +87,9 @@ pub struct SteadyMark {
     pub views: usize,
 }
 
+/// A dot that is off by less is worth no word, however exactly the others were drawn: one degree.
+const NOTICED_RAD: f64 = std::f64::consts::PI / 180.0;
+
 /// The ball as it was drawn.
 #[derive(Debug, Clone)]
 pub struct Calibration {
@@ -190,7 +193,8 @@ impl Calibration {
             let dots = self.dots.iter().enumerate();
             dots.filter(|(_, d)| d.state == DotState::Measured)
         };
-        let limit = FAR_OFF * drawing_sigma_rad(measured().map(|(_, d)| d.offset_rad()));
+        let drawn = FAR_OFF * drawing_sigma_rad(measured().map(|(_, d)| d.offset_rad()));
+        let limit = drawn.max(NOTICED_RAD);
         measured()
             .filter(move |(_, d)| d.offset_rad() > limit)
             .map(|(j, _)| j)

@@ -309,6 +309,9 @@ fn monte_carlo(
 /// Less than this share of the frames with a ball is used where some show another ball, or hardly any dots.
 const EXPECTED_SHARE: f64 = 0.75;
 
+/// Frames that took no part fit worse than by chance from this ratio of the medians on.
+const WORSE: f64 = 1.1;
+
 /// What to do, in words.
 fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let mut advice = Vec::new();
@@ -383,7 +386,7 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let held = &report.held_out;
     if held.frames.is_empty() {
         advice.push("too few frames to judge the calibration on others".to_owned());
-    } else if held.median_deg[1] > held.median_deg[0] {
+    } else if held.median_deg[1] > WORSE * held.median_deg[0] {
         advice.push(
             "frames that took no part fit worse than before: the clip is too short, keep the nominal table"
                 .to_owned(),

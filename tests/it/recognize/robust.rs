@@ -1,13 +1,19 @@
 //! The robust recognizer against its claims, on samples small enough to run every time. The figures
 //! with their intervals come from the example `recognizer_limits`.
 
-use nalgebra::Matrix3;
+use std::sync::Arc;
+
+use nalgebra::{Matrix2, Matrix3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation, rotation_angle};
+use spindoe::geometry::{
+    Rotation, Vec3, random_direction, random_rotation, rotation_angle, tangent_frame,
+};
 use spindoe::pattern::Pattern;
-use spindoe::recognize::robust::{Hint, RobustConfig, RobustRecognizer};
+use spindoe::recognize::robust::{
+    ConditionsPosterior, ConditionsPrior, Hint, RobustConfig, RobustRecognizer,
+};
 use spindoe::recognize::{
     DotUncertainty, Identification, ObservedDot, Outcome, Recognizer, RecognizerRejection,
 };
@@ -218,7 +224,6 @@ fn tied(robust: &RobustRecognizer, dots: &[ObservedDot]) -> (f64, usize) {
 
 #[test]
 fn absurd_uncertainties_are_refused_without_a_panic() {
-    use nalgebra::Matrix2;
     let pattern = crate::common::random_pattern(20, 9);
     let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
     let mut ws = robust.workspace();
@@ -503,4 +508,64 @@ fn parameters_outside_their_domain_are_refused() {
             "{config:?}"
         );
     }
+}
+
+/// A single frame says nothing of the visibility limit, and the one that is expected (z > 0.1) leaves out
+/// dots that this protocol shows: their names are weighed over all limits.
+#[test]
+fn a_single_frame_names_the_dots_beyond_the_limit_that_is_expected() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let protocol = Protocol::standard(ProtocolName::Paper);
+    let nothing_known = Arc::new(ConditionsPosterior::new(&ConditionsPrior::default()).unwrap());
+    let base = RobustConfig::default();
+    let recognizer = RobustRecognizer::with_conditions(&pattern, &base, &nothing_known).unwrap();
+    let mut workspace = recognizer.workspace();
+    let mut generator = TrialGenerator::new(&pattern, protocol, 14);
+    let (mut limb, mut named) = (0, 0);
+    for index in 0..200 {
+        let mut trial = Trial::default();
+        generator.generate(index, &mut trial);
+        if !trial.dots.iter().any(|d| d.direction.z < 0.06) {
+            continue;
+        }
+        limb += 1;
+        let outcome = recognizer.identify(&trial.dots, &mut workspace);
+        named += usize::from(
+            matches!(&outcome, Outcome::Identified(found) if found.assignment == trial.truth),
+        );
+    }
+    assert!(limb > 50, "{limb} frames show a dot at the limb");
+    assert!(named * 100 >= limb * 95, "{named} of {limb} named");
+}
+
+#[test]
+fn three_dots_of_which_nothing_is_known_are_too_few() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let nothing_known = Arc::new(ConditionsPosterior::new(&ConditionsPrior::default()).unwrap());
+    let base = RobustConfig::default();
+    let recognizer = RobustRecognizer::with_conditions(&pattern, &base, &nothing_known).unwrap();
+    let dots: Vec<ObservedDot> = pattern.dots()[..3].iter().map(|d| dot(*d, 0.02)).collect();
+    let outcome = recognizer.identify(&dots, &mut recognizer.workspace());
+    let expected = RecognizerRejection::TooFewDots {
+        found: 3,
+        needed: 4,
+    };
+    assert_eq!(outcome, Outcome::Unidentified(expected));
+}
+
+/// Along its axes the distance of a dot with a covariance is that of two independent errors.
+#[test]
+fn deviations_are_counted_in_standard_deviations() {
+    let [e1, e2] = tangent_frame(&Vec3::z());
+    let oblique = ObservedDot {
+        direction: Vec3::z(),
+        uncertainty: DotUncertainty::Tangent {
+            covariance: Matrix2::new(0.01f64.powi(2), 0.0, 0.0, 0.02f64.powi(2)),
+        },
+    };
+    let off = |a: f64, b: f64| (Vec3::z() + e1 * a + e2 * b).normalize();
+    assert!((oblique.squared_deviations(&off(0.01, 0.0)) - 1.0).abs() < 1e-3);
+    assert!((oblique.squared_deviations(&off(0.02, 0.04)) - 8.0).abs() < 2e-2);
+    let round = dot(Vec3::z(), 0.01);
+    assert!((round.squared_deviations(&off(0.01, 0.02)) - 5.0).abs() < 1e-2);
 }
