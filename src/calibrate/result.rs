@@ -70,7 +70,7 @@ impl CalibratedDot {
 
     /// Root mean square standard deviation per tangent axis, radians.
     pub fn sigma_rad(&self) -> f64 {
-        (0.5 * self.covariance.trace()).sqrt()
+        rms_sigma_rad(&self.covariance)
     }
 }
 
@@ -208,6 +208,11 @@ impl Calibration {
 /// Standard deviation per tangent axis of dots that are drawn off by these angles, radians.
 pub(super) fn drawing_sigma_rad(offsets: impl Iterator<Item = f64>) -> f64 {
     median(&mut offsets.collect::<Vec<f64>>()) / MEDIAN_OFFSET
+}
+
+/// Root mean square standard deviation per tangent axis, radians.
+pub(super) fn rms_sigma_rad(covariance: &Matrix2<f64>) -> f64 {
+    (0.5 * covariance.trace()).sqrt()
 }
 
 /// A covariance in the axes of the direction's tangent frame, in the pattern's frame.

@@ -380,7 +380,7 @@ impl JsonFrames {
     ) -> Result<()> {
         let identified = tally.identified;
         let begin = if self.is_first { "{\"frames\":[" } else { "" };
-        // What the conditions were taken for, where the frames told.
+        // What the conditions were taken for, where they were learned.
         let conditions = json!(learned);
         writeln!(
             self.spool,

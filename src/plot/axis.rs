@@ -200,7 +200,7 @@ pub(super) fn rate_axis(
         return Axis::linear(name, values(), Unit::Percent, (0.0, 1.0));
     }
     let (_, max) = span(name, values())?;
-    // Below a thousandth, only zero would be told from the rest.
+    // Below a thousandth, only zero would be distinguished from the rest.
     let high = (max * 1.1).clamp(1e-3, 1.0);
     Ok(Axis::roots(high, Unit::Percent))
 }

@@ -2,4 +2,5 @@
 
 pub mod cameras;
 pub mod noise;
+pub mod pictures;
 pub mod ranks;

@@ -2,6 +2,7 @@
 
 use super::map::{Map, NEW_DEPTH};
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
+use crate::calibrate::result::rms_sigma_rad;
 use crate::geometry::{Vec3, spiral_directions};
 use crate::pattern::{MIN_DOTS, Pattern};
 
@@ -60,15 +61,12 @@ impl Map<'_> {
         let fits = fitted
             .dot_fits()
             .ok_or(UnknownRejection::NotCovered { blind })?;
-        let sigma = |j: usize| (0.5 * fits[j].covariance.trace()).sqrt();
-        let rough = names
-            .iter()
-            .map(|&j| sigma(j))
-            .filter(|s| *s > MAX_SIGMA_RAD);
-        if rough.clone().count() > 0 {
+        let sigmas = names.iter().map(|&j| rms_sigma_rad(&fits[j].covariance));
+        let rough: Vec<f64> = sigmas.filter(|s| *s > MAX_SIGMA_RAD).collect();
+        if !rough.is_empty() {
             return Err(UnknownRejection::AtTheLimb {
-                dots: rough.clone().count(),
-                sigma_rad: rough.fold(0.0, f64::max),
+                dots: rough.len(),
+                sigma_rad: rough.into_iter().fold(0.0, f64::max),
             });
         }
         let directions = names.iter().map(|&j| self.dots[j].direction).collect();

@@ -319,10 +319,11 @@ impl<'a> Map<'a> {
             let back = placed.rotation.inverse();
             for (dot, name) in frame.dots.iter().zip(&placed.names) {
                 let at = back * dot.direction;
-                if name.is_some() || self.nearest(&at, APART_RAD).is_some_and(|j| j < known) {
+                if name.is_some() {
                     continue;
                 }
                 match self.nearest(&at, APART_RAD) {
+                    Some(j) if j < known => {}
                     Some(j) => self.dots[j].add(dot, &at),
                     None => self.dots.push(MapDot::first(dot, at)),
                 }

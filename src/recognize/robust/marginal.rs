@@ -143,6 +143,18 @@ impl RobustRecognizer {
         tally.finish(dots.len() - matched().count())
     }
 
+    /// Log-evidence of an assignment over all conditions, against "all dots are false".
+    fn ln_marginal(
+        &self,
+        conditions: &ConditionsPosterior,
+        fit: &Refined,
+        assignment: &[u16],
+        dots: &[Dot],
+    ) -> f64 {
+        let likelihood = self.ln_likelihood(conditions, fit, assignment, dots);
+        conditions.ln_marginal(&likelihood) - self.model.ln_all_false(dots.len())
+    }
+
     /// Weighs the explanations by their evidence over all conditions, and names the dots of the
     /// best by it.
     pub(super) fn marginalize(&self, conditions: &ConditionsPosterior, ws: &mut RobustWorkspace) {
@@ -150,11 +162,9 @@ impl RobustRecognizer {
             return;
         };
         let least = best.refined.ln_evidence - NEGLIGIBLE;
-        let all_false = self.model.ln_all_false(ws.dots.len());
         let dots = &ws.dots;
         let marginal = |e: &Explanation, assignment: &[u16]| {
-            let likelihood = self.ln_likelihood(conditions, &e.refined, assignment, dots);
-            conditions.ln_marginal(&likelihood) - all_false
+            self.ln_marginal(conditions, &e.refined, assignment, dots)
         };
         // What is negligible stays behind by as much.
         let shift = marginal(best, ws.found.assignment(best)) - best.refined.ln_evidence;
@@ -164,6 +174,7 @@ impl RobustRecognizer {
                 _ => marginal(e, assignment),
             });
         let ln_null = conditions.ln_null(ws.dots.len(), self.dots.len());
+        let all_false = self.model.ln_all_false(ws.dots.len());
         ws.null = Some(self.null.of_view(ln_null - all_false));
         if ws.dots.len() >= MIN_NAMED {
             self.name_best(conditions, ws);
@@ -306,11 +317,9 @@ impl RobustRecognizer {
             ln_volume: ln_volume(&information),
             ..*from
         };
-        let likelihood = self.ln_likelihood(conditions, &fit, assignment, view.dots);
-        let all_false = self.model.ln_all_false(view.dots.len());
         Some(Weighed {
+            ln_evidence: self.ln_marginal(conditions, &fit, assignment, view.dots),
             fit,
-            ln_evidence: conditions.ln_marginal(&likelihood) - all_false,
         })
     }
 }

@@ -72,7 +72,7 @@ use screen::ScreenModel;
 /// Minimum number of dots that can be identified without a hint, and with one.
 const MIN_DOTS: usize = 3;
 const MIN_DOTS_HINTED: usize = 2;
-/// The same where no frame has told anything of the conditions: three dots anywhere then fit some pose.
+/// The same where no frame has shown anything of the conditions: three dots anywhere then fit some pose.
 const MIN_DOTS_BLIND: usize = 4;
 /// Minimum probability at which a view counts as mirrored.
 const MIRROR_SURE: f64 = 0.9;
@@ -101,7 +101,7 @@ impl RobustRecognizer {
         Self::build(pattern, config, 1.0)
     }
 
-    /// Prepares the recognizer for what the frames so far have told of the conditions; `base` holds
+    /// Prepares the recognizer for what the frames so far have shown of the conditions; `base` holds
     /// what they do not cover.
     ///
     /// # Errors

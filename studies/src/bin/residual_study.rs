@@ -17,10 +17,10 @@ use rayon::prelude::*;
 use spindoe::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
-use spindoe::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
 use spindoe::vision::{
     DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RgbImage,
 };
+use spindoe_studies::pictures::pictures;
 
 /// Standard deviations of the placement, degrees, with which the frames are estimated and judged.
 const STATED_DEG: [f64; 3] = [0.05, 1.2, 2.0];
@@ -115,20 +115,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Ok(());
     };
     let pattern = Pattern::read_csv(pattern.as_ref())?;
-    let mut files: Vec<_> = std::fs::read_dir(Path::new(folder))?
-        .filter_map(|e| Some(e.ok()?.path()))
-        .collect();
-    files.sort();
-    let read = |p: &std::path::PathBuf| Picture::read(p, DEFAULT_MAX_PIXELS).ok();
-    let pictures: Vec<Picture> = files.iter().filter_map(read).collect();
+    let images = pictures(Path::new(folder))?;
     for sigma_deg in STATED_DEG {
         let estimator = estimator(&pattern, sigma_deg)?;
-        let mut found = Vec::new();
-        for picture in &pictures {
-            let image = picture.to_rgb()?;
-            found.extend(squares(&estimator, &image, sigma_deg.to_radians()));
-        }
-        line(folder, sigma_deg, &found, pictures.len());
+        let found = images.iter();
+        let found: Vec<[f64; 2]> = found
+            .filter_map(|image| squares(&estimator, image, sigma_deg.to_radians()))
+            .collect();
+        line(folder, sigma_deg, &found, images.len());
     }
     Ok(())
 }

@@ -5,24 +5,24 @@
 //! (`SPINDOE_PHOTOGRAPHS`): crops of all sizes, none of them used in training. With `SPINDOE_SHOWN` set,
 //! every answer is listed on standard error.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::Quaternion;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spindoe::Result;
 use spindoe::geometry::Rotation;
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion};
 use spindoe::vision::estimator::{PoseEvidence, TrustMap};
-use spindoe::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
 use spindoe::vision::{
     DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RgbImage,
 };
-use spindoe::{Error, Result};
 use spindoe_studies::noise::NoiseField;
+use spindoe_studies::pictures::pictures;
 
 use super::logistic;
 use super::tables::{DESIGNS, PUBLISHED};
@@ -141,13 +141,7 @@ fn photographs() -> Result<Vec<RgbImage>> {
         eprintln!("photographs: skipped, SPINDOE_PHOTOGRAPHS names no folder");
         return Ok(Vec::new());
     };
-    let folder = PathBuf::from(folder);
-    let entries = std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))?;
-    let mut files: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
-    files.sort();
-    let read = |path: &PathBuf| Picture::read(path, DEFAULT_MAX_PIXELS).ok();
-    let pictures = files.iter().filter_map(read);
-    pictures.map(|p| Ok(p.to_rgb()?.into_owned())).collect()
+    pictures(Path::new(&folder))
 }
 
 /// A square of a photograph, of any size and place, at its own scale or made smaller.
