@@ -44,7 +44,7 @@ pub fn coincidence(
         let crowds = crowds(pattern.dots());
         let ball = conditions.scene(&pattern, SEED, k)?.seen()?;
         let mut rng = frame_rng(SEED, k | 1 << 61);
-        let Some(frame) = model.detect(&ball, &mut terms, &mut rng) else {
+        let Some(frame) = model.detect(&ball, None, &mut terms, &mut rng) else {
             continue;
         };
         let radius = ball.circle.radius;

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::conditions::CameraConditions;
+use super::lasting::Variates;
 use super::model::{DetectionModel, Terms};
 use crate::concurrency;
 use crate::error::{Error, Result};
@@ -217,16 +218,18 @@ impl<'a> Predictor<'a> {
         }
     }
 
-    /// Detects and identifies a scene's dots; the outcome, the frame, and whether the model covers it.
+    /// Detects and identifies a scene's dots; the outcome, the frame, and whether the model covers it. `sequence` is
+    /// what its sequence shares, `None` for a single frame.
     pub(super) fn read(
         &self,
         scene: &Scene,
+        sequence: Option<&Variates>,
         rng: &mut ChaCha8Rng,
         ws: &mut Workspace,
     ) -> Result<(FrameOutcome, Option<FrameEstimate>, bool)> {
         let ball = scene.seen()?;
         let covers = self.model.covers(&ball);
-        let Some(mut frame) = self.model.detect(&ball, &mut ws.terms, rng) else {
+        let Some(mut frame) = self.model.detect(&ball, sequence, &mut ws.terms, rng) else {
             let is_wrong = rng.random::<f64>() < self.model.wrong_without_outline;
             let outcome = if is_wrong {
                 FrameOutcome::Answered {
@@ -268,7 +271,7 @@ impl<'a> Predictor<'a> {
             |k, ws| {
                 let scene = conditions.scene(self.pattern, seed, k)?;
                 let mut rng = frame_rng(seed, k | DETECTIONS);
-                let (outcome, _, covers) = self.read(&scene, &mut rng, ws)?;
+                let (outcome, _, covers) = self.read(&scene, None, &mut rng, ws)?;
                 Ok((outcome, covers))
             },
         )?;

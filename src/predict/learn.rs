@@ -2,6 +2,7 @@
 
 use nalgebra::{Vector2, Vector3};
 
+use super::lasting::Shares;
 use super::model::{
     Classes, DetectionModel, FalseDots, GOOD_OUTLINE, Provenance, Recalibration, Spread, VERSION,
     can_be_found, radial,
@@ -40,14 +41,24 @@ struct DotRow {
     detection: Option<[f64; 3]>,
 }
 
+/// An outline that was found; of center and radius each.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OutlineRow {
+    /// Logarithms of the stated variances, radii squared.
+    pub ln_variance: [f64; 2],
+    /// Logarithms of the squared errors over these.
+    pub ln_error: [f64; 2],
+    /// The errors: u, v, radius, pixels.
+    pub off: Vector3<f64>,
+    support: f64,
+}
+
 /// A frame that was rendered and read.
 #[derive(Debug, Clone)]
 pub struct Observation {
     ball: [f64; BALL_OBSERVABLES.len()],
     dots: Vec<DotRow>,
-    /// Logarithms of the variances of the outline's center and radius, of their squared errors over
-    /// these, and its support.
-    outline: Option<[f64; 5]>,
+    outline: Option<OutlineRow>,
     /// Counts of false dots, likely and doubtful ones.
     false_dots: [usize; 2],
     /// Of each false dot: whether it lies on print, distance from the middle, logarithm of its
@@ -78,8 +89,12 @@ impl Observation {
             ];
             let variances = [0.5 * of_center.trace(), of_radius].map(|v| (v / (r * r)).ln());
             let support = found.fit.map_or(0.0, |fit| fit.support);
-            let [center, radius] = errors.map(ln_error);
-            is_good.then(|| [variances[0], variances[1], center, radius, support])
+            is_good.then(|| OutlineRow {
+                ln_variance: variances,
+                ln_error: errors.map(ln_error),
+                off,
+                support,
+            })
         });
         let mut observation = Self {
             ball: ball.observables,
@@ -93,6 +108,20 @@ impl Observation {
             observation.match_dots(ball, found);
         }
         observation
+    }
+
+    pub(super) fn ball(&self) -> &[f64] {
+        &self.ball
+    }
+
+    pub(super) fn outline(&self) -> Option<&OutlineRow> {
+        self.outline.as_ref()
+    }
+
+    /// The covariates of the dots that could be found, and whether each was, as a likely one.
+    pub(super) fn likely_dots(&self) -> impl Iterator<Item = (&[f64], bool)> {
+        let dots = self.dots.iter();
+        dots.map(|d| (&d.observables[..], d.found == Found::Likely))
     }
 
     fn match_dots(&mut self, ball: &SeenBall, found: &FrameEstimate) {
@@ -170,11 +199,15 @@ impl Observation {
 }
 
 impl DetectionModel {
-    /// Learns a model.
+    /// Learns a model from single frames, and from pairs of frames of one sequence each what lasts.
     ///
     /// # Errors
     /// [`Error::Argument`] where there are too few observations for its coefficients.
-    pub fn learn(observations: &[Observation], provenance: Provenance) -> Result<Self> {
+    pub fn learn(
+        observations: &[Observation],
+        pairs: &[[Observation; 2]],
+        provenance: Provenance,
+    ) -> Result<Self> {
         let good: Vec<&Observation> = observations
             .iter()
             .filter(|o| o.outline.is_some())
@@ -253,22 +286,25 @@ impl DetectionModel {
         let frame_effect = (0..ball_classes.count())
             .map(|class| frame_effect(&good, &dot_terms, &likely, |i| of_balls[i] == class))
             .collect();
-        let of_outline = |k: usize| good.iter().map(move |o| Some(o.outline?[k]));
+        let of_outlines = |value: &dyn Fn(&OutlineRow) -> f64| {
+            let values = good.iter().map(|o| o.outline.as_ref().map(value));
+            good_terms.spread(values, &of_balls)
+        };
         let outline_ln_variance = [
-            good_terms.spread(of_outline(0), &of_balls)?,
-            good_terms.spread(of_outline(1), &of_balls)?,
+            of_outlines(&|o| o.ln_variance[0])?,
+            of_outlines(&|o| o.ln_variance[1])?,
         ];
         let outline_ln_error = [
-            good_terms.spread(of_outline(2), &of_balls)?,
-            good_terms.spread(of_outline(3), &of_balls)?,
+            of_outlines(&|o| o.ln_error[0])?,
+            of_outlines(&|o| o.ln_error[1])?,
         ];
-        let support = good_terms.spread(of_outline(4), &of_balls)?;
+        let support = of_outlines(&|o| o.support)?;
         let lost: Vec<_> = observations
             .iter()
             .filter(|o| o.outline.is_none())
             .collect();
         let wrong = lost.iter().filter(|o| o.answered_wrongly).count();
-        Ok(Self {
+        let mut model = Self {
             version: VERSION,
             provenance,
             dot_names: DOT_OBSERVABLES.map(str::to_owned).to_vec(),
@@ -294,7 +330,10 @@ impl DetectionModel {
             dots,
             ball,
             ball_products,
-        })
+            shares: Shares::default(),
+        };
+        model.shares = Shares::learn(&model, pairs);
+        Ok(model)
     }
 
     /// The model as a file.

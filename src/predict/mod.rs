@@ -15,6 +15,7 @@ mod assumptions;
 pub mod conditions;
 mod frames;
 mod judge;
+pub mod lasting;
 mod learn;
 pub mod model;
 pub mod quantiles;

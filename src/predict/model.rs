@@ -9,8 +9,8 @@
 //! `models/camera.json` ships the coefficients, the domain in which they were learned, and how they
 //! came about.
 //!
-//! What is not modeled: detections that merge two dots, false dots that stay at their place from
-//! frame to frame, an outline's error that lasts over a sequence.
+//! What lasts over a sequence is in [`super::lasting`]. What is not modeled: detections that merge two dots, false
+//! dots that stay at their place from frame to frame, errors of single dots that last.
 //!
 //! [`EstimatorConfig::dot_confidence`]: crate::vision::EstimatorConfig
 
@@ -21,6 +21,8 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Gamma, Poisson, StandardNormal};
 use serde::{Deserialize, Serialize};
 
+use super::lasting::{Shares, Variates, normal_cdf};
+use super::learn::Observation;
 use super::quantiles::Quantiles;
 use super::regression::{Regression, Scaling};
 use crate::error::{Error, Result};
@@ -30,7 +32,7 @@ use crate::vision::detect::DotDetection;
 use crate::vision::estimator::{FrameEstimate, Outline};
 
 /// The file's version.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Below this cosine no dot is found.
 pub(super) const MIN_FACING: f64 = 0.05;
 /// Confidences that stand for likely and for doubtful detections.
@@ -62,7 +64,17 @@ pub struct Spread {
 
 impl Spread {
     fn draw<R: Rng + ?Sized>(&self, terms: &[f64], class: usize, rng: &mut R) -> f64 {
-        self.mean.value(terms) + self.residuals[class].draw(rng)
+        self.at(terms, class, rng.random())
+    }
+
+    /// The value of a probability.
+    fn at(&self, terms: &[f64], class: usize, probability: f64) -> f64 {
+        self.mean.value(terms) + self.residuals[class].at(probability)
+    }
+
+    /// The probability of a value.
+    pub(super) fn level(&self, terms: &[f64], class: usize, value: f64) -> f64 {
+        self.residuals[class].level(value - self.mean.value(terms))
     }
 }
 
@@ -179,6 +191,8 @@ pub struct DetectionModel {
     pub wrong_without_outline: f64,
     /// False dots, likely and doubtful ones.
     pub false_dots: [FalseDots; 2],
+    /// What of it lasts over a sequence.
+    pub shares: Shares,
 }
 
 /// Largest error of the center, and of the radius, of an outline that counts as found, radii.
@@ -190,6 +204,13 @@ pub struct Terms {
     dot: Vec<f64>,
     ball: Vec<f64>,
     products: Vec<f64>,
+}
+
+impl Terms {
+    /// Those of the ball with products, of the last [`DetectionModel::outline_chance`].
+    pub(super) fn products(&self) -> &[f64] {
+        &self.products
+    }
 }
 
 impl DetectionModel {
@@ -253,6 +274,7 @@ impl DetectionModel {
             && fits(&self.outline, &self.ball)
             && correction.from.len() == correction.to.len()
             && self.frame_effect.len() == classes
+            && self.shares.are_valid()
             && self.false_dots.iter().all(|f| {
                 fits(&f.rate, &self.ball_products)
                     && f.shape.len() == classes
@@ -262,32 +284,30 @@ impl DetectionModel {
     }
 
     /// What the estimator would find on this ball before it identifies the dots; `None` where it
-    /// does not find the outline.
+    /// does not find the outline. `sequence` is what the frame shares with others of its sequence; `None` for
+    /// a single frame.
     pub fn detect<R: Rng + ?Sized>(
         &self,
         ball: &SeenBall,
+        sequence: Option<&Variates>,
         terms: &mut Terms,
         rng: &mut R,
     ) -> Option<FrameEstimate> {
-        terms.dot.resize(self.dots.terms(), 0.0);
-        terms.ball.resize(self.ball.terms(), 0.0);
-        terms.products.resize(self.ball_products.terms(), 0.0);
-        self.ball.expand(&ball.observables, &mut terms.ball);
-        self.ball_products
-            .expand(&ball.observables, &mut terms.products);
-        let predictor = self.outline.predictor(&terms.ball);
-        if rng.random::<f64>() >= self.outline_correction.probability(predictor) {
+        let own = Variates::draw(rng);
+        let variates = sequence.map_or(own, |shared| self.shares.mix(shared, &own));
+        let (probability, class) = self.outline_chance(&ball.observables, terms);
+        if normal_cdf(variates.found) >= probability {
             return None;
         }
-        let class = self.ball_classes.of(predictor);
-        let outline = self.draw_outline(ball, &terms.products, class, rng);
+        terms.dot.resize(self.dots.terms(), 0.0);
+        let outline = self.outline_at(ball, &terms.products, class, &variates);
         let mut dots = Vec::with_capacity(ball.dots.len() + 4);
         let scale = self.frame_effect[class];
         let effect = FrameEffect {
             // The coefficients are those of the mean over all frames; given the frame's own shift
             // they are steeper (S. L. Zeger, K.-Y. Liang, P. S. Albert, Biometrics 44, 1988).
             steeper: (1.0 + 0.346 * scale * scale).sqrt(),
-            shift: scale * normal(rng),
+            shift: scale * variates.dots,
         };
         for dot in &ball.dots {
             dots.extend(self.draw_dot(dot, &ball.circle, &effect, &mut terms.dot, rng));
@@ -303,34 +323,51 @@ impl DetectionModel {
         Some(FrameEstimate::from_detections(outline, dots).with_support(support))
     }
 
-    fn draw_outline<R: Rng + ?Sized>(
+    /// The probability that the outline of a ball is found, and the ball's class; `terms` then hold its terms.
+    pub(super) fn outline_chance(&self, ball: &[f64], terms: &mut Terms) -> (f64, usize) {
+        terms.ball.resize(self.ball.terms(), 0.0);
+        terms.products.resize(self.ball_products.terms(), 0.0);
+        self.ball.expand(ball, &mut terms.ball);
+        self.ball_products.expand(ball, &mut terms.products);
+        let predictor = self.outline.predictor(&terms.ball);
+        let probability = self.outline_correction.probability(predictor);
+        (probability, self.ball_classes.of(predictor))
+    }
+
+    fn outline_at(
         &self,
         ball: &SeenBall,
         terms: &[f64],
         class: usize,
-        rng: &mut R,
+        variates: &Variates,
     ) -> Outline {
         let r = ball.circle.radius;
         let [center, radius] = [0, 1].map(|k| {
-            let ln: f64 = self.outline_ln_variance[k].draw(terms, class, rng);
+            let probability = normal_cdf(variates.ln_variance[k]);
+            let ln = self.outline_ln_variance[k].at(terms, class, probability);
             r * (0.5 * ln).exp().clamp(1e-4, GOOD_OUTLINE)
         });
+        // The squared length of two normal variates is exponentially distributed.
+        let [along_u, along_v] = variates.center;
+        let length = along_u.hypot(along_v);
+        let probabilities = [
+            1.0 - (-0.5 * length * length).exp(),
+            1.0 - 2.0 * normal_cdf(-variates.radius.abs()),
+        ];
         let [shift, growth] = [0, 1].map(|k| {
-            let ln: f64 = self.outline_ln_error[k].draw(terms, class, rng);
+            let ln = self.outline_ln_error[k].at(terms, class, probabilities[k]);
             (0.5 * ln).exp()
         });
         let limit = GOOD_OUTLINE * r;
-        let (s, c) = (TAU * rng.random::<f64>()).sin_cos();
-        let shift = (shift * 2f64.sqrt() * center).min(limit);
-        let sign = if rng.random() { 1.0 } else { -1.0 };
-        let off = [shift * c, shift * s, sign * (growth * radius).min(limit)];
+        let shift = (shift * 2f64.sqrt() * center).min(limit) / length.max(f64::MIN_POSITIVE);
+        let growth = (growth * radius).min(limit).copysign(variates.radius);
         Outline {
             circle: BallCircle {
                 center: Pixel {
-                    u: ball.circle.center.u + off[0],
-                    v: ball.circle.center.v + off[1],
+                    u: ball.circle.center.u + shift * along_u,
+                    v: ball.circle.center.v + shift * along_v,
                 },
-                radius: r + off[2],
+                radius: r + growth,
             },
             covariance: Matrix3::from_diagonal(&nalgebra::Vector3::new(
                 center * center,
@@ -401,10 +438,22 @@ impl DetectionModel {
 
     /// Standard deviation of the shift of that logit that the dots of a frame share.
     pub(super) fn shared_shift(&self, ball: &SeenBall, terms: &mut Terms) -> f64 {
-        terms.ball.resize(self.ball.terms(), 0.0);
-        self.ball.expand(&ball.observables, &mut terms.ball);
-        let predictor = self.outline.predictor(&terms.ball);
-        self.frame_effect[self.ball_classes.of(predictor)]
+        let (_, class) = self.outline_chance(&ball.observables, terms);
+        self.frame_effect[class]
+    }
+
+    /// How many more dots of a frame were found as likely ones than the model expects, and the variance of that
+    /// number if each were found by itself.
+    pub(super) fn more_dots(&self, seen: &Observation, terms: &mut Terms) -> (f64, f64) {
+        terms.dot.resize(self.dots.terms(), 0.0);
+        let (mut more, mut variance) = (0.0, 0.0);
+        for (observables, is_likely) in seen.likely_dots() {
+            self.dots.expand(observables, &mut terms.dot);
+            let p = self.likely.value(&terms.dot);
+            more += f64::from(u8::from(is_likely)) - p;
+            variance += p * (1.0 - p);
+        }
+        (more, variance)
     }
 
     /// Share of the dots and balls that lie within what the model was learned from.

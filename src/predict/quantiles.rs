@@ -34,8 +34,28 @@ impl Quantiles {
 
     /// A number from the distribution.
     pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        let probability: f64 = rng.random();
+        self.at(rng.random())
+    }
+
+    /// The quantile of a probability.
+    pub fn at(&self, probability: f64) -> f64 {
         quantile(&self.0, (1.0 - 2.0 * probability).acos() / PI)
+    }
+
+    /// The probability of which a value is the quantile: the inverse of [`Quantiles::at`], 0 and 1 beyond
+    /// the outermost.
+    pub fn level(&self, value: f64) -> f64 {
+        let above = self.0.partition_point(|q| *q <= value);
+        let parts = (self.0.len() - 1) as f64;
+        let share = match (above, self.0.len()) {
+            (0, _) => 0.0,
+            (above, n) if above == n => 1.0,
+            (above, _) => {
+                let (low, high) = (self.0[above - 1], self.0[above]);
+                ((above - 1) as f64 + (value - low) / (high - low)) / parts
+            }
+        };
+        0.5 * (1.0 - (PI * share).cos())
     }
 }
 
@@ -70,5 +90,16 @@ mod tests {
         assert!((of(&drawn, 2) - of(&values, 2)).abs() < 0.02);
         assert!((beyond(&drawn, 3.0) - beyond(&values, 3.0)).abs() < 0.001);
         assert!(beyond(&drawn, 5.0) < 0.0006);
+    }
+
+    #[test]
+    fn the_level_of_a_quantile_is_its_probability() {
+        let quantiles =
+            Quantiles::of(&mut (0..500).map(|k| f64::from(k).sqrt()).collect::<Vec<_>>());
+        for k in 1..50 {
+            let p = f64::from(k) / 50.0;
+            assert!((quantiles.level(quantiles.at(p)) - p).abs() < 1e-9);
+        }
+        assert_eq!([quantiles.level(-1.0), quantiles.level(99.0)], [0.0, 1.0]);
     }
 }

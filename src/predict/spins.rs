@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::conditions::CameraConditions;
 use super::frames::{DETECTIONS, Predictor};
+use super::lasting::Variates;
 use crate::concurrency;
 use crate::error::{Result, require};
 use crate::geometry::{Vec3, angle_between};
@@ -66,9 +67,10 @@ impl Predictor<'_> {
         let size = SequencesSize { sequences, frames };
         spins(self.pattern, conditions, seed, size, |k, watched| {
             let mut rng = frame_rng(seed, k | DETECTIONS);
+            let lasting = Variates::draw(&mut rng);
             let mut ws = self.workspace();
             watched.read(|scene| {
-                let (_, frame, _) = self.read(scene, &mut rng, &mut ws)?;
+                let (_, frame, _) = self.read(scene, Some(&lasting), &mut rng, &mut ws)?;
                 Ok(frame.unwrap_or_default())
             })?;
             Ok(watched.outcome(&self.estimator, &mut ws.estimator))

@@ -239,7 +239,7 @@ impl Sequence {
     }
 
     /// The ball of a scene, which stays at its place in the image, seen `count` times.
-    pub(crate) fn of_scene(first: Scene, fps: f64, seed: u64, count: usize) -> Self {
+    pub fn of_scene(first: Scene, fps: f64, seed: u64, count: usize) -> Self {
         Self {
             first,
             fps,
@@ -264,7 +264,7 @@ impl Sequence {
     }
 
     /// The scene of frame number `k` before it is rendered, and its time, ns.
-    pub(crate) fn scene(&self, k: usize) -> (Scene, u64) {
+    pub fn scene(&self, k: usize) -> (Scene, u64) {
         let step = (1e9 * k as f64 / self.fps).round() as u64;
         // The time that the name says, to the nanosecond.
         let since_s = step as f64 * 1e-9;

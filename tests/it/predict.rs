@@ -144,7 +144,7 @@ fn the_shipped_model_belongs_to_the_shipped_weights() {
     let text = model.to_json().unwrap();
     assert_eq!(DetectionModel::from_json(&text).unwrap(), model);
     let refused = |text: &str| DetectionModel::from_json(text).unwrap_err();
-    assert!(refused(&text.replace("\"version\":2", "\"version\":9")).contains("version"));
+    assert!(refused(&text.replace("\"version\":3", "\"version\":9")).contains("version"));
     assert!(refused(&text.replace("facing", "phasing")).contains("covariates"));
     assert!(refused(&text[..text.len() / 2]).contains("EOF"));
     let mut short = model;
@@ -170,7 +170,7 @@ fn errors_of_drawn_detections_have_the_learned_size() {
     let (mut terms, mut offs) = (Default::default(), Vec::new());
     let mut outline = Vec::new();
     for _ in 0..2000 {
-        let Some(frame) = model.detect(&ball, &mut terms, &mut rng) else {
+        let Some(frame) = model.detect(&ball, None, &mut terms, &mut rng) else {
             continue;
         };
         let circle = frame.outline.unwrap().circle;

@@ -4,7 +4,8 @@
 //!     cargo run --release -p spindoe-studies --bin camera_model -- [FRAMES] [SEED] [OUT.json]
 //!
 //! Half of the frames are drawn from all conditions, half from good ones, balls of 20 to 200 pixels,
-//! each with another random pattern of 12 to 40 dots. No shipped pattern occurs.
+//! each with another random pattern of 12 to 40 dots. No shipped pattern occurs. Of every fourth pair a later
+//! frame of the same sequence is read too: what both share lasts.
 
 use std::error::Error;
 
@@ -12,7 +13,7 @@ use rand::RngExt;
 use rayon::prelude::*;
 use spindoe::pattern::random_pattern;
 use spindoe::predict::{DetectionModel, FrameOutcome, Observation, Provenance};
-use spindoe::synth::dataset::frame_rng;
+use spindoe::synth::dataset::{Sequence, frame_rng};
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::net::weights::{dots_sha256, outline_sha256};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
@@ -21,6 +22,18 @@ use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 const SEPARATION: f64 = 0.25;
 /// The stream of a frame's pattern, apart from the one that draws its scene.
 const PATTERNS: u64 = 1 << 61;
+
+/// The later frame of a pair, and the frames a second. By then the ball has turned on: only what does not turn
+/// with it is the same.
+const LATER: usize = 5;
+const FPS: f64 = 300.0;
+
+/// What was observed of a ball.
+struct Observed {
+    observation: Observation,
+    later: Option<Observation>,
+    outcome: FrameOutcome,
+}
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -43,27 +56,45 @@ fn main() -> Outcome<()> {
     let detector = DetectorName::Cnn.build()?;
     let first = random_pattern(20, SEPARATION, &mut frame_rng(seed, PATTERNS))?;
     let estimator = Estimator::new(&first, EstimatorConfig::default(), detector)?;
-    let observed: Vec<Outcome<(Observation, FrameOutcome)>> = (0..frames)
+    let observed: Vec<Outcome<Observed>> = (0..frames)
         .into_par_iter()
         .map(|k| {
             let mut rng = frame_rng(seed, PATTERNS + 1 + k as u64);
             let dots = rng.random_range(12..=40);
             let pattern = random_pattern(dots, SEPARATION, &mut rng)?;
             let scene = Scene::random(&pattern, &configs[k % 2], &mut frame_rng(seed, k as u64))?;
-            let rendering = scene.render()?;
-            let ball = scene.seen()?;
             let own = estimator.for_pattern(&pattern)?;
-            let (mut ws, mut found) = (own.workspace(), FrameEstimate::default());
-            own.estimate_frame(&rendering.image, None, None, &mut ws, &mut found);
-            let outcome = FrameOutcome::of(&found, &ball.rotation);
-            Ok((Observation::new(&ball, &found, outcome.is_wrong()), outcome))
+            let mut ws = own.workspace();
+            let mut read = |scene: &Scene| -> Outcome<(Observation, FrameOutcome)> {
+                let ball = scene.seen()?;
+                let mut found = FrameEstimate::default();
+                own.estimate_frame(&scene.render()?.image, None, None, &mut ws, &mut found);
+                let outcome = FrameOutcome::of(&found, &ball.rotation);
+                Ok((Observation::new(&ball, &found, outcome.is_wrong()), outcome))
+            };
+            let (observation, outcome) = read(&scene)?;
+            let later = (k / 2 % 4 == 0).then(|| {
+                let sequence = Sequence::of_scene(scene, FPS, seed ^ k as u64, LATER + 1);
+                read(&sequence.scene(LATER).0)
+            });
+            Ok(Observed {
+                observation,
+                later: later.transpose()?.map(|(observation, _)| observation),
+                outcome,
+            })
         })
         .collect();
-    let (mut observations, mut right, mut wrong) = (Vec::new(), 0, 0);
+    let (mut observations, mut pairs) = (Vec::new(), Vec::new());
+    let (mut right, mut wrong) = (0, 0);
     for one in observed {
-        let (observation, outcome) = one?;
+        let Observed {
+            observation,
+            later,
+            outcome,
+        } = one?;
         right += usize::from(outcome.is_right());
         wrong += usize::from(outcome.is_wrong());
+        pairs.extend(later.map(|later| [observation.clone(), later]));
         observations.push(observation);
     }
     println!("{frames} frames of seed {seed}: {right} right, {wrong} wrong");
@@ -73,9 +104,9 @@ fn main() -> Outcome<()> {
         weights_sha256: dots_sha256(),
         outline_sha256: outline_sha256(),
     };
-    let model = DetectionModel::learn(&observations, provenance)?;
+    let model = DetectionModel::learn(&observations, &pairs, provenance)?;
     println!(
-        "frame effects {:.3?}, doubtful {:?}, wrong without outline {:.4}, false dots: shapes {:.2?} {:.2?}, on print {:.2} {:.2}\noutline: {:.2?}",
+        "frame effects {:.3?}, doubtful {:?}, wrong without outline {:.4}, false dots: shapes {:.2?} {:.2?}, on print {:.2} {:.2}\noutline: {:.2?}\nlasting, of {} pairs: {:.2?}",
         model.frame_effect,
         model.of_doubtful,
         model.wrong_without_outline,
@@ -84,6 +115,8 @@ fn main() -> Outcome<()> {
         model.false_dots[0].on_print,
         model.false_dots[1].on_print,
         model.outline_correction,
+        pairs.len(),
+        model.shares,
     );
     std::fs::write(&out, model.to_json()?)?;
     println!("{out}");

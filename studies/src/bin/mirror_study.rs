@@ -60,7 +60,7 @@ fn main() -> Outcome<()> {
                 for k in chunk * CHUNK..((chunk + 1) * CHUNK).min(frames) {
                     let ball = conditions.scene(&mirrored, SEED, k)?.seen()?;
                     let mut rng = frame_rng(SEED + 1, k);
-                    let Some(mut frame) = model.detect(&ball, &mut terms, &mut rng) else {
+                    let Some(mut frame) = model.detect(&ball, None, &mut terms, &mut rng) else {
                         continue;
                     };
                     estimator.estimate_pose(None, &mut ws, &mut frame);
