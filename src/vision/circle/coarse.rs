@@ -10,6 +10,10 @@
 //! moves, everything changes, and nothing is preferred. Moving circles come first: a lamp, a white
 //! disc on the wall stand still, a ball moves or turns.
 //!
+//! A circle with strong edges outshines the others: no edge much fainter than its rim votes. Where none of the circles
+//! is the ball, the search goes on without the edges of those whose rim is nearly whole
+//! ([`CoarseSearch::search_beyond`]).
+//!
 //! Guarantees: the work does not depend on how many circles there are. Not guaranteed: that any of
 //! them is a ball. They are known to some tenth of the radius; [`fit`](super::BallFinder::fit_near) them.
 
@@ -31,6 +35,8 @@ const SAME: f64 = 0.35;
 const CHANGE: (f32, f32) = (6.0, 0.02);
 /// Share of a circle's values that must change.
 const MOVING: f64 = 0.1;
+/// Support from which on a circle may outshine others.
+const WHOLE: f64 = 0.6;
 /// Every so many values count for the median change.
 const STRIDE: usize = 7;
 
@@ -62,6 +68,8 @@ pub struct CoarseSearch {
     centers: Vec<Center>,
     unrolled: Unrolled,
     found: Vec<RoughCircle>,
+    /// Those of the search before, where this one goes on.
+    before: Vec<RoughCircle>,
 }
 
 /// How often an image of this size is halved until it is small enough.
@@ -71,6 +79,18 @@ pub fn level(width: usize, height: usize) -> u32 {
         level += 1;
     }
     level
+}
+
+/// A circle in the values of an image that is smaller by this factor.
+fn at_scale(circle: &BallCircle, scale: f64) -> BallCircle {
+    let shift = 0.5 * (scale - 1.0);
+    BallCircle {
+        center: Pixel {
+            u: (circle.center.u - shift) / scale,
+            v: (circle.center.v - shift) / scale,
+        },
+        radius: circle.radius / scale,
+    }
 }
 
 impl CoarseSearch {
@@ -89,12 +109,30 @@ impl CoarseSearch {
         shrink: impl FnOnce(&mut GrayImage),
     ) -> &[RoughCircle] {
         self.found.clear();
+        self.before.clear();
         if self.sizes.is_empty() {
             self.sizes.push(GrayImage::default());
         }
         std::mem::swap(&mut self.previous, &mut self.sizes[0]);
         shrink(&mut self.sizes[0]);
         self.find_changes();
+        self.scan(level, radii);
+        &self.found
+    }
+
+    /// The circles that those of the last [`CoarseSearch::search`] outshone, likewise; none where none of them has a rim
+    /// that is nearly whole. `level` and `radii` are those of that search.
+    pub fn search_beyond(&mut self, level: u32, radii: (f64, f64)) -> &[RoughCircle] {
+        std::mem::swap(&mut self.before, &mut self.found);
+        self.found.clear();
+        if self.before.iter().any(|c| c.support >= WHOLE) {
+            self.scan(level, radii);
+        }
+        &self.found
+    }
+
+    /// Searches all sizes.
+    fn scan(&mut self, level: u32, radii: (f64, f64)) {
         for size in 0.. {
             let scale = (1u64 << (level + size as u32)) as f64;
             let smallest = if size == 0 { FINEST } else { MIN };
@@ -103,7 +141,13 @@ impl CoarseSearch {
                 break;
             }
             self.reserve(size);
-            self.votes.look(&self.sizes[size]);
+            if self.before.is_empty() {
+                self.votes.look(&self.sizes[size]);
+            } else {
+                let whole = self.before.iter().filter(|c| c.support >= WHOLE);
+                let rims = whole.map(|c| at_scale(&c.circle, scale));
+                self.votes.look_beyond(&self.sizes[size], rims);
+            }
             let fine = (size == 0).then_some(FINEST..=MIN);
             for voted in fine.into_iter().chain([MIN..=MAX]) {
                 let (from, to) = (*voted.start() as f64 * scale, *voted.end() as f64 * scale);
@@ -145,7 +189,6 @@ impl CoarseSearch {
                 }
             }
         }
-        &self.found
     }
 
     /// Makes the next smaller size; whether it has room for a circle.
@@ -174,8 +217,9 @@ impl CoarseSearch {
         }
         self.centers
             .reserve(CENTERS.saturating_sub(self.centers.len()));
-        self.found
-            .reserve((MAX_CIRCLES + 1).saturating_sub(self.found.len()));
+        for circles in [&mut self.found, &mut self.before] {
+            circles.reserve((MAX_CIRCLES + 1).saturating_sub(circles.len()));
+        }
     }
 
     /// What has changed since the image before, in units of the limit of motion; nothing, where that
@@ -207,10 +251,10 @@ impl CoarseSearch {
             return false;
         }
         let (width, height) = (self.sizes[0].width(), self.sizes[0].height());
-        let shift = 0.5 * (scale - 1.0);
-        let u = (circle.center.u - shift) / scale;
-        let v = (circle.center.v - shift) / scale;
-        let radius = circle.radius / scale;
+        let BallCircle {
+            center: Pixel { u, v },
+            radius,
+        } = at_scale(circle, scale);
         let (mut changed, mut all) = (0u32, 0u32);
         let rows = (v - radius).ceil().max(0.0) as usize..=(v + radius).max(0.0) as usize;
         for row in rows.take_while(|r| *r < height) {
@@ -231,6 +275,9 @@ impl CoarseSearch {
             let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
             apart < SAME * a.radius.min(b.radius) && (a.radius / b.radius).ln().abs() < SAME
         };
+        if self.before.iter().any(same) {
+            return;
+        }
         let rank = |c: &RoughCircle| (c.is_moving, c.support);
         let before = |a: &RoughCircle, b: &RoughCircle| rank(a) >= rank(b);
         if let Some(at) = self.found.iter().position(same) {
@@ -244,5 +291,55 @@ impl CoarseSearch {
             self.found.insert(at, circle);
             self.found.truncate(MAX_CIRCLES);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RADII: (f64, f64) = (15.0, 60.0);
+
+    fn frame(discs: &[(f64, f64, f64, f32)]) -> GrayImage {
+        GrayImage::from_fn(640, 480, |u, v| {
+            let inside = |&&(x, y, radius, _): &&(f64, f64, f64, f32)| {
+                (u as f64 - x).hypot(v as f64 - y) < radius
+            };
+            discs.iter().find(inside).map_or(0.02, |disc| disc.3)
+        })
+    }
+
+    fn has(found: &[RoughCircle], u: f64, v: f64, radius: f64) -> bool {
+        found.iter().any(|c| {
+            let apart = (c.circle.center.u - u).hypot(c.circle.center.v - v);
+            apart < 0.2 * radius && (c.circle.radius / radius - 1.0).abs() < 0.2
+        })
+    }
+
+    /// A ball of a tenth of a lamp's brightness: no edge of it votes beside the lamp's.
+    #[test]
+    fn what_a_bright_disc_outshines_is_found_beyond_it() {
+        let (lamp, ball) = ((450.0, 300.0, 38.0, 1.0), (200.0, 150.0, 30.0, 0.1));
+        let mut search = CoarseSearch::default();
+        let both = frame(&[lamp, ball]);
+        let found = search.search(1, RADII, |out| both.halve_into(out));
+        assert!(has(found, lamp.0, lamp.1, lamp.2));
+        assert!(!has(found, ball.0, ball.1, ball.2));
+        let found = search.search_beyond(1, RADII);
+        assert!(has(found, ball.0, ball.1, ball.2));
+        assert!(!has(found, lamp.0, lamp.1, lamp.2));
+        // The next image is searched as the first one was.
+        let alone = frame(&[ball]);
+        let found = search.search(1, RADII, |out| alone.halve_into(out));
+        assert!(has(found, ball.0, ball.1, ball.2));
+    }
+
+    #[test]
+    fn where_nothing_shines_nothing_is_searched_again() {
+        let mut search = CoarseSearch::default();
+        let empty = frame(&[]);
+        let found = search.search(1, RADII, |out| empty.halve_into(out));
+        assert!(found.is_empty());
+        assert!(search.search_beyond(1, RADII).is_empty());
     }
 }

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use super::GrayImage;
+use super::{BallCircle, GrayImage};
 
 /// Minimum radius that is voted for, pixels.
 pub(super) const MIN: usize = 10;
@@ -12,6 +12,9 @@ pub(super) const MAX: usize = 20;
 const STRONG: usize = 64;
 /// Gradients below this part of the strong ones do not vote: shading, noise.
 const WEAK: f32 = 0.15;
+/// Edges this near to a circle's rim, in radii and at least in pixels, are the circle's.
+const RIM: f64 = 0.2;
+const MIN_RIM: f64 = 2.0;
 /// Centers of one circle lie within this many pixels.
 const APART: isize = 3;
 
@@ -56,7 +59,35 @@ impl Votes {
     /// Finds the edges that vote.
     pub fn look(&mut self, image: &GrayImage) {
         (self.width, self.height) = (image.width(), image.height());
-        self.strong = self.find_gradients(image);
+        self.find_gradients(image);
+        self.strong = self.strong_length();
+    }
+
+    /// As [`Votes::look`], without the edges about the rims of these circles, pixels of the image: what they outshone
+    /// votes then.
+    pub fn look_beyond(&mut self, image: &GrayImage, rims: impl Iterator<Item = BallCircle>) {
+        (self.width, self.height) = (image.width(), image.height());
+        self.find_gradients(image);
+        for rim in rims {
+            let BallCircle { center, radius } = rim;
+            let width = (RIM * radius).max(MIN_RIM);
+            let reach = radius + width;
+            let within = |from: f64, to: f64, all: usize| {
+                from.max(0.0) as usize..((to + 1.0).max(0.0) as usize).min(all)
+            };
+            for v in within(center.v - reach, center.v + reach, self.height) {
+                for u in within(center.u - reach, center.u + reach, self.width) {
+                    let out = (u as f64 - center.u).hypot(v as f64 - center.v);
+                    if (out - radius).abs() < width {
+                        self.gradients[v * self.width + u] = [0.0; 3];
+                    }
+                }
+            }
+        }
+        self.lengths.clear();
+        self.lengths
+            .extend(self.gradients.iter().map(|[.., length]| length));
+        self.strong = self.strong_length();
     }
 
     /// Casts the votes of all edges for centers at these distances: uphill of edges (`sign` 1, balls brighter than what
@@ -106,8 +137,17 @@ impl Votes {
         }
     }
 
-    /// Sobel's gradients and their lengths; returns that of a strong edge.
-    fn find_gradients(&mut self, image: &GrayImage) -> f32 {
+    /// The length of a strong edge's gradient.
+    fn strong_length(&mut self) -> f32 {
+        let rank = STRONG.min(self.lengths.len() - 1);
+        *self
+            .lengths
+            .select_nth_unstable_by(rank, |a, b| b.total_cmp(a))
+            .1
+    }
+
+    /// Sobel's gradients and their lengths.
+    fn find_gradients(&mut self, image: &GrayImage) {
         self.gradients.clear();
         self.lengths.clear();
         for v in 0..self.height {
@@ -123,11 +163,6 @@ impl Votes {
                 self.gradients.push([x, y, length]);
             }
         }
-        let rank = STRONG.min(self.lengths.len() - 1);
-        *self
-            .lengths
-            .select_nth_unstable_by(rank, |a, b| b.total_cmp(a))
-            .1
     }
 
     /// The centers with most votes, at most `count` of them, best first.
