@@ -16,6 +16,9 @@ pub struct Arguments {
     /// Where to write the net, ONNX.
     #[arg(short, long, value_name = "FILE.onnx")]
     out: PathBuf,
+    /// The large net that looks again at frames in doubt.
+    #[arg(long, conflicts_with = "weights")]
+    large: bool,
     /// Weights made by `spindoe-train` (.npz); by default those built in.
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
@@ -24,6 +27,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let weights = match &arguments.weights {
         Some(path) => Weights::read(path)?,
+        None if arguments.large => Weights::built_in(Head::DotsLarge)?,
         None => Weights::built_in(Head::Dots)?,
     };
     files::write_bytes(&arguments.out, &onnx::to_onnx(&weights))?;

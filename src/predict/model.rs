@@ -49,6 +49,8 @@ pub struct Provenance {
     pub seed: u64,
     /// SHA-256 of the detector's weights that read them.
     pub weights_sha256: String,
+    /// SHA-256 of the weights of the net for frames in doubt.
+    pub large_sha256: String,
     /// SHA-256 of the weights of the net for outlines.
     pub outline_sha256: String,
 }

@@ -28,6 +28,17 @@ pub trait DotDetector: Sync {
     /// answer too; a detector that exists cannot fail.
     fn detect_into(&self, patch: &Patch, ws: &mut Self::Workspace, out: &mut Vec<DotDetection>);
 
+    /// Looks again at a patch that the dots of [`DotDetector::detect_into`] leave in doubt, by slower means. False, and
+    /// `out` as it was, for a detector that has none.
+    fn look_again_into(
+        &self,
+        _patch: &Patch,
+        _ws: &mut Self::Workspace,
+        _out: &mut Vec<DotDetection>,
+    ) -> bool {
+        false
+    }
+
     /// Where the confidences are no probabilities that were fitted on images: the mean of `-ln p` to take for every
     /// ball's dots. `None` where they are.
     fn usual_doubt(&self) -> Option<f64> {

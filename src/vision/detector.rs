@@ -90,6 +90,21 @@ impl DotDetector for NamedDetector {
         }
     }
 
+    fn look_again_into(
+        &self,
+        patch: &Patch,
+        ws: &mut NamedWorkspace,
+        out: &mut Vec<DotDetection>,
+    ) -> bool {
+        match self {
+            Self::Cnn(detector) => {
+                let ws = ws.cnn.get_or_insert_with(|| detector.workspace());
+                detector.look_again_into(patch, ws, out)
+            }
+            Self::Blob(_) => false,
+        }
+    }
+
     fn detect_into(&self, patch: &Patch, ws: &mut NamedWorkspace, out: &mut Vec<DotDetection>) {
         match self {
             Self::Cnn(detector) => {

@@ -12,7 +12,8 @@ use spindoe::predict::{
 use spindoe::synth::observables::{BALL_OBSERVABLES, DOT_OBSERVABLES};
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::{Scene, SynthConfig, dataset::frame_rng};
-use spindoe::vision::net::weights::{dots_sha256, outline_sha256};
+use spindoe::vision::net::graph::Head;
+use spindoe::vision::net::weights::built_in_sha256;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 
 use crate::common::{done, random_pattern, spindoe};
@@ -136,8 +137,10 @@ fn observables_are_what_the_image_shows() {
 #[test]
 fn the_shipped_model_belongs_to_the_shipped_weights() {
     let model = DetectionModel::shipped().unwrap();
-    assert_eq!(model.provenance.weights_sha256, dots_sha256());
-    assert_eq!(model.provenance.outline_sha256, outline_sha256());
+    let of = &model.provenance;
+    assert_eq!(of.weights_sha256, built_in_sha256(Head::Dots));
+    assert_eq!(of.large_sha256, built_in_sha256(Head::DotsLarge));
+    assert_eq!(of.outline_sha256, built_in_sha256(Head::Outline));
     assert_eq!(model.dot_names, DOT_OBSERVABLES);
     assert_eq!(model.ball_names, BALL_OBSERVABLES);
     // As a file it reads back, and what is no model is refused in words.

@@ -22,7 +22,7 @@ fn inference(c: &mut Criterion) {
         return;
     };
     let mut group = c.benchmark_group("a patch of 64 x 64");
-    let (patch, mut activations) = (Patch::default(), Activations::default());
+    let (patch, mut activations) = (Patch::default(), Activations::new(Head::Dots));
     group.bench_function("spindoe", |b| {
         b.iter(|| network.forward(black_box(&patch), &mut activations)[0]);
     });

@@ -104,10 +104,14 @@ impl Checkpoint {
     /// [`Error::Argument`] where the checkpoint is not that of this net.
     pub fn layers(&self) -> Result<Vec<Layer>> {
         let head = self.config.head;
-        let blank = head.convolutions().map(|c| Layer {
-            weight: vec![0.0; c.weights()],
-            bias: vec![0.0; c.outputs],
-        });
+        let blank: Vec<Layer> = head
+            .convolutions()
+            .iter()
+            .map(|c| Layer {
+                weight: vec![0.0; c.weights()],
+                bias: vec![0.0; c.outputs],
+            })
+            .collect();
         let net = Net::new(head, &blank, &Device::flex())?;
         self.restore(net, AdamWConfig::new().init())?.net.layers()
     }

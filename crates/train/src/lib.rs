@@ -141,6 +141,7 @@ impl TrainConfig {
         let dots = Self::default();
         match head {
             Head::Dots => dots,
+            Head::DotsLarge => Self { head, ..dots },
             Head::Outline => Self {
                 head,
                 samples_per_frame: 4,
@@ -209,7 +210,7 @@ impl TrainConfig {
     /// The samples of a step.
     fn batch_at(&self, step: u64) -> Result<HeadBatch> {
         Ok(match self.head {
-            Head::Dots => {
+            Head::Dots | Head::DotsLarge => {
                 let mut batch = Batch::default();
                 self.draw(step, sample::sample, |s, symmetry| batch.push(s, symmetry))?;
                 HeadBatch::Dots(batch)
@@ -248,7 +249,7 @@ impl TrainConfig {
     /// A set of samples that the net does not train on.
     fn samples(&self, set: FrameSet) -> Result<Samples> {
         Ok(match self.head {
-            Head::Dots => Samples::Dots(self.sample_set(set, sample::sample)?),
+            Head::Dots | Head::DotsLarge => Samples::Dots(self.sample_set(set, sample::sample)?),
             Head::Outline => Samples::Outline(self.sample_set(set, outline::sample)?),
         })
     }
@@ -542,8 +543,8 @@ impl<'a> Trainer<'a> {
     /// far.
     fn evaluate(&mut self) -> Result<Score> {
         let layers = self.net.valid().layers()?;
-        let calibration = calibrate(&layers, &self.calibration)?;
-        let score = evaluate(&layers, &self.validation, &calibration)?;
+        let calibration = calibrate(self.config.head, &layers, &self.calibration)?;
+        let score = evaluate(self.config.head, &layers, &self.validation, &calibration)?;
         if self.best.is_none() || score.quality() > self.state.best_quality {
             self.state.best_quality = score.quality();
             self.state.since_best = 0;
@@ -602,14 +603,19 @@ pub fn test(config: &TrainConfig, weights: &Weights) -> Result<Score> {
         return Err(Error::argument("weights", problem));
     }
     let samples = config.samples(FrameSet::Test)?;
-    evaluate(&weights.layers, &samples, &weights.meta.calibration)
+    evaluate(
+        config.head,
+        &weights.layers,
+        &samples,
+        &weights.meta.calibration,
+    )
 }
 
 /// Fits the calibration of a net on samples.
-fn calibrate(layers: &[Layer], samples: &Samples) -> Result<Calibration> {
+fn calibrate(head: Head, layers: &[Layer], samples: &Samples) -> Result<Calibration> {
     Ok(match samples {
         Samples::Dots(samples) => {
-            score::calibrate(&match_all(layers, samples, &Calibration::default())?)
+            score::calibrate(&match_all(head, layers, samples, &Calibration::default())?)
         }
         Samples::Outline(samples) => Calibration {
             covariance_factor: outline::covariance_factor(&outline_errors(layers, samples)?),
@@ -619,10 +625,15 @@ fn calibrate(layers: &[Layer], samples: &Samples) -> Result<Calibration> {
 }
 
 /// The score of a net on samples.
-fn evaluate(layers: &[Layer], samples: &Samples, calibration: &Calibration) -> Result<Score> {
+fn evaluate(
+    head: Head,
+    layers: &[Layer],
+    samples: &Samples,
+    calibration: &Calibration,
+) -> Result<Score> {
     Ok(match samples {
         Samples::Dots(samples) => {
-            let matched = match_all(layers, samples, calibration)?;
+            let matched = match_all(head, layers, samples, calibration)?;
             Score::Dots(score::score(&matched, samples, 0.5))
         }
         Samples::Outline(samples) => {
@@ -637,7 +648,7 @@ fn outline_errors(
     samples: &[OutlineSample],
 ) -> Result<Vec<outline::OutlineError>> {
     let network = Network::new(Head::Outline, layers)?;
-    let mut activations = Activations::default();
+    let mut activations = Activations::new(Head::Outline);
     Ok(samples
         .iter()
         .map(|s| outline::error(network.forward(&s.patch, &mut activations), s))
@@ -646,12 +657,13 @@ fn outline_errors(
 
 /// Runs a net on samples, as `spindoe` runs it, and matches its peaks with their dots.
 fn match_all(
+    head: Head,
     layers: &[Layer],
     samples: &[Sample],
     calibration: &Calibration,
 ) -> Result<Vec<MatchedPeak>> {
-    let network = Network::new(Head::Dots, layers)?;
-    let mut activations = Activations::default();
+    let network = Network::new(head, layers)?;
+    let mut activations = Activations::new(head);
     let mut matched = Vec::new();
     for sample in samples {
         let cells = network.forward(&sample.patch, &mut activations);

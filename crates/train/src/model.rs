@@ -14,7 +14,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 use rand_distr::{Distribution, Normal};
 
-use spindoe::vision::net::graph::{Channel, Head, STEPS, Step};
+use spindoe::vision::net::graph::{Channel, Head, Step};
 use spindoe::vision::net::weights::Layer;
 use spindoe::{Error, Result};
 
@@ -24,6 +24,8 @@ const FIRST_HEAT: f32 = -4.0;
 /// The net.
 #[derive(Module, Debug)]
 pub struct Net {
+    #[module(skip)]
+    head: Head,
     convolutions: Vec<Conv2d>,
 }
 
@@ -35,7 +37,7 @@ impl Net {
     pub fn new(head: Head, layers: &[Layer], device: &Device) -> Result<Self> {
         let shapes = head.convolutions();
         let fits = layers.len() == shapes.len()
-            && std::iter::zip(layers, &shapes).all(|(layer, c)| {
+            && std::iter::zip(layers, shapes).all(|(layer, c)| {
                 layer.weight.len() == c.weights() && layer.bias.len() == c.outputs
             });
         if !fits {
@@ -43,7 +45,7 @@ impl Net {
         }
         // Random identifiers, as by default, would make every checkpoint another file.
         let mut ids = (1..).map(ParamId::from);
-        let convolutions = std::iter::zip(layers, &shapes)
+        let convolutions = std::iter::zip(layers, shapes)
             .map(|(layer, c)| {
                 let pad = c.kernel / 2;
                 let mut built = Conv2dConfig::new([c.inputs, c.outputs], [c.kernel, c.kernel])
@@ -61,7 +63,7 @@ impl Net {
                 built
             })
             .collect();
-        Ok(Self { convolutions })
+        Ok(Self { head, convolutions })
     }
 
     /// Random initial parameters of a net (K. He et al., "Delving deep into rectifiers", ICCV
@@ -80,7 +82,7 @@ impl Net {
                 .map_err(|e| Error::Internal(e.to_string()))?;
             let weight = (0..c.weights()).map(|_| normal.sample(rng)).collect();
             let mut bias = vec![0.0; c.outputs];
-            if i == last && head == Head::Dots {
+            if i == last && head != Head::Outline {
                 bias[Channel::Heat as usize] = FIRST_HEAT;
             }
             layers.push(Layer { weight, bias });
@@ -109,8 +111,9 @@ impl Net {
     /// Patches (n, 1, side, side) to cells (n, channels of the head, side / 2, side / 2).
     pub fn forward(&self, patches: Tensor<4>) -> Tensor<4> {
         let mut values = vec![patches];
-        for step in STEPS {
-            let next = match step {
+        let steps = self.head.graph().steps;
+        for step in steps {
+            let next = match *step {
                 Step::Convolve {
                     convolution,
                     of,
@@ -128,7 +131,7 @@ impl Net {
             };
             values.push(next);
         }
-        values.swap_remove(STEPS.len())
+        values.swap_remove(steps.len())
     }
 }
 

@@ -28,7 +28,7 @@ fn difference(head: Head, layers: &[Layer], samples: &[Sample]) -> f32 {
     let device = Device::flex();
     let net = Net::new(head, layers, &device).unwrap();
     let network = Network::new(head, layers).unwrap();
-    let mut activations = Activations::default();
+    let mut activations = Activations::new(head);
     let mut worst = 0f32;
     for sample in samples {
         let data = TensorData::new(sample.patch.values().to_vec(), [1, 1, SIZE, SIZE]);
@@ -45,7 +45,7 @@ fn difference(head: Head, layers: &[Layer], samples: &[Sample]) -> f32 {
 #[test]
 fn both_give_the_same_cells() {
     let samples = samples(12);
-    for head in [Head::Dots, Head::Outline] {
+    for head in Head::ALL {
         let weights = Weights::built_in(head).unwrap();
         let built_in = difference(head, &weights.layers, &samples);
         assert!(built_in < 1e-4, "{head:?}: {built_in:.1e}");

@@ -375,9 +375,14 @@ impl FrameEstimate {
         if let Some(circle) = &mut self.circle {
             *circle = grid.circle_to_image(circle);
         }
+        self.place_dots(grid);
+    }
+
+    /// The same of the dots alone.
+    pub(super) fn place_dots(&mut self, grid: &Grid) {
         for dot in &mut self.dots {
             dot.pixel = grid.pixel_to_image(dot.pixel);
-            dot.covariance *= area;
+            dot.covariance *= grid.side * grid.side;
         }
     }
 

@@ -57,7 +57,7 @@ use crate::recognize::{
     DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
 };
 use locate::Locator;
-use recenter::Recentering;
+use recenter::{Recentered, Recentering};
 use refine::{Match, Placement, Prior, Refiner};
 use search::Images;
 use search::LIKELY_DOT;
@@ -95,6 +95,8 @@ pub struct EstimatorWorkspace<W> {
     locator: Locator,
     /// Only where the camera's intrinsics are known.
     recentering: Option<Recentering>,
+    /// How the ball of the last patch was recentered.
+    recentered: Option<Recentered>,
     patch: Patch,
     detector: W,
     recognizer: RobustWorkspace,
@@ -269,6 +271,7 @@ impl<D: DotDetector> Estimator<D> {
             recentering: self
                 .intrinsics()
                 .map(|_| Recentering::new(self.config.circle)),
+            recentered: None,
             patch: Patch::default(),
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),

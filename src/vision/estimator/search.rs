@@ -260,7 +260,6 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> bool {
-        let begun = Instant::now();
         let Hunt {
             part,
             level,
@@ -269,32 +268,46 @@ impl<D: DotDetector> Estimator<D> {
         } = *hunt;
         let radii = (radii.0.max(self.config.circle.min_radius_px), radii.1);
         let mut circles = std::mem::take(&mut ws.rough);
-        circles.clear();
-        circles.reserve(MAX_CIRCLES);
-        let scan = if is_fine {
-            &mut ws.fine
-        } else {
-            &mut ws.coarse
-        };
-        circles.extend_from_slice(scan.search(level, radii, |out| {
-            image.shrink_into(&part, level, out);
-        }));
-        let searched = begun.elapsed();
-        let place = part.grid(0);
-        for rough in &mut circles {
-            rough.circle = place.circle_to_image(&rough.circle);
-        }
         let mut best = std::mem::take(&mut ws.best);
         best.clear();
-        let mut attempts = 0;
-        if is_fine {
-            // What the coarser search leaves.
-            std::mem::swap(&mut best, out);
-            attempts = best.attempts;
+        let (mut is_found, mut searched) = (false, Duration::ZERO);
+        // What stands out, then what that outshone.
+        for is_beyond in [false, true] {
+            let begun = Instant::now();
+            let scan = if is_fine {
+                &mut ws.fine
+            } else {
+                &mut ws.coarse
+            };
+            let found = if is_beyond {
+                scan.search_beyond(level, radii)
+            } else {
+                scan.search(level, radii, |out| image.shrink_into(&part, level, out))
+            };
+            circles.clear();
+            circles.reserve(MAX_CIRCLES);
+            circles.extend_from_slice(found);
+            searched += begun.elapsed();
+            if is_beyond && circles.is_empty() {
+                break;
+            }
+            let place = part.grid(0);
+            for rough in &mut circles {
+                rough.circle = place.circle_to_image(&rough.circle);
+            }
+            let mut attempts = 0;
+            if is_fine || is_beyond {
+                // What the search before leaves.
+                std::mem::swap(&mut best, out);
+                attempts = best.attempts;
+            }
+            let scans = circles.iter();
+            let scans = scans.map(|rough| Search::Scan(&rough.circle, attempts));
+            is_found = self.try_circles(image, scans, searched, hint, ws, &mut best, out);
+            if is_found {
+                break;
+            }
         }
-        let scans = circles.iter();
-        let scans = scans.map(|rough| Search::Scan(&rough.circle, attempts));
-        let is_found = self.try_circles(image, scans, searched, hint, ws, &mut best, out);
         if !is_found {
             if out.outline.is_none() {
                 out.outcome = Err(FrameRejection::NoBall(NoBall::NoCircle { support: 0.0 }));
@@ -439,7 +452,7 @@ impl<D: DotDetector> Estimator<D> {
                 let needed = MIN_LIKELY_DOTS;
                 out.outcome = Err(FrameRejection::TooFewDots { found, needed });
             }
-            _ => self.estimate_pose(hint, ws, out),
+            _ => self.estimate_looking_again(view, hint, ws, out),
         }
         let mut other = std::mem::take(&mut ws.other);
         other.attempts = 0;
@@ -483,7 +496,52 @@ impl<D: DotDetector> Estimator<D> {
         other.known_distance = first.known_distance;
         other.timings.locate = first.timings.locate;
         self.find_dots(view, ws, other);
-        self.estimate_pose(hint, ws, other);
+        if first.pose().is_some() {
+            self.estimate_pose(hint, ws, other);
+        } else {
+            self.estimate_looking_again(view, hint, ws, other);
+        }
+    }
+
+    /// As [`Estimator::estimate_pose`]; where the dots leave doubt, the detector looks again.
+    fn estimate_looking_again(
+        &self,
+        view: View<'_>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        self.estimate_pose(hint, ws, out);
+        let is_settled = out.pose().is_some() || is_mirrored(out) || out.outline.is_none();
+        if is_settled || !self.look_again(view, ws, out) {
+            return;
+        }
+        let before = out.timings.identify;
+        self.estimate_pose(hint, ws, out);
+        out.timings.identify += before;
+    }
+
+    /// Finds the dots of the last patch anew, by the detector's second look; false where it has none.
+    fn look_again(
+        &self,
+        view: View<'_>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> bool {
+        let begun = Instant::now();
+        let (detector, dots) = (&mut ws.detector, &mut out.dots);
+        if !self.detector.look_again_into(&ws.patch, detector, dots) {
+            return false;
+        }
+        if let Some(ball) = &ws.recentered {
+            ball.camera.dots_to_image(dots);
+        }
+        out.place_dots(&view.grid);
+        out.assignment.clear();
+        out.assignment.resize(out.dots.len(), None);
+        out.earlier_attempts = out.attempts;
+        out.timings.detect += begun.elapsed();
+        true
     }
 
     /// Finds the ball in a view, unless its outline is given, and the dots on it.
@@ -553,20 +611,20 @@ impl<D: DotDetector> Estimator<D> {
         out.assignment.reserve(EXPECTED_DOTS);
         if let Some(outline) = out.outline {
             let begun = Instant::now();
-            let recentered = match (self.intrinsics(), &mut ws.recentering) {
+            ws.recentered = match (self.intrinsics(), &mut ws.recentering) {
                 (Some(k), Some(r)) => {
                     let k = view.grid.intrinsics_to_part(&k);
                     r.recenter(&k, view.gray, ws.locator.color_contrast(), out)
                 }
                 _ => None,
             };
-            match (recentered, &ws.recentering) {
+            match (ws.recentered, &ws.recentering) {
                 (Some(ball), Some(r)) => ws.patch.cut_into(r.image(), &ball.circle),
                 _ => ws.patch.cut_into(view.gray, &outline.circle),
             }
             self.detector
                 .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
-            if let Some(ball) = recentered {
+            if let Some(ball) = &ws.recentered {
                 ball.camera.dots_to_image(&mut out.dots);
             }
             out.circle = out.outline.map(|o| o.circle);

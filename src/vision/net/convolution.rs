@@ -12,7 +12,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 
-use super::graph::{CONVOLUTIONS, Convolution, STEPS, Shape, Step, VALUES, shapes};
+use super::graph::{Convolution, Graph, Head, Shape, Step};
 use super::weights::Layer;
 use crate::vision::patch;
 
@@ -20,31 +20,45 @@ use crate::vision::patch;
 const LANES: usize = 8;
 /// Pixels of zeros about a value: the reach of the largest kernel.
 const BORDER: usize = 2;
-/// The widest block of pixels; every output's side is a multiple.
-const PIXELS: usize = 8;
+/// Pixels of a block where one vector holds all output channels, and where several do: every output's side is a
+/// multiple.
+const PIXELS: [usize; 2] = [8, 4];
 
 /// What the kernels below take for granted, checked when the crate is compiled.
 const _: () = {
-    let shapes = shapes(patch::SIZE);
+    check(&Head::Dots.graph());
+    check(&Head::DotsLarge.graph());
+    check(&Head::Outline.graph());
+};
+
+const fn check(graph: &Graph) {
     let mut k = 0;
-    while k < VALUES {
-        assert!(shapes[k].side.is_multiple_of(PIXELS));
-        k += 1;
-    }
-    let mut k = 0;
-    while k < STEPS.len() {
+    while k < graph.steps.len() {
         if let Step::Convolve {
             convolution, of, ..
-        } = STEPS[k]
+        } = graph.steps[k]
         {
-            let c = CONVOLUTIONS[convolution];
+            let c = graph.convolutions[convolution];
             assert!(c.kernel % 2 == 1 && c.kernel / 2 <= BORDER);
-            assert!(depth(shapes[of].channels) == c.inputs);
-            assert!(c.outputs <= 4 * LANES);
+            assert!(depth(graph.shape(of, patch::SIZE).channels) == c.inputs);
+            let block = PIXELS[if vectors(c.outputs) == 1 { 0 } else { 1 }];
+            assert!(graph.shape(k + 1, patch::SIZE).side.is_multiple_of(block));
         }
         k += 1;
     }
-};
+}
+
+/// Vectors of output channels that one pass computes: four for several pixels would not fit into 16 registers.
+const fn vectors(outputs: usize) -> usize {
+    let all = outputs.div_ceil(LANES);
+    if all <= 3 {
+        all
+    } else if all.is_multiple_of(3) {
+        3
+    } else {
+        2
+    }
+}
 
 /// Numbers stored for a pixel of that many channels.
 const fn depth(channels: usize) -> usize {
@@ -147,12 +161,11 @@ impl PackedConvolution {
             kernel,
             ..
         } = shape;
-        let all = outputs.div_ceil(LANES);
-        // Four vectors for several pixels would not fit into 16 registers: two passes.
-        let vectors = if all == 4 { 2 } else { all };
+        let vectors = vectors(outputs);
         let width = vectors * LANES;
-        let mut weights = vec![0.0; all * LANES * inputs * kernel * kernel];
-        let mut bias = vec![0.0; all * LANES];
+        let padded = outputs.next_multiple_of(width);
+        let mut weights = vec![0.0; padded * inputs * kernel * kernel];
+        let mut bias = vec![0.0; padded];
         bias[..outputs].copy_from_slice(&layer.bias);
         let taps = kernel * kernel;
         for (output, of_output) in layer.weight.chunks_exact(inputs * taps).enumerate() {
@@ -179,9 +192,9 @@ impl PackedConvolution {
         simd.vectorize(
             #[inline(always)]
             || match self.vectors {
-                1 => self.run_blocks::<S, 1, 8>(simd, relu, input, out),
-                2 => self.run_blocks::<S, 2, 4>(simd, relu, input, out),
-                _ => self.run_blocks::<S, 3, 4>(simd, relu, input, out),
+                1 => self.run_blocks::<S, 1, { PIXELS[0] }>(simd, relu, input, out),
+                2 => self.run_blocks::<S, 2, { PIXELS[1] }>(simd, relu, input, out),
+                _ => self.run_blocks::<S, 3, { PIXELS[1] }>(simd, relu, input, out),
             },
         );
     }
@@ -286,7 +299,8 @@ mod tests {
         let mut levels = vec![Level::new(), Level::baseline()];
         #[cfg(target_arch = "x86_64")]
         levels.extend(Level::new().as_avx2().map(|simd| simd.level()));
-        for (k, c) in CONVOLUTIONS.into_iter().enumerate() {
+        let all = Head::ALL.map(Head::convolutions).concat();
+        for (k, c) in all.into_iter().enumerate() {
             let (side, relu) = (16, k % 2 == 0);
             let layer = Layer {
                 weight: numbers(c.weights(), &mut rng),

@@ -39,37 +39,54 @@ impl Default for CnnConfig {
 /// The dot detector.
 #[derive(Debug, Clone)]
 pub struct CnnDetector {
+    first: CalibratedNet,
+    /// For patches that the first leaves in doubt.
+    second: Option<CalibratedNet>,
+    config: CnnConfig,
+}
+
+/// A net, and how to read its outputs.
+#[derive(Debug, Clone)]
+struct CalibratedNet {
     network: Network,
     calibration: Calibration,
-    config: CnnConfig,
+}
+
+impl CalibratedNet {
+    fn new(weights: &Weights) -> Result<Self> {
+        if weights.meta.head == Head::Outline {
+            let problem = "expected those of a net for dots, found those of one for the outline";
+            return Err(Error::argument("weights", problem));
+        }
+        Ok(Self {
+            network: Network::new(weights.meta.head, &weights.layers)?,
+            calibration: weights.meta.calibration,
+        })
+    }
 }
 
 /// Working memory of a [`CnnDetector`], one a thread. It serves any of them.
 #[derive(Debug, Clone)]
 pub struct CnnWorkspace {
-    activations: Activations,
+    first: Activations,
+    second: Option<Activations>,
     peaks: Vec<Peak>,
 }
 
-impl Default for CnnWorkspace {
-    fn default() -> Self {
-        Self {
-            activations: Activations::default(),
-            peaks: Vec::with_capacity(MAX_PEAKS),
-        }
-    }
-}
-
 impl CnnDetector {
-    /// The detector that comes with this crate.
+    /// The detector that comes with this crate: a small net, and a large one for what that leaves in doubt.
     ///
     /// # Errors
     /// [`Error::Internal`] where this crate was built with damaged weights.
     pub fn built_in() -> Result<Self> {
-        Self::new(&Weights::built_in(Head::Dots)?, CnnConfig::default())
+        let detector = Self::new(&Weights::built_in(Head::Dots)?, CnnConfig::default())?;
+        Ok(Self {
+            second: Some(CalibratedNet::new(&Weights::built_in(Head::DotsLarge)?)?),
+            ..detector
+        })
     }
 
-    /// A detector with the given weights.
+    /// A detector with the given weights, and no other for what they leave in doubt.
     ///
     /// # Errors
     /// [`Error::Argument`] where the weights do not fit the net or the configuration is out of its
@@ -79,20 +96,35 @@ impl CnnDetector {
             let problem = format!("expected 0 to 1, found {}", config.min_confidence);
             return Err(Error::argument("min_confidence", problem));
         }
-        if weights.meta.head != Head::Dots {
-            let problem = "expected those of a net for dots, found those of one for the outline";
-            return Err(Error::argument("weights", problem));
-        }
         Ok(Self {
-            network: Network::new(Head::Dots, &weights.layers)?,
-            calibration: weights.meta.calibration,
+            first: CalibratedNet::new(weights)?,
+            second: None,
             config,
         })
     }
 
     /// The net's raw cells for a patch: [`CHANNELS`] x [`CELLS`] x [`CELLS`].
     pub fn cells<'w>(&self, patch: &Patch, ws: &'w mut CnnWorkspace) -> &'w [f32] {
-        self.network.forward(patch, &mut ws.activations)
+        self.first.network.forward(patch, &mut ws.first)
+    }
+
+    fn read(
+        &self,
+        net: &CalibratedNet,
+        patch: &Patch,
+        activations: &mut Activations,
+        peaks: &mut Vec<Peak>,
+        out: &mut Vec<DotDetection>,
+    ) {
+        let cells = net.network.forward(patch, activations);
+        find_peaks(cells, &net.calibration, self.config.min_confidence, peaks);
+        let area = patch.step() * patch.step();
+        out.clear();
+        out.extend(peaks.iter().map(|peak| DotDetection {
+            pixel: patch.to_image(peak.column, peak.row),
+            covariance: peak.covariance * area,
+            confidence: peak.confidence,
+        }));
     }
 }
 
@@ -100,24 +132,31 @@ impl DotDetector for CnnDetector {
     type Workspace = CnnWorkspace;
 
     fn workspace(&self) -> CnnWorkspace {
-        CnnWorkspace::default()
+        let of = |net: &CalibratedNet| Activations::new(net.network.head());
+        CnnWorkspace {
+            first: of(&self.first),
+            second: self.second.as_ref().map(of),
+            peaks: Vec::with_capacity(MAX_PEAKS),
+        }
     }
 
     fn detect_into(&self, patch: &Patch, ws: &mut CnnWorkspace, out: &mut Vec<DotDetection>) {
-        let cells = self.network.forward(patch, &mut ws.activations);
-        find_peaks(
-            cells,
-            &self.calibration,
-            self.config.min_confidence,
-            &mut ws.peaks,
-        );
-        let area = patch.step() * patch.step();
-        out.clear();
-        out.extend(ws.peaks.iter().map(|peak| DotDetection {
-            pixel: patch.to_image(peak.column, peak.row),
-            covariance: peak.covariance * area,
-            confidence: peak.confidence,
-        }));
+        self.read(&self.first, patch, &mut ws.first, &mut ws.peaks, out);
+    }
+
+    fn look_again_into(
+        &self,
+        patch: &Patch,
+        ws: &mut CnnWorkspace,
+        out: &mut Vec<DotDetection>,
+    ) -> bool {
+        let Some(net) = &self.second else {
+            return false;
+        };
+        let head = net.network.head();
+        let activations = ws.second.get_or_insert_with(|| Activations::new(head));
+        self.read(net, patch, activations, &mut ws.peaks, out);
+        true
     }
 }
 

@@ -6,7 +6,7 @@
 use fearless_simd::{Level, Simd, dispatch};
 
 use super::convolution::{FeatureMap, PackedConvolution};
-use super::graph::{CELLS, CHANNELS, Head, STEPS, Step, shapes};
+use super::graph::{CELLS, Head, Step};
 use super::weights::Layer;
 use crate::error::{Error, Result};
 use crate::vision::patch::{Patch, SIZE};
@@ -19,19 +19,22 @@ pub struct Network {
     convolutions: Vec<PackedConvolution>,
 }
 
-/// All intermediate values of the net and its cells.
+/// All intermediate values of a net and its cells.
 #[derive(Debug, Clone)]
 pub struct Activations {
+    head: Head,
     values: Vec<FeatureMap>,
     cells: Vec<f32>,
 }
 
-impl Default for Activations {
-    fn default() -> Self {
+impl Activations {
+    /// Those of a net for this.
+    pub fn new(head: Head) -> Self {
+        let shapes = head.graph().shapes(SIZE);
         Self {
-            values: shapes(SIZE).map(FeatureMap::new).into(),
-            // As many as either net gives.
-            cells: vec![0.0; CHANNELS * CELLS * CELLS],
+            head,
+            values: shapes.into_iter().map(FeatureMap::new).collect(),
+            cells: vec![0.0; head.channels() * CELLS * CELLS],
         }
     }
 }
@@ -45,14 +48,14 @@ impl Network {
     pub fn new(head: Head, layers: &[Layer]) -> Result<Self> {
         let shapes = head.convolutions();
         let fits = layers.len() == shapes.len()
-            && std::iter::zip(layers, &shapes).all(|(layer, c)| {
+            && std::iter::zip(layers, shapes).all(|(layer, c)| {
                 layer.weight.len() == c.weights() && layer.bias.len() == c.outputs
             });
         if !fits {
             return Err(Error::argument("weights", "expected those of this net"));
         }
         let convolutions = std::iter::zip(shapes, layers)
-            .map(|(c, layer)| PackedConvolution::new(c, layer))
+            .map(|(c, layer)| PackedConvolution::new(*c, layer))
             .collect();
         Ok(Self {
             level: Level::new(),
@@ -61,19 +64,27 @@ impl Network {
         })
     }
 
-    /// The cells of a patch: channels x [`CELLS`] x [`CELLS`].
+    /// What the net is for.
+    pub fn head(&self) -> Head {
+        self.head
+    }
+
+    /// The cells of a patch: channels x [`CELLS`] x [`CELLS`]. `activations` of a net for something else
+    /// are made anew.
     pub fn forward<'a>(&self, patch: &Patch, activations: &'a mut Activations) -> &'a [f32] {
-        let Activations { values, cells } = activations;
+        if activations.head != self.head {
+            *activations = Activations::new(self.head);
+        }
+        let Activations { values, cells, .. } = activations;
         values[0].set_gray(patch.values());
         dispatch!(self.level, simd => self.run(simd, values));
-        let cells = &mut cells[..self.head.channels() * CELLS * CELLS];
-        values[STEPS.len()].write_planes(cells);
+        values[self.head.graph().steps.len()].write_planes(cells);
         cells
     }
 
     #[inline(always)]
     fn run<S: Simd>(&self, simd: S, values: &mut [FeatureMap]) {
-        for (k, step) in STEPS.iter().enumerate() {
+        for (k, step) in self.head.graph().steps.iter().enumerate() {
             let (before, after) = values.split_at_mut(k + 1);
             let out = &mut after[0];
             match *step {

@@ -8,7 +8,7 @@
 
 use prost::Message;
 
-use super::graph::{CELLS, CONVOLUTIONS, STEPS, Step};
+use super::graph::{CELLS, Convolution, Step};
 use super::weights::Weights;
 use crate::vision::patch::SIZE;
 
@@ -25,9 +25,8 @@ const INT64: i32 = 7;
 pub fn to_onnx(weights: &Weights) -> Vec<u8> {
     let mut nodes = Vec::new();
     let mut initializers = Vec::new();
-    for (i, (c, layer)) in
-        std::iter::zip(&weights.meta.head.convolutions(), &weights.layers).enumerate()
-    {
+    let graph = weights.meta.head.graph();
+    for (i, (c, layer)) in std::iter::zip(graph.convolutions, &weights.layers).enumerate() {
         let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| n as i64);
         initializers.push(Tensor::floats(
             &format!("weight{i:02}"),
@@ -41,8 +40,15 @@ pub fn to_onnx(weights: &Weights) -> Vec<u8> {
         ));
     }
     initializers.push(Tensor::floats("double", &[4], &[1.0, 1.0, 2.0, 2.0]));
-    for (k, step) in STEPS.iter().enumerate() {
-        add_step(&mut nodes, k, step);
+    let last = graph.steps.len();
+    // The patch, the cells, or something between.
+    let value = |i: usize| match i {
+        0 => "patches".into(),
+        n if n == last => "cells".into(),
+        n => format!("value{n:02}"),
+    };
+    for (k, step) in graph.steps.iter().enumerate() {
+        add_step(&mut nodes, graph.convolutions, step, &value(k + 1), value);
     }
     add_probability(&mut nodes, &mut initializers, weights);
     let calibration = &weights.meta.calibration;
@@ -70,30 +76,26 @@ pub fn to_onnx(weights: &Weights) -> Vec<u8> {
     model.encode_to_vec()
 }
 
-/// Name of a value: the patch, the cells, or something between.
-fn value(i: usize) -> String {
-    match i {
-        0 => "patches".into(),
-        n if n == STEPS.len() => "cells".into(),
-        n => format!("value{n:02}"),
-    }
-}
-
-fn add_step(nodes: &mut Vec<Node>, k: usize, step: &Step) {
-    let out = value(k + 1);
+/// Adds the nodes of a step whose result is called `out`; `value` names the values.
+fn add_step(
+    nodes: &mut Vec<Node>,
+    convolutions: &[Convolution],
+    step: &Step,
+    out: &str,
+    value: impl Fn(usize) -> String,
+) {
     match *step {
         Step::Convolve {
             convolution,
             of,
             relu,
         } => {
-            // Kernels and strides are the same for every head.
-            let c = CONVOLUTIONS[convolution];
+            let c = convolutions[convolution];
             let (kernel, stride, pad) = (c.kernel as i64, c.stride as i64, (c.kernel / 2) as i64);
             let raw = if relu {
                 format!("{out}_raw")
             } else {
-                out.clone()
+                out.to_owned()
             };
             let inputs = [
                 value(of),
@@ -108,12 +110,12 @@ fn add_step(nodes: &mut Vec<Node>, k: usize, step: &Step) {
             ];
             nodes.push(node);
             if relu {
-                nodes.push(Node::new("Relu", &[raw], &out));
+                nodes.push(Node::new("Relu", &[raw], out));
             }
         }
         Step::Upsample { of } => {
             let inputs = [value(of), String::new(), "double".into()];
-            let mut node = Node::new("Resize", &inputs, &out);
+            let mut node = Node::new("Resize", &inputs, out);
             node.attribute = vec![
                 Attribute::string("mode", "nearest"),
                 Attribute::string("coordinate_transformation_mode", "asymmetric"),
@@ -121,7 +123,7 @@ fn add_step(nodes: &mut Vec<Node>, k: usize, step: &Step) {
             ];
             nodes.push(node);
         }
-        Step::Add { a, b } => nodes.push(Node::new("Add", &[value(a), value(b)], &out)),
+        Step::Add { a, b } => nodes.push(Node::new("Add", &[value(a), value(b)], out)),
     }
 }
 

@@ -65,7 +65,7 @@ pub struct OutlineWorkspace {
 impl Default for OutlineWorkspace {
     fn default() -> Self {
         Self {
-            activations: Activations::default(),
+            activations: Activations::new(Head::Outline),
             patch: Patch::new(Framing::OUTLINE),
         }
     }

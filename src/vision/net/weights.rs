@@ -21,20 +21,21 @@ pub const FORMAT_VERSION: u32 = 1;
 
 /// The weights that come with this crate: models/README.md says how they were made.
 static DOTS: &[u8] = include_bytes!("../../../models/dots.npz");
+static DOTS_LARGE: &[u8] = include_bytes!("../../../models/dots-large.npz");
 static OUTLINE: &[u8] = include_bytes!("../../../models/outline.npz");
 
-/// SHA-256 of the shipped weights of the net for dots, hexadecimal.
-pub fn dots_sha256() -> String {
-    sha256(DOTS)
+/// The file of a net's shipped weights and its bytes.
+fn shipped(head: Head) -> (&'static str, &'static [u8]) {
+    match head {
+        Head::Dots => ("models/dots.npz", DOTS),
+        Head::DotsLarge => ("models/dots-large.npz", DOTS_LARGE),
+        Head::Outline => ("models/outline.npz", OUTLINE),
+    }
 }
 
-/// SHA-256 of the shipped weights of the net for outlines, hexadecimal.
-pub fn outline_sha256() -> String {
-    sha256(OUTLINE)
-}
-
-fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes)
+/// SHA-256 of a net's shipped weights, hexadecimal.
+pub fn built_in_sha256(head: Head) -> String {
+    Sha256::digest(shipped(head).1)
         .iter()
         .map(|byte| format!("{byte:02x}"))
         .collect()
@@ -133,10 +134,7 @@ impl Weights {
     /// # Errors
     /// [`Error::Internal`] where this crate was built with damaged weights.
     pub fn built_in(head: Head) -> Result<Self> {
-        let (name, bytes) = match head {
-            Head::Dots => ("models/dots.npz", DOTS),
-            Head::Outline => ("models/outline.npz", OUTLINE),
-        };
+        let (name, bytes) = shipped(head);
         Self::from_npz(Path::new(name), bytes)
             .map_err(|e| Error::Internal(format!("the built-in weights: {e}")))
     }
@@ -159,7 +157,8 @@ impl Weights {
     }
 
     fn parse(bytes: &[u8]) -> Checked<Self> {
-        let names: Vec<String> = (0..Head::Dots.convolutions().len())
+        let layers = Head::ALL.iter().map(|head| head.convolutions().len());
+        let names: Vec<String> = (0..layers.max().unwrap_or(0))
             .flat_map(|i| [weight_name(i), bias_name(i)])
             .chain(["meta".to_owned()])
             .collect();
@@ -174,6 +173,11 @@ impl Weights {
             return Err(Problem::at("meta", problem));
         }
         meta.calibration.check()?;
+        let expected = 2 * meta.head.convolutions().len() + 1;
+        if archive.len() != expected {
+            let problem = format!("expected {expected} arrays, found {}", archive.len());
+            return Err(Problem::at("archive", problem));
+        }
         let mut layers = Vec::new();
         for (i, c) in meta.head.convolutions().iter().enumerate() {
             let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| Some(n as u64));
@@ -203,7 +207,7 @@ impl Weights {
         };
         let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
         for (i, (c, layer)) in
-            std::iter::zip(&self.meta.head.convolutions(), &self.layers).enumerate()
+            std::iter::zip(self.meta.head.convolutions(), &self.layers).enumerate()
         {
             let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| n as u64);
             add_array(

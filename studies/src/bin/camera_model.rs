@@ -15,7 +15,8 @@ use spindoe::pattern::random_pattern;
 use spindoe::predict::{DetectionModel, FrameOutcome, Observation, Provenance};
 use spindoe::synth::dataset::{Sequence, frame_rng};
 use spindoe::synth::{Scene, SynthConfig};
-use spindoe::vision::net::weights::{dots_sha256, outline_sha256};
+use spindoe::vision::net::graph::Head;
+use spindoe::vision::net::weights::built_in_sha256;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 
 /// Minimum separation of the dots of a random pattern, radians.
@@ -101,8 +102,9 @@ fn main() -> Outcome<()> {
     let provenance = Provenance {
         frames,
         seed,
-        weights_sha256: dots_sha256(),
-        outline_sha256: outline_sha256(),
+        weights_sha256: built_in_sha256(Head::Dots),
+        large_sha256: built_in_sha256(Head::DotsLarge),
+        outline_sha256: built_in_sha256(Head::Outline),
     };
     let model = DetectionModel::learn(&observations, &pairs, provenance)?;
     println!(

@@ -5,10 +5,11 @@ use std::process::Command;
 
 use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::{Rendering, Scene, SynthConfig};
-use spindoe::vision::net::graph::{CONVOLUTIONS, Head};
+use spindoe::vision::net::detector::CnnConfig;
+use spindoe::vision::net::graph::Head;
 use spindoe::vision::net::{CnnDetector, Weights, onnx};
 use spindoe::vision::patch::Patch;
-use spindoe::vision::{DotDetection, DotDetector};
+use spindoe::vision::{DotDetection, DotDetector, Estimator, EstimatorConfig, FrameEstimate};
 
 /// Frames in good light, without logos, of balls at least 50 pixels wide.
 fn easy() -> SynthConfig {
@@ -95,8 +96,14 @@ fn onnx_runtime_gives_the_same_cells() {
         crate::common::skipped("python3 with NumPy and ONNX Runtime is not installed");
         return;
     }
-    let weights = Weights::built_in(Head::Dots).unwrap();
-    let detector = CnnDetector::built_in().unwrap();
+    for head in [Head::Dots, Head::DotsLarge] {
+        check_onnx(head);
+    }
+}
+
+fn check_onnx(head: Head) {
+    let weights = Weights::built_in(head).unwrap();
+    let detector = CnnDetector::new(&weights, CnnConfig::default()).unwrap();
     let mut ws = detector.workspace();
     let (mut patches, mut cells) = (Vec::new(), Vec::new());
     for frame in frames(&SynthConfig::default(), 12) {
@@ -125,6 +132,37 @@ fn onnx_runtime_gives_the_same_cells() {
     assert!(said.contains("they agree"), "{said}");
 }
 
+/// Frames in all conditions: the large net settles some that the small one leaves in doubt, and no frame that the
+/// small one settles.
+#[test]
+fn a_second_look_answers_frames_in_doubt() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let small = Weights::built_in(Head::Dots).unwrap();
+    let estimator =
+        |detector| Estimator::new(&pattern, EstimatorConfig::default(), detector).unwrap();
+    let alone = estimator(CnnDetector::new(&small, CnnConfig::default()).unwrap());
+    let both = estimator(CnnDetector::built_in().unwrap());
+    let (mut first, mut second) = (alone.workspace(), both.workspace());
+    let (mut a, mut b) = (FrameEstimate::default(), FrameEstimate::default());
+    let (mut right, mut wrong) = ([0, 0], [0, 0]);
+    for frame in frames(&SynthConfig::default(), 300) {
+        alone.estimate_frame(&frame.image, None, None, &mut first, &mut a);
+        both.estimate_frame(&frame.image, None, None, &mut second, &mut b);
+        for (k, found) in [&a, &b].into_iter().enumerate() {
+            let Some(pose) = found.pose() else { continue };
+            let is_right = pose.rotation.angle_to(&frame.rotation).to_degrees() < 20.0;
+            right[k] += usize::from(is_right);
+            wrong[k] += usize::from(!is_right);
+        }
+        if a.pose().is_some() {
+            assert!(b.pose().is_some());
+        }
+    }
+    // 2.7 points of all frames in the measurements.
+    assert!(right[1] >= right[0] + 3, "{right:?}");
+    assert!(wrong[1] <= wrong[0] + 1, "{wrong:?}");
+}
+
 #[test]
 fn weights_read_back_and_damage_is_named() {
     let weights = Weights::built_in(Head::Dots).unwrap();
@@ -132,6 +170,16 @@ fn weights_read_back_and_damage_is_named() {
     let path = Path::new("w.npz");
     assert_eq!(Weights::from_npz(path, &bytes).unwrap(), weights);
     assert!(bytes.len() < 2 << 20);
+    let large = Weights::built_in(Head::DotsLarge).unwrap();
+    assert_eq!(
+        Weights::from_npz(path, &large.to_npz().unwrap()).unwrap(),
+        large
+    );
+    // The small net's arrays under the large one's name.
+    let mut mixed = weights.clone();
+    mixed.meta.head = Head::DotsLarge;
+    let told = Weights::from_npz(path, &mixed.to_npz().unwrap_or_default());
+    assert!(told.unwrap_err().to_string().starts_with("w.npz: "));
     let mut short = weights.clone();
     short.layers[3].bias.pop();
     let told = Weights::from_npz(path, &short.to_npz().unwrap_or_default());
@@ -146,7 +194,7 @@ fn weights_read_back_and_damage_is_named() {
     );
     let told = Weights::from_npz(path, &bytes[..bytes.len() / 2]);
     assert!(told.unwrap_err().to_string().contains("w.npz: archive"));
-    assert_eq!(weights.layers.len(), CONVOLUTIONS.len());
+    assert_eq!(weights.layers.len(), Head::Dots.convolutions().len());
 }
 
 #[test]
@@ -159,6 +207,8 @@ fn the_command_exports_and_says_where_training_is() {
     crate::common::done(dir.path(), &mine);
     let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
     assert_eq!(read("mine.onnx"), read("dots.onnx"));
+    crate::common::done(dir.path(), &["export", "--large", "-o", "large.onnx"]);
+    assert!(read("large.onnx").len() > 8 * read("dots.onnx").len());
     for (wrong, expected) in [
         ("export -o a.onnx --weights dots.onnx", "dots.onnx"),
         ("train", "spindoe-train"),
