@@ -327,7 +327,9 @@ mod tests {
                 out.write_planes(&mut found);
                 for (found, expected) in found.iter().zip(&expected) {
                     let off = (f64::from(*found) - expected).abs();
-                    assert!(off < 2e-5, "{k} {level:?}: {found} {expected}");
+                    // Single precision: the error of a sum grows with its length.
+                    let limit = 1e-7 * (c.inputs * c.kernel * c.kernel) as f64;
+                    assert!(off < limit.max(2e-5), "{k} {level:?}: {found} {expected}");
                 }
             }
         }
