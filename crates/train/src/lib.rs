@@ -557,6 +557,7 @@ impl<'a> Trainer<'a> {
                     command: String::new(),
                     frames: self.state.step * self.config.batch as u64
                         / self.config.samples_per_frame as u64,
+                    is_rounded: false,
                 },
             });
         } else {
@@ -582,6 +583,11 @@ impl<'a> Trainer<'a> {
         let Some(weights) = self.best else {
             let problem = "stopped before the net had learned anything";
             return Err(Error::argument("train", problem));
+        };
+        // The large net would be the greater part of what ships the crate.
+        let weights = match self.config.head {
+            Head::DotsLarge => weights.rounded(),
+            Head::Dots | Head::Outline => weights,
         };
         Ok(Trained {
             score: test(self.config, &weights)?,

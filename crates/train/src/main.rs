@@ -25,14 +25,14 @@ const CHECKPOINT: &str = "checkpoint.zip";
 /// Minimum time between plain lines, seconds.
 const MIN_LINE_INTERVAL_S: f64 = 10.0;
 
-/// Trains the net for dots, or that for outlines, on synthetic frames.
+/// Trains the nets for dots, or that for outlines, on synthetic frames.
 #[derive(Debug, Parser)]
 #[command(
     version,
     max_term_width = 100,
     after_help = "\
-Frames are drawn by the synthetic ball spinner while the net learns. The folder then holds dots.npz (the
-weights, for `spindoe estimate --weights`), dots.onnx and training.json; while training goes on, checkpoint.zip.
+Frames are drawn by the synthetic ball spinner while the net learns. The folder then holds the
+weights (dots.npz, for `spindoe estimate --weights`; named by --head), the same as .onnx, and training.json; while training goes on, checkpoint.zip.
 
 Ctrl-C ends the training and keeps the best weights so far; --resume goes on from the last checkpoint.
 
@@ -47,7 +47,7 @@ struct Arguments {
     /// Train nothing; score these weights on the test set.
     #[arg(long, value_name = "WEIGHTS.npz", conflicts_with_all = ["out", "resume"])]
     score: Option<PathBuf>,
-    /// What the net is for: dots or outline.
+    /// What the net is for: dots, dots-large (those that the net for dots leaves in doubt) or outline.
     #[arg(long, value_name = "NAME", default_value = "dots")]
     head: Head,
     /// Seed of the initial weights and of all frames.
@@ -220,7 +220,8 @@ fn write(
 
 /// Rejects a folder that holds a detector already: two must not mix in one.
 fn reject_taken(dir: &Path) -> Result<()> {
-    for name in ["dots.npz", "outline.npz", CHECKPOINT] {
+    let nets = Head::ALL.map(|head| format!("{}.npz", head.as_str()));
+    for name in nets.iter().map(String::as_str).chain([CHECKPOINT]) {
         if dir.join(name).exists() {
             let problem = format!(
                 "{} holds a detector already ({name}); choose another folder, or --resume it",

@@ -2,7 +2,8 @@
 //!
 //! Arrays: `convolution_00_weight` f32 (outputs, inputs, kernel, kernel), `convolution_00_bias` f32
 //! (outputs,), and so on in the order of [`Head::convolutions`]; `meta` u8 (k,), UTF-8 JSON of
-//! [`WeightsMeta`].
+//! [`WeightsMeta`]. Of a net that is [rounded](WeightsMeta::is_rounded) the weights are i8, in units of
+//! `convolution_00_scale` f32 (outputs,): a quarter of the bytes.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -117,6 +118,22 @@ pub struct WeightsMeta {
     pub command: String,
     /// Frames seen in training.
     pub frames: u64,
+    /// Whether each output's weights are whole multiples, up to 63, of a power of two ([`Weights::rounded`]).
+    #[serde(default)]
+    pub is_rounded: bool,
+}
+
+/// The largest multiple of a scale to which weights are rounded.
+const LEVELS: f32 = 63.0;
+
+/// The power of two whose multiples, up to [`LEVELS`], hold the weights of an output.
+fn scale_of(weights: &[f32]) -> f32 {
+    let most = weights.iter().fold(0f32, |most, w| most.max(w.abs()));
+    if most > 0.0 {
+        (most / LEVELS).log2().ceil().exp2()
+    } else {
+        1.0
+    }
 }
 
 /// A trained net.
@@ -159,7 +176,7 @@ impl Weights {
     fn parse(bytes: &[u8]) -> Checked<Self> {
         let layers = Head::ALL.iter().map(|head| head.convolutions().len());
         let names: Vec<String> = (0..layers.max().unwrap_or(0))
-            .flat_map(|i| [weight_name(i), bias_name(i)])
+            .flat_map(|i| [weight_name(i), bias_name(i), scale_name(i)])
             .chain(["meta".to_owned()])
             .collect();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -173,7 +190,8 @@ impl Weights {
             return Err(Problem::at("meta", problem));
         }
         meta.calibration.check()?;
-        let expected = 2 * meta.head.convolutions().len() + 1;
+        let each = if meta.is_rounded { 3 } else { 2 };
+        let expected = each * meta.head.convolutions().len() + 1;
         if archive.len() != expected {
             let problem = format!("expected {expected} arrays, found {}", archive.len());
             return Err(Problem::at("archive", problem));
@@ -189,12 +207,36 @@ impl Weights {
                     Err(Problem::at(name, "expected finite numbers"))
                 }
             };
-            layers.push(Layer {
-                weight: read(weight_name(i), &shape)?,
-                bias: read(bias_name(i), &shape[..1])?,
-            });
+            let bias = read(bias_name(i), &shape[..1])?;
+            let weight = if meta.is_rounded {
+                let scales = read(scale_name(i), &shape[..1])?;
+                let steps: Vec<i8> = read_array(&mut archive, &weight_name(i), "i8", &shape)?;
+                let outputs = steps.chunks_exact(c.weights() / c.outputs).zip(scales);
+                let weights = outputs
+                    .flat_map(|(steps, scale)| steps.iter().map(move |s| f32::from(*s) * scale));
+                weights.collect()
+            } else {
+                read(weight_name(i), &shape)?
+            };
+            layers.push(Layer { weight, bias });
         }
         Ok(Self { layers, meta })
+    }
+
+    /// The same, with each output's weights rounded to multiples of a power of two that 8 bits hold. Rounding again
+    /// changes nothing.
+    pub fn rounded(mut self) -> Self {
+        let shapes = self.meta.head.convolutions();
+        for (layer, c) in self.layers.iter_mut().zip(shapes) {
+            for weights in layer.weight.chunks_exact_mut(c.weights() / c.outputs) {
+                let scale = scale_of(weights);
+                for weight in weights {
+                    *weight = (*weight / scale).round() * scale;
+                }
+            }
+        }
+        self.meta.is_rounded = true;
+        self
     }
 
     /// The bytes of the `.npz` file.
@@ -210,22 +252,40 @@ impl Weights {
             std::iter::zip(self.meta.head.convolutions(), &self.layers).enumerate()
         {
             let shape = [c.outputs, c.inputs, c.kernel, c.kernel].map(|n| n as u64);
-            add_array(
-                &mut zip,
-                &weight_name(i),
-                &shape,
-                layer.weight.iter().copied(),
-            )
-            .and_then(|()| {
-                let bias = layer.bias.iter().copied();
-                add_array(&mut zip, &bias_name(i), &shape[..1], bias)
-            })
-            .map_err(|e| internal(&e))?;
+            self.add_weights(&mut zip, i, &shape, layer)
+                .and_then(|()| {
+                    let bias = layer.bias.iter().copied();
+                    add_array(&mut zip, &bias_name(i), &shape[..1], bias)
+                })
+                .map_err(|e| internal(&e))?;
         }
         let meta = serde_json::to_vec(&self.meta).map_err(|e| internal(&e))?;
         add_array(&mut zip, "meta", &[meta.len() as u64], meta.iter().copied())
             .map_err(|e| internal(&e))?;
         Ok(zip.finish().map_err(|e| internal(&e))?.into_inner())
+    }
+
+    fn add_weights(
+        &self,
+        zip: &mut ZipWriter<Cursor<Vec<u8>>>,
+        i: usize,
+        shape: &[u64],
+        layer: &Layer,
+    ) -> std::io::Result<()> {
+        if !self.meta.is_rounded {
+            return add_array(zip, &weight_name(i), shape, layer.weight.iter().copied());
+        }
+        let outputs = || {
+            layer
+                .weight
+                .chunks(shape[1..].iter().product::<u64>() as usize)
+        };
+        let steps = outputs().flat_map(|weights| {
+            let scale = scale_of(weights);
+            weights.iter().map(move |w| (w / scale).round() as i8)
+        });
+        add_array(zip, &weight_name(i), shape, steps)?;
+        add_array(zip, &scale_name(i), &shape[..1], outputs().map(scale_of))
     }
 
     /// Writes the weights atomically.
@@ -239,6 +299,10 @@ impl Weights {
 
 fn weight_name(i: usize) -> String {
     format!("convolution_{i:02}_weight")
+}
+
+fn scale_name(i: usize) -> String {
+    format!("convolution_{i:02}_scale")
 }
 
 fn bias_name(i: usize) -> String {

@@ -175,6 +175,17 @@ fn weights_read_back_and_damage_is_named() {
         Weights::from_npz(path, &large.to_npz().unwrap()).unwrap(),
         large
     );
+    assert!(large.meta.is_rounded && large.clone().rounded() == large);
+    let rounded = weights.clone().rounded();
+    assert_eq!(
+        Weights::from_npz(path, &rounded.to_npz().unwrap()).unwrap(),
+        rounded
+    );
+    for (a, b) in weights.layers.iter().zip(&rounded.layers) {
+        let most = a.weight.iter().fold(0f32, |m, w| m.max(w.abs()));
+        let off = a.weight.iter().zip(&b.weight).map(|(a, b)| (a - b).abs());
+        assert!(off.fold(0f32, f32::max) <= most / 63.0);
+    }
     // The small net's arrays under the large one's name.
     let mut mixed = weights.clone();
     mixed.meta.head = Head::DotsLarge;
