@@ -7,7 +7,8 @@
 //!   "Improved confidence intervals for the difference between binomial proportions based on paired
 //!   data", Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any
 //!   trial differs,
-//! - [`median`] and [`quantile`] of a sample.
+//! - [`median`] and [`quantile`] of a sample,
+//! - [`normal_cdf`], the distribution function of the standard normal distribution.
 //!
 //! Intervals have their nominal coverage for independent trials only.
 //!
@@ -163,6 +164,11 @@ pub fn median(values: &mut [f64]) -> f64 {
         _ if values.len() % 2 == 1 => values[mid],
         _ => 0.5 * (values[mid - 1] + values[mid]),
     }
+}
+
+/// `P(N(0, 1) <= x)`.
+pub fn normal_cdf(x: f64) -> f64 {
+    0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
 }
 
 /// The quantile `q` in [0, 1] of values in ascending order, interpolated between neighbors

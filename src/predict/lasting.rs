@@ -7,14 +7,13 @@
 //! copulas", 2006). What a single frame draws has the same distribution as before. The shares are learned from pairs
 //! of rendered frames of one sequence.
 
-use std::f64::consts::SQRT_2;
-
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
 use super::learn::Observation;
 use super::model::{DetectionModel, Spread, Terms};
+use crate::stats::normal_cdf;
 
 /// Shares between which the likeliest is sought.
 const STEP: f64 = 0.02;
@@ -235,12 +234,7 @@ fn likeliest(scores: &[[Scores; 2]]) -> f64 {
         .map_or(0.0, |(share, _)| share)
 }
 
-/// The distribution function of the standard normal distribution.
-pub(super) fn normal_cdf(x: f64) -> f64 {
-    0.5 * libm::erfc(-x / SQRT_2)
-}
-
-/// Its inverse, by bisection: only learning needs it. Between -9 and 9.
+/// The inverse of [`normal_cdf`], by bisection: only learning needs it. Between -9 and 9.
 fn normal_quantile(probability: f64) -> f64 {
     let (mut low, mut high) = (-9.0, 9.0);
     for _ in 0..60 {

@@ -434,17 +434,25 @@ fn frame_effect(
             i += frame.dots.len();
             continue;
         }
-        let (mut off, mut variance) = (0.0, 0.0);
-        for dot in &frame.dots {
-            let p = likely.value(terms.row(i));
-            off += f64::from(u8::from(dot.found == Found::Likely)) - p;
-            variance += p * (1.0 - p);
-            i += 1;
-        }
+        let dots = frame.dots.iter().enumerate().map(|(k, dot)| {
+            let p = likely.value(terms.row(i + k));
+            (p, dot.found == Found::Likely)
+        });
+        let (off, variance) = beyond_expected(dots);
+        i += frame.dots.len();
         beyond += off * off - variance;
         squared += variance * variance;
     }
     (beyond / squared.max(1e-9)).max(0.0).sqrt()
+}
+
+/// How many more of these cases are true than their probabilities say, and the variance of that number if the cases
+/// are independent.
+pub(super) fn beyond_expected(cases: impl Iterator<Item = (f64, bool)>) -> (f64, f64) {
+    cases.fold((0.0, 0.0), |(more, variance), (p, is_true)| {
+        let more = more + (f64::from(u8::from(is_true)) - p);
+        (more, variance + p * (1.0 - p))
+    })
 }
 
 fn false_dots(

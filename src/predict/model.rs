@@ -21,11 +21,12 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Gamma, Poisson, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::lasting::{Shares, Variates, normal_cdf};
-use super::learn::Observation;
+use super::lasting::{Shares, Variates};
+use super::learn::{Observation, beyond_expected};
 use super::quantiles::Quantiles;
 use super::regression::{Regression, Scaling};
 use crate::error::{Error, Result};
+use crate::stats::normal_cdf;
 use crate::synth::observables::{BALL_OBSERVABLES, DOT_OBSERVABLES, SeenBall, SeenDot};
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::detect::DotDetection;
@@ -448,14 +449,10 @@ impl DetectionModel {
     /// number if each were found by itself.
     pub(super) fn more_dots(&self, seen: &Observation, terms: &mut Terms) -> (f64, f64) {
         terms.dot.resize(self.dots.terms(), 0.0);
-        let (mut more, mut variance) = (0.0, 0.0);
-        for (observables, is_likely) in seen.likely_dots() {
+        beyond_expected(seen.likely_dots().map(|(observables, is_likely)| {
             self.dots.expand(observables, &mut terms.dot);
-            let p = self.likely.value(&terms.dot);
-            more += f64::from(u8::from(is_likely)) - p;
-            variance += p * (1.0 - p);
-        }
-        (more, variance)
+            (self.likely.value(&terms.dot), is_likely)
+        }))
     }
 
     /// Share of the dots and balls that lie within what the model was learned from.

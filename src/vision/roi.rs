@@ -74,7 +74,7 @@ impl Roi {
         Grid {
             left: self.left as f64,
             top: self.top as f64,
-            side: f64::from(1u32 << level),
+            ..Grid::halved(level)
         }
     }
 }
@@ -89,6 +89,15 @@ pub(super) struct Grid {
 }
 
 impl Grid {
+    /// A whole image, halved so often.
+    pub fn halved(level: u32) -> Self {
+        Self {
+            left: 0.0,
+            top: 0.0,
+            side: f64::from(1u32 << level),
+        }
+    }
+
     /// Half of what a pixel of the part is wider: its center lies so far from that of its first one.
     fn half(&self) -> f64 {
         0.5 * (self.side - 1.0)

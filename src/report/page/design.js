@@ -543,7 +543,7 @@ function cameraSection(d, mark) {
     out,
     el("p", {
       class: "lead",
-      text: "Noise: error over the ball's radius in pixels. Orientation: the Cram\u00e9r-Rao bound of the dots in view times that noise (root mean square, three axes together); an estimator that misses dots does worse. Spin: the slope through n such orientations at rate f, \u03c3 f \u221a(12 / n(n\u00b2\u22121)). Alias: at rate f, spins beyond f/2 revolutions per second cannot be told from slower ones by one sequence at equal intervals.",
+      text: "Noise: error over the ball's radius in pixels. Orientation: the Cram\u00e9r-Rao bound of the dots in view times that noise (root mean square, three axes together); an estimator that misses dots does worse. Spin: the slope through n such orientations at rate f, \u03c3 f \u221a(12 / n(n\u00b2\u22121)). Alias: at rate f, spins beyond f/2 revolutions per second cannot be distinguished from slower ones by one sequence at equal intervals.",
     }),
   );
   update();

@@ -20,6 +20,7 @@
 use super::edges::Unrolled;
 use super::vote::{Center, MAX, MIN, Votes};
 use super::{BallCircle, GrayImage, Pixel, Polarity};
+use crate::vision::roi::Grid;
 
 /// Maximum longer side of the first size that is searched, values.
 const SIDE: usize = 320;
@@ -81,18 +82,6 @@ pub fn level(width: usize, height: usize) -> u32 {
     level
 }
 
-/// A circle in the values of an image that is smaller by this factor.
-fn at_scale(circle: &BallCircle, scale: f64) -> BallCircle {
-    let shift = 0.5 * (scale - 1.0);
-    BallCircle {
-        center: Pixel {
-            u: (circle.center.u - shift) / scale,
-            v: (circle.center.v - shift) / scale,
-        },
-        radius: circle.radius / scale,
-    }
-}
-
 impl CoarseSearch {
     /// Forgets the image before: the next one shows another place.
     pub fn forget(&mut self) {
@@ -134,7 +123,8 @@ impl CoarseSearch {
     /// Searches all sizes.
     fn scan(&mut self, level: u32, radii: (f64, f64)) {
         for size in 0.. {
-            let scale = (1u64 << (level + size as u32)) as f64;
+            let grid = Grid::halved(level + size as u32);
+            let scale = grid.side;
             let smallest = if size == 0 { FINEST } else { MIN };
             let is_over = smallest as f64 * scale > radii.1;
             if is_over || (size > 0 && !self.halve(size)) {
@@ -145,7 +135,7 @@ impl CoarseSearch {
                 self.votes.look(&self.sizes[size]);
             } else {
                 let whole = self.before.iter().filter(|c| c.support >= WHOLE);
-                let rims = whole.map(|c| at_scale(&c.circle, scale));
+                let rims = whole.map(|c| grid.circle_to_part(&c.circle));
                 self.votes.look_beyond(&self.sizes[size], rims);
             }
             let fine = (size == 0).then_some(FINEST..=MIN);
@@ -167,18 +157,17 @@ impl CoarseSearch {
                         else {
                             continue;
                         };
-                        let shift = 0.5 * (scale - 1.0);
-                        let circle = BallCircle {
+                        let circle = grid.circle_to_image(&BallCircle {
                             center: Pixel {
-                                u: scale * center.u + shift,
-                                v: scale * center.v + shift,
+                                u: center.u,
+                                v: center.v,
                             },
-                            radius: scale * radius,
-                        };
+                            radius,
+                        });
                         if circle.radius < radii.0 || circle.radius > radii.1 {
                             continue;
                         }
-                        let is_moving = self.is_moving(&circle, (1u64 << level) as f64);
+                        let is_moving = self.is_moving(&circle, &Grid::halved(level));
                         self.keep(RoughCircle {
                             circle,
                             polarity,
@@ -246,7 +235,7 @@ impl CoarseSearch {
         }
     }
 
-    fn is_moving(&self, circle: &BallCircle, scale: f64) -> bool {
+    fn is_moving(&self, circle: &BallCircle, grid: &Grid) -> bool {
         if self.changes.is_empty() {
             return false;
         }
@@ -254,7 +243,7 @@ impl CoarseSearch {
         let BallCircle {
             center: Pixel { u, v },
             radius,
-        } = at_scale(circle, scale);
+        } = grid.circle_to_part(circle);
         let (mut changed, mut all) = (0u32, 0u32);
         let rows = (v - radius).ceil().max(0.0) as usize..=(v + radius).max(0.0) as usize;
         for row in rows.take_while(|r| *r < height) {

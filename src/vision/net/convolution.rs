@@ -41,6 +41,8 @@ const fn check(graph: &Graph) {
             let c = graph.convolutions[convolution];
             assert!(c.kernel % 2 == 1 && c.kernel / 2 <= BORDER);
             assert!(depth(graph.shape(of, patch::SIZE).channels) == c.inputs);
+            // The last pass ends with the pixel: it would write into the next one.
+            assert!(depth(c.outputs).is_multiple_of(vectors(c.outputs) * LANES));
             let block = PIXELS[if vectors(c.outputs) == 1 { 0 } else { 1 }];
             assert!(graph.shape(k + 1, patch::SIZE).side.is_multiple_of(block));
         }
@@ -163,9 +165,8 @@ impl PackedConvolution {
         } = shape;
         let vectors = vectors(outputs);
         let width = vectors * LANES;
-        let padded = outputs.next_multiple_of(width);
-        let mut weights = vec![0.0; padded * inputs * kernel * kernel];
-        let mut bias = vec![0.0; padded];
+        let mut weights = vec![0.0; depth(outputs) * inputs * kernel * kernel];
+        let mut bias = vec![0.0; depth(outputs)];
         bias[..outputs].copy_from_slice(&layer.bias);
         let taps = kernel * kernel;
         for (output, of_output) in layer.weight.chunks_exact(inputs * taps).enumerate() {
