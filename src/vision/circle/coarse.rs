@@ -11,7 +11,7 @@
 //! disc on the wall stand still, a ball moves or turns.
 //!
 //! A circle with strong edges outshines the others: no edge much fainter than its rim votes. Where none of the circles
-//! is the ball, the search goes on without the edges of those whose rim is nearly whole
+//! that were tried is the ball, the search goes on without the edges of those whose rim is seen for the greater part
 //! ([`CoarseSearch::search_beyond`]).
 //!
 //! Guarantees: the work does not depend on how many circles there are. Not guaranteed: that any of
@@ -28,7 +28,7 @@ const SIDE: usize = 320;
 const FINEST: usize = 5;
 /// Centers examined at each size and for each polarity.
 const CENTERS: usize = 8;
-/// Circles given out.
+/// Circles given out by one search.
 pub const MAX_CIRCLES: usize = 12;
 /// Circles nearer to each other than this, in radii, are one; so are those of radii within this ratio.
 const SAME: f64 = 0.35;
@@ -36,6 +36,8 @@ const SAME: f64 = 0.35;
 const CHANGE: (f32, f32) = (6.0, 0.02);
 /// Share of a circle's values that must change.
 const MOVING: f64 = 0.1;
+/// Support from which on a circle is looked at before what it may outshine is searched for.
+const STANDING_OUT: f64 = 0.8;
 /// Support from which on a circle may outshine others.
 const WHOLE: f64 = 0.6;
 /// Every so many values count for the median change.
@@ -52,6 +54,26 @@ pub struct RoughCircle {
     pub support: f64,
     /// Whether it differs from the image before.
     pub is_moving: bool,
+}
+
+impl RoughCircle {
+    /// Whether it is as likely to be the ball as another, or likelier.
+    fn ranks(&self, other: &Self) -> bool {
+        (self.is_moving, self.support) >= (other.is_moving, other.support)
+    }
+}
+
+/// How many of a search's circles are tried before [`CoarseSearch::search_beyond`]: those that move or have a rim that is
+/// nearly whole, and the first in any case.
+pub fn standing_out(found: &[RoughCircle]) -> usize {
+    let stands_out = |c: &&RoughCircle| c.is_moving || c.support >= STANDING_OUT;
+    let count = found.iter().take_while(stands_out).count();
+    count.max(1).min(found.len())
+}
+
+/// The circles that may outshine others.
+fn whole(circles: &[RoughCircle]) -> impl Iterator<Item = &RoughCircle> {
+    circles.iter().filter(|c| c.support >= WHOLE)
 }
 
 /// Searches large images; keeps its memory, and the last image, from image to image.
@@ -71,6 +93,8 @@ pub struct CoarseSearch {
     found: Vec<RoughCircle>,
     /// Those of the search before, where this one goes on.
     before: Vec<RoughCircle>,
+    /// How many of those were tried.
+    tried: usize,
 }
 
 /// How often an image of this size is halved until it is small enough.
@@ -109,13 +133,19 @@ impl CoarseSearch {
         &self.found
     }
 
-    /// The circles that those of the last [`CoarseSearch::search`] outshone, likewise; none where none of them has a rim
-    /// that is nearly whole. `level` and `radii` are those of that search.
-    pub fn search_beyond(&mut self, level: u32, radii: (f64, f64)) -> &[RoughCircle] {
+    /// The circles that those of the last [`CoarseSearch::search`] outshone and, among them, those of that search but the
+    /// first `tried` ones, likewise: edges about the rims of those do not vote. `level` and `radii` are those of that
+    /// search.
+    pub fn search_beyond(&mut self, tried: usize, level: u32, radii: (f64, f64)) -> &[RoughCircle] {
         std::mem::swap(&mut self.before, &mut self.found);
         self.found.clear();
-        if self.before.iter().any(|c| c.support >= WHOLE) {
+        self.tried = tried.min(self.before.len());
+        if whole(&self.before[..self.tried]).next().is_some() {
             self.scan(level, radii);
+        }
+        for circle in self.before.iter().skip(tried) {
+            let at = self.found.partition_point(|other| other.ranks(circle));
+            self.found.insert(at, *circle);
         }
         &self.found
     }
@@ -134,8 +164,8 @@ impl CoarseSearch {
             if self.before.is_empty() {
                 self.votes.look(&self.sizes[size]);
             } else {
-                let whole = self.before.iter().filter(|c| c.support >= WHOLE);
-                let rims = whole.map(|c| grid.circle_to_part(&c.circle));
+                let rims = whole(&self.before[..self.tried]);
+                let rims = rims.map(|c| grid.circle_to_part(&c.circle));
                 self.votes.look_beyond(&self.sizes[size], rims);
             }
             let fine = (size == 0).then_some(FINEST..=MIN);
@@ -207,7 +237,7 @@ impl CoarseSearch {
         self.centers
             .reserve(CENTERS.saturating_sub(self.centers.len()));
         for circles in [&mut self.found, &mut self.before] {
-            circles.reserve((MAX_CIRCLES + 1).saturating_sub(circles.len()));
+            circles.reserve((2 * MAX_CIRCLES).saturating_sub(circles.len()));
         }
     }
 
@@ -267,15 +297,13 @@ impl CoarseSearch {
         if self.before.iter().any(same) {
             return;
         }
-        let rank = |c: &RoughCircle| (c.is_moving, c.support);
-        let before = |a: &RoughCircle, b: &RoughCircle| rank(a) >= rank(b);
         if let Some(at) = self.found.iter().position(same) {
-            if before(&self.found[at], &circle) {
+            if self.found[at].ranks(&circle) {
                 return;
             }
             self.found.remove(at);
         }
-        let at = self.found.partition_point(|other| before(other, &circle));
+        let at = self.found.partition_point(|other| other.ranks(&circle));
         if at < MAX_CIRCLES {
             self.found.insert(at, circle);
             self.found.truncate(MAX_CIRCLES);
@@ -314,7 +342,7 @@ mod tests {
         let found = search.search(1, RADII, |out| both.halve_into(out));
         assert!(has(found, lamp.0, lamp.1, lamp.2));
         assert!(!has(found, ball.0, ball.1, ball.2));
-        let found = search.search_beyond(1, RADII);
+        let found = search.search_beyond(1, 1, RADII);
         assert!(has(found, ball.0, ball.1, ball.2));
         assert!(!has(found, lamp.0, lamp.1, lamp.2));
         // The next image is searched as the first one was.
@@ -329,6 +357,6 @@ mod tests {
         let empty = frame(&[]);
         let found = search.search(1, RADII, |out| empty.halve_into(out));
         assert!(found.is_empty());
-        assert!(search.search_beyond(1, RADII).is_empty());
+        assert!(search.search_beyond(0, 1, RADII).is_empty());
     }
 }

@@ -310,8 +310,16 @@ pub struct FrameEstimate {
     pub(super) attempts: usize,
     /// Share of the outline that counts as shown where it is not fitted to edges: all of a given one.
     pub(super) unfitted_support: f64,
-    /// What speaks for the best pose of this outline, accepted or not.
-    pub(super) evidence: Option<PoseEvidence>,
+    /// The best pose of this outline, accepted or not.
+    pub(super) hypothesis: Option<Hypothesis>,
+}
+
+/// A pose that may be accepted or not.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Hypothesis {
+    /// Pattern to camera frame.
+    pub rotation: Rotation,
+    pub evidence: PoseEvidence,
 }
 
 impl Default for FrameEstimate {
@@ -330,7 +338,7 @@ impl Default for FrameEstimate {
             earlier_attempts: 0,
             attempts: 0,
             unfitted_support: 0.0,
-            evidence: None,
+            hypothesis: None,
         }
     }
 }
@@ -394,7 +402,12 @@ impl FrameEstimate {
 
     /// What speaks for the frame's best pose, accepted or not; `None` where no dots were identified.
     pub fn evidence(&self) -> Option<&PoseEvidence> {
-        self.evidence.as_ref()
+        self.hypothesis.as_ref().map(|h| &h.evidence)
+    }
+
+    /// The rotation of that pose before it is refined, pattern to camera frame.
+    pub fn unrefined_rotation(&self) -> Option<Rotation> {
+        self.hypothesis.map(|h| h.rotation)
     }
 
     /// Number of detections that have a name.
@@ -420,7 +433,7 @@ impl FrameEstimate {
         self.timings = Timings::default();
         self.known_distance = None;
         (self.earlier_attempts, self.attempts) = (0, 0);
-        self.evidence = None;
+        self.hypothesis = None;
         self.unfitted_support = 0.0;
     }
 

@@ -14,6 +14,7 @@
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
 
+mod acquire;
 mod batch;
 mod config;
 mod frame;
@@ -33,6 +34,7 @@ pub use batch::{
     estimate_inputs, identify_batch,
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
+use frame::Hypothesis;
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, OutlineSource, Pose, Timings};
 pub use neighbors::{FrameInDoubt, frames_in_doubt};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
@@ -327,7 +329,7 @@ impl<D: DotDetector> Estimator<D> {
         let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
             Err(FrameRejection::NotProcessed);
         let mut attempts = out.earlier_attempts;
-        out.evidence = None;
+        out.hypothesis = None;
         'search: for pass in 0..self.recognizers.len() {
             for camera in self.camera_of(out).hypotheses() {
                 let Ok(view) = BallView::new(&camera, outline.circle) else {
@@ -364,7 +366,11 @@ impl<D: DotDetector> Estimator<D> {
         if hint.is_none() {
             let support = out.fit.map_or(out.unfitted_support, |fit| fit.support);
             best = best.weighed(&self.config.trust, attempts, support);
-            out.evidence = Some(best.evidence);
+            let view = BallView::new(&best.camera, outline.circle);
+            out.hypothesis = view.ok().map(|view| Hypothesis {
+                rotation: view.to_camera() * best.rotation,
+                evidence: best.evidence,
+            });
         }
         if best.pose_confidence < self.config.min_confidence {
             let pose_confidence = best.pose_confidence;

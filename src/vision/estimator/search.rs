@@ -2,17 +2,18 @@
 //! clear.
 //!
 //! The ball may be looked for in a whole image, in a part of it, or near a circle that is known roughly:
-//! then its surroundings are cut out and nothing else is looked at. In a large image rough circles come
-//! from a [coarse search](crate::vision::circle::coarse); the thorough search follows only where none of
+//! then its surroundings are cut out and nothing else is looked at. In a large image [rough circles](super::acquire)
+//! are tried first; the thorough search follows only where none of
 //! them is a ball by its dots, in very large images [at a smaller scale](super::shrunk).
 //!
 //! Guarantees: outlines and dots are given in the pixels of the whole image, whatever part of it was
 //! looked at. An outline beside the first needs a clear pose by dots that are likely ones.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use nalgebra::Matrix3;
 
+use super::acquire::Hunt;
 use super::locate::Candidate;
 use super::shrunk::MAX_THOROUGH;
 use super::{
@@ -21,8 +22,6 @@ use super::{
 };
 use crate::recognize::robust::Hint;
 use crate::vision::camera::BallCircle;
-use crate::vision::circle::NoBall;
-use crate::vision::circle::coarse::{self, MAX_CIRCLES};
 use crate::vision::detect::DotDetector;
 use crate::vision::image::{GrayImage, RgbImage};
 use crate::vision::roi::{Grid, Roi};
@@ -43,10 +42,6 @@ const MAX_NEAR: f64 = 250.0;
 pub(super) const LARGE: usize = 480;
 /// How much finer a very large image is searched: for balls of 40 pixels in one of 3840 x 2160.
 const HALVINGS: u32 = 2;
-/// Largest radius of the coarse search, as a part of the longer side.
-const MAX_COARSE: f64 = 0.4;
-/// Smallest radius that the coarse search is sure to see, values of the first size that it searches.
-const MIN_COARSE: f64 = 5.0;
 
 /// The images that a frame is converted into; their memory is reused.
 #[derive(Debug, Default)]
@@ -65,65 +60,6 @@ pub(super) struct View<'a> {
     pub gray: &'a GrayImage,
     /// Where its pixels lie in the frame.
     pub grid: Grid,
-}
-
-/// A part of a frame and the sizes of balls that are looked for in it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Hunt {
-    part: Roi,
-    /// The first size that is searched: so often halved.
-    level: u32,
-    /// Radii, pixels.
-    radii: (f64, f64),
-    /// Whether it goes on where a coarser one has found nothing.
-    is_fine: bool,
-}
-
-impl Hunt {
-    /// For balls of any size from 5 pixels of radius at the coarse scale on.
-    pub fn everywhere(part: Roi) -> Self {
-        let level = coarse::level(part.width, part.height);
-        Self {
-            part,
-            level,
-            radii: (
-                smallest(level),
-                MAX_COARSE * part.width.max(part.height) as f64,
-            ),
-            is_fine: false,
-        }
-    }
-
-    /// For balls up to `halvings` times half as large as the smallest of [`Hunt::everywhere`], and not those of fewer.
-    pub fn finer(part: Roi, halvings: u32) -> Self {
-        let level = coarse::level(part.width, part.height).saturating_sub(halvings);
-        Self {
-            part,
-            level,
-            radii: (smallest(level), 1.2 * smallest(level + 1)),
-            is_fine: true,
-        }
-    }
-
-    /// For a ball that was seen with this outline, within so many radii; `None` outside the image.
-    pub fn nearby(circle: &BallCircle, reach: f64, image: &FrameImage<'_>) -> Option<Self> {
-        let part = Roi::around(circle, reach, image.width(), image.height())?;
-        let mut level = 0;
-        while circle.radius / f64::from(2u32 << level) >= 1.4 * MIN_COARSE {
-            level += 1;
-        }
-        Some(Self {
-            part,
-            level,
-            radii: (0.7 * circle.radius, 1.4 * circle.radius),
-            is_fine: false,
-        })
-    }
-}
-
-/// The smallest radius, pixels, that is seen in an image that was halved so often.
-fn smallest(level: u32) -> f64 {
-    MIN_COARSE * f64::from(1u32 << level)
 }
 
 /// How often a length is halved until it is no more than another.
@@ -250,113 +186,6 @@ impl<D: DotDetector> Estimator<D> {
         });
     }
 
-    /// Looks for the ball in a large image at a coarse scale; whether one was found, by its dots. Without one, `out` has
-    /// the best of the circles, if there is any; a fine hunt keeps that of the coarser one before.
-    pub(super) fn acquire(
-        &self,
-        image: FrameImage<'_>,
-        hunt: &Hunt,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) -> bool {
-        let Hunt {
-            part,
-            level,
-            radii,
-            is_fine,
-        } = *hunt;
-        let radii = (radii.0.max(self.config.circle.min_radius_px), radii.1);
-        let mut circles = std::mem::take(&mut ws.rough);
-        let mut best = std::mem::take(&mut ws.best);
-        best.clear();
-        let (mut is_found, mut searched) = (false, Duration::ZERO);
-        // What stands out, then what that outshone.
-        for is_beyond in [false, true] {
-            let begun = Instant::now();
-            let scan = if is_fine {
-                &mut ws.fine
-            } else {
-                &mut ws.coarse
-            };
-            let found = if is_beyond {
-                scan.search_beyond(level, radii)
-            } else {
-                scan.search(level, radii, |out| image.shrink_into(&part, level, out))
-            };
-            circles.clear();
-            circles.reserve(MAX_CIRCLES);
-            circles.extend_from_slice(found);
-            searched += begun.elapsed();
-            if is_beyond && circles.is_empty() {
-                break;
-            }
-            let place = part.grid(0);
-            for rough in &mut circles {
-                rough.circle = place.circle_to_image(&rough.circle);
-            }
-            let mut attempts = 0;
-            if is_fine || is_beyond {
-                // What the search before leaves.
-                std::mem::swap(&mut best, out);
-                attempts = best.attempts;
-            }
-            let scans = circles.iter();
-            let scans = scans.map(|rough| Search::Scan(&rough.circle, attempts));
-            is_found = self.try_circles(image, scans, searched, hint, ws, &mut best, out);
-            if is_found {
-                break;
-            }
-        }
-        if !is_found {
-            if out.outline.is_none() {
-                out.outcome = Err(FrameRejection::NoBall(NoBall::NoCircle { support: 0.0 }));
-                out.timings.locate = searched;
-            }
-            // A pose that the dots do not make evident is no answer here.
-            out.reject_pose();
-        }
-        ws.best = best;
-        ws.rough = circles;
-        is_found
-    }
-
-    /// Estimates a frame by the surroundings of one circle after the other until one is the ball; without one, `out` has
-    /// `best`, the first of the others where that is empty.
-    #[allow(clippy::too_many_arguments)]
-    pub(super) fn try_circles<'a>(
-        &self,
-        image: FrameImage<'_>,
-        searches: impl Iterator<Item = Search<'a>>,
-        mut searched: Duration,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        best: &mut FrameEstimate,
-        out: &mut FrameEstimate,
-    ) -> bool {
-        let mut attempts = 0;
-        for search in searches {
-            let (circle, search, is_likely) = match search {
-                Search::Near(c, before) => (c, Search::Near(c, attempts.max(before)), true),
-                Search::Scan(c, before) => (c, Search::Scan(c, attempts.max(before)), false),
-                Search::Given(_) | Search::Everywhere(_) => continue,
-            };
-            self.search_near(image, circle, search, hint, ws, out);
-            attempts = out.attempts;
-            out.timings.locate += std::mem::take(&mut searched);
-            if is_evident(out) || is_mirrored(out) || (is_likely && out.pose().is_some()) {
-                return true;
-            }
-            searched += out.timings.locate + out.timings.detect + out.timings.identify;
-            if best.outline.is_none() {
-                std::mem::swap(best, out);
-            }
-        }
-        std::mem::swap(best, out);
-        out.attempts = out.attempts.max(attempts);
-        false
-    }
-
     /// Estimates a frame whose ball is near a circle: to some tenth of the radius. So many runs of the recognizer on this
     /// frame were made before.
     pub(super) fn estimate_near(
@@ -372,7 +201,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Estimates a frame by the surroundings of a circle.
-    fn search_near(
+    pub(super) fn search_near(
         &self,
         image: FrameImage<'_>,
         circle: &BallCircle,

@@ -25,8 +25,9 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use super::acquire::Hunt;
 use super::motion::OutlineMotion;
-use super::search::{Hunt, LARGE};
+use super::search::LARGE;
 use super::sequence::predict;
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, SequenceConfig};
 use crate::error::{Error, Result, require};

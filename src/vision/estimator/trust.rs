@@ -99,12 +99,12 @@ impl TrustMap {
 }
 
 impl Default for TrustMap {
-    /// Fitted on 4 352 answers for patterns of 12, 20 and 32 dots (docs/measurements/trust.md).
+    /// Fitted on 4 226 poses for patterns of 12, 20 and 32 dots (docs/measurements/trust.md).
     fn default() -> Self {
         Self {
-            constant: 0.369,
+            constant: 0.783,
             weights: [
-                0.4876, 0.9506, -0.7028, -0.4427, -0.5241, -0.2662, -3.4598, -1.2758,
+                0.5616, 0.7616, -0.7203, -0.5391, -0.1603, -0.1136, -3.0627, -1.2123,
             ],
         }
     }

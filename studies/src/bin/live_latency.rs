@@ -3,7 +3,7 @@
 //!
 //! Each thread follows a camera of its own: its own clip, its own tracker. *Tracked* are the frames
 //! after the first ones; *acquired* are frames before which the tracker was reset, so that the ball
-//! may be anywhere. With `--disc`, a white disc stands still in every clip. Times are given by the clock on
+//! may be anywhere, and the same frames are searched thoroughly, without a coarse search. With `--disc`, a white disc stands still in every clip. Times are given by the clock on
 //! the wall, which needs an idle machine, and by that of the thread's own work. An answer is correct
 //! within 20 degrees. With `--list`, every frame is written on standard error.
 //!
@@ -133,11 +133,26 @@ fn estimator(pattern: &Pattern) -> spindoe::Result<Estimator<NamedDetector>> {
     Estimator::new(pattern, EstimatorConfig::default(), detector)
 }
 
-/// Tracked frames and acquired ones.
-fn follow(pattern: &Pattern, clip: &Clip, list: bool) -> spindoe::Result<[Vec<Sample>; 2]> {
+/// Frames that are searched thoroughly, without a tracker and without a coarse search before.
+fn search(pattern: &Pattern, clip: &Clip) -> spindoe::Result<Vec<Sample>> {
+    let estimator = estimator(pattern)?;
+    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+    let mut samples = Vec::new();
+    for (bytes, _, truth) in &clip.frames {
+        let raw = RawImage::new(SIZE[0], SIZE[1], RawPixel::Gray, bytes)?;
+        let watch = Stopwatch::start();
+        estimator.detect(raw, None, &mut ws, &mut out);
+        estimator.estimate_pose(None, &mut ws, &mut out);
+        samples.push(watch.stop(out.pose().map(|p| p.rotation.angle_to(truth))));
+    }
+    Ok(samples)
+}
+
+/// Tracked frames, acquired ones, and those that are searched thoroughly.
+fn follow(pattern: &Pattern, clip: &Clip, list: bool) -> spindoe::Result<[Vec<Sample>; 3]> {
     let estimator = Arc::new(estimator(pattern)?);
-    let mut samples = [Vec::new(), Vec::new()];
-    for (kind, samples) in samples.iter_mut().enumerate() {
+    let mut samples = [Vec::new(), Vec::new(), search(pattern, clip)?];
+    for (kind, samples) in samples.iter_mut().take(2).enumerate() {
         let mut tracker = Tracker::new(Arc::clone(&estimator), TrackerConfig::default())?;
         for (k, (bytes, time_s, truth)) in clip.frames.iter().enumerate() {
             let raw = RawImage::new(SIZE[0], SIZE[1], RawPixel::Gray, bytes)?;
@@ -248,6 +263,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         |kind: usize| -> Vec<Sample> { results.iter().flat_map(|r| r[kind].clone()).collect() };
     row("tracked, 1280 x 1024", &all(0));
     row("acquired, 1280 x 1024", &all(1));
+    row("searched thoroughly, 1280 x 1024", &all(2));
     if threads == 1 && !disc {
         let (samples, mut stages) = crops(&pattern, seed)?;
         row("crop of 60 px", &samples);
