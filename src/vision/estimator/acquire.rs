@@ -108,6 +108,8 @@ impl<D: DotDetector> Estimator<D> {
         let mut circles = std::mem::take(&mut ws.rough);
         let mut best = std::mem::take(&mut ws.best);
         best.clear();
+        // What a coarser hunt leaves was looked at closely there.
+        let known = if is_fine { promise(out) } else { 0.0 };
         let (mut is_found, mut tried, mut searched) = (false, 0, Duration::ZERO);
         // What stands out, then what that outshone and all the rest.
         for is_beyond in [false, true] {
@@ -148,7 +150,7 @@ impl<D: DotDetector> Estimator<D> {
                 break;
             }
         }
-        if !is_found {
+        if !is_found && promise(out) > known {
             is_found = self.look_closer(image, hint, ws, &mut best, out);
         }
         if !is_found {
