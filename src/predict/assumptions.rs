@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::conditions::CameraConditions;
-use super::model::{DetectionModel, Terms, can_be_found};
+use super::model::{Detected, DetectionModel, Terms, can_be_found};
 use crate::design::constraints::max_separation;
 use crate::design::objective::Coincidence;
 use crate::error::Result;
@@ -44,7 +44,7 @@ pub fn coincidence(
         let crowds = crowds(pattern.dots());
         let ball = conditions.scene(&pattern, SEED, k)?.seen()?;
         let mut rng = frame_rng(SEED, k | 1 << 61);
-        let Some(frame) = model.detect(&ball, None, &mut terms, &mut rng) else {
+        let Some(Detected { frame, .. }) = model.detect(&ball, None, &mut terms, &mut rng) else {
             continue;
         };
         let radius = ball.circle.radius;

@@ -9,13 +9,14 @@ use super::model::{
 };
 use super::quantiles::Quantiles;
 use super::regression::{Link, Regression, Scaling};
+use super::second_look::SecondLook;
 use crate::error::{Error, Result};
 use crate::stats::quantile;
 use crate::synth::observables::{BALL_OBSERVABLES, DOT_OBSERVABLES, SeenBall};
 use crate::vision::estimator::FrameEstimate;
 
 /// A detection nearer to a dot than this, ball radii, is that dot.
-const NEAR: f64 = 0.12;
+pub(super) const NEAR: f64 = 0.12;
 /// Confidences from which a detection is a likely and a doubtful one.
 const THRESHOLDS: [f64; 2] = [0.5, 0.15];
 /// Shares of the cases below the borders of their classes.
@@ -27,7 +28,7 @@ const LN_ERROR: [f64; 2] = [-9.0, 6.0];
 
 /// How a dot was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Found {
+pub(super) enum Found {
     Likely,
     Doubtful,
     Missed,
@@ -53,17 +54,36 @@ pub(super) struct OutlineRow {
     support: f64,
 }
 
+/// A detection that is no dot.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FalseRow {
+    /// From the ball's middle, radii.
+    pub place: Vector2<f64>,
+    pub is_likely: bool,
+    is_on_print: bool,
+    /// Logarithm of its variance, radii squared.
+    ln_variance: f64,
+}
+
+#[cfg(test)]
+impl FalseRow {
+    pub(super) fn at(place: Vector2<f64>, is_likely: bool) -> Self {
+        Self {
+            place,
+            is_likely,
+            is_on_print: false,
+            ln_variance: 0.0,
+        }
+    }
+}
+
 /// A frame that was rendered and read.
 #[derive(Debug, Clone)]
 pub struct Observation {
     ball: [f64; BALL_OBSERVABLES.len()],
     dots: Vec<DotRow>,
     outline: Option<OutlineRow>,
-    /// Counts of false dots, likely and doubtful ones.
-    false_dots: [usize; 2],
-    /// Of each false dot: whether it lies on print, distance from the middle, logarithm of its
-    /// variance; both in radii.
-    false_places: Vec<(bool, f64, f64)>,
+    false_dots: Vec<FalseRow>,
     answered_wrongly: bool,
 }
 
@@ -100,8 +120,7 @@ impl Observation {
             ball: ball.observables,
             dots: Vec::new(),
             outline,
-            false_dots: [0; 2],
-            false_places: Vec::new(),
+            false_dots: Vec::new(),
             answered_wrongly,
         };
         if outline.is_some() {
@@ -116,6 +135,22 @@ impl Observation {
 
     pub(super) fn outline(&self) -> Option<&OutlineRow> {
         self.outline.as_ref()
+    }
+
+    /// The covariates of the dots that could be found, and how each was.
+    pub(super) fn dots(&self) -> impl Iterator<Item = (&[f64], Found)> {
+        self.dots.iter().map(|d| (&d.observables[..], d.found))
+    }
+
+    /// The false dots.
+    pub(super) fn false_dots(&self) -> &[FalseRow] {
+        &self.false_dots
+    }
+
+    /// Number of false dots, likely or doubtful ones.
+    fn count_false(&self, is_likely: bool) -> f64 {
+        let of_kind = self.false_dots.iter().filter(|f| f.is_likely == is_likely);
+        of_kind.count() as f64
     }
 
     /// The covariates of the dots that could be found, and whether each was, as a likely one.
@@ -183,29 +218,29 @@ impl Observation {
             if is_taken {
                 continue;
             }
-            let is_likely = seen.confidence >= THRESHOLDS[0];
-            self.false_dots[usize::from(!is_likely)] += 1;
             let apart = |u: f64, v: f64| (seen.pixel.u - u).hypot(seen.pixel.v - v) / r;
-            let on_print = ball.printed.iter().any(|p| apart(p.u, p.v) < 0.2);
             let center = ball.circle.center;
             let variance = 0.5 * seen.covariance.trace() / (r * r);
-            self.false_places.push((
-                on_print,
-                apart(center.u, center.v).min(1.0),
-                variance.max(1e-9).ln(),
-            ));
+            self.false_dots.push(FalseRow {
+                place: Vector2::new(seen.pixel.u - center.u, seen.pixel.v - center.v) / r,
+                is_likely: seen.confidence >= THRESHOLDS[0],
+                is_on_print: ball.printed.iter().any(|p| apart(p.u, p.v) < 0.2),
+                ln_variance: variance.max(1e-9).ln(),
+            });
         }
     }
 }
 
 impl DetectionModel {
-    /// Learns a model from single frames, and from pairs of frames of one sequence each what lasts.
+    /// Learns a model from single frames at first look, from pairs of frames of one sequence each what lasts, and from
+    /// both looks at frames in doubt what the second one changes.
     ///
     /// # Errors
     /// [`Error::Argument`] where there are too few observations for its coefficients.
     pub fn learn(
         observations: &[Observation],
         pairs: &[[Observation; 2]],
+        looks: &[[Observation; 2]],
         provenance: Provenance,
     ) -> Result<Self> {
         let good: Vec<&Observation> = observations
@@ -323,16 +358,18 @@ impl DetectionModel {
             support,
             wrong_without_outline: wrong as f64 / lost.len().max(1) as f64,
             false_dots: [
-                false_dots(&good, &good_terms, 0, &of_balls, &ball_classes)?,
-                false_dots(&good, &good_terms, 1, &of_balls, &ball_classes)?,
+                false_dots(&good, &good_terms, true, &of_balls, &ball_classes)?,
+                false_dots(&good, &good_terms, false, &of_balls, &ball_classes)?,
             ],
             ball_classes,
             dots,
             ball,
             ball_products,
             shares: Shares::default(),
+            second_look: SecondLook::default(),
         };
         model.shares = Shares::learn(&model, pairs);
+        model.second_look = SecondLook::learn(&model, looks);
         Ok(model)
     }
 
@@ -458,13 +495,13 @@ pub(super) fn beyond_expected(cases: impl Iterator<Item = (f64, bool)>) -> (f64,
 fn false_dots(
     good: &[&Observation],
     terms: &Expanded,
-    kind: usize,
+    is_likely: bool,
     of_balls: &[usize],
     classes: &Classes,
 ) -> Result<FalseDots> {
     let rate = terms.fit(
         Link::Log,
-        good.iter().map(|o| Some(o.false_dots[kind] as f64)),
+        good.iter().map(|o| Some(o.count_false(is_likely))),
     )?;
     // Var = m + m^2 / shape.
     let shape_of = |class: usize| {
@@ -475,18 +512,19 @@ fn false_dots(
             .filter(|(i, _)| of_balls[*i] == class)
         {
             let m = rate.value(terms.row(i));
-            beyond += (o.false_dots[kind] as f64 - m).powi(2) - m;
+            beyond += (o.count_false(is_likely) - m).powi(2) - m;
             squared += m * m;
         }
         (squared / beyond.max(1e-9)).clamp(0.05, 100.0)
     };
     let shape = (0..classes.count()).map(shape_of).collect();
-    let places = || good.iter().flat_map(|o| &o.false_places);
+    let places = || good.iter().flat_map(|o| &o.false_dots);
     let printed: Vec<_> = good.iter().filter(|o| o.ball[9] > 0.0).collect();
-    let of_printed = || printed.iter().flat_map(|o| &o.false_places);
-    let on_print = of_printed().filter(|p| p.0).count() as f64;
-    let mut distance: Vec<f64> = places().filter(|p| !p.0).map(|p| p.1).collect();
-    let mut ln_variance: Vec<f64> = places().map(|p| p.2).collect();
+    let of_printed = || printed.iter().flat_map(|o| &o.false_dots);
+    let on_print = of_printed().filter(|f| f.is_on_print).count() as f64;
+    let others = places().filter(|f| !f.is_on_print);
+    let mut distance: Vec<f64> = others.map(|f| f.place.norm().min(1.0)).collect();
+    let mut ln_variance: Vec<f64> = places().map(|f| f.ln_variance).collect();
     if distance.is_empty() || ln_variance.is_empty() {
         return Err(Error::argument("observations", "expected some false dots"));
     }

@@ -20,6 +20,7 @@ mod learn;
 pub mod model;
 pub mod quantiles;
 pub mod regression;
+mod second_look;
 mod spins;
 mod sweep;
 
@@ -32,6 +33,7 @@ pub use conditions::{CameraConditions, Surroundings};
 pub use frames::{FrameOutcome, FramePrediction, FrameRates, PredictConfig, Predictor, paired};
 pub use judge::{Judge, Judgment, Trial, rendered};
 pub use learn::Observation;
-pub use model::{DetectionModel, Provenance};
+pub use model::{Detected, DetectionModel, Provenance};
+pub use second_look::SecondLook;
 pub use spins::{SpinPrediction, rendered_spins};
 pub use sweep::{CameraParameter, CameraPoint, CameraSweep, SweptCamera, sweep_csv};

@@ -9,7 +9,8 @@
 //! `models/camera.json` ships the coefficients, the domain in which they were learned, and how they
 //! came about.
 //!
-//! What lasts over a sequence is in [`super::lasting`]. What is not modeled: detections that merge two dots, false
+//! These are of the detector's first look; [`super::second_look`] is what another look at a frame in doubt changes. What
+//! lasts over a sequence is in [`super::lasting`]. What is not modeled: detections that merge two dots, false
 //! dots that stay at their place from frame to frame, errors of single dots that last.
 //!
 //! [`EstimatorConfig::dot_confidence`]: crate::vision::EstimatorConfig
@@ -25,6 +26,7 @@ use super::lasting::{Shares, Variates};
 use super::learn::{Observation, beyond_expected};
 use super::quantiles::Quantiles;
 use super::regression::{Regression, Scaling};
+use super::second_look::SecondLook;
 use crate::error::{Error, Result};
 use crate::stats::normal_cdf;
 use crate::synth::observables::{BALL_OBSERVABLES, DOT_OBSERVABLES, SeenBall, SeenDot};
@@ -33,11 +35,11 @@ use crate::vision::detect::DotDetection;
 use crate::vision::estimator::{FrameEstimate, Outline};
 
 /// The file's version.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 /// Below this cosine no dot is found.
 pub(super) const MIN_FACING: f64 = 0.05;
 /// Confidences that stand for likely and for doubtful detections.
-const CONFIDENCE: [f64; 2] = [0.9, 0.3];
+pub(super) const CONFIDENCE: [f64; 2] = [0.9, 0.3];
 /// Bounds of a stated standard deviation, pixels.
 const SIGMA_PX: [f64; 2] = [0.02, 10.0];
 
@@ -196,10 +198,35 @@ pub struct DetectionModel {
     pub false_dots: [FalseDots; 2],
     /// What of it lasts over a sequence.
     pub shares: Shares,
+    /// What another look at a frame in doubt changes.
+    pub second_look: SecondLook,
 }
 
 /// Largest error of the center, and of the radius, of an outline that counts as found, radii.
 pub const GOOD_OUTLINE: f64 = 0.1;
+
+/// What the first stages find of a ball.
+#[derive(Debug, Clone)]
+pub struct Detected {
+    /// The frame, not identified yet.
+    pub frame: FrameEstimate,
+    /// For each detection the dot of the ball that it is; `None` for a false one.
+    pub(super) of_dots: Vec<Option<usize>>,
+}
+
+impl Detected {
+    pub(super) fn new(
+        mut found: Vec<(Option<usize>, DotDetection)>,
+        frame: impl FnOnce(Vec<DotDetection>) -> FrameEstimate,
+    ) -> Self {
+        found.sort_by(|a, b| b.1.confidence.total_cmp(&a.1.confidence));
+        let (of_dots, dots) = found.into_iter().unzip();
+        Self {
+            frame: frame(dots),
+            of_dots,
+        }
+    }
+}
 
 /// Working memory of [`DetectionModel::detect`].
 #[derive(Debug, Clone, Default)]
@@ -210,6 +237,11 @@ pub struct Terms {
 }
 
 impl Terms {
+    /// Those of the dot of the last [`DetectionModel::dot_class`].
+    pub(super) fn dot(&self) -> &[f64] {
+        &self.dot
+    }
+
     /// Those of the ball with products, of the last [`DetectionModel::outline_chance`].
     pub(super) fn products(&self) -> &[f64] {
         &self.products
@@ -278,6 +310,7 @@ impl DetectionModel {
             && correction.from.len() == correction.to.len()
             && self.frame_effect.len() == classes
             && self.shares.are_valid()
+            && self.second_look.is_valid(self.dot_classes.count())
             && self.false_dots.iter().all(|f| {
                 fits(&f.rate, &self.ball_products)
                     && f.shape.len() == classes
@@ -286,7 +319,7 @@ impl DetectionModel {
             })
     }
 
-    /// What the estimator would find on this ball before it identifies the dots; `None` where it
+    /// What the estimator would find on this ball at first, before it identifies the dots; `None` where it
     /// does not find the outline. `sequence` is what the frame shares with others of its sequence; `None` for
     /// a single frame.
     pub fn detect<R: Rng + ?Sized>(
@@ -295,7 +328,7 @@ impl DetectionModel {
         sequence: Option<&Variates>,
         terms: &mut Terms,
         rng: &mut R,
-    ) -> Option<FrameEstimate> {
+    ) -> Option<Detected> {
         let own = Variates::draw(rng);
         let variates = sequence.map_or(own, |shared| self.shares.mix(shared, &own));
         let (probability, class) = self.outline_chance(&ball.observables, terms);
@@ -304,7 +337,7 @@ impl DetectionModel {
         }
         terms.dot.resize(self.dots.terms(), 0.0);
         let outline = self.outline_at(ball, &terms.products, class, &variates);
-        let mut dots = Vec::with_capacity(ball.dots.len() + 4);
+        let mut found = Vec::with_capacity(ball.dots.len() + 4);
         let scale = self.frame_effect[class];
         let effect = FrameEffect {
             // The coefficients are those of the mean over all frames; given the frame's own shift
@@ -312,18 +345,21 @@ impl DetectionModel {
             steeper: (1.0 + 0.346 * scale * scale).sqrt(),
             shift: scale * variates.dots,
         };
-        for dot in &ball.dots {
-            dots.extend(self.draw_dot(dot, &ball.circle, &effect, &mut terms.dot, rng));
+        for (i, dot) in ball.dots.iter().enumerate() {
+            let drawn = self.draw_dot(dot, &ball.circle, &effect, &mut terms.dot, rng);
+            found.extend(drawn.map(|detection| (Some(i), detection)));
         }
         for (false_dots, confidence) in self.false_dots.iter().zip(CONFIDENCE) {
-            false_dots.draw(ball, &terms.products, class, confidence, rng, &mut dots);
+            let rate = false_dots.rate.value(&terms.products);
+            false_dots.draw(ball, rate, class, confidence, rng, &mut found);
         }
-        dots.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
         let support = self
             .support
             .draw(&terms.products, class, rng)
             .clamp(0.0, 1.0);
-        Some(FrameEstimate::from_detections(outline, dots).with_support(support))
+        Some(Detected::new(found, |dots| {
+            FrameEstimate::from_detections(outline, dots).with_support(support)
+        }))
     }
 
     /// The probability that the outline of a ball is found, and the ball's class; `terms` then hold its terms.
@@ -388,7 +424,6 @@ impl DetectionModel {
         terms: &mut [f64],
         rng: &mut R,
     ) -> Option<DotDetection> {
-        let truth = &dot.truth;
         if !can_be_found(dot) {
             return None;
         }
@@ -397,10 +432,23 @@ impl DetectionModel {
         let class = self.dot_classes.of(predictor);
         let eta = predictor * effect.steeper + effect.shift;
         let is_likely = rng.random::<f64>() < 1.0 / (1.0 + (-eta).exp());
-        let is_doubtful = !is_likely && rng.random::<f64>() < self.doubtful.value(terms);
-        if !is_likely && !is_doubtful {
+        if !is_likely && rng.random::<f64>() >= self.doubtful.value(terms) {
             return None;
         }
+        Some(self.detection(dot, circle, is_likely, class, terms, rng))
+    }
+
+    /// A detection of a dot that is found, as a likely or a doubtful one; `terms` are those of the dot.
+    pub(super) fn detection<R: Rng + ?Sized>(
+        &self,
+        dot: &SeenDot,
+        circle: &BallCircle,
+        is_likely: bool,
+        class: usize,
+        terms: &[f64],
+        rng: &mut R,
+    ) -> DotDetection {
+        let truth = &dot.truth;
         let [more_variance, more_error] = if is_likely {
             [0.0, 0.0]
         } else {
@@ -418,7 +466,7 @@ impl DetectionModel {
         let off = radial * (scale * c * sigmas[0]) + across * (scale * s * sigmas[1]);
         let covariance: Matrix2<f64> = radial * radial.transpose() * sigmas[0].powi(2)
             + across * across.transpose() * sigmas[1].powi(2);
-        Some(DotDetection {
+        DotDetection {
             pixel: Pixel {
                 u: truth.pixel.u + off.x,
                 v: truth.pixel.v + off.y,
@@ -429,7 +477,14 @@ impl DetectionModel {
             } else {
                 CONFIDENCE[1]
             },
-        })
+        }
+    }
+
+    /// The class of a dot; `terms` then hold its own.
+    pub(super) fn dot_class(&self, observables: &[f64], terms: &mut Terms) -> usize {
+        terms.dot.resize(self.dots.terms(), 0.0);
+        self.dots.expand(observables, &mut terms.dot);
+        self.dot_classes.of(self.likely.predictor(&terms.dot))
     }
 
     /// The logit of the probability that a dot is found as a likely one, in a frame like most.
@@ -470,16 +525,16 @@ struct FrameEffect {
 }
 
 impl FalseDots {
-    fn draw<R: Rng + ?Sized>(
+    /// Draws false dots, `rate` of them on the average.
+    pub(super) fn draw<R: Rng + ?Sized>(
         &self,
         ball: &SeenBall,
-        terms: &[f64],
+        rate: f64,
         class: usize,
         confidence: f64,
         rng: &mut R,
-        dots: &mut Vec<DotDetection>,
+        found: &mut Vec<(Option<usize>, DotDetection)>,
     ) {
-        let rate = self.rate.value(terms);
         let own =
             Gamma::new(self.shape[class], 1.0 / self.shape[class]).map_or(1.0, |g| g.sample(rng));
         let count = Poisson::new((rate * own).clamp(1e-9, 50.0)).map_or(0.0, |p| p.sample(rng));
@@ -502,11 +557,12 @@ impl FalseDots {
                 }
             };
             let variance = self.ln_variance.draw(rng).exp() * radius * radius;
-            dots.push(DotDetection {
+            let detection = DotDetection {
                 pixel,
                 covariance: Matrix2::from_diagonal_element(variance),
                 confidence,
-            });
+            };
+            found.push((None, detection));
         }
     }
 }

@@ -173,9 +173,10 @@ fn errors_of_drawn_detections_have_the_learned_size() {
     let (mut terms, mut offs) = (Default::default(), Vec::new());
     let mut outline = Vec::new();
     for _ in 0..2000 {
-        let Some(frame) = model.detect(&ball, None, &mut terms, &mut rng) else {
+        let Some(detected) = model.detect(&ball, None, &mut terms, &mut rng) else {
             continue;
         };
+        let frame = detected.frame;
         let circle = frame.outline.unwrap().circle;
         outline.push(circle.radius / ball.circle.radius - 1.0);
         let near = frame

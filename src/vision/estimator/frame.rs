@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use nalgebra::Matrix3;
 
-use super::EXPECTED_DOTS;
 use super::config::CameraDistance;
 use super::trust::PoseEvidence;
+use super::{EXPECTED_DOTS, is_mirrored};
 use crate::geometry::Rotation;
 use crate::recognize::RecognizerRejection;
 use crate::vision::camera::BallCircle;
@@ -361,6 +361,21 @@ impl FrameEstimate {
     pub(crate) fn with_support(mut self, support: f64) -> Self {
         self.unfitted_support = support;
         self
+    }
+
+    /// The same outline with the dots of another look at it; the runs of the recognizer count on.
+    pub(crate) fn with_dots(mut self, dots: Vec<DotDetection>) -> Self {
+        self.assignment = vec![None; dots.len()];
+        self.dots = dots;
+        self.outcome = Err(FrameRejection::NotProcessed);
+        self.earlier_attempts = self.attempts;
+        self
+    }
+
+    /// Whether another look at the dots is of no use: there is a pose, the dots are those of the mirrored pattern, or no
+    /// outline was found.
+    pub fn is_settled(&self) -> bool {
+        self.pose().is_some() || is_mirrored(self) || self.outline.is_none()
     }
 
     /// The orientation, if accepted.

@@ -150,8 +150,8 @@ impl<D: DotDetector> Estimator<D> {
         let part = part.unwrap_or(Roi::whole(width, height));
         self.viewed(image, &part, ws, |view, ws| {
             self.detect_in(view, Search::Given(circle), ws, out);
+            self.estimate_looking_again(view, hint, ws, out);
         });
-        self.estimate_pose(hint, ws, out);
     }
 
     /// Estimates a frame with the ball somewhere in a part of it.
@@ -341,8 +341,7 @@ impl<D: DotDetector> Estimator<D> {
         out: &mut FrameEstimate,
     ) {
         self.estimate_pose(hint, ws, out);
-        let is_settled = out.pose().is_some() || is_mirrored(out) || out.outline.is_none();
-        if is_settled || !self.look_again(view, ws, out) {
+        if out.is_settled() || !self.look_again(view, ws, out) {
             return;
         }
         let before = out.timings.identify;

@@ -4,8 +4,9 @@
 //!     cargo run --release -p spindoe-studies --bin camera_model -- [FRAMES] [SEED] [OUT.json]
 //!
 //! Half of the frames are drawn from all conditions, half from good ones, balls of 20 to 200 pixels,
-//! each with another random pattern of 12 to 40 dots. No shipped pattern occurs. Of every fourth pair a later
-//! frame of the same sequence is read too: what both share lasts.
+//! each with another random pattern of 12 to 40 dots. No shipped pattern occurs. All are read at first look; those that
+//! it leaves in doubt are looked at again. Of every fourth pair a later frame of the same sequence is read too: what
+//! both share lasts.
 
 use std::error::Error;
 
@@ -15,9 +16,10 @@ use spindoe::pattern::random_pattern;
 use spindoe::predict::{DetectionModel, FrameOutcome, Observation, Provenance};
 use spindoe::synth::dataset::{Sequence, frame_rng};
 use spindoe::synth::{Scene, SynthConfig};
+use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::net::graph::Head;
-use spindoe::vision::net::weights::built_in_sha256;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::vision::net::weights::{Weights, built_in_sha256};
+use spindoe::vision::{CnnDetector, Estimator, EstimatorConfig, FrameEstimate};
 
 /// Minimum separation of the dots of a random pattern, radians.
 const SEPARATION: f64 = 0.25;
@@ -33,6 +35,8 @@ const FPS: f64 = 300.0;
 struct Observed {
     observation: Observation,
     later: Option<Observation>,
+    /// What the second look found on the outline of the first, where that left doubt.
+    again: Option<Observation>,
     outcome: FrameOutcome,
 }
 
@@ -54,9 +58,11 @@ fn main() -> Outcome<()> {
             ..SynthConfig::good()
         },
     ];
-    let detector = DetectorName::Cnn.build()?;
-    let first = random_pattern(20, SEPARATION, &mut frame_rng(seed, PATTERNS))?;
-    let estimator = Estimator::new(&first, EstimatorConfig::default(), detector)?;
+    let any = random_pattern(20, SEPARATION, &mut frame_rng(seed, PATTERNS))?;
+    let small = CnnDetector::new(&Weights::built_in(Head::Dots)?, CnnConfig::default())?;
+    let [first_look, both_looks] = [small, CnnDetector::built_in()?]
+        .map(|detector| Estimator::new(&any, EstimatorConfig::default(), detector));
+    let (first_look, both_looks) = (first_look?, both_looks?);
     let observed: Vec<Outcome<Observed>> = (0..frames)
         .into_par_iter()
         .map(|k| {
@@ -64,37 +70,56 @@ fn main() -> Outcome<()> {
             let dots = rng.random_range(12..=40);
             let pattern = random_pattern(dots, SEPARATION, &mut rng)?;
             let scene = Scene::random(&pattern, &configs[k % 2], &mut frame_rng(seed, k as u64))?;
-            let own = estimator.for_pattern(&pattern)?;
-            let mut ws = own.workspace();
-            let mut read = |scene: &Scene| -> Outcome<(Observation, FrameOutcome)> {
-                let ball = scene.seen()?;
-                let mut found = FrameEstimate::default();
-                own.estimate_frame(&scene.render()?.image, None, None, &mut ws, &mut found);
-                let outcome = FrameOutcome::of(&found, &ball.rotation);
-                Ok((Observation::new(&ball, &found, outcome.is_wrong()), outcome))
-            };
-            let (observation, outcome) = read(&scene)?;
+            let (first_look, both_looks) = (
+                first_look.for_pattern(&pattern)?,
+                both_looks.for_pattern(&pattern)?,
+            );
+            let mut ws = first_look.workspace();
+            let mut read =
+                |scene: &Scene| -> Outcome<(Observation, Option<Observation>, FrameOutcome)> {
+                    let ball = scene.seen()?;
+                    let image = scene.render()?.image;
+                    let (mut first, mut last) =
+                        (FrameEstimate::default(), FrameEstimate::default());
+                    first_look.estimate_frame(&image, None, None, &mut ws, &mut first);
+                    let is_settled = first.is_settled();
+                    let found = if is_settled {
+                        &first
+                    } else {
+                        both_looks.estimate_frame(&image, None, None, &mut ws, &mut last);
+                        &last
+                    };
+                    let outcome = FrameOutcome::of(found, &ball.rotation);
+                    let observed = |frame| Observation::new(&ball, frame, outcome.is_wrong());
+                    let is_same = first.outline.map(|o| o.circle) == last.outline.map(|o| o.circle);
+                    let again = (!is_settled && is_same).then(|| observed(&last));
+                    Ok((observed(&first), again, outcome))
+                };
+            let (observation, again, outcome) = read(&scene)?;
             let later = (k / 2 % 4 == 0).then(|| {
                 let sequence = Sequence::of_scene(scene, FPS, seed ^ k as u64, LATER + 1);
                 read(&sequence.scene(LATER).0)
             });
             Ok(Observed {
                 observation,
-                later: later.transpose()?.map(|(observation, _)| observation),
+                later: later.transpose()?.map(|(observation, ..)| observation),
+                again,
                 outcome,
             })
         })
         .collect();
-    let (mut observations, mut pairs) = (Vec::new(), Vec::new());
+    let (mut observations, mut pairs, mut looks) = (Vec::new(), Vec::new(), Vec::new());
     let (mut right, mut wrong) = (0, 0);
     for one in observed {
         let Observed {
             observation,
             later,
+            again,
             outcome,
         } = one?;
         right += usize::from(outcome.is_right());
         wrong += usize::from(outcome.is_wrong());
+        looks.extend(again.map(|again| [observation.clone(), again]));
         pairs.extend(later.map(|later| [observation.clone(), later]));
         observations.push(observation);
     }
@@ -106,9 +131,9 @@ fn main() -> Outcome<()> {
         large_sha256: built_in_sha256(Head::DotsLarge),
         outline_sha256: built_in_sha256(Head::Outline),
     };
-    let model = DetectionModel::learn(&observations, &pairs, provenance)?;
+    let model = DetectionModel::learn(&observations, &pairs, &looks, provenance)?;
     println!(
-        "frame effects {:.3?}, doubtful {:?}, wrong without outline {:.4}, false dots: shapes {:.2?} {:.2?}, on print {:.2} {:.2}\noutline: {:.2?}\nlasting, of {} pairs: {:.2?}",
+        "frame effects {:.3?}, doubtful {:?}, wrong without outline {:.4}, false dots: shapes {:.2?} {:.2?}, on print {:.2} {:.2}\noutline: {:.2?}\nlasting, of {} pairs: {:.2?}\nsecond look at {}: {:.3?}",
         model.frame_effect,
         model.of_doubtful,
         model.wrong_without_outline,
@@ -119,6 +144,8 @@ fn main() -> Outcome<()> {
         model.outline_correction,
         pairs.len(),
         model.shares,
+        looks.len(),
+        model.second_look,
     );
     std::fs::write(&out, model.to_json()?)?;
     println!("{out}");
