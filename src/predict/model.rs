@@ -275,7 +275,10 @@ impl DetectionModel {
             return Err("its covariates are not those of this version".into());
         }
         if !model.is_complete() {
-            return Err("a function has not one finite coefficient for each term".into());
+            return Err(
+                "a function has not one finite coefficient for each term, or a share is none"
+                    .into(),
+            );
         }
         Ok(model)
     }

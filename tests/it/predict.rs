@@ -147,9 +147,13 @@ fn the_shipped_model_belongs_to_the_shipped_weights() {
     let text = model.to_json().unwrap();
     assert_eq!(DetectionModel::from_json(&text).unwrap(), model);
     let refused = |text: &str| DetectionModel::from_json(text).unwrap_err();
-    assert!(refused(&text.replace("\"version\":3", "\"version\":9")).contains("version"));
+    let version = format!("\"version\":{}", model.version);
+    assert!(refused(&text.replace(&version, "\"version\":999")).contains("version"));
     assert!(refused(&text.replace("facing", "phasing")).contains("covariates"));
     assert!(refused(&text[..text.len() / 2]).contains("EOF"));
+    let mut unlikely = model.clone();
+    unlikely.second_look.false_dots[0] = [0.9, 0.2];
+    assert!(refused(&unlikely.to_json().unwrap()).contains("coefficient"));
     let mut short = model;
     short.likely.coefficients.pop();
     assert!(refused(&short.to_json().unwrap()).contains("coefficient"));
