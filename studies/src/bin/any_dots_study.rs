@@ -118,10 +118,10 @@ fn measured(dots: usize, index: usize, frames: u64, model: &DetectionModel) -> O
     for k in 0..frames {
         let ball = conditions.scene(&pattern, SCENE_SEED, k)?.seen()?;
         let mut rng = frame_rng(DETECTION_SEED, k);
-        let Some(detected) = model.detect(&ball, None, &mut terms, &mut rng) else {
+        let found = model.detect(&ball, None, &mut terms, &mut rng);
+        let Some(mut frame) = found.map(|f| f.frame) else {
             continue;
         };
-        let mut frame = detected.frame;
         let likely = frame.dots.iter().filter(|d| d.confidence >= 0.5).count();
         detected += likely as f64;
         estimator.estimate_pose(None, &mut ws, &mut frame);

@@ -60,10 +60,10 @@ fn main() -> Outcome<()> {
                 for k in chunk * CHUNK..((chunk + 1) * CHUNK).min(frames) {
                     let ball = conditions.scene(&mirrored, SEED, k)?.seen()?;
                     let mut rng = frame_rng(SEED + 1, k);
-                    let Some(detected) = model.detect(&ball, None, &mut terms, &mut rng) else {
+                    let found = model.detect(&ball, None, &mut terms, &mut rng);
+                    let Some(mut frame) = found.map(|f| f.frame) else {
                         continue;
                     };
-                    let mut frame = detected.frame;
                     estimator.estimate_pose(None, &mut ws, &mut frame);
                     let is_named = matches!(
                         frame.outcome,
