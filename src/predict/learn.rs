@@ -26,7 +26,7 @@ const PARTS: usize = 10;
 /// Bounds of the logarithm of a squared error, by which an exact one does not weigh infinitely.
 const LN_ERROR: [f64; 2] = [-9.0, 6.0];
 
-/// How a dot was found.
+/// How a dot was found; in this order in tables of steps from look to look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Found {
     Likely,

@@ -9,7 +9,7 @@
 //! `models/camera.json` ships the coefficients, the domain in which they were learned, and how they
 //! came about.
 //!
-//! These are of the detector's first look; [`super::second_look`] is what another look at a frame in doubt changes. What
+//! These are of the detector's first look; [`SecondLook`] is what another look at a frame in doubt changes. What
 //! lasts over a sequence is in [`super::lasting`]. What is not modeled: detections that merge two dots, false
 //! dots that stay at their place from frame to frame, errors of single dots that last.
 //!

@@ -64,14 +64,14 @@ impl SecondLook {
         let all = [0, 1, 2].map(|before| {
             let of_all = counts.iter().map(|class| class[before]);
             let sum = of_all.fold([1e-9; 3], |sum, row| [0, 1, 2].map(|k| sum[k] + row[k]));
-            share(&sum, &[0.0; 2])
+            share(&sum, None)
         });
         Self {
             dots: counts
                 .iter()
-                .map(|class| [0, 1, 2].map(|before| share(&class[before], &all[before])))
+                .map(|class| [0, 1, 2].map(|before| share(&class[before], Some(&all[before]))))
                 .collect(),
-            false_dots: false_counts.map(|row| share(&row, &[0.0; 2])),
+            false_dots: false_counts.map(|row| share(&row, None)),
             new_false_dots: [new[0] / expected[0], new[1] / expected[1]],
         }
     }
@@ -86,9 +86,9 @@ impl SecondLook {
     }
 }
 
-/// Shares of likely and doubtful cases among all, drawn towards `prior`.
-fn share(row: &[f64; 3], prior: &Step) -> Step {
-    let weight = if *prior == [0.0; 2] { 0.0 } else { PRIOR };
+/// Shares of likely and doubtful cases among all, drawn towards `prior` where there is one.
+fn share(row: &[f64; 3], prior: Option<&Step>) -> Step {
+    let (weight, prior) = prior.map_or((0.0, [0.0; 2]), |step| (PRIOR, *step));
     let all = row.iter().sum::<f64>().max(1e-9) + weight;
     [0, 1].map(|k| (row[k] + weight * prior[k]) / all)
 }
@@ -206,8 +206,8 @@ mod tests {
 
     #[test]
     fn a_class_without_cases_follows_all_others() {
-        assert_eq!(share(&[0.0; 3], &[0.6, 0.3]), [0.6, 0.3]);
-        let [likely, doubtful] = share(&[60.0, 20.0, 20.0], &[0.0; 2]);
+        assert_eq!(share(&[0.0; 3], Some(&[0.6, 0.3])), [0.6, 0.3]);
+        let [likely, doubtful] = share(&[60.0, 20.0, 20.0], None);
         assert!((likely - 0.6).abs() < 1e-12 && (doubtful - 0.2).abs() < 1e-12);
     }
 }
