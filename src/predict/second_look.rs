@@ -89,7 +89,7 @@ impl SecondLook {
 /// Shares of likely and doubtful cases among all, drawn towards `prior` where there is one.
 fn share(row: &[f64; 3], prior: Option<&Step>) -> Step {
     let (weight, prior) = prior.map_or((0.0, [0.0; 2]), |step| (PRIOR, *step));
-    let all = row.iter().sum::<f64>().max(1e-9) + weight;
+    let all = (row.iter().sum::<f64>() + weight).max(1e-9);
     [0, 1].map(|k| (row[k] + weight * prior[k]) / all)
 }
 
