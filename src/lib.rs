@@ -11,9 +11,8 @@
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
-//! [`certify`] (guarantees of a pattern),
-//! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them, [`plot`], [`report`] and
-//! [`cli`] on top.
+//! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them,
+//! [`plot`], [`report`] and [`cli`] on top.
 //!
 //! # Conventions
 //! The library takes radians and SI units. Camera frame: x right, y up, z from the ball towards the
@@ -129,7 +128,6 @@ match &estimate.outcome {
 
 #[cfg(feature = "vision")]
 pub mod calibrate;
-pub mod certify;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

@@ -8,7 +8,6 @@ use std::io::{Cursor, Write};
 use std::path::Path;
 
 use nalgebra::Matrix2;
-use spindoe::certify::Certificate;
 use spindoe::design::DesignConfig;
 use spindoe::design::checkpoint::{SearchState, ShardFile};
 use spindoe::recognize::observed::ObservedReader;
@@ -29,7 +28,7 @@ use zip::write::SimpleFileOptions;
 pub type Reader = fn(&[u8]) -> Result<()>;
 
 /// All readers, by the names of their targets.
-pub const READERS: [(&str, Reader); 16] = [
+pub const READERS: [(&str, Reader); 15] = [
     ("table", table),
     ("pattern", pattern),
     ("zones", zones),
@@ -44,7 +43,6 @@ pub const READERS: [(&str, Reader); 16] = [
     ("picture", picture),
     ("pipe", pipe),
     ("video", video),
-    ("certificate", certificate),
     ("synth", synth),
 ];
 
@@ -296,17 +294,6 @@ fn video(bytes: &[u8]) -> Result<()> {
     }
     // As a reader says that ffmpeg gives up.
     Err(Error::input("v", "video", log.last))
-}
-
-fn certificate(bytes: &[u8]) -> Result<()> {
-    in_folder(&[("c.json", bytes)], |folder| {
-        let path = folder.join("c.json");
-        let read = Certificate::read(&path)?;
-        for missed in 0..3 {
-            let _ = read.with_missed(spindoe::certify::TakenFor::ALL[missed % 2], missed);
-        }
-        read.write(&path)
-    })
 }
 
 fn synth(bytes: &[u8]) -> Result<()> {

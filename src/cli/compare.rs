@@ -8,7 +8,6 @@ use clap::Args;
 use super::camera::CameraArguments;
 use super::output::{Counter, one_of, quoted};
 use super::{print_json, read_table};
-use crate::certify::CertifyConfig;
 use crate::error::Result;
 use crate::files;
 use crate::recognize::RecognizerName;
@@ -42,10 +41,6 @@ pub struct Arguments {
     /// Only this recognizer; by default both.
     #[arg(long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), value_name = "RECOGNIZER")]
     recognizer: Option<RecognizerName>,
-    /// Also find the noise that each pattern tolerates for certain; a second for 20 dots, minutes for
-    /// 64.
-    #[arg(long)]
-    certify: bool,
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
@@ -97,7 +92,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         &recognizers,
         arguments.seed,
         arguments.samples,
-        arguments.certify.then(CertifyConfig::default),
         &mut |what| {
             counter.line(what);
             counter.add(1);
@@ -130,7 +124,6 @@ fn before_camera(arguments: &Arguments, entries: &[Entry]) -> Result<()> {
     for (is_given, flag) in [
         (arguments.output.is_some(), "output"),
         (arguments.recognizer.is_some(), "recognizer"),
-        (arguments.certify, "certify"),
     ] {
         if is_given {
             return Err(Error::argument(flag, "cannot be used with a camera"));
@@ -261,9 +254,6 @@ fn print_words(found: &Comparison) {
             "  mean nearest-neighbor distance of the features: {:.4}",
             p.mean_feature_distance
         );
-        if let Some(certificate) = &p.certificate {
-            super::certify::print_words(certificate);
-        }
         for o in &p.objectives {
             outln!("  {}: {:.4}", o.name, o.value);
         }

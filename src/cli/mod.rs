@@ -28,7 +28,6 @@ mod advise;
 mod calibrate;
 #[cfg(feature = "vision")]
 mod camera;
-mod certify;
 mod compare;
 mod design;
 #[cfg(feature = "vision")]
@@ -104,8 +103,6 @@ enum Command {
     Report(report::Arguments),
     /// Compare patterns on the same trials, side by side.
     Compare(compare::Arguments),
-    /// Find the noise that a pattern tolerates for certain, with a certificate; or verify one.
-    Certify(certify::Arguments),
     /// Measure how the rates depend on the dots' noise and on the paper's alpha; data and plots.
     Sensitivity(sensitivity::Arguments),
     /// Make the hash table of a pattern, a NumPy archive.
@@ -176,7 +173,6 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Advise(arguments) => advise::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
-        Command::Certify(arguments) => certify::run(&arguments),
         Command::Sensitivity(arguments) => sensitivity::run(&arguments),
         Command::Table(arguments) => table::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),

@@ -15,7 +15,6 @@
 //! results: the seam of maximum margin, and whether a stencil is possible ([`Stencil::check`]).
 //! Nothing else in the design depends on the stencil.
 
-use crate::certify::is_guaranteed;
 use crate::error::{Error, Result, require};
 use crate::geometry::{Vec3, angle_between, spiral_directions};
 pub use crate::pattern::KeepOut;
@@ -26,8 +25,6 @@ use crate::stencil::{Stencil, StencilConfig, max_margin_seam};
 const VIEWS: usize = 600;
 /// Required height above the limit, since directions between the samples count too.
 const VISIBILITY_RESERVE: f64 = 0.02;
-/// Detected dots that the certified displacement holds for.
-const CERTIFIED_DOTS: usize = 4;
 /// Directions by which the area outside all cones is measured.
 const AREA_SAMPLES: usize = 4_000;
 /// An angle may miss its bound by this much, radians (0.06 degrees: 0.02 mm on a ball of 40 mm).
@@ -49,10 +46,6 @@ pub struct Constraints {
     pub seam_margin_rad: f64,
     /// Cones without dots.
     pub keep_out: Vec<KeepOut>,
-    /// Displacement below which four detected dots must never be taken for others, radians
-    /// ([`crate::certify`]); 0 asks for none. It is not one of the inequalities: a pattern that misses
-    /// it is never chosen.
-    pub min_certified_rad: f64,
     /// A stencil that must be possible: holes apart, clear of rims, hinge and thumb tab. It is not
     /// one of the inequalities; a pattern without a possible stencil is never chosen.
     pub stencil: Option<StencilConfig>,
@@ -68,7 +61,6 @@ impl Default for Constraints {
             visibility_limit: 0.0,
             seam_margin_rad: 10f64.to_radians(),
             keep_out: Vec::new(),
-            min_certified_rad: 0.0,
             stencil: None,
         }
     }
@@ -122,19 +114,6 @@ impl Constraints {
         for cone in &self.keep_out {
             cone.check()?;
         }
-        let certified = self.min_certified_rad;
-        // A dot halfway to its neighbor is taken for it.
-        let expected = format!(
-            "less than half the largest separation of {dots} dots, {:.1} degrees",
-            0.5 * limit.to_degrees()
-        );
-        let inside = (0.0..0.5 * limit).contains(&certified);
-        require(
-            inside,
-            "min_certified_rad",
-            &expected,
-            certified.to_degrees(),
-        )?;
         self.check_space(dots)
     }
 
@@ -236,12 +215,6 @@ impl Constraints {
                 }
             }
         }
-        if self.min_certified_rad > 0.0 && !self.is_certified(pattern) {
-            return Some(format!(
-                "a certified displacement below {:.2} deg",
-                deg(self.min_certified_rad)
-            ));
-        }
         let rejected = self.stencil.as_ref()?;
         let rejected = Stencil::check(pattern, rejected).err()?;
         Some(format!("{NO_STENCIL} ({rejected})"))
@@ -254,11 +227,6 @@ impl Constraints {
             (s.hole_diameter_mm / s.ball_diameter_mm).min(1.0).asin()
         });
         cone.half_angle_rad + dot
-    }
-
-    fn is_certified(&self, pattern: &Pattern) -> bool {
-        let (limit, angle) = (self.visibility_limit, self.min_certified_rad);
-        is_guaranteed(pattern, limit, CERTIFIED_DOTS, angle).unwrap_or(false)
     }
 
     /// The largest violation at `x`: the dots, and the seam's normal after them.

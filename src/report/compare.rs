@@ -6,7 +6,6 @@
 
 use serde::Serialize;
 
-use crate::certify::{Certificate, CertifyConfig, certify};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{MirrorLikeness, Objective, ObjectiveName, OrientationBound};
 use crate::error::{Error, Result};
@@ -45,9 +44,6 @@ pub struct PatternMeasures {
     pub orientation_bound: BoundSummary,
     /// How much of the pattern lies near its own mirror image.
     pub mirror_likeness: MirrorLikeness,
-    /// The noise that it tolerates for certain, where asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub certificate: Option<Certificate>,
 }
 
 /// An objective's value.
@@ -126,7 +122,7 @@ pub struct Comparison {
     pub contests: Vec<Contest>,
 }
 
-fn measures(entry: &Entry, certificate: Option<&CertifyConfig>) -> Result<PatternMeasures> {
+fn measures(entry: &Entry) -> Result<PatternMeasures> {
     let pattern = entry.table.pattern();
     let sparse = Protocol::standard(ProtocolName::Sparse);
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
@@ -149,9 +145,6 @@ fn measures(entry: &Entry, certificate: Option<&CertifyConfig>) -> Result<Patter
         mean_feature_distance: distances.iter().sum::<f64>() / distances.len() as f64,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
         mirror_likeness: MirrorLikeness::of(pattern)?,
-        certificate: certificate
-            .map(|config| certify(pattern, config))
-            .transpose()?,
     })
 }
 
@@ -187,8 +180,8 @@ fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> P
     PairedDifference::new(pairs)
 }
 
-/// Compares patterns on `samples` trials of every protocol, with these recognizers, and certifies
-/// them where `certificates` says how; `says` receives the name of each measurement.
+/// Compares patterns on `samples` trials of every protocol, with these recognizers; `says` receives
+/// the name of each measurement.
 ///
 /// # Errors
 /// [`Error::Argument`] for fewer than two patterns; as [`run_named`].
@@ -197,7 +190,6 @@ pub fn compare(
     recognizers: &[RecognizerName],
     seed: u64,
     samples: u64,
-    certificates: Option<CertifyConfig>,
     says: &mut dyn FnMut(&str),
 ) -> Result<Comparison> {
     if entries.len() < 2 {
@@ -205,10 +197,7 @@ pub fn compare(
         let problem = format!("expected at least two, found {found}");
         return Err(Error::argument("patterns", problem));
     }
-    let patterns: Result<Vec<_>> = entries
-        .iter()
-        .map(|entry| measures(entry, certificates.as_ref()))
-        .collect();
+    let patterns: Result<Vec<_>> = entries.iter().map(measures).collect();
     let mut contests = Vec::new();
     for &recognizer in recognizers {
         for name in ProtocolName::ALL {

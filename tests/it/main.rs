@@ -4,7 +4,6 @@
 
 mod breaks;
 mod calibrate;
-mod certify;
 mod cli;
 mod common;
 

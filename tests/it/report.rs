@@ -62,7 +62,6 @@ fn comparison(path: &Path) {
         &[RecognizerName::Robust],
         3,
         40,
-        None,
         &mut |_| {},
     )
     .unwrap();

@@ -9,7 +9,6 @@ use std::io::Cursor;
 use std::path::Path;
 
 use nalgebra::Matrix3;
-use spindoe::certify::{CertifyConfig, certify};
 use spindoe::design::Candidate;
 use spindoe::design::Shard;
 use spindoe::design::checkpoint::{SearchState, ShardFile, ShardRecord};
@@ -170,14 +169,6 @@ fn main() -> Done {
         "synth",
         "default",
         serde_json::to_vec(&SynthConfig::default())?,
-    )?;
-    let folder = tempfile::tempdir()?;
-    let path = folder.path().join("c.json");
-    let larger = spindoe::pattern::random_pattern(8, 0.4, &mut rand_chacha())?;
-    certify(&larger, &CertifyConfig::default())?.write(&path)?;
-    seed("certificate", "plain", fs::read(path)?)
+    )
 }
 
-fn rand_chacha() -> impl rand::Rng {
-    <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1)
-}

@@ -104,15 +104,6 @@ pub struct Arguments {
     /// default 10, less for more than 24 dots.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     seam_margin_deg: Option<f64>,
-    /// Displacement in degrees below which four detected dots must never be taken for others, whatever
-    /// the view; 0 asks for none. See `spindoe certify`.
-    #[arg(
-        long,
-        value_name = "DEG",
-        default_value_t = 0.0,
-        allow_negative_numbers = true
-    )]
-    min_certified_deg: f64,
     /// A cone without dots, such as a logo: its axis and half angle in degrees. May be repeated. By
     /// default the zones of --from.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = keep_out, allow_hyphen_values = true)]
@@ -220,7 +211,6 @@ impl Arguments {
                 min_separation_rad: self.min_separation_deg().to_radians(),
                 min_visible: self.min_visible.unwrap_or(3 * dots / 10),
                 seam_margin_rad: self.seam_margin_deg(dots).to_radians(),
-                min_certified_rad: self.min_certified_deg.to_radians(),
                 keep_out: match &from {
                     Some(pattern) if self.keep_out.is_empty() => pattern.keep_out().to_vec(),
                     _ => self.keep_out.iter().map(|c| c.keep_out).collect(),
@@ -398,7 +388,6 @@ impl Arguments {
             "seam-margin-deg",
             self.seam_margin_deg(config.dots).to_string(),
         );
-        add("min-certified-deg", self.min_certified_deg.to_string());
         for cone in &self.keep_out {
             add("keep-out", cone.given.map(|x| x.to_string()).join(","));
         }

@@ -499,11 +499,6 @@ fn demands_that_no_pattern_meets_are_refused_with_the_figure_that_helps() {
         words.starts_with("keep_out") && words.contains("smaller cones"),
         "{words}"
     );
-    let words = refused(Constraints {
-        min_certified_rad: 40f64.to_radians(),
-        ..base
-    });
-    assert!(words.starts_with("min_certified_rad"), "{words}");
 }
 
 #[test]
