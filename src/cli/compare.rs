@@ -245,12 +245,6 @@ fn print_words(found: &Comparison) {
             number_or_dash(p.orientation_bound.worst)
         );
         outln!(
-            "  mirror image: {} of {} dots within 12 deg of it, {:.1} deg root mean square",
-            p.mirror_likeness.near,
-            p.mirror_likeness.dots,
-            deg(p.mirror_likeness.rms_rad)
-        );
-        outln!(
             "  mean nearest-neighbor distance of the features: {:.4}",
             p.mean_feature_distance
         );

@@ -4,7 +4,6 @@
 //! - [`objective`]: what makes a pattern easy to identify,
 //! - [`constraints`]: the constraints for printing, drawing and reading it,
 //! - [`feasible`]: whether the constraints can be met,
-//! - [`mirror`]: how much of a pattern lies near its own mirror image,
 //! - [`scp`]: the descent under these constraints,
 //! - [`start`]: random patterns to start from,
 //! - [`search`]: many starts, screening, and selection by Monte Carlo,
@@ -20,7 +19,6 @@ pub mod checkpoint;
 mod config;
 pub mod constraints;
 pub mod feasible;
-pub mod mirror;
 pub mod objective;
 pub mod polish;
 pub mod rate;
@@ -34,7 +32,6 @@ pub use crate::pattern::random_pattern;
 pub use candidate::{Candidate, Milestone, Stage};
 pub use config::DesignConfig;
 pub use constraints::{Constraints, KeepOut};
-pub use mirror::MirrorLikeness;
 pub use objective::{Objective, ObjectiveName, OrientationBound};
 pub use search::{DesignObserver, DesignOutcome, design, search_rounds};
 pub use shard::Shard;

@@ -7,7 +7,7 @@
 use serde::Serialize;
 
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{MirrorLikeness, Objective, ObjectiveName, OrientationBound};
+use crate::design::{Objective, ObjectiveName, OrientationBound};
 use crate::error::{Error, Result};
 use crate::geometry::angle_between;
 use crate::hash::HashTable;
@@ -42,8 +42,6 @@ pub struct PatternMeasures {
     pub mean_feature_distance: f64,
     /// The orientation bound of the visible dots, in units of the dots' noise.
     pub orientation_bound: BoundSummary,
-    /// How much of the pattern lies near its own mirror image.
-    pub mirror_likeness: MirrorLikeness,
 }
 
 /// An objective's value.
@@ -144,7 +142,6 @@ fn measures(entry: &Entry) -> Result<PatternMeasures> {
         objectives: objectives?,
         mean_feature_distance: distances.iter().sum::<f64>() / distances.len() as f64,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
-        mirror_likeness: MirrorLikeness::of(pattern)?,
     })
 }
 

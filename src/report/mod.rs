@@ -23,9 +23,7 @@ use serde::Serialize;
 use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::polish::PolishStep;
-use crate::design::{
-    Candidate, DesignConfig, DesignOutcome, Milestone, MirrorLikeness, OrientationBound,
-};
+use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
@@ -113,8 +111,6 @@ pub struct DesignReport {
     pub pattern: PatternReport,
     /// The orientation bound of its dots, in units of the dots' noise.
     pub orientation_bound: BoundSummary,
-    /// How much of the winner lies near its own mirror image.
-    pub mirror_likeness: MirrorLikeness,
     /// Mean distance from each feature of its table to the nearest other one, without unit: the
     /// value of the SpinDOE paper.
     pub mean_feature_distance: f64,
@@ -254,7 +250,6 @@ pub fn evaluate(
         polish: outcome.polish.clone(),
         objective,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
-        mirror_likeness: MirrorLikeness::of(pattern)?,
         mean_feature_distance: {
             let distances = table.nearest_distances();
             distances.iter().sum::<f64>() / distances.len() as f64

@@ -57,14 +57,7 @@ fn comparison(path: &Path) {
         name: format!("<b>{file}</b>"),
         table: table(pattern(file)),
     });
-    let found = compare(
-        &entries,
-        &[RecognizerName::Robust],
-        3,
-        40,
-        &mut |_| {},
-    )
-    .unwrap();
+    let found = compare(&entries, &[RecognizerName::Robust], 3, 40, &mut |_| {}).unwrap();
     std::fs::write(path, found.html(&entries, "spindoe compare a b").unwrap()).unwrap();
 }
 

@@ -141,9 +141,7 @@ pub(super) fn print_words(found: &DesignEvaluation, seconds: f64) {
         report.starts,
     );
     outln!(
-        "{} of {} dots within 12 deg of the pattern's mirror image; mean nearest-neighbor distance of the features {:.4}",
-        report.mirror_likeness.near,
-        report.mirror_likeness.dots,
+        "mean nearest-neighbor distance of the features {:.4}",
         report.mean_feature_distance,
     );
     outln!(

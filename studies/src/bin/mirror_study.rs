@@ -11,7 +11,6 @@ use std::error::Error;
 
 use rayon::prelude::*;
 use spindoe::Pattern;
-use spindoe::design::MirrorLikeness;
 use spindoe::predict::{CameraConditions, DetectionModel};
 use spindoe::recognize::RecognizerRejection;
 use spindoe::stats::Proportion;
@@ -43,10 +42,8 @@ fn main() -> Outcome<()> {
     }
     let model = DetectionModel::shipped()?;
     let conditions = CameraConditions::default();
-    println!(
-        "| pattern | dots | within 12 deg of the mirror image | named mirrored | taken for the pattern |"
-    );
-    println!("|---|---|---|---|---|");
+    println!("| pattern | dots | named mirrored | taken for the pattern |");
+    println!("|---|---|---|---|");
     for path in paths {
         let pattern = Pattern::read_csv(path.as_ref())?;
         let mirrored = mirrored_pattern(&pattern)?;
@@ -84,11 +81,9 @@ fn main() -> Outcome<()> {
             }
         }
         let [all, named, taken] = counts;
-        let likeness = MirrorLikeness::of(&pattern)?;
         println!(
-            "| {path} | {} | {} | {} of {all} | {} of {all} |",
-            likeness.dots,
-            likeness.near,
+            "| {path} | {} | {} of {all} | {} of {all} |",
+            pattern.len(),
             Proportion::new(named, all),
             Proportion::new(taken, all),
         );

@@ -10,10 +10,10 @@ use spindoe::design::objective::bound::BoundSummary;
 use spindoe::design::objective::{Evaluation, MeanNearestNeighbor};
 use spindoe::design::scp::{Cost, Descent, descend};
 use spindoe::design::{
-    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, MirrorLikeness, Objective,
-    OrientationBound, Stage, design,
+    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, OrientationBound,
+    Stage, design,
 };
-use spindoe::geometry::{Rotation, Vec3, angle_between, random_direction};
+use spindoe::geometry::{Vec3, angle_between, random_direction};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::Pattern;
 use spindoe::stencil::{Stencil, StencilConfig};
@@ -499,33 +499,6 @@ fn demands_that_no_pattern_meets_are_refused_with_the_figure_that_helps() {
         words.starts_with("keep_out") && words.contains("smaller cones"),
         "{words}"
     );
-}
-
-#[test]
-fn mirror_likeness_counts_the_dots_near_the_mirror_image() {
-    // Dots on one great circle are their own mirror image.
-    let ring = (0..9).map(|k| {
-        let (s, c) = (0.5 * f64::from(k) + 0.03 * f64::from(k * k)).sin_cos();
-        Vec3::new(c, s, 0.0)
-    });
-    let flat = MirrorLikeness::of(&Pattern::new(ring.collect()).unwrap()).unwrap();
-    assert_eq!((flat.near, flat.dots), (9, 9));
-    assert!(flat.rms_rad < 1e-6, "{flat:?}");
-    // The published pattern: 17 of its 20 dots lie within 12 degrees.
-    if let Some(published) = crate::common::published_pattern() {
-        let found = MirrorLikeness::of(&published).unwrap();
-        assert!(found.near >= 17 && found.dots == 20, "{found:?}");
-    }
-    // No rotation of the pattern changes it.
-    let pattern = crate::common::random_pattern(14, 4);
-    let turn = Rotation::from_scaled_axis(Vec3::new(0.3, -1.0, 2.0));
-    let turned = Pattern::new(pattern.dots().iter().map(|d| turn * d).collect()).unwrap();
-    let (a, b) = (
-        MirrorLikeness::of(&pattern).unwrap(),
-        MirrorLikeness::of(&turned).unwrap(),
-    );
-    assert_eq!(a.near, b.near);
-    assert!((a.rms_rad - b.rms_rad).abs() < 1e-6, "{a:?} {b:?}");
 }
 
 #[test]
