@@ -14,7 +14,7 @@ struct Printer;
 
 impl DesignObserver for Printer {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
-        if let Some(best) = state.best(stage).and_then(|c| c.identity) {
+        if let Some(best) = state.best().and_then(|c| c.identity) {
             println!("{stage:?}: best identity rate so far {best}");
         }
         Ok(())

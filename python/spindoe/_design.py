@@ -92,7 +92,7 @@ class DesignProgress:
     """What a search has done so far."""
 
     stage: str
-    """``scout``, ``climb``, ``try``, ``halve``, ``polish``, or ``finish``."""
+    """``scout``, ``climb``, ``try``, ``halve``, or ``finish``."""
     rounds: int
     """Rounds completed."""
     elapsed_s: float
@@ -167,7 +167,7 @@ class Design:
         Args:
             callback: Called with the progress, on another thread; what it raises ends the search.
             resume: Continue the search saved in the folder.
-            budget_s: Begin rounds of search and polishing until this time is spent, seconds.
+            budget_s: Begin rounds until this time is spent, seconds.
         """
         flags = list(self._flags) + (["--resume"] if resume else [])
         if budget_s is not None:

@@ -112,16 +112,12 @@ impl DesignObserver for Observer<'_> {
             "rounds": state.round,
             "scouted": state.scouted.len(),
             "climbed": state.climbed.len(),
-            "best": state.best(stage),
+            "best": state.best(),
             "elapsed_s": state.elapsed_s,
         }))
     }
 
     fn another_round(&mut self, _: &SearchState) -> bool {
-        self.has_time()
-    }
-
-    fn another_polish(&mut self, _: &SearchState) -> bool {
         self.has_time()
     }
 }

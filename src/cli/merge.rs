@@ -16,8 +16,8 @@ use crate::report::{DesignJob, EvaluationConfig, JobObserver, Start, whole_searc
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The shards must be all of one search, and finished. Their finalists meet in the last trial, on trials that no
-shard has drawn; the winner is polished as --polish of the shards says, evaluated, and written as by
-`spindoe design`. `spindoe design --shards N` gives the same files.
+shard has drawn; the winner is evaluated and written as by `spindoe design`. `spindoe design --shards N` gives
+the same files.
 
 Example, on eight machines and then on one:
   spindoe design --seed 7 --rounds 20 --shard 3/8 --out shard-3
@@ -47,12 +47,8 @@ struct MergeProgress {
 }
 
 impl DesignObserver for MergeProgress {
-    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
-        let polished = state.polish.as_ref().map_or(0, |p| p.steps.len());
-        let what = match stage {
-            Stage::Polish => format!("polishing, round {polished}"),
-            _ => format!("last trial of {} finalists", state.pool.len()),
-        };
+    fn progress(&mut self, state: &SearchState, _: Stage) -> Result<()> {
+        let what = format!("last trial of {} finalists", state.pool.len());
         self.line.show(0, &what, String::new);
         Ok(())
     }

@@ -54,8 +54,6 @@ pub enum Stage {
     Try,
     /// The best of all rounds, with more and more trials.
     Halve,
-    /// The winner, optimized on the rate itself.
-    Polish,
 }
 
 /// The best pattern at a point in time.
@@ -65,8 +63,6 @@ pub struct Milestone {
     pub elapsed_s: f64,
     /// Rounds of the search completed.
     pub rounds: usize,
-    /// Rounds of polishing that this pattern has had; 0 after a round of the search.
-    pub polished: usize,
     /// The identity rate of the best candidate, always on the same trials, which select nothing.
     pub identity: Proportion,
 }

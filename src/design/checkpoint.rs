@@ -4,10 +4,10 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::candidate::{Candidate, Milestone, Stage};
+use super::candidate::{Candidate, Milestone};
 use super::config::DesignConfig;
-use super::polish::Polish;
 use super::shard::Shard;
 use crate::error::{Error, Result};
 #[cfg(feature = "native")]
@@ -18,7 +18,9 @@ use crate::files;
 const SEPARATION_ROUNDING: f64 = 2e-3;
 
 /// Version of the checkpoint's format.
-pub const CHECKPOINT_VERSION: u32 = 3;
+pub const CHECKPOINT_VERSION: u32 = 4;
+/// The version before, which is read as far as nothing in it has gone since ([`removed`]).
+const VERSION_BEFORE: u32 = 3;
 
 /// The progress of a search.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -35,8 +37,6 @@ pub struct SearchState {
     pub elapsed_s: f64,
     /// The best rate over time.
     pub milestones: Vec<Milestone>,
-    /// The polishing of the last trial's winner.
-    pub polish: Option<Polish>,
     /// A constraint that a recent candidate violated.
     pub missed: Option<String>,
     /// The shards that this is merged from; 0 for a search of one piece.
@@ -89,13 +89,40 @@ impl File {
             |e: serde_json::Error| Error::input(path, "checkpoint", format!("cannot be read: {e}"));
         // The version first: another format may have other fields.
         let Version { checkpoint_version } = serde_json::from_slice(bytes).map_err(unreadable)?;
-        if checkpoint_version != CHECKPOINT_VERSION {
-            let problem =
-                format!("expected version {CHECKPOINT_VERSION}, found {checkpoint_version}");
-            return Err(Error::input(path, "checkpoint_version", problem));
+        match checkpoint_version {
+            CHECKPOINT_VERSION => {}
+            VERSION_BEFORE => {
+                let file: Value = serde_json::from_slice(bytes).map_err(unreadable)?;
+                if let Some((field, problem)) = removed(&file) {
+                    return Err(Error::input(path, field, problem));
+                }
+            }
+            _ => {
+                let problem =
+                    format!("expected version {CHECKPOINT_VERSION}, found {checkpoint_version}");
+                return Err(Error::input(path, "checkpoint_version", problem));
+            }
         }
         serde_json::from_slice(bytes).map_err(unreadable)
     }
+}
+
+/// What a checkpoint of the version before holds that this version would silently leave out: its
+/// field, and what to do instead. Rounds of polishing that were still to come are no such thing.
+fn removed(file: &Value) -> Option<(&'static str, &'static str)> {
+    let at = |pointer: &str| file.pointer(pointer);
+    let certified = at("/config/constraints/min_certified_rad").and_then(Value::as_f64);
+    if certified.is_some_and(|angle| angle > 0.0) {
+        let problem =
+            "certified patterns are no longer searched; begin without --min-certified-deg";
+        return Some(("config.constraints.min_certified_rad", problem));
+    }
+    if at("/state/polish/from/dots") != at("/state/polish/at/dots") {
+        let problem = "polishing was removed, and this search ended with a polished pattern; keep its \
+                       pattern.csv, or begin from that with --from";
+        return Some(("state.polish", problem));
+    }
+    None
 }
 
 impl ShardFile {
@@ -130,13 +157,9 @@ impl ShardFile {
 }
 
 impl SearchState {
-    /// The best pattern so far, in a stage: the polished one where it is among the search's best.
-    pub fn best(&self, stage: Stage) -> Option<&Candidate> {
-        let found = self.pool.first();
-        let polish = self.polish.as_ref().filter(|polish| {
-            stage == Stage::Polish || found.is_some_and(|best| best.dots == polish.from.dots)
-        });
-        polish.map(|polish| &polish.at).or(found)
+    /// The best pattern of the rounds so far.
+    pub fn best(&self) -> Option<&Candidate> {
+        self.pool.first()
     }
 
     /// The search as JSON.
@@ -166,8 +189,7 @@ impl SearchState {
         files::write_bytes(path, &self.to_json(config)?)
     }
 
-    /// Reads a search that was saved under the same configuration. The number of rounds, also of
-    /// polishing, may be larger.
+    /// Reads a search that was saved under the same configuration. The number of rounds may be larger.
     ///
     /// # Errors
     /// [`Error::Read`], and those of [`SearchState::from_json`].
@@ -188,7 +210,6 @@ impl SearchState {
         }
         let mut same = file.config;
         same.rounds = config.rounds;
-        same.polish = config.polish;
         if same != *config {
             let problem =
                 "belongs to a search with other arguments; repeat those, or leave --resume out";
@@ -209,15 +230,6 @@ impl SearchState {
         for (name, candidates) in groups {
             for (k, candidate) in candidates.iter().enumerate() {
                 check_candidate(path, &format!("{name} {k}"), candidate, config)?;
-            }
-        }
-        if let Some(polish) = &self.polish {
-            check_candidate(path, "polish.from", &polish.from, config)?;
-            check_candidate(path, "polish.at", &polish.at, config)?;
-            let (corrections, dots) = (polish.correction.len(), config.dots);
-            if corrections != dots {
-                let problem = format!("expected {dots} corrections, found {corrections}");
-                return Err(Error::input(path, "polish.correction", problem));
             }
         }
         Ok(())

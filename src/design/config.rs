@@ -25,10 +25,7 @@ pub struct DesignConfig {
     pub scout_steps: u64,
     /// Further descent steps of the best quarter.
     pub climb_steps: u64,
-    /// Rounds of polishing after them, on the rate itself.
-    pub polish: usize,
-    /// Monte Carlo trials per candidate; the last ones get eight times as many, and polishing up to
-    /// sixty times.
+    /// Monte Carlo trials per candidate; the last ones get eight times as many.
     pub samples: u64,
     /// The views that candidates are tried on.
     pub protocol: Protocol,
@@ -49,8 +46,8 @@ pub struct DesignConfig {
 }
 
 impl Default for DesignConfig {
-    /// 20 dots, one round of 16 starts, none of polishing, 10 000 trials of `sparse` each,
-    /// `confusion` beside the orientation bound.
+    /// 20 dots, one round of 16 starts, 10 000 trials of `sparse` each, `confusion` beside the
+    /// orientation bound.
     fn default() -> Self {
         Self {
             dots: 20,
@@ -59,7 +56,6 @@ impl Default for DesignConfig {
             rounds: 1,
             scout_steps: 20,
             climb_steps: 60,
-            polish: 0,
             samples: 10_000,
             protocol: Protocol::standard(ProtocolName::Sparse),
             constraints: Constraints::default(),
@@ -117,12 +113,6 @@ impl DesignConfig {
     pub fn selection_seed(&self, round: usize, halving: usize) -> u64 {
         let stage = (round as u64) << 8 | halving as u64;
         self.trial_seed(0x5e1e_c700 + (stage << 32))
-    }
-
-    /// Seed of the trials of one step of one round of polishing.
-    pub fn polish_seed(&self, round: usize, step: u64) -> u64 {
-        let stage = (round as u64) << 8 | step;
-        self.trial_seed(0x9011_5400 + (stage << 32))
     }
 
     /// Seed of the trials that show the progress; they select nothing.

@@ -8,7 +8,6 @@
 //! - [`start`]: random patterns to start from,
 //! - [`search`]: many starts, screening, and selection by Monte Carlo,
 //! - [`shard`]: a search in parts, on several machines,
-//! - [`rate`] and [`polish`]: the last stage, on the measured rate itself,
 //! - [`checkpoint`]: the state of a search on disk.
 //!
 //! The evaluation is separate from the optimization. The objectives draw no trials, the trials that
@@ -20,8 +19,6 @@ mod config;
 pub mod constraints;
 pub mod feasible;
 pub mod objective;
-pub mod polish;
-pub mod rate;
 pub mod scp;
 pub mod search;
 pub mod shard;

@@ -39,7 +39,7 @@ use crate::stencil::max_margin_seam;
 
 /// Price of a violation (in cosines) against the cost (a logarithm).
 const RHO: f64 = 200.0;
-/// Trust radius (initial default and maximum), radians per tangent coordinate.
+/// Trust radius, initial and maximum, radians per tangent coordinate.
 const FIRST_RADIUS: f64 = 0.05;
 const MAX_RADIUS: f64 = 0.2;
 /// A trust radius below this ends the descent.
@@ -354,8 +354,6 @@ impl Program {
 pub struct Descent<'a> {
     /// Maximum number of convex programs.
     pub steps: u64,
-    /// Initial trust radius, radians per tangent coordinate.
-    pub first_radius: f64,
     /// Ends the descent after the current step when set; the best point so far is its result.
     pub stop: &'a AtomicBool,
 }
@@ -368,7 +366,6 @@ impl Descent<'static> {
     pub fn of_steps(steps: u64) -> Self {
         Self {
             steps,
-            first_radius: FIRST_RADIUS,
             stop: &NEVER,
         }
     }
@@ -404,7 +401,7 @@ impl Descent<'_> {
         let solver = Scp {
             at: None,
             hessian: DMatrix::zeros(0, 0),
-            radius: self.first_radius,
+            radius: FIRST_RADIUS,
             stop: self.stop,
         };
         let run = Executor::new(demand, solver)

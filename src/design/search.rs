@@ -8,8 +8,7 @@
 //! those that remain.
 //!
 //! All trials of one stage of one round share their seed, so candidates are compared on the same
-//! views. No other stage uses that seed: a candidate cannot profit from the same luck twice. The
-//! winner is then polished ([`super::polish`]).
+//! views. No other stage uses that seed: a candidate cannot profit from the same luck twice.
 //!
 //! The search is a deterministic function of its configuration. Its [`SearchState`] after every
 //! batch of descents holds everything needed to continue. It does not guarantee the global optimum.
@@ -20,7 +19,6 @@ use super::candidate::{Candidate, Milestone, Stage, sort_by_rate};
 use super::checkpoint::SearchState;
 use super::config::DesignConfig;
 use super::constraints::NO_STENCIL;
-use super::polish::{Polish, PolishStep};
 use super::work::{attempt, climb, rate, scout};
 use crate::concurrency::{self, Stopwatch};
 use crate::error::{Error, Result};
@@ -55,11 +53,6 @@ pub trait DesignObserver {
     fn another_round(&mut self, _state: &SearchState) -> bool {
         true
     }
-
-    /// Whether another round of polishing begins; called before each.
-    fn another_polish(&mut self, _state: &SearchState) -> bool {
-        true
-    }
 }
 
 impl DesignObserver for () {}
@@ -67,12 +60,10 @@ impl DesignObserver for () {}
 /// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DesignOutcome {
-    /// The winner of the last trial, polished.
+    /// The winner of the last trial.
     pub best: Candidate,
     /// The finalists, best first.
     pub finalists: Vec<Candidate>,
-    /// The result of polishing, round by round.
-    pub polish: Vec<PolishStep>,
     /// Starts tried.
     pub starts: usize,
     /// The best rate over time.
@@ -96,18 +87,14 @@ pub fn design(
     observer: &mut dyn DesignObserver,
 ) -> Result<DesignOutcome> {
     let mut search = Search::new(config, state, stop, observer)?;
-    let mut stopped = !search.rounds(state)?;
+    let stopped = !search.rounds(state)?;
     let mut finalists = search.halve(state)?;
     search.observer.rank(&mut finalists)?;
     let Some(winner) = finalists.first() else {
         return Err(nothing_found(state, stopped));
     };
-    stopped |= !search.polish(state, winner)?;
-    // A run that was stopped earlier may have left the polishing of another winner.
-    let polish = state.polish.as_ref().filter(|p| p.from == *winner);
     Ok(DesignOutcome {
-        best: polish.map_or(winner, |p| &p.at).clone(),
-        polish: polish.map_or(Vec::new(), |p| p.steps.clone()),
+        best: winner.clone(),
         starts: state.shards.max(1) * state.round * config.starts + state.scouted.len(),
         milestones: state.milestones.clone(),
         stopped,
@@ -115,8 +102,8 @@ pub fn design(
     })
 }
 
-/// The rounds of a search alone, without its last trial and polishing: what a shard runs. `false` if
-/// stopped before the last of them has ended.
+/// The rounds of a search alone, without its last trial: what a shard runs. `false` if stopped before
+/// the last of them has ended.
 ///
 /// # Errors
 /// As [`design`].
@@ -243,7 +230,7 @@ impl Search<'_> {
         state.scouted.clear();
         state.climbed.clear();
         if let Some(best) = state.pool.first().cloned() {
-            self.milestone(state, &best, 0)?;
+            self.milestone(state, &best)?;
         }
         self.note(state, Stage::Try)?;
         Ok(true)
@@ -315,20 +302,14 @@ impl Search<'_> {
         Ok(tried)
     }
 
-    /// Records the rate of the best after a round of the search, or after rounds of polishing it.
-    fn milestone(
-        &mut self,
-        state: &mut SearchState,
-        best: &Candidate,
-        polished: usize,
-    ) -> Result<()> {
+    /// Records the rate of the best after a round.
+    fn milestone(&mut self, state: &mut SearchState, best: &Candidate) -> Result<()> {
         let config = self.config;
         let samples = MILESTONE_VIEWS * config.samples;
         let identity = rate(config, best, config.progress_seed(), samples)?;
         state.milestones.push(Milestone {
             elapsed_s: self.elapsed_s(),
             rounds: state.round,
-            polished,
             identity,
         });
         Ok(())
@@ -355,30 +336,5 @@ impl Search<'_> {
         }
         field.append(&mut out);
         Ok(field)
-    }
-
-    /// Polishes the winner, or continues polishing; `false` if stopped before the end.
-    fn polish(&mut self, state: &mut SearchState, winner: &Candidate) -> Result<bool> {
-        if self.stopped() {
-            return Ok(false);
-        }
-        let max_steps = self.config.polish;
-        let of_other = |p: &Polish| p.from != *winner || p.steps.len() > max_steps;
-        if state.polish.as_ref().is_none_or(of_other) {
-            state.polish = Some(Polish::new(winner.clone()));
-        }
-        while let Some(polish) = &state.polish
-            && polish.steps.len() < max_steps
-            && self.observer.another_polish(state)
-        {
-            let Some(next) = polish.round(self.config, self.stop)? else {
-                return Ok(false);
-            };
-            let (at, rounds) = (next.at.clone(), next.steps.len());
-            state.polish = Some(next);
-            self.milestone(state, &at, rounds)?;
-            self.note(state, Stage::Polish)?;
-        }
-        Ok(true)
     }
 }

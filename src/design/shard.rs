@@ -5,7 +5,7 @@
 //! stops before the last trial. [`merge`] makes one state of the finished shards: their pools in the
 //! shards' order, without the rates under which they were kept, since each shard has its own trials.
 //! [`search::design`](super::search::design) continues from it with the last trial, on trials that no
-//! shard has drawn, and with polishing.
+//! shard has drawn.
 //!
 //! Guarantees: the result is a function of the configuration and the number of shards, wherever and
 //! in whatever order they ran. Not guaranteed: what one search of as many rounds would find, whose

@@ -18,7 +18,7 @@ use crate::error::Result;
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::{Pattern, random_pattern};
 use crate::recognize::robust::RobustRecognizer;
-use crate::validate::{Proportion, TrialResult, run_trials, summarize};
+use crate::validate::{Proportion, run_trials, summarize};
 
 /// Maximum displacement of the dots of an existing pattern that makes a start, radians.
 const SHAKE_RAD: f64 = 0.05;
@@ -28,7 +28,7 @@ const FRESH_EVERY: usize = 4;
 const MAX_MOVED: usize = 4;
 
 /// The weighted sum that a descent lowers.
-pub(super) struct DesignCost<'a>(pub &'a DesignConfig);
+struct DesignCost<'a>(&'a DesignConfig);
 
 impl Cost for DesignCost<'_> {
     fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
@@ -80,7 +80,7 @@ fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Res
 }
 
 /// A pattern with its values.
-pub(super) fn candidate(
+fn candidate(
     config: &DesignConfig,
     start: usize,
     before: f64,
@@ -136,26 +136,16 @@ pub(super) fn climb(
     candidate(config, scouted.start, scouted.value_before, &found)
 }
 
-/// A candidate's trials with the robust recognizer.
-pub(super) fn results(
-    config: &DesignConfig,
-    candidate: &Candidate,
-    seed: u64,
-    samples: u64,
-) -> Result<Vec<TrialResult>> {
-    let pattern = candidate.pattern()?;
-    let robust = RobustRecognizer::new(&pattern, config.protocol.recognizer_config())?;
-    run_trials(&pattern, &robust, &config.protocol, seed, samples)
-}
-
-/// A candidate's identity rate.
+/// A candidate's identity rate with the robust recognizer.
 pub(super) fn rate(
     config: &DesignConfig,
     candidate: &Candidate,
     seed: u64,
     samples: u64,
 ) -> Result<Proportion> {
-    let found = results(config, candidate, seed, samples)?;
+    let pattern = candidate.pattern()?;
+    let robust = RobustRecognizer::new(&pattern, config.protocol.recognizer_config())?;
+    let found = run_trials(&pattern, &robust, &config.protocol, seed, samples)?;
     Ok(summarize(&found, &config.protocol, seed).identity)
 }
 

@@ -69,7 +69,7 @@ pub struct DesignJob {
 pub enum Start {
     /// From the beginning, in a folder without a design.
     Fresh,
-    /// From the saved search in the folder; the number of rounds, also of polishing, may be larger.
+    /// From the saved search in the folder; the number of rounds may be larger.
     Resume,
 }
 
@@ -181,9 +181,9 @@ impl DesignJob {
         Ok(done)
     }
 
-    /// Merges finished shards: the best of all meet in the last trial; polishes the winner, evaluates
-    /// it and writes everything. [`Start::Resume`] continues a merge of the same shards that was
-    /// interrupted, if one has begun.
+    /// Merges finished shards: the best of all meet in the last trial; evaluates the winner and writes
+    /// everything. [`Start::Resume`] continues a merge of the same shards that was interrupted, if one
+    /// has begun.
     ///
     /// # Errors
     /// [`crate::Error::Input`] for a shard that is missing, twice there, not finished or of another
@@ -247,7 +247,6 @@ impl DesignJob {
         }
         let searched = DesignConfig {
             rounds: state.round.max(1),
-            polish: outcome.polish.len(),
             ..self.config.clone()
         };
         let command = observer.command(&searched);
@@ -391,7 +390,7 @@ impl Keeper<'_> {
 impl DesignObserver for Keeper<'_> {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
         state.save(&self.path(CHECKPOINT), &self.job.config)?;
-        if let Some(best) = state.best(stage)
+        if let Some(best) = state.best()
             && self.saved.as_ref() != Some(&best.dots)
         {
             let zones = self.job.config.constraints.keep_out.clone();
@@ -414,9 +413,5 @@ impl DesignObserver for Keeper<'_> {
 
     fn another_round(&mut self, state: &SearchState) -> bool {
         self.observer.another_round(state)
-    }
-
-    fn another_polish(&mut self, state: &SearchState) -> bool {
-        self.observer.another_polish(state)
     }
 }

@@ -22,7 +22,6 @@ use serde::Serialize;
 
 use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
-use crate::design::polish::PolishStep;
 use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
 use crate::error::{Error, Result};
 use crate::files;
@@ -39,7 +38,7 @@ use crate::validate::{
 pub use job::{CHECKPOINT, DesignJob, JobObserver, Start, whole_search};
 
 /// Version of `report.json`.
-pub const REPORT_VERSION: u32 = 2;
+pub const REPORT_VERSION: u32 = 3;
 
 /// The seeds of a design: none is used for two purposes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -48,8 +47,6 @@ pub struct Seeds {
     pub search: u64,
     /// Of the first trials that selected among the candidates; further stages set higher bits.
     pub selection: u64,
-    /// Of the first trials of polishing; further ones set higher bits.
-    pub polish: u64,
     /// Of the trials that show the progress; they select nothing.
     pub progress: u64,
     /// Of the trials whose rates are reported.
@@ -103,8 +100,6 @@ pub struct DesignReport {
     pub starts: usize,
     /// The finalists of the last trial, best first, with their rates on the selection's trials.
     pub finalists: Vec<Candidate>,
-    /// The result of polishing the first of them, round by round.
-    pub polish: Vec<PolishStep>,
     /// The objective, and its value.
     pub objective: ObjectiveRecord,
     /// The winner.
@@ -247,7 +242,6 @@ pub fn evaluate(
         stopped: outcome.stopped,
         starts: outcome.starts,
         finalists: outcome.finalists.clone(),
-        polish: outcome.polish.clone(),
         objective,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
         mean_feature_distance: {
@@ -272,7 +266,6 @@ impl Seeds {
         Self {
             search: config.seed,
             selection: config.selection_seed(1, 0),
-            polish: config.polish_seed(0, 0),
             progress: config.progress_seed(),
             report: config.report_seed(),
         }

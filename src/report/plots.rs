@@ -165,7 +165,6 @@ fn progress(dir: &Path, search: &Search<'_>) -> Result<()> {
     let Some(first) = milestones.first() else {
         return Ok(());
     };
-    let trials = |n: u64| format!("{n} trials, 95 % intervals");
     if milestones.len() == 1 {
         let tried = finalists.iter().flatten();
         let points: Vec<RatePoint> = (1..)
@@ -188,29 +187,21 @@ fn progress(dir: &Path, search: &Search<'_>) -> Result<()> {
         };
         return in_each_format(dir, "progress", |path| rate_curves(path, &plot));
     }
-    let curve = |name: String, of: &dyn Fn(&Milestone) -> bool| RateSeries {
-        name,
+    let trials = first.identity.trials;
+    let rounds = RateSeries {
+        name: format!("rounds of the search ({trials} trials, 95 % intervals)"),
         points: milestones
             .iter()
-            .filter(|m| of(m))
             .map(|m| point(m.elapsed_s / 60.0, &m.identity))
             .collect(),
     };
-    let trials = trials(first.identity.trials);
-    let mut series = vec![
-        curve(format!("rounds of the search ({trials})"), &|m| {
-            m.polished == 0
-        }),
-        curve("polishing".into(), &|m| m.polished > 0),
-    ];
-    series.retain(|s| !s.points.is_empty());
     let plot = CurvePlot {
         title: format!("Best pattern so far: `{protocol}` views not identified"),
         x_label: "time [min]".into(),
         y_label: "views not identified".into(),
         scale: RateScale::Failure,
         log_x: false,
-        series,
+        series: vec![rounds],
     };
     in_each_format(dir, "progress", |path| rate_curves(path, &plot))
 }

@@ -14,7 +14,6 @@ pub mod bound;
 mod by_name;
 mod protocol;
 mod sensitivity;
-mod steady;
 mod trial;
 
 pub use crate::stats::{Proportion, median};
@@ -25,7 +24,6 @@ pub use protocol::{Noise, Protocol, ProtocolName};
 pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
 };
-pub use steady::CommonRandomTrials;
 pub use trial::{Trial, TrialGenerator, observed_frames};
 
 use std::ops::Range;

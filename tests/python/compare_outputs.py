@@ -46,7 +46,7 @@ def produce(binary, folder, objectives, pattern):
     """Writes everything that is compared into `folder`."""
     for name in objectives:
         run(binary, folder, "design", "--dots", "10", "--starts", "3", "--rounds", "2", "--samples",
-            "100", "--seed", "1", "--polish", "1", "--objective", name, "--out", f"design-{name}")
+            "100", "--seed", "1", "--objective", name, "--out", f"design-{name}")
     (folder / "given.csv").write_text(pattern)
     run(binary, folder, "table", "given.csv", "-o", "table.npz")
     run(binary, folder, "sensitivity", "given.csv", "-o", "sweep", "--samples", "50", "--seed", "2")

@@ -17,12 +17,12 @@ use crate::validate::{Noise, Protocol, ProtocolName};
 
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
-Random starts descend on the objective under the constraints; the best are evaluated by Monte Carlo, the
-winner is polished on the measured rate itself, and evaluated on trials of seeds used nowhere else.
+Random starts descend on the objective under the constraints; the best are evaluated by Monte Carlo, and
+the winner once more on trials of seeds used nowhere else.
 The folder then holds pattern.csv, table.npz, report.json, sensitivity.csv, plots and stencil/.
 
 Ctrl-C ends the search and finishes with the best so far; --resume continues a search that was ended or
-killed, also with more --rounds or --polish, or another --budget.
+killed, also with more --rounds or another --budget.
 
 Examples:
   spindoe design
@@ -45,9 +45,6 @@ pub struct Arguments {
     /// Number of rounds.
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "budget")]
     rounds: usize,
-    /// Number of rounds of polishing the winner; within a --budget as many as time allows.
-    #[arg(long, value_name = "N")]
-    polish: Option<usize>,
     /// Begin rounds until this time is spent, for instance 90s, 30m or 2h.
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(super) budget: Option<Duration>,
@@ -199,10 +196,6 @@ impl Arguments {
             seed: self.seed,
             starts: self.starts,
             rounds: self.budget.map_or(self.rounds, |_| MAX_ROUNDS),
-            polish: self.polish.unwrap_or(match self.budget {
-                Some(_) => MAX_ROUNDS,
-                None => DesignConfig::default().polish,
-            }),
             scout_steps: self.scout_steps,
             climb_steps: self.climb_steps,
             samples: self.samples,
@@ -372,7 +365,6 @@ impl Arguments {
         }
         add("starts", config.starts.to_string());
         add("rounds", config.rounds.to_string());
-        add("polish", config.polish.to_string());
         add("scout-steps", config.scout_steps.to_string());
         add("climb-steps", config.climb_steps.to_string());
         add("objective", config.objective.name().to_string());

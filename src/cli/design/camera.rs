@@ -150,7 +150,6 @@ pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Argume
         let config = DesignConfig {
             starts: STARTS.min(arguments.starts),
             rounds: 1,
-            polish: 0,
             ..tried.config()?
         };
         let found = design(&config, &mut SearchState::default(), stop, &mut ());

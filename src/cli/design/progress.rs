@@ -31,10 +31,8 @@ const STEPS: u64 = 1000;
 /// Minimum time between plain lines.
 const SILENCE: Duration = Duration::from_secs(2);
 /// Fraction of a budget after which no round of the search begins; the remaining time is for the
-/// last trial, polishing and the evaluation.
-const SEARCH_SHARE: f64 = 0.7;
-/// Fraction of a budget after which no round of polishing begins.
-const POLISH_SHARE: f64 = 0.9;
+/// last trial and the evaluation.
+const SEARCH_SHARE: f64 = 0.9;
 
 impl<'a> DesignProgress<'a> {
     pub fn new(config: &'a DesignConfig, arguments: &'a Arguments) -> Result<Self> {
@@ -59,25 +57,13 @@ impl<'a> DesignProgress<'a> {
             return (state.elapsed_s / budget.as_secs_f64()).min(1.0);
         }
         let starts = self.config.starts as f64;
-        // Scouting and climbing take about as long as each other, and a round of polishing as both.
+        // Scouting and climbing take about as long as each other.
         let in_round = match stage {
             Stage::Scout => 0.45 * state.scouted.len() as f64 / starts,
             Stage::Climb => 0.45 + 0.45 * 4.0 * state.climbed.len() as f64 / starts,
-            Stage::Try | Stage::Halve | Stage::Polish => 0.0,
+            Stage::Try | Stage::Halve => 0.0,
         };
-        let polished = match stage {
-            Stage::Polish => state.polish.as_ref().map_or(0, |p| p.steps.len()),
-            _ => 0,
-        };
-        let all = self.config.rounds + self.config.polish;
-        ((state.round as f64 + in_round + polished as f64) / all as f64).min(1.0)
-    }
-
-    /// Whether work of this duration ends before this share of the budget.
-    fn time_for(&self, state: &SearchState, seconds: f64, share: f64) -> bool {
-        self.arguments
-            .budget
-            .is_none_or(|budget| state.elapsed_s + seconds < share * budget.as_secs_f64())
+        ((state.round as f64 + in_round) / self.config.rounds as f64).min(1.0)
     }
 
     /// Stage and best rate, in words.
@@ -91,11 +77,6 @@ impl<'a> DesignProgress<'a> {
                 state.climbed.len()
             ),
             Stage::Halve => "last trial of the best".to_owned(),
-            Stage::Polish => {
-                let steps = state.polish.as_ref().map_or(&[][..], |p| &p.steps);
-                let taken = steps.iter().filter(|s| s.taken).count();
-                format!("polishing, round {}: {taken} gains", steps.len())
-            }
         };
         let best = match state.milestones.last() {
             Some(m) => format!("best {}", m.identity),
@@ -157,18 +138,8 @@ impl DesignObserver for DesignProgress<'_> {
     fn another_round(&mut self, state: &SearchState) -> bool {
         let round_s = state.elapsed_s - self.round_began_s;
         self.round_began_s = state.elapsed_s;
-        self.time_for(state, round_s, SEARCH_SHARE)
-    }
-
-    fn another_polish(&mut self, state: &SearchState) -> bool {
-        let steps = state.polish.as_ref().map_or(0, |p| p.steps.len());
-        // The first round always runs; the last trial before it is no part of its time.
-        let round_s = if steps == 0 {
-            0.0
-        } else {
-            state.elapsed_s - self.round_began_s
-        };
-        self.round_began_s = state.elapsed_s;
-        self.time_for(state, round_s, POLISH_SHARE)
+        self.arguments
+            .budget
+            .is_none_or(|budget| state.elapsed_s + round_s < SEARCH_SHARE * budget.as_secs_f64())
     }
 }

@@ -554,7 +554,7 @@ function searchSection(d) {
   const node = section(
     "search",
     "How it was found",
-    `${s.starts} random starts${s.polished ? `, ${s.polished} rounds of polishing` : ""}${s.stopped ? "; stopped before its end" : ""}. Objective ${s.objective.name}: ${fixed(s.objective.value, 4)}.`,
+    `${s.starts} random starts${s.stopped ? "; stopped before its end" : ""}. Objective ${s.objective.name}: ${fixed(s.objective.value, 4)}.`,
   );
   const minutes = (m) => m.elapsed_s / 60,
     point = (m) => ({
@@ -565,13 +565,9 @@ function searchSection(d) {
     });
   const charts = el("div", { class: "two" });
   if (s.milestones.length > 1) {
-    const rounds = s.milestones.filter((m) => !m.polished),
-      polish = s.milestones.filter((m) => m.polished);
-    const series = [];
-    if (rounds.length)
-      series.push({ name: "rounds of the search", color: "var(--c0)", points: rounds.map(point) });
-    if (polish.length)
-      series.push({ name: "polishing", color: "var(--c1)", points: polish.map(point) });
+    const series = [
+      { name: "rounds of the search", color: "var(--c0)", points: s.milestones.map(point) },
+    ];
     charts.append(
       curves({
         title: "The best so far",

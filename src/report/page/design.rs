@@ -1,6 +1,6 @@
 //! The page of a design's folder: what it reads there, and what the page shows.
 //!
-//! It reads `report.json` (of this version and the one before), `table.npz` and `stencil/`, where
+//! It reads `report.json` (of this version and those before), `table.npz` and `stencil/`, where
 //! they are there, so that `spindoe report` and `spindoe design` make the same page.
 
 use std::collections::BTreeMap;
@@ -63,8 +63,6 @@ struct ReportFile {
     stopped: bool,
     starts: usize,
     finalists: Vec<Finalist>,
-    #[serde(default)]
-    polish: Vec<Value>,
     objective: ObjectivePart,
     pattern: PatternPart,
     orientation_bound: BoundSummary,
@@ -170,7 +168,6 @@ struct PageSummary {
 #[derive(Debug, Serialize)]
 struct PageSearch {
     starts: usize,
-    polished: usize,
     stopped: bool,
     protocol: ProtocolName,
     objective: ObjectivePart,
@@ -238,7 +235,6 @@ impl DesignPage {
             sensitivity: report.sensitivity,
             search: PageSearch {
                 starts: report.starts,
-                polished: report.polish.len(),
                 stopped: report.stopped,
                 protocol: protocol.name,
                 objective: report.objective,

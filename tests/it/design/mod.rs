@@ -4,7 +4,6 @@ mod coincidence;
 mod confusion;
 mod objectives;
 mod orientation_bound;
-mod polish;
 mod search;
 mod shard;
 

@@ -30,7 +30,6 @@ fn small(seed: u64) -> DesignConfig {
         scout_steps: 4,
         climb_steps: 12,
         samples: 100,
-        polish: 2,
         constraints: Constraints {
             min_visible: 2,
             ..Constraints::default()
@@ -183,9 +182,7 @@ fn the_same_seed_finds_the_same_pattern() {
     assert_ne!(found.best.dots, run(&small(2), 2).best.dots);
     assert_eq!(found.starts, 12);
     assert_eq!(found.best.missed, None);
-    let taken = found.polish.iter().any(|step| step.taken);
-    assert_eq!(taken, found.best != found.finalists[0]);
-    assert_eq!(found.polish.len(), 2);
+    assert_eq!(found.best, found.finalists[0]);
 }
 
 /// All seeds of a search of fifty rounds.
@@ -193,7 +190,6 @@ fn seeds(config: &DesignConfig) -> Vec<u64> {
     let mut seeds = vec![config.seed, config.progress_seed(), config.report_seed()];
     for round in 0..50 {
         seeds.extend((0..5).map(|halving| config.selection_seed(round, halving)));
-        seeds.extend((0..24).map(|step| config.polish_seed(round, step)));
     }
     seeds
 }
@@ -220,61 +216,22 @@ fn dots_of(pattern: &Pattern) -> Vec<[f64; 3]> {
     pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect()
 }
 
-/// Notes the stages, and the best pattern at each.
-#[derive(Default)]
-struct Recorder {
-    seen: Vec<(Stage, Vec<[f64; 3]>)>,
-}
-
-impl DesignObserver for Recorder {
-    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
-        let best = state.best(stage).map(|c| c.dots.clone());
-        self.seen.push((stage, best.unwrap_or_default()));
-        Ok(())
-    }
-}
-
 #[test]
-fn a_polished_search_resumes_with_more_rounds() {
+fn a_finished_search_resumes_with_more_rounds() {
     let mut config = DesignConfig {
         rounds: 1,
-        polish: 2,
         ..small(3)
     };
     let go = AtomicBool::new(false);
     let mut state = SearchState::default();
     design(&config, &mut state, &go, &mut ()).unwrap();
     config.rounds = 3;
-    let mut recorder = Recorder::default();
-    let found = design(&config, &mut state, &go, &mut recorder).unwrap();
-    // Milestones go up, and those of a round of the search are not polished.
-    let at: Vec<_> = found
-        .milestones
-        .iter()
-        .map(|m| (m.rounds, m.polished))
-        .collect();
-    assert_eq!(
-        &at[..5],
-        &[(1, 0), (1, 1), (1, 2), (2, 0), (3, 0)],
-        "{at:?}"
-    );
-    assert!(at.is_sorted() && at[5..].iter().all(|m| m.1 > 0), "{at:?}");
-    // While the search goes on, a pattern that it finds is not hidden by the polishing of an older one.
-    let pool: Vec<_> = state.pool.iter().map(|c| &c.dots).collect();
-    let polished = state.polish.as_ref().map(|p| (&p.from.dots, &p.at.dots));
-    for (stage, best) in &recorder.seen {
-        if *stage == Stage::Polish {
-            assert_eq!(Some(best), polished.map(|p| p.1));
-        }
-    }
-    let best = &state.best(Stage::Try).unwrap().dots;
-    let of_first = polished.filter(|p| p.0 == pool[0]).map_or(pool[0], |p| p.1);
-    assert_eq!(best, of_first);
-    // With another pattern ahead in the pool, it is the best; polishing goes on with its own.
-    state.pool.rotate_left(1);
-    assert_eq!(state.best(Stage::Scout).unwrap().dots, state.pool[0].dots);
-    let polish = state.polish.as_ref().unwrap();
-    assert_eq!(state.best(Stage::Polish), Some(&polish.at));
+    let found = design(&config, &mut state, &go, &mut ()).unwrap();
+    let rounds: Vec<_> = found.milestones.iter().map(|m| m.rounds).collect();
+    assert_eq!(rounds, [1, 2, 3]);
+    // As if it had never ended.
+    assert_eq!(found.best, run(&config, 2).best);
+    assert_eq!(state.best().unwrap().dots, state.pool[0].dots);
 }
 
 /// Stops the search after some pieces of work.
@@ -342,6 +299,48 @@ fn a_killed_search_resumes_to_the_same_result() {
     assert!(error.is_usage() && error.to_string().contains("other arguments"));
     std::fs::write(&path, "{}").unwrap();
     assert!(SearchState::load(&path, &config).unwrap_err().is_usage());
+}
+
+#[test]
+fn a_checkpoint_of_the_version_before_goes_on() {
+    let text = include_str!("search_v3.json");
+    let read = |text: &str| -> Result<(DesignConfig, SearchState)> {
+        let file: serde_json::Value = serde_json::from_str(text).unwrap();
+        let config: DesignConfig = serde_json::from_value(file["config"].clone()).unwrap();
+        let path = std::path::Path::new("search.json");
+        let state = SearchState::from_json(path, text.as_bytes(), &config)?;
+        Ok((config, state))
+    };
+    let (config, mut state) = read(text).unwrap();
+    assert_eq!((state.round, state.pool.len()), (1, 1));
+    let config = DesignConfig {
+        rounds: 2,
+        ..config
+    };
+    let go = AtomicBool::new(false);
+    let found = design(&config, &mut state, &go, &mut ()).unwrap();
+    assert_eq!((found.starts, found.milestones.len()), (8, 3));
+    // What it asked for and has gone since is not left out in silence.
+    let at = text.rfind("\"dots\":[[").unwrap() + "\"dots\":[[".len();
+    let polished = format!("{}0.125{}", &text[..at], &text[at + 5..]);
+    for (gone, words) in [
+        (polished, "--from"),
+        (
+            text.replace("\"min_certified_rad\":0.0", "\"min_certified_rad\":0.01"),
+            "--min-certified-deg",
+        ),
+        (
+            text.replace("\"checkpoint_version\":3", "\"checkpoint_version\":2"),
+            "expected version 4, found 2",
+        ),
+    ] {
+        assert_ne!(gone, text);
+        let error = read(&gone).unwrap_err();
+        assert!(
+            error.is_usage() && error.to_string().contains(words),
+            "{error}"
+        );
+    }
 }
 
 #[test]

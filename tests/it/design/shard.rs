@@ -87,7 +87,7 @@ fn merged_shards_are_one_run_of_them_all() {
 fn a_merge_that_was_killed_is_continued() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    let flags = |out| ["--shards", "2", "--polish", "2", "--out", out];
+    let flags = |out| ["--shards", "2", "--out", out];
     design(dir, &flags("whole"));
     // In the last trial, where the shards have ended.
     let command = [&["design"], &SMALL[..], &flags("killed")].concat();
