@@ -10,7 +10,6 @@
 //! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums
 //! are taken in the order of the trials: the result is the same on any number of threads.
 
-pub mod bound;
 mod by_name;
 mod protocol;
 mod sensitivity;

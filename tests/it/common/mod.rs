@@ -2,6 +2,7 @@
 
 #[allow(dead_code)]
 pub mod ball;
+pub mod orientation_bound;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,13 +1,13 @@
 //! The bound of the orientation error: against simulation with known correspondences, and against what
 //! the robust recognizer attains.
 
+use crate::common::orientation_bound::{expected_error, mean_length, orientation_information};
 use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spindoe::geometry::{Vec3, kabsch, random_rotation, rotation_angle, tangent_frame};
 use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::validate::bound::{expected_error, mean_length, orientation_information};
 use spindoe::validate::*;
 
 /// A seed that nothing was tuned on.

@@ -2,10 +2,10 @@
 
 use spindoe::recognize::RecognizerName;
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
-use spindoe::validate::bound::expected_error;
 use spindoe::validate::{
     Proportion, Protocol, Trial, TrialGenerator, TrialResult, run_named, run_trials, summarize,
 };
+use spindoe_studies::orientation_bound::expected_error;
 
 use crate::{Bench, SEED, protocols};
 

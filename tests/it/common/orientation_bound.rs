@@ -1,4 +1,5 @@
-//! Bound on the orientation error of given dots with known correspondences.
+//! Bound on the orientation error of given dots with known correspondences: what recognizers are
+//! measured against, in tests and studies alike.
 //!
 //! A small rotation `w` (camera frame) moves a dot at `q` by `w x q`. Dots displaced independently
 //! by noise whose components along the tangent axes `t` have the variances `s^2` give the
@@ -19,10 +20,9 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Matrix3;
 
-use super::Noise;
-use super::trial::Trial;
-use crate::geometry::{Vec3, tangent_frame};
-use crate::pattern::Pattern;
+use spindoe::geometry::{Vec3, tangent_frame};
+use spindoe::pattern::Pattern;
+use spindoe::validate::{Noise, Trial};
 
 /// Nodes of the quadrature; the error is below 1e-6 of the result.
 const NODES: usize = 400;
