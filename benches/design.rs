@@ -8,7 +8,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use spindoe::design::objective::Coincidence;
+use spindoe::design::objective::Coverage;
 use spindoe::design::scp::descend;
 use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
@@ -39,9 +39,9 @@ fn design(c: &mut Criterion) {
     // Those of many dots before a camera: to be seen beside `confusion` at 20.
     for (dots, separation) in [(20, 0.31), (32, 0.25), (64, 0.15)] {
         let pattern = random_pattern(dots, separation, &mut rng).expect("the dots fit at random");
-        let camera = Coincidence::default();
+        let camera = Coverage::default();
         c.bench_function(
-            &format!("coincidence of {dots} dots before a camera: value and gradient"),
+            &format!("coverage of {dots} dots before a camera: value and gradient"),
             |b| b.iter(|| camera.evaluate(black_box(pattern.dots()))),
         );
     }

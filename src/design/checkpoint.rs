@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use super::candidate::{Candidate, Milestone};
 use super::config::DesignConfig;
+use super::objective;
 use super::shard::Shard;
 use crate::error::{Error, Result};
 #[cfg(feature = "native")]
@@ -111,6 +112,10 @@ impl File {
 /// field, and what to do instead. Rounds of polishing that were still to come are no such thing.
 fn removed(file: &Value) -> Option<(&'static str, &'static str)> {
     let at = |pointer: &str| file.pointer(pointer);
+    if at("/config/objective/name").is_some_and(|name| name == objective::NAME_BEFORE) {
+        let problem = "coincidence was replaced by coverage; begin with --objective coverage";
+        return Some(("config.objective", problem));
+    }
     let certified = at("/config/constraints/min_certified_rad").and_then(Value::as_f64);
     if certified.is_some_and(|angle| angle > 0.0) {
         let problem =

@@ -3,9 +3,9 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::conditions::CameraConditions;
-use super::model::{Detected, DetectionModel, Terms, can_be_found};
+use super::model::{DetectionModel, Terms, can_be_found};
 use crate::design::constraints::max_separation;
-use crate::design::objective::Coincidence;
+use crate::design::objective::Coverage;
 use crate::error::Result;
 use crate::pattern::crowding::crowds;
 use crate::pattern::random_pattern;
@@ -24,16 +24,16 @@ const SLOPES: [f64; 2] = [2.0, 50.0];
 /// Largest loss to a neighbor.
 const MAX_CROWDING: f64 = 5.0;
 
-/// The assumptions of [`Coincidence`] for so many dots before a camera: a logistic curve in z for the
-/// probability that a dot is found, whose limit varies from scene to scene, and the dots' mean noise.
+/// The assumptions of [`Coverage`] for so many dots before a camera: a logistic curve in z for the
+/// probability that a dot is found, whose limit varies from scene to scene.
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for conditions outside their domain.
-pub fn coincidence(
+pub fn coverage(
     model: &DetectionModel,
     conditions: &CameraConditions,
     dots: usize,
-) -> Result<Coincidence> {
+) -> Result<Coverage> {
     conditions.check()?;
     // As near to each other as on random patterns that can be drawn.
     let nearest = (3.0 * conditions.dot_diameter).min(0.5 * max_separation(dots));
@@ -44,14 +44,9 @@ pub fn coincidence(
         let crowds = crowds(pattern.dots());
         let ball = conditions.scene(&pattern, SEED, k)?.seen()?;
         let mut rng = frame_rng(SEED, k | 1 << 61);
-        let Some(Detected { frame, .. }) = model.detect(&ball, None, &mut terms, &mut rng) else {
+        // Without an outline there are no dots.
+        if model.detect(&ball, None, &mut terms, &mut rng).is_none() {
             continue;
-        };
-        let radius = ball.circle.radius;
-        for dot in frame.dots.iter().filter(|d| d.confidence >= 0.5) {
-            found
-                .variances
-                .push(0.5 * dot.covariance.trace() / (radius * radius));
         }
         found.shared_variance += model.shared_shift(&ball, &mut terms).powi(2);
         let dots = ball.dots.iter().filter(|d| can_be_found(d));
@@ -85,13 +80,11 @@ struct Detections {
     chances: Vec<Vec<Chance>>,
     /// Variance of the logit that the dots of a scene share beyond what is known of it.
     shared_variance: f64,
-    /// Variances of the dots' places by axis, radii squared.
-    variances: Vec<f64>,
 }
 
 impl Detections {
     /// A logistic curve of one width for all scenes, whose limit differs from scene to scene.
-    fn summary(&self) -> Coincidence {
+    fn summary(&self) -> Coverage {
         let scenes = || self.chances.iter().map(|scene| mean_of(scene));
         let (mut products, mut squares) = (Vector2::zeros(), Matrix2::identity() * 1e-9);
         for (scene, mean) in self.chances.iter().zip(scenes()) {
@@ -112,15 +105,12 @@ impl Detections {
         let limit = limits.iter().sum::<f64>() / count;
         let spread = limits.iter().map(|l| (l - limit).powi(2)).sum::<f64>() / count;
         let shared = self.shared_variance / count / (slope * slope);
-        let variance = self.variances.iter().sum::<f64>() / self.variances.len().max(1) as f64;
-        Coincidence {
-            sigma_rad: variance.sqrt().clamp(0.005, 0.2),
+        Coverage {
             visibility_limit: limit.clamp(-0.5, 0.9),
             softness: 1.0 / slope,
             limit_spread: (spread + shared).sqrt(),
             detection_probability: MAX_PROBABILITY,
             crowding,
-            given: None,
         }
     }
 }

@@ -28,7 +28,7 @@ pub use advice::{
     Advice, AdviceConfig, ChangeAdvice, DotSize, MAX_DOT, NamedPattern, PatternAdvice, advise,
     effective_error_deg, predictions, shipped_designs,
 };
-pub use assumptions::coincidence;
+pub use assumptions::coverage;
 pub use conditions::{CameraConditions, Surroundings};
 pub use frames::{FrameOutcome, FramePrediction, FrameRates, PredictConfig, Predictor, paired};
 pub use judge::{Judge, Judgment, Trial, rendered};

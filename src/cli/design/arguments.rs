@@ -4,9 +4,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::cli::output::{one_of, quoted};
 use crate::design::feasible::packed_separation;
+use crate::design::objective::NAME_BEFORE;
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName, Shard};
 use crate::error::{Error, Result, require};
@@ -60,8 +62,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N", conflicts_with_all = ["shard", "budget"])]
     pub(super) shards: Option<usize>,
     /// Objective that a descent minimizes; by default confusion, for more than 24 dots whitened-nn.
-    /// With --camera coincidence counts what that camera detects.
-    #[arg(long, value_parser = one_of(&ObjectiveName::ALL, ObjectiveName::as_str), value_name = "OBJECTIVE")]
+    /// With --camera coverage counts what that camera detects.
+    #[arg(long, value_parser = objective_name(), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
     #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
@@ -219,21 +221,16 @@ impl Arguments {
         })
     }
 
-    /// The objective, for the protocol's views; coincidence for those of the camera, where one is
-    /// given.
+    /// The objective, for the protocol's views; coverage for those of the camera, where one is given.
     fn objective(&self, dots: usize, protocol: &Protocol) -> Result<Objective> {
         let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));
         #[cfg(feature = "vision")]
-        if let (ObjectiveName::Coincidence, Some(path)) = (name, &self.camera) {
-            use crate::predict::{DetectionModel, coincidence};
+        if let (ObjectiveName::Coverage, Some(path)) = (name, &self.camera) {
+            use crate::predict::{DetectionModel, coverage};
 
             let conditions = super::camera::conditions(path, &self.stencil())?;
             let model = DetectionModel::shipped()?;
-            return Ok(Objective::Coincidence(coincidence(
-                &model,
-                &conditions,
-                dots,
-            )?));
+            return Ok(Objective::Coverage(coverage(&model, &conditions, dots)?));
         }
         Ok(Objective::for_protocol(name, protocol))
     }
@@ -402,6 +399,14 @@ impl Arguments {
         }
         words.join(" ")
     }
+}
+
+/// Takes the name of an objective; for the one that was renamed it says what replaced it.
+fn objective_name() -> impl TypedValueParser<Value = ObjectiveName> {
+    let names = ObjectiveName::ALL.map(|name| PossibleValue::new(name.as_str()));
+    let before = PossibleValue::new(NAME_BEFORE).hide(true);
+    PossibleValuesParser::new(names.into_iter().chain([before]))
+        .try_map(|name| name.parse::<ObjectiveName>())
 }
 
 /// Parses `MEAN,WORST`.

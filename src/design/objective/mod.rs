@@ -7,8 +7,8 @@
 //! - [`confusion`]: the expected rate at which four visible dots are mistaken for four others. It
 //!   is an analytic failure rate, and the default: `docs/objectives.md` shows how well each
 //!   objective predicts the measured rate.
-//! - [`coincidence`]: the expected rate at which the dots that a camera detects are too few, or
-//!   coincide with those of a false pose. For any number of dots.
+//! - [`coverage`]: the expected rate of views in which a camera detects too few dots. For any number
+//!   of dots.
 //!
 //! The optimizer minimizes the logarithm of the value (with its sign reversed where larger is
 //! better): scales then do not matter, and a step is a relative change.
@@ -16,8 +16,8 @@
 pub mod align;
 pub mod basis;
 pub mod bound;
-pub mod coincidence;
 pub mod confusion;
+pub mod coverage;
 mod erfc;
 mod lookalikes;
 pub mod mean_nn;
@@ -28,8 +28,8 @@ use crate::geometry::{Spherical, Vec3};
 use crate::validate::Protocol;
 
 pub use bound::OrientationBound;
-pub use coincidence::Coincidence;
 pub use confusion::Confusion;
+pub use coverage::Coverage;
 pub use mean_nn::MeanNearestNeighbor;
 pub use whitened::WhitenedNearestNeighbor;
 
@@ -70,10 +70,12 @@ pub enum ObjectiveName {
     /// The expected rate at which four visible dots are mistaken for four others.
     #[default]
     Confusion,
-    /// The expected rate at which the dots that a camera detects are too few, or coincide with those
-    /// of a false pose.
-    Coincidence,
+    /// The expected rate of views in which a camera detects too few dots.
+    Coverage,
 }
+
+/// What `coverage` was called while it also counted false poses.
+pub(crate) const NAME_BEFORE: &str = "coincidence";
 
 impl ObjectiveName {
     /// All objectives, the paper's first.
@@ -81,7 +83,7 @@ impl ObjectiveName {
         Self::MeanNn,
         Self::WhitenedNn,
         Self::Confusion,
-        Self::Coincidence,
+        Self::Coverage,
     ];
 
     /// The default objective for so many dots: `confusion` as far as it can be computed,
@@ -100,7 +102,7 @@ impl ObjectiveName {
             Self::MeanNn => "mean-nn",
             Self::WhitenedNn => "whitened-nn",
             Self::Confusion => "confusion",
-            Self::Coincidence => "coincidence",
+            Self::Coverage => "coverage",
         }
     }
 
@@ -114,6 +116,10 @@ impl std::str::FromStr for ObjectiveName {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
+        if name == NAME_BEFORE {
+            let problem = "coincidence was replaced by coverage, which counts no false poses";
+            return Err(Error::argument("objective", problem));
+        }
         crate::error::by_name(&Self::ALL, Self::as_str, "objective", name)
     }
 }
@@ -134,8 +140,8 @@ pub enum Objective {
     WhitenedNn(WhitenedNearestNeighbor),
     /// See [`confusion`].
     Confusion(Confusion),
-    /// See [`coincidence`].
-    Coincidence(Coincidence),
+    /// See [`coverage`].
+    Coverage(Coverage),
 }
 
 impl Default for Objective {
@@ -145,7 +151,8 @@ impl Default for Objective {
 }
 
 impl Objective {
-    /// The objective of that name for the noise and the visibility of a protocol.
+    /// The objective of that name for the noise and the visibility of a protocol. `coverage` counts all
+    /// dots that a view shows, also where the protocol gives only some of them.
     pub fn for_protocol(name: ObjectiveName, protocol: &Protocol) -> Self {
         // Without noise nothing is confused; a hundredth of a degree keeps the values finite.
         let sigma_rad = protocol.tangent_sigma_rad().max(2e-4);
@@ -157,14 +164,12 @@ impl Objective {
                 visibility_limit: protocol.visibility_limit,
                 ..Confusion::default()
             }),
-            ObjectiveName::Coincidence => Self::Coincidence(Coincidence {
-                sigma_rad,
+            ObjectiveName::Coverage => Self::Coverage(Coverage {
                 visibility_limit: protocol.visibility_limit,
                 softness: 0.04,
                 limit_spread: 0.0,
                 detection_probability: 1.0 - protocol.miss_probability,
                 crowding: 0.0,
-                given: protocol.dots_given,
             }),
         }
     }
@@ -175,17 +180,17 @@ impl Objective {
             Self::MeanNn(_) => ObjectiveName::MeanNn,
             Self::WhitenedNn(_) => ObjectiveName::WhitenedNn,
             Self::Confusion(_) => ObjectiveName::Confusion,
-            Self::Coincidence(_) => ObjectiveName::Coincidence,
+            Self::Coverage(_) => ObjectiveName::Coverage,
         }
     }
 
     /// Whether larger values are better.
     pub fn larger_is_better(&self) -> bool {
-        !matches!(self, Self::Confusion(_) | Self::Coincidence(_))
+        !matches!(self, Self::Confusion(_) | Self::Coverage(_))
     }
 
     /// The value itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of
-    /// sigma) or a failure rate (`confusion`).
+    /// sigma) or a failure rate (`confusion`, `coverage`).
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for coordinates that are not finite.
@@ -194,7 +199,7 @@ impl Objective {
             Self::MeanNn(o) => o.evaluate(dots),
             Self::WhitenedNn(o) => o.evaluate(dots),
             Self::Confusion(o) => Ok(o.evaluate(dots)),
-            Self::Coincidence(o) => Ok(o.evaluate(dots)),
+            Self::Coverage(o) => Ok(o.evaluate(dots)),
         }
     }
 

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use spindoe::Pattern;
 use spindoe::design::constraints::max_separation;
-use spindoe::design::objective::Coincidence;
+use spindoe::design::objective::Coverage;
 use spindoe::design::scp::descend;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::geometry::Vec3;
@@ -238,27 +238,20 @@ fn main() -> Outcome<()> {
                 .collect();
             values.push((name.to_string(), all?));
         }
-        let camera = spindoe::predict::coincidence(&model, &conditions(dots), dots)?;
+        let camera = spindoe::predict::coverage(&model, &conditions(dots), dots)?;
         println!("{camera:?}");
         for (label, o) in [
             ("of the camera", camera),
             (
-                "without poses",
-                Coincidence {
-                    sigma_rad: 1e-4,
-                    ..camera
-                },
-            ),
-            (
                 "without crowds",
-                Coincidence {
+                Coverage {
                     crowding: 0.0,
                     ..camera
                 },
             ),
         ] {
             let all = rows.par_iter().map(|r| o.evaluate(&r.dots).value).collect();
-            values.push((format!("coincidence {label}"), all));
+            values.push((format!("coverage {label}"), all));
         }
         let group = |name: &str, keep: &dyn Fn(&Row) -> bool| {
             let indices: Vec<usize> = (0..rows.len()).filter(|&i| keep(&rows[i])).collect();

@@ -387,7 +387,7 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
     let dir = tempfile::tempdir().unwrap();
     let run = |out: &str, threads: &str| {
         let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
-            .args(["design", "--dots", "10", "--starts", "3"])
+            .args(["design", "--dots", "10", "--starts", "5"])
             .args(["--samples", "100", "--seed", "1", "--out", out])
             .env("RAYON_NUM_THREADS", threads)
             .current_dir(dir.path())

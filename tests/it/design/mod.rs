@@ -1,7 +1,7 @@
 //! Tests of the stage `design`.
 
-mod coincidence;
 mod confusion;
+mod coverage;
 mod objectives;
 mod orientation_bound;
 mod search;

@@ -306,7 +306,8 @@ fn a_checkpoint_of_the_version_before_goes_on() {
     let text = include_str!("search_v3.json");
     let read = |text: &str| -> Result<(DesignConfig, SearchState)> {
         let file: serde_json::Value = serde_json::from_str(text).unwrap();
-        let config: DesignConfig = serde_json::from_value(file["config"].clone()).unwrap();
+        let config = file["config"].clone();
+        let config: DesignConfig = serde_json::from_value(config).unwrap_or_default();
         let path = std::path::Path::new("search.json");
         let state = SearchState::from_json(path, text.as_bytes(), &config)?;
         Ok((config, state))
@@ -325,6 +326,10 @@ fn a_checkpoint_of_the_version_before_goes_on() {
     let polished = format!("{}0.125{}", &text[..at], &text[at + 5..]);
     for (gone, words) in [
         (polished, "--from"),
+        (
+            text.replace("\"name\":\"confusion\"", "\"name\":\"coincidence\""),
+            "--objective coverage",
+        ),
         (
             text.replace("\"min_certified_rad\":0.0", "\"min_certified_rad\":0.01"),
             "--min-certified-deg",
