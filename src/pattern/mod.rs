@@ -7,6 +7,7 @@
 
 pub(crate) mod crowding;
 mod keep_out;
+mod visible;
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -18,7 +19,7 @@ use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Format, Row, Rows};
-use crate::geometry::{Vec3, angle_between, random_direction, spiral_directions};
+use crate::geometry::{Vec3, angle_between, random_direction};
 
 pub use keep_out::{KeepOut, zones_path};
 
@@ -33,9 +34,6 @@ pub const LENGTH_TOLERANCE: f64 = 1e-3;
 pub const LENGTH_ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Dots nearer than this (radians) count as the same dot.
 pub const MIN_SEPARATION: f64 = 1e-3;
-
-/// Number of viewing directions that sample "visible from anywhere".
-const SUMMARY_DIRECTIONS: usize = 20_000;
 
 /// `n` distinct dots on the unit sphere, in the pattern's own frame, and the zones they stay out of.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,7 +51,7 @@ pub struct PatternSummary {
     pub min_separation_rad: f64,
     /// Mean over dots of the angle to the nearest other dot, radians.
     pub mean_nearest_separation_rad: f64,
-    /// Minimum number of dots with z > 0 over all viewing directions (sampled).
+    /// Minimum number of dots with z > 0 over all viewing directions.
     pub min_visible: usize,
     /// Mean number of dots with z > 0 over all viewing directions (exactly n / 2).
     pub mean_visible: f64,
@@ -207,12 +205,10 @@ impl Pattern {
         })
     }
 
-    /// Minimum number of dots with `z > limit` over 20 000 viewing directions on a spiral.
+    /// Minimum number of dots with `z > limit` over all viewing directions, exactly. Directions from
+    /// which a dot is at the limit itself do not count.
     pub fn min_visible(&self, limit: f64) -> usize {
-        spiral_directions(SUMMARY_DIRECTIONS)
-            .map(|view| self.dots.iter().filter(|d| d.dot(&view) > limit).count())
-            .min()
-            .unwrap_or(0)
+        visible::min_visible(&self.dots, limit)
     }
 
     /// Nearest-neighbor separations, and the number of dots visible from anywhere.

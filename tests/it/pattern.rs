@@ -1,7 +1,9 @@
 //! Patterns: their file, their checks and their figures.
 
 use proptest::prelude::*;
-use spindoe::geometry::Vec3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use spindoe::geometry::{Vec3, random_direction, spiral_directions, tangent_frame};
 use spindoe::pattern::Pattern;
 
 /// The twelve vertices of the icosahedron.
@@ -38,6 +40,113 @@ fn the_published_pattern_reads() {
     assert_eq!(summary.dots, 20);
     assert!(summary.min_visible >= 6, "{summary:?}");
     assert!((summary.min_separation_rad.to_degrees() - 24.9).abs() < 0.05);
+}
+
+/// The fewest dots above the limit in any of these views.
+fn fewest(dots: &[Vec3], limit: f64, views: impl Iterator<Item = Vec3>) -> usize {
+    let shown = |v: Vec3| dots.iter().filter(|d| d.dot(&v) > limit).count();
+    views.map(shown).min().unwrap()
+}
+
+/// Views in all cells of the arrangement of the circles `v . d = limit`: all around each point where two
+/// of them meet, and beside each circle.
+fn views_in_all_cells(dots: &[Vec3], limit: f64) -> Vec<Vec3> {
+    const NEAR: f64 = 1e-5;
+    let mut views = Vec::new();
+    let mut around = |v: Vec3| {
+        let [a, b] = tangent_frame(&v);
+        views.extend((0..720).map(|k| {
+            let (sin, cos) = (f64::from(k) * 0.5f64.to_radians()).sin_cos();
+            (v + NEAR * (cos * a + sin * b)).normalize()
+        }));
+    };
+    for (i, a) in dots.iter().enumerate() {
+        let [side, _] = tangent_frame(a);
+        around(limit * a + (1.0 - limit * limit).sqrt() * side);
+        for b in &dots[..i] {
+            // v = s (a + b) +- t a x b with a.v = b.v = limit.
+            let normal = a.cross(b);
+            let middle = (a + b) * (limit / (1.0 + a.dot(b)));
+            let rest = 1.0 - middle.norm_squared();
+            if rest > 0.0 && normal.norm() > 1e-6 {
+                let up = normal * (rest.sqrt() / normal.norm());
+                around(middle + up);
+                around(middle - up);
+            }
+        }
+    }
+    views
+}
+
+#[test]
+fn the_fewest_visible_dots_are_those_of_the_poorest_cell() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let mut missed_by_samples = 0;
+    for (k, n) in (4..40).enumerate() {
+        let dots: Vec<Vec3> = (0..n).map(|_| random_direction(&mut rng)).collect();
+        let Ok(pattern) = Pattern::new(dots) else {
+            continue;
+        };
+        let (dots, limit) = (pattern.dots(), [0.0, 0.15, 1.0 / 3.0, -0.4, 0.8][k % 5]);
+        let found = pattern.min_visible(limit);
+        let cells = fewest(dots, limit, views_in_all_cells(dots, limit).into_iter());
+        assert_eq!(found, cells, "{n} dots, z > {limit}");
+        let sampled = fewest(dots, limit, spiral_directions(20_000));
+        assert!(found <= sampled, "{n} dots, z > {limit}");
+        missed_by_samples += usize::from(found < sampled);
+    }
+    // Cells that no sample lies in are what this is for.
+    assert!(missed_by_samples > 0);
+}
+
+#[test]
+fn a_shipped_pattern_shows_fewer_dots_than_samples_say() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/designs/dots28/pattern.csv");
+    let pattern = Pattern::read_csv(path.as_ref()).unwrap();
+    assert_eq!(fewest(pattern.dots(), 0.0, spiral_directions(20_000)), 11);
+    assert_eq!(pattern.min_visible(0.0), 10);
+    let cells = views_in_all_cells(pattern.dots(), 0.0);
+    assert_eq!(fewest(pattern.dots(), 0.0, cells.into_iter()), 10);
+}
+
+#[test]
+fn regular_patterns_show_what_symmetry_says() {
+    // Opposite dots share their circle at z = 0, and many circles meet in one point.
+    let shown = |dots: &[[f64; 3]], limit: f64| {
+        let dots = dots.iter().map(|d| Vec3::from(*d).normalize()).collect();
+        Pattern::new(dots).unwrap().min_visible(limit)
+    };
+    let mut octahedron = Vec::new();
+    let mut cube = Vec::new();
+    for sign in [-1.0, 1.0] {
+        octahedron.extend([[sign, 0.0, 0.0], [0.0, sign, 0.0], [0.0, 0.0, sign]]);
+        for (y, z) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            cube.push([sign, y, z]);
+        }
+    }
+    assert_eq!(
+        [0.0, -0.01, 0.01].map(|limit| shown(&octahedron, limit)),
+        [3, 3, 1]
+    );
+    // Of a cube four corners are in front, one of three is 54.7 degrees from the nearest axis.
+    assert_eq!(
+        [0.0, 0.3, 0.34, 0.8].map(|limit| shown(&cube, limit)),
+        [4, 2, 1, 0]
+    );
+    // A ring seen from its axis has all dots at the limit, and half of them in front beside it.
+    let ring = |n: u32| -> Vec<[f64; 3]> {
+        let turn = |k: u32| (f64::from(k) * std::f64::consts::TAU / f64::from(n)).sin_cos();
+        (0..n).map(turn).map(|(s, c)| [c, s, 0.0]).collect()
+    };
+    assert_eq!([8, 9].map(|n| shown(&ring(n), 0.0)), [4, 4]);
+    assert_eq!(shown(&ring(9), 0.01), 0);
+    // No view shows a dot above z = 1, every one all that are not opposite.
+    let icosahedron = icosahedron();
+    assert_eq!(
+        [1.0, 1.5, -1.0].map(|limit| icosahedron.min_visible(limit)),
+        [0, 0, 12]
+    );
+    assert_eq!(icosahedron.min_visible(0.999), 0);
 }
 
 #[test]
