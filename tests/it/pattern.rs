@@ -110,6 +110,27 @@ fn a_shipped_pattern_shows_fewer_dots_than_samples_say() {
 }
 
 #[test]
+fn shipped_reports_state_the_fewest_visible_dots() {
+    let designs = concat!(env!("CARGO_MANIFEST_DIR"), "/designs");
+    let mut reports = 0;
+    for folder in std::fs::read_dir(designs).unwrap() {
+        let folder = folder.unwrap().path();
+        let Ok(text) = std::fs::read_to_string(folder.join("report.json")) else {
+            continue;
+        };
+        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let summary = &report["pattern"]["summary"];
+        // Reports of version 1 call it `least_visible`.
+        let stated = summary.get("min_visible").or(summary.get("least_visible"));
+        let pattern = Pattern::read_csv(&folder.join("pattern.csv")).unwrap();
+        let found = pattern.min_visible(0.0) as u64;
+        assert_eq!(stated.unwrap().as_u64(), Some(found), "{folder:?}");
+        reports += 1;
+    }
+    assert!(reports >= 8, "{reports}");
+}
+
+#[test]
 fn regular_patterns_show_what_symmetry_says() {
     // Opposite dots share their circle at z = 0, and many circles meet in one point.
     let shown = |dots: &[[f64; 3]], limit: f64| {
