@@ -13,8 +13,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::constraints::{Constraints, max_separation};
+use super::descent::{Cost, descend};
 use super::objective::Evaluation;
-use super::scp::{Cost, descend};
 use crate::concurrency;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};

@@ -4,7 +4,7 @@
 //! - [`objective`]: what makes a pattern easy to identify,
 //! - [`constraints`]: the constraints for printing, drawing and reading it,
 //! - [`feasible`]: whether the constraints can be met,
-//! - [`scp`]: the descent under these constraints,
+//! - [`descent`]: the descent under these constraints,
 //! - [`start`]: random patterns to start from,
 //! - [`search`]: many starts, screening, and selection by Monte Carlo,
 //! - [`shard`]: a search in parts, on several machines,
@@ -17,9 +17,9 @@ mod candidate;
 pub mod checkpoint;
 mod config;
 pub mod constraints;
+pub mod descent;
 pub mod feasible;
 pub mod objective;
-pub mod scp;
 pub mod search;
 pub mod shard;
 pub mod start;

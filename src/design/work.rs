@@ -10,9 +10,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::candidate::Candidate;
 use super::config::DesignConfig;
+use super::descent::{Cost, Descent};
 use super::feasible::start_separation;
 use super::objective::{Evaluation, OrientationBound, basis};
-use super::scp::{Cost, Descent};
 use super::start::move_dots;
 use crate::error::Result;
 use crate::geometry::{Vec3, random_direction};

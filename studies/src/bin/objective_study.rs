@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use spindoe::design::scp::descend;
+use spindoe::design::descent::descend;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::{Pattern, random_pattern};

@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use spindoe::Result;
 use spindoe::design::checkpoint::SearchState;
 use spindoe::design::constraints::max_separation;
+use spindoe::design::descent::{Cost, Descent, descend};
 use spindoe::design::feasible::packed_separation;
 use spindoe::design::objective::bound::BoundSummary;
 use spindoe::design::objective::{Evaluation, MeanNearestNeighbor};
-use spindoe::design::scp::{Cost, Descent, descend};
 use spindoe::design::{
     Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, OrientationBound,
     Stage, design,

@@ -15,15 +15,12 @@
 //! 18.5). B is updated by Powell's damped BFGS in ambient coordinates, so no transport between
 //! tangent planes is needed; gradients are projected.
 //!
-//! Argmin drives the iteration. Costs with kinks (nearest neighbors that switch) are supported: the
-//! gradient is one of those that meet there, and the trust region shrinks until the model predicts
-//! the cost. The descent finds a local minimum; it does not guarantee a global one.
+//! Costs with kinks (nearest neighbors that switch) are supported: the gradient is one of those that
+//! meet there, and the trust region shrinks until the model predicts the cost. The merit never rises.
+//! The descent finds a local minimum; it does not guarantee a global one.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use argmin::core::{
-    Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus,
-};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT,
@@ -32,7 +29,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::constraints::{Constraints, Row};
 use super::objective::{Evaluation, Objective};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geometry::{Vec3, tangent_frame};
 use crate::pattern::Pattern;
 use crate::stencil::max_margin_seam;
@@ -104,15 +101,13 @@ impl<C: Cost> Demand<'_, C> {
     }
 }
 
-/// Argmin's solver; its parameter is the flattened vectors.
-struct Scp<'a> {
-    at: Option<Point>,
+/// The state of a descent: the current point, which is the best so far, and the model there.
+struct Iteration<'a, C: Cost> {
+    demand: Demand<'a, C>,
+    at: Point,
     hessian: DMatrix<f64>,
     radius: f64,
-    stop: &'a AtomicBool,
 }
-
-type Flat = IterState<Vec<f64>, (), (), (), (), f64>;
 
 fn flat(vectors: &[Vec3]) -> Vec<f64> {
     vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect()
@@ -122,57 +117,35 @@ fn vectors(flat: &[f64]) -> Vec<Vec3> {
     flat.chunks_exact(3).map(Vec3::from_column_slice).collect()
 }
 
-impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp<'_> {
-    fn name(&self) -> &'static str {
-        "sequential convex programming"
-    }
-
-    fn init(
-        &mut self,
-        problem: &mut Problem<Demand<'_, C>>,
-        mut state: Flat,
-    ) -> std::result::Result<(Flat, Option<KV>), argmin::core::Error> {
-        let x = vectors(&state.take_param().unwrap_or_default());
-        let point = problem.problem("cost", |p| Ok(p.at(x)?))?;
-        let norm = point
-            .gradient
-            .iter()
-            .map(Vec3::norm_squared)
-            .sum::<f64>()
-            .sqrt();
-        let size = 3 * point.vectors.len();
+impl<'a, C: Cost> Iteration<'a, C> {
+    fn begin(demand: Demand<'a, C>, vectors: Vec<Vec3>) -> Result<Self> {
+        let at = demand.at(vectors)?;
+        let squares = at.gradient.iter().map(Vec3::norm_squared);
+        let norm = squares.sum::<f64>().sqrt();
+        let size = 3 * at.vectors.len();
         // The first move then is about the trust radius.
-        let scale = (norm / (self.radius * (size as f64).sqrt())).max(1e-3);
-        self.hessian = DMatrix::identity(size, size) * scale;
-        let state = state.param(flat(&point.vectors)).cost(point.merit());
-        self.at = Some(point);
-        Ok((state, None))
+        let scale = (norm / (FIRST_RADIUS * (size as f64).sqrt())).max(1e-3);
+        Ok(Self {
+            demand,
+            at,
+            hessian: DMatrix::identity(size, size) * scale,
+            radius: FIRST_RADIUS,
+        })
     }
 
-    fn next_iter(
-        &mut self,
-        problem: &mut Problem<Demand<'_, C>>,
-        state: Flat,
-    ) -> std::result::Result<(Flat, Option<KV>), argmin::core::Error> {
-        let Some(at) = self.at.take() else {
-            return Err(argmin::core::Error::msg("not initialized"));
-        };
-        let constraints = problem.problem("constraints", |p| Ok(p.constraints))?;
-        let Some(step) = Move::solve(&at, &self.hessian, self.radius, constraints) else {
+    /// Solves one convex program, and takes its move where that lowers the merit as predicted.
+    fn step(&mut self) -> Result<()> {
+        let constraints = self.demand.constraints;
+        let Some(step) = Move::solve(&self.at, &self.hessian, self.radius, constraints) else {
             self.radius *= 0.3;
-            let state = state.param(flat(&at.vectors)).cost(at.merit());
-            self.at = Some(at);
-            return Ok((state, None));
+            return Ok(());
         };
-        let tried = at
-            .vectors
-            .iter()
-            .zip(&step.moves)
-            .map(|(v, m)| (v + m).normalize())
-            .collect();
-        let there = problem.problem("cost", |p| Ok(p.at(tried)?))?;
-        let kept = (at.merit() - there.merit()) / step.promised.max(1e-15);
-        self.update(&at, &there);
+        let pairs = self.at.vectors.iter().zip(&step.moves);
+        let there = self
+            .demand
+            .at(pairs.map(|(v, m)| (v + m).normalize()).collect())?;
+        let kept = (self.at.merit() - there.merit()) / step.promised.max(1e-15);
+        self.update(&there);
         self.radius = if kept > WIDENED {
             (1.6 * self.radius).min(MAX_RADIUS)
         } else if kept > TAKEN {
@@ -180,26 +153,15 @@ impl<C: Cost> Solver<Demand<'_, C>, Flat> for Scp<'_> {
         } else {
             0.4 * self.radius
         };
-        let next = if kept > TAKEN { there } else { at };
-        let state = state.param(flat(&next.vectors)).cost(next.merit());
-        self.at = Some(next);
-        Ok((state, None))
-    }
-
-    fn terminate(&mut self, _state: &Flat) -> TerminationStatus {
-        if self.radius < MIN_RADIUS {
-            TerminationStatus::Terminated(TerminationReason::SolverConverged)
-        } else if self.stop.load(Ordering::Relaxed) {
-            TerminationStatus::Terminated(TerminationReason::Interrupt)
-        } else {
-            TerminationStatus::NotTerminated
+        if kept > TAKEN {
+            self.at = there;
         }
+        Ok(())
     }
-}
 
-impl Scp<'_> {
-    /// Powell's damped BFGS update from one point to another, taken or not.
-    fn update(&mut self, from: &Point, to: &Point) {
+    /// Powell's damped BFGS update from the current point to another, taken or not.
+    fn update(&mut self, to: &Point) {
+        let from = &self.at;
         let s = DVector::from_vec(flat(&to.vectors)) - DVector::from_vec(flat(&from.vectors));
         let y = DVector::from_vec(flat(&to.gradient)) - DVector::from_vec(flat(&from.gradient));
         let b_s = &self.hessian * &s;
@@ -388,7 +350,7 @@ impl Descent<'_> {
     /// Lowers the cost of a pattern under the constraints.
     ///
     /// # Errors
-    /// Those of the cost; [`Error::Internal`] where the iteration itself fails.
+    /// Those of the cost.
     pub fn run<C: Cost>(
         &self,
         start: &Pattern,
@@ -397,19 +359,15 @@ impl Descent<'_> {
     ) -> Result<Pattern> {
         let mut x = start.dots().to_vec();
         x.push(max_margin_seam(start.dots()).normal);
-        let demand = Demand { cost, constraints };
-        let solver = Scp {
-            at: None,
-            hessian: DMatrix::zeros(0, 0),
-            radius: FIRST_RADIUS,
-            stop: self.stop,
-        };
-        let run = Executor::new(demand, solver)
-            .configure(|state: Flat| state.param(flat(&x)).max_iters(self.steps))
-            .ctrlc(false)
-            .run()
-            .map_err(|e| Error::Internal(format!("descent: {e}")))?;
-        let found = run.state().get_best_param().map_or(x, |best| vectors(best));
-        Pattern::new(found[..start.len()].to_vec())
+        let mut iteration = Iteration::begin(Demand { cost, constraints }, x)?;
+        for _ in 0..self.steps {
+            if iteration.radius < MIN_RADIUS || self.stop.load(Ordering::Relaxed) {
+                break;
+            }
+            iteration.step()?;
+        }
+        let mut dots = iteration.at.vectors;
+        dots.truncate(start.len());
+        Pattern::new(dots)
     }
 }
