@@ -51,7 +51,7 @@ pub fn coverage(
         found.shared_variance += model.shared_shift(&ball, &mut terms).powi(2);
         let dots = ball.dots.iter().filter(|d| can_be_found(d));
         let chances = dots.map(|dot| {
-            let logit = model.likely_logit(dot, &mut terms);
+            let logit = model.likely_logit(&dot.observables, &mut terms);
             let p = 1.0 / (1.0 + (-logit).exp());
             Chance {
                 by: Vector2::new(dot.truth.facing, crowds[dot.truth.index]),

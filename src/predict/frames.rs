@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::conditions::CameraConditions;
 use super::lasting::Variates;
-use super::model::{Detected, DetectionModel, Terms};
+use super::model::{DetectionModel, Terms};
 use crate::concurrency;
 use crate::error::{Error, Result};
 use crate::geometry::Rotation;
@@ -229,7 +229,7 @@ impl<'a> Predictor<'a> {
     ) -> Result<(FrameOutcome, Option<FrameEstimate>, bool)> {
         let ball = scene.seen()?;
         let covers = self.model.covers(&ball);
-        let Some(first) = self.model.detect(&ball, sequence, &mut ws.terms, rng) else {
+        let Some(mut first) = self.model.detect(&ball, sequence, &mut ws.terms, rng) else {
             let is_wrong = rng.random::<f64>() < self.model.wrong_without_outline;
             let outcome = if is_wrong {
                 FrameOutcome::Answered {
@@ -240,20 +240,19 @@ impl<'a> Predictor<'a> {
             };
             return Ok((outcome, None, covers));
         };
-        let Detected { mut frame, of_dots } = first;
-        self.estimator
-            .estimate_pose(None, &mut ws.estimator, &mut frame);
-        if !frame.is_settled() {
-            let first = Detected { frame, of_dots };
-            frame = self.model.look_again(&ball, first, &mut ws.terms, rng);
-            self.estimator
-                .estimate_pose(None, &mut ws.estimator, &mut frame);
-        }
-        Ok((
-            FrameOutcome::of(&frame, &ball.rotation),
-            Some(frame),
-            covers,
-        ))
+        let identify = |frame: &mut FrameEstimate, ws: &mut Workspace| {
+            self.estimator.estimate_pose(None, &mut ws.estimator, frame);
+        };
+        identify(&mut first.frame, ws);
+        let frame = if first.frame.is_settled() {
+            first.frame
+        } else {
+            let mut again = self.model.look_again(&ball, first, &mut ws.terms, rng);
+            identify(&mut again, ws);
+            again
+        };
+        let outcome = FrameOutcome::of(&frame, &ball.rotation);
+        Ok((outcome, Some(frame), covers))
     }
 
     /// The outcomes of the frames `0..frames` of a seed, in their order, and the share that the

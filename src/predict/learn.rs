@@ -153,12 +153,6 @@ impl Observation {
         of_kind.count() as f64
     }
 
-    /// The covariates of the dots that could be found, and whether each was, as a likely one.
-    pub(super) fn likely_dots(&self) -> impl Iterator<Item = (&[f64], bool)> {
-        let dots = self.dots.iter();
-        dots.map(|d| (&d.observables[..], d.found == Found::Likely))
-    }
-
     fn match_dots(&mut self, ball: &SeenBall, found: &FrameEstimate) {
         let r = ball.circle.radius;
         let dots: Vec<_> = ball.dots.iter().filter(|d| can_be_found(d)).collect();

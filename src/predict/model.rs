@@ -23,7 +23,7 @@ use rand_distr::{Distribution, Gamma, Poisson, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use super::lasting::{Shares, Variates};
-use super::learn::{Observation, beyond_expected};
+use super::learn::{Found, Observation, beyond_expected};
 use super::quantiles::Quantiles;
 use super::regression::{Regression, Scaling};
 use super::second_look::SecondLook;
@@ -485,15 +485,13 @@ impl DetectionModel {
 
     /// The class of a dot; `terms` then hold its own.
     pub(super) fn dot_class(&self, observables: &[f64], terms: &mut Terms) -> usize {
-        terms.dot.resize(self.dots.terms(), 0.0);
-        self.dots.expand(observables, &mut terms.dot);
-        self.dot_classes.of(self.likely.predictor(&terms.dot))
+        self.dot_classes.of(self.likely_logit(observables, terms))
     }
 
-    /// The logit of the probability that a dot is found as a likely one, in a frame like most.
-    pub(super) fn likely_logit(&self, dot: &SeenDot, terms: &mut Terms) -> f64 {
+    /// The logit of the probability that a dot is found as a likely one, in a frame like most; `terms` then hold its own.
+    pub(super) fn likely_logit(&self, observables: &[f64], terms: &mut Terms) -> f64 {
         terms.dot.resize(self.dots.terms(), 0.0);
-        self.dots.expand(&dot.observables, &mut terms.dot);
+        self.dots.expand(observables, &mut terms.dot);
         self.likely.predictor(&terms.dot)
     }
 
@@ -507,9 +505,9 @@ impl DetectionModel {
     /// number if each were found by itself.
     pub(super) fn more_dots(&self, seen: &Observation, terms: &mut Terms) -> (f64, f64) {
         terms.dot.resize(self.dots.terms(), 0.0);
-        beyond_expected(seen.likely_dots().map(|(observables, is_likely)| {
+        beyond_expected(seen.dots().map(|(observables, found)| {
             self.dots.expand(observables, &mut terms.dot);
-            (self.likely.value(&terms.dot), is_likely)
+            (self.likely.value(&terms.dot), found == Found::Likely)
         }))
     }
 

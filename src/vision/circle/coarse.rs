@@ -123,6 +123,7 @@ impl CoarseSearch {
     ) -> &[RoughCircle] {
         self.found.clear();
         self.before.clear();
+        self.tried = 0;
         if self.sizes.is_empty() {
             self.sizes.push(GrayImage::default());
         }
@@ -161,13 +162,9 @@ impl CoarseSearch {
                 break;
             }
             self.reserve(size);
-            if self.before.is_empty() {
-                self.votes.look(&self.sizes[size]);
-            } else {
-                let rims = whole(&self.before[..self.tried]);
-                let rims = rims.map(|c| grid.circle_to_part(&c.circle));
-                self.votes.look_beyond(&self.sizes[size], rims);
-            }
+            let rims = whole(&self.before[..self.tried]);
+            let rims = rims.map(|c| grid.circle_to_part(&c.circle));
+            self.votes.look(&self.sizes[size], rims);
             let fine = (size == 0).then_some(FINEST..=MIN);
             for voted in fine.into_iter().chain([MIN..=MAX]) {
                 let (from, to) = (*voted.start() as f64 * scale, *voted.end() as f64 * scale);

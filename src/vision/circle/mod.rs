@@ -360,7 +360,7 @@ impl BallFinder {
             }
             let halves = &self.halves;
             let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
-            self.votes.look(small);
+            self.votes.look(small, std::iter::empty());
             for &polarity in polarities {
                 let votes = &mut self.votes;
                 votes.cast(vote::MIN..=vote::MAX, polarity.sign());

@@ -56,16 +56,9 @@ impl Votes {
         }
     }
 
-    /// Finds the edges that vote.
-    pub fn look(&mut self, image: &GrayImage) {
-        (self.width, self.height) = (image.width(), image.height());
-        self.find_gradients(image);
-        self.strong = self.strong_length();
-    }
-
-    /// As [`Votes::look`], without the edges about the rims of these circles, pixels of the image: what they outshone
-    /// votes then.
-    pub fn look_beyond(&mut self, image: &GrayImage, rims: impl Iterator<Item = BallCircle>) {
+    /// Finds the edges that vote: not those about the rims of these circles, pixels of the image, so that what they
+    /// outshone does.
+    pub fn look(&mut self, image: &GrayImage, rims: impl Iterator<Item = BallCircle>) {
         (self.width, self.height) = (image.width(), image.height());
         self.find_gradients(image);
         for rim in rims {
@@ -146,10 +139,9 @@ impl Votes {
             .1
     }
 
-    /// Sobel's gradients and their lengths.
+    /// Sobel's gradients, each with its length.
     fn find_gradients(&mut self, image: &GrayImage) {
         self.gradients.clear();
-        self.lengths.clear();
         for v in 0..self.height {
             let row = |v: usize| image.row(v, 0, self.width);
             let (above, below) = (v.saturating_sub(1), (v + 1).min(self.height - 1));
@@ -159,7 +151,6 @@ impl Votes {
                 let x = above[r] + 2.0 * here[r] + below[r] - above[l] - 2.0 * here[l] - below[l];
                 let y = below[l] + 2.0 * below[u] + below[r] - above[l] - 2.0 * above[u] - above[r];
                 let length = (x * x + y * y).sqrt();
-                self.lengths.push(length);
                 self.gradients.push([x, y, length]);
             }
         }
