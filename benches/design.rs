@@ -13,7 +13,7 @@ use spindoe::design::objective::Coverage;
 use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::random_pattern;
-use spindoe::validate::{Protocol, ProtocolName};
+use spindoe::view::ProtocolName;
 
 fn design(c: &mut Criterion) {
     let constraints = Constraints::default();
@@ -29,9 +29,9 @@ fn design(c: &mut Criterion) {
             )
         });
     });
-    let protocol = Protocol::standard(ProtocolName::Sparse);
+    let view = ProtocolName::Sparse.view();
     for name in ObjectiveName::ALL {
-        let objective = Objective::for_protocol(name, &protocol);
+        let objective = Objective::for_view(name, &view);
         c.bench_function(&format!("{name}: value and gradient"), |b| {
             b.iter(|| objective.evaluate_at(black_box(pattern.dots())));
         });
@@ -50,7 +50,7 @@ fn design(c: &mut Criterion) {
     });
     let mut slow = c.benchmark_group("descent");
     slow.sample_size(10);
-    let paper = Objective::for_protocol(ObjectiveName::MeanNn, &protocol);
+    let paper = Objective::for_view(ObjectiveName::MeanNn, &view);
     slow.bench_function("one step on mean-nn, all constraints", |b| {
         b.iter(|| descend(black_box(&pattern), &paper, &constraints, 1));
     });

@@ -14,8 +14,9 @@ use spindoe::design::random_pattern;
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::Pattern;
 use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::recognize::{Identification, ObservedDot, PaperRecognizer, Recognizer};
-use spindoe::validate::{Protocol, ProtocolName, Trial, TrialGenerator, median};
+use spindoe::recognize::{PaperRecognizer, Recognizer};
+use spindoe::stats::median;
+use spindoe::view::{ObservedDot, ProtocolName, Trial, TrialGenerator, ViewModel};
 
 /// Seed of the views.
 const SEED: u64 = 20_260;
@@ -35,29 +36,28 @@ fn pattern() -> Any<Pattern> {
     Ok(random_pattern(20, 0.3, &mut ChaCha8Rng::seed_from_u64(1))?)
 }
 
-fn views(pattern: &Pattern, protocol: &Protocol) -> Vec<Vec<ObservedDot>> {
-    let mut generator = TrialGenerator::new(pattern, *protocol, SEED);
+fn views(pattern: &Pattern, view: ViewModel) -> Vec<Vec<ObservedDot>> {
+    let mut generator = TrialGenerator::new(pattern.dots(), view, SEED);
     let mut trial = Trial::default();
     (0..VIEWS)
         .map(|index| {
             generator.generate(index, &mut trial);
             trial.dots.clone()
         })
-        .filter(|dots| dots.len() >= protocol.min_dots)
+        .filter(|dots| dots.len() >= view.min_dots)
         .collect()
 }
 
 /// Median time of one identification over the views, microseconds.
 fn median_us<R: Recognizer>(recognizer: &R, views: &[Vec<ObservedDot>]) -> f64 {
     let mut workspace = recognizer.workspace();
-    let mut answer = Identification::default();
     let mut times: Vec<f64> = views
         .iter()
         .cycle()
         .take(4 * views.len())
         .map(|dots| {
             let start = Instant::now();
-            let _ = black_box(recognizer.identify_into(dots, &mut workspace, &mut answer));
+            let _ = black_box(recognizer.explain(dots, None, &mut workspace));
             start.elapsed().as_nanos() as f64 / 1000.0
         })
         .collect();
@@ -72,12 +72,11 @@ fn bench<R: Recognizer>(
     views: &[Vec<ObservedDot>],
 ) {
     let mut workspace = recognizer.workspace();
-    let mut answer = Identification::default();
     let mut next = views.iter().cycle();
     criterion.bench_function(&format!("{name}/{protocol}"), |b| {
         b.iter(|| {
             let dots = next.next().map_or(&[][..], Vec::as_slice);
-            recognizer.identify_into(black_box(dots), &mut workspace, &mut answer)
+            black_box(recognizer.explain(black_box(dots), None, &mut workspace)).is_ok()
         });
     });
 }
@@ -89,9 +88,8 @@ fn main() -> Any<()> {
     let table = HashTable::build(pattern.clone(), PairRule::default(), params)?;
     let paper = PaperRecognizer::from_table(&table)?;
     for name in ProtocolName::ALL {
-        let protocol = Protocol::standard(name);
-        let views = views(&pattern, &protocol);
-        let robust = RobustRecognizer::new(&pattern, protocol.recognizer_config())?;
+        let views = views(&pattern, name.view());
+        let robust = RobustRecognizer::new(&pattern, name.view().into())?;
         let (ours, theirs) = (median_us(&robust, &views), median_us(&paper, &views));
         println!(
             "{name}: median {ours:.1} us robust, {theirs:.1} us paper's, ratio {:.1}",

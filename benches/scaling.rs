@@ -17,14 +17,14 @@ use spindoe::Error;
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::pattern::Pattern;
 use spindoe::pipeline::Sink;
-use spindoe::recognize::observed::{self, ObservedReader};
+use spindoe::recognize::observed::{self, ObservedReader, observed_frames};
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
-use spindoe::recognize::stream::{FrameAnswer, RivalConfig, identify_with_rivals};
+use spindoe::recognize::stream::{FrameAnswer, identify_frames};
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
 use spindoe::spin::simulate::{Scenario, stream};
 use spindoe::spin::trajectories::TrajectorySet;
-use spindoe::validate::{Protocol, ProtocolName, observed_frames};
+use spindoe::view::ProtocolName;
 use spindoe::vision::frame_table::read_times;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, RgbImage};
 
@@ -98,11 +98,7 @@ fn measure_all(dir: &Path, rows: &[usize]) -> Outcome {
         Ok(move || {
             let frames = ObservedReader::new(Path::new("dots.csv"), Cursor::new(text), 0.03)?;
             let threads = std::thread::available_parallelism().unwrap_or(NonZero::<usize>::MIN);
-            let rivals = RivalConfig {
-                max_rivals: 1,
-                ..RivalConfig::default()
-            };
-            identify_with_rivals(&recognizer, rivals, frames, threads, &mut Count(0))?;
+            identify_frames(&recognizer, frames, threads, &mut Count(0))?;
             Ok(())
         })
     })?;
@@ -216,8 +212,8 @@ fn pattern() -> spindoe::Result<Pattern> {
 
 /// About `rows` dots of the protocol `paper`, about ten per frame.
 fn dots(pattern: &Pattern, rows: usize) -> String {
-    let protocol = Protocol::standard(ProtocolName::Paper);
-    observed::to_csv(&observed_frames(pattern, &protocol, 1, rows as u64 / 10))
+    let view = ProtocolName::Paper.view();
+    observed::to_csv(&observed_frames(pattern, &view, 1, rows as u64 / 10))
 }
 
 fn orientations(rows: usize) -> Result<String, Box<dyn std::error::Error>> {

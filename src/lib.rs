@@ -9,7 +9,7 @@
 //!
 //! # Stages
 //! Imports run from left to right only:
-//! [`geometry`] <- [`pattern`] <- [`hash`] <- [`recognize`] <- [`validate`] <- [`design`];
+//! [`geometry`] <- [`pattern`] <- [`hash`] <- [`view`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
 //! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them,
 //! [`plot`], [`report`] and [`cli`] on top.
@@ -24,17 +24,15 @@
 //! How often is a pattern identified correctly?
 //!
 //! ```
-//! use spindoe::recognize::RecognizerName;
-//! use spindoe::validate::validate_named;
-//! use spindoe::{HashTable, Pattern, PairRule, Protocol, ProtocolName, RecognizerConfig};
+//! use spindoe::{HashTable, Pattern, PairRule, RecognizerConfig, ValidationConfig};
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
 //! # let pattern = spindoe::pattern::random_pattern(20, 0.3, &mut rng)?;
 //! // or: let pattern = Pattern::read_csv("pattern.csv".as_ref())?;
 //! let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
-//! let protocol = Protocol::standard(ProtocolName::Paper);
-//! let found = validate_named(&table, RecognizerName::Robust, &protocol, 7, 200)?;
+//! let config = ValidationConfig { samples: 200, ..ValidationConfig::default() };
+//! let found = config.run(&table, &|_| {})?;
 //! println!("{} of {} trials", found.validation.identity, found.validation.samples);
 //! assert!(found.validation.identity.rate > 0.9);
 //! # Ok(())
@@ -44,7 +42,7 @@
 //! Which dots are these, and what is the orientation?
 //!
 //! ```
-//! use spindoe::{DotUncertainty, ObservedDot, Outcome, Recognizer, RobustConfig, RobustRecognizer};
+//! use spindoe::{DotUncertainty, ObservedDot, Recognizer, RobustConfig, RobustRecognizer};
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
@@ -60,9 +58,7 @@
 //!         uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.03 },
 //!     })
 //!     .collect();
-//! let Outcome::Identified(found) = recognizer.identify(&dots, &mut workspace) else {
-//!     panic!("the dots are those of the pattern");
-//! };
+//! let found = recognizer.identify(&dots, &mut workspace).expect("the dots are those of the pattern");
 //! assert!(found.rotation.angle_to(&truth) < 0.01 && found.confidence > 0.99);
 //! # Ok(())
 //! # }
@@ -156,6 +152,7 @@ pub mod stencil;
 #[cfg(feature = "vision")]
 pub mod synth;
 pub mod validate;
+pub mod view;
 #[cfg(feature = "vision")]
 pub mod vision;
 
@@ -164,14 +161,15 @@ pub use error::{Error, Parameter, Result};
 pub use geometry::{Rotation, Vec3};
 pub use hash::{HashTable, PairRule, RecognizerConfig};
 pub use pattern::Pattern;
-pub use recognize::robust::{Hint, RobustConfig, RobustRecognizer};
-pub use recognize::{DotUncertainty, Identification, ObservedDot, Outcome, Recognizer};
+pub use recognize::robust::{RobustConfig, RobustRecognizer};
+pub use recognize::{Explanations, Hint, Identification, Recognizer};
 #[cfg(feature = "native")]
 pub use report::DesignJob;
 pub use spin::robust::{RobustEstimator as SpinEstimator, RobustSpinConfig as SpinConfig};
 pub use spin::{Fit as SpinFit, Measurement, Motion};
 pub use stats::Proportion;
 pub use stencil::{Stencil, StencilConfig};
-pub use validate::{Protocol, ProtocolName, Validation};
+pub use validate::{Trials, Validation, ValidationConfig};
+pub use view::{DotUncertainty, ObservedDot, Protocol, ProtocolName, ViewModel};
 #[cfg(feature = "vision")]
 pub use vision::{Estimator, EstimatorConfig, FrameEstimate, Pose};

@@ -183,8 +183,11 @@ class Recognizer:
         min_confidence: Orientations with a smaller probability are rejected as ambiguous; by default
             0.5, and 0 for the paper's recognizer, whose confidence is a share of votes.
         settings: For ``"robust"`` ``visibility_limit``, ``detection_probability``,
-            ``expected_false_dots``, ``usual_false_dots``, ``null_prior``, ``noise``, ``passes``; for
-            ``"paper"`` ``k``, ``kappa``, ``beta``, ``alpha``, ``verify_fraction``, ``vote_sum``.
+            ``expected_false_dots`` (the mean of a number that varies), ``usual_false_dots`` (that of
+            nearly every view), ``foreign_share`` (of the views, those that show something else than
+            this ball), ``noise`` (``"normal"``, ``"heavy_tailed"`` or ``"random_axis"``),
+            ``passes``, ``mirror_doubt``; for ``"paper"`` ``k``, ``kappa``, ``beta``, ``alpha``,
+            ``verify_fraction``, ``vote_sum``.
 
     An instance may be used from several threads.
     """
@@ -258,8 +261,8 @@ class Recognizer:
                 the axes outward in the image and, counter-clockwise, across.
             hint: Prior orientation; for the robust recognizer.
             sigma_rad: Standard deviations along one tangent axis instead, one or shape (n,).
-            max_rivals: Number of other poses that are listed at most.
-            min_rival_confidence: Minimum probability of those.
+            max_rivals: Number of other poses that are listed at most; there are 59 at most.
+            min_rival_confidence: Minimum probability of those, from 0.001 on.
 
         Returns:
             An `Identification`, which is true, or a `Rejection`, which is false and has a reason.

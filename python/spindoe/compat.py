@@ -37,9 +37,8 @@ _LEAST_LOG_LIKELIHOOD = math.log(1e-10)
 # What the paper's algorithm takes for granted: a view of this pattern, every dot one of it.
 _EXPECTED: dict[str, Any] = {
     "detection_probability": 0.6,
-    "expected_false_dots": 0.02,
     "usual_false_dots": 0,
-    "null_prior": 1e-6,
+    "foreign_share": 1e-6,
     "noise": "random_axis",
 }
 

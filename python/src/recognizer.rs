@@ -14,9 +14,10 @@ use spindoe::recognize::observed::from_image_covariance;
 use spindoe::recognize::paper::{PaperWorkspace, VoteSum};
 use spindoe::recognize::robust::RobustWorkspace;
 use spindoe::recognize::{PaperConfig, PaperRecognizer, RecognizerRejection};
+use spindoe::view::{Detection, FalseDots, Noise, NoiseShape};
 use spindoe::{
-    DotUncertainty, Hint, Identification, ObservedDot, Protocol, ProtocolName, Recognizer as _,
-    RobustConfig, RobustRecognizer, Vec3,
+    DotUncertainty, Explanations, Hint, Identification, ObservedDot, ProtocolName, Recognizer as _,
+    RobustConfig, RobustRecognizer, Vec3, ViewModel,
 };
 
 use crate::arrays::{
@@ -68,6 +69,66 @@ impl std::fmt::Display for NoAnswer {
     }
 }
 
+/// The robust recognizer's settings under the names of Python's arguments.
+#[derive(Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+struct Settings {
+    visibility_limit: f64,
+    detection_probability: f64,
+    expected_false_dots: f64,
+    usual_false_dots: Option<u16>,
+    foreign_share: f64,
+    noise: NoiseShape,
+    passes: usize,
+    mirror_doubt: f64,
+}
+
+impl Settings {
+    /// Those of a configuration, for a pattern of so many dots.
+    fn of(config: &RobustConfig, dots: usize) -> Self {
+        let RobustConfig {
+            view,
+            passes,
+            mirror_doubt,
+        } = config;
+        Self {
+            visibility_limit: view.visibility_limit,
+            detection_probability: view.detection_rate(dots),
+            expected_false_dots: view.false_dots.mean(),
+            usual_false_dots: view.false_dots.usual(),
+            foreign_share: view.foreign_share,
+            noise: view.noise.shape(),
+            passes: *passes,
+            mirror_doubt: *mirror_doubt,
+        }
+    }
+
+    /// The configuration that has them in place of `before`, which were those of `base`.
+    fn in_place_of(self, before: &Self, base: &RobustConfig) -> RobustConfig {
+        let mut view = base.view;
+        view.visibility_limit = self.visibility_limit;
+        if self.detection_probability != before.detection_probability {
+            let probability = self.detection_probability;
+            view.detection = Detection::Each { probability };
+        }
+        let is_new_number = self.usual_false_dots != before.usual_false_dots;
+        let is_new_mean = self.expected_false_dots != before.expected_false_dots;
+        view.false_dots = match self.usual_false_dots {
+            Some(usual) if is_new_number => FalseDots::Usual(usual),
+            _ if is_new_number || is_new_mean => FalseDots::Poisson(self.expected_false_dots),
+            _ => view.false_dots,
+        };
+        view.foreign_share = self.foreign_share;
+        if self.noise != before.noise {
+            view.noise = Noise::of_shape(self.noise, view.noise.tangent_sigma_rad());
+        }
+        RobustConfig {
+            view,
+            passes: self.passes,
+            mirror_doubt: self.mirror_doubt,
+        }
+    }
+}
+
 enum Kind {
     Robust(Box<RobustRecognizer>),
     Paper(PaperConfig),
@@ -75,10 +136,9 @@ enum Kind {
 
 #[derive(Default)]
 struct Workspace {
-    robust: Option<RobustWorkspace>,
+    robust: RobustWorkspace,
     paper: PaperWorkspace,
     dots: Vec<ObservedDot>,
-    found: Identification,
 }
 
 #[pyclass(frozen, module = "spindoe._native")]
@@ -262,38 +322,35 @@ impl Recognizer {
         })
     }
 
-    /// Identifies the dots in `ws`, into `ws.found`.
-    fn run(&self, hint: Option<&Hint>, ws: &mut Workspace) -> Result<(), NoAnswer> {
-        self.recognize(hint, ws).map_err(NoAnswer::Rejected)?;
-        match ws.found.pose_confidence {
+    /// Identifies the dots in `ws`.
+    fn run<'w>(
+        &self,
+        hint: Option<&Hint>,
+        ws: &'w mut Workspace,
+    ) -> Result<&'w Explanations, NoAnswer> {
+        let found = self.recognize(hint, ws).map_err(NoAnswer::Rejected)?;
+        match found.best().pose_confidence {
             p if p < self.min_confidence => Err(NoAnswer::Ambiguous(p)),
-            _ => Ok(()),
+            _ => Ok(found),
         }
     }
 
-    fn recognize(
+    fn recognize<'w>(
         &self,
         hint: Option<&Hint>,
-        ws: &mut Workspace,
-    ) -> Result<(), RecognizerRejection> {
+        ws: &'w mut Workspace,
+    ) -> Result<&'w Explanations, RecognizerRejection> {
         let Workspace {
             robust,
             paper,
             dots,
-            found,
         } = ws;
         match &self.kind {
-            Kind::Robust(recognizer) => {
-                let robust = robust.get_or_insert_with(|| recognizer.workspace());
-                match hint {
-                    None => recognizer.identify_into(dots, robust, found),
-                    Some(hint) => recognizer.identify_hinted(dots, hint, robust, found),
-                }
-            }
+            Kind::Robust(recognizer) => recognizer.explain(dots, hint, robust),
             // Its parameters were checked when this was made.
             Kind::Paper(config) => PaperRecognizer::new(&self.table, *config)
                 .map_err(|_| RecognizerRejection::NoHypothesis)?
-                .identify_into(dots, paper, found),
+                .explain(dots, hint, paper),
         }
     }
 
@@ -311,30 +368,27 @@ impl Recognizer {
             .unwrap_or_else(PoisonError::into_inner)
             .push(workspace);
     }
+}
 
-    /// The answer in `ws` with the other poses that explain the dots.
-    fn answer<'py>(&self, py: Python<'py>, rivals: (usize, f64), ws: &mut Workspace) -> Found<'py> {
-        let found = &ws.found;
-        let best = (
-            quaternion(py, &found.rotation),
-            assignment(py, &found.assignment),
-            found.residual_rad,
-            found.confidence,
-            found.pose_confidence,
-        );
-        let mut others = Vec::new();
-        if let (Kind::Robust(recognizer), Some(robust)) = (&self.kind, &ws.robust) {
-            for rank in 1..=rivals.0 {
-                if !recognizer.explanation(rank, robust, &mut ws.found)
-                    || ws.found.pose_confidence < rivals.1
-                {
-                    break;
-                }
-                others.push((quaternion(py, &ws.found.rotation), ws.found.pose_confidence));
-            }
-        }
-        (best.0, best.1, best.2, best.3, best.4, others)
-    }
+/// An answer with at most so many other poses that are at least so probable.
+fn answer<'py>(
+    py: Python<'py>,
+    (max_rivals, min_confidence): (usize, f64),
+    explanations: &Explanations,
+) -> Found<'py> {
+    let best = explanations.best();
+    let rivals = explanations.rivals().iter().take(max_rivals);
+    let rivals = rivals.take_while(|r| r.pose_confidence >= min_confidence);
+    (
+        quaternion(py, &best.rotation),
+        assignment(py, &best.assignment),
+        best.residual_rad,
+        best.confidence,
+        best.pose_confidence,
+        rivals
+            .map(|r| (quaternion(py, &r.rotation), r.pose_confidence))
+            .collect(),
+    )
 }
 
 #[pymethods]
@@ -349,17 +403,22 @@ impl Recognizer {
         sigma_rad: Option<f64>,
         min_confidence: f64,
     ) -> PyResult<Self> {
-        let defaults = match expect {
-            Some(name) => {
-                Protocol::standard(name.parse::<ProtocolName>().or_raise()?).recognizer_config()
+        let view = match expect {
+            Some(name) => name.parse::<ProtocolName>().or_raise()?.view(),
+            None => {
+                let limit = table.0.meta().recognizer.visibility_limit;
+                ViewModel {
+                    visibility_limit: limit,
+                    false_dot_limit: limit,
+                    ..ViewModel::default()
+                }
             }
-            None => RobustConfig {
-                visibility_limit: table.0.meta().recognizer.visibility_limit,
-                ..RobustConfig::default()
-            },
         };
-        let config = overlay(&defaults, settings)?;
-        let recognizer = RobustRecognizer::new(table.0.pattern(), config).or_raise()?;
+        let pattern = table.0.pattern();
+        let base = RobustConfig::from(view);
+        let defaults = Settings::of(&base, pattern.len());
+        let config = overlay(&defaults, settings)?.in_place_of(&defaults, &base);
+        let recognizer = RobustRecognizer::new(pattern, config).or_raise()?;
         let kind = Kind::Robust(Box::new(recognizer));
         Self::new(table, kind, sigma_rad, min_confidence)
     }
@@ -405,7 +464,10 @@ impl Recognizer {
     /// The settings in use, as JSON; empty for the paper's.
     fn settings(&self) -> PyResult<String> {
         match &self.kind {
-            Kind::Robust(recognizer) => to_json(recognizer.config()),
+            Kind::Robust(recognizer) => {
+                let dots = self.table.pattern().len();
+                to_json(&Settings::of(recognizer.config(), dots))
+            }
             Kind::Paper(_) => Ok("{}".to_owned()),
         }
     }
@@ -435,9 +497,9 @@ impl Recognizer {
         let (sigmas, covariances) = (sigma_rad.as_ref(), covariances.as_ref());
         let default_rad = self.sigma_rad;
         observed(&dots, sigmas, covariances, default_rad, &mut ws.dots)?;
-        let outcome = py.detach(|| self.run(hint.as_ref(), &mut ws));
-        let answer = match outcome {
-            Ok(()) => Answer::Found(self.answer(py, (max_rivals, min_rival_confidence), &mut ws)),
+        let rivals = (max_rivals, min_rival_confidence);
+        let answer = match py.detach(|| self.run(hint.as_ref(), &mut ws)) {
+            Ok(explanations) => Answer::Found(self::answer(py, rivals, explanations)),
             Err(rejection) => Answer::Rejected(rejection.to_string()),
         };
         self.keep(ws);
@@ -511,8 +573,7 @@ impl Recognizer {
                 |ws, frame| {
                     ws.dots.clear();
                     ws.dots.extend_from_slice(frame);
-                    self.run(None, ws)?;
-                    Ok(ws.found.clone())
+                    Ok(self.run(None, ws)?.best().clone())
                 },
             )
             .collect()

@@ -4,11 +4,10 @@ use nalgebra::{Matrix2, Matrix3x2};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use spindoe::geometry::tangent_frame;
-use spindoe::recognize::RecognizerName;
-use spindoe::validate::{
-    NamedValidation, Trial, TrialGenerator, TrialResult, run_named_in, summarize,
-};
-use spindoe::{DotUncertainty, Protocol, ProtocolName, Vec3};
+use spindoe::recognize::NamedRecognizer;
+use spindoe::validate::TrialResult;
+use spindoe::view::{Trial, TrialGenerator};
+use spindoe::{DotUncertainty, Protocol, ProtocolName, Trials, ValidationConfig, Vec3};
 
 use crate::arrays::{assignment, blocks3, quaternion, rows};
 use crate::errors::{OrRaise, value_error};
@@ -31,7 +30,7 @@ type View<'py> = (
 fn protocol(name: &str, sigma_rad: Option<f64>) -> PyResult<Protocol> {
     let standard = Protocol::standard(name.parse::<ProtocolName>().or_raise()?);
     let protocol = sigma_rad.map_or(standard, |sigma| standard.with_sigma_rad(sigma));
-    protocol.check().or_raise()?;
+    protocol.view().check().or_raise()?;
     Ok(protocol)
 }
 
@@ -49,32 +48,40 @@ pub fn validate(
     sigma_rad: Option<f64>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<String> {
-    let protocol = self::protocol(protocol, sigma_rad)?;
-    let recognizer: RecognizerName = recognizer.parse().or_raise()?;
+    let config = ValidationConfig {
+        recognizer: recognizer.parse().or_raise()?,
+        protocol: self::protocol(protocol, sigma_rad)?,
+        seed,
+        samples,
+    };
     if samples == 0 {
         return Err(value_error("samples", "expected at least 1 trial, found 0"));
     }
+    let view = config.protocol.view();
+    let recognizer = NamedRecognizer::new(config.recognizer, &table.0, view).or_raise()?;
+    let all = config.trials(table.0.pattern());
     let mut results: Vec<TrialResult> = Vec::new();
     for first in (0..samples).step_by(TRIALS_AT_ONCE as usize) {
         py.check_signals()?;
         let last = (first + TRIALS_AT_ONCE).min(samples);
-        let run = || run_named_in(&table.0, recognizer, &protocol, seed, first..last, &|_| {});
+        let part = Trials {
+            range: first..last,
+            ..all.clone()
+        };
+        let run = || part.run(&recognizer, &|_| {});
         results.extend(on_all_cores(py, run)?.or_raise()?);
         if let Some(progress) = &progress {
             progress.call1((last, samples))?;
         }
     }
-    let validation = summarize(&results, &protocol, seed);
-    if validation.identity.trials == 0 {
+    let found = config.summary(&table.0, &results);
+    if found.validation.identity.trials == 0 {
         let problem = format!(
             "expected views that show enough dots, but all {samples} have fewer than the protocol needs"
         );
         return Err(value_error("pattern", problem));
     }
-    to_json(&NamedValidation {
-        recognizer,
-        validation,
-    })
+    to_json(&found)
 }
 
 /// Views of a protocol, from number `first` on.
@@ -90,7 +97,8 @@ pub fn trial_views<'py>(
     sigma_rad: Option<f64>,
 ) -> PyResult<Vec<View<'py>>> {
     let protocol = self::protocol(protocol, sigma_rad)?;
-    let mut generator = TrialGenerator::new(table.0.pattern(), protocol, seed);
+    let dots = table.0.pattern().dots();
+    let mut generator = TrialGenerator::new(dots, *protocol.view(), seed);
     let mut trial = Trial::default();
     let mut views = Vec::new();
     for index in first..first + count {

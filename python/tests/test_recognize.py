@@ -205,8 +205,8 @@ def test_bad_sigmas_are_named(view, recognizer):
 
 
 def test_settings_are_checked(table):
-    with pytest.raises(ValueError, match="null_prior"):
-        spindoe.Recognizer(table, null_prior=2.0)
+    with pytest.raises(ValueError, match="foreign_share"):
+        spindoe.Recognizer(table, foreign_share=2.0)
     with pytest.raises(ValueError, match="no such setting"):
         spindoe.Recognizer(table, nul_prior=0.2)
     with pytest.raises(ValueError, match="recognizer"):
@@ -214,8 +214,28 @@ def test_settings_are_checked(table):
     with pytest.raises(ValueError, match="protocol"):
         spindoe.Recognizer(table, expect="none")
     with pytest.raises(ValueError, match="finite"):
-        spindoe.Recognizer(table, null_prior=float("nan"))
-    assert spindoe.Recognizer(table, null_prior=np.float64(0.3)).settings["null_prior"] == 0.3
+        spindoe.Recognizer(table, foreign_share=float("nan"))
+    made = spindoe.Recognizer(table, foreign_share=np.float64(0.3))
+    assert made.settings["foreign_share"] == 0.3
+
+
+def test_a_setting_takes_the_place_of_what_the_protocol_states(table):
+    def found(expect, **given):
+        return spindoe.Recognizer(table, expect=expect, **given).settings
+
+    stated = found("clutter")
+    assert stated["usual_false_dots"] == 2 and stated["expected_false_dots"] == 2.0
+    assert stated["foreign_share"] == 0.0 and stated["noise"] == "random_axis"
+    mean = found("clutter", expected_false_dots=0.5)
+    assert mean["expected_false_dots"] == 0.5 and mean["usual_false_dots"] is None
+    number = found(None, usual_false_dots=1)
+    assert number["expected_false_dots"] == 1.0 and number["usual_false_dots"] == 1
+    assert found("clutter", usual_false_dots=None)["expected_false_dots"] == 2.0
+    # Four of on average 6.7 visible dots are given.
+    assert found("sparse")["detection_probability"] == pytest.approx(0.6)
+    assert found("sparse", detection_probability=0.7)["detection_probability"] == 0.7
+    for noise, name in (("gaussian", "heavy_tailed"), ("normal", "normal"), ("random_axis",) * 2):
+        assert found(None, noise=noise)["noise"] == name
 
 
 @settings(deadline=None, max_examples=60)

@@ -13,7 +13,7 @@ use crate::files;
 use crate::recognize::RecognizerName;
 use crate::report::compare::{Comparison, Entry, compare};
 use crate::stats::PairedDifference;
-use crate::validate::ProtocolName;
+use crate::view::ProtocolName;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

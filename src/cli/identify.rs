@@ -17,14 +17,11 @@ use crate::pipeline::Sink;
 use crate::recognize::observed::ObservedReader;
 use crate::recognize::robust::{ConditionsPrior, RobustConfig, RobustRecognizer};
 use crate::recognize::stream::{
-    FrameAnswer, LearnedConditions, LearningConfig, LearningOrder, RivalConfig, identify_frames,
-    identify_learning, identify_with_rivals,
+    FrameAnswer, LearnedView, LearningConfig, LearningOrder, identify_frames, identify_learning,
 };
-use crate::recognize::{
-    Identification, Outcome, PaperRecognizer, RecognizerName, RecognizerRejection,
-};
+use crate::recognize::{Identification, PaperRecognizer, RecognizerName, RecognizerRejection};
 use crate::spin::orientations::{OrientationRow, OrientationWriter};
-use crate::validate::{Protocol, ProtocolName};
+use crate::view::{Detection, FalseDots, ProtocolName, ViewModel};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -126,23 +123,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             identify_frames(&recognizer, frames, threads, &mut outputs)?;
         }
         RecognizerName::Robust => {
-            let listed = RivalConfig::default();
-            let rivals = RivalConfig {
-                // Only JSON lists them; the first one detects a tie.
-                max_rivals: if arguments.json { listed.max_rivals } else { 1 },
-                ..listed
-            };
             let pattern = table.pattern();
             if arguments.learns() {
                 let learning = arguments.learning(&table);
-                let outputs_of = &mut outputs;
-                let learned = identify_learning(
-                    pattern, &config, &learning, rivals, frames, threads, outputs_of,
-                )?;
+                let outputs = &mut outputs;
+                let learned =
+                    identify_learning(pattern, &config, &learning, frames, threads, outputs)?;
                 outputs.learned = Some(learned);
             } else {
                 let recognizer = RobustRecognizer::new(pattern, config)?;
-                identify_with_rivals(&recognizer, rivals, frames, threads, &mut outputs)?;
+                identify_frames(&recognizer, frames, threads, &mut outputs)?;
             }
         }
     }
@@ -205,29 +195,34 @@ impl Arguments {
     }
 
     fn config(&self, table: &HashTable) -> Result<RobustConfig> {
-        let mut config = match self.expect {
-            Some(name) => Protocol::standard(name).recognizer_config(),
-            None => RobustConfig {
-                visibility_limit: table.meta().recognizer.visibility_limit,
-                ..RobustConfig::default()
-            },
+        let mut view = match self.expect {
+            Some(name) => name.view(),
+            None => {
+                let limit = table.meta().recognizer.visibility_limit;
+                ViewModel {
+                    visibility_limit: limit,
+                    false_dot_limit: limit,
+                    ..ViewModel::default()
+                }
+            }
         };
         if let Some(mean) = self.false_dots {
             if !(mean > 0.0 && mean.is_finite()) {
                 let problem = format!("expected a positive number, found {mean}");
                 return Err(Error::argument("--false-dots", problem));
             }
-            config.expected_false_dots = mean;
-            config.usual_false_dots = None;
+            view.false_dots = FalseDots::Poisson(mean);
         }
         if let Some(p) = self.miss_probability {
             if !(p > 0.0 && p < 1.0) {
                 let problem = format!("expected a probability in (0, 1), found {p}");
                 return Err(Error::argument("--miss-probability", problem));
             }
-            config.detection_probability = 1.0 - p;
+            view.detection = Detection::Each {
+                probability: 1.0 - p,
+            };
         }
-        Ok(config)
+        Ok(view.into())
     }
 }
 
@@ -238,7 +233,7 @@ struct Outputs<'a> {
     stdout: Stdout,
     tally: Tally,
     /// What was learned of the conditions.
-    learned: Option<LearnedConditions>,
+    learned: Option<LearnedView>,
     /// Where the answers do not stand on the terminal themselves.
     counter: Option<Counter>,
 }
@@ -324,7 +319,7 @@ impl Sink<FrameAnswer> for Outputs<'_> {
         let is_tied = is_tied(&answer);
         let doubtful = confidence.filter(|c| *c < self.arguments.min_confidence());
         if doubtful.is_some() {
-            answer.outcome = Outcome::Unidentified(RecognizerRejection::NoHypothesis);
+            answer.outcome = Err(RecognizerRejection::NoHypothesis);
         }
         self.tally.tied += u64::from(is_tied);
         self.tally.count(&answer, doubtful.is_some());
@@ -376,12 +371,13 @@ impl JsonFrames {
         mut self,
         recognizer: RecognizerName,
         tally: &Tally,
-        learned: Option<&LearnedConditions>,
+        learned: Option<&LearnedView>,
     ) -> Result<()> {
         let identified = tally.identified;
         let begin = if self.is_first { "{\"frames\":[" } else { "" };
         // What the conditions were taken for, where they were learned.
-        let conditions = json!(learned);
+        let conditions = learned.map(learned_json);
+        let conditions = json!(conditions);
         writeln!(
             self.spool,
             "{begin}],\"identified\":{identified},\"recognizer\":\"{recognizer}\",\"conditions\":{conditions}}}"
@@ -401,7 +397,7 @@ impl JsonFrames {
 /// Whether another pose is about as probable as the answer's.
 fn is_tied(answer: &FrameAnswer) -> bool {
     let best = answer.identification().map(|found| found.pose_confidence);
-    let rival = answer.rivals.first().map(|r| r.pose_confidence);
+    let rival = answer.rivals().first().map(|r| r.pose_confidence);
     matches!((best, rival), (Some(b), Some(r)) if r >= TIE * b)
 }
 
@@ -419,20 +415,40 @@ fn row(answer: &FrameAnswer) -> OrientationRow {
     }
 }
 
-/// What was learned of the conditions, in words.
-fn words(learned: &LearnedConditions) -> String {
-    let c = &learned.conditions;
-    let false_dots = match c.usual_false_dots {
-        Some(n) => format!("{n} false dots in nearly every frame"),
-        None => format!("{:.2} false dots a frame", c.expected_false_dots),
+/// What was learned of the views, in words.
+fn words(learned: &LearnedView) -> String {
+    let LearnedView { view, frames } = learned;
+    let false_dots = match view.false_dots {
+        FalseDots::Usual(n) => format!("{n} false dots in nearly every frame"),
+        FalseDots::Poisson(mean) => format!("{mean:.2} false dots a frame"),
     };
     format!(
-        "learned from {} frames: {false_dots}, {:.0} % of the dots with z > {:.2} missed, noise {:.2} times that given",
-        learned.frames,
-        100.0 * (1.0 - c.detection_probability),
-        c.visibility_limit,
-        c.noise_scale,
+        "learned from {frames} frames: {false_dots}, {:.0} % of the dots with z > {:.2} missed, noise {:.2} times that given",
+        100.0 * (1.0 - detection_probability(view)),
+        view.visibility_limit,
+        view.noise_scale,
     )
+}
+
+/// What was learned of the views, as JSON.
+fn learned_json(LearnedView { view, frames }: &LearnedView) -> serde_json::Value {
+    json!({
+        "noise": view.noise.shape(),
+        "noise_scale": view.noise_scale,
+        "visibility_limit": view.visibility_limit,
+        "detection_probability": detection_probability(view),
+        "expected_false_dots": view.false_dots.mean(),
+        "usual_false_dots": view.false_dots.usual(),
+        "frames": frames,
+    })
+}
+
+/// Learned views find each dot on its own.
+fn detection_probability(view: &ViewModel) -> f64 {
+    match view.detection {
+        Detection::Each { probability } => probability,
+        Detection::Given { .. } => 1.0,
+    }
 }
 
 fn to_json(answer: &FrameAnswer) -> serde_json::Value {
@@ -442,7 +458,8 @@ fn to_json(answer: &FrameAnswer) -> serde_json::Value {
         "dots": answer.frame.dots.len(),
     });
     match &answer.outcome {
-        Outcome::Identified(found) => {
+        Ok(explanations) => {
+            let found = explanations.best();
             json["orientation_wxyz"] = json!(to_wxyz(&found.rotation));
             json["assignment"] = json!(found.assignment);
             json["matched"] = found.matched().into();
@@ -455,9 +472,9 @@ fn to_json(answer: &FrameAnswer) -> serde_json::Value {
                     "pose_confidence": r.pose_confidence,
                 })
             };
-            json["rivals"] = answer.rivals.iter().map(rival).collect();
+            json["rivals"] = explanations.rivals().iter().map(rival).collect();
         }
-        Outcome::Unidentified(rejection) => json["refusal"] = rejection.to_string().into(),
+        Err(rejection) => json["refusal"] = rejection.to_string().into(),
     }
     json
 }
@@ -479,8 +496,8 @@ impl Tally {
         self.frames += 1;
         self.doubtful += u64::from(is_doubtful);
         match answer.outcome {
-            Outcome::Identified(_) => self.identified += 1,
-            Outcome::Unidentified(rejection) => {
+            Ok(_) => self.identified += 1,
+            Err(rejection) => {
                 self.mirrored += u64::from(rejection == RecognizerRejection::Mirrored);
                 if !is_doubtful && self.first_rejected.is_none() {
                     self.first_rejected = Some((answer.frame.name.clone(), rejection));

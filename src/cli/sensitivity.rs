@@ -12,7 +12,8 @@ use crate::error::Result;
 use crate::files;
 #[cfg(feature = "vision")]
 use crate::hash::HashTable;
-use crate::validate::{Protocol, ProtocolName, SensitivityConfig, sensitivity, sensitivity_csv};
+use crate::validate::{SensitivityConfig, sensitivity, sensitivity_csv};
+use crate::view::{Protocol, ProtocolName};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

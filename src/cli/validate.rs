@@ -12,10 +12,10 @@ use crate::error::{Error, Result};
 use crate::files;
 #[cfg(feature = "vision")]
 use crate::hash::HashTable;
-use crate::recognize::{RecognizerName, observed};
-use crate::validate::{
-    NamedValidation, Protocol, ProtocolName, observed_frames, validate_named_observed,
-};
+use crate::recognize::RecognizerName;
+use crate::recognize::observed::{self, observed_frames};
+use crate::validate::{NamedValidation, ValidationConfig};
+use crate::view::{Protocol, ProtocolName};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -74,20 +74,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(sigma) = arguments.sigma_deg {
         protocol = protocol.with_sigma_rad(sigma.to_radians());
     }
-    let (seed, samples) = (arguments.seed, arguments.samples);
-    let counter = Counter::new(samples, "trials");
-    let done = |trials| counter.add(trials);
-    let found = validate_named_observed(
-        &table,
-        arguments.recognizer,
-        &protocol,
-        seed,
+    let samples = arguments.samples;
+    let config = ValidationConfig {
+        recognizer: arguments.recognizer,
+        protocol,
+        seed: arguments.seed,
         samples,
-        &done,
-    )?;
+    };
+    let counter = Counter::new(samples, "trials");
+    let found = config.run(&table, &|trials| counter.add(trials))?;
     counter.finish();
     if let Some(path) = &arguments.dump {
-        let frames = observed_frames(table.pattern(), &protocol, seed, samples);
+        let view = config.protocol.view();
+        let frames = observed_frames(table.pattern(), view, config.seed, samples);
         files::write_bytes(path, observed::to_csv(&frames).as_bytes())?;
     }
     if found.validation.identity.trials == 0 {

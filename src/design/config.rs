@@ -8,7 +8,7 @@ use super::objective::bound::BoundSummary;
 use super::objective::{Objective, confusion};
 use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
-use crate::validate::{Protocol, ProtocolName};
+use crate::view::{Protocol, ProtocolName};
 
 /// Configuration of a design search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -105,7 +105,7 @@ impl DesignConfig {
             );
             return Err(Error::argument("objective", problem));
         }
-        self.protocol.check()?;
+        self.protocol.view().check()?;
         self.constraints.check_demand(self.dots)
     }
 

@@ -18,7 +18,7 @@ use crate::error::Result;
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::{Pattern, random_pattern};
 use crate::recognize::robust::RobustRecognizer;
-use crate::validate::{Proportion, run_trials, summarize};
+use crate::validate::{Proportion, Trials, Validation};
 
 /// Maximum displacement of the dots of an existing pattern that makes a start, radians.
 const SHAKE_RAD: f64 = 0.05;
@@ -144,9 +144,10 @@ pub(super) fn rate(
     samples: u64,
 ) -> Result<Proportion> {
     let pattern = candidate.pattern()?;
-    let robust = RobustRecognizer::new(&pattern, config.protocol.recognizer_config())?;
-    let found = run_trials(&pattern, &robust, &config.protocol, seed, samples)?;
-    Ok(summarize(&found, &config.protocol, seed).identity)
+    let trials = Trials::first(&pattern, *config.protocol.view(), seed, samples);
+    let robust = RobustRecognizer::new(&pattern, trials.view.into())?;
+    let found = trials.run(&robust, &|_| {})?;
+    Ok(Validation::of(&found, config.protocol.name(), &trials).identity)
 }
 
 /// Adds trials to a candidate's.

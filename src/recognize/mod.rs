@@ -15,110 +15,23 @@
 //! - [`robust`]: the posterior over all explanations of the dots, the default,
 //! - [`stream`]: frame after frame from an endless input, on all cores.
 
-use nalgebra::{Matrix2, Vector2};
+use crate::geometry::Rotation;
 
-use crate::geometry::{Rotation, Vec3, tangent_frame};
-
+mod explanations;
+mod hint;
 pub mod kent;
+mod named;
 pub mod observed;
 pub mod paper;
 pub mod robust;
 #[cfg(feature = "native")]
 pub mod stream;
 
+pub use crate::view::{DotUncertainty, ObservedDot};
+pub use explanations::Explanations;
+pub use hint::Hint;
+pub use named::{NamedRecognizer, NamedWorkspace, RecognizerName};
 pub use paper::{PaperConfig, PaperRecognizer};
-
-/// A recognizer's name, as written on the command line and in reports.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RecognizerName {
-    /// The SpinDOE paper's algorithm, the baseline.
-    Paper,
-    /// The explanation that the whole set of dots supports best, the default.
-    Robust,
-}
-
-impl RecognizerName {
-    /// All recognizers, the baseline first.
-    pub const ALL: [Self; 2] = [Self::Paper, Self::Robust];
-
-    /// As written on the command line.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Paper => "paper",
-            Self::Robust => "robust",
-        }
-    }
-}
-
-impl std::str::FromStr for RecognizerName {
-    type Err = crate::error::Error;
-
-    fn from_str(name: &str) -> Result<Self, Self::Err> {
-        crate::error::by_name(&Self::ALL, Self::as_str, "recognizer", name)
-    }
-}
-
-impl std::fmt::Display for RecognizerName {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(self.as_str())
-    }
-}
-
-/// Uncertainty of an observed direction.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum DotUncertainty {
-    /// The same in all tangent directions.
-    Isotropic {
-        /// Standard deviation of the angular error along one tangent axis, radians.
-        sigma_rad: f64,
-    },
-    /// Different along different tangent directions.
-    Tangent {
-        /// Covariance, rad^2, in the axes of
-        /// [`tangent_frame(direction)`](crate::geometry::tangent_frame).
-        covariance: Matrix2<f64>,
-    },
-}
-
-impl ObservedDot {
-    /// Squared distance of `direction` in standard deviations: over two axes, so 2 on average. Holds for
-    /// directions near the dot's.
-    pub fn squared_deviations(&self, direction: &Vec3) -> f64 {
-        let [e1, e2] = tangent_frame(&self.direction);
-        let off = Vector2::new(e1.dot(direction), e2.dot(direction));
-        match self.uncertainty {
-            DotUncertainty::Isotropic { sigma_rad } => off.norm_squared() / (sigma_rad * sigma_rad),
-            DotUncertainty::Tangent { covariance } => covariance
-                .try_inverse()
-                .map_or(f64::INFINITY, |inverse| off.dot(&(inverse * off))),
-        }
-    }
-}
-
-impl DotUncertainty {
-    /// The uncertainty with an independent error of `sigma_rad` along either tangent axis besides.
-    #[must_use]
-    pub fn widened(self, sigma_rad: f64) -> Self {
-        match self {
-            Self::Isotropic { sigma_rad: own } => Self::Isotropic {
-                sigma_rad: own.hypot(sigma_rad),
-            },
-            Self::Tangent { covariance } => Self::Tangent {
-                covariance: covariance + Matrix2::identity() * (sigma_rad * sigma_rad),
-            },
-        }
-    }
-}
-
-/// An observed dot.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ObservedDot {
-    /// Unit vector from the ball's center to the dot, camera frame.
-    pub direction: Vec3,
-    /// Uncertainty of the direction.
-    pub uncertainty: DotUncertainty,
-}
 
 /// A recognizer's answer.
 #[derive(Debug, Clone, PartialEq)]
@@ -137,7 +50,7 @@ pub struct Identification {
 }
 
 impl Default for Identification {
-    /// No dots, the identity, no confidence: a value for [`Recognizer::identify_into`] to fill.
+    /// No dots, the identity, no confidence.
     fn default() -> Self {
         Self {
             rotation: Rotation::identity(),
@@ -154,15 +67,6 @@ impl Identification {
     pub fn matched(&self) -> usize {
         self.assignment.iter().flatten().count()
     }
-}
-
-/// The outcome of an attempt to identify the dots.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Outcome {
-    /// The dots are identified.
-    Identified(Identification),
-    /// The dots are not identified.
-    Unidentified(RecognizerRejection),
 }
 
 /// Why a recognizer gives no answer.
@@ -204,26 +108,29 @@ pub trait Recognizer: Sync {
     /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
 
-    /// Identifies `dots` and writes the answer into `out`, whose memory is reused. The answer
-    /// depends on the dots alone, not on earlier calls with the workspace. A rejection leaves the
-    /// content of `out` unspecified.
+    /// Identifies `dots`: the explanations of the view, whose memory is that of `ws`. They depend on the dots
+    /// and the hint alone, not on earlier calls with the workspace. The hint only helps to decide which dot
+    /// is which; the rotation depends on the dots. A recognizer that knows no hints leaves it aside.
     ///
     /// # Errors
     /// A [`RecognizerRejection`] that states why there is no answer.
-    fn identify_into(
+    fn explain<'w>(
+        &self,
+        dots: &[ObservedDot],
+        hint: Option<&Hint>,
+        ws: &'w mut Self::Workspace,
+    ) -> Result<&'w Explanations, RecognizerRejection>;
+
+    /// The best explanation without a hint, as a value of its own.
+    ///
+    /// # Errors
+    /// As [`Recognizer::explain`].
+    fn identify(
         &self,
         dots: &[ObservedDot],
         ws: &mut Self::Workspace,
-        out: &mut Identification,
-    ) -> Result<(), RecognizerRejection>;
-
-    /// As [`Recognizer::identify_into`], with a newly allocated answer.
-    fn identify(&self, dots: &[ObservedDot], ws: &mut Self::Workspace) -> Outcome {
-        let mut found = Identification::default();
-        match self.identify_into(dots, ws, &mut found) {
-            Ok(()) => Outcome::Identified(found),
-            Err(rejection) => Outcome::Unidentified(rejection),
-        }
+    ) -> Result<Identification, RecognizerRejection> {
+        Ok(self.explain(dots, None, ws)?.best().clone())
     }
 
     /// Minimum number of dots that can be identified.

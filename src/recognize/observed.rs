@@ -31,13 +31,13 @@ use std::path::Path;
 
 use nalgebra::Matrix2;
 
-use super::{DotUncertainty, ObservedDot};
 use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
 use crate::geometry::{Spherical, Vec3, tangent_frame};
-use crate::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE};
+use crate::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE, Pattern};
+use crate::view::{DotUncertainty, ObservedDot, Trial, TrialGenerator, ViewModel};
 
 /// Maximum number of dots of a frame; far more than any pattern and its false dots show. The
 /// recognizers compare all pairs of them.
@@ -82,6 +82,27 @@ impl ObservedFrame {
         self.time_s
             .or_else(|| self.name.parse::<u64>().ok().map(|ns| ns as f64 * 1e-9))
     }
+}
+
+/// The first `samples` trials of a seed as a detector would report them, named `trial-0`,
+/// `trial-1`, ...; views with too few real dots for the model are left out.
+pub fn observed_frames(
+    pattern: &Pattern,
+    view: &ViewModel,
+    seed: u64,
+    samples: u64,
+) -> Vec<ObservedFrame> {
+    let mut generator = TrialGenerator::new(pattern.dots(), *view, seed);
+    let mut trial = Trial::default();
+    let mut frame = |index: u64| {
+        generator.generate(index, &mut trial);
+        (trial.real_dots() >= view.min_dots).then(|| ObservedFrame {
+            name: format!("trial-{index}"),
+            time_s: None,
+            dots: trial.dots.clone(),
+        })
+    };
+    (0..samples).filter_map(&mut frame).collect()
 }
 
 /// Unit tangent vectors at a direction: outward in the image, and counter-clockwise across.

@@ -26,7 +26,7 @@ use std::num::NonZeroUsize;
 use nalgebra::Matrix3;
 
 use super::kent::KentShape;
-use super::{Identification, ObservedDot, Recognizer, RecognizerRejection};
+use super::{Explanations, Hint, ObservedDot, Recognizer, RecognizerRejection};
 use crate::error::{Error, Result};
 use crate::geometry::{
     Rotation, Vec3, angle_between, pair_rotation, rotation_from_correlation, tangent_frame,
@@ -107,6 +107,7 @@ pub struct PaperWorkspace {
     /// Assignment under test, and the best so far.
     assignment: Vec<u16>,
     best: Vec<u16>,
+    explanations: Explanations,
 }
 
 /// A verified basis.
@@ -304,18 +305,18 @@ impl Recognizer for PaperRecognizer<'_> {
         PaperWorkspace::default()
     }
 
-    /// Alg. 2. Every dot is assigned. The confidence is the winner's share of the votes among the
+    /// Alg. 2, which knows no hints and no rivals. Every dot is assigned. The confidence is the winner's share of the votes among the
     /// verified bases (of `exp(score)` where logarithms are added up): in [0, 1] and larger where
     /// votes agree, but **not calibrated**. The paper has none.
     ///
     /// The workspace avoids all allocations except those of the search tree, one short list per
     /// dot.
-    fn identify_into(
+    fn explain<'w>(
         &self,
         dots: &[ObservedDot],
-        ws: &mut PaperWorkspace,
-        out: &mut Identification,
-    ) -> std::result::Result<(), RecognizerRejection> {
+        _hint: Option<&Hint>,
+        ws: &'w mut PaperWorkspace,
+    ) -> std::result::Result<&'w Explanations, RecognizerRejection> {
         if dots.len() < MIN_DOTS {
             return Err(RecognizerRejection::TooFewDots {
                 found: dots.len(),
@@ -333,13 +334,14 @@ impl Recognizer for PaperRecognizer<'_> {
         let (best, confidence) = self
             .best_of_verified(dots, ws)
             .ok_or(RecognizerRejection::NoHypothesis)?;
+        let out = ws.explanations.begin();
         out.rotation = best.rotation;
         out.assignment.clear();
         out.assignment.extend(ws.best.iter().map(|&t| Some(t)));
         out.residual_rad = best.error_rad;
         out.confidence = confidence;
         out.pose_confidence = confidence;
-        Ok(())
+        Ok(&ws.explanations)
     }
 
     fn min_dots(&self) -> usize {

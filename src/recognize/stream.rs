@@ -1,8 +1,7 @@
 //! Recognition of a stream of frames, on all cores: frames of dots in, answers out.
 //!
-//! [`identify_frames`] runs any recognizer. [`identify_with_rivals`] runs the robust one, which
-//! also lists the other poses that explain a frame. [`identify_learning`] runs it without knowing
-//! the noise, the misses and the false dots: the frames tell. Answers leave in the order of the frames, each
+//! [`identify_frames`] runs any recognizer. [`identify_learning`] runs the robust one without knowing
+//! the noise, the misses and the false dots: it learns them from the frames. Answers leave in the order of the frames, each
 //! as soon as it and all answers before it are ready; see [`pipeline`](crate::pipeline) for the
 //! guarantees.
 
@@ -11,53 +10,41 @@ use std::sync::Arc;
 
 use super::observed::ObservedFrame;
 use super::robust::{
-    Conditions, ConditionsPosterior, ConditionsPrior, FrameEvidence, RobustConfig,
-    RobustRecognizer, RobustWorkspace,
+    ConditionsPosterior, ConditionsPrior, FrameEvidence, RobustConfig, RobustRecognizer,
 };
-use super::{Identification, Outcome, Recognizer};
+use super::{Explanations, Identification, Recognizer, RecognizerRejection};
 use crate::concurrency;
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
 use crate::pipeline::{Sink, map_ordered};
+use crate::view::ViewModel;
 
 /// A frame and its outcome.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameAnswer {
     /// The frame.
     pub frame: ObservedFrame,
-    /// The outcome.
-    pub outcome: Outcome,
-    /// Other poses that explain the dots, the most probable first; empty where there is no answer.
-    pub rivals: Vec<Identification>,
+    /// Its explanations, or why there are none.
+    pub outcome: std::result::Result<Explanations, RecognizerRejection>,
 }
 
 impl FrameAnswer {
-    /// The identification, where there is one.
-    pub fn identification(&self) -> Option<&Identification> {
-        match &self.outcome {
-            Outcome::Identified(found) => Some(found),
-            Outcome::Unidentified(_) => None,
+    /// Identifies a frame.
+    fn new<R: Recognizer>(recognizer: &R, ws: &mut R::Workspace, frame: ObservedFrame) -> Self {
+        Self {
+            outcome: recognizer.explain(&frame.dots, None, ws).cloned(),
+            frame,
         }
     }
-}
 
-/// Which rivals are listed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RivalConfig {
-    /// Maximum number of rivals.
-    pub max_rivals: usize,
-    /// Minimum probability of a rival's pose.
-    pub min_pose_confidence: f64,
-}
+    /// The best explanation, where there is one.
+    pub fn identification(&self) -> Option<&Identification> {
+        self.outcome.as_ref().ok().map(Explanations::best)
+    }
 
-impl Default for RivalConfig {
-    /// 60 rivals: as many rotations as the icosahedron has. Poses less probable than 0.001 are of
-    /// no use.
-    fn default() -> Self {
-        Self {
-            max_rivals: 60,
-            min_pose_confidence: 0.001,
-        }
+    /// Other poses that explain the dots; none where there is no answer.
+    pub fn rivals(&self) -> &[Identification] {
+        self.outcome.as_ref().map_or(&[], Explanations::rivals)
     }
 }
 
@@ -71,41 +58,8 @@ pub fn identify_frames<R: Recognizer>(
     threads: NonZero<usize>,
     sink: &mut impl Sink<FrameAnswer, Error = Error>,
 ) -> Result<()> {
-    identify(recognizer, |_| Vec::new(), frames, threads, sink)
-}
-
-/// As [`identify_frames`], with the rivals of every answer.
-///
-/// # Errors
-/// As [`identify_frames`].
-pub fn identify_with_rivals(
-    recognizer: &RobustRecognizer,
-    rivals: RivalConfig,
-    frames: impl Iterator<Item = Result<ObservedFrame>> + Send,
-    threads: NonZero<usize>,
-    sink: &mut impl Sink<FrameAnswer, Error = Error>,
-) -> Result<()> {
-    let list = |workspace: &_| list_rivals(recognizer, rivals, workspace);
-    identify(recognizer, list, frames, threads, sink)
-}
-
-/// The other poses that explain the last view of `workspace`, the most probable first.
-fn list_rivals(
-    recognizer: &RobustRecognizer,
-    config: RivalConfig,
-    workspace: &RobustWorkspace,
-) -> Vec<Identification> {
-    let mut found = Vec::new();
-    let mut rival = Identification::default();
-    for rank in 1..=config.max_rivals {
-        if !recognizer.explanation(rank, workspace, &mut rival)
-            || rival.pose_confidence < config.min_pose_confidence
-        {
-            break;
-        }
-        found.push(rival.clone());
-    }
-    found
+    let answer = |ws: &mut R::Workspace, frame| FrameAnswer::new(recognizer, ws, frame);
+    map_ordered(frames, threads, || recognizer.workspace(), answer, sink)
 }
 
 /// How noise, misses and false dots are learned from the frames.
@@ -141,11 +95,10 @@ impl Default for LearningConfig {
 }
 
 /// What was learned.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct LearnedConditions {
-    /// The conditions expected.
-    #[serde(flatten)]
-    pub conditions: Conditions,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LearnedView {
+    /// The view expected.
+    pub view: ViewModel,
     /// Number of frames that had a say.
     pub frames: usize,
 }
@@ -153,8 +106,8 @@ pub struct LearnedConditions {
 /// Passes over the first frames; after the first one the conditions are nearly right.
 const LEARNING_ROUNDS: usize = 3;
 
-/// As [`identify_with_rivals`], under conditions that the frames themselves tell. `base` holds what
-/// [`Conditions`] does not cover.
+/// As [`identify_frames`], with a view model that is learned from the frames. `base` holds what is not
+/// learned.
 ///
 /// # Errors
 /// As [`identify_frames`], and [`Error::Argument`] for a parameter outside its domain.
@@ -162,11 +115,10 @@ pub fn identify_learning(
     pattern: &Pattern,
     base: &RobustConfig,
     learning: &LearningConfig,
-    rivals: RivalConfig,
     frames: impl Iterator<Item = Result<ObservedFrame>> + Send,
     threads: NonZero<usize>,
     sink: &mut impl Sink<FrameAnswer, Error = Error>,
-) -> Result<LearnedConditions> {
+) -> Result<LearnedView> {
     let mut frames = frames.fuse();
     let learner = Learner {
         pattern,
@@ -191,12 +143,12 @@ pub fn identify_learning(
                 for (k, frame) in first.drain(..).enumerate() {
                     let recognizer = learner.without(&learned, k)?;
                     let mut workspace = recognizer.workspace();
-                    sink.take(answer(&recognizer, rivals, &mut workspace, frame))?;
+                    sink.take(FrameAnswer::new(&recognizer, &mut workspace, frame))?;
                 }
             }
             let first = first.into_iter().map(Ok).chain(failed.map(Err));
             let recognizer = learner.recognizer(&learned.posterior)?;
-            identify_with_rivals(&recognizer, rivals, first.chain(frames), threads, sink)?;
+            identify_frames(&recognizer, first.chain(frames), threads, sink)?;
         }
         LearningOrder::AsTheyCome => {
             let mut seen: Vec<ObservedFrame> = Vec::new();
@@ -209,16 +161,7 @@ pub fn identify_learning(
                     sink,
                     seen: &mut seen,
                 };
-                let work = |workspace: &mut RobustWorkspace, frame: ObservedFrame| {
-                    answer(&recognizer, rivals, workspace, frame)
-                };
-                map_ordered(
-                    frames,
-                    threads,
-                    || recognizer.workspace(),
-                    work,
-                    &mut keeper,
-                )?;
+                identify_frames(&recognizer, frames, threads, &mut keeper)?;
                 if seen.len() == before {
                     break;
                 }
@@ -227,11 +170,11 @@ pub fn identify_learning(
             }
             drop(seen);
             let recognizer = learner.recognizer(&learned.posterior)?;
-            identify_with_rivals(&recognizer, rivals, frames, threads, sink)?;
+            identify_frames(&recognizer, frames, threads, sink)?;
         }
     }
-    Ok(LearnedConditions {
-        conditions: learned.posterior.expected(),
+    Ok(LearnedView {
+        view: learned.posterior.expected(&base.view),
         frames: learned.posterior.frames(),
     })
 }
@@ -296,11 +239,10 @@ fn evidence(
         let from = chunk as usize * LEARNING_CHUNK;
         let to = (from + LEARNING_CHUNK).min(frames.len());
         let mut workspace = recognizer.workspace();
-        let mut found = Identification::default();
         let one = |frame: &ObservedFrame| {
             let mut evidence = FrameEvidence::default();
             // A rejected view may still have explanations.
-            let _ = recognizer.identify_into(&frame.dots, &mut workspace, &mut found);
+            let _ = recognizer.explain(&frame.dots, None, &mut workspace);
             recognizer.conditions_evidence(posterior, &workspace, &mut evidence);
             evidence
         };
@@ -329,44 +271,4 @@ impl<S: Sink<FrameAnswer, Error = Error>> Sink<FrameAnswer> for Keeper<'_, S> {
     fn idle(&mut self) -> Result<()> {
         self.sink.idle()
     }
-}
-
-/// A frame's answer with its rivals.
-fn answer(
-    recognizer: &RobustRecognizer,
-    rivals: RivalConfig,
-    workspace: &mut RobustWorkspace,
-    frame: ObservedFrame,
-) -> FrameAnswer {
-    let outcome = recognizer.identify(&frame.dots, workspace);
-    let rivals = match &outcome {
-        Outcome::Identified(_) => list_rivals(recognizer, rivals, workspace),
-        Outcome::Unidentified(_) => Vec::new(),
-    };
-    FrameAnswer {
-        frame,
-        outcome,
-        rivals,
-    }
-}
-
-fn identify<R: Recognizer>(
-    recognizer: &R,
-    rivals: impl Fn(&R::Workspace) -> Vec<Identification> + Sync,
-    frames: impl Iterator<Item = Result<ObservedFrame>> + Send,
-    threads: NonZero<usize>,
-    sink: &mut impl Sink<FrameAnswer, Error = Error>,
-) -> Result<()> {
-    let answer = |workspace: &mut R::Workspace, frame: ObservedFrame| {
-        let outcome = recognizer.identify(&frame.dots, workspace);
-        FrameAnswer {
-            rivals: match &outcome {
-                Outcome::Identified(_) => rivals(workspace),
-                Outcome::Unidentified(_) => Vec::new(),
-            },
-            outcome,
-            frame,
-        }
-    };
-    map_ordered(frames, threads, || recognizer.workspace(), answer, sink)
 }

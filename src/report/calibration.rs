@@ -18,7 +18,8 @@ use crate::pattern::Pattern;
 use crate::recognize::robust::RobustRecognizer;
 use crate::report::page::CalibrationPage;
 use crate::stats::Proportion;
-use crate::validate::{Protocol, ProtocolName, Validation, run_trials, summarize};
+use crate::validate::{Trials, Validation};
+use crate::view::ProtocolName;
 use crate::vision::FrameEstimate;
 
 /// Version of a calibration's `report.json`.
@@ -288,22 +289,22 @@ fn monte_carlo(
     let on_ball = Pattern::new(kept(false).map(|d| d.direction).collect())?;
     let expected = kept(false).chain(kept(true)).map(|d| d.nominal);
     let expected = Pattern::new(expected.collect())?;
-    let run = |trials: &Pattern, known: &Pattern, protocol: &Protocol| -> Result<Validation> {
-        let recognizer = RobustRecognizer::new(known, protocol.recognizer_config())?;
+    let run = |ball: &Pattern, known: &Pattern, protocol: ProtocolName| -> Result<Validation> {
         let CalibrationEvaluationConfig { samples, seed } = *evaluation;
-        let results = run_trials(trials, &recognizer, protocol, seed, samples)?;
-        Ok(summarize(&results, protocol, seed).untimed())
+        let trials = Trials::first(ball, protocol.view(), seed, samples);
+        let recognizer = RobustRecognizer::new(known, trials.view.into())?;
+        let results = trials.run(&recognizer, &|_| {})?;
+        Ok(Validation::of(&results, protocol, &trials).untimed())
     };
-    let of_protocol = |name: &ProtocolName| {
-        let protocol = Protocol::standard(*name);
+    let of_protocol = |protocol| {
         Ok(ProtocolReport {
-            protocol: *name,
-            nominal: run(nominal, nominal, &protocol)?,
-            drawn_uncalibrated: run(&on_ball, &expected, &protocol)?,
-            drawn_calibrated: run(drawn, drawn, &protocol)?,
+            protocol,
+            nominal: run(nominal, nominal, protocol)?,
+            drawn_uncalibrated: run(&on_ball, &expected, protocol)?,
+            drawn_calibrated: run(drawn, drawn, protocol)?,
         })
     };
-    ProtocolName::ALL.iter().map(of_protocol).collect()
+    ProtocolName::ALL.into_iter().map(of_protocol).collect()
 }
 
 /// Less than this share of the frames with a ball is used where some show another ball, or hardly any dots.

@@ -14,7 +14,8 @@ use crate::hash::HashTable;
 use crate::pattern::{Pattern, PatternSummary};
 use crate::recognize::RecognizerName;
 use crate::stats::{PairedDifference, Pairs};
-use crate::validate::{Protocol, ProtocolName, TrialResult, Validation, run_named, summarize};
+use crate::validate::{TrialResult, Validation, ValidationConfig};
+use crate::view::{Protocol, ProtocolName};
 
 /// A pattern in a comparison.
 #[derive(Debug)]
@@ -122,12 +123,12 @@ pub struct Comparison {
 
 fn measures(entry: &Entry) -> Result<PatternMeasures> {
     let pattern = entry.table.pattern();
-    let sparse = Protocol::standard(ProtocolName::Sparse);
+    let sparse = ProtocolName::Sparse.view();
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
         .into_iter()
         .filter(|name| name.suits(pattern.len()))
         .map(|name| {
-            let value = Objective::for_protocol(name, &sparse)
+            let value = Objective::for_view(name, &sparse)
                 .evaluate_at(pattern.dots())?
                 .value;
             Ok(ObjectiveScore { name, value })
@@ -198,12 +199,17 @@ pub fn compare(
     let mut contests = Vec::new();
     for &recognizer in recognizers {
         for name in ProtocolName::ALL {
-            let protocol = Protocol::standard(name);
+            let config = ValidationConfig {
+                recognizer,
+                protocol: Protocol::standard(name),
+                seed,
+                samples,
+            };
             let mut first: Option<Vec<TrialResult>> = None;
             for entry in entries {
                 says(&format!("{}: {name}, recognizer {recognizer}", entry.name));
-                let results = run_named(&entry.table, recognizer, &protocol, seed, samples)?;
-                let validation = summarize(&results, &protocol, seed);
+                let results = config.results(&entry.table, &|_| {})?;
+                let validation = config.summary(&entry.table, &results).validation;
                 let against_first = |which| match &first {
                     Some(first) => difference(first, &results, which),
                     None => PairedDifference::with_itself(validation.identity.trials),

@@ -8,7 +8,7 @@ use crate::design::OrientationBound;
 use crate::error::Result;
 use crate::plot::{BarChart, BarGroup, LinePlot, LineSeries, RateScale, bar_comparison, line_plot};
 use crate::recognize::RecognizerName;
-use crate::validate::ProtocolName;
+use crate::view::ProtocolName;
 
 /// Viewing directions in the plot of the orientation bound.
 const VIEWS: usize = 4_000;

@@ -31,9 +31,10 @@ use crate::recognize::RecognizerName;
 use crate::stats::Proportion;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
-    NamedValidation, Protocol, ProtocolName, SensitivityConfig, SensitivityPoint, sensitivity,
-    sensitivity_csv, validate_named,
+    NamedValidation, SensitivityConfig, SensitivityPoint, ValidationConfig, sensitivity,
+    sensitivity_csv,
 };
+use crate::view::{Protocol, ProtocolName};
 
 pub use job::{CHECKPOINT, DesignJob, JobObserver, Start, whole_search};
 
@@ -284,12 +285,18 @@ fn validate_all(
     for recognizer in RecognizerName::ALL {
         for name in ProtocolName::ALL {
             says(&format!("validating: {name}, recognizer {recognizer}"));
-            let protocol = if name == config.protocol.name {
+            let protocol = if name == config.protocol.name() {
                 config.protocol
             } else {
                 Protocol::standard(name)
             };
-            found.push(validate_named(table, recognizer, &protocol, seed, samples)?);
+            let config = ValidationConfig {
+                recognizer,
+                protocol,
+                seed,
+                samples,
+            };
+            found.push(config.run(table, &|_| {})?);
         }
     }
     Ok(found)

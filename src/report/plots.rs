@@ -16,10 +16,8 @@ use crate::plot::{
 };
 use crate::recognize::RecognizerName;
 use crate::stencil::StencilConfig;
-use crate::validate::{
-    NamedValidation, Proportion, Protocol, ProtocolName, SensitivityPoint, SweptParameter,
-    Validation,
-};
+use crate::validate::{NamedValidation, Proportion, SensitivityPoint, SweptParameter, Validation};
+use crate::view::{Protocol, ProtocolName};
 
 pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
     RatePoint {
@@ -54,7 +52,7 @@ pub(crate) fn in_each_format(
 pub fn write_all(dir: &Path, design: &DesignEvaluation, stencil: &StencilConfig) -> Result<()> {
     let report = &design.report;
     let search = Search {
-        protocol: report.config.protocol.name,
+        protocol: report.config.protocol.name(),
         finalists: report.finalists.iter().map(|f| f.identity).collect(),
         milestones: &report.timing.milestones,
     };
@@ -124,7 +122,7 @@ pub fn redraw(dir: &Path) -> Result<()> {
         stencil.hole_diameter_mm = size.hole_diameter_mm;
     }
     let search = Search {
-        protocol: report.config.protocol.name,
+        protocol: report.config.protocol.name(),
         finalists: report.finalists.iter().map(|f| f.identity).collect(),
         milestones: &report.timing.milestones,
     };

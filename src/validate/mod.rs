@@ -7,31 +7,25 @@
 //! paper). Views with fewer real dots than the protocol or the recognizer needs are counted
 //! separately, whatever the number of their false dots.
 //!
-//! Trial `i` of seed `s` draws from stream `i` of a ChaCha8 generator seeded with `s`, and the sums
-//! are taken in the order of the trials: the result is the same on any number of threads.
+//! [`Trials`] is the one place where trials are run: of a [`ViewModel`], by any [`Recognizer`]. The
+//! sums are taken in the order of the trials: the result is the same on any number of threads.
 
-mod by_name;
-mod protocol;
 mod sensitivity;
-mod trial;
 
 pub use crate::stats::{Proportion, median};
-pub use by_name::{
-    NamedValidation, run_named, run_named_in, validate_named, validate_named_observed,
-};
-pub use protocol::{Noise, Protocol, ProtocolName};
+use crate::view::{Protocol, ProtocolName, Trial, TrialGenerator, ViewModel};
 pub use sensitivity::{
     SensitivityConfig, SensitivityPoint, SweptParameter, sensitivity, sensitivity_csv,
 };
-pub use trial::{Trial, TrialGenerator, observed_frames};
 
 use std::ops::Range;
 
 use crate::concurrency::{self, Stopwatch};
 use crate::error::{Result, require};
 use crate::geometry::rotation_angle;
+use crate::hash::HashTable;
 use crate::pattern::Pattern;
-use crate::recognize::{Identification, Recognizer};
+use crate::recognize::{NamedRecognizer, Recognizer, RecognizerName};
 
 /// Orientation errors of this value or more are failures, radians (20 degrees, SpinDOE Sec. IV).
 pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
@@ -104,160 +98,214 @@ pub enum TrialResult {
     },
 }
 
-/// Runs every trial and returns the results in their order.
-///
-/// # Errors
-/// [`crate::Error::Argument`] for zero trials, too many, or a protocol outside its domain.
-pub fn run_trials<R: Recognizer>(
-    pattern: &Pattern,
-    recognizer: &R,
-    protocol: &Protocol,
-    seed: u64,
-    samples: u64,
-) -> Result<Vec<TrialResult>> {
-    run_trials_observed(pattern, recognizer, protocol, seed, samples, &|_| {})
+/// Trials of a view model: which, of which ball.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trials<'p> {
+    /// The pattern that the views show.
+    pub pattern: &'p Pattern,
+    /// What is seen of it.
+    pub view: ViewModel,
+    /// Seed of the trials.
+    pub seed: u64,
+    /// Their numbers: ranges that follow each other give what one run over all of them gives.
+    pub range: Range<u64>,
 }
 
-/// As [`run_trials`]; `done` learns from any thread how many more trials are done.
-///
-/// # Errors
-/// As [`run_trials`].
-pub fn run_trials_observed<R: Recognizer>(
-    pattern: &Pattern,
-    recognizer: &R,
-    protocol: &Protocol,
-    seed: u64,
-    samples: u64,
-    done: &(dyn Fn(u64) + Sync),
-) -> Result<Vec<TrialResult>> {
-    require_samples(samples)?;
-    run_trials_in(pattern, recognizer, protocol, seed, 0..samples, done)
-}
-
-/// Checks the number of trials.
-fn require_samples(samples: u64) -> Result<()> {
-    require(samples > 0, "samples", "at least 1 trial", samples)?;
-    let expected = format!("at most {MAX_TRIALS} trials");
-    require(samples <= MAX_TRIALS, "samples", &expected, samples)
-}
-
-/// As [`run_trials_observed`], for some of the trials only: ranges that follow each other give what
-/// one call over all of them gives.
-///
-/// # Errors
-/// [`crate::Error::Argument`] for a protocol outside its domain, or trials beyond the largest number.
-pub fn run_trials_in<R: Recognizer>(
-    pattern: &Pattern,
-    recognizer: &R,
-    protocol: &Protocol,
-    seed: u64,
-    trials: Range<u64>,
-    done: &(dyn Fn(u64) + Sync),
-) -> Result<Vec<TrialResult>> {
-    protocol.check()?;
-    require_samples(trials.end)?;
-    let chunks = trials.start / CHUNK..trials.end.div_ceil(CHUNK);
-    let results = concurrency::map_range(chunks, |chunk| {
-        let mut generator = TrialGenerator::new(pattern, *protocol, seed);
-        let mut trial = Trial::default();
-        let mut workspace = recognizer.workspace();
-        let mut answer = Identification::default();
-        let from = (chunk * CHUNK).max(trials.start);
-        let to = ((chunk + 1) * CHUNK).min(trials.end);
-        let results: Vec<_> = (from..to)
-            .map(|index| {
-                generator.generate(index, &mut trial);
-                judge(&trial, recognizer, protocol, &mut workspace, &mut answer)
-            })
-            .collect();
-        done(to - from);
-        results
-    });
-    Ok(results.into_iter().flatten().collect())
-}
-
-/// Runs the recognizer on one view and compares its answer with the truth. The answer is left in
-/// `answer`, unless the view was skipped or rejected.
-pub fn judge<R: Recognizer>(
-    trial: &Trial,
-    recognizer: &R,
-    protocol: &Protocol,
-    workspace: &mut R::Workspace,
-    answer: &mut Identification,
-) -> TrialResult {
-    // False dots do not make a usable view of one that shows too few real dots.
-    if trial.real_dots() < protocol.min_dots.max(recognizer.min_dots()) {
-        return TrialResult::Skipped;
-    }
-    let start = Stopwatch::start();
-    let outcome = recognizer.identify_into(&trial.dots, workspace, answer);
-    let nanoseconds = start.elapsed().as_nanos() as u64;
-    match outcome {
-        Ok(()) => TrialResult::Judged {
-            identity: answer.assignment == trial.truth,
-            error_rad: rotation_angle(&answer.rotation, &trial.rotation),
-            confidence: answer.confidence,
-            pose_confidence: answer.pose_confidence,
-            nanoseconds,
-        },
-        Err(_) => TrialResult::Judged {
-            identity: false,
-            error_rad: f64::INFINITY,
-            confidence: 0.0,
-            pose_confidence: 0.0,
-            nanoseconds,
-        },
-    }
-}
-
-/// Validates a recognizer on `samples` trials of a protocol.
-///
-/// # Errors
-/// As [`run_trials`].
-pub fn validate<R: Recognizer>(
-    pattern: &Pattern,
-    recognizer: &R,
-    protocol: &Protocol,
-    seed: u64,
-    samples: u64,
-) -> Result<Validation> {
-    let results = run_trials(pattern, recognizer, protocol, seed, samples)?;
-    Ok(summarize(&results, protocol, seed))
-}
-
-/// Counts successes over a set of trials.
-pub fn summarize(results: &[TrialResult], protocol: &Protocol, seed: u64) -> Validation {
-    let (mut identity, mut trials) = (0u64, 0u64);
-    let mut times = Vec::with_capacity(results.len());
-    let mut errors = Vec::with_capacity(results.len());
-    for result in results {
-        if let TrialResult::Judged {
-            identity: is_correct,
-            error_rad,
-            nanoseconds,
-            ..
-        } = *result
-        {
-            trials += 1;
-            times.push(nanoseconds as f64 / 1000.0);
-            identity += u64::from(is_correct);
-            if error_rad < ORIENTATION_FAILURE_RAD {
-                errors.push(error_rad.to_degrees());
-            }
+impl<'p> Trials<'p> {
+    /// The first `samples` trials of a seed.
+    pub fn first(pattern: &'p Pattern, view: ViewModel, seed: u64, samples: u64) -> Self {
+        Self {
+            pattern,
+            view,
+            seed,
+            range: 0..samples,
         }
     }
-    let orientation = errors.len() as u64;
-    Validation {
-        protocol: protocol.name,
-        samples: results.len() as u64,
-        sigma_deg: protocol.sigma_rad().to_degrees(),
-        seed,
-        skipped: results.len() as u64 - trials,
-        identity: Proportion::new(identity, trials),
-        orientation: Proportion::new(orientation, trials),
-        mean_error_deg: errors.iter().sum::<f64>() / orientation.max(1) as f64,
-        median_error_deg: median(&mut errors),
-        us_per_identification: Some(times.iter().sum::<f64>() / trials.max(1) as f64),
-        median_us_per_identification: Some(median(&mut times)),
+
+    /// Runs the recognizer on every trial; the results are in the trials' order. `observer` learns
+    /// from any thread how many more trials are done.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for no trials, too many, or a view model outside its domain.
+    pub fn run<R: Recognizer>(
+        &self,
+        recognizer: &R,
+        observer: &(dyn Fn(u64) + Sync),
+    ) -> Result<Vec<TrialResult>> {
+        let Range { start, end } = self.range;
+        self.view.check()?;
+        require(start < end, "samples", "at least 1 trial", 0)?;
+        let expected = format!("at most {MAX_TRIALS} trials");
+        require(end <= MAX_TRIALS, "samples", &expected, end)?;
+        let chunks = start / CHUNK..end.div_ceil(CHUNK);
+        let results = concurrency::map_range(chunks, |chunk| {
+            let mut generator = self.generator();
+            let mut trial = Trial::default();
+            let mut workspace = recognizer.workspace();
+            let (from, to) = ((chunk * CHUNK).max(start), ((chunk + 1) * CHUNK).min(end));
+            let results: Vec<_> = (from..to)
+                .map(|index| {
+                    generator.generate(index, &mut trial);
+                    self.judge(&trial, recognizer, &mut workspace)
+                })
+                .collect();
+            observer(to - from);
+            results
+        });
+        Ok(results.into_iter().flatten().collect())
+    }
+
+    /// Draws the trials one by one.
+    pub fn generator(&self) -> TrialGenerator<'p> {
+        TrialGenerator::new(self.pattern.dots(), self.view, self.seed)
+    }
+
+    /// Runs the recognizer on one view and compares its answer with the truth.
+    pub fn judge<R: Recognizer>(
+        &self,
+        trial: &Trial,
+        recognizer: &R,
+        workspace: &mut R::Workspace,
+    ) -> TrialResult {
+        // False dots do not make a usable view of one that shows too few real dots.
+        if trial.real_dots() < self.view.min_dots.max(recognizer.min_dots()) {
+            return TrialResult::Skipped;
+        }
+        let start = Stopwatch::start();
+        let outcome = recognizer.explain(&trial.dots, None, workspace);
+        let nanoseconds = start.elapsed().as_nanos() as u64;
+        match outcome.map(|explanations| explanations.best()) {
+            Ok(answer) => TrialResult::Judged {
+                identity: answer.assignment == trial.truth,
+                error_rad: rotation_angle(&answer.rotation, &trial.rotation),
+                confidence: answer.confidence,
+                pose_confidence: answer.pose_confidence,
+                nanoseconds,
+            },
+            Err(_) => TrialResult::Judged {
+                identity: false,
+                error_rad: f64::INFINITY,
+                confidence: 0.0,
+                pose_confidence: 0.0,
+                nanoseconds,
+            },
+        }
+    }
+}
+
+/// A validation and its recognizer.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct NamedValidation {
+    /// The recognizer.
+    pub recognizer: RecognizerName,
+    /// The result.
+    #[serde(flatten)]
+    pub validation: Validation,
+}
+
+/// What is validated, on which trials.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ValidationConfig {
+    /// The recognizer.
+    pub recognizer: RecognizerName,
+    /// The protocol.
+    pub protocol: Protocol,
+    /// Seed of the trials.
+    pub seed: u64,
+    /// Number of trials.
+    pub samples: u64,
+}
+
+impl Default for ValidationConfig {
+    /// 10 000 trials of `paper`, seed 0, with the robust recognizer.
+    fn default() -> Self {
+        Self {
+            recognizer: RecognizerName::Robust,
+            protocol: Protocol::standard(ProtocolName::Paper),
+            seed: 0,
+            samples: 10_000,
+        }
+    }
+}
+
+impl ValidationConfig {
+    /// The trials of a pattern.
+    pub fn trials<'p>(&self, pattern: &'p Pattern) -> Trials<'p> {
+        Trials::first(pattern, *self.protocol.view(), self.seed, self.samples)
+    }
+
+    /// The results of all trials with a table's ball; see [`Trials::run`]. The recognizer knows the
+    /// view model, but not which dots are false or missed.
+    ///
+    /// # Errors
+    /// As [`Trials::run`] and [`NamedRecognizer::new`].
+    pub fn results(
+        &self,
+        table: &HashTable,
+        observer: &(dyn Fn(u64) + Sync),
+    ) -> Result<Vec<TrialResult>> {
+        let recognizer = NamedRecognizer::new(self.recognizer, table, self.protocol.view())?;
+        self.trials(table.pattern()).run(&recognizer, observer)
+    }
+
+    /// Validates a table: counts the successes of [`ValidationConfig::results`].
+    ///
+    /// # Errors
+    /// As [`ValidationConfig::results`].
+    pub fn run(
+        &self,
+        table: &HashTable,
+        observer: &(dyn Fn(u64) + Sync),
+    ) -> Result<NamedValidation> {
+        let results = self.results(table, observer)?;
+        Ok(self.summary(table, &results))
+    }
+
+    /// Counts the successes of results of these trials.
+    pub fn summary(&self, table: &HashTable, results: &[TrialResult]) -> NamedValidation {
+        let trials = self.trials(table.pattern());
+        NamedValidation {
+            recognizer: self.recognizer,
+            validation: Validation::of(results, self.protocol.name(), &trials),
+        }
+    }
+}
+
+impl Validation {
+    /// Counts the successes of trials, which a protocol names.
+    pub fn of(results: &[TrialResult], protocol: ProtocolName, trials: &Trials<'_>) -> Self {
+        let (mut identity, mut judged) = (0u64, 0u64);
+        let mut times = Vec::with_capacity(results.len());
+        let mut errors = Vec::with_capacity(results.len());
+        for result in results {
+            if let TrialResult::Judged {
+                identity: is_correct,
+                error_rad,
+                nanoseconds,
+                ..
+            } = *result
+            {
+                judged += 1;
+                times.push(nanoseconds as f64 / 1000.0);
+                identity += u64::from(is_correct);
+                if error_rad < ORIENTATION_FAILURE_RAD {
+                    errors.push(error_rad.to_degrees());
+                }
+            }
+        }
+        let orientation = errors.len() as u64;
+        Self {
+            protocol,
+            samples: results.len() as u64,
+            sigma_deg: trials.view.noise.sigma_rad().to_degrees(),
+            seed: trials.seed,
+            skipped: results.len() as u64 - judged,
+            identity: Proportion::new(identity, judged),
+            orientation: Proportion::new(orientation, judged),
+            mean_error_deg: errors.iter().sum::<f64>() / orientation.max(1) as f64,
+            median_error_deg: median(&mut errors),
+            us_per_identification: Some(times.iter().sum::<f64>() / judged.max(1) as f64),
+            median_us_per_identification: Some(median(&mut times)),
+        }
     }
 }

@@ -7,10 +7,11 @@
 
 use std::fmt::Write as _;
 
-use super::{NamedValidation, Protocol, run_trials, summarize, validate_named};
+use super::{NamedValidation, Validation, ValidationConfig};
 use crate::error::Result;
 use crate::hash::HashTable;
 use crate::recognize::{PaperConfig, PaperRecognizer, RecognizerName};
+use crate::view::Protocol;
 
 /// What a sweep varies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -73,14 +74,19 @@ pub struct SensitivityPoint {
 /// Sweeps noise and alpha; `each` receives every point as soon as it is measured.
 ///
 /// # Errors
-/// As [`super::run_named`].
+/// As [`ValidationConfig::run`].
 pub fn sensitivity(
     table: &HashTable,
     protocol: &Protocol,
     config: &SensitivityConfig,
     each: &mut dyn FnMut(&SensitivityPoint),
 ) -> Result<Vec<SensitivityPoint>> {
-    let SensitivityConfig { samples, seed, .. } = *config;
+    let at = |recognizer, protocol| ValidationConfig {
+        recognizer,
+        protocol,
+        seed: config.seed,
+        samples: config.samples,
+    };
     let mut points = Vec::new();
     let mut keep = |parameter, value, result| {
         let point = SensitivityPoint {
@@ -93,18 +99,19 @@ pub fn sensitivity(
     };
     for recognizer in RecognizerName::ALL {
         for &sigma in &config.sigmas_deg {
-            let noisy = protocol.with_sigma_rad(sigma.to_radians());
-            let found = validate_named(table, recognizer, &noisy, seed, samples)?;
+            let found =
+                at(recognizer, protocol.with_sigma_rad(sigma.to_radians())).run(table, &|_| {})?;
             keep(SweptParameter::SigmaDeg, sigma, found);
         }
     }
+    let trials = at(RecognizerName::Paper, *protocol).trials(table.pattern());
     for &alpha in &config.alphas {
         let of_table = *PaperRecognizer::from_table(table)?.config();
         let paper = PaperRecognizer::new(table, PaperConfig { alpha, ..of_table })?;
-        let results = run_trials(table.pattern(), &paper, protocol, seed, samples)?;
+        let results = trials.run(&paper, &|_| {})?;
         let found = NamedValidation {
             recognizer: RecognizerName::Paper,
-            validation: summarize(&results, protocol, seed),
+            validation: Validation::of(&results, protocol.name(), &trials),
         };
         keep(SweptParameter::Alpha, alpha, found);
     }

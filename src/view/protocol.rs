@@ -1,10 +1,12 @@
-//! The four protocols by which views are made.
+//! Protocols: the named view models by which patterns are compared.
 
-use crate::error::{Error, Result, require};
-use crate::recognize::robust::{NoiseShape, RobustConfig};
+use serde::{Deserialize, Serialize};
+
+use super::{Detection, FalseDots, Noise, ViewModel};
+use crate::error::{Error, Result};
 
 /// A protocol's name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ProtocolName {
     /// All dots with z > 0, noise of 3 degrees (SpinDOE Sec. IV-A).
@@ -30,6 +32,51 @@ impl ProtocolName {
             Self::Image => "image",
         }
     }
+
+    /// The views of the protocol. It shows the ball in every view, never mirrored.
+    pub fn view(self) -> ViewModel {
+        let degrees = |d: f64| Noise::RandomAxis {
+            sigma_rad: d.to_radians(),
+        };
+        let base = ViewModel {
+            visibility_limit: 0.0,
+            noise: degrees(3.0),
+            noise_scale: 1.0,
+            detection: Detection::Each { probability: 1.0 },
+            false_dots: FalseDots::Usual(0),
+            false_dot_limit: 0.0,
+            foreign_share: 0.0,
+            mirrored_share: 0.0,
+            min_dots: 3,
+        };
+        match self {
+            Self::Paper => base,
+            Self::Sparse => ViewModel {
+                visibility_limit: 1.0 / 3.0,
+                detection: Detection::Given { dots: 4 },
+                false_dot_limit: 1.0 / 3.0,
+                min_dots: 4,
+                ..base
+            },
+            Self::Clutter => ViewModel {
+                noise: degrees(5.0),
+                detection: Detection::Each { probability: 0.8 },
+                false_dots: FalseDots::Usual(2),
+                ..base
+            },
+            Self::Image => ViewModel {
+                visibility_limit: 0.15,
+                noise: Noise::Pixel {
+                    sigma_px: 1.0,
+                    radius_px: 30.0,
+                },
+                detection: Detection::Each { probability: 0.9 },
+                false_dots: FalseDots::Usual(1),
+                false_dot_limit: 0.15,
+                ..base
+            },
+        }
+    }
 }
 
 impl std::str::FromStr for ProtocolName {
@@ -46,159 +93,98 @@ impl std::fmt::Display for ProtocolName {
     }
 }
 
-/// Noise of a visible dot's position.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-pub enum Noise {
-    /// Rotated about an axis uniform on the sphere by an angle from N(0, sigma). Per tangent axis
-    /// this has the standard deviation sigma / sqrt(3): a third of the axis lies along the dot on
-    /// average.
-    RandomAxis {
-        /// Standard deviation of the rotation's angle, radians.
-        sigma_rad: f64,
-    },
-    /// Moved in the image by N(0, sigma) per axis, then projected back to the sphere.
-    Pixel {
-        /// Standard deviation per image axis, pixels.
-        sigma_px: f64,
-        /// The ball's radius in the image, pixels.
-        radius_px: f64,
-    },
-}
-
-/// A protocol: how views are made from a pattern.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+/// A protocol: a named view model, whose noise may be another than the standard one.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(into = "ProtocolRecord", try_from = "ProtocolRecord")]
 pub struct Protocol {
-    /// Its name.
-    pub name: ProtocolName,
-    /// A dot is visible where its z exceeds this.
-    pub visibility_limit: f64,
-    /// Number of visible dots that are given (chosen at random); `None` gives all.
-    pub dots_given: Option<usize>,
-    /// Noise of a dot's position.
-    pub noise: Noise,
-    /// Probability that a dot is missed.
-    pub miss_probability: f64,
-    /// False dots, uniform on the visible cap.
-    pub false_dots: usize,
-    /// Views with fewer real dots are skipped, and counted.
-    pub min_dots: usize,
+    name: ProtocolName,
+    view: ViewModel,
 }
 
 impl Protocol {
     /// The protocol of that name with its standard values.
     pub fn standard(name: ProtocolName) -> Self {
-        let degrees = |d: f64| Noise::RandomAxis {
-            sigma_rad: d.to_radians(),
-        };
-        let base = Self {
+        Self {
             name,
-            visibility_limit: 0.0,
-            dots_given: None,
-            noise: degrees(3.0),
-            miss_probability: 0.0,
-            false_dots: 0,
-            min_dots: 3,
-        };
-        match name {
-            ProtocolName::Paper => base,
-            ProtocolName::Sparse => Self {
-                visibility_limit: 1.0 / 3.0,
-                dots_given: Some(4),
-                min_dots: 4,
-                ..base
-            },
-            ProtocolName::Clutter => Self {
-                noise: degrees(5.0),
-                miss_probability: 0.2,
-                false_dots: 2,
-                ..base
-            },
-            ProtocolName::Image => Self {
-                visibility_limit: 0.15,
-                noise: Noise::Pixel {
-                    sigma_px: 1.0,
-                    radius_px: 30.0,
-                },
-                miss_probability: 0.1,
-                false_dots: 1,
-                ..base
-            },
+            view: name.view(),
         }
     }
 
-    /// The same protocol with another noise: the angle's standard deviation, or for `image` the
-    /// pixel noise that amounts to this angle at the ball's center.
+    /// The same protocol with another noise.
     #[must_use]
-    pub fn with_sigma_rad(mut self, sigma_rad: f64) -> Self {
-        match &mut self.noise {
-            Noise::RandomAxis { sigma_rad: s } => *s = sigma_rad,
-            Noise::Pixel {
-                sigma_px,
-                radius_px,
-            } => *sigma_px = sigma_rad * *radius_px,
-        }
+    pub fn with_noise(mut self, noise: Noise) -> Self {
+        self.view.noise = noise;
         self
     }
 
-    /// The noise as an angle, radians (for `image` at the ball's center).
-    pub fn sigma_rad(&self) -> f64 {
-        match self.noise {
-            Noise::RandomAxis { sigma_rad } => sigma_rad,
-            Noise::Pixel {
-                sigma_px,
-                radius_px,
-            } => sigma_px / radius_px,
-        }
+    /// The same protocol with another size of the noise, [`Noise::sigma_rad`].
+    #[must_use]
+    pub fn with_sigma_rad(self, sigma_rad: f64) -> Self {
+        self.with_noise(self.view.noise.with_sigma_rad(sigma_rad))
     }
 
-    /// The noise per tangent axis, radians: a rotation about a random axis moves a dot by a third
-    /// of its variance along each axis (for `image` at the ball's center).
-    pub fn tangent_sigma_rad(&self) -> f64 {
-        match self.noise {
-            Noise::RandomAxis { sigma_rad } => sigma_rad / 3f64.sqrt(),
-            Noise::Pixel { .. } => self.sigma_rad(),
-        }
+    /// Its name.
+    pub fn name(&self) -> ProtocolName {
+        self.name
     }
 
-    /// Checks the domains of all values.
-    ///
-    /// # Errors
-    /// [`Error::Argument`] naming the parameter.
-    pub fn check(&self) -> Result<()> {
-        let sigma = self.sigma_rad();
-        let inside = (0.0..=std::f64::consts::PI).contains(&sigma);
-        require(inside, "sigma_rad", "0 to 180 degrees", sigma.to_degrees())?;
-        let (miss, limit) = (self.miss_probability, self.visibility_limit);
-        require(
-            (0.0..1.0).contains(&miss),
-            "miss_probability",
-            "[0, 1)",
-            miss,
-        )?;
-        let inside = (-1.0..1.0).contains(&limit);
-        require(inside, "visibility_limit", "a z in [-1, 1)", limit)
+    /// Its views.
+    pub fn view(&self) -> &ViewModel {
+        &self.view
     }
+}
 
-    /// The robust recognizer's configuration for this protocol. It holds what a user who knows the
-    /// camera would state: rates, the number of false dots that every view has, and the shape of
-    /// the noise. It never holds which dots are false or missed.
-    pub fn recognizer_config(&self) -> RobustConfig {
-        let detection_probability = match self.dots_given {
-            // Four of on average 6.7 visible dots are given.
-            Some(_) => 0.6,
-            None => (1.0 - self.miss_probability).min(0.98),
+/// A protocol as it stands in reports and checkpoints.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct ProtocolRecord {
+    name: ProtocolName,
+    visibility_limit: f64,
+    dots_given: Option<usize>,
+    noise: Noise,
+    miss_probability: f64,
+    false_dots: u16,
+    min_dots: usize,
+}
+
+impl From<Protocol> for ProtocolRecord {
+    fn from(protocol: Protocol) -> Self {
+        let Protocol { name, view } = protocol;
+        let (dots_given, miss_probability) = match view.detection {
+            Detection::Each { probability } => (None, 1.0 - probability),
+            Detection::Given { dots } => (Some(dots), 0.0),
         };
-        RobustConfig {
-            visibility_limit: self.visibility_limit,
-            detection_probability,
-            expected_false_dots: (self.false_dots as f64).max(0.02),
-            usual_false_dots: Some(self.false_dots as u16),
-            noise: match self.noise {
-                Noise::RandomAxis { .. } => NoiseShape::RandomAxis,
-                Noise::Pixel { .. } => NoiseShape::Gaussian,
-            },
-            ..RobustConfig::default()
+        Self {
+            name,
+            visibility_limit: view.visibility_limit,
+            dots_given,
+            noise: view.noise,
+            miss_probability,
+            false_dots: view.false_dots.usual().unwrap_or_default(),
+            min_dots: view.min_dots,
+        }
+    }
+}
+
+impl TryFrom<ProtocolRecord> for Protocol {
+    type Error = String;
+
+    /// Only the noise may differ from the standard values.
+    fn try_from(record: ProtocolRecord) -> std::result::Result<Self, String> {
+        let protocol = Self::standard(record.name).with_noise(record.noise);
+        protocol.view.check().map_err(|e| e.to_string())?;
+        let own = ProtocolRecord::from(protocol);
+        let is_same = own.visibility_limit == record.visibility_limit
+            && own.dots_given == record.dots_given
+            && (own.miss_probability - record.miss_probability).abs() < 1e-9
+            && own.false_dots == record.false_dots
+            && own.min_dots == record.min_dots;
+        if is_same {
+            Ok(protocol)
+        } else {
+            Err(format!(
+                "expected the views of the protocol {}",
+                record.name
+            ))
         }
     }
 }

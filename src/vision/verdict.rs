@@ -7,7 +7,7 @@
 //! # Evidence
 //! A hypothesis is a table, seen directly or in a mirror. A frame with a pose has the evidence `E`
 //! (natural log) that its dots are the pattern's and not anything
-//! ([`RobustRecognizer::evidence_near`]). A frame of the right ball may still have none, with the
+//! ([`RobustRecognizer::explain_near`]). A frame of the right ball may still have none, with the
 //! probability `m` where it shows enough dots. It weighs
 //!
 //! ```text
@@ -31,7 +31,7 @@ use crate::error::Result;
 use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 use crate::recognize::robust::{RobustRecognizer, RobustWorkspace};
-use crate::recognize::{DotUncertainty, Identification, ObservedDot};
+use crate::view::{DotUncertainty, ObservedDot};
 
 /// Minimum number of frames with enough dots for a verdict.
 pub const MIN_FRAMES: usize = 3;
@@ -204,7 +204,6 @@ pub struct Scorer<'a, D: DotDetector> {
     recognizer: RobustRecognizer,
     workspace: RobustWorkspace,
     estimation: EstimatorWorkspace<D::Workspace>,
-    found: Identification,
     observed: Vec<ObservedDot>,
 }
 
@@ -222,7 +221,6 @@ impl<'a, D: DotDetector> Scorer<'a, D> {
             recognizer,
             estimation: estimator.workspace(),
             estimator,
-            found: Identification::default(),
             observed: Vec::new(),
         })
     }
@@ -257,7 +255,7 @@ impl<'a, D: DotDetector> Scorer<'a, D> {
         let view = BallView::new(&camera, frame.circle?).ok()?;
         let config = self.estimator.config();
         let hand = Matrix2::from_diagonal_element(config.placement_sigma_rad.powi(2));
-        let min_depth = config.recognizer.visibility_limit.max(view.horizon());
+        let min_depth = config.recognizer.view.visibility_limit.max(view.horizon());
         self.observed.clear();
         for dot in frame.dots.iter().filter(|d| d.confidence >= LIKELY_DOT) {
             let seen = view.back_project(dot.pixel, &dot.covariance);
@@ -273,7 +271,8 @@ impl<'a, D: DotDetector> Scorer<'a, D> {
         let (dots, workspace) = (&self.observed, &mut self.workspace);
         // A pose that its own dots do not support has no evidence.
         self.recognizer
-            .evidence_near(dots, &rotation, workspace, &mut self.found)
+            .explain_near(dots, &rotation, workspace)
+            .map(|found| found.ln_evidence)
     }
 }
 

@@ -12,13 +12,12 @@ use std::time::{Duration, Instant};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
-use spindoe::recognize::observed::{self, ObservedReader};
+use spindoe::recognize::Recognizer;
+use spindoe::recognize::observed::{self, ObservedReader, observed_frames};
 use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::recognize::{Outcome, Recognizer};
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::simulate::Scenario;
-use spindoe::validate::{Protocol, ProtocolName, observed_frames};
-use spindoe::{Error, Pattern, RobustConfig, SpinConfig, SpinEstimator};
+use spindoe::{Error, Pattern, ProtocolName, RobustConfig, SpinConfig, SpinEstimator};
 
 /// Mutations for each reader among the other tests.
 const DEFAULT_RUNS: u64 = 300;
@@ -146,14 +145,13 @@ fn tables() {
 #[test]
 fn observed_dots() {
     let pattern = pattern();
-    let protocol = Protocol::standard(ProtocolName::Image);
-    let frames = observed_frames(&pattern, &protocol, 3, 4);
+    let frames = observed_frames(&pattern, &ProtocolName::Image.view(), 3, 4);
     let recognizer = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
     let text = observed::to_csv(&frames);
     break_reader("observed dots", text.as_bytes(), |bytes| {
         let mut workspace = recognizer.workspace();
         for frame in ObservedReader::new(Path::new("d.csv"), bytes, 0.03)? {
-            if let Outcome::Identified(found) = recognizer.identify(&frame?.dots, &mut workspace) {
+            if let Ok(found) = recognizer.identify(&frame?.dots, &mut workspace) {
                 assert!(found.confidence >= 0.0 && found.pose_confidence <= 1.0 + 1e-9);
                 assert!(found.rotation.coords.iter().all(|x| x.is_finite()));
             }

@@ -4,27 +4,34 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::random_direction;
 use spindoe::pattern::Pattern;
+use spindoe::recognize::observed::observed_frames;
 use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::validate::*;
+use spindoe::validate::{Trials, Validation};
+use spindoe::view::{ProtocolName, Trial};
 
 fn random_pattern(n: usize, seed: u64) -> Pattern {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     Pattern::new((0..n).map(|_| random_direction(&mut rng)).collect()).expect("distinct")
 }
 
+/// The robust recognizer's successes on trials of a protocol.
+fn validate(trials: &Trials<'_>, name: ProtocolName) -> spindoe::Result<Validation> {
+    let recognizer = RobustRecognizer::new(trials.pattern, name.view().into())?;
+    let results = trials.run(&recognizer, &|_| {})?;
+    Ok(Validation::of(&results, name, trials))
+}
+
 #[test]
 fn same_seed_same_result_on_any_number_of_threads() {
     let pattern = random_pattern(20, 3);
     for name in ProtocolName::ALL {
-        let protocol = Protocol::standard(name);
-        let recognizer =
-            RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
+        let trials = Trials::first(&pattern, name.view(), 5, 300);
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .build()
                 .expect("pool");
-            pool.install(|| validate(&pattern, &recognizer, &protocol, 5, 300))
+            pool.install(|| validate(&trials, name))
                 .expect("valid")
                 .untimed()
         };
@@ -35,9 +42,9 @@ fn same_seed_same_result_on_any_number_of_threads() {
 #[test]
 fn without_noise_every_view_is_identified() {
     let pattern = random_pattern(20, 4);
-    let protocol = Protocol::standard(ProtocolName::Paper).with_sigma_rad(0.0);
-    let recognizer = RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
-    let v = validate(&pattern, &recognizer, &protocol, 1, 500).expect("valid");
+    let name = ProtocolName::Paper;
+    let trials = Trials::first(&pattern, name.view().with_sigma_rad(0.0), 1, 500);
+    let v = validate(&trials, name).expect("valid");
     assert_eq!(v.identity.successes, v.identity.trials);
     assert!(v.mean_error_deg < 0.01, "{}", v.mean_error_deg);
 }
@@ -46,9 +53,9 @@ fn without_noise_every_view_is_identified() {
 fn views_with_too_few_dots_are_counted_apart() {
     // Four dots on one side: from the other side nothing is seen.
     let pattern = Pattern::read_csv(&four_dots()).expect("pattern");
-    let protocol = Protocol::standard(ProtocolName::Sparse);
-    let recognizer = RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
-    let v = validate(&pattern, &recognizer, &protocol, 1, 1000).expect("valid");
+    let name = ProtocolName::Sparse;
+    let trials = Trials::first(&pattern, name.view(), 1, 1000);
+    let v = validate(&trials, name).expect("valid");
     assert!(v.skipped > 500);
     assert_eq!(v.skipped + v.identity.trials, v.samples);
 }
@@ -57,20 +64,20 @@ fn views_with_too_few_dots_are_counted_apart() {
 fn false_dots_make_no_view_of_too_few_real_ones() {
     // From behind, the two false dots and at most one of the pattern's are seen.
     let pattern = Pattern::read_csv(&four_dots()).expect("pattern");
-    let protocol = Protocol::standard(ProtocolName::Clutter);
-    let mut generator = TrialGenerator::new(&pattern, protocol, 3);
+    let name = ProtocolName::Clutter;
+    let trials = Trials::first(&pattern, name.view(), 3, 1000);
+    let mut generator = trials.generator();
     let mut trial = Trial::default();
     let mut too_few = 0;
-    for index in 0..1000 {
+    for index in trials.range.clone() {
         generator.generate(index, &mut trial);
         assert!(trial.real_dots() + 2 == trial.dots.len());
         too_few += u64::from(trial.real_dots() < 3);
     }
     assert!(too_few > 400, "{too_few}");
-    let recognizer = RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
-    let v = validate(&pattern, &recognizer, &protocol, 3, 1000).expect("valid");
+    let v = validate(&trials, name).expect("valid");
     assert_eq!(v.skipped, too_few);
-    let frames = observed_frames(&pattern, &protocol, 3, 1000);
+    let frames = observed_frames(&pattern, &trials.view, 3, 1000);
     assert_eq!(frames.len() as u64, 1000 - too_few);
 }
 
@@ -87,9 +94,8 @@ fn four_dots() -> std::path::PathBuf {
 #[test]
 fn no_trials_are_refused() {
     let pattern = random_pattern(8, 1);
-    let protocol = Protocol::standard(ProtocolName::Paper);
-    let recognizer = RobustRecognizer::new(&pattern, protocol.recognizer_config()).expect("config");
-    assert!(validate(&pattern, &recognizer, &protocol, 1, 0).is_err());
-    let wrong = protocol.with_sigma_rad(-1.0);
-    assert!(validate(&pattern, &recognizer, &wrong, 1, 10).is_err());
+    let name = ProtocolName::Paper;
+    assert!(validate(&Trials::first(&pattern, name.view(), 1, 0), name).is_err());
+    let wrong = name.view().with_sigma_rad(-1.0);
+    assert!(validate(&Trials::first(&pattern, wrong, 1, 10), name).is_err());
 }

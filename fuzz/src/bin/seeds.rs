@@ -13,11 +13,11 @@ use spindoe::design::Candidate;
 use spindoe::design::Shard;
 use spindoe::design::checkpoint::{SearchState, ShardFile, ShardRecord};
 use spindoe::hash::CalibrationRecord;
-use spindoe::recognize::observed;
+use spindoe::recognize::observed::{self, observed_frames};
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::simulate::Scenario;
 use spindoe::synth::SynthConfig;
-use spindoe::validate::{Protocol, ProtocolName, observed_frames};
+use spindoe::view::ProtocolName;
 use spindoe::{HashTable, PairRule, Pattern, RecognizerConfig};
 use spindoe_fuzz::readers::{
     SEPARATOR, ZONED_PATTERN, arrays, built_in_weights, search_config, table_names,
@@ -131,8 +131,7 @@ fn main() -> Done {
     tables(&pattern)?;
     searches(&pattern)?;
     pictures()?;
-    let protocol = Protocol::standard(ProtocolName::Image);
-    let frames = observed_frames(&pattern, &protocol, 2, 4);
+    let frames = observed_frames(&pattern, &ProtocolName::Image.view(), 2, 4);
     seed("observed", "image", observed::to_csv(&frames))?;
     seed(
         "observed",

@@ -3,8 +3,9 @@
 use super::PLACED;
 use crate::error::Result;
 use crate::pattern::Pattern;
-use crate::recognize::robust::{RobustConfig, RobustRecognizer};
-use crate::recognize::{DotUncertainty, ObservedDot, Outcome, Recognizer};
+use crate::recognize::Recognizer;
+use crate::recognize::robust::RobustRecognizer;
+use crate::view::{DotUncertainty, ObservedDot, ViewModel};
 
 /// Error of a hand-drawn dot, per tangent axis, radians, and the share of a design's dots that must be
 /// on the ball.
@@ -28,17 +29,16 @@ pub fn matching_design(built: &Pattern, designs: &[Pattern]) -> Result<Option<us
             },
         })
         .collect();
-    let config = RobustConfig {
+    let view = ViewModel {
         // The pattern is known from all sides.
         visibility_limit: EVERYWHERE,
-        ..RobustConfig::default()
+        false_dot_limit: EVERYWHERE,
+        ..ViewModel::default()
     };
     let mut best = (0, None);
     for (k, design) in designs.iter().enumerate() {
-        let recognizer = RobustRecognizer::new(design, config)?;
-        let Outcome::Identified(found) =
-            recognizer.identify(&observed, &mut recognizer.workspace())
-        else {
+        let recognizer = RobustRecognizer::new(design, view.into())?;
+        let Ok(found) = recognizer.identify(&observed, &mut recognizer.workspace()) else {
             continue;
         };
         let larger = design.len().max(built.len());

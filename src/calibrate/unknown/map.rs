@@ -6,8 +6,9 @@ use crate::calibrate::config::CalibrationConfig;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::{MAX_DOTS, Pattern};
-use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer};
-use crate::recognize::{DotUncertainty, Identification, ObservedDot, Outcome, Recognizer};
+use crate::recognize::robust::{RobustConfig, RobustRecognizer};
+use crate::recognize::{Hint, Identification, Recognizer};
+use crate::view::{DotUncertainty, FalseDots, ObservedDot, ViewModel};
 use crate::vision::FrameEstimate;
 
 /// Minimum depth (z over the horizon) of a detection that may become a dot.
@@ -167,12 +168,15 @@ impl<'a> Map<'a> {
         let Ok(pattern) = Pattern::new(directions) else {
             return Ok(None);
         };
-        let config = RobustConfig {
+        let estimator = self.config.estimator.recognizer;
+        let view = ViewModel {
             visibility_limit: MIN_DEPTH,
             // Dots that come into view are not in the map yet.
-            expected_false_dots: 2.0,
-            ..self.config.estimator.recognizer
+            false_dots: FalseDots::Poisson(2.0),
+            false_dot_limit: MIN_DEPTH,
+            ..estimator.view
         };
+        let config = RobustConfig { view, ..estimator };
         Ok(Some((RobustRecognizer::new(&pattern, config)?, names)))
     }
 
@@ -222,30 +226,26 @@ impl<'a> Map<'a> {
             })
             .collect();
         let mut workspace = recognizer.workspace();
-        let mut found = Identification::default();
-        let mut hinted = false;
-        for (hint, least) in self.hints(k) {
-            let done = recognizer.identify_hinted(&observed, &hint, &mut workspace, &mut found);
-            hinted = done.is_ok() && found.matched() >= least && found.pose_confidence >= PLACED;
-            if hinted {
-                break;
-            }
-        }
-        if !hinted {
-            let Outcome::Identified(alone) = recognizer.identify(&observed, &mut workspace) else {
-                return None;
-            };
-            found = alone;
-        }
-        let sure = hinted || found.matched() > MIN_MATCHED && found.pose_confidence >= PLACED_ALONE;
-        sure.then(|| Placed {
+        let placed = |found: &Identification| Placed {
             rotation: found.rotation,
             names: found
                 .assignment
                 .iter()
                 .map(|name| name.map(|j| names[usize::from(j)]))
                 .collect(),
-        })
+        };
+        for (hint, least) in self.hints(k) {
+            if let Ok(explanations) = recognizer.explain(&observed, Some(&hint), &mut workspace) {
+                let found = explanations.best();
+                if found.matched() >= least && found.pose_confidence >= PLACED {
+                    return Some(placed(found));
+                }
+            }
+        }
+        let alone = recognizer.explain(&observed, None, &mut workspace).ok()?;
+        let found = alone.best();
+        let sure = found.matched() > MIN_MATCHED && found.pose_confidence >= PLACED_ALONE;
+        sure.then(|| placed(found))
     }
 
     /// What the placed neighbors say of a frame's orientation, and the number of matches that it then needs:

@@ -15,7 +15,7 @@ use crate::error::{Error, Result, require};
 use crate::geometry::Vec3;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::stencil::StencilConfig;
-use crate::validate::{Noise, Protocol, ProtocolName};
+use crate::view::{Noise, Protocol, ProtocolName};
 
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
@@ -232,7 +232,7 @@ impl Arguments {
             let model = DetectionModel::shipped()?;
             return Ok(Objective::Coverage(coverage(&model, &conditions, dots)?));
         }
-        Ok(Objective::for_protocol(name, protocol))
+        Ok(Objective::for_view(name, protocol.view()))
     }
 
     fn bound_goal(&self, dots: usize) -> Option<BoundSummary> {
@@ -313,12 +313,8 @@ impl Arguments {
     }
 
     fn protocol(&self) -> Result<Protocol> {
-        let mut protocol = Protocol::standard(self.protocol);
-        if let Noise::Pixel {
-            sigma_px,
-            radius_px,
-        } = &mut protocol.noise
-        {
+        let protocol = Protocol::standard(self.protocol);
+        if let Noise::Pixel { .. } = protocol.view().noise {
             for (name, value, minimum) in [
                 ("ball_pixels", self.ball_pixels, 4.0),
                 ("pixel_noise", self.pixel_noise, 0.0),
@@ -332,8 +328,10 @@ impl Arguments {
                     value,
                 )?;
             }
-            *radius_px = 0.5 * self.ball_pixels;
-            *sigma_px = self.pixel_noise.hypot(BLUR_SHARE * self.blur);
+            return Ok(protocol.with_noise(Noise::Pixel {
+                radius_px: 0.5 * self.ball_pixels,
+                sigma_px: self.pixel_noise.hypot(BLUR_SHARE * self.blur),
+            }));
         }
         Ok(protocol)
     }

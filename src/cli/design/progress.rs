@@ -82,7 +82,7 @@ impl<'a> DesignProgress<'a> {
             Some(m) => format!("best {}", m.identity),
             None => "none tried yet".to_owned(),
         };
-        format!("{what}; {} identity: {best}", self.config.protocol.name)
+        format!("{what}; {} identity: {best}", self.config.protocol.name())
     }
 }
 

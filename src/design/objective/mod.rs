@@ -25,7 +25,7 @@ pub mod whitened;
 
 use crate::error::{Error, Result};
 use crate::geometry::{Spherical, Vec3};
-use crate::validate::Protocol;
+use crate::view::{Detection, ViewModel};
 
 pub use bound::OrientationBound;
 pub use confusion::Confusion;
@@ -151,24 +151,27 @@ impl Default for Objective {
 }
 
 impl Objective {
-    /// The objective of that name for the noise and the visibility of a protocol. `coverage` counts all
-    /// dots that a view shows, also where the protocol gives only some of them.
-    pub fn for_protocol(name: ObjectiveName, protocol: &Protocol) -> Self {
+    /// The objective of that name for these views. `coverage` counts all dots that a view shows, also
+    /// where only some of them are given.
+    pub fn for_view(name: ObjectiveName, view: &ViewModel) -> Self {
         // Without noise nothing is confused; a hundredth of a degree keeps the values finite.
-        let sigma_rad = protocol.tangent_sigma_rad().max(2e-4);
+        let sigma_rad = (view.noise_scale * view.noise.tangent_sigma_rad()).max(2e-4);
         match name {
             ObjectiveName::MeanNn => Self::MeanNn(MeanNearestNeighbor::default()),
             ObjectiveName::WhitenedNn => Self::WhitenedNn(WhitenedNearestNeighbor { sigma_rad }),
             ObjectiveName::Confusion => Self::Confusion(Confusion {
                 sigma_rad,
-                visibility_limit: protocol.visibility_limit,
+                visibility_limit: view.visibility_limit,
                 ..Confusion::default()
             }),
             ObjectiveName::Coverage => Self::Coverage(Coverage {
-                visibility_limit: protocol.visibility_limit,
+                visibility_limit: view.visibility_limit,
                 softness: 0.04,
                 limit_spread: 0.0,
-                detection_probability: 1.0 - protocol.miss_probability,
+                detection_probability: match view.detection {
+                    Detection::Each { probability } => probability,
+                    Detection::Given { .. } => 1.0,
+                },
                 crowding: 0.0,
             }),
         }

@@ -21,6 +21,10 @@
 //! eq. 17). For a single explanation the sum over all conditions is then exact: a product of three
 //! sums.
 //!
+//! A share of the frames shows something else than the ball, or its mirror image. These shares are
+//! learned beside the groups: each frame counts for what it shows with its probability, and the prior
+//! counts as one frame more.
+//!
 //! False dots are uniform over the hemisphere towards the camera, whatever the limit of the real
 //! ones: a limit must not explain away a false dot that lies beyond it.
 //!
@@ -29,15 +33,14 @@
 
 use std::f64::consts::TAU;
 
-use super::config::{NoiseShape, RobustConfig};
-use super::model::{self, LOGISTIC, VISIBILITY_SOFTNESS};
 use crate::error::{Result, require};
+use crate::view::{Detection, FalseDots, Noise, NoiseShape, ViewModel, visible};
 
-/// The noise's scales: steps of an eighth from 0.4 to 2.6.
-const SCALES: usize = 17;
-const MIN_SCALE: f64 = 0.4;
+/// The noise's scales: steps of an eighth from 0.3 to 3.1.
+const SCALES: usize = 21;
+const MIN_SCALE: f64 = 0.3;
 const SCALE_STEP: f64 = 1.125;
-const SHAPES: [NoiseShape; 2] = [NoiseShape::Gaussian, NoiseShape::RandomAxis];
+const SHAPES: [NoiseShape; 2] = [NoiseShape::HeavyTailed, NoiseShape::RandomAxis];
 const NOISES: usize = SCALES * SHAPES.len();
 
 const LIMITS: usize = 12;
@@ -56,9 +59,6 @@ const USUALS: usize = 6;
 const FALSE_DOTS: usize = MEANS.len() + USUALS;
 /// Prior probability that nearly every frame has the same number of false dots.
 const USUAL_PRIOR: f64 = 0.3;
-/// Minimum mean where the usual number is zero.
-const MIN_MEAN: f64 = 0.02;
-
 /// Steps of the kernels' tables for one standard deviation, and their end: farther dots are as
 /// unlikely as there.
 const KERNEL_STEPS: f64 = 16.0;
@@ -74,43 +74,6 @@ const SETTLED: f64 = 1e-6;
 /// A posterior from as many frames is as good as known: marginalizing changes nothing.
 const ENOUGH_FRAMES: usize = 64;
 
-/// What a recognizer has to expect of a file's frames.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Conditions {
-    /// Distribution of the real dots' displacements.
-    pub noise: NoiseShape,
-    /// The dots' standard deviations as a multiple of those given.
-    pub noise_scale: f64,
-    /// Minimum z of a visible dot.
-    pub visibility_limit: f64,
-    /// Probability that a dot well inside the visible cap is detected.
-    pub detection_probability: f64,
-    /// Mean number of false dots in a frame.
-    pub expected_false_dots: f64,
-    /// Number of false dots that nearly every frame has, where it is the same in nearly all.
-    pub usual_false_dots: Option<u16>,
-}
-
-impl Conditions {
-    /// The recognizer's configuration under these conditions; what they do not cover is that of
-    /// `base`. The noise's scale is no part of it.
-    pub(super) fn config(&self, base: &RobustConfig) -> RobustConfig {
-        let cap = TAU * (1.0 - self.visibility_limit);
-        RobustConfig {
-            visibility_limit: self.visibility_limit,
-            detection_probability: self.detection_probability,
-            expected_false_dots: match self.usual_false_dots {
-                Some(_) => self.expected_false_dots,
-                // The configuration's mean is that over the visible cap: the density is kept.
-                None => self.expected_false_dots * cap / FALSE_AREA,
-            },
-            usual_false_dots: self.usual_false_dots,
-            noise: self.noise,
-            ..*base
-        }
-    }
-}
-
 /// What is known of the conditions before the frames are seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConditionsPrior {
@@ -124,19 +87,44 @@ pub struct ConditionsPrior {
     pub detection_probability: Option<f64>,
     /// The mean number of false dots, where it is known.
     pub expected_false_dots: Option<f64>,
+    /// The share of frames that show something else than the ball, where it is known.
+    pub foreign_share: Option<f64>,
 }
 
 impl Default for ConditionsPrior {
-    /// Noise as given to within a factor of 1.3, a visibility limit of 0.1 +- 0.2; nothing else is
+    /// Noise as given to within a factor of 1.65, a visibility limit of 0.1 +- 0.2; nothing else is
     /// known.
     fn default() -> Self {
         Self {
-            ln_scale_sigma: 0.25,
+            ln_scale_sigma: 0.5,
             visibility_limit: 0.1,
             visibility_sigma: 0.2,
             detection_probability: None,
             expected_false_dots: None,
+            foreign_share: None,
         }
+    }
+}
+
+/// Shares of what frames show besides the ball as it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Shares {
+    foreign: f64,
+    mirrored: f64,
+}
+
+impl Shares {
+    /// Before any frame; as in [`ViewModel::default`] where the share of foreign frames is not known.
+    fn of_prior(prior: &ConditionsPrior) -> Self {
+        let usual = ViewModel::default();
+        Self {
+            foreign: prior.foreign_share.unwrap_or(usual.foreign_share),
+            mirrored: usual.mirrored_share,
+        }
+    }
+
+    fn own(&self) -> f64 {
+        1.0 - self.foreign - self.mirrored
     }
 }
 
@@ -146,6 +134,10 @@ pub struct ConditionsPosterior {
     grid: Grid,
     prior: Weights,
     weights: Weights,
+    prior_shares: Shares,
+    shares: Shares,
+    /// Whether the share of foreign frames is known.
+    knows_foreign: bool,
     frames: usize,
 }
 
@@ -185,6 +177,8 @@ pub struct FrameEvidence {
     pub(super) explanations: Vec<LnLikelihood>,
     /// ln of the probability of the dots, if they are not the pattern's.
     pub(super) ln_null: f64,
+    /// The same, if they are the mirrored pattern's.
+    pub(super) ln_mirrored: f64,
 }
 
 fn scale(noise: usize) -> f64 {
@@ -206,8 +200,7 @@ impl Grid {
             .map_or(MEANS, |m| [m; MEANS.len()]);
         let probability = |step: usize, visibility: usize| {
             let z = 2.0 * step as f64 / Z_STEPS as f64 - 1.0;
-            let t = LOGISTIC * (z - limit(visibility)) / VISIBILITY_SOFTNESS;
-            rates[visibility % RATES.len()] / (1.0 + (-t.clamp(-20.0, 20.0)).exp())
+            rates[visibility % RATES.len()] * visible(z, limit(visibility))
         };
         let row = |of: fn(f64) -> f64| {
             (0..=Z_STEPS)
@@ -218,7 +211,7 @@ impl Grid {
             detected: row(f64::ln),
             missed: row(|d| (1.0 - d).ln()),
             kernels: SHAPES.map(|shape| {
-                let at = |k| model::ln_kernel(shape, k as f64 / KERNEL_STEPS);
+                let at = |k| shape.ln_kernel(k as f64 / KERNEL_STEPS);
                 (0..=(MAX_DEVIATIONS * KERNEL_STEPS) as usize + 1)
                     .map(at)
                     .collect()
@@ -236,17 +229,16 @@ impl Grid {
         table[k] + (table[k + 1] - table[k]) * (at - k as f64)
     }
 
-    fn mean(&self, false_dots: usize) -> f64 {
-        match false_dots.checked_sub(MEANS.len()) {
-            None => self.means[false_dots],
-            Some(usual) => (usual as f64).max(MIN_MEAN),
+    fn false_dots(&self, setting: usize) -> FalseDots {
+        match setting.checked_sub(MEANS.len()) {
+            None => FalseDots::Poisson(self.means[setting]),
+            Some(usual) => FalseDots::Usual(usual as u16),
         }
     }
 
     /// ln of the density of `count` false dots, in any order.
-    fn ln_false(&self, false_dots: usize, count: usize) -> f64 {
-        let usual = false_dots.checked_sub(MEANS.len());
-        model::ln_false_dots(self.mean(false_dots), usual, count) - count as f64 * FALSE_AREA.ln()
+    fn ln_false(&self, setting: usize, count: usize) -> f64 {
+        self.false_dots(setting).ln_orders(count) - count as f64 * FALSE_AREA.ln()
     }
 }
 
@@ -403,15 +395,23 @@ impl ConditionsPosterior {
                 p,
             )?;
         }
+        if let Some(share) = prior.foreign_share {
+            let inside = (0.0..0.95).contains(&share);
+            require(inside, "foreign_share", "a share in [0, 0.95)", share)?;
+        }
         if let Some(mean) = prior.expected_false_dots {
             let inside = mean > 0.0 && mean.is_finite();
             require(inside, "expected_false_dots", "a positive number", mean)?;
         }
         let weights = Weights::of_prior(prior);
+        let shares = Shares::of_prior(prior);
         Ok(Self {
             grid: Grid::new(prior),
             prior: weights,
             weights,
+            prior_shares: shares,
+            shares,
+            knows_foreign: prior.foreign_share.is_some(),
             frames: 0,
         })
     }
@@ -428,11 +428,14 @@ impl ConditionsPosterior {
 
     /// The posterior given these frames; earlier ones are forgotten.
     pub fn learn(&mut self, frames: &[FrameEvidence]) {
-        self.weights = self.prior;
+        (self.weights, self.shares) = (self.prior, self.prior_shares);
         for _ in 0..MAX_TURNS {
-            let next = self.turn(frames);
-            let change = next.distance(&self.weights);
-            self.weights = next;
+            let (weights, shares) = self.turn(frames);
+            let change = weights
+                .distance(&self.weights)
+                .max((shares.foreign - self.shares.foreign).abs())
+                .max((shares.mirrored - self.shares.mirrored).abs());
+            (self.weights, self.shares) = (weights, shares);
             if change < SETTLED {
                 break;
             }
@@ -440,23 +443,35 @@ impl ConditionsPosterior {
         self.frames = frames.iter().filter(|f| !f.explanations.is_empty()).count();
     }
 
-    /// One alternation: the explanations' probabilities, then the groups' distributions.
-    fn turn(&self, frames: &[FrameEvidence]) -> Weights {
+    /// One alternation: the explanations' probabilities, then the groups' distributions and the
+    /// shares.
+    fn turn(&self, frames: &[FrameEvidence]) -> (Weights, Shares) {
         let mut next = self.prior;
-        let mut shares = Vec::new();
+        // The prior counts as one frame.
+        let Shares {
+            mut foreign,
+            mut mirrored,
+        } = self.prior_shares;
+        let mut parts = Vec::new();
         for frame in frames {
-            shares.clear();
+            parts.clear();
+            let own = self.shares.own().ln();
             let marginals = frame.explanations.iter();
-            shares.extend(marginals.map(|e| self.weights.ln_marginal(e)));
-            shares.push(frame.ln_null);
-            let total = ln_sum(&shares);
-            for (e, share) in frame.explanations.iter().zip(&shares) {
-                let share = (share - total).exp();
-                if share < 1e-9 {
+            parts.extend(marginals.map(|e| own + self.weights.ln_marginal(e)));
+            parts.push(self.shares.foreign.ln() + frame.ln_null);
+            parts.push(self.shares.mirrored.ln() + frame.ln_mirrored);
+            let total = ln_sum(&parts);
+            if let [.., of_foreign, of_mirrored] = parts[..] {
+                foreign += (of_foreign - total).exp();
+                mirrored += (of_mirrored - total).exp();
+            }
+            for (e, part) in frame.explanations.iter().zip(&parts) {
+                let part = (part - total).exp();
+                if part < 1e-9 {
                     continue;
                 }
                 let add = |to: &mut [f64], from: &[f64]| {
-                    to.iter_mut().zip(from).for_each(|(t, f)| *t += share * f);
+                    to.iter_mut().zip(from).for_each(|(t, f)| *t += part * f);
                 };
                 add(&mut next.noise, &e.noise);
                 add(&mut next.visibility, &e.visibility);
@@ -464,12 +479,17 @@ impl ConditionsPosterior {
             }
         }
         next.normalize();
-        next
+        let all = frames.len() as f64 + 1.0;
+        let known = self.knows_foreign.then_some(self.prior_shares.foreign);
+        let foreign = known.unwrap_or(foreign / all);
+        let mirrored = (mirrored / all).min(0.5 * (1.0 - foreign));
+        (next, Shares { foreign, mirrored })
     }
 
-    /// The conditions expected: the means of the noise's scale, the limit and the rates; the shape
-    /// of the noise and the usual number of false dots where they are more likely than not.
-    pub fn expected(&self) -> Conditions {
+    /// The view expected: the means of the noise's scale, the limit and the rates; the shape
+    /// of the noise and the usual number of false dots where they are more likely than not; `base`
+    /// holds what is not learned.
+    pub fn expected(&self, base: &ViewModel) -> ViewModel {
         let w = &self.weights;
         let of_shape = |s: usize| ln_sum(&w.noise[s * SCALES..][..SCALES]);
         let best = usize::from(of_shape(1) > of_shape(0));
@@ -486,22 +506,27 @@ impl ConditionsPosterior {
         let usual = (MEANS.len()..FALSE_DOTS)
             .max_by(|&a, &b| w.false_dots[a].total_cmp(&w.false_dots[b]))
             .filter(|&f| w.false_dots[f] > 0.5f64.ln());
-        let expected_false_dots = match usual {
-            Some(f) => self.grid.mean(f),
+        let false_dots = match usual {
+            Some(f) => self.grid.false_dots(f),
             // The logarithm's mean: the grid spans decades.
             None => {
                 let ln_means = (0..MEANS.len())
-                    .map(|f| (w.false_dots[f] - varying).exp() * self.grid.mean(f).ln());
-                ln_means.sum::<f64>().exp()
+                    .map(|f| (w.false_dots[f] - varying).exp() * self.grid.means[f].ln());
+                FalseDots::Poisson(ln_means.sum::<f64>().exp())
             }
         };
-        Conditions {
-            noise: SHAPES[best],
-            noise_scale: ln_scale.exp(),
+        ViewModel {
             visibility_limit: mean(&limit),
-            detection_probability: mean(&|v| self.grid.rates[v % RATES.len()]),
-            expected_false_dots,
-            usual_false_dots: usual.map(|f| (f - MEANS.len()) as u16),
+            noise: Noise::of_shape(SHAPES[best], base.noise.tangent_sigma_rad()),
+            noise_scale: ln_scale.exp(),
+            detection: Detection::Each {
+                probability: mean(&|v| self.grid.rates[v % RATES.len()]),
+            },
+            false_dots,
+            false_dot_limit: 0.0,
+            foreign_share: self.shares.foreign,
+            mirrored_share: self.shares.mirrored,
+            ..*base
         }
     }
 
@@ -529,7 +554,7 @@ impl ConditionsPosterior {
             let seen = 0.5 * (1.0 - limit(v)) * pattern_dots as f64;
             let real = seen * self.grid.rates[v % RATES.len()];
             let of_false_dots: [f64; FALSE_DOTS] = std::array::from_fn(|f| {
-                let mean = real + self.grid.mean(f);
+                let mean = real + self.grid.false_dots(f).mean();
                 w.false_dots[f] + dots as f64 * (mean / FALSE_AREA).ln() - mean
             });
             w.visibility[v] + ln_sum(&of_false_dots)

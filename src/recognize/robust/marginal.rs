@@ -18,7 +18,7 @@ use super::RobustRecognizer;
 use super::conditions::{ConditionsPosterior, FrameEvidence, LnLikelihood};
 use super::model::{Dot, SEARCH_WEIGHT};
 use super::posterior::Explanation;
-use super::refine::{MIN_MATCHED, Refined, Refiner, UNASSIGNED, View, ln_volume, widening};
+use super::refine::{MIN_MATCHED, Refined, Refiner, UNASSIGNED, View, ln_volume, widened};
 use super::search::RobustWorkspace;
 
 /// Nats behind the best explanation from which on others say nothing of the conditions.
@@ -63,15 +63,15 @@ impl Naming {
     }
 
     /// Gives `dot` the pattern dot `to`, whose holder gets what `dot` leaves if that is one of its
-    /// links, or else nothing.
-    fn change(&mut self, dot: usize, to: u16) {
+    /// links, or else nothing. Returns the holder where the two exchange their pattern dots.
+    fn change(&mut self, dot: usize, to: u16) -> Option<usize> {
         self.tried.clone_from(&self.chosen);
         let left = std::mem::replace(&mut self.tried[dot], to);
         let holder = self.chosen.iter().position(|&j| j == to && j != UNASSIGNED);
-        if let Some(holder) = holder {
-            let fits = self.links.contains(&[holder as u16, left]);
-            self.tried[holder] = if fits { left } else { UNASSIGNED };
-        }
+        let holder = holder?;
+        let fits = left != UNASSIGNED && self.links.contains(&[holder as u16, left]);
+        self.tried[holder] = if fits { left } else { UNASSIGNED };
+        fits.then_some(holder)
     }
 }
 
@@ -93,7 +93,9 @@ impl RobustRecognizer {
     ) {
         out.explanations.clear();
         let n = ws.dots.len();
-        out.ln_null = self.null.ln_odds() + conditions.ln_null(n, self.dots.len());
+        out.ln_null = conditions.ln_null(n, self.dots.len());
+        // Both are against "all dots are false".
+        out.ln_mirrored = ws.mirrored.ln_evidence() + self.model.ln_all_false(n);
         let Some(best) = ws.found.best() else {
             return;
         };
@@ -124,8 +126,8 @@ impl RobustRecognizer {
         };
         let peaks: f64 = matched()
             .map(|(dot, &j)| {
-                let own = widening(&self.spread, usize::from(j), dot);
-                self.model.ln_gaussian_peak(dot) - own.ln()
+                let seen = widened(&self.spread, usize::from(j), dot);
+                self.model.ln_gaussian_peak(&seen)
             })
             .sum();
         let constant = fit.ln_volume + fit.ln_prior + peaks;
@@ -134,8 +136,8 @@ impl RobustRecognizer {
             let q = fit.rotation * dot;
             match matched().find(|(_, k)| usize::from(**k) == j) {
                 Some((seen, _)) => {
-                    let own = widening(&self.spread, j, seen);
-                    tally.matched(q.z, (seen.distance_squared(&q) / own).sqrt());
+                    let seen = widened(&self.spread, j, seen);
+                    tally.matched(q.z, seen.distance_squared(&q).sqrt());
                 }
                 None => tally.missed(q.z),
             }
@@ -247,10 +249,10 @@ impl RobustRecognizer {
         for (j, p) in self.dots.iter().enumerate() {
             let q = refined.rotation * p;
             for (i, dot) in dots.iter().enumerate() {
-                let own = widening(&self.spread, j, dot);
                 // The squared distance holds for directions on the same side.
                 let near = dot.direction.dot(&q) > 0.0;
-                if near && dot.distance_squared(&q) < own * REACH * REACH {
+                let seen = widened(&self.spread, j, dot);
+                if near && seen.distance_squared(&q) < REACH * REACH {
                     naming.links.push([i as u16, j as u16]);
                 }
             }
@@ -282,12 +284,15 @@ impl RobustRecognizer {
             if naming.chosen[dot] == to {
                 continue;
             }
-            naming.change(dot, to);
-            let fitted = self.weigh(conditions, view, &now.fit, refiner, &naming.tried);
+            let exchanged = naming.change(dot, to);
+            let fitted = self.fit_and_weigh(conditions, view, &now.fit, refiner, &naming.tried);
             let Some(weighed) = fitted else {
                 continue;
             };
-            naming.alternatives[dot] += (weighed.ln_evidence - now.ln_evidence).exp();
+            // The other dot of an exchange tries the same.
+            if exchanged.is_none_or(|other| dot < other) {
+                naming.alternatives[dot] += (weighed.ln_evidence - now.ln_evidence).exp();
+            }
             let least = best.map_or(now.ln_evidence + LEAST_GAIN, |b| b.ln_evidence);
             if weighed.ln_evidence > least {
                 naming.better.clone_from(&naming.tried);
@@ -298,7 +303,7 @@ impl RobustRecognizer {
     }
 
     /// Fits an assignment and weighs it; `None` where it does not determine a rotation.
-    fn weigh(
+    fn fit_and_weigh(
         &self,
         conditions: &ConditionsPosterior,
         view: &View<'_>,

@@ -13,7 +13,7 @@
 //! The confidence is the best explanation's share of the total evidence: of all explanations found,
 //! of their near alternatives, of the mirrored pattern, and of the null hypothesis "these are not
 //! the pattern's dots". A pattern with symmetries has several poses of equal evidence: the
-//! confidence is then low, and [`RobustRecognizer::explanation`] returns them all.
+//! confidence is then low, and [`Explanations::rivals`] lists them.
 //!
 //! # Rotation
 //! The reported rotation is the most likely one for the assignment, with the dots weighted by the
@@ -42,6 +42,7 @@ mod conditions;
 mod config;
 mod hint;
 mod marginal;
+mod matching;
 mod model;
 mod pairs;
 mod posterior;
@@ -49,24 +50,25 @@ mod refine;
 mod screen;
 mod search;
 
-pub use conditions::{Conditions, ConditionsPosterior, ConditionsPrior, FrameEvidence};
-pub use config::{NoiseShape, RobustConfig};
-pub use hint::Hint;
+pub use conditions::{ConditionsPosterior, ConditionsPrior, FrameEvidence};
+pub use config::RobustConfig;
 pub use search::RobustWorkspace;
 
 use std::sync::Arc;
 
 use nalgebra::Rotation3;
 
-use super::{Identification, ObservedDot, Recognizer, RecognizerRejection};
+use super::explanations::{MAX_RIVALS, MIN_RIVAL};
+use super::{Explanations, Hint, Identification, ObservedDot, Recognizer, RecognizerRejection};
 use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
+use crate::view::ViewModel;
 use hint::Prior;
-use model::Model;
+use model::{Dot, Model, SEARCH_WEIGHT};
 use pairs::PatternPairs;
-use posterior::{Explanation, NullHypothesis};
-use refine::UNASSIGNED;
+use posterior::{Confidence, Explanation, Found, NullHypothesis};
+use refine::{Refined, UNASSIGNED};
 use screen::ScreenModel;
 
 /// Minimum number of dots that can be identified without a hint, and with one.
@@ -74,6 +76,12 @@ const MIN_DOTS: usize = 3;
 const MIN_DOTS_HINTED: usize = 2;
 /// The same where no frame has shown anything of the conditions: three dots anywhere then fit some pose.
 const MIN_DOTS_BLIND: usize = 4;
+/// Nats behind the best explanation from which on others count for nothing.
+const NEGLIGIBLE: f64 = 14.0;
+/// Nats behind the best explanation up to which others are integrated over their rotations, where there is
+/// doubt: where the names are less likely than [`CLEAR`].
+const INTEGRATED: f64 = 5.0;
+const CLEAR: f64 = 0.9995;
 /// Minimum probability at which a view counts as mirrored.
 const MIRROR_SURE: f64 = 0.9;
 
@@ -92,13 +100,35 @@ pub struct RobustRecognizer {
     uncertain: Option<Arc<ConditionsPosterior>>,
 }
 
+/// A pose with its support.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SupportedPose {
+    /// Rotation from the pattern's frame to the camera's.
+    pub rotation: Rotation,
+    /// Log-evidence against "these are not the pattern's dots".
+    pub ln_evidence: f64,
+}
+
 impl RobustRecognizer {
     /// Prepares the recognizer for a pattern.
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a parameter outside its domain.
     pub fn new(pattern: &Pattern, config: RobustConfig) -> Result<Self> {
-        Self::build(pattern, config, 1.0)
+        config.check()?;
+        let dots = pattern.dots().to_vec();
+        let pairs = PatternPairs::new(&dots);
+        let model = Model::new(&config.view, dots.len());
+        Ok(Self {
+            screen: ScreenModel::new(&config.view, &model, dots.len(), &pairs),
+            null: NullHypothesis::new(&config.view, dots.len()),
+            dots,
+            pairs,
+            model,
+            spread: Vec::new(),
+            config,
+            uncertain: None,
+        })
     }
 
     /// Prepares the recognizer for what the frames so far have shown of the conditions; `base` holds
@@ -111,33 +141,21 @@ impl RobustRecognizer {
         base: &RobustConfig,
         conditions: &Arc<ConditionsPosterior>,
     ) -> Result<Self> {
-        let expected = conditions.expected();
-        // Before any frame has had a say the defaults search better than what is expected.
-        let known = if conditions.frames() == 0 {
-            Self::build(pattern, *base, 1.0)?
+        let expected = conditions.expected(&base.view);
+        let view = if conditions.frames() > 0 {
+            expected
         } else {
-            Self::build(pattern, expected.config(base), expected.noise_scale)?
+            // The defaults search better than what is expected before any frame has had a say.
+            ViewModel {
+                foreign_share: expected.foreign_share,
+                mirrored_share: expected.mirrored_share,
+                ..base.view
+            }
         };
+        let known = Self::new(pattern, RobustConfig { view, ..*base })?;
         Ok(Self {
             uncertain: (!conditions.is_settled()).then(|| Arc::clone(conditions)),
             ..known
-        })
-    }
-
-    fn build(pattern: &Pattern, config: RobustConfig, noise_scale: f64) -> Result<Self> {
-        config.check()?;
-        let dots = pattern.dots().to_vec();
-        let pairs = PatternPairs::new(&dots);
-        let model = Model::new(&config, noise_scale);
-        Ok(Self {
-            screen: ScreenModel::new(&config, &model, dots.len(), &pairs),
-            null: NullHypothesis::new(&config, dots.len()),
-            dots,
-            pairs,
-            model,
-            spread: Vec::new(),
-            config,
-            uncertain: None,
         })
     }
 
@@ -164,59 +182,34 @@ impl RobustRecognizer {
         &self.config
     }
 
-    /// As [`Recognizer::identify_into`], with prior knowledge of the orientation. The rotation in
-    /// the answer depends on the dots; the hint only helps to decide which dot is which.
-    ///
-    /// # Errors
-    /// A [`RecognizerRejection`]; [`RecognizerRejection::Degenerate`] also for an invalid
-    /// covariance of the hint.
-    pub fn identify_hinted(
-        &self,
-        dots: &[ObservedDot],
-        hint: &Hint,
-        ws: &mut RobustWorkspace,
-        out: &mut Identification,
-    ) -> std::result::Result<(), RecognizerRejection> {
-        let prior = Prior::new(hint).ok_or(RecognizerRejection::Degenerate)?;
-        self.identify_with(dots, Some(prior), ws, out)
-    }
-
-    /// Writes the explanation of this rank (0 the best) of the last view of `ws` into `out`, with
-    /// its own probability; `false` if the search found fewer. Explanations differ in their
-    /// rotation; the search remembers those near the best, not all.
-    pub fn explanation(&self, rank: usize, ws: &RobustWorkspace, out: &mut Identification) -> bool {
-        let found = ws.found.ranked(rank);
-        if let Some(explanation) = found {
-            self.report(explanation, ws, out);
-        }
-        found.is_some()
-    }
-
-    /// The explanation to which `rotation` leads, written into `out`: how well a pose from another
-    /// source explains the dots. Returns its log-evidence against "these are not the pattern's
-    /// dots"; `None` if hardly any dot supports it. Its confidence is relative to the assignments
-    /// near this rotation alone.
-    pub fn evidence_near(
+    /// The explanation to which `rotation` leads: how well a pose from another source explains the
+    /// dots; `None` if hardly any dot supports it.
+    pub fn explain_near(
         &self,
         dots: &[ObservedDot],
         rotation: &Rotation,
         ws: &mut RobustWorkspace,
-        out: &mut Identification,
-    ) -> Option<f64> {
+    ) -> Option<SupportedPose> {
         ws.clear(dots.len());
         self.prepare(dots, ws).ok()?;
         self.refine_from(rotation, ws);
-        let best = ws.found.best()?;
-        self.report(best, ws, out);
-        Some(best.refined.ln_evidence - self.null.ln_evidence(dots.len()))
+        let Refined {
+            rotation,
+            ln_evidence,
+            ..
+        } = ws.found.best()?.refined;
+        Some(SupportedPose {
+            rotation: Rotation::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation)),
+            ln_evidence: ln_evidence - self.null.ln_evidence(dots.len()),
+        })
     }
 
-    fn identify_with(
+    /// Finds the explanations, in `ws.found`, or the reason for a rejection.
+    fn search_all(
         &self,
         dots: &[ObservedDot],
-        prior: Option<Prior>,
+        prior: Option<&Prior>,
         ws: &mut RobustWorkspace,
-        out: &mut Identification,
     ) -> std::result::Result<(), RecognizerRejection> {
         let is_blind = self.uncertain.as_ref().is_some_and(|c| c.frames() == 0);
         let needed = match prior {
@@ -232,7 +225,8 @@ impl RobustRecognizer {
             });
         }
         self.prepare(dots, ws)?;
-        self.search(prior.as_ref(), ws)?;
+        self.search(prior, ws)?;
+        self.weigh(prior, ws);
         if let Some(conditions) = &self.uncertain {
             self.marginalize(conditions, ws);
         }
@@ -240,14 +234,48 @@ impl RobustRecognizer {
         let sure = ws.found.best().is_some_and(|best| {
             ws.found.confidence(best, &null, f64::NEG_INFINITY).pose > self.config.mirror_doubt
         });
-        if !sure && self.is_mirrored(ws) {
+        let can_be_mirrored = self.config.view.mirrored_share > 0.0;
+        if !sure && can_be_mirrored && self.is_mirrored(ws) {
             return Err(RecognizerRejection::Mirrored);
         }
         self.polish_best(ws)
-            .ok_or(RecognizerRejection::NoHypothesis)?;
-        let best = ws.found.best().ok_or(RecognizerRejection::NoHypothesis)?;
-        self.report(best, ws, out);
-        Ok(())
+            .ok_or(RecognizerRejection::NoHypothesis)
+    }
+
+    /// Weighs the explanations found with all assignments near them: by their evidence at their own
+    /// rotations, and where that leaves doubt integrated over the rotations.
+    fn weigh(&self, prior: Option<&Prior>, ws: &mut RobustWorkspace) {
+        let Some(best) = ws.found.best() else {
+            return;
+        };
+        let least = best.refined.ln_evidence - NEGLIGIBLE;
+        let RobustWorkspace {
+            dots,
+            matching,
+            refiner,
+            found,
+            ..
+        } = ws;
+        let view = self.view(dots, prior);
+        found.weigh(least, |refined, assignment| {
+            Some(matching.at_rotation(&view, refined, assignment))
+        });
+        let Some(best) = found.best() else {
+            return;
+        };
+        let is_clear = found
+            .confidence(best, &self.null, f64::NEG_INFINITY)
+            .identity
+            > CLEAR;
+        if self.uncertain.is_some() || is_clear {
+            return;
+        }
+        let least = best.refined.ln_evidence - INTEGRATED;
+        found.weigh(least, |refined, assignment| {
+            let (information, _) =
+                refiner.fit(&view, &refined.rotation, assignment, SEARCH_WEIGHT)?;
+            matching.integrate(&view, refined, &information, assignment)
+        });
     }
 
     /// Searches the mirrored view; returns whether it explains the dots beyond doubt.
@@ -258,23 +286,51 @@ impl RobustRecognizer {
             return false;
         };
         // From the mirrored side the pattern as it is counts as the rival, at its own prior.
-        let confidence = ws.mirrored.confidence(
-            best,
-            &self.null.of_mirrored(),
-            rivals - posterior::MIRROR_LN_ODDS,
-        );
+        let null = self.null.of_mirrored();
+        let rivals = rivals + null.ln_mirrored_odds();
+        let confidence = ws.mirrored.confidence(best, &null, rivals);
         confidence.pose > MIRROR_SURE
     }
 
-    /// Writes an explanation into `out`.
-    fn report(&self, explanation: &Explanation, ws: &RobustWorkspace, out: &mut Identification) {
-        let mirrored = ws.mirrored.ln_evidence() + posterior::MIRROR_LN_ODDS;
+    /// Writes the best explanation and its rivals into `ws.explanations`.
+    fn list(&self, ws: &mut RobustWorkspace) -> Option<()> {
+        let mirrored = ws.mirrored.ln_evidence() + self.null.ln_mirrored_odds();
         let null = ws.null.unwrap_or(self.null);
-        let confidence = ws.found.confidence(explanation, &null, mirrored);
+        let RobustWorkspace {
+            dots,
+            found,
+            explanations,
+            ..
+        } = ws;
+        let best = found.best()?;
+        let confidence = found.confidence(best, &null, mirrored);
+        self.report(best, confidence, found, dots, explanations.begin());
+        for rank in 1..=MAX_RIVALS {
+            let Some(rival) = found.ranked(rank) else {
+                break;
+            };
+            let confidence = found.confidence(rival, &null, mirrored);
+            if confidence.pose < MIN_RIVAL {
+                break;
+            }
+            self.report(rival, confidence, found, dots, explanations.next_rival());
+        }
+        Some(())
+    }
+
+    /// Writes an explanation into `out`.
+    fn report(
+        &self,
+        explanation: &Explanation,
+        confidence: Confidence,
+        found: &Found,
+        dots: &[Dot],
+        out: &mut Identification,
+    ) {
         let rotation = explanation.refined.rotation;
         let (mut squared, mut matched) = (0.0, 0usize);
         out.assignment.clear();
-        for (dot, &j) in ws.dots.iter().zip(ws.found.assignment(explanation)) {
+        for (dot, &j) in dots.iter().zip(found.assignment(explanation)) {
             out.assignment.push((j != UNASSIGNED).then_some(j));
             if j != UNASSIGNED {
                 let q = rotation * self.dots[usize::from(j)];
@@ -300,12 +356,19 @@ impl Recognizer for RobustRecognizer {
         MIN_DOTS
     }
 
-    fn identify_into(
+    /// [`RecognizerRejection::Degenerate`] also for an invalid covariance of the hint.
+    fn explain<'w>(
         &self,
         dots: &[ObservedDot],
-        ws: &mut RobustWorkspace,
-        out: &mut Identification,
-    ) -> std::result::Result<(), RecognizerRejection> {
-        self.identify_with(dots, None, ws, out)
+        hint: Option<&Hint>,
+        ws: &'w mut RobustWorkspace,
+    ) -> std::result::Result<&'w Explanations, RecognizerRejection> {
+        let prior = match hint {
+            Some(hint) => Some(Prior::new(hint).ok_or(RecognizerRejection::Degenerate)?),
+            None => None,
+        };
+        self.search_all(dots, prior.as_ref(), ws)?;
+        self.list(ws).ok_or(RecognizerRejection::NoHypothesis)?;
+        Ok(&ws.explanations)
     }
 }

@@ -4,31 +4,26 @@
 //! `d(z) = P_d / (1 + exp(-1.7 (z - z_min) / w))`. A detected dot is displaced by noise whose
 //! density at the Mahalanobis distance `u` is `exp(ln_kernel(u)) / (2 pi sqrt(det C))`, of mass 1
 //! over the tangent plane ([`NoiseShape`] has the kernels). False dots are a Poisson process of
-//! density `lambda / (2 pi (1 - z_min))` per steradian of the visible cap; where their usual number
+//! density `lambda / (2 pi (1 - z_min))` per steradian of their cap; where their usual number
 //! is known, all but a fiftieth of the views have that.
+//!
+//! Where a fixed number `m` of the visible dots is given, any `m` of the `V` visible ones are as
+//! likely: `1 / C(V, m)` takes the place of the product of detections and misses, with `V` the sum
+//! of the dots' probabilities to be visible.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
-use super::config::{NoiseShape, RobustConfig};
 use crate::geometry::{Vec3, tangent_frame};
 use crate::pattern::LENGTH_TOLERANCE;
-use crate::recognize::{DotUncertainty, ObservedDot};
+use crate::view::{Detection, DotUncertainty, NoiseShape, ObservedDot, POLE, ViewModel, visible};
 
-/// Width, in z, over which a dot fades from visible to hidden at the limit.
-pub(super) const VISIBILITY_SOFTNESS: f64 = 0.03;
-/// The logistic curve of this slope approximates the normal distribution function.
-pub(super) const LOGISTIC: f64 = 1.7;
-/// Share and widening of the mixture's second, wider Gaussian.
-const TAIL_SHARE: f64 = 0.1;
-const TAIL_WIDENING: f64 = 2.0;
+/// Maximum probability of a detection: no detector finds every dot, and the limit is not sharp.
+pub(super) const MAX_DETECTION: f64 = 0.98;
 /// Standard deviations that a dot's direction may have, radians. Less than a nanoradian is no
 /// measurement, and more than a radian no direction; the screening's single precision holds both.
 const SIGMAS_RAD: std::ops::RangeInclusive<f64> = 1e-9..=1.0;
 /// A dot farther than this many standard deviations from a pattern dot is no match.
 pub(super) const GATE: f64 = 10.0;
-/// Below this many standard deviations the density stays constant: the random-axis density has a
-/// pole.
-const POLE: f64 = 0.3;
 /// Maximum weight of a dot during the search: near the pole one dot alone would determine the
 /// rotation.
 pub(super) const SEARCH_WEIGHT: f64 = 1.0;
@@ -38,18 +33,17 @@ pub(super) const FINAL_WEIGHT: f64 = 4.0;
 const KERNEL_STEPS: f64 = 32.0;
 /// Steps of the visibility table over z in [-1, 1].
 const Z_STEPS: usize = 2048;
-/// Share of views whose number of false dots is not the usual one.
-const UNUSUAL: f64 = 0.02;
 /// Where, in standard deviations, the screening's straight lines touch the kernel.
 const TANGENTS: [f64; 3] = [0.8, 2.4, 5.0];
 
-/// The tables of one configuration.
+/// The tables of one view model.
 #[derive(Debug, Clone)]
 pub(super) struct Model {
     kernel: Vec<f64>,
     weight: Vec<f64>,
-    ln_detected: Vec<f64>,
-    ln_missed: Vec<f64>,
+    visibility: Vec<Visibility>,
+    /// Number of visible dots that are given, where it is fixed.
+    given: Option<usize>,
     /// The kernel as the maximum of three lines `a + b h` over `h = -u^2 / 2`: (a, b).
     pub lines: [[f64; 2]; 3],
     /// False dots per steradian.
@@ -64,6 +58,17 @@ pub(super) struct Model {
     max_false_count: Vec<f64>,
     /// Maximum gain of a dot beyond its peak density: `ln P_d + ln_kernel(0)`.
     most: f64,
+}
+
+/// What a pattern dot at some z adds to the log-likelihood.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Visibility {
+    /// What it gains where it is matched rather than missed.
+    pub worth: f64,
+    /// Where it is missed.
+    pub missed: f64,
+    /// Probability that it is visible.
+    pub visible: f64,
 }
 
 /// An observed dot, prepared.
@@ -96,6 +101,25 @@ impl Dot {
         a * a + b * b + depth * depth * self.radial
     }
 
+    /// The same dot with an independent error of this variance (rad^2) along either tangent axis
+    /// besides.
+    pub fn widened(&self, variance: f64) -> Self {
+        // In the whitened axes W the covariance becomes I + v W W^T = L L^T; the rows of L^-1 W are
+        // the new axes.
+        let [a, b] = self.axes;
+        let l11 = (1.0 + variance * a.norm_squared()).sqrt();
+        let l21 = variance * a.dot(&b) / l11;
+        let l22 = (1.0 + variance * b.norm_squared() - l21 * l21).sqrt();
+        let sigma_max = self.sigma_max.hypot(variance.sqrt());
+        Self {
+            axes: [a / l11, (b - a * (l21 / l11)) / l22],
+            radial: 1.0 / (sigma_max * sigma_max),
+            sigma_max,
+            ln_peak: self.ln_peak - (l11 * l22).ln(),
+            ..*self
+        }
+    }
+
     /// Reverses x.
     pub fn mirror(&mut self) {
         self.direction.x = -self.direction.x;
@@ -106,39 +130,54 @@ impl Dot {
 }
 
 impl Model {
-    /// The tables of a configuration, for dots whose standard deviations are `noise_scale` times
-    /// those given.
-    pub fn new(config: &RobustConfig, noise_scale: f64) -> Self {
+    /// The tables of a view model, for a pattern of so many dots.
+    pub fn new(view: &ViewModel, pattern_dots: usize) -> Self {
+        let shape = view.noise.shape();
         let steps = (GATE * KERNEL_STEPS) as usize + 2;
         let kernel = (0..steps)
-            .map(|k| ln_kernel(config.noise, k as f64 / KERNEL_STEPS))
+            .map(|k| shape.ln_kernel(k as f64 / KERNEL_STEPS))
             .collect();
         let weight = (0..steps)
-            .map(|k| tangent(config.noise, (k as f64 / KERNEL_STEPS).max(POLE))[1])
+            .map(|k| tangent(shape, (k as f64 / KERNEL_STEPS).max(POLE))[1])
             .collect();
-        let detected = (0..=Z_STEPS).map(|k| {
+        let given = match view.detection {
+            Detection::Each { .. } => None,
+            Detection::Given { dots } => Some(dots),
+        };
+        let detected = view.detection_rate(pattern_dots).min(MAX_DETECTION);
+        let visibility = (0..=Z_STEPS).map(|k| {
             let z = 2.0 * k as f64 / Z_STEPS as f64 - 1.0;
-            let t = LOGISTIC * (z - config.visibility_limit) / VISIBILITY_SOFTNESS;
-            config.detection_probability / (1.0 + (-t.clamp(-20.0, 20.0)).exp())
+            let visible = visible(z, view.visibility_limit);
+            let missed = match given {
+                None => (1.0 - detected * visible).ln(),
+                Some(_) => 0.0,
+            };
+            let found = if given.is_none() { detected } else { 1.0 };
+            Visibility {
+                worth: (found * visible).ln() - missed,
+                missed,
+                visible,
+            }
         });
-        let false_count = false_count(config);
+        let false_count = view.false_dots.over_poisson();
         let mut max_false_count = false_count.clone();
         for k in (1..max_false_count.len()).rev() {
             max_false_count[k - 1] = max_false_count[k - 1].max(max_false_count[k]);
         }
-        let cap = TAU * (1.0 - config.visibility_limit.max(-0.999));
+        let mean_false = view.false_dots.mean();
+        let peak = shape.ln_kernel(0.0);
         Self {
             kernel,
             weight,
-            ln_detected: detected.clone().map(f64::ln).collect(),
-            ln_missed: detected.map(|d| (1.0 - d).ln()).collect(),
-            lines: TANGENTS.map(|u| tangent(config.noise, u)),
-            ln_false_density: (config.expected_false_dots / cap).ln(),
-            mean_false: config.expected_false_dots,
-            noise_scale,
+            visibility: visibility.collect(),
+            given,
+            lines: TANGENTS.map(|u| tangent(shape, u)),
+            ln_false_density: mean_false.ln() + view.ln_false_density(),
+            mean_false,
+            noise_scale: view.noise_scale,
             false_count,
             max_false_count,
-            most: config.detection_probability.ln() + ln_kernel(config.noise, 0.0),
+            most: peak + if given.is_none() { detected.ln() } else { 0.0 },
         }
     }
 
@@ -164,16 +203,31 @@ impl Model {
         self.weight[k.min(self.weight.len() - 1)].min(most)
     }
 
-    /// ln of the probabilities that a dot at this z is detected and missed.
-    pub fn visibility(&self, z: f64) -> (f64, f64) {
+    /// What a pattern dot at this z adds.
+    pub fn visibility(&self, z: f64) -> Visibility {
         let k = ((z + 1.0) * (0.5 * Z_STEPS as f64) + 0.5) as usize;
-        let k = k.min(Z_STEPS);
-        (self.ln_detected[k], self.ln_missed[k])
+        self.visibility[k.min(Z_STEPS)]
+    }
+
+    /// ln of the probability of the dots that are given, of so many visible ones, where their number
+    /// is fixed; else 0.
+    pub fn ln_given(&self, visible: f64) -> f64 {
+        let Some(given) = self.given else {
+            return 0.0;
+        };
+        let (given, ln_factorial) = (given as f64, |x: f64| libm::lgamma(x + 1.0));
+        let visible = visible.max(given);
+        ln_factorial(given) + ln_factorial(visible - given) - ln_factorial(visible)
     }
 
     /// ln of the prior of `count` false dots over the Poisson distribution's.
     pub fn false_count(&self, count: usize) -> f64 {
         self.false_count[count.min(self.false_count.len() - 1)]
+    }
+
+    /// How many numbers of false dots differ in [`Model::false_count`]: the last holds for all larger ones.
+    pub fn false_counts(&self) -> usize {
+        self.false_count.len()
     }
 
     /// The maximum [`Model::false_count`] of `count` or more false dots.
@@ -243,130 +297,38 @@ impl Model {
     }
 }
 
-/// ln of the prior over Poisson's for 0, 1, ... false dots; the last holds for all larger numbers.
-fn false_count(config: &RobustConfig) -> Vec<f64> {
-    let Some(usual) = config.usual_false_dots else {
-        return vec![0.0];
-    };
-    let mean = config.expected_false_dots;
-    let mut ln_poisson = -mean;
-    let mut ratios = Vec::with_capacity(usize::from(usual) + 2);
-    for count in 0..=usual {
-        if count > 0 {
-            ln_poisson += (mean / f64::from(count)).ln();
-        }
-        ratios.push(UNUSUAL.ln());
-    }
-    ratios[usize::from(usual)] = (UNUSUAL + (1.0 - UNUSUAL) * (-ln_poisson).exp()).ln();
-    ratios.push(UNUSUAL.ln());
-    ratios
-}
-
-/// ln of the probability of `count` false dots times the number of their orders, `count!`: Poisson
-/// with this mean, or for all but a few views the usual number.
-pub(super) fn ln_false_dots(mean: f64, usual: Option<usize>, count: usize) -> f64 {
-    let ln_poisson = count as f64 * mean.ln() - mean;
-    match usual {
-        None => ln_poisson,
-        Some(usual) if usual != count => UNUSUAL.ln() + ln_poisson,
-        Some(_) => {
-            let orders: f64 = (1..=count).map(|k| k as f64).product();
-            (UNUSUAL * ln_poisson.exp() + (1.0 - UNUSUAL) * orders).ln()
-        }
-    }
-}
-
-/// ln of the density at `u` standard deviations over the Gaussian's density at 0.
-pub(super) fn ln_kernel(noise: NoiseShape, u: f64) -> f64 {
-    match noise {
-        NoiseShape::Gaussian => {
-            let h = -0.5 * u * u;
-            let spread = TAIL_WIDENING.powi(2);
-            // Beyond the gate both terms may underflow alone: the wider one never does within.
-            ((1.0 - TAIL_SHARE) * h.exp() + TAIL_SHARE / spread * (h / spread).exp()).ln()
-        }
-        NoiseShape::RandomAxis => {
-            let u = u.max(POLE);
-            ((PI / 6.0).sqrt() / u).ln() + ln_erfc(u / 6f64.sqrt())
-        }
-    }
-}
-
 /// The line `a + b h` over `h = -u^2 / 2` that touches the kernel at `u`.
 fn tangent(noise: NoiseShape, u: f64) -> [f64; 2] {
     let step = 1e-4;
-    let slope = (ln_kernel(noise, u + step) - ln_kernel(noise, u - step)) / (2.0 * step);
+    let slope = (noise.ln_kernel(u + step) - noise.ln_kernel(u - step)) / (2.0 * step);
     let b = -slope / u;
-    [ln_kernel(noise, u) + b * 0.5 * u * u, b]
-}
-
-/// ln erfc(x), for x up to 26, where erfc underflows; the gate ends at 4.2.
-fn ln_erfc(x: f64) -> f64 {
-    libm::erfc(x).ln()
+    [noise.ln_kernel(u) + b * 0.5 * u * u, b]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// `int_0^reach u exp(ln_kernel(u)) du` by the midpoint rule: the density's mass in the plane.
-    fn mass(noise: NoiseShape, reach: f64) -> f64 {
-        let steps = 200_000;
-        let h = reach / f64::from(steps);
-        let ring = |k: i32| {
-            let u = h * (f64::from(k) + 0.5);
-            u * ln_kernel(noise, u).exp() * h
-        };
-        (0..steps).map(ring).sum()
-    }
-
-    #[test]
-    fn the_gaussian_mixture_has_mass_one() {
-        let found = mass(NoiseShape::Gaussian, 30.0);
-        assert!((found - 1.0).abs() < 1e-9, "{found}");
-        // One dot in ten from a Gaussian twice as wide: its share beyond u is exp(-u^2 / 8).
-        let within = mass(NoiseShape::Gaussian, 3.0);
-        let expected = 1.0 - 0.9 * (-4.5f64).exp() - 0.1 * (-4.5f64 / 4.0).exp();
-        assert!((within - expected).abs() < 1e-9, "{within} of {expected}");
-    }
-
-    #[test]
-    fn the_random_axis_density_has_mass_one_but_for_its_pole() {
-        // The pole is cut off at POLE: the density there is constant, and what lies above is lost.
-        // Without it int u sqrt(pi/6)/u erfc(u/sqrt 6) du = sqrt(pi/6) sqrt(6/pi) = 1.
-        let c = (PI / 6.0).sqrt();
-        let found = mass(NoiseShape::RandomAxis, 30.0);
-        let steps = 100_000;
-        let h = POLE / f64::from(steps);
-        let cut = |k: i32| {
-            let u = h * (f64::from(k) + 0.5);
-            let flat = u / POLE * libm::erfc(POLE / 6f64.sqrt());
-            c * (libm::erfc(u / 6f64.sqrt()) - flat) * h
-        };
-        let lost: f64 = (0..steps).map(cut).sum();
-        assert!((found + lost - 1.0).abs() < 1e-6, "{found} and {lost}");
-    }
+    use crate::view::FalseDots;
 
     #[test]
     fn what_is_beyond_the_gate_has_no_kernel() {
-        let model = Model::new(&RobustConfig::default(), 1.0);
+        let model = Model::new(&ViewModel::default(), 20);
         assert!(model.ln_kernel(GATE * GATE).is_some());
         for d2 in [GATE * GATE * 1.001, 1e300, f64::INFINITY, f64::NAN] {
             assert_eq!(model.ln_kernel(d2), None, "{d2}");
         }
-        let exact = ln_kernel(NoiseShape::Gaussian, 2.345);
+        let exact = NoiseShape::HeavyTailed.ln_kernel(2.345);
         let table = model.ln_kernel(2.345 * 2.345).expect("within the gate");
         assert!((exact - table).abs() < 1e-3, "{exact} {table}");
     }
 
     #[test]
     fn the_bound_on_the_false_dots_prior_bounds_it() {
-        let config = RobustConfig {
-            expected_false_dots: 2.0,
-            usual_false_dots: Some(2),
-            ..RobustConfig::default()
+        let view = ViewModel {
+            false_dots: FalseDots::Usual(2),
+            ..ViewModel::default()
         };
-        let model = Model::new(&config, 1.0);
+        let model = Model::new(&view, 20);
         for from in 0..6 {
             let brute = (from..40).map(|k| model.false_count(k));
             let brute = brute.fold(f64::NEG_INFINITY, f64::max);

@@ -7,14 +7,12 @@
 
 use nalgebra::Matrix3;
 
-use super::config::RobustConfig;
+use super::matching::Weights;
 use super::refine::Refined;
+use crate::view::ViewModel;
 
 /// Rotations nearer than this (radians) are one explanation.
 const ONE_ROTATION: f64 = 0.12;
-/// ln of the prior odds that a view is mirrored: a flipped axis is noticed and then fixed
-/// permanently.
-pub(super) const MIRROR_LN_ODDS: f64 = -3.0;
 /// A start nearer to an explanation than this (radians) would lead there again.
 const KNOWN_ROTATION: f64 = 0.08;
 /// Maximum number of explanations remembered; the least probable goes first.
@@ -36,10 +34,12 @@ pub(super) struct Explanation {
     slot: usize,
 }
 
-/// Prior of views that do not show the pattern (the null hypothesis).
+/// The hypotheses against which the explanations stand: something else, or the mirrored pattern.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NullHypothesis {
+    /// ln of the prior odds of something else, and of the mirrored pattern, against the pattern.
     ln_odds: f64,
+    ln_mirrored_odds: f64,
     ln_ratio: f64,
     excess: f64,
 }
@@ -54,12 +54,13 @@ pub(super) struct Confidence {
 }
 
 impl NullHypothesis {
-    pub fn new(config: &RobustConfig, pattern_dots: usize) -> Self {
-        let false_dots = config.expected_false_dots;
-        let seen = 0.5 * (1.0 - config.visibility_limit) * pattern_dots as f64;
-        let mean = seen * config.detection_probability + false_dots;
+    pub fn new(view: &ViewModel, pattern_dots: usize) -> Self {
+        let false_dots = view.false_dots.mean();
+        let mean = view.mean_dots(pattern_dots);
+        let own_share = 1.0 - view.foreign_share - view.mirrored_share;
         Self {
-            ln_odds: (config.null_prior / (1.0 - config.null_prior)).ln(),
+            ln_odds: (view.foreign_share / own_share).ln(),
+            ln_mirrored_odds: (view.mirrored_share / own_share).ln(),
             ln_ratio: (mean / false_dots).ln(),
             excess: mean - false_dots,
         }
@@ -70,9 +71,9 @@ impl NullHypothesis {
         dots as f64 * self.ln_ratio - self.excess
     }
 
-    /// ln of the prior odds.
-    pub fn ln_odds(&self) -> f64 {
-        self.ln_odds
+    /// ln of the prior odds of the mirrored pattern.
+    pub fn ln_mirrored_odds(&self) -> f64 {
+        self.ln_mirrored_odds
     }
 
     /// The same for a view whose log-evidence, against "all dots are false", is known.
@@ -87,7 +88,8 @@ impl NullHypothesis {
     /// The same against a mirrored view, which is itself unlikely.
     pub fn of_mirrored(&self) -> Self {
         Self {
-            ln_odds: self.ln_odds - MIRROR_LN_ODDS,
+            ln_odds: self.ln_odds - self.ln_mirrored_odds,
+            ln_mirrored_odds: -self.ln_mirrored_odds,
             ..*self
         }
     }
@@ -160,6 +162,23 @@ impl Found {
         self.explanations
             .iter()
             .max_by(|a, b| a.refined.ln_evidence.total_cmp(&b.refined.ln_evidence))
+    }
+
+    /// Replaces the weights of every explanation not below a log-evidence by what `of` makes of it and
+    /// its assignment.
+    pub fn weigh(&mut self, least: f64, mut of: impl FnMut(&Refined, &[u16]) -> Option<Weights>) {
+        for explanation in &mut self.explanations {
+            let refined = &mut explanation.refined;
+            let assignment = &self.assignments[explanation.slot..][..self.dots];
+            if refined.ln_evidence < least {
+                continue;
+            }
+            if let Some(weights) = of(refined, assignment) {
+                refined.ln_volume += weights.ln_own - refined.ln_evidence;
+                refined.ln_evidence = weights.ln_own;
+                refined.ln_alternatives = weights.ln_all - weights.ln_own;
+            }
+        }
     }
 
     /// All explanations, in no order.

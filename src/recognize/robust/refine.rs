@@ -14,7 +14,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
+use nalgebra::{Matrix3, Rotation3};
 
 use super::hint::Prior;
 use super::model::{Dot, FINAL_WEIGHT, GATE, Model, SEARCH_WEIGHT};
@@ -28,13 +28,11 @@ const PAIR_WIDENING: f64 = 2.5;
 const MAX_TURNS: usize = 8;
 /// Steps towards the reported rotation.
 const POLISH_STEPS: usize = 5;
+/// Matches that cost more than this many nats do not count, even to bring the number of dots left out nearer to
+/// the usual one.
+const MIN_GAIN: f64 = -7.0;
 /// Minimum number of dots that support an explanation.
 pub(super) const MIN_MATCHED: usize = 2;
-/// Links that cost more than this many nats do not count even as alternatives.
-const MIN_GAIN: f64 = -7.0;
-
-/// Minimum determinant of a fit without a dot; below it that dot alone determines the rotation.
-const MIN_LEFT: f64 = 1e-3;
 /// Nats that the alternations after the second one hardly ever add.
 const UNSETTLED: f64 = 5.0;
 
@@ -45,16 +43,18 @@ pub(super) struct View<'a> {
     pub pattern: &'a [Vec3],
     pub dots: &'a [Dot],
     pub prior: Option<&'a Prior>,
+    /// Minimum z of a visible dot.
+    pub visibility_limit: f64,
     /// For each dot of the pattern the variance of its place beyond what the observed dots'
     /// covariances hold, rad^2; empty where there is none.
     pub spread: &'a [f64],
 }
 
-/// Ratio by which the place of pattern dot `j` widens the variance of `dot`.
-pub(super) fn widening(spread: &[f64], j: usize, dot: &Dot) -> f64 {
+/// The observed dot as it is compared with pattern dot `j`: the uncertainty of that dot's place widens its own.
+pub(super) fn widened(spread: &[f64], j: usize, dot: &Dot) -> Dot {
     spread
         .get(j)
-        .map_or(1.0, |variance| 1.0 + variance * dot.radial)
+        .map_or(*dot, |variance| dot.widened(*variance))
 }
 
 /// A rough rotation.
@@ -89,11 +89,13 @@ pub(super) struct Refined {
     pub rotation: Matrix3<f64>,
     /// Log-evidence against "all dots are false".
     pub ln_evidence: f64,
-    /// The part of it from Laplace's factor; not above 0.
+    /// The part of it from the rotations around: Laplace's factor, not above 0, or what the integral over them
+    /// makes of it.
     pub ln_volume: f64,
     /// The part of it from a hint.
     pub ln_prior: f64,
-    /// ln of the evidence of all assignments near this rotation over this one's; not below 0.
+    /// ln of the evidence of all assignments near this rotation over this one's; not below 0. Known once
+    /// the search has ended.
     pub ln_alternatives: f64,
 }
 
@@ -116,10 +118,6 @@ pub(super) struct Refiner {
     /// For each pattern dot its observed dot, and what that match gains.
     holder: Vec<u16>,
     gain: Vec<f64>,
-    /// ln of the weight of leaving each dot out.
-    ln_leave: Vec<f64>,
-    /// Weight of all assignments by the number of dots left out.
-    by_count: Vec<f64>,
 }
 
 impl Refiner {
@@ -132,8 +130,6 @@ impl Refiner {
             previous: Vec::with_capacity(dots),
             holder: Vec::with_capacity(pattern),
             gain: Vec::with_capacity(dots),
-            ln_leave: Vec::with_capacity(dots),
-            by_count: Vec::with_capacity(dots + 1),
         }
     }
 
@@ -151,6 +147,7 @@ impl Refiner {
             dots,
             prior,
             spread,
+            ..
         } = view;
         let mut rotation = start.rotation;
         let mut ratio = start.widening;
@@ -171,7 +168,7 @@ impl Refiner {
                     ln_evidence: score + ln_volume + ln_prior,
                     ln_volume,
                     ln_prior,
-                    ln_alternatives: self.ln_alternatives(view, &information)?,
+                    ln_alternatives: 0.0,
                 });
             }
             if turn > 0 && score + ln_volume(&information) < least - UNSETTLED {
@@ -221,15 +218,16 @@ impl Refiner {
     fn project(&mut self, model: &Model, pattern: &[Vec3], rotation: &Matrix3<f64>) -> f64 {
         self.rotated.clear();
         self.worth.clear();
-        let mut penalty = 0.0;
+        let (mut penalty, mut visible) = (0.0, 0.0);
         for p in pattern {
             let q = rotation * p;
-            let (detected, missed) = model.visibility(q.z);
+            let at = model.visibility(q.z);
             self.rotated.push(q);
-            self.worth.push(detected - missed);
-            penalty += missed;
+            self.worth.push(at.worth);
+            penalty += at.missed;
+            visible += at.visible;
         }
-        penalty
+        penalty + model.ln_given(visible)
     }
 
     /// Assigns observed to pattern dots, best link first; what the matches gain over missing.
@@ -238,15 +236,15 @@ impl Refiner {
         for (i, dot) in dots.iter().enumerate() {
             let reach = 0.5 * GATE * GATE * ratio * dot.sigma_max * dot.sigma_max;
             for (j, q) in self.rotated.iter().enumerate() {
-                let own = widening(spread, j, dot);
+                let own = spread.get(j).map_or(1.0, |v| 1.0 + v * dot.radial);
                 if dot.direction.dot(q) < 1.0 - reach * own {
                     continue;
                 }
-                let wide = ratio * own;
-                let Some(kernel) = model.ln_kernel(dot.distance_squared(q) / wide) else {
+                let dot = widened(spread, j, dot);
+                let Some(kernel) = model.ln_kernel(dot.distance_squared(q) / ratio) else {
                     continue;
                 };
-                let gain = dot.ln_peak - wide.ln() + kernel + self.worth[j];
+                let gain = dot.ln_peak - ratio.ln() + kernel + self.worth[j];
                 if gain > MIN_GAIN {
                     self.links.push(Link {
                         gain,
@@ -262,7 +260,6 @@ impl Refiner {
         self.assignment.resize(dots.len(), UNASSIGNED);
         self.gain.clear();
         self.gain.resize(dots.len(), 0.0);
-        self.ln_leave.resize(dots.len(), 0.0);
         self.holder.clear();
         self.holder.resize(self.rotated.len(), UNASSIGNED);
         let mut score = 0.0;
@@ -325,92 +322,6 @@ impl Refiner {
         self.assignment.iter().filter(|&&j| j == UNASSIGNED).count()
     }
 
-    /// ln of the evidence of all assignments near this rotation over the chosen one's.
-    ///
-    /// Each dot's other matches are weighed as if it were alone (a match that is taken costs its
-    /// holder's gain); the dots meet in the prior of how many are left out: the product of the
-    /// dots' polynomials `left_out x + matched` has in `x^k` the weight of all assignments that
-    /// leave out `k`.
-    fn ln_alternatives(&mut self, view: &View<'_>, information: &Matrix3<f64>) -> Option<f64> {
-        let model = view.model;
-        let covariance = information.cholesky()?.inverse();
-        for (i, dot) in view.dots.iter().enumerate() {
-            let j = self.assignment[i];
-            self.ln_leave[i] = match j {
-                UNASSIGNED => 0.0,
-                j => {
-                    let j = usize::from(j);
-                    let own = widening(view.spread, j, dot);
-                    let leverage = Leverage::new(dot, &self.rotated[j], &covariance, own);
-                    -self.gain[i] + leverage.without(model)
-                }
-            };
-        }
-        self.by_count.clear();
-        self.by_count.push(1.0);
-        for (i, dot) in view.dots.iter().enumerate() {
-            let [out, matched] = self.alternatives(view, i, dot, &covariance);
-            self.by_count.push(0.0);
-            for k in (0..self.by_count.len()).rev() {
-                let below = if k > 0 { self.by_count[k - 1] } else { 0.0 };
-                self.by_count[k] = self.by_count[k] * matched + below * out;
-            }
-        }
-        let weights = self.by_count.iter().enumerate();
-        let total: f64 = weights.map(|(k, w)| w * model.false_count(k).exp()).sum();
-        Some(total.ln() - model.false_count(self.left_out()))
-    }
-
-    /// Weights of leaving dot `i` out and of matching it with any dot, relative to the chosen
-    /// assignment.
-    fn alternatives(
-        &self,
-        view: &View<'_>,
-        i: usize,
-        dot: &Dot,
-        covariance: &Matrix3<f64>,
-    ) -> [f64; 2] {
-        let own = self.gain[i];
-        let mine = self.assignment[i] != UNASSIGNED;
-        let mut out = self.ln_leave[i].exp();
-        let mut matched = if mine { 1.0 } else { 0.0 };
-        for link in self.links.iter().filter(|l| usize::from(l.dot) == i) {
-            let j = usize::from(link.pattern_dot);
-            let holder = self.holder[j];
-            if link.pattern_dot == self.assignment[i] {
-                continue;
-            }
-            if holder == UNASSIGNED {
-                let refit = if mine {
-                    0.0
-                } else {
-                    let own = widening(view.spread, j, dot);
-                    Leverage::new(dot, &self.rotated[j], covariance, own).with(view.model)
-                };
-                matched += (link.gain - own + refit).exp();
-                continue;
-            }
-            let instead = self.swapped(holder, i);
-            // Taking another's dot leaves the other out, unless they change places.
-            if mine && instead > 0.0 {
-                let lost = self.gain[usize::from(holder)];
-                matched += (link.gain - own + instead - lost).exp();
-            } else {
-                out += (link.gain - own + self.ln_leave[usize::from(holder)]).exp();
-            }
-        }
-        [out, matched]
-    }
-
-    /// What `other` gains from the pattern dot that `i` leaves, where that is more than nothing.
-    fn swapped(&self, other: u16, i: usize) -> f64 {
-        let left = self.assignment[i];
-        self.links
-            .iter()
-            .find(|l| l.dot == other && l.pattern_dot == left)
-            .map_or(0.0, |l| l.gain.max(0.0))
-    }
-
     /// One Gauss-Newton step on the assigned dots, reweighted for the kernel's tails: the
     /// information matrix and the moved rotation.
     fn step(
@@ -427,70 +338,22 @@ impl Refiner {
                 continue;
             }
             let q = self.rotated[usize::from(j)];
+            let dot = widened(view.spread, usize::from(j), dot);
             let residual = dot.axes.map(|u| u.dot(&q));
             let d2 = residual[0] * residual[0] + residual[1] * residual[1];
-            let own = widening(view.spread, usize::from(j), dot);
-            let weight = view.model.weight(d2 / (ratio * own), max_weight);
+            let weight = view.model.weight(d2 / ratio, max_weight);
             for (u, r) in dot.axes.iter().zip(residual) {
                 // A small rotation w moves q by w x q, and the whitened displacement u.q by w.(q x
                 // u).
                 let row = q.cross(u);
-                let square = row * row.transpose() / own;
+                let square = row * row.transpose();
                 information += square;
                 weighted += square * weight;
-                gradient -= row * (r * weight / own);
+                gradient -= row * (r * weight);
             }
         }
         let w = weighted.cholesky()?.solve(&gradient);
         Some((information, Rotation3::new(w).matrix() * rotation))
-    }
-}
-
-/// The information of one dot about the rotation, and its displacement.
-#[derive(Debug, Clone, Copy)]
-struct Leverage {
-    /// Whitened displacement.
-    residual: Vector2<f64>,
-    /// Covariance of the whitened prediction.
-    hat: Matrix2<f64>,
-}
-
-impl Leverage {
-    /// `own` is the ratio by which the place of the pattern's dot widens the dot's variance.
-    fn new(dot: &Dot, q: &Vec3, covariance: &Matrix3<f64>, own: f64) -> Self {
-        let axes = dot.axes.map(|u| u / own.sqrt());
-        let [a, b] = axes.map(|u| q.cross(&u));
-        let (ca, cb) = (covariance * a, covariance * b);
-        Self {
-            residual: Vector2::new(axes[0].dot(q), axes[1].dot(q)),
-            hat: Matrix2::new(a.dot(&ca), a.dot(&cb), a.dot(&cb), b.dot(&cb)),
-        }
-    }
-
-    /// What the evidence gains, beyond the dot's own gain, when the rotation is fitted without it:
-    /// the dot's pull, weighted as in the fit, is gone.
-    fn without(&self, model: &Model) -> f64 {
-        let weight = model.weight(self.residual.norm_squared(), SEARCH_WEIGHT);
-        let left = Matrix2::identity() - self.hat * weight;
-        let det = left.determinant();
-        // A dot holds less than all of the information.
-        let is_part = det > MIN_LEFT && left.trace() > 0.0;
-        let Some(inverse) = left.try_inverse().filter(|_| is_part) else {
-            return 0.0;
-        };
-        let pull = self.residual * weight;
-        0.5 * pull.dot(&(self.hat * inverse * pull)) - 0.5 * det.ln()
-    }
-
-    /// The same when a dot is matched that was left out, and the rotation gives way to it.
-    fn with(&self, model: &Model) -> f64 {
-        let total = Matrix2::identity() + self.hat;
-        let r = &self.residual;
-        let after = total
-            .try_inverse()
-            .map_or(r.norm_squared(), |i| r.dot(&(i * r)));
-        let kernel = |d2: f64| model.ln_kernel(d2).unwrap_or(0.0);
-        kernel(after) - kernel(r.norm_squared()) - 0.5 * total.determinant().ln()
     }
 }
 

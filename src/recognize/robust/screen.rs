@@ -9,10 +9,10 @@
 use nalgebra::Matrix3;
 use wide::f32x4;
 
-use super::config::RobustConfig;
-use super::model::{Dot, LOGISTIC, Model, VISIBILITY_SOFTNESS};
+use super::model::{Dot, MAX_DETECTION, Model};
 use super::pairs::{LANES, PatternPairs, frame};
 use crate::geometry::Vec3;
+use crate::view::{LOGISTIC, VISIBILITY_SOFTNESS, ViewModel};
 
 /// Nats behind the best score from which on a hypothesis is dropped.
 const MARGIN: f32 = 16.0;
@@ -65,12 +65,13 @@ pub(super) struct ScreenModel {
 }
 
 impl ScreenModel {
-    pub fn new(config: &RobustConfig, model: &Model, dots: usize, pairs: &PatternPairs) -> Self {
+    pub fn new(view: &ViewModel, model: &Model, dots: usize, pairs: &PatternPairs) -> Self {
+        let detected = view.detection_rate(dots).min(MAX_DETECTION);
         let mut this = Self {
             lines: model.lines.map(|l| l.map(|x| x as f32)),
-            visibility_limit: config.visibility_limit as f32,
-            ln_detected: config.detection_probability.ln() as f32,
-            ln_missed: (1.0 - config.detection_probability).ln() as f32,
+            visibility_limit: view.visibility_limit as f32,
+            ln_detected: detected.ln() as f32,
+            ln_missed: (1.0 - detected).ln() as f32,
             max_worth: 0.0,
             padding: 0.0,
         };

@@ -3,13 +3,14 @@
 use super::RobustRecognizer;
 use super::hint::Prior;
 use super::marginal::Naming;
+use super::matching::Matching;
 use super::model::Dot;
 use super::pairs::{PatternPairs, frame};
 use super::posterior::{Found, NullHypothesis};
 use super::refine::{Refined, Refiner, Start, UNASSIGNED, View};
 use super::screen::Screen;
 use crate::geometry::Rotation;
-use crate::recognize::{ObservedDot, RecognizerRejection};
+use crate::recognize::{Explanations, ObservedDot, RecognizerRejection};
 
 /// Pairs nearer to parallel or opposite than this sine leave the rotation too uncertain to start
 /// from.
@@ -39,8 +40,10 @@ pub struct RobustWorkspace {
     screen: Screen,
     pub(super) refiner: Refiner,
     pub(super) naming: Naming,
+    pub(super) matching: Matching,
     pub(super) found: Found,
     pub(super) mirrored: Found,
+    pub(super) explanations: Explanations,
     /// The null hypothesis of this view, where it is not the recognizer's.
     pub(super) null: Option<NullHypothesis>,
 }
@@ -54,6 +57,11 @@ struct ObservedPair {
 }
 
 impl RobustWorkspace {
+    /// The explanations of the last view that was explained with this workspace.
+    pub fn explanations(&self) -> &Explanations {
+        &self.explanations
+    }
+
     pub(super) fn with_capacity_for(pairs: &PatternPairs, pattern: usize) -> Self {
         Self {
             dots: Vec::with_capacity(CAPACITY),
@@ -62,8 +70,10 @@ impl RobustWorkspace {
             screen: Screen::with_capacity_for(CAPACITY, pairs.row()),
             refiner: Refiner::with_capacity_for(CAPACITY, pattern),
             naming: Naming::with_capacity_for(CAPACITY),
+            matching: Matching::with_capacity_for(CAPACITY, pattern),
             found: Found::with_capacity_for(CAPACITY),
             mirrored: Found::with_capacity_for(CAPACITY),
+            explanations: Explanations::with_capacity_for(CAPACITY),
             null: None,
         }
     }
@@ -149,13 +159,6 @@ impl RobustRecognizer {
                 widening: prior.widening(&ws.dots),
             };
             self.refine(&start, Some(prior), f64::NEG_INFINITY, ws);
-            // For any dots, a chance fit this good near one given rotation is rare.
-            let null = self.null.ln_evidence(ws.dots.len());
-            let best = ws.found.best();
-            let beyond_doubt = best.is_some_and(|b| b.refined.ln_evidence - null > DOUBT);
-            if beyond_doubt {
-                return Ok(());
-            }
         }
         self.passes(self.config.passes, prior, ws);
         Ok(())
@@ -167,6 +170,7 @@ impl RobustRecognizer {
         ws.pair_up();
         std::mem::swap(&mut ws.found, &mut ws.mirrored);
         self.passes(self.config.passes.min(MIRROR_PASSES), None, ws);
+        self.weigh(None, ws);
         std::mem::swap(&mut ws.found, &mut ws.mirrored);
         ws.dots.iter_mut().for_each(Dot::mirror);
     }
@@ -248,6 +252,7 @@ impl RobustRecognizer {
             dots,
             prior,
             spread: &self.spread,
+            visibility_limit: self.config.view.visibility_limit,
         }
     }
 

@@ -20,7 +20,7 @@ use crate::files;
 use crate::hash::HashTable;
 use crate::stats::Proportion;
 use crate::stencil::StencilConfig;
-use crate::validate::{Noise, Protocol, ProtocolName};
+use crate::view::{Noise, Protocol, ProtocolName};
 
 /// Rates of the published pattern, measured by `spindoe compare` and stored beside the page.
 const PUBLISHED: &str = include_str!("published.json");
@@ -191,7 +191,7 @@ impl DesignPage {
         let distances = table.as_ref().map(HashTable::nearest_distances);
         let shown = table.as_ref().zip(distances.as_deref());
         let protocol = report.config.protocol;
-        let searched = [protocol.name];
+        let searched = [protocol.name()];
         let standard_protocols = ProtocolName::ALL
             .into_iter()
             .filter(|name| !searched.contains(name) || protocol == Protocol::standard(*name))
@@ -236,7 +236,7 @@ impl DesignPage {
             search: PageSearch {
                 starts: report.starts,
                 stopped: report.stopped,
-                protocol: protocol.name,
+                protocol: protocol.name(),
                 objective: report.objective,
                 milestones: report.timing.milestones,
                 finalists: report.finalists,
@@ -284,7 +284,7 @@ impl DesignPage {
 impl CameraFigures {
     /// The camera that a search was for, where it had one.
     fn of(protocol: &Protocol) -> Self {
-        match protocol.noise {
+        match protocol.view().noise {
             Noise::Pixel {
                 sigma_px,
                 radius_px,
@@ -293,7 +293,7 @@ impl CameraFigures {
                 noise: rounded(sigma_px),
                 ..Self::default()
             },
-            Noise::RandomAxis { .. } => Self::default(),
+            Noise::RandomAxis { .. } | Noise::HeavyTailed { .. } => Self::default(),
         }
     }
 }

@@ -13,7 +13,7 @@ use super::search::{Search, is_evident};
 use super::{
     Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, is_mirrored,
 };
-use crate::recognize::robust::Hint;
+use crate::recognize::Hint;
 use crate::vision::camera::BallCircle;
 use crate::vision::circle::NoBall;
 use crate::vision::circle::coarse::{self, MAX_CIRCLES};

@@ -2,7 +2,8 @@
 
 use super::trust::TrustMap;
 use crate::error::{Error, Result, require};
-use crate::recognize::robust::{NoiseShape, RobustConfig};
+use crate::recognize::robust::RobustConfig;
+use crate::view::{Detection, FalseDots, ViewModel};
 use crate::vision::camera::Camera;
 use crate::vision::circle::CircleConfig;
 
@@ -149,12 +150,13 @@ impl Default for EstimatorConfig {
             circle: CircleConfig::default(),
             outline: OutlineMethod::default(),
             recognizer: RobustConfig {
-                visibility_limit: 0.2,
-                detection_probability: 0.85,
-                expected_false_dots: 1.0,
-                usual_false_dots: None,
-                null_prior: 0.2,
-                noise: NoiseShape::Gaussian,
+                view: ViewModel {
+                    visibility_limit: 0.2,
+                    detection: Detection::Each { probability: 0.85 },
+                    false_dots: FalseDots::Poisson(1.0),
+                    false_dot_limit: 0.2,
+                    ..ViewModel::default()
+                },
                 passes: 64,
                 // The search takes little beside the net, and a near-symmetric pattern fits its
                 // mirror image with any confidence.

@@ -54,10 +54,9 @@ use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
 use crate::hash::HashTable;
 use crate::pattern::Pattern;
-use crate::recognize::robust::{Hint, RobustConfig, RobustRecognizer, RobustWorkspace};
-use crate::recognize::{
-    DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
-};
+use crate::recognize::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
+use crate::recognize::{Hint, Recognizer, RecognizerRejection};
+use crate::view::{DotUncertainty, FalseDots, ObservedDot, ViewModel};
 use locate::Locator;
 use recenter::{Recentered, Recentering};
 use refine::{Match, Placement, Prior, Refiner};
@@ -102,7 +101,6 @@ pub struct EstimatorWorkspace<W> {
     patch: Patch,
     detector: W,
     recognizer: RobustWorkspace,
-    identification: Identification,
     /// The dots handed to the recognizer, and their detections.
     observed: Vec<ObservedDot>,
     indices: Vec<usize>,
@@ -180,8 +178,13 @@ impl<D: DotDetector> Estimator<D> {
         outline_net: Option<OutlineNet>,
     ) -> Result<Self> {
         config.check()?;
+        let likely = config.recognizer.view;
+        let view = ViewModel {
+            false_dots: FalseDots::Poisson(likely.false_dots.mean() + config.doubtful_false_dots),
+            ..likely
+        };
         let doubtful = RobustConfig {
-            expected_false_dots: config.recognizer.expected_false_dots + config.doubtful_false_dots,
+            view,
             ..config.recognizer
         };
         Ok(Self {
@@ -259,8 +262,6 @@ impl<D: DotDetector> Estimator<D> {
 
     /// A new workspace.
     pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
-        let mut identification = Identification::default();
-        identification.assignment.reserve(EXPECTED_DOTS);
         EstimatorWorkspace {
             images: Images::default(),
             coarse: CoarseSearch::default(),
@@ -277,7 +278,6 @@ impl<D: DotDetector> Estimator<D> {
             patch: Patch::default(),
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
-            identification,
             observed: Vec::with_capacity(EXPECTED_DOTS),
             indices: Vec::with_capacity(EXPECTED_DOTS),
             matches: Vec::with_capacity(EXPECTED_DOTS),
@@ -351,7 +351,11 @@ impl<D: DotDetector> Estimator<D> {
                 };
                 if better {
                     out.assignment.fill(None);
-                    for (&i, name) in ws.indices.iter().zip(&ws.identification.assignment) {
+                    for (&i, name) in ws
+                        .indices
+                        .iter()
+                        .zip(&ws.recognizer.explanations().best().assignment)
+                    {
                         out.assignment[i] = found.is_ok().then_some(*name).flatten();
                     }
                     best = found;
@@ -389,7 +393,12 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         dots: &[DotDetection],
     ) -> std::result::Result<PoseHypothesis, FrameRejection> {
-        let min_depth = self.config.recognizer.visibility_limit.max(view.horizon());
+        let min_depth = self
+            .config
+            .recognizer
+            .view
+            .visibility_limit
+            .max(view.horizon());
         let hand = Matrix2::from_diagonal_element(self.placement_variance);
         ws.observed.clear();
         ws.indices.clear();
@@ -409,18 +418,14 @@ impl<D: DotDetector> Estimator<D> {
             ws.observed.push(seen);
             ws.indices.push(i);
         }
-        let recognizer = &self.recognizers[pass];
-        let (observed, found) = (&ws.observed, &mut ws.identification);
-        let identified = match hint {
-            Some(hint) => recognizer.identify_hinted(observed, hint, &mut ws.recognizer, found),
-            None => recognizer.identify_into(observed, &mut ws.recognizer, found),
-        };
-        identified.map_err(|rejection| match rejection {
+        let explained = self.recognizers[pass].explain(&ws.observed, hint, &mut ws.recognizer);
+        let explanations = explained.map_err(|rejection| match rejection {
             RecognizerRejection::TooFewDots { found, needed } => {
                 FrameRejection::TooFewDots { found, needed }
             }
             rejection => FrameRejection::Recognizer(rejection),
         })?;
+        let found = explanations.best();
         Ok(PoseHypothesis {
             rotation: found.rotation,
             camera,
@@ -436,7 +441,7 @@ impl<D: DotDetector> Estimator<D> {
         dots: &[DotDetection],
         ws: &EstimatorWorkspace<D::Workspace>,
     ) -> PoseEvidence {
-        let found = &ws.identification;
+        let found = ws.recognizer.explanations().best();
         let (mut named, mut unnamed, mut doubt, mut squares) = (0, 0, 0.0, 0.0);
         let observed = ws.indices.iter().zip(&ws.observed);
         for ((&i, seen), name) in observed.zip(&found.assignment) {

@@ -105,7 +105,7 @@ impl Refiner {
         Self {
             placement: Placement::Alike(config.placement_sigma_rad.powi(2)),
             // What the recognizer does not see is still there to be named.
-            min_depth: 0.7 * config.recognizer.visibility_limit,
+            min_depth: 0.7 * config.recognizer.view.visibility_limit,
             dot_confidence: config.dot_confidence[1],
         }
     }

@@ -20,7 +20,7 @@ use super::{
     CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
     Outline, OutlineSource, Pose, is_mirrored,
 };
-use crate::recognize::robust::Hint;
+use crate::recognize::Hint;
 use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
 use crate::vision::image::{GrayImage, RgbImage};

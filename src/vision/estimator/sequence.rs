@@ -11,7 +11,7 @@ use nalgebra::Matrix3;
 
 use super::config::{CameraDistance, CameraModel};
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, OutlineSource, Pose};
-use crate::recognize::robust::Hint;
+use crate::recognize::Hint;
 use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};

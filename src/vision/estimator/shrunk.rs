@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use super::search::{Search, level_of};
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection};
-use crate::recognize::robust::Hint;
+use crate::recognize::Hint;
 use crate::vision::detect::DotDetector;
 use crate::vision::roi::Roi;
 

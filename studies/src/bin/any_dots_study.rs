@@ -30,7 +30,7 @@ use spindoe::geometry::Vec3;
 use spindoe::pattern::random_pattern;
 use spindoe::predict::{CameraConditions, DetectionModel, FrameOutcome};
 use spindoe::synth::dataset::frame_rng;
-use spindoe::validate::{Protocol, ProtocolName};
+use spindoe::view::ProtocolName;
 use spindoe::vision::estimator::CameraModel;
 use spindoe::vision::{BlobConfig, BlobDetector, Camera, Estimator, EstimatorConfig};
 use spindoe_studies::ranks::spearman;
@@ -90,8 +90,7 @@ fn pattern(dots: usize, index: usize) -> Outcome<(Pattern, bool)> {
         return Ok((start, false));
     }
     let name = DESCENTS[index / 2 % DESCENTS.len()];
-    let protocol = Protocol::standard(ProtocolName::Image);
-    let objective = Objective::for_protocol(name, &protocol);
+    let objective = Objective::for_view(name, &ProtocolName::Image.view());
     let constraints = Constraints {
         min_separation_rad: separation,
         min_visible: 4,
@@ -228,10 +227,10 @@ fn main() -> Outcome<()> {
             100.0 * mean(&|r| r.failed),
             mean(&|r| r.detected)
         );
-        let protocol = Protocol::standard(ProtocolName::Image);
+        let view = ProtocolName::Image.view();
         let mut values = Vec::new();
         for name in ObjectiveName::ALL.into_iter().filter(|n| n.suits(dots)) {
-            let objective = Objective::for_protocol(name, &protocol);
+            let objective = Objective::for_view(name, &view);
             let all: Result<Vec<f64>, _> = rows
                 .par_iter()
                 .map(|r| Ok::<_, spindoe::Error>(objective.evaluate_at(&r.dots)?.value))

@@ -23,7 +23,6 @@ use spindoe::geometry::{
 };
 use spindoe::hash::{PairRule, RecognizerConfig};
 use spindoe::pattern::random_pattern;
-use spindoe::recognize::robust::RobustConfig;
 use spindoe::synth::view::View;
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::{CameraModel, Outline};
@@ -31,7 +30,7 @@ use spindoe::vision::{
     BallCircle, Camera, DotDetection, EstimatorConfig, FrameEstimate, Intrinsics, Pixel,
 };
 use spindoe::{
-    DotUncertainty, HashTable, ObservedDot, Outcome, Pattern, Recognizer, RobustRecognizer,
+    DotUncertainty, HashTable, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel,
 };
 
 const RADIUS: f64 = 30.0;
@@ -399,11 +398,11 @@ fn build(seed: u64, k: u64, frames: usize) -> Result<(bool, f64), Box<dyn Error>
             return Ok((false, 0.0));
         }
     };
-    let config = RobustConfig {
+    let view = ViewModel {
         visibility_limit: -0.99,
-        ..RobustConfig::default()
+        ..ViewModel::default()
     };
-    let recognizer = RobustRecognizer::new(&truth, config)?;
+    let recognizer = RobustRecognizer::new(&truth, view.into())?;
     let observed: Vec<ObservedDot> = built
         .dots()
         .iter()
@@ -412,8 +411,7 @@ fn build(seed: u64, k: u64, frames: usize) -> Result<(bool, f64), Box<dyn Error>
             uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
         })
         .collect();
-    let Outcome::Identified(found) = recognizer.identify(&observed, &mut recognizer.workspace())
-    else {
+    let Ok(found) = recognizer.identify(&observed, &mut recognizer.workspace()) else {
         return Ok((false, 0.0));
     };
     let mut worst: f64 = 0.0;

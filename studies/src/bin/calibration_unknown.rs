@@ -15,11 +15,10 @@ use spindoe::calibrate::{CalibrationConfig, build_pattern};
 use spindoe::geometry::{
     Rotation, angle_between, random_direction, random_rotation, tangent_frame,
 };
-use spindoe::recognize::robust::RobustConfig;
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::validate::Proportion;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
-use spindoe::{DotUncertainty, ObservedDot, Outcome, Pattern, Recognizer, RobustRecognizer};
+use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 
 /// Revolutions of the ball in a clip, and frames per second.
 const TURNS: f64 = 4.0;
@@ -158,11 +157,11 @@ fn one(
 
 /// The built dots, named by the true ones.
 fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Result<Built, Box<dyn Error>> {
-    let config = RobustConfig {
+    let view = ViewModel {
         visibility_limit: -0.99,
-        ..RobustConfig::default()
+        ..ViewModel::default()
     };
-    let recognizer = RobustRecognizer::new(truth, config)?;
+    let recognizer = RobustRecognizer::new(truth, view.into())?;
     let observed: Vec<ObservedDot> = built
         .dots()
         .iter()
@@ -171,9 +170,8 @@ fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Result<Built, Bo
             uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
         })
         .collect();
-    let found = match recognizer.identify(&observed, &mut recognizer.workspace()) {
-        Outcome::Identified(found) => found,
-        _ => return Ok(Built::Rejected("not the ball's dots".to_owned())),
+    let Ok(found) = recognizer.identify(&observed, &mut recognizer.workspace()) else {
+        return Ok(Built::Rejected("not the ball's dots".to_owned()));
     };
     let mut worst: f64 = 0.0;
     let mut invented = 0;

@@ -21,7 +21,8 @@ use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::plot::{LinePlot, LineSeries, scatter_plot};
 use spindoe::recognize::RecognizerName;
-use spindoe::validate::{Protocol, ProtocolName, validate_named};
+use spindoe::validate::ValidationConfig;
+use spindoe::view::{Protocol, ProtocolName};
 use spindoe::{Error, Result};
 use spindoe_studies::ranks::spearman;
 
@@ -47,7 +48,7 @@ fn pattern(index: usize, protocol: &Protocol) -> Result<(Pattern, bool)> {
         return Ok((start, false));
     }
     let name = ObjectiveName::ALL[index / 2 % 3];
-    let objective = Objective::for_protocol(name, protocol);
+    let objective = Objective::for_view(name, protocol.view());
     let constraints = Constraints {
         min_separation_rad: separation,
         min_visible: 4,
@@ -62,7 +63,7 @@ fn row(index: usize, trials: u64) -> Result<Row> {
     let protocol = Protocol::standard(ProtocolName::Sparse);
     let (pattern, descended) = pattern(index, &protocol)?;
     let value = |name| -> Result<f64> {
-        let found = Objective::for_protocol(name, &protocol).evaluate_at(pattern.dots())?;
+        let found = Objective::for_view(name, protocol.view()).evaluate_at(pattern.dots())?;
         Ok(found.value)
     };
     let values = [
@@ -72,8 +73,13 @@ fn row(index: usize, trials: u64) -> Result<Row> {
         pattern.summary().min_separation_rad.to_degrees(),
     ];
     let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
-    let robust = RecognizerName::Robust;
-    let found = validate_named(&table, robust, &protocol, TRIAL_SEED, trials)?;
+    let config = ValidationConfig {
+        recognizer: RecognizerName::Robust,
+        protocol,
+        seed: TRIAL_SEED,
+        samples: trials,
+    };
+    let found = config.run(&table, &|_| {})?;
     Ok(Row {
         values,
         failures: 1.0 - found.validation.identity.rate,

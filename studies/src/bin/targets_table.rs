@@ -28,7 +28,8 @@ use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::recognize::RecognizerName;
 use spindoe::stats::Proportion;
-use spindoe::validate::{Protocol, ProtocolName, TrialResult, run_named, summarize};
+use spindoe::validate::{TrialResult, ValidationConfig};
+use spindoe::view::{Protocol, ProtocolName};
 use spindoe::{Error, Result};
 
 /// Seeds: of the patterns, and of the trials. Neither is used by any design.
@@ -194,9 +195,14 @@ fn main() -> Result<()> {
         let mut cells = Vec::new();
         let mut failures = String::new();
         for (k, column) in columns.iter().enumerate() {
-            let protocol = &column.protocol;
-            let results = run_named(&table, column.recognizer, protocol, TRIAL_SEED, trials)?;
-            let found = summarize(&results, protocol, TRIAL_SEED);
+            let config = ValidationConfig {
+                recognizer: column.recognizer,
+                protocol: column.protocol,
+                seed: TRIAL_SEED,
+                samples: trials,
+            };
+            let results = config.results(&table, &|_| {})?;
+            let found = config.summary(&table, &results).validation;
             cells.push(percent(if column.orientation {
                 &found.orientation
             } else {

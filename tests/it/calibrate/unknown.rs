@@ -2,8 +2,7 @@
 
 use spindoe::calibrate::{CalibrationConfig, UnknownRejection, build_pattern};
 use spindoe::geometry::{Vec3, angle_between};
-use spindoe::recognize::robust::RobustConfig;
-use spindoe::{DotUncertainty, ObservedDot, Outcome, Pattern, Recognizer, RobustRecognizer};
+use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 
 use super::clip::{ClipConfig, detections};
 
@@ -12,11 +11,11 @@ fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
     if built.len() != truth.len() {
         return None;
     }
-    let config = RobustConfig {
+    let view = ViewModel {
         visibility_limit: -0.99,
-        ..RobustConfig::default()
+        ..ViewModel::default()
     };
-    let recognizer = RobustRecognizer::new(truth, config).unwrap();
+    let recognizer = RobustRecognizer::new(truth, view.into()).unwrap();
     let observed: Vec<ObservedDot> = built
         .dots()
         .iter()
@@ -25,10 +24,8 @@ fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
             uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
         })
         .collect();
-    let Outcome::Identified(found) = recognizer.identify(&observed, &mut recognizer.workspace())
-    else {
-        return None;
-    };
+    let found = recognizer.identify(&observed, &mut recognizer.workspace());
+    let found = found.ok()?;
     let mut worst: f64 = 0.0;
     for (dot, name) in built.dots().iter().zip(&found.assignment) {
         let expected: Vec3 = found.rotation * truth.dots()[usize::from((*name)?)];

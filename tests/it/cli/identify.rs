@@ -7,9 +7,10 @@ use std::process::{Command, Stdio};
 use crate::common::{done, spindoe};
 use serde_json::Value;
 use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::recognize::{DotUncertainty, Outcome, Recognizer, observed};
+use spindoe::recognize::{DotUncertainty, Recognizer, observed};
 use spindoe::spin::orientations::Orientations;
-use spindoe::validate::{Protocol, ProtocolName, Trial, TrialGenerator};
+use spindoe::view::Trial;
+use spindoe::{ProtocolName, Trials};
 
 fn workshop() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
@@ -50,29 +51,27 @@ fn dumped_trials_get_the_answers_that_validation_got() {
         ];
         let found: Value = serde_json::from_str(&done(dir.path(), &identify)).unwrap();
         let mut frames = found["frames"].as_array().unwrap().iter();
-        let standard = Protocol::standard(name);
-        let robust = RobustRecognizer::new(&pattern, standard.recognizer_config()).unwrap();
-        let mut generator = TrialGenerator::new(&pattern, standard, 4);
+        let robust = RobustRecognizer::new(&pattern, name.view().into()).unwrap();
+        let trials = Trials::first(&pattern, name.view(), 4, 150);
+        let mut generator = trials.generator();
         let (mut trial, mut ws) = (Trial::default(), robust.workspace());
         let mut right = 0;
-        for index in 0..150 {
+        for index in trials.range {
             generator.generate(index, &mut trial);
-            if trial.dots.len() < standard.min_dots {
+            if trial.dots.len() < trials.view.min_dots {
                 continue;
             }
             let frame = frames.next().unwrap();
             assert_eq!(frame["frame"], format!("trial-{index}"));
             match robust.identify(&trial.dots, &mut ws) {
-                Outcome::Identified(answer) => {
+                Ok(answer) => {
                     let assignment = serde_json::to_value(&answer.assignment).unwrap();
                     assert_eq!(frame["assignment"], assignment);
                     let confidence = frame["confidence"].as_f64().unwrap();
                     assert!((confidence - answer.confidence).abs() < 1e-6);
                     right += u64::from(answer.assignment == trial.truth);
                 }
-                Outcome::Unidentified(refusal) => {
-                    assert_eq!(frame["refusal"], refusal.to_string());
-                }
+                Err(refusal) => assert_eq!(frame["refusal"], refusal.to_string()),
             }
         }
         assert_eq!(frames.next(), None);
@@ -84,11 +83,11 @@ fn dumped_trials_get_the_answers_that_validation_got() {
 fn orientations_go_to_a_file_that_spin_reads() {
     let dir = workshop();
     let pattern = crate::common::random_pattern(20, 5);
-    let protocol = Protocol::standard(ProtocolName::Paper);
-    let mut generator = TrialGenerator::new(&pattern, protocol, 1);
+    let trials = Trials::first(&pattern, ProtocolName::Paper.view(), 1, 5);
+    let mut generator = trials.generator();
     let mut trial = Trial::default();
     let mut frames = Vec::new();
-    for index in 0..5 {
+    for index in trials.range {
         generator.generate(index, &mut trial);
         frames.push(observed::ObservedFrame {
             name: format!("{}", 1_000_000_000 + 2_000_000 * index),
@@ -135,8 +134,8 @@ fn orientations_go_to_a_file_that_spin_reads() {
 #[test]
 fn uncertainties_survive_the_file() {
     let pattern = crate::common::random_pattern(20, 5);
-    let protocol = Protocol::standard(ProtocolName::Image);
-    let frames = spindoe::validate::observed_frames(&pattern, &protocol, 3, 20);
+    let view = ProtocolName::Image.view();
+    let frames = observed::observed_frames(&pattern, &view, 3, 20);
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("dots.csv");
     fs::write(&path, observed::to_csv(&frames)).unwrap();

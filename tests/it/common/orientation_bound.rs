@@ -22,7 +22,7 @@ use nalgebra::Matrix3;
 
 use spindoe::geometry::{Vec3, tangent_frame};
 use spindoe::pattern::Pattern;
-use spindoe::validate::{Noise, Trial};
+use spindoe::view::{Noise, Trial};
 
 /// Nodes of the quadrature; the error is below 1e-6 of the result.
 const NODES: usize = 400;
@@ -33,7 +33,9 @@ pub fn orientation_information(directions: &[Vec3], noise: &Noise) -> Matrix3<f6
     let mut information = Matrix3::zeros();
     for q in directions {
         let ([a, b], sigma) = match *noise {
-            Noise::RandomAxis { sigma_rad } => (tangent_frame(q), sigma_rad / 3f64.sqrt()),
+            Noise::RandomAxis { .. } | Noise::HeavyTailed { .. } => {
+                (tangent_frame(q), noise.tangent_sigma_rad())
+            }
             // The image coordinates themselves are what is measured: orthographic x and y.
             Noise::Pixel {
                 sigma_px,

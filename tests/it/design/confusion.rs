@@ -7,22 +7,27 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::design::objective::Confusion;
 use spindoe::design::{Objective, ObjectiveName};
 use spindoe::geometry::{Vec3, random_direction, spiral_directions, tangent_frame};
-use spindoe::validate::{Noise, Protocol, ProtocolName};
+use spindoe::view::{Noise, ProtocolName, ViewModel};
 
-/// All protocols, and a small ball in the image, whose noise is far beyond first order.
-fn protocols() -> Vec<Protocol> {
-    let mut small = Protocol::standard(ProtocolName::Image);
-    small.noise = Noise::Pixel {
+/// The views of all protocols, and of a small ball in the image, whose noise is far beyond first order.
+fn views() -> Vec<(String, ViewModel)> {
+    let mut all: Vec<_> = ProtocolName::ALL
+        .map(|name| (name.to_string(), name.view()))
+        .into();
+    let noise = Noise::Pixel {
         sigma_px: 1.0,
         radius_px: 10.0,
     };
-    let mut all = ProtocolName::ALL.map(Protocol::standard).to_vec();
-    all.push(small);
+    let small = ViewModel {
+        noise,
+        ..ProtocolName::Image.view()
+    };
+    all.push(("small image".into(), small));
     all
 }
 
-fn confusion(protocol: &Protocol) -> Confusion {
-    match Objective::for_protocol(ObjectiveName::Confusion, protocol) {
+fn confusion(view: &ViewModel) -> Confusion {
+    match Objective::for_view(ObjectiveName::Confusion, view) {
         Objective::Confusion(confusion) => confusion,
         other => panic!("{other:?}"),
     }
@@ -119,16 +124,15 @@ fn confusion_is_the_sum_over_all_ordered_quadruples() {
         ("opposite", with_a_pair(8, std::f64::consts::PI - near, 3)),
         ("cube", cube()),
     ];
-    for protocol in protocols() {
-        let config = confusion(&protocol);
+    for (of, view) in views() {
+        let config = confusion(&view);
         for (name, dots) in &patterns {
             let found = config.evaluate(dots).value;
             let expected = brute_force(dots, &config, &faded);
             // Quadruples that are in view with a probability below 1e-6 are skipped.
             assert!(
                 (found - expected).abs() < 5e-4 * expected,
-                "{} {name}: {found}, brute force {expected}",
-                protocol.name
+                "{of} {name}: {found}, brute force {expected}"
             );
         }
     }
@@ -137,7 +141,7 @@ fn confusion_is_the_sum_over_all_ordered_quadruples() {
 #[test]
 fn the_fading_tail_is_a_small_part() {
     let dots = with_a_pair(9, 0.4, 5);
-    let config = confusion(&Protocol::standard(ProtocolName::Sparse));
+    let config = confusion(&ProtocolName::Sparse.view());
     let found = config.evaluate(&dots).value;
     let whole = brute_force(&dots, &config, &|_| 1.0);
     assert!(found < whole && found > 0.7 * whole, "{found} {whole}");
@@ -148,7 +152,7 @@ fn twelve_dots_with_two_near_pairs() {
     let mut dots = with_a_pair(11, 0.12, 7);
     let [axis, _] = tangent_frame(&dots[1]);
     dots.push((dots[1] + 0.1 * axis).normalize());
-    let config = confusion(&Protocol::standard(ProtocolName::Sparse));
+    let config = confusion(&ProtocolName::Sparse.view());
     let found = config.evaluate(&dots).value;
     let expected = brute_force(&dots, &config, &faded);
     assert!(
@@ -160,12 +164,12 @@ fn twelve_dots_with_two_near_pairs() {
 #[test]
 fn confusion_s_slope_matches_central_differences() {
     let h = 1e-6;
-    for protocol in protocols() {
-        let config = confusion(&protocol);
+    for (of, view) in views() {
+        let config = confusion(&view);
         for dots in [with_a_pair(9, 0.12, 2), with_a_pair(10, 0.7, 4)] {
             let gradient = config.evaluate(&dots).gradient;
             let largest = gradient.iter().map(Vec3::norm).fold(0.0, f64::max);
-            assert!(largest > 1e-4, "{}: no slope anywhere", protocol.name);
+            assert!(largest > 1e-4, "{of}: no slope anywhere");
             for i in 0..dots.len() {
                 for axis in tangent_frame(&dots[i]) {
                     let value = |dots: &[Vec3]| config.evaluate(dots).value;
@@ -173,8 +177,7 @@ fn confusion_s_slope_matches_central_differences() {
                     let error = (numeric - gradient[i].dot(&axis)).abs();
                     assert!(
                         error < 1e-3 * largest,
-                        "{} dot {i}: {numeric} against {}",
-                        protocol.name,
+                        "{of} dot {i}: {numeric} against {}",
                         gradient[i].dot(&axis)
                     );
                 }

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::design::objective::Coverage;
 use spindoe::design::{Objective, ObjectiveName};
 use spindoe::geometry::{Vec3, random_direction, tangent_frame};
-use spindoe::validate::{Protocol, ProtocolName};
+use spindoe::view::ProtocolName;
 
 fn dots(n: usize, separation_rad: f64, seed: u64) -> Vec<Vec3> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -75,8 +75,7 @@ fn coverage_is_the_mean_over_simulated_views() {
 fn coverage_s_slope_matches_central_differences() {
     let h = 1e-6;
     let protocols = ProtocolName::ALL.map(|name| {
-        let protocol = Protocol::standard(name);
-        match Objective::for_protocol(ObjectiveName::Coverage, &protocol) {
+        match Objective::for_view(ObjectiveName::Coverage, &name.view()) {
             Objective::Coverage(config) => config,
             other => panic!("{other:?}"),
         }

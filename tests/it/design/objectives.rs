@@ -11,11 +11,11 @@ use spindoe::geometry::{
     Rotation, Spherical, Vec3, kabsch, random_direction, random_rotation, tangent_frame,
 };
 use spindoe::pattern::Pattern;
-use spindoe::validate::{Protocol, ProtocolName};
+use spindoe::view::ProtocolName;
 
 fn objectives() -> [Objective; 4] {
-    let protocol = Protocol::standard(ProtocolName::Sparse);
-    ObjectiveName::ALL.map(|name| Objective::for_protocol(name, &protocol))
+    let view = ProtocolName::Sparse.view();
+    ObjectiveName::ALL.map(|name| Objective::for_view(name, &view))
 }
 
 fn at(coordinates: &[f64]) -> Vec<Vec3> {

@@ -8,7 +8,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spindoe::geometry::{Vec3, kabsch, random_rotation, rotation_angle, tangent_frame};
 use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::validate::*;
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, TrialResult, Trials};
+use spindoe::view::{Noise, ProtocolName, Trial};
 
 /// A seed that nothing was tuned on.
 const SEED: u64 = 77_003;
@@ -69,10 +70,10 @@ fn errors_are_near_the_bound() {
         (ProtocolName::Image, 0.95..1.07),
     ];
     for (name, range) in expected {
-        let protocol = Protocol::standard(name);
-        let robust = RobustRecognizer::new(&pattern, protocol.recognizer_config()).unwrap();
-        let found = run_trials(&pattern, &robust, &protocol, SEED, 1500).unwrap();
-        let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+        let robust = RobustRecognizer::new(&pattern, name.view().into()).unwrap();
+        let trials = Trials::first(&pattern, name.view(), SEED, 1500);
+        let found = trials.run(&robust, &|_| {}).unwrap();
+        let mut generator = trials.generator();
         let mut trial = Trial::default();
         let (mut error, mut bound) = (0.0, 0.0);
         for (index, result) in found.iter().enumerate() {
@@ -82,7 +83,7 @@ fn errors_are_near_the_bound() {
             };
             if error_rad < ORIENTATION_FAILURE_RAD {
                 error += error_rad;
-                bound += expected_error(&pattern, &trial, &protocol.noise).unwrap();
+                bound += expected_error(&pattern, &trial, &trials.view.noise).unwrap();
             }
         }
         let ratio = error / bound;

@@ -10,8 +10,7 @@ use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::Pattern;
 use spindoe::recognize::paper::VoteSum;
 use spindoe::recognize::{
-    DotUncertainty, ObservedDot, Outcome, PaperConfig, PaperRecognizer, Recognizer,
-    RecognizerRejection,
+    DotUncertainty, ObservedDot, PaperConfig, PaperRecognizer, Recognizer, RecognizerRejection,
 };
 
 fn table(pattern: Pattern) -> HashTable {
@@ -67,7 +66,7 @@ fn rate(table: &HashTable, config: PaperConfig, sigma: f64, given: usize, trials
         truth.truncate(given);
         dots.truncate(given);
         count += 1;
-        if let Outcome::Identified(found) = recognizer.identify(&dots, &mut ws) {
+        if let Ok(found) = recognizer.identify(&dots, &mut ws) {
             assert_eq!(found.matched(), dots.len());
             assert!((0.0..=1.0).contains(&found.confidence));
             let same = found
@@ -101,7 +100,7 @@ fn without_noise_sums_of_densities_identify_every_view() {
             if dots.len() < 4 || !basis_is_in_table {
                 continue;
             }
-            let Outcome::Identified(found) = recognizer.identify(&dots, &mut ws) else {
+            let Ok(found) = recognizer.identify(&dots, &mut ws) else {
                 panic!("unidentified: {truth:?}");
             };
             let truth: Vec<_> = truth.into_iter().map(Some).collect();
@@ -165,10 +164,7 @@ fn what_cannot_be_identified_is_refused() {
     let mut ws = recognizer.workspace();
     let mut refusal = |dots: &[Vec3]| {
         let dots: Vec<_> = dots.iter().copied().map(observed).collect();
-        match recognizer.identify(&dots, &mut ws) {
-            Outcome::Unidentified(refusal) => Some(refusal),
-            Outcome::Identified(_) => None,
-        }
+        recognizer.identify(&dots, &mut ws).err()
     };
     let (x, y, z) = (Vec3::x(), Vec3::y(), Vec3::z());
     for found in 0..3 {

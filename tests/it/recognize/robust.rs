@@ -12,12 +12,13 @@ use spindoe::geometry::{
 };
 use spindoe::pattern::Pattern;
 use spindoe::recognize::robust::{
-    ConditionsPosterior, ConditionsPrior, Hint, RobustConfig, RobustRecognizer,
+    ConditionsPosterior, ConditionsPrior, RobustConfig, RobustRecognizer,
 };
-use spindoe::recognize::{
-    DotUncertainty, Identification, ObservedDot, Outcome, Recognizer, RecognizerRejection,
+use spindoe::recognize::{Hint, Recognizer, RecognizerRejection};
+use spindoe::validate::{TrialResult, Trials, Validation};
+use spindoe::view::{
+    Detection, DotUncertainty, FalseDots, ObservedDot, ProtocolName, Trial, ViewModel,
 };
-use spindoe::validate::*;
 
 /// A seed that nothing was tuned on.
 const SEED: u64 = 77_003;
@@ -35,10 +36,25 @@ fn view(pattern: &Pattern, rotation: &Rotation) -> Vec<ObservedDot> {
     seen.filter(|q| q.z > 0.0).map(|q| dot(q, 0.02)).collect()
 }
 
-fn robust(pattern: &Pattern, name: ProtocolName) -> (RobustRecognizer, Protocol) {
-    let protocol = Protocol::standard(name);
-    let config = protocol.recognizer_config();
-    (RobustRecognizer::new(pattern, config).unwrap(), protocol)
+/// The first trials of these views, and the recognizer that expects them.
+fn robust(pattern: &Pattern, view: ViewModel, samples: u64) -> (RobustRecognizer, Trials<'_>) {
+    let robust = RobustRecognizer::new(pattern, view.into()).unwrap();
+    (robust, Trials::first(pattern, view, SEED, samples))
+}
+
+/// The protocol's views, of which some may show something else or the mirrored ball.
+fn doubting(name: ProtocolName) -> ViewModel {
+    ViewModel {
+        foreign_share: 0.2,
+        mirrored_share: 0.04,
+        ..name.view()
+    }
+}
+
+/// The recognizer's successes on trials of the protocol, or of views made from its.
+fn validated(recognizer: &RobustRecognizer, trials: &Trials<'_>, of: ProtocolName) -> Validation {
+    let results = trials.run(recognizer, &|_| {}).unwrap();
+    Validation::of(&results, of, trials)
 }
 
 #[test]
@@ -46,26 +62,26 @@ fn rates_on_the_published_pattern() {
     let Some(pattern) = crate::common::published_pattern() else {
         return;
     };
-    let paper = Protocol::standard(ProtocolName::Paper);
-    let missed = Protocol {
-        miss_probability: 0.1,
-        false_dots: 1,
-        ..paper
+    let [paper, sparse, clutter, image] = ProtocolName::ALL;
+    let missed = ViewModel {
+        detection: Detection::Each { probability: 0.9 },
+        false_dots: FalseDots::Usual(1),
+        ..paper.view()
     };
-    let degrees = |d: f64| paper.with_sigma_rad(d.to_radians());
+    let degrees = |d: f64| paper.view().with_sigma_rad(d.to_radians());
     // Least identity and orientation rates of 2 000 trials, four standard errors below the target.
     let all = [
-        (paper, 0.998, 0.998),
-        (degrees(5.0), 0.99, 0.998),
-        (degrees(8.0), 0.98, 0.99),
-        (Protocol::standard(ProtocolName::Sparse), 0.957, 0.957),
-        (Protocol::standard(ProtocolName::Clutter), 0.85, 0.955),
-        (missed, 0.95, 0.996),
-        (Protocol::standard(ProtocolName::Image), 0.92, 0.985),
+        (paper, paper.view(), 0.998, 0.998),
+        (paper, degrees(5.0), 0.99, 0.998),
+        (paper, degrees(8.0), 0.98, 0.99),
+        (sparse, sparse.view(), 0.957, 0.957),
+        (clutter, clutter.view(), 0.85, 0.955),
+        (paper, missed, 0.95, 0.996),
+        (image, image.view(), 0.92, 0.985),
     ];
-    for (protocol, identity, orientation) in all {
-        let robust = RobustRecognizer::new(&pattern, protocol.recognizer_config()).unwrap();
-        let v = validate(&pattern, &robust, &protocol, SEED, 2000).unwrap();
+    for (name, view, identity, orientation) in all {
+        let (robust, trials) = robust(&pattern, view, 2000);
+        let v = validated(&robust, &trials, name);
         assert!(v.identity.rate >= identity, "{v:?}");
         assert!(v.orientation.rate >= orientation, "{v:?}");
     }
@@ -76,13 +92,14 @@ fn a_rate_and_no_more_is_enough_in_clutter() {
     let Some(pattern) = crate::common::published_pattern() else {
         return;
     };
-    let protocol = Protocol::standard(ProtocolName::Clutter);
-    let config = RobustConfig {
-        usual_false_dots: None,
-        ..protocol.recognizer_config()
+    let name = ProtocolName::Clutter;
+    let view = ViewModel {
+        false_dots: FalseDots::Poisson(2.0),
+        ..name.view()
     };
-    let robust = RobustRecognizer::new(&pattern, config).unwrap();
-    let v = validate(&pattern, &robust, &protocol, SEED, 1000).unwrap();
+    let robust = RobustRecognizer::new(&pattern, view.into()).unwrap();
+    let trials = Trials::first(&pattern, name.view(), SEED, 1000);
+    let v = validated(&robust, &trials, name);
     assert!(v.orientation.rate > 0.955, "{v:?}");
 }
 
@@ -92,8 +109,8 @@ fn sure_answers_are_right_and_random_dots_are_doubted() {
     let (mut sure, mut wrong, mut sure_of_nothing) = (0, 0, 0);
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     for name in ProtocolName::ALL {
-        let (robust, protocol) = robust(&pattern, name);
-        for result in run_trials(&pattern, &robust, &protocol, SEED, 1000).unwrap() {
+        let (robust, trials) = robust(&pattern, doubting(name), 1000);
+        for result in trials.run(&robust, &|_| {}).unwrap() {
             if let TrialResult::Judged {
                 identity,
                 confidence,
@@ -112,7 +129,7 @@ fn sure_answers_are_right_and_random_dots_are_doubted() {
                 .map(|_| random_direction(&mut rng))
                 .map(|d| dot(Vec3::new(d.x, d.y, d.z.abs()), 0.03))
                 .collect();
-            if let Outcome::Identified(found) = robust.identify(&dots, &mut ws) {
+            if let Ok(found) = robust.identify(&dots, &mut ws) {
                 sure_of_nothing += u32::from(found.confidence >= 0.99);
             }
         }
@@ -138,7 +155,7 @@ fn any_number_of_dots() {
                 continue;
             }
             asked += 1;
-            if let Outcome::Identified(found) = robust.identify(&dots, &mut ws) {
+            if let Ok(found) = robust.identify(&dots, &mut ws) {
                 right += u32::from(rotation_angle(&found.rotation, &truth) < 0.02);
             }
         }
@@ -160,22 +177,18 @@ fn the_search_finds_what_brute_force_finds() {
     let pattern = crate::common::random_pattern(20, 10);
     let dots = pattern.dots();
     for (name, views) in [(ProtocolName::Sparse, 30), (ProtocolName::Clutter, 10)] {
-        let (robust, protocol) = robust(&pattern, name);
-        let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+        let (robust, trials) = robust(&pattern, name.view(), views);
+        let mut generator = trials.generator();
         let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-        let mut out = Identification::default();
-        for index in 0..views {
+        for index in trials.range.clone() {
             generator.generate(index, &mut trial);
-            if robust
-                .identify_into(&trial.dots, &mut ws, &mut out)
-                .is_err()
-            {
+            let Ok(answer) = robust.identify(&trial.dots, &mut ws) else {
                 continue;
-            }
-            let answer = out.rotation;
+            };
+            let answer = answer.rotation;
             let mut evidence = |r: &Rotation| {
-                let found = robust.evidence_near(&trial.dots, r, &mut ws, &mut out);
-                (found.unwrap_or(f64::NEG_INFINITY), out.rotation)
+                let found = robust.explain_near(&trial.dots, r, &mut ws);
+                found.map_or((f64::NEG_INFINITY, answer), |f| (f.ln_evidence, f.rotation))
             };
             let (found, _) = evidence(&answer);
             // Every pair of seen dots on every ordered pair of pattern dots, whatever its angle.
@@ -210,16 +223,11 @@ fn the_search_finds_what_brute_force_finds() {
 /// The rotations, at least 0.2 rad apart, that the recognizer holds for as good as its best.
 fn tied(robust: &RobustRecognizer, dots: &[ObservedDot]) -> (f64, usize) {
     let mut ws = robust.workspace();
-    let mut best = Identification::default();
-    robust.identify_into(dots, &mut ws, &mut best).unwrap();
-    let mut other = Identification::default();
-    let mut count = 0;
-    while robust.explanation(count, &ws, &mut other)
-        && other.pose_confidence > 0.5 * best.pose_confidence
-    {
-        count += 1;
-    }
-    (best.pose_confidence, count)
+    let found = robust.explain(dots, None, &mut ws).unwrap();
+    let best = found.best().pose_confidence;
+    let rivals = found.rivals().iter();
+    let as_good = rivals.take_while(|r| r.pose_confidence > 0.5 * best);
+    (best, 1 + as_good.count())
 }
 
 #[test]
@@ -227,7 +235,6 @@ fn absurd_uncertainties_are_refused_without_a_panic() {
     let pattern = crate::common::random_pattern(20, 9);
     let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
     let mut ws = robust.workspace();
-    let mut out = Identification::default();
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let values: [f64; 10] = [
         1e-320, 1e-200, 1e-40, 1e-16, 1e-6, 0.717, 0.9, 1e3, 1e40, 1e300,
@@ -238,7 +245,7 @@ fn absurd_uncertainties_are_refused_without_a_panic() {
             dots[0].uncertainty = DotUncertainty::Tangent {
                 covariance: Matrix2::new(a, mixed, mixed, b),
             };
-            let answer = robust.identify_into(&dots, &mut ws, &mut out);
+            let answer = robust.identify(&dots, &mut ws);
             // Standard deviations between a nanoradian and a radian are taken, others are not.
             let half = 0.5 * (a + b);
             let determinant = a * b - mixed * mixed;
@@ -250,11 +257,11 @@ fn absurd_uncertainties_are_refused_without_a_panic() {
                     Err(RecognizerRejection::Degenerate),
                     "{a} {mixed} {b}"
                 );
-            } else if answer.is_ok() {
-                assert!((0.0..=1.0).contains(&out.confidence), "{out:?}");
+            } else if let Ok(found) = answer {
+                assert!((0.0..=1.0).contains(&found.confidence), "{found:?}");
             }
             dots[0] = dot(dots[0].direction, a);
-            let _ = robust.identify_into(&dots, &mut ws, &mut out);
+            let _ = robust.identify(&dots, &mut ws);
         }
     }
 }
@@ -280,11 +287,11 @@ fn a_symmetric_pattern_yields_all_its_poses_and_no_confidence() {
         // All dots, as if the ball were glass: what is seen from one side may have fewer
         // symmetries.
         let truth = random_rotation(&mut rng);
-        let config = RobustConfig {
+        let through = ViewModel {
             visibility_limit: -0.999,
-            ..*robust.config()
+            ..robust.config().view
         };
-        let glass = RobustRecognizer::new(&pattern, config).unwrap();
+        let glass = RobustRecognizer::new(&pattern, through.into()).unwrap();
         let all: Vec<_> = pattern
             .dots()
             .iter()
@@ -308,13 +315,13 @@ fn a_symmetric_pattern_yields_all_its_poses_and_no_confidence() {
 #[test]
 fn a_mirrored_ball_is_said_to_be_one() {
     let pattern = crate::common::random_pattern(20, 6);
-    let (robust, protocol) = robust(&pattern, ProtocolName::Paper);
-    let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+    let (robust, trials) = robust(&pattern, doubting(ProtocolName::Paper), 200);
+    let mut generator = trials.generator();
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
     let (mut flipped, mut straight) = (0, 0);
-    for index in 0..200 {
+    for index in trials.range {
         generator.generate(index, &mut trial);
-        let mirrored = Outcome::Unidentified(RecognizerRejection::Mirrored);
+        let mirrored = Err(RecognizerRejection::Mirrored);
         straight += u32::from(robust.identify(&trial.dots, &mut ws) == mirrored);
         // Some flip x, others y: one is the other turned.
         let axis = index as usize % 2;
@@ -331,24 +338,23 @@ fn a_mirrored_ball_is_said_to_be_one() {
 #[test]
 fn a_hint_makes_two_dots_enough() {
     let pattern = crate::common::random_pattern(20, 7);
-    let protocol = Protocol {
-        dots_given: Some(2),
+    let view = ViewModel {
+        detection: Detection::Given { dots: 2 },
         min_dots: 2,
-        ..Protocol::standard(ProtocolName::Paper)
+        ..ProtocolName::Paper.view()
     };
-    let robust = RobustRecognizer::new(&pattern, protocol.recognizer_config()).unwrap();
-    let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+    let (robust, trials) = robust(&pattern, view, 400);
+    let mut generator = trials.generator();
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-    let mut out = Identification::default();
     let sigma = 4f64.to_radians();
     let (mut asked, mut right) = (0, 0);
-    for index in 0..400 {
+    for index in trials.range {
         generator.generate(index, &mut trial);
         if trial.dots.len() < 2 {
             continue;
         }
-        let refused = robust.identify_into(&trial.dots, &mut ws, &mut out);
+        let refused = robust.identify(&trial.dots, &mut ws);
         let few = RecognizerRejection::TooFewDots {
             found: 2,
             needed: 3,
@@ -357,8 +363,8 @@ fn a_hint_makes_two_dots_enough() {
         let e = Vec3::from_fn(|_, _| StandardNormal.sample(&mut rng)) * sigma;
         let hint = Hint::isotropic(Rotation::from_scaled_axis(e) * trial.rotation, sigma);
         // A pair nearly on one line determines no rotation, hint or not.
-        match robust.identify_hinted(&trial.dots, &hint, &mut ws, &mut out) {
-            Ok(()) => right += u32::from(out.assignment == trial.truth),
+        match robust.explain(&trial.dots, Some(&hint), &mut ws) {
+            Ok(found) => right += u32::from(found.best().assignment == trial.truth),
             Err(refusal) => assert_eq!(refusal, RecognizerRejection::Degenerate),
         }
         asked += 1;
@@ -372,27 +378,24 @@ fn a_hint_makes_two_dots_enough() {
 #[test]
 fn a_wrong_hint_falls_back() {
     let pattern = crate::common::random_pattern(20, 8);
-    let (robust, protocol) = robust(&pattern, ProtocolName::Paper);
-    let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+    let (robust, trials) = robust(&pattern, ProtocolName::Paper.view(), 300);
+    let mut generator = trials.generator();
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-    let (mut alone, mut hinted) = (Identification::default(), Identification::default());
     let mut same = 0;
-    for index in 0..300 {
+    for index in trials.range {
         generator.generate(index, &mut trial);
+        let alone = robust.identify(&trial.dots, &mut ws).unwrap();
         let hint = Hint::isotropic(random_rotation(&mut rng), 0.1);
-        let done = robust.identify_hinted(&trial.dots, &hint, &mut ws, &mut hinted);
-        robust
-            .identify_into(&trial.dots, &mut ws, &mut alone)
-            .unwrap();
-        same += u32::from(done.is_ok() && hinted.assignment == alone.assignment);
+        let hinted = robust.explain(&trial.dots, Some(&hint), &mut ws);
+        same += u32::from(hinted.is_ok_and(|h| h.best().assignment == alone.assignment));
     }
     assert!(same >= 299, "{same}");
     // What is no covariance is refused.
     generator.generate(0, &mut trial);
     let mut hint = Hint::isotropic(random_rotation(&mut rng), 0.1);
     hint.covariance[(0, 0)] = -1.0;
-    let done = robust.identify_hinted(&trial.dots, &hint, &mut ws, &mut hinted);
+    let done = robust.explain(&trial.dots, Some(&hint), &mut ws);
     assert_eq!(done, Err(RecognizerRejection::Degenerate));
 }
 
@@ -403,15 +406,14 @@ fn a_hint_decides_among_tied_poses() {
     let pattern = Pattern::new(cube.collect()).unwrap();
     let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
     let mut ws = robust.workspace();
-    let mut out = Identification::default();
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     for _ in 0..50 {
         let truth = random_rotation(&mut rng);
         let near = Rotation::from_scaled_axis(random_direction(&mut rng) * 0.1) * truth;
         let dots = view(&pattern, &truth);
-        let done = robust.identify_hinted(&dots, &Hint::isotropic(near, 0.1), &mut ws, &mut out);
-        assert_eq!(done, Ok(()));
-        assert!(rotation_angle(&out.rotation, &truth) < 0.01);
+        let hint = Hint::isotropic(near, 0.1);
+        let found = robust.explain(&dots, Some(&hint), &mut ws).unwrap().best();
+        assert!(rotation_angle(&found.rotation, &truth) < 0.01);
     }
 }
 
@@ -419,10 +421,10 @@ fn a_hint_decides_among_tied_poses() {
 fn covariances_are_used_as_they_are() {
     // The same covariance, told as a standard deviation and as a matrix, gives the same answer.
     let pattern = crate::common::random_pattern(20, 9);
-    let (robust, protocol) = robust(&pattern, ProtocolName::Clutter);
-    let mut generator = TrialGenerator::new(&pattern, protocol, SEED);
+    let (robust, trials) = robust(&pattern, ProtocolName::Clutter.view(), 200);
+    let mut generator = trials.generator();
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-    for index in 0..200 {
+    for index in trials.range {
         generator.generate(index, &mut trial);
         let alike = robust.identify(&trial.dots, &mut ws);
         for d in &mut trial.dots {
@@ -432,7 +434,7 @@ fn covariances_are_used_as_they_are() {
             }
         }
         let told = robust.identify(&trial.dots, &mut ws);
-        let (Outcome::Identified(a), Outcome::Identified(b)) = (&alike, &told) else {
+        let (Ok(a), Ok(b)) = (&alike, &told) else {
             assert_eq!(alike, told);
             continue;
         };
@@ -447,10 +449,7 @@ fn what_is_no_view_is_refused() {
     let robust = RobustRecognizer::new(&pattern, RobustConfig::default()).unwrap();
     let mut ws = robust.workspace();
     let (x, y, z) = (Vec3::x(), Vec3::y(), Vec3::z());
-    let mut refusal = |dots: &[ObservedDot]| match robust.identify(dots, &mut ws) {
-        Outcome::Unidentified(refusal) => Some(refusal),
-        Outcome::Identified(_) => None,
-    };
+    let mut refusal = |dots: &[ObservedDot]| robust.identify(dots, &mut ws).err();
     for found in 0..3 {
         let dots = [dot(x, 0.02); 3];
         let few = RecognizerRejection::TooFewDots { found, needed: 3 };
@@ -483,23 +482,28 @@ fn what_is_no_view_is_refused() {
 fn parameters_outside_their_domain_are_refused() {
     let pattern = crate::common::random_pattern(8, 1);
     let good = RobustConfig::default();
+    let detected = |probability| ViewModel {
+        detection: Detection::Each { probability },
+        ..good.view
+    };
     let bad = [
-        RobustConfig {
+        ViewModel {
             visibility_limit: 1.0,
-            ..good
-        },
-        RobustConfig {
-            detection_probability: 1.0,
-            ..good
-        },
-        RobustConfig {
-            expected_false_dots: 0.0,
-            ..good
-        },
-        RobustConfig {
-            null_prior: f64::NAN,
-            ..good
-        },
+            ..good.view
+        }
+        .into(),
+        detected(0.0).into(),
+        detected(1.5).into(),
+        ViewModel {
+            false_dots: FalseDots::Poisson(0.0),
+            ..good.view
+        }
+        .into(),
+        ViewModel {
+            foreign_share: f64::NAN,
+            ..good.view
+        }
+        .into(),
         RobustConfig { passes: 0, ..good },
     ];
     for config in bad {
@@ -515,24 +519,22 @@ fn parameters_outside_their_domain_are_refused() {
 #[test]
 fn a_single_frame_names_the_dots_beyond_the_limit_that_is_expected() {
     let pattern = crate::common::random_pattern(20, 5);
-    let protocol = Protocol::standard(ProtocolName::Paper);
     let nothing_known = Arc::new(ConditionsPosterior::new(&ConditionsPrior::default()).unwrap());
     let base = RobustConfig::default();
     let recognizer = RobustRecognizer::with_conditions(&pattern, &base, &nothing_known).unwrap();
     let mut workspace = recognizer.workspace();
-    let mut generator = TrialGenerator::new(&pattern, protocol, 14);
+    let trials = Trials::first(&pattern, ProtocolName::Paper.view(), 14, 200);
+    let mut generator = trials.generator();
     let (mut limb, mut named) = (0, 0);
-    for index in 0..200 {
+    for index in trials.range {
         let mut trial = Trial::default();
         generator.generate(index, &mut trial);
         if !trial.dots.iter().any(|d| d.direction.z < 0.06) {
             continue;
         }
         limb += 1;
-        let outcome = recognizer.identify(&trial.dots, &mut workspace);
-        named += usize::from(
-            matches!(&outcome, Outcome::Identified(found) if found.assignment == trial.truth),
-        );
+        let found = recognizer.identify(&trial.dots, &mut workspace);
+        named += usize::from(found.is_ok_and(|f| f.assignment == trial.truth));
     }
     assert!(limb > 50, "{limb} frames show a dot at the limb");
     assert!(named * 100 >= limb * 95, "{named} of {limb} named");
@@ -550,7 +552,7 @@ fn three_dots_of_which_nothing_is_known_are_too_few() {
         found: 3,
         needed: 4,
     };
-    assert_eq!(outcome, Outcome::Unidentified(expected));
+    assert_eq!(outcome, Err(expected));
 }
 
 /// Along its axes the distance of a dot with a covariance is that of two independent errors.

@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::pattern::Pattern;
-use spindoe::recognize::robust::Hint;
+use spindoe::recognize::Hint;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence, independent_frame};
 use spindoe::vision::detect::DotDetection;

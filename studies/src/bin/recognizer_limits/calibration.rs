@@ -4,13 +4,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::random_direction_above;
 use spindoe::plot::{RatePoint, RateSeries, ReliabilityPlot, reliability_plot};
-use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::recognize::{Identification, Recognizer, RecognizerName};
-use spindoe::validate::{
-    Proportion, Protocol, ProtocolName, Trial, TrialGenerator, TrialResult, run_named,
-};
+use spindoe::recognize::Recognizer;
+use spindoe::validate::{Proportion, TrialResult, Trials};
+use spindoe::view::{ProtocolName, Trial, ViewModel};
 
-use crate::{Bench, SEED};
+use crate::{Bench, SEED, doubting};
 
 /// Ends of the bins of predicted confidence.
 const EDGES: [f64; 12] = [
@@ -31,14 +29,13 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
     println!("|---|---|---|---|---|---|");
     let (mut all, mut null, mut series) = (Vec::new(), Vec::new(), Vec::new());
     for name in ProtocolName::ALL {
-        let protocol = Protocol::standard(name);
-        let robust = RecognizerName::Robust;
-        let found = run_named(&bench.table, robust, &protocol, SEED, bench.trials)?;
+        let view = doubting(name);
+        let found = bench.trials(view).run(&bench.robust(view)?, &|_| {})?;
         let answers: Vec<Answer> = found.iter().filter_map(identity).collect();
         row(name.as_str(), &answers);
         series.push(curve(name.as_str(), &answers));
         all.extend(answers);
-        null.extend(random_dots(bench, &protocol)?);
+        null.extend(random_dots(bench, view)?);
     }
     row("all four", &all);
     row("random dots", &null);
@@ -69,24 +66,24 @@ fn identity(result: &TrialResult) -> Option<Answer> {
 }
 
 /// Views with as many dots as the protocol's, uniform on the visible cap: every answer is wrong.
-fn random_dots(bench: &Bench, protocol: &Protocol) -> spindoe::Result<Vec<Answer>> {
-    let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
-    let mut generator = TrialGenerator::new(bench.pattern(), *protocol, SEED ^ 0xf0_4e16);
+fn random_dots(bench: &Bench, view: ViewModel) -> spindoe::Result<Vec<Answer>> {
+    let robust = bench.robust(view)?;
+    let trials = Trials::first(bench.pattern(), view, SEED ^ 0xf0_4e16, bench.samples / 4);
+    let mut generator = trials.generator();
     let mut rng = ChaCha8Rng::seed_from_u64(SEED ^ 0x4a_4d0a);
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-    let mut out = Identification::default();
     let mut answers = Vec::new();
-    for index in 0..bench.trials / 4 {
+    for index in trials.range {
         generator.generate(index, &mut trial);
-        if trial.dots.len() < protocol.min_dots {
+        if trial.dots.len() < view.min_dots {
             continue;
         }
         for dot in &mut trial.dots {
             // The uncertainty stays: its shape differs slightly from that of a null ball.
-            dot.direction = random_direction_above(&mut rng, protocol.visibility_limit);
+            dot.direction = random_direction_above(&mut rng, view.visibility_limit);
         }
-        let done = robust.identify_into(&trial.dots, &mut ws, &mut out);
-        answers.push((done.map_or(0.0, |()| out.confidence), false));
+        let found = robust.identify(&trial.dots, &mut ws);
+        answers.push((found.map_or(0.0, |f| f.confidence), false));
     }
     Ok(answers)
 }

@@ -4,9 +4,10 @@ use spindoe::geometry::{angle_between, rotation_angle};
 use spindoe::plot::{RecognitionView, recognition_views};
 use spindoe::recognize::robust::{RobustRecognizer, RobustWorkspace};
 use spindoe::recognize::{Identification, Recognizer};
-use spindoe::validate::{ORIENTATION_FAILURE_RAD, Protocol, ProtocolName, Trial, TrialGenerator};
+use spindoe::validate::ORIENTATION_FAILURE_RAD;
+use spindoe::view::{ProtocolName, Trial, ViewModel};
 
-use crate::{Bench, SEED, degrees};
+use crate::{Bench, degrees};
 
 /// Failing views drawn for each protocol.
 const DRAWN: usize = 3;
@@ -34,17 +35,17 @@ struct Blame {
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
     println!("## What fails still\n");
-    let [paper, sparse, clutter, image] = ProtocolName::ALL.map(Protocol::standard);
+    let [paper, sparse, clutter, image] = ProtocolName::ALL;
     let all = [
-        ("paper", paper),
+        ("paper", paper.view()),
         ("paper_8_deg", degrees(paper, 8.0)),
-        ("sparse", sparse),
-        ("clutter", clutter),
-        ("image", image),
+        ("sparse", sparse.view()),
+        ("clutter", clutter.view()),
+        ("image", image.view()),
     ];
-    for (name, protocol) in all {
-        let (failures, blame, trials) = examine(bench, &protocol)?;
-        let sigma = protocol.sigma_rad().to_degrees();
+    for (name, view) in all {
+        let (failures, blame, trials) = examine(bench, view)?;
+        let sigma = view.noise.sigma_rad().to_degrees();
         println!("### {name} ({sigma:.1} deg)\n");
         println!(
             "Of {trials} trials, wrong pose: {} where the answer explains the dots better than the \
@@ -66,23 +67,22 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
 }
 
 /// Evaluates the trials, and more until enough views have failed; wrong poses are drawn first.
-fn examine(bench: &Bench, protocol: &Protocol) -> spindoe::Result<(Vec<Failure>, Blame, u64)> {
-    let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
-    let mut generator = TrialGenerator::new(bench.pattern(), *protocol, SEED);
+fn examine(bench: &Bench, view: ViewModel) -> spindoe::Result<(Vec<Failure>, Blame, u64)> {
+    let robust = bench.robust(view)?;
+    let mut generator = bench.trials(view).generator();
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-    let mut answer = Identification::default();
     let (mut poses, mut dots) = (Vec::new(), Vec::new());
     let mut blame = Blame::default();
     let mut index = 0;
-    while index < bench.trials || (poses.len() + dots.len() < DRAWN && index < MAX_TRIALS) {
+    while index < bench.samples || (poses.len() + dots.len() < DRAWN && index < MAX_TRIALS) {
         generator.generate(index, &mut trial);
         index += 1;
-        if trial.dots.len() < protocol.min_dots.max(robust.min_dots()) {
+        if trial.dots.len() < view.min_dots.max(robust.min_dots()) {
             continue;
         }
-        let done = robust
-            .identify_into(&trial.dots, &mut ws, &mut answer)
-            .is_ok();
+        let outcome = robust.identify(&trial.dots, &mut ws);
+        let done = outcome.is_ok();
+        let answer = outcome.unwrap_or_default();
         if done && answer.assignment == trial.truth {
             continue;
         }
@@ -96,7 +96,7 @@ fn examine(bench: &Bench, protocol: &Protocol) -> spindoe::Result<(Vec<Failure>,
         let failure = Failure {
             view: RecognitionView {
                 caption: format!("Trial {}: {sentence}", index - 1),
-                visibility_limit: protocol.visibility_limit,
+                visibility_limit: view.visibility_limit,
                 observed: trial.dots.iter().map(|d| d.direction).collect(),
                 truth: trial.rotation,
                 answer: done.then_some(answer.rotation),
@@ -123,10 +123,11 @@ fn about_pose(
     ws: &mut RobustWorkspace,
     blame: &mut Blame,
 ) -> String {
-    let mut out = Identification::default();
-    let answered = robust.evidence_near(&trial.dots, &answer.rotation, ws, &mut out);
-    let true_ = robust.evidence_near(&trial.dots, &trial.rotation, ws, &mut out);
-    let worse = answered.unwrap_or(f64::NEG_INFINITY) - true_.unwrap_or(f64::NEG_INFINITY);
+    let mut evidence = |rotation| {
+        let found = robust.explain_near(&trial.dots, rotation, ws);
+        found.map_or(f64::NEG_INFINITY, |f| f.ln_evidence)
+    };
+    let worse = evidence(&answer.rotation) - evidence(&trial.rotation);
     let real = trial.truth.iter().flatten().count();
     let at_fault = if worse > -CLEAR {
         blame.likelihood += 1;

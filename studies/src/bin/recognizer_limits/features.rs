@@ -6,16 +6,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spindoe::geometry::{Rotation, Vec3, random_rotation, rotation_angle};
-use spindoe::recognize::robust::{Hint, RobustRecognizer, RobustWorkspace};
-use spindoe::recognize::{
-    DotUncertainty, Identification, ObservedDot, Recognizer, RecognizerRejection,
-};
-use spindoe::validate::{
-    ORIENTATION_FAILURE_RAD, Proportion, Protocol, ProtocolName, Trial, TrialGenerator, median,
-    validate,
-};
+use spindoe::recognize::robust::{RobustRecognizer, RobustWorkspace};
+use spindoe::recognize::{Explanations, Hint, Recognizer, RecognizerRejection};
+use spindoe::stats::median;
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, Trials, Validation};
+use spindoe::view::{Detection, DotUncertainty, ObservedDot, ProtocolName, Trial, ViewModel};
 
-use crate::{Bench, SEED};
+use crate::{Bench, SEED, doubting};
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
     uncertainty(bench)?;
@@ -36,12 +33,12 @@ impl Recognizer for Alike {
         (self.robust.workspace(), Vec::new())
     }
 
-    fn identify_into(
+    fn explain<'w>(
         &self,
         dots: &[ObservedDot],
-        (ws, alike): &mut Self::Workspace,
-        out: &mut Identification,
-    ) -> Result<(), RecognizerRejection> {
+        hint: Option<&Hint>,
+        (ws, alike): &'w mut Self::Workspace,
+    ) -> Result<&'w Explanations, RecognizerRejection> {
         alike.clear();
         alike.extend(dots.iter().map(|d| ObservedDot {
             uncertainty: DotUncertainty::Isotropic {
@@ -49,7 +46,7 @@ impl Recognizer for Alike {
             },
             ..*d
         }));
-        self.robust.identify_into(alike, ws, out)
+        self.robust.explain(alike, hint, ws)
     }
 
     fn min_dots(&self) -> usize {
@@ -61,22 +58,22 @@ fn uncertainty(bench: &Bench) -> spindoe::Result<()> {
     println!("## Uncertainty per dot, protocol `image`\n");
     println!("| given | identity % | orientation % | mean error deg |");
     println!("|---|---|---|---|");
-    let protocol = Protocol::standard(ProtocolName::Image);
-    let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
-    let print = |given: &str, v: &spindoe::validate::Validation| {
+    let name = ProtocolName::Image;
+    let (robust, trials) = (bench.robust(name.view())?, bench.trials(name.view()));
+    let print = |given: &str, v: &Validation| {
         println!(
             "| {given} | {} | {} | {:.3} |",
             v.identity, v.orientation, v.mean_error_deg
         );
     };
-    let own = validate(bench.pattern(), &robust, &protocol, SEED, bench.trials)?;
+    let own = Validation::of(&trials.run(&robust, &|_| {})?, name, &trials);
     print("each dot's 2x2 covariance", &own);
     for factor in [1.0, 1.5, 2.0, 3.0] {
         let alike = Alike {
             robust: robust.clone(),
-            sigma_rad: factor * protocol.sigma_rad(),
+            sigma_rad: factor * trials.view.noise.sigma_rad(),
         };
-        let v = validate(bench.pattern(), &alike, &protocol, SEED, bench.trials)?;
+        let v = Validation::of(&trials.run(&alike, &|_| {})?, name, &trials);
         let given = format!("{factor} px over the radius for all dots");
         print(&given, &v);
     }
@@ -98,20 +95,20 @@ fn hints(bench: &Bench) -> spindoe::Result<()> {
     println!("## Hints\n");
     println!("| protocol | hint | orientation % | median us | mean us |");
     println!("|---|---|---|---|---|");
-    let paper = Protocol::standard(ProtocolName::Paper);
-    let dots = |n| Protocol {
-        dots_given: Some(n),
+    let [paper, sparse, clutter, _] = ProtocolName::ALL.map(ProtocolName::view);
+    let dots = |n| ViewModel {
+        detection: Detection::Given { dots: n },
         min_dots: n,
         ..paper
     };
     let all = [
         ("paper", paper),
-        ("clutter", Protocol::standard(ProtocolName::Clutter)),
-        ("sparse", Protocol::standard(ProtocolName::Sparse)),
+        ("clutter", clutter),
+        ("sparse", sparse),
         ("paper, two dots given", dots(2)),
         ("paper, three dots given", dots(3)),
     ];
-    for (name, protocol) in all {
+    for (name, view) in all {
         let rows = [
             ("none", PoseHypothesis::Nothing),
             ("correct within 5 deg per axis", PoseHypothesis::Near(5.0)),
@@ -122,10 +119,10 @@ fn hints(bench: &Bench) -> spindoe::Result<()> {
             ),
         ];
         for (hint, given) in rows {
-            if protocol.min_dots == 2 && matches!(given, PoseHypothesis::Nothing) {
+            if view.min_dots == 2 && matches!(given, PoseHypothesis::Nothing) {
                 continue;
             }
-            hinted_row(bench, (name, hint), &protocol, given)?;
+            hinted_row(bench, (name, hint), view, given)?;
         }
     }
     println!();
@@ -135,16 +132,15 @@ fn hints(bench: &Bench) -> spindoe::Result<()> {
 fn hinted_row(
     bench: &Bench,
     (name, hint): (&str, &str),
-    protocol: &Protocol,
+    view: ViewModel,
     given: PoseHypothesis,
 ) -> spindoe::Result<()> {
-    let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
-    let mut generator = TrialGenerator::new(bench.pattern(), *protocol, SEED);
+    let (robust, trials) = (bench.robust(view)?, bench.trials(view));
+    let mut generator = trials.generator();
     let mut rng = ChaCha8Rng::seed_from_u64(SEED ^ 0x0041_1171);
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-    let mut out = Identification::default();
     let (mut correct, mut times) = (0, Vec::new());
-    for index in 0..bench.trials {
+    for index in trials.range {
         generator.generate(index, &mut trial);
         let hint = match given {
             PoseHypothesis::Nothing => None,
@@ -157,17 +153,16 @@ fn hinted_row(
                 Some(Hint::isotropic(random_rotation(&mut rng), deg.to_radians()))
             }
         };
-        if trial.dots.len() < protocol.min_dots {
+        if trial.dots.len() < view.min_dots {
             continue;
         }
         let start = Instant::now();
-        let done = match hint {
-            Some(hint) => robust.identify_hinted(&trial.dots, &hint, &mut ws, &mut out),
-            None => robust.identify_into(&trial.dots, &mut ws, &mut out),
-        };
+        let found = robust.explain(&trial.dots, hint.as_ref(), &mut ws);
         times.push(start.elapsed().as_nanos() as f64 / 1000.0);
-        let error = rotation_angle(&out.rotation, &trial.rotation);
-        correct += u64::from(done.is_ok() && error < ORIENTATION_FAILURE_RAD);
+        let is_correct = found.is_ok_and(|f| {
+            rotation_angle(&f.best().rotation, &trial.rotation) < ORIENTATION_FAILURE_RAD
+        });
+        correct += u64::from(is_correct);
     }
     let rate = Proportion::new(correct, times.len() as u64);
     let mean = times.iter().sum::<f64>() / times.len() as f64;
@@ -183,27 +178,27 @@ fn mirrored(bench: &Bench) -> spindoe::Result<()> {
     println!("| protocol | said to be mirrored: mirrored views % | views as they are % |");
     println!("|---|---|---|");
     for name in ProtocolName::ALL {
-        let protocol = Protocol::standard(name);
-        let robust = RobustRecognizer::new(bench.pattern(), protocol.recognizer_config())?;
-        let mut generator = TrialGenerator::new(bench.pattern(), protocol, SEED);
+        let view = doubting(name);
+        let robust = bench.robust(view)?;
+        let trials = Trials::first(bench.pattern(), view, SEED, bench.samples / 4);
+        let mut generator = trials.generator();
         let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-        let mut out = Identification::default();
         let mut said = [0, 0];
-        let mut trials = 0;
-        for index in 0..bench.trials / 4 {
+        let mut views = 0;
+        for index in trials.range {
             generator.generate(index, &mut trial);
-            if trial.dots.len() < protocol.min_dots {
+            if trial.dots.len() < view.min_dots {
                 continue;
             }
-            trials += 1;
+            views += 1;
             for said in &mut said {
                 // The first time mirrored, the second time unchanged.
                 trial.dots.iter_mut().for_each(flip);
-                let outcome = robust.identify_into(&trial.dots, &mut ws, &mut out);
+                let outcome = robust.identify(&trial.dots, &mut ws);
                 *said += u64::from(outcome == Err(RecognizerRejection::Mirrored));
             }
         }
-        let [flipped, straight] = said.map(|n| Proportion::new(n, trials));
+        let [flipped, straight] = said.map(|n| Proportion::new(n, views));
         println!("| {name} | {flipped} | {straight} |");
     }
     println!();

@@ -15,7 +15,9 @@ use std::path::PathBuf;
 
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::Pattern;
-use spindoe::validate::{Protocol, ProtocolName};
+use spindoe::recognize::robust::RobustRecognizer;
+use spindoe::validate::Trials;
+use spindoe::view::{Detection, FalseDots, ProtocolName, ViewModel};
 
 /// Seed of all trials.
 const SEED: u64 = 20_261_121;
@@ -24,36 +26,60 @@ const SEED: u64 = 20_261_121;
 struct Bench {
     table: HashTable,
     out: PathBuf,
-    trials: u64,
+    samples: u64,
 }
 
 impl Bench {
     fn pattern(&self) -> &Pattern {
         self.table.pattern()
     }
+
+    /// The trials of these views.
+    fn trials(&self, view: ViewModel) -> Trials<'_> {
+        Trials::first(self.pattern(), view, SEED, self.samples)
+    }
+
+    /// The recognizer that expects these views.
+    fn robust(&self, view: ViewModel) -> spindoe::Result<RobustRecognizer> {
+        RobustRecognizer::new(self.pattern(), view.into())
+    }
 }
 
-/// Protocols beyond the four standard ones.
-fn degrees(protocol: Protocol, sigma_deg: f64) -> Protocol {
-    protocol.with_sigma_rad(sigma_deg.to_radians())
+/// Views with another noise than the protocol's.
+fn degrees(name: ProtocolName, sigma_deg: f64) -> ViewModel {
+    name.view().with_sigma_rad(sigma_deg.to_radians())
 }
 
-/// All reported protocols, by name.
-fn protocols() -> Vec<(&'static str, Protocol)> {
-    let [paper, sparse, clutter, image] = ProtocolName::ALL.map(Protocol::standard);
-    let missed = Protocol {
-        miss_probability: 0.1,
-        false_dots: 1,
-        ..paper
+/// The protocol's views, of which some may show something else or the mirrored ball.
+fn doubting(name: ProtocolName) -> ViewModel {
+    let ViewModel {
+        foreign_share,
+        mirrored_share,
+        ..
+    } = ViewModel::default();
+    ViewModel {
+        foreign_share,
+        mirrored_share,
+        ..name.view()
+    }
+}
+
+/// All reported views, with the protocol that they are made from.
+fn views() -> Vec<(&'static str, ProtocolName, ViewModel)> {
+    let [paper, sparse, clutter, image] = ProtocolName::ALL;
+    let missed = ViewModel {
+        detection: Detection::Each { probability: 0.9 },
+        false_dots: FalseDots::Usual(1),
+        ..paper.view()
     };
     vec![
-        ("paper, 3 deg", paper),
-        ("paper, 5 deg", degrees(paper, 5.0)),
-        ("paper, 8 deg", degrees(paper, 8.0)),
-        ("sparse", sparse),
-        ("clutter", clutter),
-        ("3 deg, 10 % missed, 1 false", missed),
-        ("image", image),
+        ("paper, 3 deg", paper, paper.view()),
+        ("paper, 5 deg", paper, degrees(paper, 5.0)),
+        ("paper, 8 deg", paper, degrees(paper, 8.0)),
+        ("sparse", sparse, sparse.view()),
+        ("clutter", clutter, clutter.view()),
+        ("3 deg, 10 % missed, 1 false", paper, missed),
+        ("image", image, image.view()),
     ]
 }
 
@@ -63,8 +89,8 @@ fn main() -> spindoe::Result<()> {
         eprintln!("usage: recognizer_limits PATTERN.csv OUT_DIR [TRIALS]");
         std::process::exit(2);
     };
-    let trials = arguments.next().map_or(Ok(10_000), |n| n.parse::<u64>());
-    let Ok(trials) = trials else {
+    let samples = arguments.next().map_or(Ok(10_000), |n| n.parse::<u64>());
+    let Ok(samples) = samples else {
         eprintln!("TRIALS: expected a whole number");
         std::process::exit(2);
     };
@@ -72,7 +98,7 @@ fn main() -> spindoe::Result<()> {
     let bench = Bench {
         table: HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?,
         out: out.into(),
-        trials,
+        samples,
     };
     spindoe::files::create_writable_dir(&bench.out)?;
     rates::print(&bench)?;

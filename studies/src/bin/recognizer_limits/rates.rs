@@ -1,43 +1,48 @@
 //! Rates of both recognizers, and the robust one's orientation error against the bound.
 
-use spindoe::recognize::RecognizerName;
-use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
-use spindoe::validate::{
-    Proportion, Protocol, Trial, TrialGenerator, TrialResult, run_named, run_trials, summarize,
-};
+use spindoe::recognize::{NamedRecognizer, RecognizerName};
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, TrialResult, Trials, Validation};
+use spindoe::view::{FalseDots, ProtocolName, Trial, ViewModel};
 use spindoe_studies::orientation_bound::expected_error;
 
-use crate::{Bench, SEED, protocols};
+use crate::{Bench, views};
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
     println!("## Rates\n");
     println!("| protocol | recognizer | identity % | orientation % | skipped | median us |");
     println!("|---|---|---|---|---|---|");
-    for (name, protocol) in protocols() {
+    for (name, protocol, view) in views() {
+        let trials = bench.trials(view);
         for recognizer in RecognizerName::ALL {
-            let found = run_named(&bench.table, recognizer, &protocol, SEED, bench.trials)?;
-            row(name, recognizer.as_str(), &found, &protocol);
+            let named = NamedRecognizer::new(recognizer, &bench.table, &view)?;
+            let found = trials.run(&named, &|_| {})?;
+            row((name, recognizer.as_str()), &found, protocol, &trials);
         }
-        let config = RobustConfig {
-            usual_false_dots: None,
-            ..protocol.recognizer_config()
-        };
-        let robust = RobustRecognizer::new(bench.pattern(), config)?;
-        let found = run_trials(bench.pattern(), &robust, &protocol, SEED, bench.trials)?;
-        row(name, "robust, given the mean only", &found, &protocol);
+        let told_the_mean = bench.robust(ViewModel {
+            false_dots: FalseDots::Poisson(view.false_dots.mean()),
+            ..view
+        })?;
+        let found = trials.run(&told_the_mean, &|_| {})?;
+        let recognizer = "robust, given the mean only";
+        row((name, recognizer), &found, protocol, &trials);
     }
     println!("\n## Orientation error of the successes against the bound\n");
     println!("| protocol | mean error deg | bound deg | ratio |");
     println!("|---|---|---|---|");
-    for (name, protocol) in protocols() {
-        against_bound(bench, name, &protocol)?;
+    for (name, _, view) in views() {
+        against_bound(bench, name, view)?;
     }
     println!();
     Ok(())
 }
 
-fn row(name: &str, recognizer: &str, found: &[TrialResult], protocol: &Protocol) {
-    let v = summarize(found, protocol, SEED);
+fn row(
+    (name, recognizer): (&str, &str),
+    found: &[TrialResult],
+    protocol: ProtocolName,
+    trials: &Trials<'_>,
+) {
+    let v = Validation::of(found, protocol, trials);
     let percent = |p: &Proportion| {
         let [rate, low, high] = [p.rate, p.low, p.high].map(|x| 100.0 * x);
         format!("{rate:.2} [{low:.2}, {high:.2}]")
@@ -52,21 +57,21 @@ fn row(name: &str, recognizer: &str, found: &[TrialResult], protocol: &Protocol)
 }
 
 /// Mean error over the orientation successes, and the mean bound of the same views' real dots.
-fn against_bound(bench: &Bench, name: &str, protocol: &Protocol) -> spindoe::Result<()> {
-    let robust = RecognizerName::Robust;
-    let found = run_named(&bench.table, robust, protocol, SEED, bench.trials)?;
-    let mut generator = TrialGenerator::new(bench.pattern(), *protocol, SEED);
+fn against_bound(bench: &Bench, name: &str, view: ViewModel) -> spindoe::Result<()> {
+    let trials = bench.trials(view);
+    let found = trials.run(&bench.robust(view)?, &|_| {})?;
+    let mut generator = trials.generator();
     let mut trial = Trial::default();
     let (mut error, mut bound, mut count) = (0.0, 0.0, 0u32);
     for (index, result) in found.iter().enumerate() {
         let TrialResult::Judged { error_rad, .. } = *result else {
             continue;
         };
-        if error_rad >= spindoe::validate::ORIENTATION_FAILURE_RAD {
+        if error_rad >= ORIENTATION_FAILURE_RAD {
             continue;
         }
         generator.generate(index as u64, &mut trial);
-        if let Some(expected) = expected_error(bench.pattern(), &trial, &protocol.noise) {
+        if let Some(expected) = expected_error(bench.pattern(), &trial, &view.noise) {
             error += error_rad.to_degrees();
             bound += expected.to_degrees();
             count += 1;

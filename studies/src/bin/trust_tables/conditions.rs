@@ -9,12 +9,10 @@ use spindoe::pattern::Pattern;
 use spindoe::pipeline::Sink;
 use spindoe::recognize::observed::ObservedFrame;
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
-use spindoe::recognize::stream::{
-    FrameAnswer, LearningConfig, LearningOrder, RivalConfig, identify_learning,
-};
-use spindoe::recognize::{Outcome, Recognizer};
-use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, Protocol, ProtocolName};
-use spindoe::validate::{Trial, TrialGenerator};
+use spindoe::recognize::stream::{FrameAnswer, LearningConfig, LearningOrder, identify_learning};
+use spindoe::recognize::{Explanations, Identification, Recognizer};
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion};
+use spindoe::view::{FalseDots, ProtocolName, Trial, TrialGenerator, ViewModel};
 use spindoe::{Error, Result};
 
 /// Frames of a file.
@@ -28,14 +26,14 @@ struct Judged {
     pose_confidence: f64,
 }
 
-fn judge(outcome: &Outcome, trial: &Trial) -> Judged {
-    match outcome {
-        Outcome::Identified(found) => Judged {
+fn judge(found: Option<&Identification>, trial: &Trial) -> Judged {
+    match found {
+        Some(found) => Judged {
             identity: found.assignment == trial.truth,
             orientation: found.rotation.angle_to(&trial.rotation) < ORIENTATION_FAILURE_RAD,
             pose_confidence: found.pose_confidence,
         },
-        Outcome::Unidentified(_) => Judged {
+        None => Judged {
             identity: false,
             orientation: false,
             pose_confidence: 0.0,
@@ -43,20 +41,20 @@ fn judge(outcome: &Outcome, trial: &Trial) -> Judged {
     }
 }
 
-/// Views of a protocol, `frames` a file.
+/// Trials of a view model, `frames` a file.
 fn files(
     pattern: &Pattern,
-    protocol: &Protocol,
+    view: ViewModel,
     trials: u64,
     frames: usize,
     seed: u64,
 ) -> Vec<Vec<Trial>> {
-    let mut generator = TrialGenerator::new(pattern, *protocol, seed);
+    let mut generator = TrialGenerator::new(pattern.dots(), view, seed);
     let mut all = Vec::new();
     for index in 0..trials {
         let mut trial = Trial::default();
         generator.generate(index, &mut trial);
-        if trial.real_dots() >= protocol.min_dots {
+        if trial.real_dots() >= view.min_dots {
             all.push(trial);
         }
     }
@@ -64,13 +62,13 @@ fn files(
 }
 
 #[derive(Default)]
-struct Outcomes(Vec<Outcome>);
+struct Answers(Vec<FrameAnswer>);
 
-impl Sink<FrameAnswer> for Outcomes {
+impl Sink<FrameAnswer> for Answers {
     type Error = Error;
 
     fn take(&mut self, answer: FrameAnswer) -> Result<()> {
-        self.0.push(answer.outcome);
+        self.0.push(answer);
         Ok(())
     }
 }
@@ -88,32 +86,25 @@ fn learned(pattern: &Pattern, file: &[Trial], order: LearningOrder) -> Result<Ve
         order,
         ..LearningConfig::default()
     };
-    let rivals = RivalConfig {
-        max_rivals: 0,
-        ..RivalConfig::default()
-    };
-    let mut sink = Outcomes::default();
+    let mut sink = Answers::default();
     let base = RobustConfig::default();
     let threads = NonZero::<usize>::MIN;
-    let told = identify_learning(
-        pattern,
-        &base,
-        &learning,
-        rivals,
-        frames.into_iter(),
-        threads,
-        &mut sink,
-    )?;
+    let frames = frames.into_iter();
+    let told = identify_learning(pattern, &base, &learning, frames, threads, &mut sink)?;
     if std::env::var_os("SHOW").is_some() {
         eprintln!("{told:?}");
     }
-    Ok(file.iter().zip(&sink.0).map(|(t, o)| judge(o, t)).collect())
+    let answers = sink.0.iter().map(FrameAnswer::identification);
+    Ok(file.iter().zip(answers).map(|(t, a)| judge(a, t)).collect())
 }
 
 fn fixed(pattern: &Pattern, file: &[Trial], config: RobustConfig) -> Result<Vec<Judged>> {
     let recognizer = RobustRecognizer::new(pattern, config)?;
     let mut workspace = recognizer.workspace();
-    let one = |trial: &Trial| judge(&recognizer.identify(&trial.dots, &mut workspace), trial);
+    let one = |trial: &Trial| {
+        let found = recognizer.explain(&trial.dots, None, &mut workspace);
+        judge(found.ok().map(Explanations::best), trial)
+    };
     Ok(file.iter().map(one).collect())
 }
 
@@ -158,36 +149,35 @@ pub fn print(trials: u64, seed: u64) -> Result<()> {
         "| file | identity % | orientation % | claimed: right %, 0.5 to 0.9 | 0.9 to 0.99 | above |"
     );
     println!("|---|---|---|---|---|---|");
-    let degrees = |d: f64| Protocol::standard(ProtocolName::Paper).with_sigma_rad(d.to_radians());
-    let mut protocols: Vec<(String, Protocol)> = ProtocolName::ALL
-        .map(|name| (name.to_string(), Protocol::standard(name)))
+    let mut views: Vec<(String, ViewModel)> = ProtocolName::ALL
+        .map(|name| (name.to_string(), name.view()))
         .into();
-    let harder = Protocol {
-        false_dots: 3,
-        ..degrees(8.0)
+    let harder = ViewModel {
+        false_dots: FalseDots::Usual(3),
+        ..ProtocolName::Paper.view().with_sigma_rad(8f64.to_radians())
     };
-    protocols.push(("8 deg, 3 false".into(), harder));
+    views.push(("8 deg, 3 false".into(), harder));
     for (name, path) in patterns {
         if !Path::new(path).exists() {
             eprintln!("{name}: skipped, {path} is not here");
             continue;
         }
         let pattern = Pattern::read_csv(path.as_ref())?;
-        for (protocol_name, protocol) in &protocols {
-            let all = files(&pattern, protocol, trials, 200, seed);
+        for (view_name, view) in &views {
+            let all = files(&pattern, *view, trials, 200, seed);
             let each = |of: &(dyn Fn(&[Trial]) -> Result<Vec<Judged>> + Sync),
                         files: &[Vec<Trial>]|
              -> Result<Vec<Judged>> {
                 let judged: Result<Vec<_>> = files.par_iter().map(|f| of(f)).collect();
                 Ok(judged?.concat())
             };
-            let of = format!("{name}, {protocol_name}");
-            let told = each(&|f| fixed(&pattern, f, protocol.recognizer_config()), &all)?;
+            let of = format!("{name}, {view_name}");
+            let told = each(&|f| fixed(&pattern, f, (*view).into()), &all)?;
             row(&format!("{of}: told the protocol"), &told);
             let default = each(&|f| fixed(&pattern, f, RobustConfig::default()), &all)?;
             row(&format!("{of}: defaults"), &default);
             for frames in FILES {
-                let split = files(&pattern, protocol, trials, frames, seed);
+                let split = files(&pattern, *view, trials, frames, seed);
                 let order = LearningOrder::InAdvance;
                 let judged = each(&|f| learned(&pattern, f, order), &split)?;
                 row(&format!("{of}: learned, {frames} frames"), &judged);

@@ -1,0 +1,111 @@
+//! A recognizer that is chosen by its name, for the command and the reports.
+
+use super::paper::PaperWorkspace;
+use super::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
+use super::{Explanations, Hint, ObservedDot, PaperRecognizer, Recognizer, RecognizerRejection};
+use crate::error::{Error, Result};
+use crate::hash::HashTable;
+use crate::view::ViewModel;
+
+/// A recognizer's name, as written on the command line and in reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RecognizerName {
+    /// The SpinDOE paper's algorithm, the baseline.
+    Paper,
+    /// The explanation that the whole set of dots supports best, the default.
+    Robust,
+}
+
+impl RecognizerName {
+    /// All recognizers, the baseline first.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Robust];
+
+    /// As written on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Robust => "robust",
+        }
+    }
+}
+
+impl std::str::FromStr for RecognizerName {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        crate::error::by_name(&Self::ALL, Self::as_str, "recognizer", name)
+    }
+}
+
+impl std::fmt::Display for RecognizerName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+/// One of the recognizers.
+#[derive(Debug)]
+pub enum NamedRecognizer<'t> {
+    /// The paper's.
+    Paper(PaperRecognizer<'t>),
+    /// The robust one.
+    Robust(Box<RobustRecognizer>),
+}
+
+/// Buffers for either recognizer.
+#[derive(Debug, Default)]
+pub struct NamedWorkspace {
+    paper: PaperWorkspace,
+    robust: RobustWorkspace,
+}
+
+impl<'t> NamedRecognizer<'t> {
+    /// The recognizer of that name for a table: the paper's takes its parameters from the table, the
+    /// robust one expects these views.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for parameters outside their domains.
+    pub fn new(name: RecognizerName, table: &'t HashTable, view: &ViewModel) -> Result<Self> {
+        Ok(match name {
+            RecognizerName::Paper => Self::Paper(PaperRecognizer::from_table(table)?),
+            RecognizerName::Robust => {
+                let config = RobustConfig::from(*view);
+                Self::Robust(Box::new(RobustRecognizer::new(table.pattern(), config)?))
+            }
+        })
+    }
+}
+
+impl Recognizer for NamedRecognizer<'_> {
+    type Workspace = NamedWorkspace;
+
+    fn workspace(&self) -> NamedWorkspace {
+        match self {
+            Self::Paper(_) => NamedWorkspace::default(),
+            Self::Robust(robust) => NamedWorkspace {
+                robust: robust.workspace(),
+                ..NamedWorkspace::default()
+            },
+        }
+    }
+
+    fn explain<'w>(
+        &self,
+        dots: &[ObservedDot],
+        hint: Option<&Hint>,
+        ws: &'w mut NamedWorkspace,
+    ) -> std::result::Result<&'w Explanations, RecognizerRejection> {
+        match self {
+            Self::Paper(paper) => paper.explain(dots, hint, &mut ws.paper),
+            Self::Robust(robust) => robust.explain(dots, hint, &mut ws.robust),
+        }
+    }
+
+    fn min_dots(&self) -> usize {
+        match self {
+            Self::Paper(paper) => paper.min_dots(),
+            Self::Robust(robust) => robust.min_dots(),
+        }
+    }
+}
