@@ -5,8 +5,7 @@
 use std::sync::atomic::AtomicBool;
 
 use spindoe::Result;
-use spindoe::design::checkpoint::SearchState;
-use spindoe::design::{DesignConfig, DesignObserver, Stage};
+use spindoe::design::{DesignConfig, DesignObserver, SearchState, Stage};
 use spindoe::report::{DesignJob, EvaluationConfig, JobObserver, Start};
 
 /// Prints the best rate after each piece of work, and the stages after the search.

@@ -37,15 +37,14 @@ pub(crate) fn map_range<R: Send>(
     return range.map(work).collect();
 }
 
-/// Some result of `work` on a number of the range that meets the condition; which one depends on the
-/// threads.
-pub(crate) fn find_any<R: Send>(
+/// The result of `work` on the first number of the range whose result meets the condition.
+pub(crate) fn find_first<R: Send>(
     range: Range<u64>,
     work: impl Fn(u64) -> R + Sync + Send,
     condition: impl Fn(&R) -> bool + Sync + Send,
 ) -> Option<R> {
     #[cfg(feature = "native")]
-    return range.into_par_iter().map(work).find_any(condition);
+    return range.into_par_iter().map(work).find_first(condition);
     #[cfg(not(feature = "native"))]
     return range.map(work).find(condition);
 }

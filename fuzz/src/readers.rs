@@ -9,7 +9,7 @@ use std::path::Path;
 
 use nalgebra::Matrix2;
 use spindoe::design::DesignConfig;
-use spindoe::design::checkpoint::{SearchState, ShardFile};
+use spindoe::design::state::Checkpoint;
 use spindoe::recognize::observed::ObservedReader;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::trajectories::TrajectorySet;
@@ -28,7 +28,7 @@ use zip::write::SimpleFileOptions;
 pub type Reader = fn(&[u8]) -> Result<()>;
 
 /// All readers, by the names of their targets.
-pub const READERS: [(&str, Reader); 15] = [
+pub const READERS: [(&str, Reader); 14] = [
     ("table", table),
     ("pattern", pattern),
     ("zones", zones),
@@ -39,7 +39,6 @@ pub const READERS: [(&str, Reader); 15] = [
     ("camera", camera),
     ("weights", weights),
     ("checkpoint", checkpoint),
-    ("shard", shard),
     ("picture", picture),
     ("pipe", pipe),
     ("video", video),
@@ -222,7 +221,10 @@ fn weight_names(count: usize) -> Vec<String> {
 }
 
 fn checkpoint(bytes: &[u8]) -> Result<()> {
-    let state = SearchState::from_json(Path::new("s.json"), bytes, &search_config())?;
+    let path = Path::new("s.json");
+    let file = Checkpoint::from_json(path, bytes)?;
+    let shard = file.shard.as_ref().map(|record| record.shard);
+    let state = file.resume(path, &search_config(), shard)?;
     for candidate in state
         .scouted
         .iter()
@@ -242,12 +244,6 @@ pub fn search_config() -> DesignConfig {
     };
     config.constraints.min_separation_rad = 0.2;
     config
-}
-
-fn shard(bytes: &[u8]) -> Result<()> {
-    in_folder(&[("s.json", bytes)], |folder| {
-        ShardFile::load(&folder.join("s.json")).map(drop)
-    })
 }
 
 fn picture(bytes: &[u8]) -> Result<()> {

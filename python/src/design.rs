@@ -10,8 +10,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::json;
 use spindoe::Error;
-use spindoe::design::checkpoint::SearchState;
-use spindoe::design::{DesignConfig, DesignObserver, Shard, Stage};
+use spindoe::design::{DesignConfig, DesignObserver, SearchState, Shard, Stage};
 use spindoe::report::{JobObserver, Start};
 
 use crate::errors::OrRaise;

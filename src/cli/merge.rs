@@ -8,8 +8,7 @@ use clap::Args;
 use super::design::print_words;
 use super::output::{Progress, stop_on_interrupt};
 use super::print_json;
-use crate::design::checkpoint::SearchState;
-use crate::design::{DesignConfig, DesignObserver, Stage};
+use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
 use crate::error::Result;
 use crate::report::{DesignJob, EvaluationConfig, JobObserver, Start, whole_search};
 

@@ -29,9 +29,10 @@ use std::time::Instant;
 
 use super::page::DesignPage;
 use super::{CameraRecord, DesignEvaluation, EvaluationConfig, evaluate};
-use crate::design::checkpoint::{SearchState, ShardFile, ShardRecord};
-use crate::design::shard::merge;
-use crate::design::{Candidate, DesignConfig, DesignObserver, Shard, Stage, design, search_rounds};
+use crate::design::state::{Checkpoint, ShardRecord};
+use crate::design::{
+    Candidate, DesignConfig, DesignObserver, SearchState, Shard, Stage, design, search_rounds,
+};
 use crate::error::{Error, Result};
 use crate::files::{self, FolderLock, Replacement};
 use crate::stencil::StencilConfig;
@@ -120,12 +121,12 @@ impl DesignJob {
         observer: &mut dyn JobObserver,
     ) -> Result<DesignEvaluation> {
         self.check()?;
-        let state_before = self.state(start)?;
+        let state_before = self.state(start, None)?;
         let _lock = FolderLock::take(&self.dir)?;
         // Another job may have ended in the folder before the lock was taken.
         let state = match start {
             Start::Resume => state_before,
-            Start::Fresh => self.state(start)?,
+            Start::Fresh => self.state(start, None)?,
         };
         self.run_from(state, stop, observer)
     }
@@ -143,41 +144,16 @@ impl DesignJob {
         observer: &mut dyn JobObserver,
     ) -> Result<bool> {
         self.check()?;
-        let path = self.dir.join(CHECKPOINT);
-        let mut file = ShardFile {
-            config: self.config.clone(),
-            record: ShardRecord {
-                shard,
-                command: observer.command(&self.config),
-            },
-            state: SearchState::default(),
-        };
-        match start {
-            Start::Resume => {
-                let found = ShardFile::load(&path)?;
-                let same = found.config == file.config && found.record.shard == shard;
-                if !same {
-                    let problem = format!(
-                        "is shard {} of a search with other arguments, or another shard",
-                        found.record.shard
-                    );
-                    return Err(Error::input(path, "config", problem));
-                }
-                file.state = found.state;
-            }
-            Start::Fresh => self.reject_taken()?,
-        }
+        let mut state = self.state(start, Some(shard))?;
         let _lock = FolderLock::take(&self.dir)?;
-        observer.begins(&file.state);
-        let mut state = std::mem::take(&mut file.state);
-        let mut keeper = ShardKeeper {
-            file,
-            path,
-            observer,
+        observer.begins(&state);
+        let record = ShardRecord {
+            shard,
+            command: observer.command(&self.config),
         };
+        let mut keeper = Keeper::new(self, Some(record), observer);
         let done = search_rounds(&shard.config(&self.config), &mut state, stop, &mut keeper)?;
-        keeper.file.state = state;
-        keeper.file.save(&keeper.path)?;
+        keeper.save(&state)?;
         Ok(done)
     }
 
@@ -197,7 +173,7 @@ impl DesignJob {
         observer: &mut dyn JobObserver,
     ) -> Result<DesignEvaluation> {
         self.check()?;
-        let merged = merge(&self.config, finished_shards(&self.config, shards)?);
+        let merged = SearchState::merged(&self.config, finished_shards(&self.config, shards)?);
         self.merge_state(merged.clone(), start)?;
         let _lock = FolderLock::take(&self.dir)?;
         // Another job may have ended in the folder before the lock was taken.
@@ -212,7 +188,7 @@ impl DesignJob {
             self.reject_taken()?;
             return Ok(merged);
         }
-        let begun = SearchState::load(&path, &self.config)?;
+        let begun = Checkpoint::load(&path)?.resume(&path, &self.config, None)?;
         // The finalists stay as they are until the end.
         if begun.shards != merged.shards || begun.pool != merged.pool {
             let problem = "is no merge of these shards; choose another folder";
@@ -235,11 +211,7 @@ impl DesignJob {
     ) -> Result<DesignEvaluation> {
         let clock = Instant::now();
         observer.begins(&state);
-        let mut keeper = Keeper {
-            job: self,
-            observer,
-            saved: None,
-        };
+        let mut keeper = Keeper::new(self, None, observer);
         let outcome = design(&self.config, &mut state, stop, &mut keeper)?;
         let search_s = clock.elapsed().as_secs_f64();
         if outcome.stopped {
@@ -267,9 +239,13 @@ impl DesignJob {
         Ok(found)
     }
 
-    fn state(&self, start: Start) -> Result<SearchState> {
+    /// Where the search, or a shard of it, starts.
+    fn state(&self, start: Start, shard: Option<Shard>) -> Result<SearchState> {
         match start {
-            Start::Resume => SearchState::load(&self.dir.join(CHECKPOINT), &self.config),
+            Start::Resume => {
+                let path = self.dir.join(CHECKPOINT);
+                Checkpoint::load(&path)?.resume(&path, &self.config, shard)
+            }
             Start::Fresh => {
                 self.reject_taken()?;
                 Ok(SearchState::default())
@@ -299,20 +275,29 @@ fn checkpoint_of(path: &Path) -> PathBuf {
 /// The whole search that a shard belongs to: its configuration, and the command that runs it.
 ///
 /// # Errors
-/// As [`ShardFile::load`].
+/// As [`Checkpoint::load`]; [`Error::Input`] for a search of one piece.
 pub fn whole_search(shard: &Path) -> Result<(DesignConfig, Option<String>)> {
-    let file = ShardFile::load(&checkpoint_of(shard))?;
-    Ok((file.config, file.record.command))
+    let (file, record) = read_shard(&checkpoint_of(shard))?;
+    Ok((file.config, record.command))
+}
+
+/// A shard's checkpoint, with what it says of the shard.
+fn read_shard(path: &Path) -> Result<(Checkpoint, ShardRecord)> {
+    let mut file = Checkpoint::load(path)?;
+    let record = file.shard.take().ok_or_else(|| {
+        let problem = "expected a shard's search, found one of one piece";
+        Error::input(path, "shard", problem)
+    })?;
+    Ok((file, record))
 }
 
 /// The states of all shards of a search, in their order.
 fn finished_shards(config: &DesignConfig, paths: &[PathBuf]) -> Result<Vec<SearchState>> {
-    let mut found: Vec<(PathBuf, ShardFile)> = Vec::new();
+    let mut found: Vec<(PathBuf, Shard, SearchState)> = Vec::new();
     for path in paths {
         let path = checkpoint_of(path);
-        let file = ShardFile::load(&path)?;
+        let (file, ShardRecord { shard, .. }) = read_shard(&path)?;
         let reject = |problem: String| Err(Error::input(&path, "shard", problem));
-        let shard = file.record.shard;
         if file.config != *config {
             return reject(format!(
                 "shard {shard} belongs to a search with other arguments"
@@ -324,85 +309,88 @@ fn finished_shards(config: &DesignConfig, paths: &[PathBuf]) -> Result<Vec<Searc
                 "shard {shard} has {done} of {all} rounds: --resume it first"
             ));
         }
-        if let Some((other, _)) = found
-            .iter()
-            .find(|(_, f)| f.record.shard.index == shard.index)
-        {
+        if let Some((other, ..)) = found.iter().find(|(_, s, _)| s.index == shard.index) {
             return reject(format!("shard {shard} is also in {}", other.display()));
         }
-        let expected = found
-            .first()
-            .map_or(shard.count, |(_, f)| f.record.shard.count);
+        let expected = found.first().map_or(shard.count, |(_, s, _)| s.count);
         if shard.count != expected {
             return reject(format!("expected one of {expected} shards, found {shard}"));
         }
-        found.push((path, file));
+        found.push((path, shard, file.state));
     }
-    let Some(count) = found.first().map(|(_, f)| f.record.shard.count) else {
+    let Some(count) = found.first().map(|(_, shard, _)| shard.count) else {
         return Err(Error::argument(
             "shards",
             "expected at least one, found none",
         ));
     };
-    if let Some(missing) =
-        (1..=count).find(|k| found.iter().all(|(_, f)| f.record.shard.index != *k))
-    {
+    let is_missing = |k: &usize| found.iter().all(|(_, shard, _)| shard.index != *k);
+    if let Some(missing) = (1..=count).find(is_missing) {
         let problem = format!("expected all {count} of them, shard {missing}/{count} is missing");
         return Err(Error::argument("shards", problem));
     }
-    found.sort_by_key(|(_, file)| file.record.shard.index);
-    Ok(found.into_iter().map(|(_, file)| file.state).collect())
+    found.sort_by_key(|(_, shard, _)| shard.index);
+    Ok(found.into_iter().map(|(.., state)| state).collect())
 }
 
-/// Saves a shard on disk before its observer is called.
-struct ShardKeeper<'a> {
-    file: ShardFile,
-    path: PathBuf,
-    observer: &'a mut dyn JobObserver,
-}
-
-impl DesignObserver for ShardKeeper<'_> {
-    fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
-        self.file.state = state.clone();
-        self.file.save(&self.path)?;
-        self.observer.progress(state, stage)
-    }
-
-    fn another_round(&mut self, state: &SearchState) -> bool {
-        self.observer.another_round(state)
-    }
-}
-
-/// Saves a search on disk before its observer is called.
+/// Saves a search on disk before its observer is called: of one piece also the best pattern so far.
 struct Keeper<'a> {
     job: &'a DesignJob,
+    shard: Option<ShardRecord>,
     observer: &'a mut dyn JobObserver,
     /// The dots of the pattern on disk.
     saved: Option<Vec<[f64; 3]>>,
 }
 
-impl Keeper<'_> {
+impl<'a> Keeper<'a> {
+    fn new(
+        job: &'a DesignJob,
+        shard: Option<ShardRecord>,
+        observer: &'a mut dyn JobObserver,
+    ) -> Self {
+        Self {
+            job,
+            shard,
+            observer,
+            saved: None,
+        }
+    }
+
     fn path(&self, name: &str) -> PathBuf {
         Path::join(&self.job.dir, name)
+    }
+
+    fn save(&self, state: &SearchState) -> Result<()> {
+        let (config, shard) = (self.job.config.clone(), self.shard.clone());
+        Checkpoint::new(config, state.clone(), shard).save(&self.path(CHECKPOINT))
+    }
+
+    /// Writes a pattern, and takes away what depends on another.
+    fn save_pattern(&mut self, best: &Candidate) -> Result<()> {
+        if self.saved.as_ref() == Some(&best.dots) {
+            return Ok(());
+        }
+        let zones = self.job.config.constraints.keep_out.clone();
+        let pattern = best.pattern()?.with_keep_out(zones)?;
+        let path = self.path(PATTERN);
+        if files::read_bytes(&path).ok().as_deref() != Some(pattern.to_csv().as_bytes()) {
+            for name in RESULTS {
+                files::remove_any(&self.path(name))?;
+            }
+            pattern.write_csv(&path)?;
+        }
+        self.saved = Some(best.dots.clone());
+        Ok(())
     }
 }
 
 impl DesignObserver for Keeper<'_> {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
-        state.save(&self.path(CHECKPOINT), &self.job.config)?;
-        if let Some(best) = state.best()
-            && self.saved.as_ref() != Some(&best.dots)
+        self.save(state)?;
+        if self.shard.is_none()
+            && let Some(best) = state.best()
         {
-            let zones = self.job.config.constraints.keep_out.clone();
-            let pattern = best.pattern()?.with_keep_out(zones)?;
-            let path = self.path(PATTERN);
-            if files::read_bytes(&path).ok().as_deref() != Some(pattern.to_csv().as_bytes()) {
-                for name in RESULTS {
-                    files::remove_any(&self.path(name))?;
-                }
-                pattern.write_csv(&path)?;
-            }
-            self.saved = Some(best.dots.clone());
+            self.save_pattern(best)?;
         }
         self.observer.progress(state, stage)
     }

@@ -177,8 +177,8 @@ fn orientations() {
 
 #[test]
 fn checkpoints() {
-    use spindoe::design::checkpoint::SearchState;
-    use spindoe::design::{Candidate, DesignConfig};
+    use spindoe::design::state::Checkpoint;
+    use spindoe::design::{Candidate, DesignConfig, SearchState};
     let pattern = crate::common::random_pattern(8, 5);
     let mut config = DesignConfig {
         dots: 8,
@@ -200,9 +200,11 @@ fn checkpoints() {
         pool: vec![candidate],
         ..SearchState::default()
     };
-    let bytes = state.to_json(&config).unwrap();
+    let bytes = Checkpoint::new(config.clone(), state, None);
+    let bytes = bytes.to_json().unwrap();
     break_reader("checkpoint", &bytes, |bytes| {
-        let read = SearchState::from_json(Path::new("s.json"), bytes, &config)?;
+        let path = Path::new("s.json");
+        let read = Checkpoint::from_json(path, bytes)?.resume(path, &config, None)?;
         for candidate in &read.pool {
             candidate.pattern()?;
         }

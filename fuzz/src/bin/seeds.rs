@@ -9,9 +9,8 @@ use std::io::Cursor;
 use std::path::Path;
 
 use nalgebra::Matrix3;
-use spindoe::design::Candidate;
-use spindoe::design::Shard;
-use spindoe::design::checkpoint::{SearchState, ShardFile, ShardRecord};
+use spindoe::design::state::{Checkpoint, ShardRecord};
+use spindoe::design::{Candidate, SearchState, Shard};
 use spindoe::hash::CalibrationRecord;
 use spindoe::recognize::observed::{self, observed_frames};
 use spindoe::spin::orientations::Orientations;
@@ -75,19 +74,13 @@ fn searches(pattern: &Pattern) -> Done {
         pool: vec![candidate],
         ..SearchState::default()
     };
-    seed("checkpoint", "search", state.to_json(&config)?)?;
-    let shard = ShardFile {
-        config,
-        record: ShardRecord {
-            shard: Shard::new(1, 2)?,
-            command: Some("spindoe design".into()),
-        },
-        state,
-    };
-    let folder = tempfile::tempdir()?;
-    let path = folder.path().join("s.json");
-    shard.save(&path)?;
-    seed("shard", "shard", fs::read(path)?)
+    let mut file = Checkpoint::new(config, state, None);
+    seed("checkpoint", "search", file.to_json()?)?;
+    file.shard = Some(ShardRecord {
+        shard: Shard::new(1, 2)?,
+        command: Some("spindoe design".into()),
+    });
+    seed("checkpoint", "shard", file.to_json()?)
 }
 
 fn pictures() -> Done {

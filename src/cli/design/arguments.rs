@@ -7,9 +7,9 @@ use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::cli::output::{one_of, quoted};
-use crate::design::feasible::packed_separation;
 use crate::design::objective::NAME_BEFORE;
 use crate::design::objective::bound::BoundSummary;
+use crate::design::search::feasible::packed_separation;
 use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName, Shard};
 use crate::error::{Error, Result, require};
 use crate::geometry::Vec3;

@@ -10,9 +10,8 @@ use std::sync::atomic::AtomicBool;
 use super::Arguments;
 use crate::cli::camera::read_conditions;
 use crate::cli::output::Counter;
-use crate::design::checkpoint::SearchState;
-use crate::design::feasible::packed_separation;
-use crate::design::{Candidate, DesignConfig, design};
+use crate::design::search::feasible::packed_separation;
+use crate::design::{Candidate, DesignConfig, SearchState, design};
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
 use crate::predict::{

@@ -8,8 +8,7 @@ use super::camera::CameraRanking;
 use crate::cli::output::Progress;
 #[cfg(feature = "vision")]
 use crate::design::Candidate;
-use crate::design::checkpoint::SearchState;
-use crate::design::{DesignConfig, DesignObserver, Stage};
+use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
 use crate::error::Result;
 #[cfg(feature = "vision")]
 use crate::report::CameraRecord;

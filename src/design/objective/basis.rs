@@ -13,7 +13,7 @@
 //! with `a_ij` the pair's angle and `w_ij` in proportion to the probability that both dots are in
 //! view.
 
-use super::Evaluation;
+use super::evaluation::Evaluation;
 use crate::geometry::Vec3;
 
 /// How fast failures fall with the squared sine.

@@ -9,7 +9,7 @@
 
 use nalgebra::Matrix3;
 
-use super::Evaluation;
+use super::evaluation::Evaluation;
 use crate::geometry::{Vec3, spiral_directions};
 
 /// Power of the mean that approximates the worst direction in the smooth cost.

@@ -28,9 +28,9 @@
 //!   tails than a Gaussian (excess kurtosis 2.4 for one dot, about 0.7 for four).
 //!   [`Confusion::tail_factor`] widens sigma for them.
 
-use super::Evaluation;
 use super::align::add_gradient;
 use super::erfc::normal_tail;
+use super::evaluation::Evaluation;
 use super::lookalikes::lookalikes;
 use crate::geometry::{Vec3, spiral_directions};
 

@@ -25,7 +25,7 @@
 //! like them, noise and false dots. It is an order of patterns, not a rate. docs/objectives.md says for
 //! what cameras it orders them well.
 
-use super::Evaluation;
+use super::evaluation::Evaluation;
 use crate::geometry::{Vec3, spiral_directions};
 use crate::pattern::crowding::{CROWD, crowds, nearness};
 

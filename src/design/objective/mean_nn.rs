@@ -23,7 +23,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Vector3;
 use std::num::NonZero;
 
-use super::Evaluation;
+use super::evaluation::Evaluation;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 

@@ -19,42 +19,21 @@ pub mod bound;
 pub mod confusion;
 pub mod coverage;
 mod erfc;
+mod evaluation;
 mod lookalikes;
 pub mod mean_nn;
 pub mod whitened;
 
 use crate::error::{Error, Result};
-use crate::geometry::{Spherical, Vec3};
+use crate::geometry::Vec3;
 use crate::view::{Detection, ViewModel};
 
 pub use bound::OrientationBound;
 pub use confusion::Confusion;
 pub use coverage::Coverage;
+pub use evaluation::Evaluation;
 pub use mean_nn::MeanNearestNeighbor;
 pub use whitened::WhitenedNearestNeighbor;
-
-/// A value of a pattern, with its derivative.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Evaluation {
-    /// The value.
-    pub value: f64,
-    /// Derivative with respect to each dot's coordinates (x, y, z). Only its part in the dot's
-    /// tangent plane is meaningful; the rest depends on how the value is extended off the sphere.
-    pub gradient: Vec<Vec3>,
-}
-
-impl Evaluation {
-    /// Derivatives with respect to the spherical coordinates, `theta_0, phi_0, theta_1, ...`.
-    pub fn spherical_gradient(&self, dots: &[Vec3]) -> Vec<f64> {
-        dots.iter()
-            .zip(&self.gradient)
-            .flat_map(|(d, g)| {
-                let j = Spherical::from_direction(d).jacobian();
-                [j.d_theta.dot(g), j.d_phi.dot(g)]
-            })
-            .collect()
-    }
-}
 
 /// The objective that a descent minimizes.
 #[derive(

@@ -21,8 +21,8 @@ use std::num::NonZero;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
-use super::Evaluation;
 use super::align::{add_gradient, align};
+use super::evaluation::Evaluation;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, angle_between, pair_rotation};
 

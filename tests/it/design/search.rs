@@ -3,15 +3,15 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use spindoe::Result;
-use spindoe::design::checkpoint::SearchState;
 use spindoe::design::constraints::max_separation;
 use spindoe::design::descent::{Cost, Descent, descend};
-use spindoe::design::feasible::packed_separation;
 use spindoe::design::objective::bound::BoundSummary;
 use spindoe::design::objective::{Evaluation, MeanNearestNeighbor};
+use spindoe::design::search::feasible::{check_feasible, packed_separation};
+use spindoe::design::state::Checkpoint;
 use spindoe::design::{
     Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, OrientationBound,
-    Stage, design,
+    SearchState, Stage, design,
 };
 use spindoe::geometry::{Vec3, angle_between, random_direction};
 use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
@@ -263,8 +263,12 @@ impl DesignObserver for Killer<'_> {
             return Err(spindoe::Error::Internal("killed".into()));
         }
         self.left -= 1;
-        state.save(self.path, self.config)
+        Checkpoint::new(self.config.clone(), state.clone(), None).save(self.path)
     }
+}
+
+fn load(path: &std::path::Path, config: &DesignConfig) -> Result<SearchState> {
+    Checkpoint::load(path)?.resume(path, config, None)
 }
 
 #[test]
@@ -290,15 +294,15 @@ fn a_killed_search_resumes_to_the_same_result() {
         if killed > 12 {
             break design(&config, &mut state, &go, &mut ()).unwrap();
         }
-        state = SearchState::load(&path, &config).unwrap();
+        state = load(&path, &config).unwrap();
     };
     assert!(killed > 3, "{killed}");
     assert_eq!(found.best, expected.best);
     // Another search's checkpoint is refused.
-    let error = SearchState::load(&path, &small(4)).unwrap_err();
+    let error = load(&path, &small(4)).unwrap_err();
     assert!(error.is_usage() && error.to_string().contains("other arguments"));
     std::fs::write(&path, "{}").unwrap();
-    assert!(SearchState::load(&path, &config).unwrap_err().is_usage());
+    assert!(load(&path, &config).unwrap_err().is_usage());
 }
 
 #[test]
@@ -309,7 +313,8 @@ fn a_checkpoint_of_the_version_before_goes_on() {
         let config = file["config"].clone();
         let config: DesignConfig = serde_json::from_value(config).unwrap_or_default();
         let path = std::path::Path::new("search.json");
-        let state = SearchState::from_json(path, text.as_bytes(), &config)?;
+        let found = Checkpoint::from_json(path, text.as_bytes())?;
+        let state = found.resume(path, &config, None)?;
         Ok((config, state))
     };
     let (config, mut state) = read(text).unwrap();
@@ -416,7 +421,7 @@ fn packings_come_near_the_best_known_ones() {
 #[test]
 fn infeasible_demands_are_refused_before_a_search() {
     let refused = |constraints: Constraints, dots: usize| {
-        let error = constraints.check_feasible(dots).unwrap_err();
+        let error = check_feasible(&constraints, dots).unwrap_err();
         assert!(error.is_usage());
         error.to_string()
     };
@@ -445,7 +450,7 @@ fn infeasible_demands_are_refused_before_a_search() {
         words.contains("with the others as they are, the most that was reached is"),
         "{words}"
     );
-    assert!(Constraints::default().check_feasible(20).is_ok());
+    assert!(check_feasible(&Constraints::default(), 20).is_ok());
 }
 
 #[test]

@@ -13,13 +13,17 @@
 //! The search is a deterministic function of its configuration. Its [`SearchState`] after every
 //! batch of descents holds everything needed to continue. It does not guarantee the global optimum.
 
+pub mod feasible;
+pub mod start;
+mod work;
+
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::candidate::{Candidate, Milestone, Stage, sort_by_rate};
-use super::checkpoint::SearchState;
+use self::feasible::check_feasible;
+use self::work::{attempt, climb, rate, scout};
 use super::config::DesignConfig;
 use super::constraints::NO_STENCIL;
-use super::work::{attempt, climb, rate, scout};
+use super::state::{Candidate, Milestone, SearchState, sort_by_rate};
 use crate::concurrency::{self, Stopwatch};
 use crate::error::{Error, Result};
 
@@ -29,6 +33,20 @@ const SENT_ON: usize = 3;
 const POOL: usize = 12;
 /// Trials of a milestone, in units of the configuration's samples.
 const MILESTONE_VIEWS: u64 = 2;
+
+/// The current stage of a search.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Stage {
+    /// A few steps from every start of the round.
+    Scout,
+    /// The best quarter, until convergence.
+    Climb,
+    /// Monte Carlo trials of the round's best.
+    Try,
+    /// The best of all rounds, with more and more trials.
+    Halve,
+}
 
 /// Observes a search; all methods are optional.
 pub trait DesignObserver {
@@ -160,7 +178,7 @@ impl<'a> Search<'a> {
         observer: &'a mut dyn DesignObserver,
     ) -> Result<Self> {
         config.check()?;
-        config.constraints.check_feasible(config.dots)?;
+        check_feasible(&config.constraints, config.dots)?;
         Ok(Self {
             config,
             stop,

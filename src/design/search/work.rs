@@ -8,12 +8,12 @@ use std::sync::atomic::AtomicBool;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::candidate::Candidate;
-use super::config::DesignConfig;
-use super::descent::{Cost, Descent};
 use super::feasible::start_separation;
-use super::objective::{Evaluation, OrientationBound, basis};
 use super::start::move_dots;
+use crate::design::config::DesignConfig;
+use crate::design::descent::{Cost, Descent};
+use crate::design::objective::{Evaluation, OrientationBound, basis};
+use crate::design::state::Candidate;
 use crate::error::Result;
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::{Pattern, random_pattern};

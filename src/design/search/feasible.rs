@@ -12,10 +12,10 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::constraints::{Constraints, max_separation};
-use super::descent::{Cost, descend};
-use super::objective::Evaluation;
 use crate::concurrency;
+use crate::design::constraints::{Constraints, max_separation};
+use crate::design::descent::{Cost, descend};
+use crate::design::objective::Evaluation;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::random_pattern;
@@ -208,89 +208,122 @@ impl Demand {
     }
 }
 
-impl Constraints {
-    /// Rejects constraints that no pattern of `dots` dots can satisfy
-    /// ([`Constraints::check_demand`]), and constraints that none of a few attempts satisfied.
-    ///
-    /// # Errors
-    /// [`Error::Argument`] with the nearest value that was reached.
-    pub fn check_feasible(&self, dots: usize) -> Result<()> {
-        self.check_demand(dots)?;
-        let reached = packed_separation(dots);
-        if self.min_separation_rad > reached {
-            let fewer = (4..dots)
-                .rev()
-                .find(|&n| packed_separation(n) >= self.min_separation_rad)
-                .map_or(String::new(), |n| format!(", or at most {n} dots"));
-            let problem = format!(
-                "no arrangement of {dots} dots that are {:.1} degrees apart was found; ask for at most {:.1}{fewer}",
-                self.min_separation_rad.to_degrees(),
-                (10.0 * reached.to_degrees()).floor() / 10.0
-            );
-            return Err(Error::argument("min_separation_rad", problem));
-        }
-        if self.met_by(dots, TRIES)? {
-            return Ok(());
-        }
-        Err(self.unmet(dots)?)
-    }
-
-    /// Whether one of so many attempts satisfies the constraints.
-    fn met_by(&self, dots: usize, tries: u64) -> Result<bool> {
-        let met = concurrency::find_any(
-            0..tries,
-            |stream| self.missed_after_descent(dots, stream),
-            |tried| !matches!(tried, Ok(Some(_))),
+/// Rejects constraints that no pattern of `dots` dots can satisfy ([`Constraints::check_demand`]), and
+/// constraints that none of a few attempts satisfied.
+///
+/// # Errors
+/// [`Error::Argument`] with the nearest value that was reached.
+pub fn check_feasible(constraints: &Constraints, dots: usize) -> Result<()> {
+    constraints.check_demand(dots)?;
+    let demanded = constraints.min_separation_rad;
+    let reached = packed_separation(dots);
+    if demanded > reached {
+        let fewer = (4..dots)
+            .rev()
+            .find(|&n| packed_separation(n) >= demanded)
+            .map_or(String::new(), |n| format!(", or at most {n} dots"));
+        let problem = format!(
+            "no arrangement of {dots} dots that are {:.1} degrees apart was found; ask for at most {:.1}{fewer}",
+            demanded.to_degrees(),
+            (10.0 * reached.to_degrees()).floor() / 10.0
         );
-        match met {
-            Some(Ok(_)) => Ok(true),
-            Some(Err(error)) => Err(error),
-            None => Ok(false),
-        }
+        return Err(Error::argument("min_separation_rad", problem));
     }
-
-    /// The error for constraints that no attempt satisfied: the demand whose absence helps, with the
-    /// largest part of it that was reached.
-    fn unmet(&self, dots: usize) -> Result<Error> {
-        let together =
-            format!("no pattern of {dots} dots was found that meets all demands at once");
-        for demand in Demand::ALL {
-            if !demand.is_made(self) || !demand.relaxed(self, 0.0).met_by(dots, RELAXED_TRIES)? {
-                continue;
-            }
-            let (mut met, mut unmet) = (0.0, 1.0);
-            for _ in 0..BISECTIONS {
-                let part = 0.5 * (met + unmet);
-                if demand.relaxed(self, part).met_by(dots, RELAXED_TRIES)? {
-                    met = part;
-                } else {
-                    unmet = part;
-                }
-            }
-            let reached = demand.value(&demand.relaxed(self, met));
-            let problem = format!(
-                "{together}; with the others as they are, the most that was reached is {reached}"
-            );
-            return Ok(Error::argument(demand.parameter(), problem));
-        }
-        let missed = self.missed_after_descent(dots, 0)?.unwrap_or_default();
-        let problem = format!("{together}; the closest attempt has: {missed}");
-        Ok(Error::argument("constraints", problem))
+    if is_met(constraints, dots, TRIES)? {
+        return Ok(());
     }
+    Err(unmet(constraints, dots)?)
+}
 
-    fn missed_after_descent(&self, dots: usize, stream: u64) -> Result<Option<String>> {
-        let mut rng = ChaCha8Rng::seed_from_u64(0);
-        rng.set_stream(stream);
-        let separation = start_separation(dots, self.min_separation_rad);
-        let mut pattern = random_pattern(dots, separation, &mut rng)?;
-        let mut missed = self.missed(&pattern);
-        for _ in 0..CHECKS {
-            if missed.is_none() {
-                break;
-            }
-            pattern = descend(&pattern, &Charges, self, STEPS)?;
-            missed = self.missed(&pattern);
+/// Whether one of so many attempts satisfies the constraints.
+fn is_met(constraints: &Constraints, dots: usize, tries: u64) -> Result<bool> {
+    first_success(tries, |stream| {
+        Ok(missed_after_descent(constraints, dots, stream)?.is_none())
+    })
+}
+
+/// Whether an attempt succeeds before one fails, in the attempts' order: the same on any number of
+/// threads.
+fn first_success(tries: u64, attempt: impl Fn(u64) -> Result<bool> + Sync + Send) -> Result<bool> {
+    let decided = concurrency::find_first(0..tries, attempt, |tried| !matches!(tried, Ok(false)));
+    decided.unwrap_or(Ok(false))
+}
+
+/// The error for constraints that no attempt satisfied: the demand whose absence helps, with the
+/// largest part of it that was reached.
+fn unmet(constraints: &Constraints, dots: usize) -> Result<Error> {
+    let together = format!("no pattern of {dots} dots was found that meets all demands at once");
+    for demand in Demand::ALL {
+        let reaches = |part: f64| is_met(&demand.relaxed(constraints, part), dots, RELAXED_TRIES);
+        if !demand.is_made(constraints) || !reaches(0.0)? {
+            continue;
         }
-        Ok(missed)
+        let (mut met, mut unmet) = (0.0, 1.0);
+        for _ in 0..BISECTIONS {
+            let part = 0.5 * (met + unmet);
+            if reaches(part)? {
+                met = part;
+            } else {
+                unmet = part;
+            }
+        }
+        let reached = demand.value(&demand.relaxed(constraints, met));
+        let problem = format!(
+            "{together}; with the others as they are, the most that was reached is {reached}"
+        );
+        return Ok(Error::argument(demand.parameter(), problem));
+    }
+    let missed = missed_after_descent(constraints, dots, 0)?.unwrap_or_default();
+    let problem = format!("{together}; the closest attempt has: {missed}");
+    Ok(Error::argument("constraints", problem))
+}
+
+/// What a random start violates after a descent under the constraints, if anything.
+fn missed_after_descent(
+    constraints: &Constraints,
+    dots: usize,
+    stream: u64,
+) -> Result<Option<String>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    rng.set_stream(stream);
+    let separation = start_separation(dots, constraints.min_separation_rad);
+    let mut pattern = random_pattern(dots, separation, &mut rng)?;
+    let mut missed = constraints.missed(&pattern);
+    for _ in 0..CHECKS {
+        if missed.is_none() {
+            break;
+        }
+        pattern = descend(&pattern, &Charges, constraints, STEPS)?;
+        missed = constraints.missed(&pattern);
+    }
+    Ok(missed)
+}
+
+#[cfg(all(test, feature = "native"))]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn the_first_attempt_that_decides_is_the_same_on_any_number_of_threads() {
+        // The later an attempt, the sooner it is done.
+        let attempt = |stream: u64, ends: [Option<bool>; 3]| {
+            std::thread::sleep(Duration::from_millis(40 - 5 * stream));
+            let end = ends[stream.min(2) as usize];
+            end.ok_or_else(|| Error::argument("attempt", "failed"))
+        };
+        for threads in [1, 2, 4] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let pool = pool.build().expect("threads start");
+            let decided = |ends| pool.install(|| first_success(6, |stream| attempt(stream, ends)));
+            // A miss; then a success, or a failure, before all others end the other way; or misses alone.
+            let success = decided([Some(false), Some(true), None]);
+            assert!(matches!(success, Ok(true)), "{threads}: {success:?}");
+            let failure = decided([Some(false), None, Some(true)]);
+            assert!(failure.is_err(), "{threads}: {failure:?}");
+            let miss = decided([Some(false); 3]);
+            assert!(matches!(miss, Ok(false)), "{threads}: {miss:?}");
+        }
     }
 }
