@@ -8,11 +8,12 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use spindoe::ball::Ball;
 use spindoe::design::descent::descend;
 use spindoe::design::objective::Coverage;
 use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound};
-use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::random_pattern;
+use spindoe::recognize::paper::FeatureTree;
 use spindoe::view::ProtocolName;
 
 fn design(c: &mut Criterion) {
@@ -20,14 +21,9 @@ fn design(c: &mut Criterion) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let pattern = random_pattern(20, constraints.min_separation_rad, &mut rng)
         .expect("twenty dots fit at random");
+    let ball = Ball::new(pattern.clone());
     c.bench_function("hash table of 20 dots", |b| {
-        b.iter(|| {
-            HashTable::build(
-                black_box(pattern.clone()),
-                PairRule::default(),
-                RecognizerConfig::default(),
-            )
-        });
+        b.iter(|| FeatureTree::new(black_box(&ball)));
     });
     let view = ProtocolName::Sparse.view();
     for name in ObjectiveName::ALL {

@@ -10,8 +10,8 @@ use std::time::Instant;
 use criterion::Criterion;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use spindoe::ball::Ball;
 use spindoe::design::random_pattern;
-use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::Pattern;
 use spindoe::recognize::robust::RobustRecognizer;
 use spindoe::recognize::{PaperRecognizer, Recognizer};
@@ -84,9 +84,7 @@ fn bench<R: Recognizer>(
 fn main() -> Any<()> {
     let mut criterion = Criterion::default().configure_from_args().sample_size(30);
     let pattern = pattern()?;
-    let params = RecognizerConfig::default();
-    let table = HashTable::build(pattern.clone(), PairRule::default(), params)?;
-    let paper = PaperRecognizer::from_table(&table)?;
+    let paper = PaperRecognizer::for_ball(&Ball::new(pattern.clone()))?;
     for name in ProtocolName::ALL {
         let views = views(&pattern, name.view());
         let robust = RobustRecognizer::new(&pattern, name.view().into())?;

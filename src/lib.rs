@@ -2,14 +2,14 @@
 //!
 //! A ball carries identical dots. Their arrangement identifies them (geometric hashing), which gives
 //! the ball's orientation in one camera image; a sequence of orientations gives its spin. This crate
-//! designs such patterns, proves them by Monte Carlo, writes the hash table that an estimator loads and
+//! designs such patterns, proves them by Monte Carlo, writes the table that an estimator loads and
 //! the stencil that a 3-D printer makes, and holds the estimator's stages. It follows T. Gossard, J.
 //! Tebbe, A. Ziegler, A. Zell, "SpinDOE: a ball spin estimation method for table tennis robot", IROS
 //! 2023 (arXiv 2303.03879), and keeps the paper's algorithms as named baselines.
 //!
 //! # Stages
 //! Imports run from left to right only:
-//! [`geometry`] <- [`pattern`] <- [`hash`] <- [`view`] <- [`recognize`] <- [`validate`] <- [`design`];
+//! [`geometry`] <- [`pattern`] <- [`ball`] (what all others are made for) <- [`view`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
 //! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them,
 //! [`plot`], [`report`] and [`cli`] on top.
@@ -24,15 +24,14 @@
 //! How often is a pattern identified correctly?
 //!
 //! ```
-//! use spindoe::{HashTable, Pattern, PairRule, RecognizerConfig, ValidationConfig};
+//! use spindoe::{Ball, Pattern, ValidationConfig};
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! # let mut rng = <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(1);
 //! # let pattern = spindoe::pattern::random_pattern(20, 0.3, &mut rng)?;
 //! // or: let pattern = Pattern::read_csv("pattern.csv".as_ref())?;
-//! let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
 //! let config = ValidationConfig { samples: 200, ..ValidationConfig::default() };
-//! let found = config.run(&table, &|_| {})?;
+//! let found = config.run(&Ball::new(pattern), &|_| {})?;
 //! println!("{} of {} trials", found.validation.identity, found.validation.samples);
 //! assert!(found.validation.identity.rate > 0.9);
 //! # Ok(())
@@ -122,6 +121,7 @@ match &estimate.outcome {
 "#
 )]
 
+pub mod ball;
 #[cfg(feature = "vision")]
 pub mod calibrate;
 #[cfg(feature = "cli")]
@@ -132,7 +132,6 @@ pub mod design;
 mod error;
 pub mod files;
 pub mod geometry;
-pub mod hash;
 #[cfg(feature = "mark")]
 pub mod mark;
 mod npz;
@@ -156,10 +155,10 @@ pub mod view;
 #[cfg(feature = "vision")]
 pub mod vision;
 
+pub use ball::{Ball, PairRule, PaperConfig, Placement};
 pub use design::{Constraints, DesignConfig, KeepOut, ObjectiveName};
 pub use error::{Error, Parameter, Result};
 pub use geometry::{Rotation, Vec3};
-pub use hash::{HashTable, PairRule, RecognizerConfig};
 pub use pattern::Pattern;
 pub use recognize::robust::{RobustConfig, RobustRecognizer};
 pub use recognize::{Explanations, Hint, Identification, Recognizer};

@@ -5,9 +5,9 @@
 //! load gives one error that names the array.
 
 use std::fmt::Display;
-use std::io::{Cursor, Read, Write};
+use std::io::{Cursor, ErrorKind, Read, Write};
 
-use npyz::{AutoSerialize, Deserialize, NpyFile, Order, WriterBuilder};
+use npyz::{AutoSerialize, Deserialize, NpyHeader, Order, TypeRead, WriterBuilder};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
@@ -85,46 +85,164 @@ pub(crate) fn one_line(error: &dyn Display) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
+/// Number of items that are decoded at once.
+const BLOCK: usize = 6 << 10;
+
+/// An array that is unpacked and decoded as it is read, in C order; only one in Fortran order is held
+/// in memory.
+pub(crate) struct ArrayReader<'a, T: Deserialize> {
+    name: &'a str,
+    shape: Vec<u64>,
+    decoder: T::TypeReader,
+    input: Box<dyn Read + 'a>,
+    /// Number of items that are still to be decoded.
+    left: u64,
+    bytes: Vec<u8>,
+    block: Vec<T>,
+    /// Number of items of the block that were read.
+    read: usize,
+}
+
+impl<'a, T: Deserialize + Copy> ArrayReader<'a, T> {
+    /// Opens an array of plain numbers. `shape` is the expected shape, with `None` where any length is
+    /// valid.
+    pub fn open<'bytes: 'a>(
+        archive: &'a mut Archive<'bytes>,
+        name: &'a str,
+        type_name: &str,
+        shape: &[Option<u64>],
+    ) -> Checked<Self> {
+        let file = npyz::npz::file_name_from_array_name(name);
+        let entry = archive
+            .by_name(&file)
+            .map_err(|e| Problem::at(name, format!("cannot be read: {}", one_line(&e))))?;
+        if entry.size() > MAX_ARRAY_BYTES {
+            let problem = format!("larger than {} MiB", MAX_ARRAY_BYTES >> 20);
+            return Err(Problem::at(name, problem));
+        }
+        // An entry may be larger than it says.
+        let mut input = entry.take(MAX_ARRAY_BYTES);
+        let header = read_header(name, &mut input)?;
+        let found = header.shape().to_vec();
+        let fits = found.len() == shape.len()
+            && std::iter::zip(&found, shape).all(|(have, want)| want.is_none_or(|w| w == *have));
+        if !fits {
+            let problem = format!("expected shape {}, found {found:?}", shape_text(shape));
+            return Err(Problem::at(name, problem));
+        }
+        let dtype = header.dtype();
+        let decoder = T::reader(&dtype).map_err(|_| {
+            let found = dtype.descr();
+            Problem::at(name, format!("expected type {type_name}, found {found}"))
+        })?;
+        let mut array = Self {
+            name,
+            shape: found,
+            decoder,
+            input: Box::new(input),
+            left: header.len(),
+            bytes: Vec::new(),
+            block: Vec::new(),
+            read: 0,
+        };
+        match (header.order(), array.shape.as_slice()) {
+            (Order::C, _) | (_, [_]) => {}
+            (Order::Fortran, &[rows, columns]) => {
+                let stored = array.remaining()?;
+                array.block = transpose(&stored, rows as usize, columns as usize);
+                array.read = 0;
+            }
+            _ => return Err(Problem::at(name, "expected C order, found Fortran order")),
+        }
+        Ok(array)
+    }
+
+    /// Length of the first dimension.
+    pub fn rows(&self) -> u64 {
+        self.shape.first().copied().unwrap_or(1)
+    }
+
+    /// The next `N` items.
+    pub fn next_row<const N: usize>(&mut self) -> Checked<[T; N]> {
+        // A block holds whole rows of up to three items.
+        const { assert!(BLOCK.is_multiple_of(N)) };
+        if self.read == self.block.len() {
+            self.decode()?;
+        }
+        let rest = self.block[self.read..].first_chunk::<N>();
+        let items = *rest.ok_or_else(|| self.too_short())?;
+        self.read += N;
+        Ok(items)
+    }
+
+    /// All items that are left.
+    fn remaining(&mut self) -> Checked<Vec<T>> {
+        let mut all = self.block.split_off(self.read);
+        while self.left > 0 {
+            self.decode()?;
+            all.extend_from_slice(&self.block);
+        }
+        self.read = self.block.len();
+        Ok(all)
+    }
+
+    /// Decodes the next block.
+    fn decode(&mut self) -> Checked<()> {
+        let count = self.left.min(BLOCK as u64) as usize;
+        self.left -= count as u64;
+        self.bytes.resize(count * size_of::<T>(), 0);
+        let failed = |e: std::io::Error, array: &Self| match e.kind() {
+            ErrorKind::UnexpectedEof => array.too_short(),
+            _ => cannot_be_unpacked(array.name, &e),
+        };
+        if let Err(e) = self.input.read_exact(&mut self.bytes) {
+            return Err(failed(e, self));
+        }
+        let mut bytes = self.bytes.as_slice();
+        self.block.clear();
+        self.read = 0;
+        for _ in 0..count {
+            match self.decoder.read_one(&mut bytes) {
+                Ok(item) => self.block.push(item),
+                Err(e) => return Err(failed(e, self)),
+            }
+        }
+        Ok(())
+    }
+
+    fn too_short(&self) -> Problem {
+        let problem = format!("ends before its shape {:?} is filled", self.shape);
+        Problem::at(self.name, problem)
+    }
+
+    /// Checks that nothing follows the array's items, and that its entry is not damaged.
+    pub fn finish(mut self) -> Checked<()> {
+        let rest = std::io::copy(&mut self.input, &mut std::io::sink())
+            .map_err(|e| cannot_be_unpacked(self.name, &e))?;
+        if rest > 0 {
+            let problem = format!("{rest} bytes follow the array's end");
+            return Err(Problem::at(self.name, problem));
+        }
+        Ok(())
+    }
+}
+
 /// An array's items in C order. `shape` is the expected shape, with `None` where any length is
 /// valid.
-pub(crate) fn read_array<T: Deserialize + Clone>(
+pub(crate) fn read_array<T: Deserialize + Copy>(
     archive: &mut Archive<'_>,
     name: &str,
     type_name: &str,
     shape: &[Option<u64>],
 ) -> Checked<Vec<T>> {
-    let bytes = read_entry(archive, name)?;
-    check_header_text(name, &bytes)?;
-    let mut rest = bytes.as_slice();
-    let damaged = |e: std::io::Error| Problem::at(name, format!("not an array: {}", one_line(&e)));
-    let npy = NpyFile::new(&mut rest).map_err(damaged)?;
-    let (found, order) = (npy.shape().to_vec(), npy.order());
-    let fits = found.len() == shape.len()
-        && std::iter::zip(&found, shape).all(|(have, want)| want.is_none_or(|w| w == *have));
-    if !fits {
-        let problem = format!("expected shape {}, found {found:?}", shape_text(shape));
-        return Err(Problem::at(name, problem));
-    }
-    if order == Order::Fortran && found.len() > 2 {
-        return Err(Problem::at(name, "expected C order, found Fortran order"));
-    }
-    let dtype = npy.dtype().descr();
-    let items = npy
-        .data::<T>()
-        .map_err(|_| Problem::at(name, format!("expected type {type_name}, found {dtype}")))?;
-    let items = items
-        .collect::<std::io::Result<Vec<T>>>()
-        .map_err(|_| Problem::at(name, format!("ends before its shape {found:?} is filled")))?;
-    if !rest.is_empty() {
-        let problem = format!("{} bytes follow the array's end", rest.len());
-        return Err(Problem::at(name, problem));
-    }
-    match (order, found.as_slice()) {
-        (Order::Fortran, [rows, columns]) => {
-            Ok(transpose(&items, *rows as usize, *columns as usize))
-        }
-        _ => Ok(items),
-    }
+    let mut array = ArrayReader::open(archive, name, type_name, shape)?;
+    let items = array.remaining()?;
+    array.finish()?;
+    Ok(items)
+}
+
+fn cannot_be_unpacked(name: &str, error: &std::io::Error) -> Problem {
+    Problem::at(name, format!("cannot be unpacked: {}", one_line(error)))
 }
 
 /// A shape as Python writes it, any length as `rows`.
@@ -146,57 +264,35 @@ fn transpose<T: Clone>(items: &[T], rows: usize, columns: usize) -> Vec<T> {
         .collect()
 }
 
-/// An entry's unpacked bytes, at most [`MAX_ARRAY_BYTES`] of them.
-fn read_entry(archive: &mut Archive<'_>, name: &str) -> Checked<Vec<u8>> {
-    let file = npyz::npz::file_name_from_array_name(name);
-    let entry = archive
-        .by_name(&file)
-        .map_err(|e| Problem::at(name, format!("cannot be read: {}", one_line(&e))))?;
-    let mut bytes = Vec::new();
-    // One byte more than allowed distinguishes "too long" from "just fits".
-    entry
-        .take(MAX_ARRAY_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|e| Problem::at(name, format!("cannot be unpacked: {}", one_line(&e))))?;
-    if bytes.len() as u64 > MAX_ARRAY_BYTES {
-        let problem = format!("larger than {} MiB", MAX_ARRAY_BYTES >> 20);
-        return Err(Problem::at(name, problem));
-    }
-    Ok(bytes)
-}
-
-/// Rejects header texts on which the array parser could overflow a number or the stack.
-fn check_header_text(name: &str, npy: &[u8]) -> Checked<()> {
-    let reject = |problem: &str| Err(Problem::at(name, format!("not an array: {problem}")));
+/// Reads an array's header; rejects texts on which its parser could overflow a number or the stack.
+fn read_header(name: &str, input: &mut impl Read) -> Checked<NpyHeader> {
+    let reject = |problem: &str| Problem::at(name, format!("not an array: {problem}"));
+    let none = |_| reject("no NumPy header");
     // Magic (6 bytes), version (2), then the text's length in 2 bytes, or 4 from version 2 on.
-    let length = match npy {
-        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => {
+    let mut header = vec![0; 10];
+    input.read_exact(&mut header).map_err(none)?;
+    let length = match header.as_slice() {
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b] => {
             usize::from(u16::from_le_bytes([*a, *b]))
         }
-        [
-            b'\x93',
-            b'N',
-            b'U',
-            b'M',
-            b'P',
-            b'Y',
-            2 | 3,
-            _,
-            a,
-            b,
-            c,
-            d,
-            ..,
-        ] => u32::from_le_bytes([*a, *b, *c, *d]) as usize,
-        _ => return reject("no NumPy header"),
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 2 | 3, _, a, b] => {
+            let mut high = [0; 2];
+            input.read_exact(&mut high).map_err(none)?;
+            let length = u32::from_le_bytes([*a, *b, high[0], high[1]]);
+            header.extend(high);
+            length as usize
+        }
+        _ => return Err(reject("no NumPy header")),
     };
     if length > MAX_HEADER_BYTES {
-        return reject("header too long");
+        return Err(reject("header too long"));
     }
-    let start = if npy[6] == 1 { 10 } else { 12 };
-    let Some(text) = npy.get(start..start + length) else {
-        return reject("ends within its header");
-    };
+    let start = header.len();
+    header.resize(start + length, 0);
+    let text = &mut header[start..];
+    input
+        .read_exact(text)
+        .map_err(|_| reject("ends within its header"))?;
     let digits = text.iter().filter(|c| c.is_ascii_digit()).count();
     let brackets = text.iter().filter(|c| b"([{".contains(c)).count();
     // A digit before a letter starts a hexadecimal or other number that the digit count misses.
@@ -204,7 +300,7 @@ fn check_header_text(name: &str, npy: &[u8]) -> Checked<()> {
         .windows(2)
         .any(|w| w[0].is_ascii_digit() && w[1].is_ascii_alphabetic());
     if digits > MAX_HEADER_DIGITS || brackets > MAX_HEADER_BRACKETS || odd_number {
-        return reject("header is not that of a plain array");
+        return Err(reject("header is not that of a plain array"));
     }
-    Ok(())
+    NpyHeader::from_reader(header.as_slice()).map_err(|e| reject(&one_line(&e)))
 }

@@ -11,6 +11,7 @@ use nalgebra::Matrix2;
 use spindoe::design::DesignConfig;
 use spindoe::design::state::Checkpoint;
 use spindoe::recognize::observed::ObservedReader;
+use spindoe::recognize::paper::FeatureTree;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::synth::SynthConfig;
@@ -20,7 +21,7 @@ use spindoe::vision::picture::Picture;
 use spindoe::vision::pipe::{PipeFormat, PipeReader, RawPixel};
 use spindoe::vision::video::{DecoderLog, PictureStream, VideoClock};
 use spindoe::vision::{BallCircle, BallView, Camera, Intrinsics, Pixel};
-use spindoe::{Error, HashTable, PairRule, Pattern, RecognizerConfig, Result};
+use spindoe::{Ball, Error, Pattern, Result};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
@@ -78,8 +79,8 @@ pub fn check(read: Reader, bytes: &[u8]) -> bool {
 }
 
 fn table(bytes: &[u8]) -> Result<()> {
-    let read = HashTable::from_npz(Path::new("t.npz"), &archive(bytes, &TABLE_ARRAYS, &[]))?;
-    let again = HashTable::from_npz(Path::new("t.npz"), &read.to_npz()?)?;
+    let read = Ball::from_npz(Path::new("t.npz"), &archive(bytes, &TABLE_ARRAYS, &[]))?;
+    let again = Ball::from_npz(Path::new("t.npz"), &read.to_npz()?)?;
     assert_eq!(again.pattern().sha256(), read.pattern().sha256());
     Ok(())
 }
@@ -91,7 +92,7 @@ fn pattern(bytes: &[u8]) -> Result<()> {
     if read.len() > 12 {
         return Ok(());
     }
-    HashTable::build(read, PairRule::default(), RecognizerConfig::default()).map(drop)
+    FeatureTree::new(&Ball::new(read)).map(drop)
 }
 
 fn zones(bytes: &[u8]) -> Result<()> {

@@ -112,9 +112,9 @@ class Pattern:
 
 
 class HashTable:
-    """A pattern's hash features with their search tree: what a design ships.
+    """A ball with its hash table: what a design ships.
 
-    Made by `build` or `load`. Feature ``i`` is ``inv([d, d', d x d']) @ d''`` with the dots ``d, d' =
+    Made by `build` or `load`. The features follow from the dots and are made when asked for. Feature ``i`` is ``inv([d, d', d x d']) @ d''`` with the dots ``d, d' =
     bases[i]`` and ``d'' = feature_dots[i]``.
     """
 
@@ -154,7 +154,8 @@ class HashTable:
 
     @classmethod
     def load(cls, path: PathLike) -> HashTable:
-        """Reads an ``.npz`` and checks it whole."""
+        """Reads an ``.npz`` and checks it whole; or makes the table of a pattern's CSV. A folder of a
+        design or a calibration does too."""
         return cls._of(_native.HashTable.load(path))
 
     @classmethod
@@ -219,13 +220,11 @@ Tabled = HashTable | Pattern | str | os.PathLike[str]
 
 
 def as_table(given: Tabled) -> HashTable:
-    """A table, the one of a pattern, or that of a file: ``.npz``, or a pattern's CSV."""
+    """A table, the one of a pattern, or that of a file or folder (`HashTable.load`)."""
     if isinstance(given, HashTable):
         return given
     if isinstance(given, Pattern):
         return HashTable.build(given)
     if isinstance(given, (str, os.PathLike)):
-        if os.fspath(given).endswith(".csv"):
-            return HashTable.build(Pattern.load(given))
         return HashTable.load(given)
     raise ValueError(f"table: expected a HashTable, a Pattern or a path, found {type(given).__name__}")

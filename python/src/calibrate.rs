@@ -1,11 +1,11 @@
 //! Calibration: the dots of a ball as they were really drawn.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
+use spindoe::Pattern;
 use spindoe::calibrate::{CalibrationConfig, calibrate};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
@@ -91,15 +91,15 @@ fn in_space(direction: &Vec3, covariance: &Matrix2<f64>) -> Matrix3<f64> {
     0.5 * (turned + turned.transpose())
 }
 
-/// Calibrates the ball of a clip on the pattern of `table`, and evaluates that where it is asked for.
+/// Calibrates the ball of a clip on its `nominal` pattern, and evaluates that where it is asked for.
 pub fn run<'py>(
     py: Python<'py>,
-    table: &spindoe::HashTable,
+    nominal: &Pattern,
     clip: &Clip,
     config: &CalibrationConfig,
     evaluation: Option<CalibrationEvaluationConfig>,
 ) -> PyResult<Answer<Found<'py>>> {
-    let (nominal, times_s) = (table.pattern(), clip.times_s.as_deref());
+    let times_s = clip.times_s.as_deref();
     let found = interruptible(py, |_| calibrate(nominal, &clip.frames, times_s, config))?;
     let calibration = match found.or_raise()? {
         Ok(calibration) => calibration,
@@ -119,7 +119,7 @@ pub fn run<'py>(
             to_json(&evaluated.or_raise()?.report)
         })
         .transpose()?;
-    let own = calibration.table(Some(nominal.sha256())).or_raise()?;
+    let own = calibration.ball(Some(nominal.sha256())).or_raise()?;
     let numbers = calibration.nominal_numbers();
     let number = |j: usize| {
         let at = numbers.iter().position(|n| *n == Some(j as u16));
@@ -147,7 +147,7 @@ pub fn run<'py>(
         )
     });
     Ok(Answer::Found((
-        HashTable(Arc::new(own)),
+        HashTable::new(own),
         (
             states.collect(),
             rows(py, &places),

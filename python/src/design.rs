@@ -2,7 +2,6 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -69,7 +68,7 @@ pub fn merge(
     let found = observed(py, callback, None, command, |stop, observer| {
         job.merge(&shards, start, stop, observer)
     })?;
-    Ok((HashTable(Arc::new(found.table)), to_json(&found.report)?))
+    Ok((HashTable::new(found.ball), to_json(&found.report)?))
 }
 
 /// Passes the search's progress on to Python, and ends the search when Python says so.
@@ -164,7 +163,7 @@ impl DesignJob {
         let found = observed(py, callback, budget_s, None, |stop, observer| {
             self.job.run(self.start, stop, observer)
         })?;
-        Ok((HashTable(Arc::new(found.table)), to_json(&found.report)?))
+        Ok((HashTable::new(found.ball), to_json(&found.report)?))
     }
 
     /// Runs the shard that the flags ask for.

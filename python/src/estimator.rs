@@ -161,7 +161,6 @@ struct Slot {
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Estimator {
     inner: Arc<spindoe::Estimator<NamedDetector>>,
-    table: Arc<spindoe::HashTable>,
     slots: Mutex<Vec<Slot>>,
 }
 
@@ -253,10 +252,9 @@ impl Estimator {
                 return Err(value_error("weights", problem));
             }
         };
-        let inner = spindoe::Estimator::for_table(&table.0, config, detector).or_raise()?;
+        let inner = spindoe::Estimator::for_ball(&table.0, config, detector).or_raise()?;
         Ok(Self {
             inner: Arc::new(inner),
-            table: Arc::clone(&table.0),
             slots: Mutex::new(Vec::new()),
         })
     }
@@ -369,11 +367,10 @@ impl Estimator {
             return Err(value_error("fps", problem));
         }
         let circle = self::circle(circle)?;
-        let pattern = self.table.pattern();
-        // As designed, whatever the table knows of the dots.
+        let pattern = self.inner.pattern();
+        // As designed, whatever is known of the dots.
         let nominal = Self {
             inner: Arc::new(self.inner.for_pattern(pattern).or_raise()?),
-            table: Arc::clone(&self.table),
             slots: Mutex::new(Vec::new()),
         };
         let clip = if paths.is_empty() {
@@ -395,7 +392,7 @@ impl Estimator {
         };
         let evaluation =
             evaluation.map(|(samples, seed)| CalibrationEvaluationConfig { samples, seed });
-        calibrate::run(py, &self.table, &clip, &config, evaluation)
+        calibrate::run(py, pattern, &clip, &config, evaluation)
     }
 
     /// A tracker that shares this estimator.

@@ -1,4 +1,4 @@
-//! Patterns and hash tables.
+//! Patterns, and balls with their hash tables.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,7 +9,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use spindoe::{PairRule, RecognizerConfig};
+use spindoe::ball::{Feature, PaperConfig};
+use spindoe::{Ball, PairRule};
 
 use crate::arrays::{Numbers, blocks3, rows, triples, vectors};
 use crate::errors::{OrRaise, value_error};
@@ -79,7 +80,18 @@ impl Pattern {
 }
 
 #[pyclass(frozen, module = "spindoe._native")]
-pub struct HashTable(pub Arc<spindoe::HashTable>);
+pub struct HashTable(pub Arc<Ball>);
+
+impl HashTable {
+    pub fn new(ball: Ball) -> Self {
+        Self(Arc::new(ball))
+    }
+
+    /// The hash features, made from the dots.
+    fn rows(&self) -> impl Iterator<Item = Feature> {
+        self.0.pair_rule().features(self.0.pattern().dots())
+    }
+}
 
 #[pymethods]
 impl HashTable {
@@ -94,21 +106,22 @@ impl HashTable {
             min_cross,
             max_angle_rad,
         };
-        let config = overlay(&RecognizerConfig::default(), recognizer)?;
-        let table = spindoe::HashTable::build(pattern.0.clone(), rule, config).or_raise()?;
-        Ok(Self(Arc::new(table)))
+        let config = overlay(&PaperConfig::default(), recognizer)?;
+        let ball = Ball::new(pattern.0.clone()).with_recognizer(config);
+        let ball = ball.and_then(|ball| ball.with_pair_rule(rule));
+        Ok(Self::new(ball.or_raise()?))
     }
 
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let table = py.detach(|| spindoe::HashTable::read_npz(&path));
-        Ok(Self(Arc::new(table.or_raise()?)))
+        let ball = py.detach(|| Ball::read(&path));
+        Ok(Self::new(ball.or_raise()?))
     }
 
     #[staticmethod]
     fn from_bytes(bytes: &[u8]) -> PyResult<Self> {
-        let table = spindoe::HashTable::from_npz(Path::new("hash table"), bytes).or_raise()?;
-        Ok(Self(Arc::new(table)))
+        let ball = Ball::from_npz(Path::new("hash table"), bytes);
+        Ok(Self::new(ball.or_raise()?))
     }
 
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
@@ -125,17 +138,20 @@ impl HashTable {
     }
 
     fn features<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
-        triples(py, self.0.features())
+        let values: Vec<[f64; 3]> = self.rows().map(|f| f.value).collect();
+        triples(py, &values)
     }
 
     fn bases<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<u16>> {
-        let bases = self.0.bases();
-        let at = |(i, j): (usize, usize)| [bases[i].first, bases[i].second][j];
-        Array2::from_shape_fn((bases.len(), 2), at).into_pyarray(py)
+        let bases: Vec<[u16; 2]> = self
+            .rows()
+            .map(|f| [f.basis.first, f.basis.second])
+            .collect();
+        Array2::from_shape_fn((bases.len(), 2), |(i, j)| bases[i][j]).into_pyarray(py)
     }
 
     fn feature_dots<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u16>> {
-        Array1::from_iter(self.0.feature_dots().iter().copied()).into_pyarray(py)
+        Array1::from_iter(self.rows().map(|f| f.dot)).into_pyarray(py)
     }
 
     fn dot_covariances<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray3<f64>>> {
@@ -143,6 +159,6 @@ impl HashTable {
     }
 
     fn meta(&self) -> PyResult<String> {
-        to_json(self.0.meta())
+        to_json(&self.0.meta())
     }
 }

@@ -1,6 +1,6 @@
 //! Recognizers: one view at a time, or many on all cores.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use nalgebra::{Matrix3, Matrix3x2};
 use numpy::ndarray::{Array1, Array2, ArrayViewD};
@@ -131,7 +131,7 @@ impl Settings {
 
 enum Kind {
     Robust(Box<RobustRecognizer>),
-    Paper(PaperConfig),
+    Paper(Box<PaperRecognizer>),
 }
 
 #[derive(Default)]
@@ -143,7 +143,6 @@ struct Workspace {
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Recognizer {
-    table: Arc<spindoe::HashTable>,
     kind: Kind,
     /// Of dots for which nothing is given, along one tangent axis.
     sigma_rad: f64,
@@ -306,7 +305,7 @@ impl Recognizer {
             return Err(value_error("min_confidence", problem));
         }
         let sigma_rad = match sigma_rad {
-            None => table.0.meta().recognizer.sigma_rad / 3f64.sqrt(),
+            None => table.0.recognizer().sigma_rad / 3f64.sqrt(),
             Some(sigma) if sigma > 0.0 && sigma.is_finite() => sigma,
             Some(sigma) => {
                 let problem = format!("expected a positive angle, found {sigma}");
@@ -314,7 +313,6 @@ impl Recognizer {
             }
         };
         Ok(Self {
-            table: Arc::clone(&table.0),
             kind,
             sigma_rad,
             min_confidence,
@@ -347,10 +345,7 @@ impl Recognizer {
         } = ws;
         match &self.kind {
             Kind::Robust(recognizer) => recognizer.explain(dots, hint, robust),
-            // Its parameters were checked when this was made.
-            Kind::Paper(config) => PaperRecognizer::new(&self.table, *config)
-                .map_err(|_| RecognizerRejection::NoHypothesis)?
-                .explain(dots, hint, paper),
+            Kind::Paper(recognizer) => recognizer.explain(dots, hint, paper),
         }
     }
 
@@ -406,7 +401,7 @@ impl Recognizer {
         let view = match expect {
             Some(name) => name.parse::<ProtocolName>().or_raise()?.view(),
             None => {
-                let limit = table.0.meta().recognizer.visibility_limit;
+                let limit = table.0.recognizer().visibility_limit;
                 ViewModel {
                     visibility_limit: limit,
                     false_dot_limit: limit,
@@ -414,11 +409,10 @@ impl Recognizer {
                 }
             }
         };
-        let pattern = table.0.pattern();
         let base = RobustConfig::from(view);
-        let defaults = Settings::of(&base, pattern.len());
+        let defaults = Settings::of(&base, table.0.pattern().len());
         let config = overlay(&defaults, settings)?.in_place_of(&defaults, &base);
-        let recognizer = RobustRecognizer::new(pattern, config).or_raise()?;
+        let recognizer = RobustRecognizer::for_ball(&table.0, config).or_raise()?;
         let kind = Kind::Robust(Box::new(recognizer));
         Self::new(table, kind, sigma_rad, min_confidence)
     }
@@ -440,7 +434,7 @@ impl Recognizer {
         sigma_rad: Option<f64>,
         min_confidence: f64,
     ) -> PyResult<Self> {
-        let of_table = *PaperRecognizer::from_table(&table.0).or_raise()?.config();
+        let of_table = *table.0.recognizer();
         let config = PaperConfig {
             k: k.unwrap_or(of_table.k),
             kappa: kappa.unwrap_or(of_table.kappa),
@@ -456,16 +450,19 @@ impl Recognizer {
                     return Err(value_error("vote_sum", problem));
                 }
             },
+            ..of_table
         };
-        PaperRecognizer::new(&table.0, config).or_raise()?;
-        Self::new(table, Kind::Paper(config), sigma_rad, min_confidence)
+        let recognizer = PaperRecognizer::for_ball(&table.0);
+        let recognizer = recognizer.and_then(|paper| paper.with_config(config));
+        let kind = Kind::Paper(Box::new(recognizer.or_raise()?));
+        Self::new(table, kind, sigma_rad, min_confidence)
     }
 
     /// The settings in use, as JSON; empty for the paper's.
     fn settings(&self) -> PyResult<String> {
         match &self.kind {
             Kind::Robust(recognizer) => {
-                let dots = self.table.pattern().len();
+                let dots = recognizer.dots().len();
                 to_json(&Settings::of(recognizer.config(), dots))
             }
             Kind::Paper(_) => Ok("{}".to_owned()),

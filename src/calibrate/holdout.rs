@@ -7,9 +7,9 @@
 use super::config::CalibrationConfig;
 use super::identify::identify_frames;
 use super::{Calibration, calibrate};
+use crate::ball::Ball;
 use crate::error::Result;
 use crate::geometry::Rotation;
-use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 use crate::spin::Measurement;
 use crate::spin::precession::{PrecessionConfig, PrecessionOutcome, SteadyFit, fit_precession};
@@ -71,8 +71,7 @@ pub fn held_out(
     } else {
         FOLDS
     };
-    let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
-    let nominal_table = HashTable::build(nominal.clone(), rule, recognizer)?;
+    let nominal_ball = Ball::new(nominal.clone());
     let judge = |fold: u64| -> Result<Vec<HeldOutFrame>> {
         let is_out = |k: &usize| *k % folds == fold as usize;
         let (out, kept): (Vec<usize>, Vec<usize>) = (0..frames.len()).partition(is_out);
@@ -84,8 +83,8 @@ pub fn held_out(
             return Ok(Vec::new());
         };
         let unseen = of(&out);
-        let before = identify_frames(&nominal_table, &config.estimator, &unseen)?;
-        let after = identify_frames(&found.table(None)?, &config.estimator, &unseen)?;
+        let before = identify_frames(&nominal_ball, &config.estimator, &unseen)?;
+        let after = identify_frames(&found.ball(None)?, &config.estimator, &unseen)?;
         let judged = out.iter().zip(before.iter().zip(&after));
         Ok(judged
             .map(|(&frame, (before, after))| HeldOutFrame {

@@ -1,8 +1,8 @@
 //! Identification of frames whose dots are already detected, with another pattern than before.
 
+use crate::ball::Ball;
 use crate::concurrency;
 use crate::error::Result;
-use crate::hash::HashTable;
 use crate::vision::detect::NoDetector;
 use crate::vision::estimator::EstimatorConfig;
 use crate::vision::{Estimator, FrameEstimate};
@@ -10,16 +10,16 @@ use crate::vision::{Estimator, FrameEstimate};
 /// Frames handled by one task: a workspace serves them all.
 const CHUNK: usize = 32;
 
-/// The frames, identified anew and independently from their detections with the ball of this table.
+/// The frames, identified anew and independently from their detections with this ball.
 ///
 /// # Errors
-/// As [`Estimator::for_table`].
+/// As [`Estimator::for_ball`].
 pub fn identify_frames(
-    table: &HashTable,
+    ball: &Ball,
     config: &EstimatorConfig,
     frames: &[FrameEstimate],
 ) -> Result<Vec<FrameEstimate>> {
-    let estimator = Estimator::for_table(table, *config, NoDetector)?;
+    let estimator = Estimator::for_ball(ball, *config, NoDetector)?;
     let chunks: Vec<&[FrameEstimate]> = frames.chunks(CHUNK).collect();
     let done = concurrency::map(&chunks, |chunk| {
         let mut workspace = estimator.workspace();

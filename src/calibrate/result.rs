@@ -3,9 +3,9 @@
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 
 use super::presence::FAR_OFF;
+use crate::ball::{Ball, CalibrationRecord};
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between, tangent_frame};
-use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 use crate::stats::median;
 use crate::vision::FrameEstimate;
@@ -148,12 +148,12 @@ impl Calibration {
         dots.chain(marks).map(in_space).collect()
     }
 
-    /// The hash table of [`Calibration::pattern`] with the dots' covariances. `nominal_sha256` names the
-    /// nominal pattern, where there was one.
+    /// The ball with the dots of [`Calibration::pattern`] and their covariances. `nominal_sha256` names
+    /// the nominal pattern, where there was one.
     ///
     /// # Errors
-    /// As [`HashTable::build`].
-    pub fn table(&self, nominal_sha256: Option<String>) -> Result<HashTable> {
+    /// As [`Calibration::pattern`] and [`Ball::with_calibration`].
+    pub fn ball(&self, nominal_sha256: Option<String>) -> Result<Ball> {
         let views = self.dots.iter().filter(|d| d.state != DotState::Missing);
         let views = views
             .map(|d| d.views)
@@ -163,9 +163,7 @@ impl Calibration {
             nominal_numbers: self.nominal_numbers(),
             views: views.map(|v| v as u32).collect(),
         };
-        let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
-        HashTable::build(self.pattern()?, rule, recognizer)?
-            .with_calibration(self.covariances(), record)
+        Ball::new(self.pattern()?).with_calibration(self.covariances(), record)
     }
 
     /// Number of dots in this state.

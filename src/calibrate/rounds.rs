@@ -14,9 +14,9 @@ use super::result::{
     CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, drawing_sigma_rad,
     in_space,
 };
+use crate::ball::{Ball, CalibrationRecord};
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
-use crate::hash::{CalibrationRecord, HashTable, PairRule, RecognizerConfig};
 use crate::pattern::{MAX_DOTS, Pattern};
 use crate::stats::median;
 use crate::vision::FrameEstimate;
@@ -462,14 +462,13 @@ impl<'a> Rounds<'a> {
     /// Identifies all frames anew, with dots that may be drawn farther off than the estimator supposes; whether
     /// enough are then beyond doubt.
     fn identify_wider(&mut self) -> Result<bool> {
-        let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
-        let table = HashTable::build(self.nominal.clone(), rule, recognizer)?;
+        let ball = Ball::new(self.nominal.clone());
         let detected = self.frames.clone();
         for factor in WIDER {
             let mut estimator = self.config.estimator;
             estimator.placement_sigma_rad *= factor;
             estimator.trust = TrustMap::WIDE;
-            self.frames = identify_frames(&table, &estimator, &detected)?;
+            self.frames = identify_frames(&ball, &estimator, &detected)?;
             if self.check_frames().is_ok() {
                 return Ok(true);
             }
@@ -502,10 +501,9 @@ impl<'a> Rounds<'a> {
                 .map(|&j| self.candidates[j].views as u32)
                 .collect(),
         };
-        let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
-        let table = HashTable::build(Pattern::new(dots)?, rule, recognizer)?
-            .with_calibration(covariances.collect(), record)?;
-        self.frames = identify_frames(&table, &self.config.estimator, &self.frames)?;
+        let ball =
+            Ball::new(Pattern::new(dots)?).with_calibration(covariances.collect(), record)?;
+        self.frames = identify_frames(&ball, &self.config.estimator, &self.frames)?;
         self.names = names;
         Ok(())
     }

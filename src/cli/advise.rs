@@ -6,7 +6,8 @@ use clap::Args;
 
 use super::camera::CameraArguments;
 use super::output::{Counter, quoted};
-use super::{print_json, read_table};
+use super::print_json;
+use crate::ball::Ball;
 use crate::error::Result;
 use crate::predict::{
     Advice, AdviceConfig, DetectionModel, NamedPattern, PredictConfig, advise, predictions,
@@ -26,8 +27,9 @@ Examples:
   spindoe advise --ball-px 45 --fps 240 --exposure-ms 0.5
   spindoe advise mine.csv --camera camera.toml --json")]
 pub struct Arguments {
-    /// Patterns (CSV of unit vectors x,y,z) or hash tables (.npz) [default: the shipped designs].
-    #[arg(value_name = "PATTERN_OR_TABLE")]
+    /// Patterns: for each its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or
+    /// calibration [default: the shipped designs].
+    #[arg(value_name = "PATTERN")]
     inputs: Vec<PathBuf>,
     /// Frames a prediction.
     #[arg(long, value_name = "N", default_value_t = 600)]
@@ -58,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             .map(|path| {
                 Ok(NamedPattern {
                     name: path.to_string_lossy().into_owned(),
-                    pattern: read_table(path)?.pattern().clone(),
+                    pattern: Ball::read(path)?.into_pattern(),
                 })
             })
             .collect::<Result<_>>()?

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::images::ImageArguments;
+use crate::ball::Ball;
 use crate::calibrate::{
     BuiltPattern, Calibration, CalibrationConfig, DotState, build_pattern, calibrate,
     identify_frames, matching_design,
@@ -12,7 +13,6 @@ use crate::calibrate::{
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::spiral_directions;
-use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 use crate::report::calibration::{
     CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, CalibrationSource,
@@ -39,8 +39,8 @@ pub struct Arguments {
     /// Images, folders of images, or videos of one ball.
     #[arg(value_name = "CLIP_OR_FOLDER", required = true)]
     clip: Vec<PathBuf>,
-    /// The hash table (.npz) or pattern (CSV) that the ball was drawn from; several: the ball is one of
-    /// them.
+    /// What the ball was drawn from: a table (.npz), a pattern (CSV), or the folder of a design or
+    /// calibration; several: the ball is one of them.
     #[arg(long, value_name = "TABLE.npz", required_unless_present = "unknown")]
     table: Vec<PathBuf>,
     /// Build the pattern from the clip alone; with --table, say which of these designs it is.
@@ -79,10 +79,10 @@ pub struct Arguments {
     json: bool,
 }
 
-/// The frames of the clip, as the best table identifies them.
+/// The frames of the clip, as the ball that fits best identifies them.
 struct Clip {
-    table: HashTable,
-    /// The table's file; none where the pattern was built from the clip.
+    ball: Ball,
+    /// The ball's file; none where the pattern was built from the clip.
     path: Option<PathBuf>,
     frames: Vec<FrameEstimate>,
     times_s: Option<Vec<f64>>,
@@ -99,13 +99,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "a calibration",
         "choose another folder",
     )?;
-    let tables: Result<Vec<HashTable>> = arguments
+    let balls: Result<Vec<Ball>> = arguments
         .table
         .iter()
-        .map(|path| super::read_table(path))
+        .map(|path| Ball::read(path))
         .collect();
-    let clip = arguments.read(tables?, &config)?;
-    let nominal = clip.table.pattern();
+    let clip = arguments.read(balls?, &config)?;
+    let nominal = clip.ball.pattern();
     match &clip.path {
         Some(path) if arguments.unknown || arguments.table.len() > 1 => {
             errln!("the ball is drawn from {}", path.display());
@@ -173,10 +173,10 @@ impl Arguments {
         }
     }
 
-    /// Reads the clip with the first table, and identifies its frames with the one that fits.
-    fn read(&self, tables: Vec<HashTable>, config: &CalibrationConfig) -> Result<Clip> {
+    /// Reads the clip with the first ball, and identifies its frames with the one that fits.
+    fn read(&self, balls: Vec<Ball>, config: &CalibrationConfig) -> Result<Clip> {
         let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
-        let pattern = tables.first().map_or(&stand_in, |t| t.pattern());
+        let pattern = balls.first().map_or(&stand_in, Ball::pattern);
         let estimator = Estimator::new(pattern, config.estimator, self.images.detector()?)?;
         let batch = estimate_inputs(&estimator, &self.clip, &self.batch()?, &())?;
         if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
@@ -184,35 +184,35 @@ impl Arguments {
         }
         let times_s = batch.times_s();
         let frames: Vec<FrameEstimate> = batch.frames.into_iter().map(|f| f.estimate).collect();
-        let (table, path, frames) = if self.unknown {
-            self.unknown_ball(tables, &frames, config)?
+        let (ball, path, frames) = if self.unknown {
+            self.unknown_ball(balls, &frames, config)?
         } else {
-            self.best_table(tables, frames, config)?
+            self.best_ball(balls, frames, config)?
         };
         Ok(Clip {
-            table,
+            ball,
             path,
             frames,
             times_s,
         })
     }
 
-    /// The table that fits the frames best. They come identified with the first.
-    fn best_table(
+    /// The ball that fits the frames best. They come identified with the first.
+    fn best_ball(
         &self,
-        tables: Vec<HashTable>,
+        balls: Vec<Ball>,
         frames: Vec<FrameEstimate>,
         config: &CalibrationConfig,
-    ) -> Result<(HashTable, Option<PathBuf>, Vec<FrameEstimate>)> {
-        let mut tables = tables.into_iter().zip(&self.table);
-        let (table, path) = tables
+    ) -> Result<(Ball, Option<PathBuf>, Vec<FrameEstimate>)> {
+        let mut balls = balls.into_iter().zip(&self.table);
+        let (ball, path) = balls
             .next()
             .ok_or_else(|| Error::argument("table", "expected a table"))?;
-        let mut best = (table, Some(path.clone()), frames);
-        for (table, path) in tables {
-            let frames = identify_frames(&table, &config.estimator, &best.2)?;
+        let mut best = (ball, Some(path.clone()), frames);
+        for (ball, path) in balls {
+            let frames = identify_frames(&ball, &config.estimator, &best.2)?;
             if trust(&frames) > trust(&best.2) {
-                best = (table, Some(path.clone()), frames);
+                best = (ball, Some(path.clone()), frames);
             }
         }
         Ok(best)
@@ -221,10 +221,10 @@ impl Arguments {
     /// The pattern built from the clip, or the design that it is.
     fn unknown_ball(
         &self,
-        tables: Vec<HashTable>,
+        balls: Vec<Ball>,
         frames: &[FrameEstimate],
         config: &CalibrationConfig,
-    ) -> Result<(HashTable, Option<PathBuf>, Vec<FrameEstimate>)> {
+    ) -> Result<(Ball, Option<PathBuf>, Vec<FrameEstimate>)> {
         let BuiltPattern {
             pattern: built,
             blind,
@@ -237,18 +237,15 @@ impl Arguments {
                 built.len()
             );
         }
-        let designs: Vec<Pattern> = tables.iter().map(|t| t.pattern().clone()).collect();
+        let designs: Vec<Pattern> = balls.iter().map(|b| b.pattern().clone()).collect();
         let known = matching_design(&built, &designs)?
-            .and_then(|k| Some((tables.into_iter().nth(k)?, self.table[k].clone())));
-        let (table, path) = match known {
-            Some((table, path)) => (table, Some(path)),
-            None => {
-                let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
-                (HashTable::build(built, rule, recognizer)?, None)
-            }
+            .and_then(|k| Some((balls.into_iter().nth(k)?, self.table[k].clone())));
+        let (ball, path) = match known {
+            Some((ball, path)) => (ball, Some(path)),
+            None => (Ball::new(built), None),
         };
-        let frames = identify_frames(&table, &config.estimator, frames)?;
-        Ok((table, path, frames))
+        let frames = identify_frames(&ball, &config.estimator, frames)?;
+        Ok((ball, path, frames))
     }
 }
 

@@ -193,7 +193,7 @@ pub fn read_conditions(path: &Path) -> Result<CameraConditions> {
 }
 
 fn read(path: &Path) -> Result<CameraFile> {
-    let bytes = files::read_bytes(path)?;
+    let bytes = files::read_at_most(path, files::MAX_TEXT_BYTES)?;
     let text = String::from_utf8(bytes)
         .map_err(|_| Error::input(path, "file", "expected text in UTF-8"))?;
     toml::from_str(&text).map_err(|error| {

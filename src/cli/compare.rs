@@ -7,7 +7,8 @@ use clap::Args;
 #[cfg(feature = "vision")]
 use super::camera::CameraArguments;
 use super::output::{Counter, one_of, quoted};
-use super::{print_json, read_table};
+use super::print_json;
+use crate::ball::Ball;
 use crate::error::Result;
 use crate::files;
 use crate::recognize::RecognizerName;
@@ -26,8 +27,9 @@ Example:
 
 With any flag of a camera the patterns are compared on frames of that camera, predicted without rendering.")]
 pub struct Arguments {
-    /// Patterns (CSV of unit vectors x,y,z) or hash tables (.npz); at least two.
-    #[arg(value_name = "PATTERN_OR_TABLE", required = true)]
+    /// The patterns, at least two: for each its CSV (unit vectors x,y,z), a table (.npz), or the folder
+    /// of a design or calibration.
+    #[arg(value_name = "PATTERN", required = true)]
     inputs: Vec<PathBuf>,
     /// Write report.html, comparison.json and the plots to this folder.
     #[arg(short, long, value_name = "DIR")]
@@ -70,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .map(|(path, name)| {
             Ok(Entry {
                 name,
-                table: read_table(path)?,
+                ball: Ball::read(path)?,
             })
         })
         .collect::<Result<Vec<_>>>()?;
@@ -134,7 +136,7 @@ fn before_camera(arguments: &Arguments, entries: &[Entry]) -> Result<()> {
     let counter = Counter::new(entries.len() as u64, "patterns");
     let mut outcomes = Vec::with_capacity(entries.len());
     for entry in entries {
-        let pattern = entry.table.pattern();
+        let pattern = entry.ball.pattern();
         let predictor = Predictor::new(&model, pattern, EstimatorConfig::default())?;
         outcomes.push(
             predictor
@@ -164,7 +166,7 @@ fn before_camera(arguments: &Arguments, entries: &[Entry]) -> Result<()> {
         arguments.seed
     );
     for (entry, r, difference) in rows {
-        outln!("{} ({} dots)", entry.name, entry.table.pattern().len());
+        outln!("{} ({} dots)", entry.name, entry.ball.pattern().len());
         outln!(
             "  right {}, wrong {}, error: mean {:.3} deg",
             r.right,

@@ -8,11 +8,11 @@ use clap::Args;
 use serde_json::json;
 
 use super::output::Counter;
+use crate::ball::Ball;
 use crate::error::{Error, Result, require};
 use crate::files::OutputFile;
 use crate::files::csv::shown;
 use crate::geometry::to_wxyz;
-use crate::hash::HashTable;
 use crate::pipeline::Sink;
 use crate::recognize::observed::ObservedReader;
 use crate::recognize::robust::{ConditionsPrior, RobustConfig, RobustRecognizer};
@@ -33,8 +33,9 @@ outward in the image, second across it, counter-clockwise.
 Without time_s, a frame named by a whole number is that many nanoseconds; any other has no time.
 
 The robust recognizer learns noise, misses and false dots from the frames themselves, a file's from its first 256,
-a pipe's from those that came before, and says what it learned; --expect, --false-dots and --miss-probability say
-what is known, --no-learning takes the defaults. Its confidence is the probability that the orientation is correct;
+a pipe's from those that came before, and says what it learned, the share of frames that show something else among
+it; --expect, --false-dots, --miss-probability and --foreign-share say what is known, --no-learning takes the
+defaults. Its confidence is the probability that the orientation is correct;
 that of the paper's recognizer is a share of votes and no probability. --json also has the probability that every
 dot is identified correctly, and lists the rival poses of each frame: a pattern with a rotational symmetry has
 several of about the same confidence.
@@ -49,7 +50,8 @@ pub struct Arguments {
     /// The observed dots; - is standard input.
     #[arg(value_name = "DOTS.csv")]
     dots: PathBuf,
-    /// The pattern's hash table (.npz), or the pattern (CSV of unit vectors x,y,z).
+    /// The ball: a table (.npz), a pattern (CSV of unit vectors x,y,z), or the folder of a design or
+    /// calibration.
     #[arg(long, value_name = "TABLE.npz")]
     table: PathBuf,
     /// The recognizer to run.
@@ -75,6 +77,10 @@ pub struct Arguments {
     /// Probability that a visible dot is missed.
     #[arg(long, value_name = "P", allow_negative_numbers = true)]
     miss_probability: Option<f64>,
+    /// Share of the frames that show something else than the ball [default: learned; none with --expect;
+    /// a fifth with --no-learning].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    foreign_share: Option<f64>,
     /// Do not learn misses, false dots and noise from the frames: take defaults for what is not
     /// given.
     #[arg(long, conflicts_with = "expect")]
@@ -103,9 +109,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let problem = format!("expected 0 to 1, found {p}");
         return Err(Error::argument("--min-confidence", problem));
     }
-    let table = super::read_table(&arguments.table)?;
-    let config = arguments.config(&table)?;
-    let sigma_rad = arguments.sigma_rad(&table)?;
+    let ball = Ball::read(&arguments.table)?;
+    let config = arguments.config(&ball)?;
+    let sigma_rad = arguments.sigma_rad(&ball)?;
     let input = super::open_input(&arguments.dots)?;
     let placement_rad = arguments.placement_sigma_rad()?;
     let frames = ObservedReader::new(&input.name, input.reader, sigma_rad)?.map(|frame| {
@@ -119,19 +125,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut outputs = Outputs::create(arguments)?;
     match arguments.recognizer {
         RecognizerName::Paper => {
-            let recognizer = PaperRecognizer::from_table(&table)?;
+            let recognizer = PaperRecognizer::for_ball(&ball)?;
             identify_frames(&recognizer, frames, threads, &mut outputs)?;
         }
         RecognizerName::Robust => {
-            let pattern = table.pattern();
             if arguments.learns() {
-                let learning = arguments.learning(&table);
+                let learning = arguments.learning(&ball);
                 let outputs = &mut outputs;
                 let learned =
-                    identify_learning(pattern, &config, &learning, frames, threads, outputs)?;
+                    identify_learning(&ball, &config, &learning, frames, threads, outputs)?;
                 outputs.learned = Some(learned);
             } else {
-                let recognizer = RobustRecognizer::new(pattern, config)?;
+                let recognizer = RobustRecognizer::for_ball(&ball, config)?;
                 identify_frames(&recognizer, frames, threads, &mut outputs)?;
             }
         }
@@ -146,16 +151,17 @@ impl Arguments {
     }
 
     /// How they tell it, and what is known before.
-    fn learning(&self, table: &HashTable) -> LearningConfig {
+    fn learning(&self, ball: &Ball) -> LearningConfig {
         let known = ConditionsPrior::default();
         let is_file = std::fs::metadata(&self.dots).is_ok_and(|m| m.is_file());
         LearningConfig {
             prior: ConditionsPrior {
                 visibility_limit: known
                     .visibility_limit
-                    .max(table.meta().recognizer.visibility_limit),
+                    .max(ball.recognizer().visibility_limit),
                 detection_probability: self.miss_probability.map(|p| 1.0 - p),
                 expected_false_dots: self.false_dots,
+                foreign_share: self.foreign_share,
                 ..known
             },
             // Answers to a pipe must not wait.
@@ -175,9 +181,9 @@ impl Arguments {
         })
     }
 
-    fn sigma_rad(&self, table: &HashTable) -> Result<f64> {
+    fn sigma_rad(&self, ball: &Ball) -> Result<f64> {
         match self.sigma_deg {
-            None => Ok(table.meta().recognizer.sigma_rad / 3f64.sqrt()),
+            None => Ok(ball.recognizer().sigma_rad / 3f64.sqrt()),
             Some(deg) if deg > 0.0 && deg.is_finite() => Ok(deg.to_radians()),
             Some(deg) => {
                 let problem = format!("expected a positive number, found {deg}");
@@ -194,11 +200,11 @@ impl Arguments {
         Ok(degrees.to_radians())
     }
 
-    fn config(&self, table: &HashTable) -> Result<RobustConfig> {
+    fn config(&self, ball: &Ball) -> Result<RobustConfig> {
         let mut view = match self.expect {
             Some(name) => name.view(),
             None => {
-                let limit = table.meta().recognizer.visibility_limit;
+                let limit = ball.recognizer().visibility_limit;
                 ViewModel {
                     visibility_limit: limit,
                     false_dot_limit: limit,
@@ -221,6 +227,16 @@ impl Arguments {
             view.detection = Detection::Each {
                 probability: 1.0 - p,
             };
+        }
+        if let Some(share) = self.foreign_share {
+            let inside = (0.0..0.95).contains(&share);
+            require(
+                inside,
+                "--foreign-share",
+                "0 or more and less than 0.95",
+                share,
+            )?;
+            view.foreign_share = share;
         }
         Ok(view.into())
     }
@@ -423,10 +439,12 @@ fn words(learned: &LearnedView) -> String {
         FalseDots::Poisson(mean) => format!("{mean:.2} false dots a frame"),
     };
     format!(
-        "learned from {frames} frames: {false_dots}, {:.0} % of the dots with z > {:.2} missed, noise {:.2} times that given",
+        "learned from {frames} frames: {false_dots}, {:.0} % of the dots with z > {:.2} missed, noise {:.2} times that given, \
+         {:.0} % of the frames of something else",
         100.0 * (1.0 - detection_probability(view)),
         view.visibility_limit,
         view.noise_scale,
+        100.0 * (view.foreign_share + view.mirrored_share),
     )
 }
 
@@ -439,6 +457,8 @@ fn learned_json(LearnedView { view, frames }: &LearnedView) -> serde_json::Value
         "detection_probability": detection_probability(view),
         "expected_false_dots": view.false_dots.mean(),
         "usual_false_dots": view.false_dots.usual(),
+        "foreign_share": view.foreign_share,
+        "mirrored_share": view.mirrored_share,
         "frames": frames,
     })
 }

@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 use super::design::cone;
 use super::print_json;
+use crate::ball::Ball;
 use crate::design::KeepOut;
 use crate::error::{Error, Result};
 use crate::files;
@@ -24,7 +25,7 @@ Examples:
   spindoe mark pattern.csv --as plotter -o egg.svg
   spindoe mark pattern.csv --as plotter -o ball.gcode --pen-diameter-mm 0.8")]
 pub struct Arguments {
-    /// The pattern, a CSV of unit vectors x,y,z.
+    /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
     pattern: PathBuf,
     /// The marking method.
     #[arg(long = "as", value_enum, value_name = "METHOD")]
@@ -209,7 +210,7 @@ impl Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let format = Format::of(&arguments.output, arguments.method)?;
-    let pattern = Pattern::read_csv(&arguments.pattern)?;
+    let pattern = Ball::read(&arguments.pattern)?.into_pattern();
     let drawing = arguments.drawing(&pattern, format)?;
     let bytes = match format {
         Format::Svg => svg_text(&drawing).concat().into_bytes(),

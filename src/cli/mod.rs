@@ -71,8 +71,6 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use crate::design::Shard;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::hash::{HashTable, PairRule, RecognizerConfig};
-use crate::pattern::Pattern;
 use crate::report::{DesignJob, Start};
 
 /// Designs dot patterns for balls, evaluates them, and writes the files needed to use them.
@@ -305,19 +303,6 @@ fn usage_line(error: &clap::Error) -> String {
     let first = text.split("\n\n").next().unwrap_or_default();
     let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
     line.strip_prefix("error: ").unwrap_or(&line).to_owned()
-}
-
-/// Reads a hash table, or makes that of a pattern: a NumPy archive starts with "PK", as every ZIP
-/// does.
-fn read_table(path: &Path) -> Result<HashTable> {
-    let bytes = files::read_bytes(path)?;
-    let is_archive = bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz");
-    if is_archive {
-        HashTable::from_npz(path, &bytes)
-    } else {
-        let pattern = Pattern::read_csv(path)?;
-        HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())
-    }
 }
 
 /// An input that is read piece by piece: a file, or standard input for `-`.

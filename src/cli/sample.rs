@@ -6,10 +6,10 @@ use clap::Args;
 use serde_json::json;
 
 use super::output::Counter;
+use crate::ball::Ball;
 use crate::error::{Result, require};
 use crate::files;
 use crate::geometry::Vec3;
-use crate::hash::{HashTable, PairRule, RecognizerConfig};
 use crate::pattern::Pattern;
 use crate::synth::SynthConfig;
 use crate::synth::dataset::{Sequence, SequenceConfig};
@@ -63,12 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     files::create_writable_dir(dir)?;
     let pattern = Pattern::from_csv("pattern.csv".as_ref(), PATTERN.as_bytes())?;
     pattern.write_csv(&dir.join("pattern.csv"))?;
-    let table = HashTable::build(
-        pattern.clone(),
-        PairRule::default(),
-        RecognizerConfig::default(),
-    )?;
-    table.write_npz(&dir.join("table.npz"))?;
+    Ball::new(pattern.clone()).write_npz(&dir.join("table.npz"))?;
     // The camera looks at the ball: the estimator, which sees crops, takes it so.
     let config = SynthConfig {
         max_off_axis_rad: 0.0,

@@ -7,11 +7,10 @@ use clap::Args;
 #[cfg(feature = "vision")]
 use super::camera::CameraArguments;
 use super::output::{Counter, one_of};
-use super::{print_json, read_table};
+use super::print_json;
+use crate::ball::Ball;
 use crate::error::Result;
 use crate::files;
-#[cfg(feature = "vision")]
-use crate::hash::HashTable;
 use crate::validate::{SensitivityConfig, sensitivity, sensitivity_csv};
 use crate::view::{Protocol, ProtocolName};
 
@@ -25,8 +24,8 @@ Examples:
   spindoe sensitivity pattern.csv -o sweep --protocol clutter --samples 5000
   spindoe sensitivity pattern.csv -o sweep --camera camera.toml --samples 500")]
 pub struct Arguments {
-    /// A pattern (CSV of unit vectors x,y,z) or a hash table (.npz).
-    #[arg(value_name = "PATTERN_OR_TABLE")]
+    /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
+    #[arg(value_name = "PATTERN")]
     input: PathBuf,
     /// The folder to write to.
     #[arg(short, long, value_name = "DIR")]
@@ -57,10 +56,10 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let table = read_table(&arguments.input)?;
+    let ball = Ball::read(&arguments.input)?;
     #[cfg(feature = "vision")]
     if arguments.camera.is_stated() {
-        return before_camera(arguments, &table);
+        return before_camera(arguments, &ball);
     }
     let config = SensitivityConfig {
         sigmas_deg: arguments.sigmas_deg.clone(),
@@ -73,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let protocol = Protocol::standard(arguments.protocol.unwrap_or(ProtocolName::Paper));
     let count = 2 * config.sigmas_deg.len() + config.alphas.len();
     let counter = Counter::new(count as u64, "points");
-    let points = sensitivity(&table, &protocol, &config, &mut |p| {
+    let points = sensitivity(&ball, &protocol, &config, &mut |p| {
         let v = &p.result.validation;
         counter.line(&format!(
             "{} {:>6}  {:<6}  identity {}  orientation {}",
@@ -99,7 +98,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The rates before the stated camera, and before others that differ from it in one property.
 #[cfg(feature = "vision")]
-fn before_camera(arguments: &Arguments, table: &HashTable) -> Result<()> {
+fn before_camera(arguments: &Arguments, ball: &Ball) -> Result<()> {
     use crate::error::Error;
     use crate::predict::{CameraSweep, DetectionModel, Predictor, sweep_csv};
     use crate::vision::EstimatorConfig;
@@ -119,7 +118,7 @@ fn before_camera(arguments: &Arguments, table: &HashTable) -> Result<()> {
     let dir = &arguments.output;
     files::create_dir(dir)?;
     let model = DetectionModel::shipped()?;
-    let predictor = Predictor::new(&model, table.pattern(), EstimatorConfig::default())?;
+    let predictor = Predictor::new(&model, ball.pattern(), EstimatorConfig::default())?;
     let counter = Counter::new(sweep.cameras.len() as u64, "points");
     let points = sweep.run(&predictor, arguments.seed, arguments.samples, &mut |p| {
         counter.line(&format!(

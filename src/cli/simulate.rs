@@ -47,9 +47,9 @@ pub struct Arguments {
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "CAMERA.toml")]
     camera: Option<PathBuf>,
-    /// The ball's pattern (CSV) or hash table (.npz), for --camera [default: the shipped one of 20 dots].
+    /// The ball's pattern (CSV, table or folder), for --camera [default: the shipped one of 20 dots].
     #[cfg(feature = "vision")]
-    #[arg(long, value_name = "PATTERN_OR_TABLE", requires = "camera")]
+    #[arg(long, value_name = "PATTERN", requires = "camera")]
     pattern: Option<PathBuf>,
     /// Standard deviation of a frame's (known) time about the even grid, in intervals; at most a
     /// third of an interval.
@@ -110,7 +110,7 @@ impl Arguments {
 
         let conditions = super::camera::read_conditions(path)?;
         let pattern = match &self.pattern {
-            Some(path) => super::read_table(path)?.pattern().clone(),
+            Some(path) => crate::ball::Ball::read(path)?.into_pattern(),
             None => {
                 let shipped = shipped_designs()?;
                 let usual = shipped.into_iter().find(|d| d.name == SHIPPED);

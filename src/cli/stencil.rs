@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::Pattern;
@@ -16,7 +17,7 @@ use super::output::one_of;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The pattern, a CSV of unit vectors x,y,z.
+    /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
     pattern: PathBuf,
     /// Folder for the files; made if it does not exist.
     #[arg(short, long = "out", value_name = "DIR")]
@@ -192,7 +193,7 @@ impl Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let pattern = Pattern::read_csv(&arguments.pattern)?;
+    let pattern = Ball::read(&arguments.pattern)?.into_pattern();
     let config = arguments.config(&pattern)?;
     let dir = &arguments.output;
     if !arguments.overwrite {

@@ -1,6 +1,6 @@
 //! `spindoe synth`: draws synthetic images with ground truth.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
@@ -8,11 +8,10 @@ use serde_json::json;
 
 use super::output::{Counter, one_of};
 use super::simulate::vector;
+use crate::ball::Ball;
 use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::Vec3;
-use crate::hash::HashTable;
-use crate::pattern::Pattern;
 use crate::synth::dataset::{Sequence, SequenceConfig, independent_frame};
 use crate::synth::folder::{self, Masks, Origin, Written};
 use crate::synth::{SynthConfig, SynthKind};
@@ -174,8 +173,11 @@ fn range(text: &str) -> std::result::Result<[f64; 2], String> {
 impl Arguments {
     fn synth_config(&self) -> Result<SynthConfig> {
         let mut config: SynthConfig = match (&self.config, self.preset) {
-            (Some(path), _) => serde_json::from_slice(&files::read_bytes(path)?)
-                .map_err(|e| Error::input(path, "configuration", e.to_string()))?,
+            (Some(path), _) => {
+                let text = files::read_at_most(path, files::MAX_TEXT_BYTES)?;
+                serde_json::from_slice(&text)
+                    .map_err(|e| Error::input(path, "configuration", e.to_string()))?
+            }
             (None, Preset::All) => SynthConfig::default(),
             (None, Preset::Good) => SynthConfig::good(),
         };
@@ -237,7 +239,7 @@ impl Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.synth_config()?;
-    let pattern = read_pattern(&arguments.pattern)?;
+    let pattern = Ball::read(&arguments.pattern)?.into_pattern();
     let Arguments { frames, seed, .. } = *arguments;
     require(
         (1..=MAX_FRAMES).contains(&frames),
@@ -319,15 +321,4 @@ fn summarize(
         );
     }
     Ok(())
-}
-
-/// The pattern of a CSV file or of a hash table: a NumPy archive starts with "PK", as every ZIP
-/// does.
-fn read_pattern(path: &Path) -> Result<Pattern> {
-    let bytes = files::read_bytes(path)?;
-    if bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz") {
-        Ok(HashTable::from_npz(path, &bytes)?.pattern().clone())
-    } else {
-        Pattern::from_csv(path, &bytes)
-    }
 }

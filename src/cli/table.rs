@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::ball::{Ball, PairRule};
 use crate::error::Result;
-use crate::hash::{HashTable, PairRule, RecognizerConfig};
-use crate::pattern::Pattern;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -17,8 +16,8 @@ The archive opens with numpy.load: dots (n,3), features (m,3), bases (m,2), feat
 Example:
   spindoe table pattern.csv -o table.npz")]
 pub struct Arguments {
-    /// The pattern, a CSV of unit vectors x,y,z.
-    #[arg(value_name = "PATTERN.csv")]
+    /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
+    #[arg(value_name = "PATTERN")]
     pattern: PathBuf,
     /// The file to write.
     #[arg(short, long, value_name = "TABLE.npz")]
@@ -32,18 +31,18 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let pattern = Pattern::read_csv(&arguments.pattern)?;
     let rule = PairRule {
         min_cross: arguments.min_cross,
         max_angle_rad: arguments.max_angle_deg.to_radians(),
     };
-    let table = HashTable::build(pattern, rule, RecognizerConfig::default())?;
-    table.write_npz(&arguments.output)?;
+    let ball = Ball::read(&arguments.pattern)?.with_pair_rule(rule)?;
+    ball.write_npz(&arguments.output)?;
+    let dots = ball.pattern().dots();
     errln!(
         "{}: {} features of {} dots",
         arguments.output.display(),
-        table.features().len(),
-        table.pattern().len()
+        rule.count(dots)?,
+        dots.len()
     );
     Ok(())
 }

@@ -7,11 +7,10 @@ use clap::Args;
 #[cfg(feature = "vision")]
 use super::camera::{CameraArguments, print_frames};
 use super::output::{Counter, one_of};
-use super::{print_json, read_table};
+use super::print_json;
+use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::files;
-#[cfg(feature = "vision")]
-use crate::hash::HashTable;
 use crate::recognize::RecognizerName;
 use crate::recognize::observed::{self, observed_frames};
 use crate::validate::{NamedValidation, ValidationConfig};
@@ -34,8 +33,8 @@ Examples:
   spindoe validate table.npz --protocol sparse --recognizer paper --json
   spindoe validate table.npz --ball-px 45 --exposure-ms 0.3")]
 pub struct Arguments {
-    /// A pattern (CSV of unit vectors x,y,z) or a hash table (.npz).
-    #[arg(value_name = "PATTERN_OR_TABLE")]
+    /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
+    #[arg(value_name = "PATTERN")]
     input: PathBuf,
     /// Protocol of the views [default: paper].
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str))]
@@ -65,10 +64,10 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let table = read_table(&arguments.input)?;
+    let ball = Ball::read(&arguments.input)?;
     #[cfg(feature = "vision")]
     if arguments.camera.is_stated() {
-        return before_camera(arguments, &table);
+        return before_camera(arguments, &ball);
     }
     let mut protocol = Protocol::standard(arguments.protocol.unwrap_or(ProtocolName::Paper));
     if let Some(sigma) = arguments.sigma_deg {
@@ -82,11 +81,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         samples,
     };
     let counter = Counter::new(samples, "trials");
-    let found = config.run(&table, &|trials| counter.add(trials))?;
+    let found = config.run(&ball, &|trials| counter.add(trials))?;
     counter.finish();
     if let Some(path) = &arguments.dump {
         let view = config.protocol.view();
-        let frames = observed_frames(table.pattern(), view, config.seed, samples);
+        let frames = observed_frames(ball.pattern(), view, config.seed, samples);
         files::write_bytes(path, observed::to_csv(&frames).as_bytes())?;
     }
     if found.validation.identity.trials == 0 {
@@ -104,7 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The rates before the stated camera.
 #[cfg(feature = "vision")]
-fn before_camera(arguments: &Arguments, table: &HashTable) -> Result<()> {
+fn before_camera(arguments: &Arguments, ball: &Ball) -> Result<()> {
     use crate::predict::{DetectionModel, Predictor};
     use crate::vision::EstimatorConfig;
 
@@ -120,7 +119,7 @@ fn before_camera(arguments: &Arguments, table: &HashTable) -> Result<()> {
     }
     let conditions = arguments.camera.conditions()?;
     let model = DetectionModel::shipped()?;
-    let predictor = Predictor::new(&model, table.pattern(), EstimatorConfig::default())?;
+    let predictor = Predictor::new(&model, ball.pattern(), EstimatorConfig::default())?;
     let found = predictor.frames(&conditions, arguments.seed, arguments.samples)?;
     if arguments.json {
         return print_json(&serde_json::json!({ "conditions": conditions, "frames": found }));

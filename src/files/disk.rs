@@ -2,7 +2,7 @@
 //! A link is followed: its target is replaced, and the link stays.
 
 use std::fs;
-use std::io::{BufReader, Write};
+use std::io::{BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -314,12 +314,50 @@ pub fn remove_if_present(path: &Path) -> Result<()> {
     }
 }
 
-/// Reads a whole file.
+/// Maximum size of a file that a person writes: a pattern, a camera, a configuration. A pattern of
+/// 64 dots has 4 kB.
+pub const MAX_TEXT_BYTES: u64 = 1 << 20;
+/// Maximum size of any other file that is read whole: the checkpoint of a large search, a mesh.
+pub const MAX_FILE_BYTES: u64 = 1 << 28;
+
+/// Reads a whole file of at most [`MAX_FILE_BYTES`].
 ///
 /// # Errors
-/// [`Error::Read`] on an I/O failure.
+/// As [`read_at_most`].
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    fs::read(path).map_err(|e| Error::read(path, e))
+    read_at_most(path, MAX_FILE_BYTES)
+}
+
+/// Reads a whole file of at most `max_bytes`. Of a device or a pipe without an end no more is read.
+///
+/// # Errors
+/// [`Error::Read`] on an I/O failure; [`Error::Input`] where the file is longer.
+pub fn read_at_most(path: &Path, max_bytes: u64) -> Result<Vec<u8>> {
+    let file = fs::File::open(path).map_err(|e| Error::read(path, e))?;
+    let size = file.metadata().map_or(0, |m| m.len());
+    let mut bytes = Vec::with_capacity(size.min(max_bytes) as usize + 1);
+    read_rest(path, file, max_bytes, &mut bytes)?;
+    Ok(bytes)
+}
+
+/// Appends all that is left of `input`, at most `max_bytes`, to `bytes`; `path` names it in errors.
+pub(crate) fn read_rest(
+    path: &Path,
+    input: impl Read,
+    max_bytes: u64,
+    bytes: &mut Vec<u8>,
+) -> Result<()> {
+    // One byte more than allowed distinguishes "too long" from "just fits".
+    let read = input.take(max_bytes.saturating_add(1)).read_to_end(bytes);
+    if read.map_err(|e| Error::read(path, e))? as u64 > max_bytes {
+        let most = match max_bytes >> 20 {
+            0 => format!("{max_bytes} bytes"),
+            mebibytes => format!("{mebibytes} MiB"),
+        };
+        let problem = format!("expected at most {most}, found more");
+        return Err(Error::input(path, "file", problem));
+    }
+    Ok(())
 }
 
 /// Opens a file to be read piece by piece.
@@ -329,4 +367,24 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
 pub fn open(path: &Path) -> Result<BufReader<fs::File>> {
     let file = fs::File::open(path).map_err(|e| Error::read(path, e))?;
     Ok(BufReader::with_capacity(READ_BYTES, file))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_an_endless_input_no_more_is_read_than_fits() {
+        let path = Path::new("endless");
+        let mut bytes = Vec::new();
+        let error = read_rest(path, std::io::repeat(7), 1 << 20, &mut bytes).expect_err("too long");
+        assert_eq!(
+            error.to_string(),
+            "endless: file: expected at most 1 MiB, found more"
+        );
+        assert!(error.is_usage() && bytes.len() == (1 << 20) + 1);
+        bytes.clear();
+        assert!(read_rest(path, std::io::repeat(7).take(10), 10, &mut bytes).is_ok());
+        assert_eq!(bytes, [7; 10]);
+    }
 }

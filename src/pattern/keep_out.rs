@@ -99,13 +99,14 @@ impl Pattern {
 
     /// The pattern with the zones in the file beside `csv`, where there is one.
     #[cfg(feature = "native")]
-    pub(super) fn with_zones_of(self, csv: &Path) -> Result<Self> {
+    pub(crate) fn with_zones_of(self, csv: &Path) -> Result<Self> {
         let path = zones_path(csv);
         if !path.exists() {
             return Ok(self);
         }
-        let file: ZonesFile = serde_json::from_slice(&files::read_bytes(&path)?)
-            .map_err(|e| Error::input(&path, format!("line {}", e.line()), e.to_string()))?;
+        let file: ZonesFile =
+            serde_json::from_slice(&files::read_at_most(&path, files::MAX_TEXT_BYTES)?)
+                .map_err(|e| Error::input(&path, format!("line {}", e.line()), e.to_string()))?;
         if file.format_version != FORMAT_VERSION {
             let problem = format!("expected {FORMAT_VERSION}, found {}", file.format_version);
             return Err(Error::input(&path, "format_version", problem));

@@ -125,7 +125,8 @@ impl Pattern {
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
     #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
-        Self::from_csv(path, &files::read_bytes(path)?)?.with_zones_of(path)
+        Self::from_csv(path, &files::read_at_most(path, files::MAX_TEXT_BYTES)?)?
+            .with_zones_of(path)
     }
 
     /// The dots of a CSV file's bytes, without zones; `path` only names the file in errors.

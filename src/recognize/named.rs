@@ -3,8 +3,8 @@
 use super::paper::PaperWorkspace;
 use super::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
 use super::{Explanations, Hint, ObservedDot, PaperRecognizer, Recognizer, RecognizerRejection};
+use crate::ball::Ball;
 use crate::error::{Error, Result};
-use crate::hash::HashTable;
 use crate::view::ViewModel;
 
 /// A recognizer's name, as written on the command line and in reports.
@@ -46,9 +46,9 @@ impl std::fmt::Display for RecognizerName {
 
 /// One of the recognizers.
 #[derive(Debug)]
-pub enum NamedRecognizer<'t> {
+pub enum NamedRecognizer {
     /// The paper's.
-    Paper(PaperRecognizer<'t>),
+    Paper(Box<PaperRecognizer>),
     /// The robust one.
     Robust(Box<RobustRecognizer>),
 }
@@ -60,24 +60,24 @@ pub struct NamedWorkspace {
     robust: RobustWorkspace,
 }
 
-impl<'t> NamedRecognizer<'t> {
-    /// The recognizer of that name for a table: the paper's takes its parameters from the table, the
-    /// robust one expects these views.
+impl NamedRecognizer {
+    /// The recognizer of that name for a ball: the paper's has the parameters that the ball records,
+    /// the robust one expects these views of dots that are where the pattern has them.
     ///
     /// # Errors
     /// [`Error::Argument`] for parameters outside their domains.
-    pub fn new(name: RecognizerName, table: &'t HashTable, view: &ViewModel) -> Result<Self> {
+    pub fn new(name: RecognizerName, ball: &Ball, view: &ViewModel) -> Result<Self> {
         Ok(match name {
-            RecognizerName::Paper => Self::Paper(PaperRecognizer::from_table(table)?),
+            RecognizerName::Paper => Self::Paper(Box::new(PaperRecognizer::for_ball(ball)?)),
             RecognizerName::Robust => {
                 let config = RobustConfig::from(*view);
-                Self::Robust(Box::new(RobustRecognizer::new(table.pattern(), config)?))
+                Self::Robust(Box::new(RobustRecognizer::new(ball.pattern(), config)?))
             }
         })
     }
 }
 
-impl Recognizer for NamedRecognizer<'_> {
+impl Recognizer for NamedRecognizer {
     type Workspace = NamedWorkspace;
 
     fn workspace(&self) -> NamedWorkspace {

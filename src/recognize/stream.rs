@@ -13,9 +13,9 @@ use super::robust::{
     ConditionsPosterior, ConditionsPrior, FrameEvidence, RobustConfig, RobustRecognizer,
 };
 use super::{Explanations, Identification, Recognizer, RecognizerRejection};
+use crate::ball::Ball;
 use crate::concurrency;
 use crate::error::{Error, Result};
-use crate::pattern::Pattern;
 use crate::pipeline::{Sink, map_ordered};
 use crate::view::ViewModel;
 
@@ -112,7 +112,7 @@ const LEARNING_ROUNDS: usize = 3;
 /// # Errors
 /// As [`identify_frames`], and [`Error::Argument`] for a parameter outside its domain.
 pub fn identify_learning(
-    pattern: &Pattern,
+    ball: &Ball,
     base: &RobustConfig,
     learning: &LearningConfig,
     frames: impl Iterator<Item = Result<ObservedFrame>> + Send,
@@ -121,7 +121,7 @@ pub fn identify_learning(
 ) -> Result<LearnedView> {
     let mut frames = frames.fuse();
     let learner = Learner {
-        pattern,
+        ball,
         base,
         prior: ConditionsPosterior::new(&learning.prior)?,
     };
@@ -181,7 +181,7 @@ pub fn identify_learning(
 
 /// What conditions are learned for.
 struct Learner<'a> {
-    pattern: &'a Pattern,
+    ball: &'a Ball,
     base: &'a RobustConfig,
     /// Nothing is seen yet.
     prior: ConditionsPosterior,
@@ -204,7 +204,7 @@ impl Learned {
 
 impl Learner<'_> {
     fn recognizer(&self, posterior: &Arc<ConditionsPosterior>) -> Result<RobustRecognizer> {
-        RobustRecognizer::with_conditions(self.pattern, self.base, posterior)
+        RobustRecognizer::with_conditions(self.ball, self.base, posterior)
     }
 
     /// What the frames tell: they are identified, tell the conditions, and are identified again.

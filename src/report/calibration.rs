@@ -7,13 +7,13 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::ball::Ball;
 use crate::calibrate::{
     Calibration, CalibrationConfig, DotState, HeldOut, MIN_EXPECTED_VIEWS, MotionResidual, held_out,
 };
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::{Vec3, tangent_frame};
-use crate::hash::HashTable;
 use crate::pattern::Pattern;
 use crate::recognize::robust::RobustRecognizer;
 use crate::report::page::CalibrationPage;
@@ -137,8 +137,8 @@ pub struct CalibrationReport {
 /// A calibrated ball with its report, ready to be written.
 #[derive(Debug)]
 pub struct CalibrationEvaluation {
-    /// The table of the ball as drawn.
-    pub table: HashTable,
+    /// The ball as drawn.
+    pub ball: Ball,
     /// The report.
     pub report: CalibrationReport,
 }
@@ -193,7 +193,7 @@ pub fn evaluate_calibration(
     } = *source;
     let pattern = calibration.pattern()?;
     let nominal_sha256 = is_design.then(|| nominal.sha256());
-    let table = calibration.table(nominal_sha256.clone())?;
+    let ball = calibration.ball(nominal_sha256.clone())?;
     let numbers = calibration.nominal_numbers();
     let number = |j: usize| numbers.iter().position(|n| *n == Some(j as u16));
     let dots: Vec<DotReport> = calibration
@@ -255,7 +255,7 @@ pub fn evaluate_calibration(
     };
     let far_off: Vec<usize> = calibration.far_off().collect();
     report.advice = advice(&report, &far_off);
-    Ok(CalibrationEvaluation { table, report })
+    Ok(CalibrationEvaluation { ball, report })
 }
 
 /// The dots that are not well measured, the worst first.
@@ -416,8 +416,8 @@ impl CalibrationEvaluation {
     /// [`Error::Write`] on an I/O failure.
     pub fn write(&self, dir: &Path) -> Result<()> {
         files::create_dir(dir)?;
-        self.table.pattern().write_csv(&dir.join("pattern.csv"))?;
-        self.table.write_npz(&dir.join("table.npz"))?;
+        self.ball.pattern().write_csv(&dir.join("pattern.csv"))?;
+        self.ball.write_npz(&dir.join("table.npz"))?;
         files::write_bytes(
             &dir.join("offsets.csv"),
             self.report.offsets_csv().as_bytes(),

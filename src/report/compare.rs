@@ -6,13 +6,14 @@
 
 use serde::Serialize;
 
+use crate::ball::Ball;
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{Objective, ObjectiveName, OrientationBound};
 use crate::error::{Error, Result};
 use crate::geometry::angle_between;
-use crate::hash::HashTable;
 use crate::pattern::{Pattern, PatternSummary};
 use crate::recognize::RecognizerName;
+use crate::recognize::paper::FeatureTree;
 use crate::stats::{PairedDifference, Pairs};
 use crate::validate::{TrialResult, Validation, ValidationConfig};
 use crate::view::{Protocol, ProtocolName};
@@ -23,7 +24,7 @@ pub struct Entry {
     /// Its name in tables and plots.
     pub name: String,
     /// Its table.
-    pub table: HashTable,
+    pub ball: Ball,
 }
 
 /// Values of a pattern that need no trials.
@@ -122,7 +123,7 @@ pub struct Comparison {
 }
 
 fn measures(entry: &Entry) -> Result<PatternMeasures> {
-    let pattern = entry.table.pattern();
+    let pattern = entry.ball.pattern();
     let sparse = ProtocolName::Sparse.view();
     let objectives: Result<Vec<_>> = ObjectiveName::ALL
         .into_iter()
@@ -134,14 +135,13 @@ fn measures(entry: &Entry) -> Result<PatternMeasures> {
             Ok(ObjectiveScore { name, value })
         })
         .collect();
-    let distances = entry.table.nearest_distances();
     Ok(PatternMeasures {
         name: entry.name.clone(),
         sha256: pattern.sha256(),
         summary: pattern.summary(),
         neighbors: NeighborSpread::of(pattern),
         objectives: objectives?,
-        mean_feature_distance: distances.iter().sum::<f64>() / distances.len() as f64,
+        mean_feature_distance: FeatureTree::new(&entry.ball)?.mean_nearest_distance(),
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
     })
 }
@@ -208,8 +208,8 @@ pub fn compare(
             let mut first: Option<Vec<TrialResult>> = None;
             for entry in entries {
                 says(&format!("{}: {name}, recognizer {recognizer}", entry.name));
-                let results = config.results(&entry.table, &|_| {})?;
-                let validation = config.summary(&entry.table, &results).validation;
+                let results = config.results(&entry.ball, &|_| {})?;
+                let validation = config.summary(&entry.ball, &results).validation;
                 let against_first = |which| match &first {
                     Some(first) => difference(first, &results, which),
                     None => PairedDifference::with_itself(validation.identity.trials),

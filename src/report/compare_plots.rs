@@ -36,7 +36,7 @@ impl Comparison {
             .iter()
             .map(|c| {
                 let mut all =
-                    OrientationBound::default().by_direction(c.table.pattern().dots(), VIEWS);
+                    OrientationBound::default().by_direction(c.ball.pattern().dots(), VIEWS);
                 all.retain(|b| b.is_finite());
                 all.sort_unstable_by(f64::total_cmp);
                 let points = all

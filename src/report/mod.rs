@@ -20,14 +20,15 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use crate::ball::{Ball, ObjectiveRecord};
 use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::hash::{HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
 use crate::pattern::PatternSummary;
 use crate::recognize::RecognizerName;
+use crate::recognize::paper::FeatureTree;
 use crate::stats::Proportion;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
@@ -183,8 +184,8 @@ impl Default for EvaluationConfig {
 /// A design with its evaluation, ready to be written.
 #[derive(Debug)]
 pub struct DesignEvaluation {
-    /// The table, with the validation that it ships with.
-    pub table: HashTable,
+    /// The ball, with the validation that it ships with.
+    pub ball: Ball,
     /// The report.
     pub report: DesignReport,
 }
@@ -203,13 +204,9 @@ pub fn evaluate(
     let best = &outcome.best;
     let zones = config.constraints.keep_out.clone();
     let pattern = &best.pattern()?.with_keep_out(zones)?;
-    let mut table = HashTable::build(
-        pattern.clone(),
-        PairRule::default(),
-        RecognizerConfig::default(),
-    )?;
+    let mut ball = Ball::new(pattern.clone());
     let clock = Stopwatch::start();
-    let mut validation = validate_all(&table, config, evaluation, says)?;
+    let mut validation = validate_all(&ball, config, evaluation, says)?;
     let mut timing = Timing {
         validation_s: clock.elapsed().as_secs_f64(),
         us_per_identification: validation
@@ -224,7 +221,7 @@ pub fn evaluate(
         v.validation = v.validation.clone().untimed();
     }
     let clock = Stopwatch::start();
-    let sensitivity = sweep(&table, config, evaluation, says)?;
+    let sensitivity = sweep(&ball, config, evaluation, says)?;
     timing.sensitivity_s = clock.elapsed().as_secs_f64();
     let objective = ObjectiveRecord {
         name: config.objective.name().to_string(),
@@ -232,8 +229,8 @@ pub fn evaluate(
     };
     let shipped = serde_json::to_value(&validation)
         .map_err(|e| Error::Internal(format!("validation as JSON: {e}")))?;
-    table.set_objective(Some(objective.clone()));
-    table.set_validation(Some(shipped));
+    ball.set_objective(Some(objective.clone()));
+    ball.set_validation(Some(shipped));
     let report = DesignReport {
         format_version: REPORT_VERSION,
         spindoe_version: env!("CARGO_PKG_VERSION"),
@@ -245,10 +242,7 @@ pub fn evaluate(
         finalists: outcome.finalists.clone(),
         objective,
         orientation_bound: OrientationBound::default().summary(pattern.dots()),
-        mean_feature_distance: {
-            let distances = table.nearest_distances();
-            distances.iter().sum::<f64>() / distances.len() as f64
-        },
+        mean_feature_distance: FeatureTree::new(&ball)?.mean_nearest_distance(),
         pattern: PatternReport {
             sha256: pattern.sha256(),
             summary: pattern.summary(),
@@ -259,7 +253,7 @@ pub fn evaluate(
         camera: None,
         timing,
     };
-    Ok(DesignEvaluation { table, report })
+    Ok(DesignEvaluation { ball, report })
 }
 
 impl Seeds {
@@ -275,7 +269,7 @@ impl Seeds {
 
 /// Every recognizer in every protocol; the search's own protocol with the search's own values.
 fn validate_all(
-    table: &HashTable,
+    ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
     says: &mut dyn FnMut(&str),
@@ -296,7 +290,7 @@ fn validate_all(
                 seed,
                 samples,
             };
-            found.push(config.run(table, &|_| {})?);
+            found.push(config.run(ball, &|_| {})?);
         }
     }
     Ok(found)
@@ -304,7 +298,7 @@ fn validate_all(
 
 /// The sensitivity sweeps in the search's own protocol, without times.
 fn sweep(
-    table: &HashTable,
+    ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
     says: &mut dyn FnMut(&str),
@@ -313,7 +307,7 @@ fn sweep(
         seed: config.report_seed(),
         ..evaluation.sensitivity.clone()
     };
-    let mut points = sensitivity(table, &config.protocol, &sweep, &mut |p| {
+    let mut points = sensitivity(ball, &config.protocol, &sweep, &mut |p| {
         says(&format!(
             "sensitivity: {} = {}, recognizer {}",
             p.parameter.as_str(),
@@ -335,9 +329,9 @@ impl DesignEvaluation {
     /// [`Error::Write`] on an I/O failure.
     pub fn write(&self, dir: &Path, stencil: &StencilConfig) -> Result<()> {
         files::create_dir(dir)?;
-        let table = &self.table;
-        table.pattern().write_csv(&dir.join("pattern.csv"))?;
-        table.write_npz(&dir.join("table.npz"))?;
+        let ball = &self.ball;
+        ball.pattern().write_csv(&dir.join("pattern.csv"))?;
+        ball.write_npz(&dir.join("table.npz"))?;
         let csv = sensitivity_csv(&self.report.sensitivity);
         files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
         #[cfg(feature = "plot")]
@@ -356,7 +350,7 @@ impl DesignEvaluation {
     /// # Errors
     /// As [`Stencil::build`] and [`Stencil::write`].
     pub fn write_stencil(&self, dir: &Path, config: &StencilConfig) -> Result<()> {
-        let stencil = Stencil::build(self.table.pattern(), config)?;
+        let stencil = Stencil::build(self.ball.pattern(), config)?;
         let dir = dir.join("stencil");
         stencil.write(&dir)?;
         #[cfg(feature = "plot")]

@@ -5,16 +5,17 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use super::page::folder::{known_version, parsed, read_table};
+use super::page::folder::{known_version, parsed, read_ball};
 use super::{DesignEvaluation, REPORT_VERSION};
+use crate::ball::Ball;
 use crate::design::Milestone;
 use crate::error::{Error, Result};
-use crate::hash::HashTable;
 use crate::plot::{
     BallDrawing, BarChart, BarGroup, CurvePlot, RatePoint, RateScale, RateSeries, bar_comparison,
     feature_plot, pattern_views, rate_curves,
 };
 use crate::recognize::RecognizerName;
+use crate::recognize::paper::FeatureTree;
 use crate::stencil::StencilConfig;
 use crate::validate::{NamedValidation, Proportion, SensitivityPoint, SweptParameter, Validation};
 use crate::view::{Protocol, ProtocolName};
@@ -56,7 +57,7 @@ pub fn write_all(dir: &Path, design: &DesignEvaluation, stencil: &StencilConfig)
         finalists: report.finalists.iter().map(|f| f.identity).collect(),
         milestones: &report.timing.milestones,
     };
-    write(dir, &design.table, stencil, &report.validation, &search)?;
+    write(dir, &design.ball, stencil, &report.validation, &search)?;
     sensitivity_plots(dir, &report.sensitivity)
 }
 
@@ -114,7 +115,7 @@ pub fn redraw(dir: &Path) -> Result<()> {
     let path = dir.join("report.json");
     let report: ReportFile = parsed(&path)?;
     known_version(&path, report.format_version, REPORT_VERSION)?;
-    let table = read_table(dir, &report.pattern.sha256)?
+    let ball = read_ball(dir, &report.pattern.sha256)?
         .ok_or_else(|| Error::input(dir, "table.npz", "expected the design's table"))?;
     let mut stencil = StencilConfig::default();
     if let Some(size) = report.config.constraints.stencil {
@@ -126,7 +127,7 @@ pub fn redraw(dir: &Path) -> Result<()> {
         finalists: report.finalists.iter().map(|f| f.identity).collect(),
         milestones: &report.timing.milestones,
     };
-    write(dir, &table, &stencil, &report.validation, &search)?;
+    write(dir, &ball, &stencil, &report.validation, &search)?;
     sensitivity_plots(dir, &report.sensitivity)
 }
 
@@ -141,13 +142,13 @@ struct Search<'a> {
 /// All plots but those of the sweeps.
 fn write(
     dir: &Path,
-    table: &HashTable,
+    ball: &Ball,
     stencil: &StencilConfig,
     validation: &[NamedValidation],
     search: &Search<'_>,
 ) -> Result<()> {
-    in_each_format(dir, "pattern", |path| ball(path, table, stencil))?;
-    in_each_format(dir, "features", |path| features(path, table))?;
+    in_each_format(dir, "pattern", |path| dots(path, ball, stencil))?;
+    in_each_format(dir, "features", |path| features(path, ball))?;
     in_each_format(dir, "rates", |path| rates(path, validation))?;
     progress(dir, search)
 }
@@ -208,8 +209,8 @@ fn progress(dir: &Path, search: &Search<'_>) -> Result<()> {
 ///
 /// # Errors
 /// [`crate::Error::Write`] on an I/O failure.
-pub fn ball(path: &Path, table: &HashTable, stencil: &StencilConfig) -> Result<()> {
-    let pattern = table.pattern();
+pub fn dots(path: &Path, ball: &Ball, stencil: &StencilConfig) -> Result<()> {
+    let pattern = ball.pattern();
     let view = BallDrawing {
         title: format!(
             "{} dots, pattern {}",
@@ -222,17 +223,19 @@ pub fn ball(path: &Path, table: &HashTable, stencil: &StencilConfig) -> Result<(
     pattern_views(path, pattern, &view)
 }
 
-/// The table's features and the distances to their nearest neighbors.
+/// The hash features of a ball and the distances to their nearest neighbors.
 ///
 /// # Errors
 /// [`crate::Error::Write`] on an I/O failure.
-pub fn features(path: &Path, table: &HashTable) -> Result<()> {
+pub fn features(path: &Path, ball: &Ball) -> Result<()> {
+    let tree = FeatureTree::new(ball)?;
+    let values: Vec<[f64; 3]> = tree.features().iter().map(|f| f.value).collect();
     let title = format!(
         "{} hash features of {} dots",
-        table.features().len(),
-        table.pattern().len()
+        values.len(),
+        ball.pattern().len()
     );
-    feature_plot(path, table.features(), &table.nearest_distances(), &title)
+    feature_plot(path, &values, &tree.nearest_distances(), &title)
 }
 
 /// Failures of both recognizers in all protocols.

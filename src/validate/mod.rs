@@ -20,10 +20,10 @@ pub use sensitivity::{
 
 use std::ops::Range;
 
+use crate::ball::Ball;
 use crate::concurrency::{self, Stopwatch};
 use crate::error::{Result, require};
 use crate::geometry::rotation_angle;
-use crate::hash::HashTable;
 use crate::pattern::Pattern;
 use crate::recognize::{NamedRecognizer, Recognizer, RecognizerName};
 
@@ -234,36 +234,32 @@ impl ValidationConfig {
         Trials::first(pattern, *self.protocol.view(), self.seed, self.samples)
     }
 
-    /// The results of all trials with a table's ball; see [`Trials::run`]. The recognizer knows the
+    /// The results of all trials with a ball; see [`Trials::run`]. The recognizer knows the
     /// view model, but not which dots are false or missed.
     ///
     /// # Errors
     /// As [`Trials::run`] and [`NamedRecognizer::new`].
     pub fn results(
         &self,
-        table: &HashTable,
+        ball: &Ball,
         observer: &(dyn Fn(u64) + Sync),
     ) -> Result<Vec<TrialResult>> {
-        let recognizer = NamedRecognizer::new(self.recognizer, table, self.protocol.view())?;
-        self.trials(table.pattern()).run(&recognizer, observer)
+        let recognizer = NamedRecognizer::new(self.recognizer, ball, self.protocol.view())?;
+        self.trials(ball.pattern()).run(&recognizer, observer)
     }
 
-    /// Validates a table: counts the successes of [`ValidationConfig::results`].
+    /// Validates a ball: counts the successes of [`ValidationConfig::results`].
     ///
     /// # Errors
     /// As [`ValidationConfig::results`].
-    pub fn run(
-        &self,
-        table: &HashTable,
-        observer: &(dyn Fn(u64) + Sync),
-    ) -> Result<NamedValidation> {
-        let results = self.results(table, observer)?;
-        Ok(self.summary(table, &results))
+    pub fn run(&self, ball: &Ball, observer: &(dyn Fn(u64) + Sync)) -> Result<NamedValidation> {
+        let results = self.results(ball, observer)?;
+        Ok(self.summary(ball, &results))
     }
 
     /// Counts the successes of results of these trials.
-    pub fn summary(&self, table: &HashTable, results: &[TrialResult]) -> NamedValidation {
-        let trials = self.trials(table.pattern());
+    pub fn summary(&self, ball: &Ball, results: &[TrialResult]) -> NamedValidation {
+        let trials = self.trials(ball.pattern());
         NamedValidation {
             recognizer: self.recognizer,
             validation: Validation::of(results, self.protocol.name(), &trials),

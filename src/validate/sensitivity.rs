@@ -8,8 +8,8 @@
 use std::fmt::Write as _;
 
 use super::{NamedValidation, Validation, ValidationConfig};
+use crate::ball::Ball;
 use crate::error::Result;
-use crate::hash::HashTable;
 use crate::recognize::{PaperConfig, PaperRecognizer, RecognizerName};
 use crate::view::Protocol;
 
@@ -76,7 +76,7 @@ pub struct SensitivityPoint {
 /// # Errors
 /// As [`ValidationConfig::run`].
 pub fn sensitivity(
-    table: &HashTable,
+    ball: &Ball,
     protocol: &Protocol,
     config: &SensitivityConfig,
     each: &mut dyn FnMut(&SensitivityPoint),
@@ -100,14 +100,17 @@ pub fn sensitivity(
     for recognizer in RecognizerName::ALL {
         for &sigma in &config.sigmas_deg {
             let found =
-                at(recognizer, protocol.with_sigma_rad(sigma.to_radians())).run(table, &|_| {})?;
+                at(recognizer, protocol.with_sigma_rad(sigma.to_radians())).run(ball, &|_| {})?;
             keep(SweptParameter::SigmaDeg, sigma, found);
         }
     }
-    let trials = at(RecognizerName::Paper, *protocol).trials(table.pattern());
+    let trials = at(RecognizerName::Paper, *protocol).trials(ball.pattern());
+    let mut paper = PaperRecognizer::for_ball(ball)?;
     for &alpha in &config.alphas {
-        let of_table = *PaperRecognizer::from_table(table)?.config();
-        let paper = PaperRecognizer::new(table, PaperConfig { alpha, ..of_table })?;
+        paper = paper.with_config(PaperConfig {
+            alpha,
+            ..*ball.recognizer()
+        })?;
         let results = trials.run(&paper, &|_| {})?;
         let found = NamedValidation {
             recognizer: RecognizerName::Paper,

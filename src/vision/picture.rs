@@ -2,6 +2,7 @@
 //! what the estimator works on.
 
 use std::borrow::Cow;
+use std::io::Read;
 use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
@@ -53,6 +54,18 @@ impl RgbBytes {
     }
 }
 
+/// Bytes that show the format of a file.
+const START: u64 = 64;
+/// Maximum number of bytes of a pixel in a file: four channels of 32 bits.
+const MAX_PIXEL_BYTES: u64 = 16;
+/// Maximum number of bytes beside the pixels: profiles, previews, the camera's notes.
+const MAX_HEAD: u64 = 64 << 20;
+
+fn no_image(path: &Path) -> Error {
+    let problem = "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them";
+    Error::input(path, "image", problem)
+}
+
 impl Picture {
     /// Reads a PNG, JPEG, BMP, TIFF or PNM file of any depth, by its content and not its name.
     ///
@@ -60,7 +73,18 @@ impl Picture {
     /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no image that
     /// can be decoded, or one of more than `max_pixels` pixels.
     pub fn read(path: &Path, max_pixels: u64) -> Result<Self> {
-        Self::decode(path, &files::read_bytes(path)?, max_pixels)
+        let mut input = files::open(path)?;
+        let mut bytes = Vec::new();
+        files::read_rest(path, (&mut input).take(START), START, &mut bytes)?;
+        // What is no image at all is not read to its end.
+        if image::guess_format(&bytes).is_err() {
+            return Err(no_image(path));
+        }
+        let most = MAX_PIXEL_BYTES
+            .saturating_mul(max_pixels)
+            .saturating_add(MAX_HEAD);
+        files::read_rest(path, input, most, &mut bytes)?;
+        Self::decode(path, &bytes, max_pixels)
     }
 
     /// Decodes the bytes of an image file; `path` is for messages only.
@@ -73,8 +97,7 @@ impl Picture {
             .with_guessed_format()
             .map_err(|e| reject(e.to_string()))?;
         if reader.format().is_none() {
-            let problem = "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them";
-            return Err(reject(problem.into()));
+            return Err(no_image(path));
         }
         // Some decoders explain themselves in several lines.
         let broken = |e: image::ImageError| {

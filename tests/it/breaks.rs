@@ -11,9 +11,10 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
+use spindoe::ball::Ball;
 use spindoe::recognize::Recognizer;
 use spindoe::recognize::observed::{self, ObservedReader, observed_frames};
+use spindoe::recognize::paper::FeatureTree;
 use spindoe::recognize::robust::RobustRecognizer;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::simulate::Scenario;
@@ -127,18 +128,16 @@ fn patterns() {
     let path = Path::new("p.csv");
     break_reader("pattern", pattern().to_csv().as_bytes(), |bytes| {
         let read = Pattern::from_csv(path, bytes)?;
-        HashTable::build(read, PairRule::default(), RecognizerConfig::default()).map(drop)
+        FeatureTree::new(&Ball::new(read)).map(drop)
     });
 }
 
 #[test]
 fn tables() {
     let path = Path::new("t.npz");
-    let rules = (PairRule::default(), RecognizerConfig::default());
-    let table = HashTable::build(pattern(), rules.0, rules.1).unwrap();
-    let bytes = table.to_npz().unwrap();
+    let bytes = Ball::new(pattern()).to_npz().unwrap();
     break_reader("table", &bytes, |bytes| {
-        HashTable::from_npz(path, bytes).map(drop)
+        Ball::from_npz(path, bytes).map(drop)
     });
 }
 

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod ball;
 mod breaks;
 mod calibrate;
 mod cli;
@@ -9,7 +10,7 @@ mod common;
 
 mod design;
 mod geometry;
-mod hash;
+
 mod mark;
 mod pattern;
 mod plot;

@@ -19,7 +19,7 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::DetectorName;
 use spindoe::vision::estimator::{Batch, BatchFrame, SequenceOutcome, TimeSource};
-use spindoe::{Estimator, EstimatorConfig, FrameEstimate, HashTable, PairRule, RecognizerConfig};
+use spindoe::{Ball, Estimator, EstimatorConfig, FrameEstimate};
 
 use crate::common::{done, spindoe};
 
@@ -50,12 +50,9 @@ fn design(dir: &Path) -> PathBuf {
 
 fn comparison(path: &Path) {
     let pattern = |file: &str| Pattern::read_csv(&root().join(file)).unwrap();
-    let table = |pattern| {
-        HashTable::build(pattern, PairRule::default(), RecognizerConfig::default()).unwrap()
-    };
     let entries = ["designs/dots20/pattern.csv", "designs/dots12/pattern.csv"].map(|file| Entry {
         name: format!("<b>{file}</b>"),
-        table: table(pattern(file)),
+        ball: Ball::new(pattern(file)),
     });
     let found = compare(&entries, &[RecognizerName::Robust], 3, 40, &mut |_| {}).unwrap();
     std::fs::write(path, found.html(&entries, "spindoe compare a b").unwrap()).unwrap();
@@ -289,15 +286,10 @@ fn zones_live_beside_the_pattern_and_in_its_table() {
     assert_eq!(marked.sha256(), plain.sha256());
     marked.write_csv(&csv).unwrap();
     assert_eq!(Pattern::read_csv(&csv).unwrap(), marked);
-    let table = HashTable::build(
-        marked.clone(),
-        PairRule::default(),
-        RecognizerConfig::default(),
-    )
-    .unwrap();
+    let ball = Ball::new(marked.clone());
     let npz = dir.path().join("table.npz");
-    table.write_npz(&npz).unwrap();
-    let read = HashTable::from_npz(&npz, &std::fs::read(&npz).unwrap()).unwrap();
+    ball.write_npz(&npz).unwrap();
+    let read = Ball::from_npz(&npz, &std::fs::read(&npz).unwrap()).unwrap();
     assert_eq!(read.pattern(), &marked);
     // Zones of another pattern are rejected, and never left beside a new one.
     let other = Pattern::new(spiral_directions(9).collect()).unwrap();

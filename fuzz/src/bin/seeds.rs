@@ -9,15 +9,15 @@ use std::io::Cursor;
 use std::path::Path;
 
 use nalgebra::Matrix3;
+use spindoe::ball::CalibrationRecord;
 use spindoe::design::state::{Checkpoint, ShardRecord};
 use spindoe::design::{Candidate, SearchState, Shard};
-use spindoe::hash::CalibrationRecord;
 use spindoe::recognize::observed::{self, observed_frames};
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::simulate::Scenario;
 use spindoe::synth::SynthConfig;
 use spindoe::view::ProtocolName;
-use spindoe::{HashTable, PairRule, Pattern, RecognizerConfig};
+use spindoe::{Ball, Pattern};
 use spindoe_fuzz::readers::{
     SEPARATOR, ZONED_PATTERN, arrays, built_in_weights, search_config, table_names,
 };
@@ -31,11 +31,7 @@ fn seed(target: &str, name: &str, bytes: impl AsRef<[u8]>) -> Done {
 }
 
 fn tables(pattern: &Pattern) -> Done {
-    let table = HashTable::build(
-        pattern.clone(),
-        PairRule::default(),
-        RecognizerConfig::default(),
-    )?;
+    let table = Ball::new(pattern.clone());
     seed(
         "table",
         "plain",

@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
+use crate::ball::Ball;
 use crate::cli::output::{one_of, quoted};
 use crate::design::objective::NAME_BEFORE;
 use crate::design::objective::bound::BoundSummary;
@@ -90,7 +91,7 @@ pub struct Arguments {
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Sparse)]
     protocol: ProtocolName,
     /// Improve this pattern instead of starting at random.
-    #[arg(long, value_name = "PATTERN.csv", conflicts_with = "dots")]
+    #[arg(long, value_name = "PATTERN", conflicts_with = "dots")]
     pub(super) from: Option<PathBuf>,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
     /// need, at least 18.
@@ -184,7 +185,7 @@ const MIN_DOT_PX: f64 = 3.75;
 impl Arguments {
     pub(super) fn config(&self) -> Result<DesignConfig> {
         let from = match &self.from {
-            Some(path) => Some(Pattern::read_csv(path)?),
+            Some(path) => Some(Ball::read(path)?.into_pattern()),
             None => None,
         };
         let dots = from

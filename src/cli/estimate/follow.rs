@@ -8,6 +8,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::{Arguments, output};
+use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
 use crate::vision::pipe::{PipeFormat, PipeReader, RawPixel};
@@ -33,7 +34,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         let problem = "expected one table: a stream is not judged as a whole";
         return Err(Error::argument("--table", problem));
     };
-    let estimator = Arc::new(arguments.estimator(&crate::cli::read_table(table)?)?);
+    let estimator = Arc::new(arguments.estimator(&Ball::read(table)?)?);
     let circle = arguments.source.circle()?;
     let mut sequence = SequenceConfig::default();
     sequence.spin.max_rps = arguments.max_spin_rps;

@@ -15,11 +15,11 @@ use clap::Args;
 
 use super::images::ImageArguments;
 use super::output::{Counter, one_of};
+use crate::ball::Ball;
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::CameraFrame;
-use crate::hash::HashTable;
 use crate::vision::estimator::{
     Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
 };
@@ -57,8 +57,8 @@ pub struct Arguments {
     /// Images, folders of images, or videos.
     #[arg(value_name = "IMAGES_OR_DIR", required = true)]
     images: Vec<PathBuf>,
-    /// The pattern's hash table (.npz), or the pattern (CSV of unit vectors x,y,z). Given several
-    /// times, the one that fits all frames best is chosen.
+    /// The ball: a table (.npz), a pattern (CSV of unit vectors x,y,z), or the folder of a design or
+    /// calibration. Given several times, the one that fits all frames best is chosen.
     #[arg(long, value_name = "TABLE.npz", required = true)]
     table: Vec<PathBuf>,
     /// Write the orientations to this file instead of standard output.
@@ -275,8 +275,8 @@ fn calibrate_in_place(
             return Ok(estimator.clone());
         }
     };
-    let table = calibration.table(Some(estimator.pattern().sha256()))?;
-    let calibrated = arguments.estimator(&table)?;
+    let ball = calibration.ball(Some(estimator.pattern().sha256()))?;
+    let calibrated = arguments.estimator(&ball)?;
     for (frame, estimate) in batch.frames.iter_mut().zip(calibration.frames) {
         frame.estimate = estimate;
     }
@@ -287,11 +287,11 @@ fn calibrate_in_place(
 impl Arguments {
     /// One for each table.
     fn estimators(&self) -> Result<Vec<Estimator<NamedDetector>>> {
-        let table = |path: &PathBuf| self.estimator(&super::read_table(path)?);
-        self.table.iter().map(table).collect()
+        let estimator = |path: &PathBuf| self.estimator(&Ball::read(path)?);
+        self.table.iter().map(estimator).collect()
     }
 
-    fn estimator(&self, table: &HashTable) -> Result<Estimator<NamedDetector>> {
+    fn estimator(&self, ball: &Ball) -> Result<Estimator<NamedDetector>> {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             let problem = format!("expected 0 to 1, found {}", self.min_confidence);
             return Err(Error::argument("--min-confidence", problem));
@@ -309,7 +309,7 @@ impl Arguments {
             ..EstimatorConfig::default()
         };
         if let Some(degrees) = self.placement_sigma_deg {
-            if table.dot_covariances().is_some() {
+            if ball.dot_covariances().is_some() {
                 let problem = "expected none: the table is calibrated and has each dot's own error";
                 return Err(Error::argument("--placement-sigma-deg", problem));
             }
@@ -322,7 +322,7 @@ impl Arguments {
             )?;
             config.placement_sigma_rad = degrees.to_radians();
         }
-        Estimator::for_table(table, config, self.source.detector()?)
+        Estimator::for_ball(ball, config, self.source.detector()?)
     }
 
     fn batch(&self) -> Result<BatchConfig> {

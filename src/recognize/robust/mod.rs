@@ -60,6 +60,7 @@ use nalgebra::Rotation3;
 
 use super::explanations::{MAX_RIVALS, MIN_RIVAL};
 use super::{Explanations, Hint, Identification, ObservedDot, Recognizer, RecognizerRejection};
+use crate::ball::Ball;
 use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
@@ -131,13 +132,27 @@ impl RobustRecognizer {
         })
     }
 
-    /// Prepares the recognizer for what the frames so far have shown of the conditions; `base` holds
-    /// what they do not cover.
+    /// Prepares the recognizer for a ball. Where its dots were measured, those that are less certain
+    /// than the others count less ([`Placement::beyond_rad2`](crate::ball::Placement)); what all of
+    /// them have in common is the observed dots' to state.
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for a parameter outside its domain.
+    pub fn for_ball(ball: &Ball, config: RobustConfig) -> Result<Self> {
+        let recognizer = Self::new(ball.pattern(), config)?;
+        match ball.placement() {
+            Some(placement) => recognizer.with_dot_variances(placement.beyond_rad2),
+            None => Ok(recognizer),
+        }
+    }
+
+    /// Prepares the recognizer for a ball and what the frames so far have shown of the conditions;
+    /// `base` holds what they do not cover.
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a parameter outside its domain.
     pub fn with_conditions(
-        pattern: &Pattern,
+        ball: &Ball,
         base: &RobustConfig,
         conditions: &Arc<ConditionsPosterior>,
     ) -> Result<Self> {
@@ -152,7 +167,7 @@ impl RobustRecognizer {
                 ..base.view
             }
         };
-        let known = Self::new(pattern, RobustConfig { view, ..*base })?;
+        let known = Self::for_ball(ball, RobustConfig { view, ..*base })?;
         Ok(Self {
             uncertain: (!conditions.is_settled()).then(|| Arc::clone(conditions)),
             ..known
@@ -175,6 +190,11 @@ impl RobustRecognizer {
         }
         self.spread = variances_rad2;
         Ok(self)
+    }
+
+    /// The pattern's dots, unit vectors in its frame.
+    pub fn dots(&self) -> &[Vec3] {
+        &self.dots
     }
 
     /// The parameters in use.

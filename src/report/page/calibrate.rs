@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::folder::{Rates, known_version, parsed, read_table};
+use super::folder::{Rates, known_version, parsed, read_ball};
 use super::{PAGE, Page};
 use crate::calibrate::{DotState, HeldOut, MotionResidual};
 use crate::error::{Error, Result};
@@ -82,11 +82,11 @@ impl CalibrationPage {
                 return Err(Error::input(&path, field, "expected unit vectors"));
             }
         }
-        let table = read_table(dir, &report.pattern_sha256)?;
+        let ball = read_ball(dir, &report.pattern_sha256)?;
         let size = StencilConfig::default();
         Ok(Self {
             compass_deg: report.dots.iter().map(DotReport::compass_deg).collect(),
-            keep_out: table.map_or(Vec::new(), |t| t.pattern().keep_out().to_vec()),
+            keep_out: ball.map_or(Vec::new(), |b| b.pattern().keep_out().to_vec()),
             dot_angle_rad: (0.5 * size.hole_diameter_mm / (0.5 * size.ball_diameter_mm)).asin(),
             well_measured_deg: WELL_MEASURED_DEG,
             report,

@@ -46,7 +46,7 @@ impl Comparison {
                 .map(|(measures, entry)| ComparedPattern {
                     measures,
                     dots: entry
-                        .table
+                        .ball
                         .pattern()
                         .dots()
                         .iter()

@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::features::{DotFeatures, PageFeatures, dot_features};
-use super::folder::{Rates, known_version, parsed, read_table};
+use super::folder::{Rates, known_version, parsed, read_ball};
 use super::stencil::PageStencil;
 use super::{PAGE, Page, rounded};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{KeepOut, Milestone};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::hash::HashTable;
+use crate::recognize::paper::FeatureTree;
 use crate::stats::Proportion;
 use crate::stencil::StencilConfig;
 use crate::view::{Noise, Protocol, ProtocolName};
@@ -187,9 +187,10 @@ impl DesignPage {
         known_version(&path, report.format_version, MAX_VERSION)?;
         let sha256 = report.pattern.sha256.clone();
         let stencil = PageStencil::read(&dir.join("stencil"), &sha256)?;
-        let table = read_table(dir, &sha256)?;
-        let distances = table.as_ref().map(HashTable::nearest_distances);
-        let shown = table.as_ref().zip(distances.as_deref());
+        let ball = read_ball(dir, &sha256)?;
+        let tree = ball.as_ref().map(FeatureTree::new).transpose()?;
+        let distances = tree.as_ref().map(FeatureTree::nearest_distances);
+        let shown = tree.as_ref().zip(distances.as_deref());
         let protocol = report.config.protocol;
         let searched = [protocol.name()];
         let standard_protocols = ProtocolName::ALL
@@ -218,8 +219,10 @@ impl DesignPage {
                 min_visible: summary.min_visible,
                 mean_visible: summary.mean_visible,
             },
-            features: shown.map(|(table, distances)| PageFeatures::new(table, distances)),
-            dot_features: shown.map(|(table, distances)| dot_features(table, distances)),
+            features: shown.map(|(tree, distances)| PageFeatures::new(tree.features(), distances)),
+            dot_features: shown.map(|(tree, distances)| {
+                dot_features(report.pattern.dots.len(), tree.features(), distances)
+            }),
             standard_protocols,
             published: serde_json::from_str(PUBLISHED)
                 .map_err(|e| Error::Internal(format!("published.json: {e}")))?,

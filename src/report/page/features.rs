@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::hash::HashTable;
+use crate::ball::Feature;
 
 /// Maximum number of features shown.
 const MAX_FEATURES: usize = 4000;
@@ -32,15 +32,14 @@ pub(super) struct DotFeatures {
 
 impl PageFeatures {
     /// The features within the range that holds most of them, thinned where there are many.
-    pub fn new(table: &HashTable, distances: &[f64]) -> Self {
-        let features = table.features();
+    pub fn new(features: &[Feature], distances: &[f64]) -> Self {
         let mut order: Vec<usize> = (0..distances.len()).collect();
         order.sort_unstable_by(|a, b| distances[*a].total_cmp(&distances[*b]));
         let mut rank = vec![0.0; distances.len()];
         for (k, i) in order.iter().enumerate() {
             rank[*i] = k as f64 / distances.len().max(1) as f64;
         }
-        let extent = |h: &[f64; 3]| h[0].abs().max(h[1].abs());
+        let extent = |f: &Feature| f.value[0].abs().max(f.value[1].abs());
         let mut extents: Vec<f64> = features.iter().map(extent).collect();
         extents.sort_unstable_by(f64::total_cmp);
         let last = extents.len().saturating_sub(1);
@@ -53,14 +52,14 @@ impl PageFeatures {
             .step_by(step)
             .filter(|&i| extent(&features[i]) <= reach)
             .map(|i| {
-                let basis = table.bases()[i];
+                let Feature { basis, dot, value } = features[i];
                 let short = |x: f64| (1e3 * x).round() / 1e3;
                 (
-                    short(features[i][0]),
-                    short(features[i][1]),
+                    short(value[0]),
+                    short(value[1]),
                     basis.first,
                     basis.second,
-                    table.feature_dots()[i],
+                    dot,
                     short(rank[i]),
                 )
             })
@@ -75,10 +74,14 @@ impl PageFeatures {
 }
 
 /// For each dot how far its features are from the nearest other ones.
-pub(super) fn dot_features(table: &HashTable, distances: &[f64]) -> Vec<DotFeatures> {
-    let mut by_dot = vec![Vec::new(); table.pattern().len()];
-    for (dot, distance) in table.feature_dots().iter().zip(distances) {
-        by_dot[usize::from(*dot)].push(*distance);
+pub(super) fn dot_features(
+    dots: usize,
+    features: &[Feature],
+    distances: &[f64],
+) -> Vec<DotFeatures> {
+    let mut by_dot = vec![Vec::new(); dots];
+    for (feature, distance) in features.iter().zip(distances) {
+        by_dot[usize::from(feature.dot)].push(*distance);
     }
     by_dot
         .into_iter()

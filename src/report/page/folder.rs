@@ -4,9 +4,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::hash::HashTable;
 use crate::stats::Proportion;
 
 /// Rates in a page.
@@ -42,15 +42,15 @@ pub(in crate::report) fn parsed<T: serde::de::DeserializeOwned>(path: &Path) -> 
         .map_err(|e| Error::input(path, format!("line {}", e.line()), e.to_string()))
 }
 
-/// The folder's table, where it is there and that of the pattern.
-pub(in crate::report) fn read_table(dir: &Path, sha256: &str) -> Result<Option<HashTable>> {
+/// The ball of the folder's table, where it is there and that of the pattern.
+pub(in crate::report) fn read_ball(dir: &Path, sha256: &str) -> Result<Option<Ball>> {
     let path = dir.join("table.npz");
     if !path.exists() {
         return Ok(None);
     }
-    let table = HashTable::from_npz(&path, &files::read_bytes(&path)?)?;
-    same_pattern(&path, "meta", &table.meta().pattern_sha256, sha256)?;
-    Ok(Some(table))
+    let ball = Ball::read_npz(&path)?;
+    same_pattern(&path, "meta", &ball.pattern().sha256(), sha256)?;
+    Ok(Some(ball))
 }
 
 pub(super) fn same_pattern(path: &Path, place: &str, found: &str, expected: &str) -> Result<()> {

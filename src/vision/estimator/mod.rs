@@ -50,9 +50,9 @@ use super::circle::coarse::{CoarseSearch, RoughCircle};
 use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
 use super::patch::Patch;
+use crate::ball::Ball;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
-use crate::hash::HashTable;
 use crate::pattern::Pattern;
 use crate::recognize::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
 use crate::recognize::{Hint, Recognizer, RecognizerRejection};
@@ -66,7 +66,7 @@ use search::LIKELY_DOT;
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
 #[derive(Debug, Clone)]
 pub struct Estimator<D> {
-    pattern: Pattern,
+    ball: Ball,
     detector: D,
     /// For the likely detections, and for all.
     recognizers: [RobustRecognizer; 2],
@@ -161,18 +161,38 @@ const MIRRORED: FrameRejection = FrameRejection::Recognizer(RecognizerRejection:
 /// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
 const EXPECTED_DOTS: usize = 256;
 
+/// Covariances of measured dots as an image shows them, rad^2, pattern frame.
+fn measured_dots(dots: &[Vec3], covariances: &[Matrix3<f64>]) -> Vec<Matrix3<f64>> {
+    let dots = dots.iter().zip(covariances);
+    dots.map(|(dot, covariance)| {
+        let tangent = Matrix3::identity() - dot * dot.transpose();
+        covariance + tangent * MEASURED_DOT.powi(2)
+    })
+    .collect()
+}
+
 impl<D: DotDetector> Estimator<D> {
-    /// An estimator for balls with this pattern (that of a table: `table.pattern()`).
+    /// An estimator for balls with this pattern.
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
     pub fn new(pattern: &Pattern, config: EstimatorConfig, detector: D) -> Result<Self> {
-        Self::with_net(pattern, config, detector, config.outline.net()?)
+        Self::for_ball(&Ball::new(pattern.clone()), config, detector)
     }
 
-    /// As [`Estimator::new`], with the net for outlines at hand: another pattern does not read it anew.
+    /// An estimator for a ball. Where its dots were measured, their own covariances take the place
+    /// of [`EstimatorConfig::placement_sigma_rad`].
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
+    pub fn for_ball(ball: &Ball, config: EstimatorConfig, detector: D) -> Result<Self> {
+        Self::with_net(ball, config, detector, config.outline.net()?)
+    }
+
+    /// As [`Estimator::for_ball`], with the net for outlines at hand: another ball does not read it
+    /// anew.
     fn with_net(
-        pattern: &Pattern,
+        ball: &Ball,
         config: EstimatorConfig,
         detector: D,
         outline_net: Option<OutlineNet>,
@@ -187,16 +207,26 @@ impl<D: DotDetector> Estimator<D> {
             view,
             ..config.recognizer
         };
+        let (refiner, placement_variance) = match (ball.dot_covariances(), ball.placement()) {
+            (Some(covariances), Some(placement)) => {
+                let measured = measured_dots(ball.pattern().dots(), covariances);
+                (
+                    Refiner::new(&config).with_placement(Placement::Measured(measured)),
+                    placement.common_rad2 + MEASURED_DOT.powi(2),
+                )
+            }
+            _ => (Refiner::new(&config), config.placement_sigma_rad.powi(2)),
+        };
         Ok(Self {
-            pattern: pattern.clone(),
+            ball: ball.clone(),
             detector,
             recognizers: [
-                RobustRecognizer::new(pattern, config.recognizer)?,
-                RobustRecognizer::new(pattern, doubtful)?,
+                RobustRecognizer::for_ball(ball, config.recognizer)?,
+                RobustRecognizer::for_ball(ball, doubtful)?,
             ],
-            refiner: Refiner::new(&config),
+            refiner,
             outline_net,
-            placement_variance: config.placement_sigma_rad.powi(2),
+            placement_variance,
             config,
         })
     }
@@ -210,44 +240,7 @@ impl<D: DotDetector> Estimator<D> {
         D: Clone,
     {
         let (detector, net) = (self.detector.clone(), self.outline_net.clone());
-        Self::with_net(pattern, self.config, detector, net)
-    }
-
-    /// An estimator for the ball of a table. Where the table is calibrated, its dots' own covariances
-    /// take the place of [`EstimatorConfig::placement_sigma_rad`].
-    ///
-    /// # Errors
-    /// As [`Estimator::new`].
-    pub fn for_table(table: &HashTable, config: EstimatorConfig, detector: D) -> Result<Self> {
-        let estimator = Self::new(table.pattern(), config, detector)?;
-        match table.dot_covariances() {
-            Some(covariances) => estimator.with_measured_dots(covariances),
-            None => Ok(estimator),
-        }
-    }
-
-    /// Gives each dot its own covariance, rad^2, pattern frame.
-    fn with_measured_dots(mut self, covariances: &[Matrix3<f64>]) -> Result<Self> {
-        let dots = self.pattern.dots().iter().zip(covariances);
-        let covariances: Vec<Matrix3<f64>> = dots
-            .map(|(dot, covariance)| {
-                let tangent = Matrix3::identity() - dot * dot.transpose();
-                covariance + tangent * MEASURED_DOT.powi(2)
-            })
-            .collect();
-        let variances: Vec<f64> = covariances.iter().map(|c| 0.5 * c.trace()).collect();
-        let least = variances.iter().copied().fold(f64::INFINITY, f64::min);
-        let beyond: Vec<f64> = variances.iter().map(|v| v - least).collect();
-        let [likely, doubtful] = self.recognizers;
-        self.recognizers = [
-            likely.with_dot_variances(beyond.clone())?,
-            doubtful.with_dot_variances(beyond)?,
-        ];
-        self.placement_variance = least;
-        self.refiner = self
-            .refiner
-            .with_placement(Placement::Measured(covariances));
-        Ok(self)
+        Self::with_net(&Ball::new(pattern.clone()), self.config, detector, net)
     }
 
     /// The settings in use.
@@ -255,9 +248,14 @@ impl<D: DotDetector> Estimator<D> {
         &self.config
     }
 
+    /// The ball to find.
+    pub fn ball(&self) -> &Ball {
+        &self.ball
+    }
+
     /// The pattern to identify.
     pub fn pattern(&self) -> &Pattern {
-        &self.pattern
+        self.ball.pattern()
     }
 
     /// A new workspace.
@@ -449,13 +447,13 @@ impl<D: DotDetector> Estimator<D> {
                 Some(name) => {
                     named += 1;
                     doubt -= dots[i].confidence.max(f64::MIN_POSITIVE).ln();
-                    let expected = found.rotation * self.pattern.dots()[usize::from(*name)];
+                    let expected = found.rotation * self.ball.pattern().dots()[usize::from(*name)];
                     squares += seen.squared_deviations(&expected);
                 }
                 None => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
             }
         }
-        let facing = self.pattern.dots().iter();
+        let facing = self.ball.pattern().dots().iter();
         let facing = facing.filter(|d| (found.rotation * *d).z > FACING).count();
         PoseEvidence {
             named,
@@ -483,7 +481,7 @@ impl<D: DotDetector> Estimator<D> {
             camera: self.camera_of(out),
             start: hypothesis.camera,
         };
-        let names = self.pattern.dots();
+        let names = self.ball.pattern().dots();
         let refined = self
             .refiner
             .refine(names, &prior, &hypothesis.rotation, out, &mut ws.matches)
@@ -546,7 +544,7 @@ impl<D: DotDetector> Estimator<D> {
             return Vec::new();
         };
         let to_view = view.to_camera().inverse() * pose.rotation;
-        let dots = self.pattern.dots().iter().enumerate();
+        let dots = self.ball.pattern().dots().iter().enumerate();
         dots.map(|(j, dot)| (j as u16, to_view * dot))
             .filter(|(_, q)| q.z > view.horizon())
             .map(|(j, q)| (j, view.project(&q), q.z))

@@ -21,7 +21,6 @@ use spindoe::calibrate::{CalibrationConfig, build_pattern, calibrate, identify_f
 use spindoe::geometry::{
     Rotation, Vec3, angle_between, kabsch, random_direction, random_rotation, tangent_frame,
 };
-use spindoe::hash::{PairRule, RecognizerConfig};
 use spindoe::pattern::random_pattern;
 use spindoe::synth::view::View;
 use spindoe::validate::Proportion;
@@ -30,7 +29,7 @@ use spindoe::vision::{
     BallCircle, Camera, DotDetection, EstimatorConfig, FrameEstimate, Intrinsics, Pixel,
 };
 use spindoe::{
-    DotUncertainty, HashTable, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel,
+    Ball, DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel,
 };
 
 const RADIUS: f64 = 30.0;
@@ -357,9 +356,8 @@ fn judge(
         shared_sigma_rad: 0.0,
         ..CalibrationConfig::default()
     };
-    let (rule, recognizer) = (PairRule::default(), RecognizerConfig::default());
-    let table = HashTable::build(nominal.clone(), rule, recognizer)?;
-    let identified = identify_frames(&table, &config.estimator, &clip.frames)?;
+    let ball = Ball::new(nominal.clone());
+    let identified = identify_frames(&ball, &config.estimator, &clip.frames)?;
     let times: Vec<f64> = (0..frames).map(|k| k as f64 / 30.0).collect();
     let times = smooth.then_some(times.as_slice());
     let found = calibrate(nominal, &identified, times, &config)?.map_err(|r| r.to_string())?;

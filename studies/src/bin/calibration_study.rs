@@ -349,7 +349,7 @@ fn fresh(
     let detector = || DetectorName::Cnn.build();
     let estimators = [
         estimator.clone(),
-        Estimator::for_table(&calibration.table(None)?, known, detector()?)?,
+        Estimator::for_ball(&calibration.ball(None)?, known, detector()?)?,
         Estimator::new(&ball.drawn, known, detector()?)?,
     ];
     // The least turn between drawn and nominal dots is no error of the orientation.

@@ -15,9 +15,9 @@ use std::path::PathBuf;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spindoe::ball::Ball;
 use spindoe::design::descent::descend;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
-use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::plot::{LinePlot, LineSeries, scatter_plot};
 use spindoe::recognize::RecognizerName;
@@ -72,14 +72,13 @@ fn row(index: usize, trials: u64) -> Result<Row> {
         value(ObjectiveName::Confusion)?,
         pattern.summary().min_separation_rad.to_degrees(),
     ];
-    let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
     let config = ValidationConfig {
         recognizer: RecognizerName::Robust,
         protocol,
         seed: TRIAL_SEED,
         samples: trials,
     };
-    let found = config.run(&table, &|_| {})?;
+    let found = config.run(&Ball::new(pattern), &|_| {})?;
     Ok(Row {
         values,
         failures: 1.0 - found.validation.identity.rate,

@@ -20,11 +20,11 @@ use std::path::{Path, PathBuf};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spindoe::ball::Ball;
 use spindoe::design::descent::{Cost, descend};
 use spindoe::design::objective::MeanNearestNeighbor;
 use spindoe::design::search::feasible::Charges;
 use spindoe::design::{Constraints, Objective, OrientationBound};
-use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::recognize::RecognizerName;
 use spindoe::stats::Proportion;
@@ -191,7 +191,7 @@ fn main() -> Result<()> {
     let mut first: Option<Vec<TrialResult>> = None;
     for (name, pattern) in patterns {
         let bound = OrientationBound::default().summary(pattern.dots());
-        let table = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?;
+        let ball = Ball::new(pattern);
         let mut cells = Vec::new();
         let mut failures = String::new();
         for (k, column) in columns.iter().enumerate() {
@@ -201,8 +201,8 @@ fn main() -> Result<()> {
                 seed: TRIAL_SEED,
                 samples: trials,
             };
-            let results = config.results(&table, &|_| {})?;
-            let found = config.summary(&table, &results).validation;
+            let results = config.results(&ball, &|_| {})?;
+            let found = config.summary(&ball, &results).validation;
             cells.push(percent(if column.orientation {
                 &found.orientation
             } else {

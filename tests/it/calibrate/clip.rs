@@ -5,9 +5,9 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spindoe::Pattern;
+use spindoe::ball::Ball;
 use spindoe::calibrate::identify_frames;
 use spindoe::geometry::{Rotation, Vec3, random_rotation, tangent_frame};
-use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::synth::view::View;
 use spindoe::vision::estimator::Outline;
 use spindoe::vision::{
@@ -71,15 +71,6 @@ pub fn drawn(pattern: &Pattern, sigma_rad: f64, seed: u64) -> Vec<Vec3> {
     pattern.dots().iter().map(&mut moved).collect()
 }
 
-pub fn table(pattern: &Pattern) -> HashTable {
-    HashTable::build(
-        pattern.clone(),
-        PairRule::default(),
-        RecognizerConfig::default(),
-    )
-    .unwrap()
-}
-
 /// A ball with dots in these directions, turned before the camera; detections alone.
 pub fn detections(dots: &[Vec3], config: &ClipConfig) -> Clip {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
@@ -105,7 +96,7 @@ pub fn detections(dots: &[Vec3], config: &ClipConfig) -> Clip {
 pub fn identified(pattern: &Pattern, dots: &[Vec3], config: &ClipConfig) -> Clip {
     let mut clip = detections(dots, config);
     let estimator = EstimatorConfig::default();
-    clip.frames = identify_frames(&table(pattern), &estimator, &clip.frames).unwrap();
+    clip.frames = identify_frames(&Ball::new(pattern.clone()), &estimator, &clip.frames).unwrap();
     clip
 }
 

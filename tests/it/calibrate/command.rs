@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use spindoe::HashTable;
+use spindoe::Ball;
 use spindoe::geometry::angle_between;
 
 use super::clip::drawn;
@@ -46,7 +46,7 @@ fn a_clip_gives_a_table_of_the_ball_as_drawn() {
     }
     let offsets = fs::read_to_string(dir.join("ball/offsets.csv")).unwrap();
     assert_eq!(offsets.lines().count(), 21);
-    let table = HashTable::read_npz(&dir.join("ball/table.npz")).unwrap();
+    let table = Ball::read_npz(&dir.join("ball/table.npz")).unwrap();
     assert_eq!(table.meta().format_version, 2);
     let drawn = spindoe::Pattern::read_csv(&dir.join("drawn.csv")).unwrap();
     let nominal = spindoe::Pattern::read_csv(&dir.join("nominal.csv")).unwrap();

@@ -180,8 +180,8 @@ fn missing_dots_are_named_and_a_mark_is_found() {
         assert_eq!(numbers.len(), 18 + usize::from(learn_extra));
         assert_eq!(numbers[3], Some(4));
         assert_eq!(numbers.contains(&None), learn_extra);
-        let table = found.table(Some(pattern.sha256())).unwrap();
-        assert_eq!(table.dot_covariances().unwrap().len(), numbers.len());
+        let ball = found.ball(Some(pattern.sha256())).unwrap();
+        assert_eq!(ball.dot_covariances().unwrap().len(), numbers.len());
     }
 }
 

@@ -7,8 +7,8 @@ use std::process::{Command, Stdio};
 
 use crate::common::{done, spindoe};
 use serde_json::Value;
+use spindoe::ball::Ball;
 use spindoe::geometry::Vec3;
-use spindoe::hash::HashTable;
 use spindoe::pattern::Pattern;
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
@@ -115,6 +115,37 @@ fn bad_patterns_are_refused_with_file_and_line() {
         &["validate", "absent.csv"],
         "absent.csv: cannot be read",
     );
+}
+
+/// A device without an end, in place of each file that is read whole.
+#[test]
+#[cfg(unix)]
+fn of_an_endless_file_no_more_is_read_than_its_format_has() {
+    let shop = workshop();
+    let dir = shop.path();
+    let zero = "/dev/zero";
+    fs::write(dir.join("dots.csv"), "frame,x,y,z\na,0,0,1\n").unwrap();
+    for (arguments, most) in [
+        (vec!["table", zero, "-o", "t.npz"], "16 MiB"),
+        (vec!["stencil", zero, "-o", "s"], "16 MiB"),
+        (vec!["mark", zero, "--as", "gores", "-o", "m.svg"], "16 MiB"),
+        (vec!["validate", zero], "16 MiB"),
+        (vec!["identify", "--table", zero, "dots.csv"], "16 MiB"),
+        (vec!["advise", "--camera", zero], "1 MiB"),
+        (
+            vec!["synth", "pattern.csv", "--config", zero, "--out", "s"],
+            "1 MiB",
+        ),
+        (
+            vec!["identify", "--table", "table.npz", zero],
+            "65536 bytes",
+        ),
+        (vec!["spin", zero], "65536 bytes"),
+    ] {
+        refused(dir, &arguments, &format!("at most {most}"));
+    }
+    let image = ["estimate", "--table", "table.npz", zero, "-o", "o.csv"];
+    refused(dir, &image, "found none of them");
 }
 
 #[test]
@@ -273,7 +304,7 @@ fn bad_arguments_are_refused_by_name() {
         "[possible values: paper, sparse, clutter, image]",
     );
     validate(&["--sample", "3"], "unexpected argument '--sample'");
-    refused(dir, &["validate"], "<PATTERN_OR_TABLE>");
+    refused(dir, &["validate"], "<PATTERN>");
     for (rest, needle) in [
         (["--dots", "3"], "dots: expected 4 to 64, found 3"),
         (["--starts", "0"], "starts: expected at least 1"),
@@ -576,7 +607,7 @@ fn the_shipped_tables_load() {
     for entry in fs::read_dir(designs).unwrap() {
         let dir = entry.unwrap().path();
         if dir.is_dir() {
-            let table = HashTable::read_npz(&dir.join("table.npz")).unwrap();
+            let table = Ball::read_npz(&dir.join("table.npz")).unwrap();
             let pattern = Pattern::read_csv(&dir.join("pattern.csv")).unwrap();
             assert_eq!(table.pattern(), &pattern, "{}", dir.display());
             tables += 1;

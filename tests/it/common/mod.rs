@@ -9,6 +9,7 @@ use std::process::{Command, Output};
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use spindoe::Proportion;
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::pattern::Pattern;
 
@@ -71,6 +72,37 @@ pub fn published_frames() -> Option<PathBuf> {
 #[allow(dead_code)]
 pub fn published_trajectories() -> Option<PathBuf> {
     published("trajectories")
+}
+
+/// The shipped design of 20 dots, which every checkout has.
+#[allow(dead_code)]
+pub fn dots20() -> Pattern {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("designs/dots20/pattern.csv");
+    Pattern::read_csv(&path).expect("it reads")
+}
+
+/// By how much two rates of the same thing differ at most: twice their Wilson 95 % half-widths in
+/// quadrature, about four standard errors of the difference.
+fn chance(measured: &Proportion, found: &Proportion) -> f64 {
+    let half = |p: &Proportion| 0.5 * (p.high - p.low);
+    2.0 * half(measured).hypot(half(found))
+}
+
+/// Asserts that a rate is not below the one that was measured, `successes` of `trials`.
+#[allow(dead_code)]
+pub fn assert_not_below(what: &str, found: &Proportion, (successes, trials): (u64, u64)) {
+    let measured = Proportion::new(successes, trials);
+    let least = measured.rate - chance(&measured, found);
+    assert!(found.rate >= least, "{what}: {found}, measured {measured}");
+}
+
+/// Asserts that a rate is the one that was measured, `successes` of `trials`.
+#[allow(dead_code)]
+pub fn assert_as_measured(what: &str, found: &Proportion, (successes, trials): (u64, u64)) {
+    let measured = Proportion::new(successes, trials);
+    let off = (found.rate - measured.rate).abs();
+    let is_same = off <= chance(&measured, found);
+    assert!(is_same, "{what}: {found}, measured {measured}");
 }
 
 /// `n` dots at random, no two nearer than 0.3 rad where `n <= 20`.

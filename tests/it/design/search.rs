@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use spindoe::Result;
+use spindoe::ball::{Ball, PairRule};
 use spindoe::design::constraints::max_separation;
 use spindoe::design::descent::{Cost, Descent, descend};
 use spindoe::design::objective::bound::BoundSummary;
@@ -14,8 +15,8 @@ use spindoe::design::{
     SearchState, Stage, design,
 };
 use spindoe::geometry::{Vec3, angle_between, random_direction};
-use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
 use spindoe::pattern::Pattern;
+use spindoe::recognize::paper::FeatureTree;
 use spindoe::stencil::{Stencil, StencilConfig};
 
 use rand::SeedableRng;
@@ -151,10 +152,10 @@ fn without_pairs_near_singular_the_paper_s_objective_is_the_mean_over_the_table(
     // Shaken, since equal features of a regular solid have distance 0.
     let shaken = dots.map(|d| (Vec3::from(d) + 0.1 * random_direction(&mut rng)).normalize());
     let pattern = Pattern::new(shaken.to_vec()).unwrap();
-    let table =
-        HashTable::build(pattern.clone(), PairRule::ALL, RecognizerConfig::default()).unwrap();
-    let distances = table.nearest_distances();
-    let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+    let ball = Ball::new(pattern.clone())
+        .with_pair_rule(PairRule::ALL)
+        .unwrap();
+    let mean = FeatureTree::new(&ball).unwrap().mean_nearest_distance();
     let value = MeanNearestNeighbor::default()
         .evaluate(pattern.dots())
         .unwrap()

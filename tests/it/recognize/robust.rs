@@ -7,6 +7,7 @@ use nalgebra::{Matrix2, Matrix3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use spindoe::ball::{Ball, CalibrationRecord};
 use spindoe::geometry::{
     Rotation, Vec3, random_direction, random_rotation, rotation_angle, tangent_frame,
 };
@@ -17,7 +18,7 @@ use spindoe::recognize::robust::{
 use spindoe::recognize::{Hint, Recognizer, RecognizerRejection};
 use spindoe::validate::{TrialResult, Trials, Validation};
 use spindoe::view::{
-    Detection, DotUncertainty, FalseDots, ObservedDot, ProtocolName, Trial, ViewModel,
+    Detection, DotUncertainty, FalseDots, ObservedDot, Protocol, ProtocolName, Trial, ViewModel,
 };
 
 /// A seed that nothing was tuned on.
@@ -57,6 +58,31 @@ fn validated(recognizer: &RobustRecognizer, trials: &Trials<'_>, of: ProtocolNam
     Validation::of(&results, of, trials)
 }
 
+/// Beside each protocol the identities and orientations that 20 000 trials of another seed found, of those
+/// judged: `spindoe validate designs/dots20 --protocol P --sigma-deg S --samples 20000 --seed 20261201`.
+#[test]
+fn rates_on_the_shipped_design() {
+    let pattern = crate::common::dots20();
+    let standard = Protocol::standard;
+    let degrees = |d: f64| standard(ProtocolName::Paper).with_sigma_rad(d.to_radians());
+    let measured = [
+        (standard(ProtocolName::Paper), 20_000, 20_000, 20_000),
+        (degrees(5.0), 19_990, 20_000, 20_000),
+        (degrees(8.0), 19_642, 19_999, 20_000),
+        (standard(ProtocolName::Sparse), 19_805, 19_812, 19_970),
+        (standard(ProtocolName::Clutter), 17_925, 19_792, 19_997),
+        (standard(ProtocolName::Image), 19_157, 19_965, 19_996),
+    ];
+    for (protocol, identity, orientation, judged) in measured {
+        let (robust, trials) = robust(&pattern, *protocol.view(), 2000);
+        let v = validated(&robust, &trials, protocol.name());
+        let what = |of: &str| format!("{}, {} deg, {of}", v.protocol, v.sigma_deg);
+        let (identities, orientations) = ((identity, judged), (orientation, judged));
+        crate::common::assert_not_below(&what("identity"), &v.identity, identities);
+        crate::common::assert_not_below(&what("orientation"), &v.orientation, orientations);
+    }
+}
+
 #[test]
 fn rates_on_the_published_pattern() {
     let Some(pattern) = crate::common::published_pattern() else {
@@ -89,18 +115,17 @@ fn rates_on_the_published_pattern() {
 
 #[test]
 fn a_rate_and_no_more_is_enough_in_clutter() {
-    let Some(pattern) = crate::common::published_pattern() else {
-        return;
-    };
+    let pattern = crate::common::dots20();
     let name = ProtocolName::Clutter;
     let view = ViewModel {
         false_dots: FalseDots::Poisson(2.0),
         ..name.view()
     };
     let robust = RobustRecognizer::new(&pattern, view.into()).unwrap();
-    let trials = Trials::first(&pattern, name.view(), SEED, 1000);
+    let trials = Trials::first(&pattern, name.view(), SEED, 2000);
     let v = validated(&robust, &trials, name);
-    assert!(v.orientation.rate > 0.955, "{v:?}");
+    // Of 20 000 trials of seed 20 261 201.
+    crate::common::assert_not_below("orientation", &v.orientation, (19_737, 19_997));
 }
 
 #[test]
@@ -312,6 +337,61 @@ fn a_symmetric_pattern_yields_all_its_poses_and_no_confidence() {
     }
 }
 
+/// Dots that a calibration did not see are as far off as a hand draws them, the others hardly.
+#[test]
+fn dots_that_were_not_measured_count_less() {
+    let pattern = crate::common::random_pattern(20, 12);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let sigmas = |j: usize| if j.is_multiple_of(4) { 0.06 } else { 0.005 };
+    let covariances = pattern.dots().iter().enumerate();
+    let covariances = covariances
+        .map(|(j, d)| (Matrix3::identity() - d * d.transpose()) * f64::powi(sigmas(j), 2))
+        .collect();
+    let record = CalibrationRecord {
+        nominal_sha256: None,
+        nominal_numbers: (0..20).map(Some).collect(),
+        views: vec![9; 20],
+    };
+    let ball = Ball::new(pattern.clone());
+    let ball = ball.with_calibration(covariances, record).unwrap();
+    let config = RobustConfig::default();
+    let recognizers = [
+        RobustRecognizer::new(&pattern, config).unwrap(),
+        RobustRecognizer::for_ball(&ball, config).unwrap(),
+    ];
+    let mut ws = recognizers[0].workspace();
+    let mut squares = [0.0; 2];
+    let (mut both, views) = (0, 400);
+    for _ in 0..views {
+        let truth = random_rotation(&mut rng);
+        let mut moved = |direction: &Vec3, sigma: f64| {
+            let [e1, e2] = tangent_frame(direction);
+            let [a, b]: [f64; 2] = [0, 1].map(|_| StandardNormal.sample(&mut rng));
+            (direction + (e1 * a + e2 * b) * sigma).normalize()
+        };
+        let drawn = pattern.dots().iter().enumerate();
+        let drawn: Vec<Vec3> = drawn.map(|(j, d)| moved(d, sigmas(j))).collect();
+        let seen = drawn.iter().map(|d| truth * d).filter(|d| d.z > 0.0);
+        let dots: Vec<_> = seen.map(|d| dot(moved(&d, 0.01), 0.0112)).collect();
+        let errors =
+            recognizers
+                .each_ref()
+                .map(|recognizer| match recognizer.identify(&dots, &mut ws) {
+                    Ok(found) => rotation_angle(&found.rotation, &truth),
+                    Err(_) => f64::INFINITY,
+                });
+        if errors.iter().all(|e| *e < 0.35) {
+            both += 1;
+            for (sum, error) in squares.iter_mut().zip(errors) {
+                *sum += error * error;
+            }
+        }
+    }
+    let [alike, own] = squares.map(|sum| (sum / f64::from(both)).sqrt().to_degrees());
+    println!("{alike:.3} deg alike, {own:.3} deg by the dots' own errors, {both} of {views}");
+    assert!(both > 390 && own < 0.95 * alike, "{alike} {own} {both}");
+}
+
 #[test]
 fn a_mirrored_ball_is_said_to_be_one() {
     let pattern = crate::common::random_pattern(20, 6);
@@ -519,9 +599,10 @@ fn parameters_outside_their_domain_are_refused() {
 #[test]
 fn a_single_frame_names_the_dots_beyond_the_limit_that_is_expected() {
     let pattern = crate::common::random_pattern(20, 5);
+    let ball = Ball::new(pattern.clone());
     let nothing_known = Arc::new(ConditionsPosterior::new(&ConditionsPrior::default()).unwrap());
     let base = RobustConfig::default();
-    let recognizer = RobustRecognizer::with_conditions(&pattern, &base, &nothing_known).unwrap();
+    let recognizer = RobustRecognizer::with_conditions(&ball, &base, &nothing_known).unwrap();
     let mut workspace = recognizer.workspace();
     let trials = Trials::first(&pattern, ProtocolName::Paper.view(), 14, 200);
     let mut generator = trials.generator();
@@ -543,9 +624,10 @@ fn a_single_frame_names_the_dots_beyond_the_limit_that_is_expected() {
 #[test]
 fn three_dots_of_which_nothing_is_known_are_too_few() {
     let pattern = crate::common::random_pattern(20, 5);
+    let ball = Ball::new(pattern.clone());
     let nothing_known = Arc::new(ConditionsPosterior::new(&ConditionsPrior::default()).unwrap());
     let base = RobustConfig::default();
-    let recognizer = RobustRecognizer::with_conditions(&pattern, &base, &nothing_known).unwrap();
+    let recognizer = RobustRecognizer::with_conditions(&ball, &base, &nothing_known).unwrap();
     let dots: Vec<ObservedDot> = pattern.dots()[..3].iter().map(|d| dot(*d, 0.02)).collect();
     let outcome = recognizer.identify(&dots, &mut recognizer.workspace());
     let expected = RecognizerRejection::TooFewDots {

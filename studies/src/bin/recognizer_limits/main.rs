@@ -13,7 +13,7 @@ mod rates;
 
 use std::path::PathBuf;
 
-use spindoe::hash::{HashTable, PairRule, RecognizerConfig};
+use spindoe::ball::Ball;
 use spindoe::pattern::Pattern;
 use spindoe::recognize::robust::RobustRecognizer;
 use spindoe::validate::Trials;
@@ -24,14 +24,14 @@ const SEED: u64 = 20_261_121;
 
 /// The inputs of every part.
 struct Bench {
-    table: HashTable,
+    ball: Ball,
     out: PathBuf,
     samples: u64,
 }
 
 impl Bench {
     fn pattern(&self) -> &Pattern {
-        self.table.pattern()
+        self.ball.pattern()
     }
 
     /// The trials of these views.
@@ -96,7 +96,7 @@ fn main() -> spindoe::Result<()> {
     };
     let pattern = Pattern::read_csv(pattern.as_ref())?;
     let bench = Bench {
-        table: HashTable::build(pattern, PairRule::default(), RecognizerConfig::default())?,
+        ball: Ball::new(pattern),
         out: out.into(),
         samples,
     };

@@ -14,7 +14,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
     for (name, protocol, view) in views() {
         let trials = bench.trials(view);
         for recognizer in RecognizerName::ALL {
-            let named = NamedRecognizer::new(recognizer, &bench.table, &view)?;
+            let named = NamedRecognizer::new(recognizer, &bench.ball, &view)?;
             let found = trials.run(&named, &|_| {})?;
             row((name, recognizer.as_str()), &found, protocol, &trials);
         }

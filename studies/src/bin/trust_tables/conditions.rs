@@ -5,6 +5,7 @@ use std::num::NonZero;
 use std::path::Path;
 
 use rayon::prelude::*;
+use spindoe::ball::Ball;
 use spindoe::pattern::Pattern;
 use spindoe::pipeline::Sink;
 use spindoe::recognize::observed::ObservedFrame;
@@ -90,7 +91,14 @@ fn learned(pattern: &Pattern, file: &[Trial], order: LearningOrder) -> Result<Ve
     let base = RobustConfig::default();
     let threads = NonZero::<usize>::MIN;
     let frames = frames.into_iter();
-    let told = identify_learning(pattern, &base, &learning, frames, threads, &mut sink)?;
+    let told = identify_learning(
+        &Ball::new(pattern.clone()),
+        &base,
+        &learning,
+        frames,
+        threads,
+        &mut sink,
+    )?;
     if std::env::var_os("SHOW").is_some() {
         eprintln!("{told:?}");
     }

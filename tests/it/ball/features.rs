@@ -1,20 +1,10 @@
-//! Features and the table's search, against their definitions.
+//! Features and what a ball records, against their definitions.
 
-use std::num::NonZeroUsize;
-
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use spindoe::ball::{Ball, BasisFrame, PairRule, PaperConfig};
 use spindoe::geometry::{Vec3, random_direction, random_rotation};
-use spindoe::hash::{BasisFrame, HashTable, PairRule, RecognizerConfig};
-
-fn table(n: usize, rule: PairRule) -> HashTable {
-    HashTable::build(
-        crate::common::random_pattern(n, 3),
-        rule,
-        RecognizerConfig::default(),
-    )
-    .expect("builds")
-}
+use spindoe::recognize::paper::FeatureTree;
 
 #[test]
 fn basis_times_feature_is_the_third_dot() {
@@ -78,52 +68,8 @@ fn the_pair_rule_leaves_out_close_and_opposite_pairs() {
         min_cross: 0.1,
         max_angle_rad: 0.11,
     };
-    let built = HashTable::build(
-        crate::common::random_pattern(8, 1),
-        rule,
-        RecognizerConfig::default(),
-    );
-    assert!(built.is_err());
-}
-
-#[test]
-fn the_tree_finds_what_brute_force_finds() {
-    let mut rng = ChaCha8Rng::seed_from_u64(11);
-    for n in [4, 9, 20] {
-        let table = table(n, PairRule::default());
-        for _ in 0..200 {
-            let query: [f64; 3] = std::array::from_fn(|_| 6.0 * rng.random::<f64>() - 3.0);
-            let mut brute: Vec<f64> = table
-                .features()
-                .iter()
-                .map(|f| (0..3).map(|i| (f[i] - query[i]).powi(2)).sum())
-                .collect();
-            brute.sort_by(f64::total_cmp);
-            let k = NonZeroUsize::new(20).expect("not zero");
-            let found: Vec<_> = table.nearest(&query, k).collect();
-            assert_eq!(found.len(), brute.len().min(20));
-            for (neighbor, want) in found.iter().zip(&brute) {
-                assert!((neighbor.distance_squared - want).abs() <= 1e-12 * (1.0 + want));
-                let f = table.features()[neighbor.index];
-                let own: f64 = (0..3).map(|i| (f[i] - query[i]).powi(2)).sum();
-                assert!((own - neighbor.distance_squared).abs() <= 1e-12 * (1.0 + own));
-            }
-        }
-        let k = NonZeroUsize::new(3).expect("not zero");
-        assert_eq!(table.nearest(&[f64::NAN, 0.0, 0.0], k).count(), 0);
-    }
-}
-
-#[test]
-fn every_feature_is_its_own_nearest() {
-    let table = table(20, PairRule::ALL);
-    let k = NonZeroUsize::MIN;
-    for f in table.features() {
-        assert_eq!(
-            table.nearest(f, k).next().map(|n| n.distance_squared),
-            Some(0.0)
-        );
-    }
+    let ball = Ball::new(crate::common::random_pattern(8, 1));
+    assert!(ball.with_pair_rule(rule).is_err());
 }
 
 #[test]
@@ -136,48 +82,44 @@ fn a_symmetric_pattern_with_many_equal_features_builds() {
         })
         .collect();
     let pattern = spindoe::pattern::Pattern::new(corners).expect("distinct unit vectors");
-    let built = HashTable::build(pattern, PairRule::default(), RecognizerConfig::default());
-    assert_eq!(built.expect("builds").features().len(), 8 * 6 * 6);
+    let tree = FeatureTree::new(&Ball::new(pattern)).expect("builds");
+    assert_eq!(tree.features().len(), 8 * 6 * 6);
 }
 
 #[test]
 fn parameters_outside_their_domain_are_refused() {
-    let good = RecognizerConfig::default();
+    let good = PaperConfig::default();
     let bad = [
-        RecognizerConfig {
+        PaperConfig {
             sigma_rad: -1.0,
             ..good
         },
-        RecognizerConfig {
+        PaperConfig {
             sigma_rad: f64::NAN,
             ..good
         },
-        RecognizerConfig {
+        PaperConfig {
             kappa: f64::INFINITY,
             ..good
         },
-        RecognizerConfig {
+        PaperConfig {
             beta: 250.0,
             ..good
         },
-        RecognizerConfig { beta: -0.1, ..good },
-        RecognizerConfig { alpha: 0.0, ..good },
-        RecognizerConfig {
+        PaperConfig { beta: -0.1, ..good },
+        PaperConfig { alpha: 0.0, ..good },
+        PaperConfig {
             visibility_limit: 1.0,
             ..good
         },
-        RecognizerConfig {
+        PaperConfig {
             visibility_limit: f64::NAN,
             ..good
         },
     ];
     for params in bad {
-        let built = HashTable::build(
-            crate::common::random_pattern(8, 1),
-            PairRule::default(),
-            params,
-        );
-        let error = built.expect_err("refused");
+        let ball = Ball::new(crate::common::random_pattern(8, 1));
+        let error = ball.with_recognizer(params).expect_err("refused");
         assert!(error.to_string().starts_with("recognizer."), "{error}");
     }
 }

@@ -21,17 +21,22 @@
 //! among the first two makes it fail. Two observed dots may get the same index. Its confidence is
 //! not calibrated.
 
+mod tree;
+
+pub use crate::ball::{PaperConfig, VoteSum};
+pub use tree::{FeatureTree, Neighbor};
+
 use std::num::NonZeroUsize;
 
 use nalgebra::Matrix3;
 
 use super::kent::KentShape;
 use super::{Explanations, Hint, ObservedDot, Recognizer, RecognizerRejection};
-use crate::error::{Error, Result};
+use crate::ball::{Ball, Basis, BasisFrame, Feature};
+use crate::error::Result;
 use crate::geometry::{
     Rotation, Vec3, angle_between, pair_rotation, rotation_from_correlation, tangent_frame,
 };
-use crate::hash::{Basis, BasisFrame, HashTable};
 
 /// Minimum `|d x d'|` at which the first two observed dots span a basis.
 const MIN_CROSS: f64 = 1e-6;
@@ -42,54 +47,11 @@ const MIN_DENSITY: f64 = 1e-10;
 /// A basis pair and one more dot.
 const MIN_DOTS: usize = 3;
 
-/// The sum that forms a basis' score.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum VoteSum {
-    /// The sum of `max(ln p, ln 1e-10)`, as in the authors' published code.
-    ///
-    /// Poor votes are negative, but a dot that casts no vote counts as zero. The correct basis,
-    /// supported by many dots of which some are far off, can score below a wrong one with a single
-    /// vote. It then drops out of the better half and is never verified.
-    LogDensity,
-    /// The sum of `p`: a vote never lowers a score, and the correct basis rarely drops out.
-    Density,
-}
-
-/// Parameters of the paper's recognizer.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PaperConfig {
-    /// Number of nearest features that vote for each further dot.
-    pub k: usize,
-    /// Concentration of the Kent density.
-    pub kappa: f64,
-    /// Ovalness of the Kent density, `0 <= 2 beta < kappa`.
-    pub beta: f64,
-    /// Standard deviation of `|x|` about 1, without unit.
-    pub alpha: f64,
-    /// Fraction of the bases with votes that is verified, best scores first, in (0, 1].
-    pub verify_fraction: f64,
-    /// The sum that forms a basis' score.
-    pub vote_sum: VoteSum,
-}
-
-impl Default for PaperConfig {
-    /// The values of the paper and of its published code.
-    fn default() -> Self {
-        Self {
-            k: 20,
-            kappa: 500.0,
-            beta: 0.0,
-            alpha: 0.03,
-            verify_fraction: 0.5,
-            vote_sum: VoteSum::LogDensity,
-        }
-    }
-}
-
-/// The paper's recognizer over a hash table.
+/// The paper's recognizer, with the hash features of its ball.
 #[derive(Debug)]
-pub struct PaperRecognizer<'t> {
-    table: &'t HashTable,
+pub struct PaperRecognizer {
+    dots: Vec<Vec3>,
+    tree: FeatureTree,
     config: PaperConfig,
     k: NonZeroUsize,
     kent: KentShape,
@@ -117,48 +79,35 @@ struct Candidate {
     score: f64,
 }
 
-impl<'t> PaperRecognizer<'t> {
-    /// A recognizer over `table`.
+impl PaperRecognizer {
+    /// A recognizer for `ball`, with the parameters that the ball records ([`Ball::recognizer`]).
     ///
     /// # Errors
-    /// [`Error::Argument`] naming the parameter outside its domain.
-    pub fn new(table: &'t HashTable, config: PaperConfig) -> Result<Self> {
-        let Some(k) = NonZeroUsize::new(config.k) else {
-            return Err(Error::argument("k", "expected at least 1, found 0"));
-        };
-        if !(config.alpha.is_finite() && config.alpha > 0.0) {
-            let problem = format!("expected a positive number, found {}", config.alpha);
-            return Err(Error::argument("alpha", problem));
-        }
-        if !(config.verify_fraction > 0.0 && config.verify_fraction <= 1.0) {
-            let problem = format!(
-                "expected a fraction in (0, 1], found {}",
-                config.verify_fraction
-            );
-            return Err(Error::argument("verify_fraction", problem));
-        }
-        Ok(Self {
-            table,
-            config,
-            k,
-            kent: KentShape::new(config.kappa, config.beta)?,
-        })
+    /// [`Error::Argument`](crate::Error::Argument) where the ball's pair rule leaves out every pair
+    /// of its dots, or a parameter is outside its domain.
+    pub fn for_ball(ball: &Ball) -> Result<Self> {
+        let dots = ball.pattern().dots().to_vec();
+        Self::new(dots, FeatureTree::new(ball)?, *ball.recognizer())
     }
 
-    /// A recognizer with the parameters of the table's metadata, and the paper's values for the
-    /// others.
+    /// The same recognizer with other parameters.
     ///
     /// # Errors
-    /// [`Error::Argument`] naming the parameter outside its domain.
-    pub fn from_table(table: &'t HashTable) -> Result<Self> {
-        let made_for = &table.meta().recognizer;
-        let config = PaperConfig {
-            kappa: made_for.kappa,
-            beta: made_for.beta,
-            alpha: made_for.alpha,
-            ..PaperConfig::default()
-        };
-        Self::new(table, config)
+    /// [`Error::Argument`](crate::Error::Argument) naming the parameter outside its domain.
+    pub fn with_config(self, config: PaperConfig) -> Result<Self> {
+        Self::new(self.dots, self.tree, config)
+    }
+
+    fn new(dots: Vec<Vec3>, tree: FeatureTree, config: PaperConfig) -> Result<Self> {
+        config.check()?;
+        Ok(Self {
+            dots,
+            tree,
+            // Checked to be one.
+            k: NonZeroUsize::new(config.k).unwrap_or(NonZeroUsize::MIN),
+            kent: KentShape::new(config.kappa, config.beta)?,
+            config,
+        })
     }
 
     /// The parameters.
@@ -187,15 +136,15 @@ impl<'t> PaperRecognizer<'t> {
 
     /// Adds up the votes of all dots but the first two.
     fn vote(&self, frame: &BasisFrame, dots: &[ObservedDot], ws: &mut PaperWorkspace) {
-        let n = self.table.pattern().len();
+        let n = self.dots.len();
         ws.scores.clear();
         ws.scores.resize(n * n, f64::NAN);
         ws.voted.clear();
         for dot in &dots[2..] {
             let h = frame.feature(&dot.direction);
-            for neighbor in self.table.nearest(&h, self.k) {
-                let basis = self.table.bases()[neighbor.index];
-                let x = frame.point(&self.table.features()[neighbor.index]);
+            for neighbor in self.tree.nearest(&h, self.k) {
+                let Feature { basis, value, .. } = self.tree.features()[neighbor.index];
+                let x = frame.point(&value);
                 let ln_p = self.ln_score(&x, &dot.direction, frame.determinant());
                 let score = &mut ws.scores[index(basis, n)];
                 if score.is_nan() {
@@ -223,7 +172,7 @@ impl<'t> PaperRecognizer<'t> {
         dots: &[ObservedDot],
         ws: &mut PaperWorkspace,
     ) -> Option<Candidate> {
-        let pattern = self.table.pattern().dots();
+        let pattern = &self.dots;
         let (i, j) = (usize::from(basis.first), usize::from(basis.second));
         let coarse = rotation_from_pairs(
             [&pattern[i], &pattern[j]],
@@ -265,7 +214,7 @@ impl<'t> PaperRecognizer<'t> {
         let top = ws
             .voted
             .first()
-            .map(|b| ws.scores[index(*b, self.table.pattern().len())])?;
+            .map(|b| ws.scores[index(*b, self.dots.len())])?;
         let weight = |score: f64| match self.config.vote_sum {
             VoteSum::LogDensity => (score - top).exp(),
             // Scores far from every feature underflow to nothing: then no basis is preferred.
@@ -298,7 +247,7 @@ fn index(basis: Basis, n: usize) -> usize {
     usize::from(basis.first) * n + usize::from(basis.second)
 }
 
-impl Recognizer for PaperRecognizer<'_> {
+impl Recognizer for PaperRecognizer {
     type Workspace = PaperWorkspace;
 
     fn workspace(&self) -> PaperWorkspace {

@@ -1,4 +1,12 @@
-//! Bases, features, and the rule that selects the ordered pairs of dots for a table.
+//! Hash features: bases, features, and the rule that selects the ordered pairs of dots for a table.
+//!
+//! The method is geometric hashing as in Gossard et al., "SpinDOE" (arXiv 2303.03879), Sec. II-C
+//! and Alg. 1. An ordered pair of dots (d, d') spans the basis `B = [d, d', d x d']` (columns). Any
+//! third dot d'' has the coordinates `h = B^-1 d''` in it. Since `R d x R d' = R (d x d')`, h does
+//! not change when the ball rotates: it is the key under which an observed triple of dots is found.
+//!
+//! Every feature of an allowed pair is made exactly once. Features need not be distinct: a pattern
+//! with symmetries has equal ones.
 //!
 //! For unit vectors d, d', cosine `c = d . d'` and normal `n = d x d'`, the inverse of
 //! `B = [d, d', n]` has a closed form, because n is normal to both others:
@@ -134,6 +142,23 @@ impl PairRule {
             return None;
         }
         BasisFrame::new(first, second, self.min_cross)
+    }
+
+    /// Number of features of `dots` under this rule.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the rule leaves out every pair.
+    pub fn count(&self, dots: &[Vec3]) -> Result<usize> {
+        let n = dots.len();
+        let is_basis = |i: usize, j: usize| i != j && self.frame(&dots[i], &dots[j]).is_some();
+        let pairs = (0..n).map(|i| (0..n).filter(|&j| is_basis(i, j)).count());
+        match pairs.sum::<usize>() {
+            0 => Err(Error::argument(
+                "pair_rule",
+                "leaves out every pair of the pattern's dots",
+            )),
+            pairs => Ok(pairs * (n - 2)),
+        }
     }
 
     /// All features of `dots` (unit vectors, at most 65536) under this rule, ordered by first dot,

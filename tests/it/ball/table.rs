@@ -10,18 +10,17 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use spindoe::Error;
+use spindoe::ball::{Ball, CalibrationRecord, Feature, ObjectiveRecord, PairRule};
 use spindoe::geometry::tangent_frame;
-use spindoe::hash::{CalibrationRecord, HashTable, ObjectiveRecord, PairRule, RecognizerConfig};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 /// Array name -> `.npy` bytes.
 type Entries = BTreeMap<String, Vec<u8>>;
 
-fn table() -> HashTable {
+fn table() -> Ball {
     let pattern = crate::common::random_pattern(7, 4);
-    let rule = PairRule::default();
-    let mut table = HashTable::build(pattern, rule, RecognizerConfig::default()).expect("builds");
+    let mut table = Ball::new(pattern);
     table.set_objective(Some(ObjectiveRecord {
         name: "mean nearest distance".into(),
         value: 0.1 + 0.2,
@@ -81,8 +80,8 @@ fn raw_npy(header: &str, data: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn load(bytes: &[u8]) -> spindoe::Result<HashTable> {
-    HashTable::from_npz(Path::new("t.npz"), bytes)
+fn load(bytes: &[u8]) -> spindoe::Result<Ball> {
+    Ball::from_npz(Path::new("t.npz"), bytes)
 }
 
 /// Loads `table()` with one array replaced, and checks that the error names `place`.
@@ -105,22 +104,28 @@ fn check_error(error: &Error, place: &str, problem: &str) {
     assert!(!text.contains('\n'), "{text}");
 }
 
+/// The features that the ball's file holds.
+fn features(ball: &Ball) -> Vec<Feature> {
+    let dots = ball.pattern().dots();
+    ball.pair_rule().features(dots).collect()
+}
+
+fn values(ball: &Ball) -> Vec<[f64; 3]> {
+    features(ball).iter().map(|f| f.value).collect()
+}
+
 fn flat<const N: usize>(rows: &[[f64; N]]) -> Vec<f64> {
     rows.iter().flatten().copied().collect()
 }
 
-fn same(a: &HashTable, b: &HashTable) {
-    let bits = |t: &HashTable| {
-        flat(t.features())
-            .iter()
-            .map(|x| x.to_bits())
-            .collect::<Vec<_>>()
+/// Bit for bit the same.
+fn same(a: &Ball, b: &Ball) {
+    assert_eq!(a, b);
+    let bits = |ball: &Ball| -> Vec<u64> {
+        let coordinates = ball.pattern().dots().iter().flatten();
+        coordinates.map(|x| x.to_bits()).collect()
     };
-    assert_eq!(a.pattern(), b.pattern());
     assert_eq!(bits(a), bits(b));
-    assert_eq!(a.bases(), b.bases());
-    assert_eq!(a.feature_dots(), b.feature_dots());
-    assert_eq!(a.meta(), b.meta());
 }
 
 #[test]
@@ -129,22 +134,96 @@ fn what_is_written_reads_back_bit_for_bit() {
     let path = dir.path().join("table.npz");
     let tables = [
         table(),
-        HashTable::build(
-            crate::common::random_pattern(20, 9),
-            PairRule::ALL,
-            RecognizerConfig::default(),
-        )
-        .expect("builds"),
+        Ball::new(crate::common::random_pattern(20, 9))
+            .with_pair_rule(PairRule::ALL)
+            .expect("a rule"),
     ];
     for table in tables {
         table.write_npz(&path).expect("writes");
-        let read = HashTable::read_npz(&path).expect("reads");
+        let read = Ball::read_npz(&path).expect("reads");
         same(&table, &read);
         assert_eq!(
             table.to_npz().expect("packs"),
             read.to_npz().expect("packs")
         );
     }
+}
+
+/// The tables that ship, of several releases, are what this code writes.
+#[test]
+fn a_shipped_table_is_written_again_as_it_was() {
+    let designs = Path::new(env!("CARGO_MANIFEST_DIR")).join("designs");
+    let (mut read, mut same) = (0, 0);
+    for entry in std::fs::read_dir(designs).expect("the designs") {
+        let path = entry.expect("an entry").path().join("table.npz");
+        let Ok(bytes) = std::fs::read(&path) else {
+            continue;
+        };
+        let again = load(&bytes).expect("reads").to_npz().expect("packs");
+        let mut entries = unpack(&bytes);
+        // Version 0.1 spelled a key of the metadata otherwise.
+        let meta = entries.get_mut("meta").expect("metadata");
+        let key = b"recogniser";
+        match meta.windows(key.len()).position(|w| w == key) {
+            Some(at) => meta[at..at + key.len()].copy_from_slice(b"recognizer"),
+            None => {
+                assert!(bytes == again, "{}", path.display());
+                same += 1;
+            }
+        }
+        assert!(entries == unpack(&again), "{}", path.display());
+        read += 1;
+    }
+    assert!(read >= 8 && same >= 2, "{same} of {read}");
+}
+
+#[test]
+fn a_ball_reads_from_a_table_a_pattern_and_a_folder_with_either() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    let error = Ball::read(dir.path()).expect_err("an empty folder");
+    assert!(
+        error.to_string().contains("table.npz or pattern.csv"),
+        "{error}"
+    );
+
+    let axis = spindoe::Vec3::z();
+    let zone = spindoe::KeepOut {
+        axis,
+        half_angle_rad: 0.2,
+    };
+    let dots = crate::common::random_pattern(14, 4).dots().to_vec();
+    let clear = dots.into_iter().filter(|d| d.dot(&axis) < 0.9).collect();
+    let pattern = spindoe::Pattern::new(clear).expect("some dots are left");
+    let pattern = pattern.with_keep_out(vec![zone]).expect("no dot within");
+    pattern.write_csv(&at("pattern.csv")).expect("writes");
+    let plain = Ball::new(pattern);
+    assert_eq!(Ball::read(&at("pattern.csv")).expect("reads"), plain);
+    assert_eq!(Ball::read(dir.path()).expect("reads"), plain);
+
+    table().write_npz(&at("table.npz")).expect("writes");
+    assert_eq!(Ball::read(&at("table.npz")).expect("reads"), table());
+    assert_eq!(Ball::read(dir.path()).expect("reads"), table());
+    // An archive by its content, whatever its name.
+    std::fs::rename(at("table.npz"), at("ball")).expect("renames");
+    assert_eq!(Ball::read(&at("ball")).expect("reads"), table());
+}
+
+#[test]
+fn the_paper_s_recognizer_is_recorded_as_it_is() {
+    use spindoe::recognize::paper::{PaperConfig, VoteSum};
+    let config = PaperConfig {
+        k: 7,
+        vote_sum: VoteSum::Density,
+        ..PaperConfig::default()
+    };
+    let ball = table().with_recognizer(config).expect("valid");
+    let read = load(&ball.to_npz().expect("packs")).expect("reads");
+    assert_eq!(*read.recognizer(), config);
+    let recorded = |ball: &Ball| serde_json::to_value(ball.meta().recognizer).expect("JSON");
+    assert_eq!(recorded(&ball)["k"], 7);
+    // What is the paper's own needs no word: older readers know none of it.
+    assert_eq!(recorded(&table()).as_object().expect("fields").len(), 5);
 }
 
 #[test]
@@ -156,9 +235,9 @@ fn packed_and_fortran_ordered_and_big_endian_arrays_load() {
         &load(&pack(&entries, CompressionMethod::Deflated)).expect("loads"),
     );
 
-    let m = table.features().len();
+    let m = features(&table).len();
     let columns: Vec<f64> = (0..3)
-        .flat_map(|c| table.features().iter().map(move |f| f[c]))
+        .flat_map(|c| values(&table).into_iter().map(move |f| f[c]))
         .collect();
     entries.insert(
         "features".into(),
@@ -215,9 +294,9 @@ np.savez_compressed(sys.argv[2], **{a: t[a] for a in t.files})
         .expect("runs");
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{errors}");
-    let expected = format!("{} 1 {}\n", table.features().len(), 0.1 + 0.2);
+    let expected = format!("{} 1 {}\n", features(&table).len(), 0.1 + 0.2);
     assert_eq!(String::from_utf8_lossy(&output.stdout), expected);
-    same(&table, &HashTable::read_npz(&theirs).expect("reads"));
+    same(&table, &Ball::read_npz(&theirs).expect("reads"));
 }
 
 #[test]
@@ -274,43 +353,32 @@ fn tampered_dots_are_refused() {
 #[test]
 fn tampered_columns_are_refused() {
     let table = table();
-    let m = table.features().len();
+    let m = features(&table).len();
     let rows = m as u64;
-    let features = |change: fn(&mut Vec<[f64; 3]>)| {
-        let mut f = table.features().to_vec();
+    let with = |change: fn(&mut Vec<[f64; 3]>)| {
+        let mut f = values(&table);
         change(&mut f);
         npy(&[f.len() as u64, 3], Order::C, &flat(&f))
     };
+    refused("features", with(|f| f[17][0] += 1e-6), "features", "row 17");
     refused(
         "features",
-        features(|f| f[17][0] += 1e-6),
-        "features",
-        "row 17",
-    );
-    refused(
-        "features",
-        features(|f| f[5][2] = f64::NAN),
+        with(|f| f[5][2] = f64::NAN),
         "features",
         "row 5",
     );
-    refused("features", features(|f| f.swap(0, 1)), "features", "row 0");
+    refused("features", with(|f| f.swap(0, 1)), "features", "row 0");
     refused(
         "features",
-        features(|f| f.truncate(9)),
+        with(|f| f.truncate(9)),
         "features",
         "rows, found 9",
     );
-    refused(
-        "features",
-        features(|f| f.clear()),
-        "features",
-        "rows, found 0",
-    );
+    refused("features", with(|f| f.clear()), "features", "rows, found 0");
 
-    let pairs: Vec<u16> = table
-        .bases()
+    let pairs: Vec<u16> = features(&table)
         .iter()
-        .flat_map(|b| [b.first, b.second])
+        .flat_map(|f| [f.basis.first, f.basis.second])
         .collect();
     let bases = |at: usize, value: u16| {
         let mut pairs = pairs.clone();
@@ -333,7 +401,7 @@ fn tampered_columns_are_refused() {
         "expected type u16",
     );
 
-    let thirds = table.feature_dots().to_vec();
+    let thirds = features(&table).iter().map(|f| f.dot).collect::<Vec<u16>>();
     let dots = |at: usize, value: u16| {
         let mut thirds = thirds.clone();
         thirds[at] = value;
@@ -354,7 +422,7 @@ fn tampered_columns_are_refused() {
     );
 }
 
-fn calibrated() -> HashTable {
+fn calibrated() -> Ball {
     let plain = table();
     let covariances = plain.pattern().dots().iter().map(|d| {
         let [e1, e2] = tangent_frame(d);
@@ -374,7 +442,7 @@ fn calibrated() -> HashTable {
 fn a_calibrated_table_reads_back_and_has_a_version_of_its_own() {
     let calibrated = calibrated();
     let bytes = calibrated.to_npz().expect("packs");
-    let back = HashTable::from_npz(Path::new("t.npz"), &bytes).expect("reads");
+    let back = Ball::from_npz(Path::new("t.npz"), &bytes).expect("reads");
     assert_eq!(back.meta(), calibrated.meta());
     assert_eq!(back.meta().format_version, 2);
     assert_eq!(back.dot_covariances(), calibrated.dot_covariances());
@@ -394,7 +462,7 @@ fn tampered_covariances_are_refused() {
             None => entries.remove(name),
         };
         let bytes = pack(&entries, CompressionMethod::Stored);
-        let error = HashTable::from_npz(Path::new("t.npz"), &bytes).expect_err("tampered");
+        let error = Ball::from_npz(Path::new("t.npz"), &bytes).expect_err("tampered");
         assert!(error.to_string().contains(words), "{error}");
     };
     let flat: Vec<f64> = calibrated()
@@ -419,7 +487,7 @@ fn tampered_covariances_are_refused() {
     let mut plain = unpack(&table().to_npz().expect("packs"));
     plain.insert("dot_covariances".into(), entries["dot_covariances"].clone());
     let bytes = pack(&plain, CompressionMethod::Stored);
-    let error = HashTable::from_npz(Path::new("t.npz"), &bytes).expect_err("version 1");
+    let error = Ball::from_npz(Path::new("t.npz"), &bytes).expect_err("version 1");
     assert!(
         error.to_string().contains("format_version 2 only"),
         "{error}"
@@ -576,7 +644,7 @@ fn truncated_and_corrupt_files_are_refused() {
             Err(error) => assert!(!error.to_string().contains('\n'), "{error}"),
         }
     }
-    let missing = HashTable::read_npz(Path::new("/nowhere/t.npz")).expect_err("refused");
+    let missing = Ball::read_npz(Path::new("/nowhere/t.npz")).expect_err("refused");
     assert!(matches!(missing, Error::Read { .. }));
 }
 

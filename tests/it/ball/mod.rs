@@ -1,0 +1,4 @@
+//! Tests of the stage `ball`.
+
+mod features;
+mod table;

@@ -1,4 +1,0 @@
-//! Tests of the stage `hash`.
-
-mod features;
-mod npz;
