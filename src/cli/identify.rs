@@ -14,8 +14,9 @@ use crate::files::OutputFile;
 use crate::files::csv::shown;
 use crate::geometry::to_wxyz;
 use crate::pipeline::Sink;
+use crate::recognize::learn::ConditionsPrior;
 use crate::recognize::observed::ObservedReader;
-use crate::recognize::robust::{ConditionsPrior, RobustConfig, RobustRecognizer};
+use crate::recognize::robust::{RobustConfig, RobustRecognizer};
 use crate::recognize::stream::{
     FrameAnswer, LearnedView, LearningConfig, LearningOrder, identify_frames, identify_learning,
 };

@@ -11,6 +11,7 @@
 //!
 //! - [`paper`]: the SpinDOE paper's algorithm, kept as the baseline,
 //! - [`kent`]: the density that the paper's algorithm scores with,
+//! - [`learn`]: noise, misses and false dots, and the share of other frames, learned from frames,
 //! - [`observed`]: the file of observed dots,
 //! - [`robust`]: the posterior over all explanations of the dots, the default,
 //! - [`stream`]: frame after frame from an endless input, on all cores.
@@ -20,6 +21,7 @@ use crate::geometry::Rotation;
 mod explanations;
 mod hint;
 pub mod kent;
+pub mod learn;
 mod named;
 pub mod observed;
 pub mod paper;
@@ -33,6 +35,9 @@ pub use hint::Hint;
 pub use named::{NamedRecognizer, NamedWorkspace, RecognizerName};
 pub use paper::{PaperConfig, PaperRecognizer};
 
+/// Orientation errors of this value or more are failures, radians (20 degrees, SpinDOE Sec. IV).
+pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
+
 /// A recognizer's answer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identification {
@@ -44,8 +49,8 @@ pub struct Identification {
     pub residual_rad: f64,
     /// Probability that the identification is correct, in [0, 1].
     pub confidence: f64,
-    /// Probability that the rotation is correct, regardless of single dots, in [0, 1]. Never below
-    /// the confidence.
+    /// Probability that the rotation is correct, its error less than [`ORIENTATION_FAILURE_RAD`],
+    /// regardless of single dots, in [0, 1]. Never below the confidence.
     pub pose_confidence: f64,
 }
 

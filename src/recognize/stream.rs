@@ -8,10 +8,9 @@
 use std::num::NonZero;
 use std::sync::Arc;
 
+use super::learn::{ConditionsPosterior, ConditionsPrior, FrameEvidence};
 use super::observed::ObservedFrame;
-use super::robust::{
-    ConditionsPosterior, ConditionsPrior, FrameEvidence, RobustConfig, RobustRecognizer,
-};
+use super::robust::{RobustConfig, RobustRecognizer};
 use super::{Explanations, Identification, Recognizer, RecognizerRejection};
 use crate::ball::Ball;
 use crate::concurrency;

@@ -27,8 +27,7 @@ use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
 use crate::recognize::{NamedRecognizer, Recognizer, RecognizerName};
 
-/// Orientation errors of this value or more are failures, radians (20 degrees, SpinDOE Sec. IV).
-pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
+pub use crate::recognize::ORIENTATION_FAILURE_RAD;
 
 /// Maximum number of trials of one run: their results are held, some 40 bytes each.
 pub const MAX_TRIALS: u64 = 100_000_000;

@@ -15,11 +15,12 @@
 //! What it does not guarantee: that no change of several dots at once would be better.
 
 use super::RobustRecognizer;
-use super::conditions::{ConditionsPosterior, FrameEvidence, LnLikelihood};
 use super::model::{Dot, SEARCH_WEIGHT};
+use super::naming::Naming;
 use super::posterior::Explanation;
 use super::refine::{MIN_MATCHED, Refined, Refiner, UNASSIGNED, View, ln_volume, widened};
-use super::search::RobustWorkspace;
+use super::workspace::RobustWorkspace;
+use crate::recognize::learn::{ConditionsPosterior, FrameEvidence, LnLikelihood};
 
 /// Nats behind the best explanation from which on others say nothing of the conditions.
 const NEGLIGIBLE: f64 = 20.0;
@@ -37,43 +38,6 @@ const MAX_CHANGES: usize = 12;
 const REACH: f64 = 5.0;
 /// Nats that a change must gain.
 const LEAST_GAIN: f64 = 1e-6;
-
-/// Scratch memory of the naming.
-#[derive(Debug, Default)]
-pub(super) struct Naming {
-    /// The best assignment so far, the one that is tried, and the best of those tried.
-    chosen: Vec<u16>,
-    tried: Vec<u16>,
-    better: Vec<u16>,
-    /// Possible matches: observed dot and pattern dot.
-    links: Vec<[u16; 2]>,
-    /// For each dot the sum over its changes.
-    alternatives: Vec<f64>,
-}
-
-impl Naming {
-    pub fn with_capacity_for(dots: usize) -> Self {
-        Self {
-            chosen: Vec::with_capacity(dots),
-            tried: Vec::with_capacity(dots),
-            better: Vec::with_capacity(dots),
-            links: Vec::with_capacity(4 * dots),
-            alternatives: Vec::with_capacity(dots),
-        }
-    }
-
-    /// Gives `dot` the pattern dot `to`, whose holder gets what `dot` leaves if that is one of its
-    /// links, or else nothing. Returns the holder where the two exchange their pattern dots.
-    fn change(&mut self, dot: usize, to: u16) -> Option<usize> {
-        self.tried.clone_from(&self.chosen);
-        let left = std::mem::replace(&mut self.tried[dot], to);
-        let holder = self.chosen.iter().position(|&j| j == to && j != UNASSIGNED);
-        let holder = holder?;
-        let fits = left != UNASSIGNED && self.links.contains(&[holder as u16, left]);
-        self.tried[holder] = if fits { left } else { UNASSIGNED };
-        fits.then_some(holder)
-    }
-}
 
 /// An assignment's fit, and its log-evidence over all conditions.
 #[derive(Debug, Clone, Copy)]

@@ -28,6 +28,7 @@ use std::sync::LazyLock;
 use nalgebra::{Matrix3, Rotation3};
 
 use super::model::{Dot, GATE, Model};
+use super::posterior::{MAX_FOUND, Weights};
 use super::refine::{Refined, UNASSIGNED, View, widened};
 use crate::geometry::Vec3;
 
@@ -36,6 +37,8 @@ const NODES: usize = 64;
 /// Widening of the sampled distribution's standard deviations: its tails must not be lighter than
 /// the integrand's.
 const WIDENING: f64 = 1.25;
+/// Trace of a rotation by 0.8 rad, 1 + 2 cos 0.8: those nearer to each other may be of the same explanations.
+const NEIGHBOR_TRACE: f64 = 2.393_413_418_694_33;
 /// Maximum number of pattern dots that are remembered at a time.
 const MAX_OPEN: usize = 6;
 /// Matches this many nats behind the best for a dot, or behind leaving it out, do not count.
@@ -46,13 +49,28 @@ const REACH: f64 = 2.0;
 /// an explanation.
 const LIMIT_REACH: f64 = 0.35;
 
-/// The weights of an explanation.
+/// The normal distribution of rotations from which an explanation's nodes are taken.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Weights {
-    /// ln of the evidence of its own assignment, against "all dots are false".
-    pub ln_own: f64,
-    /// ln of the evidence of all assignments, at least that of its own.
-    pub ln_all: f64,
+struct Sampled {
+    /// Which explanation.
+    of: usize,
+    center: Matrix3<f64>,
+    /// `L^T` of the rotation's information `L L^T`, camera frame, rad^-1.
+    factor: Matrix3<f64>,
+    /// ln of its density at the center over that of uniform rotations.
+    ln_peak: f64,
+}
+
+impl Sampled {
+    /// Density at a rotation over that of uniform rotations; 0 beyond [`NEIGHBOR_TRACE`].
+    fn density(&self, rotation: &Matrix3<f64>) -> f64 {
+        if rotation.dot(&self.center) < NEIGHBOR_TRACE {
+            return 0.0;
+        }
+        let moved = Rotation3::from_matrix_unchecked(rotation * self.center.transpose());
+        let x = self.factor * moved.scaled_axis() / WIDENING;
+        (self.ln_peak - 0.5 * x.norm_squared()).exp()
+    }
 }
 
 /// A possible match.
@@ -103,6 +121,10 @@ pub(super) struct Matching {
     /// Sums by the bits and the number left out, before and after a step.
     before: Vec<f64>,
     after: Vec<f64>,
+    /// Distributions of the explanations that are integrated.
+    sampled: Vec<Sampled>,
+    /// Those near the one in hand.
+    neighbors: Vec<Sampled>,
     /// ln of the integrand's terms.
     own: Vec<f64>,
     all: Vec<f64>,
@@ -125,6 +147,8 @@ impl Matching {
             other_visible: 0.0,
             before: Vec::with_capacity(dots << MAX_OPEN),
             after: Vec::with_capacity(dots << MAX_OPEN),
+            sampled: Vec::with_capacity(MAX_FOUND),
+            neighbors: Vec::with_capacity(MAX_FOUND),
             own: Vec::with_capacity(NODES),
             all: Vec::with_capacity(NODES),
         }
@@ -142,41 +166,66 @@ impl Matching {
         }
     }
 
-    /// The weights integrated over the rotations about the explanation's own; `information` is the
-    /// rotation's. `None` where that determines no rotation.
+    /// Forgets the explanations to be integrated.
+    pub fn clear_sampled(&mut self) {
+        self.sampled.clear();
+    }
+
+    /// Has the explanation number `of` integrated, the ones with an information of the rotation that
+    /// determines it.
+    pub fn sample(&mut self, of: usize, rotation: &Matrix3<f64>, information: &Matrix3<f64>) {
+        // H = L L^T: steps L^-T x with x normal have the covariance H^-1.
+        let Some(factor) = information.cholesky() else {
+            return;
+        };
+        let root_det: f64 = factor.l_dirty().diagonal().product();
+        self.sampled.push(Sampled {
+            of,
+            center: *rotation,
+            factor: factor.l().transpose(),
+            // Uniform rotations have the density 1 / (8 pi^2).
+            ln_peak: (2.0 * TAU * TAU).ln() + root_det.ln() - 1.5 * TAU.ln() - 3.0 * WIDENING.ln(),
+        });
+    }
+
+    /// The weights of the explanation number `of`, integrated over the rotations about its own; `None`
+    /// where it is not [sampled](Self::sample).
+    ///
+    /// Rotations that neighbors reach as well are shared with them by the densities `q` with which they
+    /// are sampled (the balance heuristic: E. Veach and L. Guibas, SIGGRAPH 1995): its nodes have the
+    /// weights `Z / sum_e q_e`, and no rotation counts twice.
     pub fn integrate(
         &mut self,
         view: &View<'_>,
-        of: &Refined,
-        information: &Matrix3<f64>,
+        of: usize,
+        refined: &Refined,
         assignment: &[u16],
     ) -> Option<Weights> {
-        // H = L L^T: steps L^-T x with x normal have the covariance H^-1.
-        let factor = information.cholesky()?;
-        self.link(view, &of.rotation, assignment);
+        let own_sampled = *self.sampled.iter().find(|s| s.of == of)?;
+        self.neighbors.clear();
+        let others = self.sampled.iter().filter(|s| s.of != of);
+        let is_near = |s: &&Sampled| s.center.dot(&own_sampled.center) > NEIGHBOR_TRACE;
+        self.neighbors.extend(others.filter(is_near));
+        self.link(view, &refined.rotation, assignment);
         self.own.clear();
         self.all.clear();
         for node in NORMAL_NODES.iter() {
-            let step = factor
-                .l_dirty()
-                .transpose()
+            let step = own_sampled
+                .factor
                 .solve_upper_triangular(&(node * WIDENING))?;
-            let rotation = Rotation3::new(step).matrix() * of.rotation;
+            let rotation = Rotation3::new(step).matrix() * refined.rotation;
             let (own, all) = self.sum(view, &rotation, assignment);
             let prior = view.prior.map_or(0.0, |p| p.ln_ratio(&rotation, None));
-            let ln_density = -0.5 * node.norm_squared();
+            let ln_density = own_sampled.ln_peak - 0.5 * node.norm_squared();
+            let others: f64 = self.neighbors.iter().map(|s| s.density(&rotation)).sum();
+            let ln_shared = (others * (-ln_density).exp()).ln_1p();
             self.own.push(own + prior - ln_density);
-            self.all.push(all + prior - ln_density);
+            self.all.push(all + prior - ln_density - ln_shared);
         }
-        // The sampled density is normal over exp(volume), the uniform one 1 / (8 pi^2).
-        let root_det: f64 = factor.l_dirty().diagonal().product();
-        let ln_volume = 3.0 * WIDENING.ln() + 1.5 * TAU.ln()
-            - root_det.ln()
-            - (2.0 * TAU * TAU).ln()
-            - (NODES as f64).ln();
+        let ln_nodes = (NODES as f64).ln();
         Some(Weights {
-            ln_own: ln_volume + ln_sum(&self.own),
-            ln_all: ln_volume + ln_sum(&self.all),
+            ln_own: ln_sum(&self.own) - ln_nodes,
+            ln_all: ln_sum(&self.all) - ln_nodes,
         })
     }
 

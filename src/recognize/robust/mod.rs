@@ -38,31 +38,35 @@
 //! What it does not guarantee: that no better explanation exists. The validation measures how often
 //! the best one found is correct.
 
-mod conditions;
 mod config;
 mod hint;
 mod marginal;
 mod matching;
 mod model;
+mod naming;
 mod pairs;
 mod posterior;
 mod refine;
 mod screen;
 mod search;
+mod workspace;
 
-pub use conditions::{ConditionsPosterior, ConditionsPrior, FrameEvidence};
 pub use config::RobustConfig;
-pub use search::RobustWorkspace;
+pub use workspace::RobustWorkspace;
 
 use std::sync::Arc;
 
-use nalgebra::Rotation3;
+use nalgebra::{Matrix3, Rotation3};
 
 use super::explanations::{MAX_RIVALS, MIN_RIVAL};
-use super::{Explanations, Hint, Identification, ObservedDot, Recognizer, RecognizerRejection};
+use super::learn::ConditionsPosterior;
+use super::{
+    Explanations, Hint, Identification, ORIENTATION_FAILURE_RAD, ObservedDot, Recognizer,
+    RecognizerRejection,
+};
 use crate::ball::Ball;
 use crate::error::{Result, require};
-use crate::geometry::{Rotation, Vec3, angle_between};
+use crate::geometry::{Rotation, Vec3, angle_between, rotation_angle};
 use crate::pattern::Pattern;
 use crate::view::ViewModel;
 use hint::Prior;
@@ -219,7 +223,7 @@ impl RobustRecognizer {
             ..
         } = ws.found.best()?.refined;
         Some(SupportedPose {
-            rotation: Rotation::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation)),
+            rotation: to_rotation(&rotation),
             ln_evidence: ln_evidence - self.null.ln_evidence(dots.len()),
         })
     }
@@ -277,7 +281,7 @@ impl RobustRecognizer {
             ..
         } = ws;
         let view = self.view(dots, prior);
-        found.weigh(least, |refined, assignment| {
+        found.weigh(least, |_, refined, assignment| {
             Some(matching.at_rotation(&view, refined, assignment))
         });
         let Some(best) = found.best() else {
@@ -291,10 +295,24 @@ impl RobustRecognizer {
             return;
         }
         let least = best.refined.ln_evidence - INTEGRATED;
-        found.weigh(least, |refined, assignment| {
-            let (information, _) =
-                refiner.fit(&view, &refined.rotation, assignment, SEARCH_WEIGHT)?;
-            matching.integrate(&view, refined, &information, assignment)
+        matching.clear_sampled();
+        for (number, explanation) in found.explanations().iter().enumerate() {
+            let Refined {
+                rotation,
+                ln_evidence,
+                ..
+            } = explanation.refined;
+            if ln_evidence < least {
+                continue;
+            }
+            let assignment = found.assignment(explanation);
+            if let Some((information, _)) = refiner.fit(&view, &rotation, assignment, SEARCH_WEIGHT)
+            {
+                matching.sample(number, &rotation, &information);
+            }
+        }
+        found.weigh(least, |number, refined, assignment| {
+            matching.integrate(&view, number, refined, assignment)
         });
     }
 
@@ -325,10 +343,20 @@ impl RobustRecognizer {
         let best = found.best()?;
         let confidence = found.confidence(best, &null, mirrored);
         self.report(best, confidence, found, dots, explanations.begin());
-        for rank in 1..=MAX_RIVALS {
+        for rank in 0.. {
             let Some(rival) = found.ranked(rank) else {
                 break;
             };
+            let rotation = to_rotation(&rival.refined.rotation);
+            let is_same = |listed: &Identification| {
+                rotation_angle(&listed.rotation, &rotation) < ORIENTATION_FAILURE_RAD
+            };
+            if is_same(explanations.best()) || explanations.rivals().iter().any(is_same) {
+                continue;
+            }
+            if explanations.rivals().len() == MAX_RIVALS {
+                break;
+            }
             let confidence = found.confidence(rival, &null, mirrored);
             if confidence.pose < MIN_RIVAL {
                 break;
@@ -358,11 +386,15 @@ impl RobustRecognizer {
                 matched += 1;
             }
         }
-        out.rotation = Rotation::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+        out.rotation = to_rotation(&rotation);
         out.residual_rad = (squared / matched.max(1) as f64).sqrt();
         out.confidence = confidence.identity;
         out.pose_confidence = confidence.pose;
     }
+}
+
+fn to_rotation(matrix: &Matrix3<f64>) -> Rotation {
+    Rotation::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*matrix))
 }
 
 impl Recognizer for RobustRecognizer {

@@ -7,8 +7,8 @@
 
 use nalgebra::Matrix3;
 
-use super::matching::Weights;
 use super::refine::Refined;
+use crate::recognize::ORIENTATION_FAILURE_RAD;
 use crate::view::ViewModel;
 
 /// Rotations nearer than this (radians) are one explanation.
@@ -16,7 +16,7 @@ const ONE_ROTATION: f64 = 0.12;
 /// A start nearer to an explanation than this (radians) would lead there again.
 const KNOWN_ROTATION: f64 = 0.08;
 /// Maximum number of explanations remembered; the least probable goes first.
-const MAX_FOUND: usize = 128;
+pub(super) const MAX_FOUND: usize = 128;
 
 /// Everything found in one view.
 #[derive(Debug, Default)]
@@ -34,6 +34,16 @@ pub(super) struct Explanation {
     slot: usize,
 }
 
+/// The weights of an explanation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weights {
+    /// ln of the evidence of its own assignment, against "all dots are false".
+    pub ln_own: f64,
+    /// ln of the evidence of all assignments. Rotations that are also another explanation's are shared
+    /// between them, so that it may be less than that of its own assignment.
+    pub ln_all: f64,
+}
+
 /// The hypotheses against which the explanations stand: something else, or the mirrored pattern.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NullHypothesis {
@@ -49,7 +59,7 @@ pub(super) struct NullHypothesis {
 pub(super) struct Confidence {
     /// Of its assignment.
     pub identity: f64,
-    /// Of its rotation, for any assignment.
+    /// Of a rotation within [`ORIENTATION_FAILURE_RAD`] of its own, for any assignment.
     pub pose: f64,
 }
 
@@ -164,16 +174,20 @@ impl Found {
             .max_by(|a, b| a.refined.ln_evidence.total_cmp(&b.refined.ln_evidence))
     }
 
-    /// Replaces the weights of every explanation not below a log-evidence by what `of` makes of it and
-    /// its assignment.
-    pub fn weigh(&mut self, least: f64, mut of: impl FnMut(&Refined, &[u16]) -> Option<Weights>) {
-        for explanation in &mut self.explanations {
+    /// Replaces the weights of every explanation not below a log-evidence by what `of` makes of its
+    /// number, itself and its assignment.
+    pub fn weigh(
+        &mut self,
+        least: f64,
+        mut of: impl FnMut(usize, &Refined, &[u16]) -> Option<Weights>,
+    ) {
+        for (number, explanation) in self.explanations.iter_mut().enumerate() {
             let refined = &mut explanation.refined;
             let assignment = &self.assignments[explanation.slot..][..self.dots];
             if refined.ln_evidence < least {
                 continue;
             }
-            if let Some(weights) = of(refined, assignment) {
+            if let Some(weights) = of(number, refined, assignment) {
                 refined.ln_volume += weights.ln_own - refined.ln_evidence;
                 refined.ln_evidence = weights.ln_own;
                 refined.ln_alternatives = weights.ln_all - weights.ln_own;
@@ -270,11 +284,19 @@ impl Found {
             |e: &Explanation| (e.refined.ln_evidence + e.refined.ln_alternatives - origin).exp();
         let all: f64 = self.explanations.iter().map(weight).sum();
         let all = all + (null.ln_weight(self.dots) - origin).exp() + (ln_others - origin).exp();
+        let same_pose = |e: &&Explanation| is_same_pose(&e.refined.rotation, &of.refined.rotation);
+        let pose: f64 = self.explanations.iter().filter(same_pose).map(weight).sum();
         Confidence {
-            identity: 1.0 / all,
-            pose: weight(of) / all,
+            // Of the rotations that it shares with others it has its part only.
+            identity: (1.0 / all).min(pose / all),
+            pose: pose / all,
         }
     }
+}
+
+/// Whether either rotation is right if the other one is.
+fn is_same_pose(a: &Matrix3<f64>, b: &Matrix3<f64>) -> bool {
+    overlap(a, b) > 1.0 + 2.0 * ORIENTATION_FAILURE_RAD.cos()
 }
 
 /// Trace of `A^T B`: 1 + 2 cos of the angle between the rotations.

@@ -1,20 +1,14 @@
-//! The search over pairs of observed dots, and the memory it works in.
+//! The search over pairs of observed dots.
 
 use super::RobustRecognizer;
 use super::hint::Prior;
-use super::marginal::Naming;
-use super::matching::Matching;
 use super::model::Dot;
-use super::pairs::{PatternPairs, frame};
-use super::posterior::{Found, NullHypothesis};
-use super::refine::{Refined, Refiner, Start, UNASSIGNED, View};
-use super::screen::Screen;
+use super::pairs::frame;
+use super::refine::{Refined, Start, UNASSIGNED, View};
+use super::workspace::RobustWorkspace;
 use crate::geometry::Rotation;
-use crate::recognize::{Explanations, ObservedDot, RecognizerRejection};
+use crate::recognize::{ObservedDot, RecognizerRejection};
 
-/// Pairs nearer to parallel or opposite than this sine leave the rotation too uncertain to start
-/// from.
-const MIN_SINE: f64 = 0.15;
 /// Nats by which the best explanation must lead every rival and "null" to end the search early.
 const DOUBT: f64 = 9.0;
 /// Hypotheses refined in a row without coming near the best before a pass ends.
@@ -28,103 +22,6 @@ const FEW: usize = 4;
 /// Maximum number of passes over the mirrored view: a flipped axis affects every frame, so the
 /// hardest frames need not show it.
 const MIRROR_PASSES: usize = 6;
-/// Observed dots for which a new workspace has the capacity; more of them make it grow.
-const CAPACITY: usize = 64;
-
-/// Scratch memory of [`RobustRecognizer`].
-#[derive(Debug, Default)]
-pub struct RobustWorkspace {
-    pub(super) dots: Vec<Dot>,
-    pairs: Vec<ObservedPair>,
-    used: Vec<bool>,
-    screen: Screen,
-    pub(super) refiner: Refiner,
-    pub(super) naming: Naming,
-    pub(super) matching: Matching,
-    pub(super) found: Found,
-    pub(super) mirrored: Found,
-    pub(super) explanations: Explanations,
-    /// The null hypothesis of this view, where it is not the recognizer's.
-    pub(super) null: Option<NullHypothesis>,
-}
-
-/// A pair of observed dots.
-#[derive(Debug, Clone, Copy)]
-struct ObservedPair {
-    /// Conditioning of the rotation by this pair.
-    quality: f64,
-    dots: [u16; 2],
-}
-
-impl RobustWorkspace {
-    /// The explanations of the last view that was explained with this workspace.
-    pub fn explanations(&self) -> &Explanations {
-        &self.explanations
-    }
-
-    pub(super) fn with_capacity_for(pairs: &PatternPairs, pattern: usize) -> Self {
-        Self {
-            dots: Vec::with_capacity(CAPACITY),
-            pairs: Vec::with_capacity(CAPACITY * CAPACITY / 2),
-            used: Vec::with_capacity(CAPACITY),
-            screen: Screen::with_capacity_for(CAPACITY, pairs.row()),
-            refiner: Refiner::with_capacity_for(CAPACITY, pattern),
-            naming: Naming::with_capacity_for(CAPACITY),
-            matching: Matching::with_capacity_for(CAPACITY, pattern),
-            found: Found::with_capacity_for(CAPACITY),
-            mirrored: Found::with_capacity_for(CAPACITY),
-            explanations: Explanations::with_capacity_for(CAPACITY),
-            null: None,
-        }
-    }
-
-    pub(super) fn clear(&mut self, dots: usize) {
-        self.dots.clear();
-        self.found.clear(dots);
-        self.mirrored.clear(dots);
-        self.null = None;
-    }
-
-    /// Lists all usable pairs.
-    fn pair_up(&mut self) {
-        self.pairs.clear();
-        for (i, a) in self.dots.iter().enumerate() {
-            for (j, b) in self.dots[..i].iter().enumerate() {
-                let sine2 = 1.0 - a.direction.dot(&b.direction).powi(2);
-                if sine2 > MIN_SINE * MIN_SINE {
-                    self.pairs.push(ObservedPair {
-                        quality: sine2 / (a.sigma_max + b.sigma_max).powi(2),
-                        dots: [i as u16, j as u16],
-                    });
-                }
-            }
-        }
-        self.used.clear();
-        self.used.resize(self.dots.len(), false);
-    }
-
-    /// Takes the best remaining pair, disjoint from earlier ones while there is one; returns
-    /// whether there was a pair.
-    fn next_pair(&mut self) -> Option<([usize; 2], bool)> {
-        let best = |disjoint: bool| {
-            self.pairs
-                .iter()
-                .enumerate()
-                .filter(|(_, p)| !disjoint || p.dots.iter().all(|&d| !self.used[usize::from(d)]))
-                .max_by(|a, b| a.1.quality.total_cmp(&b.1.quality))
-                .map(|(k, _)| k)
-        };
-        let (k, disjoint) = match best(true) {
-            Some(k) => (k, true),
-            None => (best(false)?, false),
-        };
-        let pair = self.pairs.swap_remove(k).dots.map(usize::from);
-        if disjoint {
-            pair.into_iter().for_each(|d| self.used[d] = true);
-        }
-        Some((pair, disjoint))
-    }
-}
 
 impl RobustRecognizer {
     /// Prepares the dots.
@@ -290,7 +187,10 @@ impl RobustRecognizer {
         }
         let assignment = ws.found.assignment(best);
         let explains_pair = assignment[a] != UNASSIGNED && assignment[b] != UNASSIGNED;
+        // Of two poses with dots of their own only one explains this pair.
+        let matched = assignment.iter().filter(|&&j| j != UNASSIGNED).count();
         explains_pair
+            && 2 * matched > assignment.len()
             && evidence - self.null.ln_evidence(ws.dots.len()) > DOUBT
             && best.refined.ln_evidence - ws.found.best_rival(best) > DOUBT
     }

@@ -1,5 +1,6 @@
 //! Tests of the stage `recognize`.
 
 mod allocations;
+mod confidence;
 mod paper;
 mod robust;

@@ -12,9 +12,8 @@ use spindoe::geometry::{
     Rotation, Vec3, random_direction, random_rotation, rotation_angle, tangent_frame,
 };
 use spindoe::pattern::Pattern;
-use spindoe::recognize::robust::{
-    ConditionsPosterior, ConditionsPrior, RobustConfig, RobustRecognizer,
-};
+use spindoe::recognize::learn::{ConditionsPosterior, ConditionsPrior};
+use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
 use spindoe::recognize::{Hint, Recognizer, RecognizerRejection};
 use spindoe::validate::{TrialResult, Trials, Validation};
 use spindoe::view::{

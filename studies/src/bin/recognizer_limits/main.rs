@@ -1,12 +1,12 @@
 //! Measurement of the recognizers: rates, orientation errors against the bound, calibration, the
 //! gain of single features, and the remaining failures.
 //!
-//!     cargo run --release -p spindoe-studies --bin recognizer_limits -- PATTERN.csv OUT_DIR [TRIALS]
+//!     cargo run --release -p spindoe-studies --bin recognizer_limits -- PATTERN.csv OUT_DIR [TRIALS] [PART ...]
 //!
-//! Prints Markdown and writes plots to `OUT_DIR`. All trials are drawn from [`SEED`], on which no
+//! The parts are rates, features, confidence and failures; all, where none is named. Prints Markdown and writes plots to `OUT_DIR`. All trials are drawn from [`SEED`], on which no
 //! parameter was tuned.
 
-mod calibration;
+mod confidence;
 mod failures;
 mod features;
 mod rates;
@@ -44,6 +44,9 @@ impl Bench {
         RobustRecognizer::new(self.pattern(), view.into())
     }
 }
+
+/// Measures and prints.
+type Part = fn(&Bench) -> spindoe::Result<()>;
 
 /// Views with another noise than the protocol's.
 fn degrees(name: ProtocolName, sigma_deg: f64) -> ViewModel {
@@ -86,7 +89,7 @@ fn views() -> Vec<(&'static str, ProtocolName, ViewModel)> {
 fn main() -> spindoe::Result<()> {
     let mut arguments = std::env::args().skip(1);
     let (Some(pattern), Some(out)) = (arguments.next(), arguments.next()) else {
-        eprintln!("usage: recognizer_limits PATTERN.csv OUT_DIR [TRIALS]");
+        eprintln!("usage: recognizer_limits PATTERN.csv OUT_DIR [TRIALS] [PART ...]");
         std::process::exit(2);
     };
     let samples = arguments.next().map_or(Ok(10_000), |n| n.parse::<u64>());
@@ -101,8 +104,23 @@ fn main() -> spindoe::Result<()> {
         samples,
     };
     spindoe::files::create_writable_dir(&bench.out)?;
-    rates::print(&bench)?;
-    features::print(&bench)?;
-    calibration::print(&bench)?;
-    failures::print(&bench)
+    let parts: [(&str, Part); 4] = [
+        ("rates", rates::print),
+        ("features", features::print),
+        ("confidence", confidence::print),
+        ("failures", failures::print),
+    ];
+    let asked: Vec<String> = arguments.collect();
+    if let Some(unknown) = asked
+        .iter()
+        .find(|a| parts.iter().all(|(name, _)| name != a))
+    {
+        eprintln!("PART: expected rates, features, confidence or failures, found {unknown:?}");
+        std::process::exit(2);
+    }
+    let is_asked = |name: &str| asked.is_empty() || asked.iter().any(|a| a == name);
+    parts
+        .iter()
+        .filter(|(name, _)| is_asked(name))
+        .try_for_each(|(_, print)| print(&bench))
 }
