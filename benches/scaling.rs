@@ -21,7 +21,7 @@ use spindoe::recognize::observed::{self, ObservedReader, observed_frames};
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
 use spindoe::recognize::stream::{FrameAnswer, identify_frames};
 use spindoe::spin::orientations::Orientations;
-use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::simulate::{Scenario, stream};
 use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::view::ProtocolName;
@@ -111,7 +111,7 @@ fn measure_all(dir: &Path, rows: &[usize]) -> Outcome {
         let text = orientations(n)?;
         Ok(move || {
             let file = Orientations::read(Path::new("o.csv"), Cursor::new(text))?;
-            let fit = RobustEstimator::new(RobustSpinConfig::default()).fit(&file.measurements());
+            let fit = RobustEstimator::new(SpinConfig::default()).fit(&file.measurements());
             fit.map(drop).map_err(|e| format!("{e:?}").into())
         })
     })?;

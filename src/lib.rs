@@ -164,8 +164,9 @@ pub use recognize::robust::{RobustConfig, RobustRecognizer};
 pub use recognize::{Explanations, Hint, Identification, Recognizer};
 #[cfg(feature = "native")]
 pub use report::DesignJob;
-pub use spin::robust::{RobustEstimator as SpinEstimator, RobustSpinConfig as SpinConfig};
-pub use spin::{Fit as SpinFit, Measurement, Motion};
+pub use spin::motion::ConstantSpin;
+pub use spin::robust::{RobustEstimator as SpinEstimator, SpinConfig};
+pub use spin::{Fit as SpinFit, Measurement};
 pub use stats::Proportion;
 pub use stencil::{Stencil, StencilConfig};
 pub use validate::{Trials, Validation, ValidationConfig};

@@ -12,7 +12,7 @@ use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
 use spindoe::spin::orientations::{OrientationRow, Orientations};
-use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
     CameraDistance, CameraModel, EstimatorWorkspace, Pose, SequenceConfig, TrackerConfig,
@@ -438,7 +438,7 @@ impl Estimator {
         }
         let orientations = orientations(times, frames);
         let measurements = orientations.measurements();
-        let mut estimator = RobustEstimator::new(RobustSpinConfig {
+        let mut estimator = RobustEstimator::new(SpinConfig {
             shared: orientations.shared_error(),
             ..config.spin
         });
@@ -454,9 +454,9 @@ impl Estimator {
 }
 
 fn sequence_config(max_rps: f64) -> PyResult<SequenceConfig> {
-    let spin = RobustSpinConfig {
+    let spin = SpinConfig {
         max_rps,
-        ..RobustSpinConfig::default()
+        ..SpinConfig::default()
     };
     spin.check().map_err(spindoe::Error::from).or_raise()?;
     Ok(SequenceConfig {
@@ -541,7 +541,7 @@ impl Tracker {
         let spin = match fitted {
             // Aliases are listed where they are asked for: their search is no work for every frame.
             Ok(fit) => {
-                let none = RobustSpinConfig::default();
+                let none = SpinConfig::default();
                 Answer::Found(spin::to_tuple(py, &fit, &[], &[], &none))
             }
             Err(rejection) => Answer::Rejected(rejection.to_string()),

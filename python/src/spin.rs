@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use spindoe::spin::alias::{AliasConfig, alternatives};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
-use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig};
+use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
 use spindoe::spin::{Fit, Measurement};
 
 use crate::arrays::{Numbers, quaternion, require_shape, rotation, square, vector};
@@ -34,7 +34,7 @@ pub fn to_tuple<'py>(
     fit: &Fit,
     measurements: &[Measurement],
     probabilities: &[f64],
-    config: &RobustSpinConfig,
+    config: &SpinConfig,
 ) -> Found<'py> {
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * config.max_rps,
@@ -135,12 +135,12 @@ pub fn fit_spin<'py>(
         });
     }
     let measurements = file.measurements();
-    let config = RobustSpinConfig {
+    let config = SpinConfig {
         max_rps,
         sigma_rad,
         prior: prior.map(|(rps, std_rps)| MagnitudePrior { rps, std_rps }),
         shared: file.shared_error(),
-        ..RobustSpinConfig::default()
+        ..SpinConfig::default()
     };
     let fitted = match method {
         "robust" => {

@@ -12,8 +12,8 @@ use crate::error::Result;
 use crate::geometry::Rotation;
 use crate::pattern::Pattern;
 use crate::spin::Measurement;
-use crate::spin::precession::{PrecessionConfig, PrecessionOutcome, SteadyFit, fit_precession};
-use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
+use crate::spin::precession::{PrecessionOutcome, fit_precession};
+use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::stats::median;
 use crate::vision::FrameEstimate;
 
@@ -149,16 +149,16 @@ pub fn motion_residual(frames: &[FrameEstimate], times_s: &[f64]) -> Option<Moti
         .zip(times_s)
         .filter_map(|(frame, time_s)| Some(Measurement::new(*time_s, frame.pose()?.rotation)))
         .collect();
-    let precession = fit_precession(&measured, &PrecessionConfig::default()).ok();
+    let precession = fit_precession(&measured, &SpinConfig::default()).ok();
     let (inliers, mut angles) = match precession {
-        Some(PrecessionOutcome::Precessing(found)) => {
-            (found.mean.inliers, angles_off(&measured, |t| found.at(t)))
+        Some(PrecessionOutcome::Found { fit, .. }) => {
+            (fit.inliers, angles_off(&measured, |t| fit.motion.at(t)))
         }
-        Some(PrecessionOutcome::Constant(SteadyFit { fit, .. })) => {
+        Some(PrecessionOutcome::Constant { fit, .. }) => {
             (fit.inliers, angles_off(&measured, |t| fit.motion.at(t)))
         }
         None => {
-            let fit = RobustEstimator::new(RobustSpinConfig::default())
+            let fit = RobustEstimator::new(SpinConfig::default())
                 .fit(&measured)
                 .ok()?;
             (fit.inliers, angles_off(&measured, |t| fit.motion.at(t)))
@@ -171,7 +171,7 @@ pub fn motion_residual(frames: &[FrameEstimate], times_s: &[f64]) -> Option<Moti
         frames: agreeing.len(),
         rms_deg: (squares / agreeing.len().max(1) as f64).sqrt(),
         median_deg: median(&mut angles),
-        precessing: matches!(precession, Some(PrecessionOutcome::Precessing(_))),
+        precessing: matches!(precession, Some(PrecessionOutcome::Found { .. })),
     })
 }
 

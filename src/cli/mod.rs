@@ -139,7 +139,7 @@ enum Command {
     Completions(shell::CompletionArguments),
     /// Write the manual pages.
     Man(shell::ManArguments),
-    /// Check and summarize trajectories with known spins, in the format of the published set.
+    /// Summarize trajectories with known spins, in the format of the published set.
     Trajectories(trajectories::Arguments),
 }
 

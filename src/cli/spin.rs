@@ -12,14 +12,13 @@ use crate::error::{Error, Result};
 use crate::geometry::CameraFrame;
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::AliasConfig;
-#[cfg(feature = "plot")]
-use crate::spin::decay::DecayFit;
-use crate::spin::decay::{DecayConfig, DecayOutcome, fit_decay};
+use crate::spin::decay::{DecayFit, DecayOutcome, fit_decay};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
-use crate::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig};
+use crate::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
 use crate::spin::shared::SharedError;
 use crate::spin::summary::SpinSummary;
+use crate::spin::windows::constant_stretches;
 #[cfg(feature = "plot")]
 use crate::spin::windows::spin_over_time;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
@@ -28,6 +27,8 @@ use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 pub(super) const LISTED_BEYOND: f64 = 2.0;
 /// Standard deviation of a prior magnitude where none is given, as a fraction of the magnitude.
 const PRIOR_SPREAD: f64 = 0.2;
+/// Stretches of constant spin that a rejection names.
+const NAMED_STRETCHES: usize = 3;
 /// Ratio of the residuals to the expected ones above which a warning is printed.
 const SUSPICIOUS_NOISE: f64 = 3.0;
 
@@ -132,15 +133,16 @@ impl Arguments {
         Ok(())
     }
 
-    fn robust_options(&self) -> RobustSpinConfig {
-        RobustSpinConfig {
+    fn config(&self) -> SpinConfig {
+        SpinConfig {
             max_rps: self.max_spin_rps,
             sigma_rad: self.sigma_deg.to_radians(),
             prior: self.prior_rps.map(|rps| MagnitudePrior {
                 rps,
                 std_rps: self.prior_std_rps.unwrap_or(PRIOR_SPREAD * rps),
             }),
-            ..RobustSpinConfig::default()
+            window: self.window,
+            ..SpinConfig::default()
         }
     }
 
@@ -151,9 +153,9 @@ impl Arguments {
     ) -> std::result::Result<Fit, SpinRejection> {
         match self.method {
             Method::Robust => {
-                let options = RobustSpinConfig {
+                let options = SpinConfig {
                     shared,
-                    ..self.robust_options()
+                    ..self.config()
                 };
                 RobustEstimator::new(options).fit(measurements)
             }
@@ -180,7 +182,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let rejected = |r: SpinRejection| match r {
         SpinRejection::NoConsensus { .. } => Error::NoAnswer {
             path: input.name.clone(),
-            reason: r.to_string(),
+            reason: format!("{r}{}", holding(&measurements, &arguments.config())),
         },
         SpinRejection::TooFewFrames { .. } if !file.rows.is_empty() && measurements.is_empty() => {
             Error::NoAnswer {
@@ -193,11 +195,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         _ => r.in_file(&input.name),
     };
-    let options = DecayConfig {
-        robust: arguments.robust_options(),
-        window: arguments.window,
-        ..DecayConfig::default()
-    };
+    let config = arguments.config();
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
         sigma_rad: arguments.sigma_deg.to_radians(),
@@ -206,18 +204,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let frames = file.rows.len();
     let (mut decay, mut precession) = (None, None);
     let summary = if arguments.precession {
-        let fitted = Precession::fit(&measurements, options.robust, &listed, frames);
+        let fitted = Precession::fit(&measurements, &config, &listed, frames);
         let (summary, found) = fitted.map_err(rejected)?;
         precession = Some(found);
         summary
     } else if arguments.decay {
-        let outcome = fit_decay(&measurements, &options).map_err(rejected)?;
+        let outcome = fit_decay(&measurements, &config).map_err(rejected)?;
         // A decaying spin has its aliases only while it is nearly constant.
         let constant = match outcome {
-            DecayOutcome::Decaying(_) => &measurements[..arguments.window],
-            DecayOutcome::Constant(_) => &measurements[..],
+            DecayOutcome::Found { .. } => &measurements[..arguments.window],
+            DecayOutcome::Constant { .. } => &measurements[..],
         };
-        let fit = *outcome.start();
+        let fit = outcome.start();
         decay = Some(outcome);
         SpinSummary {
             orientations: measurements.len(),
@@ -234,7 +232,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
         errln!(
             "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {} deg: is it one?",
-            if matches!(decay, Some(DecayOutcome::Decaying(_))) {
+            if matches!(decay, Some(DecayOutcome::Found { .. })) {
                 "decaying"
             } else {
                 "constant"
@@ -251,7 +249,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.plot {
-        let runs = spin_over_time(&measurements, options.window, &options.robust);
+        let runs = spin_over_time(&measurements, config.window, &config);
         super::spin_plot::plot_over_time(path, &runs.map_err(rejected)?, &found)?;
     }
     if arguments.json {
@@ -259,6 +257,34 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     found.print();
     Ok(())
+}
+
+/// Where one constant spin holds, if not over all measurements: the longest stretches, in words.
+fn holding(measurements: &[Measurement], config: &SpinConfig) -> String {
+    let Ok(mut stretches) = constant_stretches(measurements, config) else {
+        return String::new();
+    };
+    if stretches.is_empty() {
+        return String::new();
+    }
+    let count = stretches.len();
+    let held: usize = stretches.iter().map(|s| s.orientations.len()).sum();
+    stretches.sort_by_key(|s| std::cmp::Reverse(s.orientations.len()));
+    let named = stretches.iter().take(NAMED_STRETCHES).map(|s| {
+        let [first, last] = [s.orientations.start, s.orientations.end - 1];
+        format!(
+            "{:.3} to {:.3} s at {:.2} rps",
+            measurements[first].time_s,
+            measurements[last].time_s,
+            s.fit.motion.rps()
+        )
+    });
+    let named: Vec<String> = named.collect();
+    format!(
+        "; constant spins hold over {count} stretches with {held} of {} orientations, the longest: {}",
+        measurements.len(),
+        named.join(", ")
+    )
 }
 
 /// The estimated decay, and the theoretical one, 1/s.
@@ -283,29 +309,27 @@ impl Decay {
     }
 
     fn to_json(&self) -> serde_json::Value {
-        let interval = self.outcome.interval_per_s();
-        let (decaying, ln_bayes_factor) = match &self.outcome {
-            DecayOutcome::Decaying(d) => (Some(d), Some(d.ln_bayes_factor)),
-            DecayOutcome::Constant(c) => (None, c.ln_bayes_factor),
-        };
+        let determined = self.outcome.determined();
+        let interval = determined.map(DecayFit::interval_per_s);
+        let decaying = self.outcome.found();
         json!({
-            "c_per_s": decaying.map(|d| d.decay_per_s),
-            "std_per_s": decaying.map(|d| d.std_per_s),
+            "c_per_s": decaying.map(|d| d.motion.decay_per_s),
+            "std_per_s": decaying.map(DecayFit::std_per_s),
             "low_per_s": interval.map(|i| i.low),
             "high_per_s": interval.map(|i| i.high),
-            "ln_bayes_factor": ln_bayes_factor,
+            "ln_bayes_factor": determined.map(|d| d.ln_bayes_factor),
             "creeping_flow_per_s": self.creeping,
             "boundary_layer_per_s": self.boundary_layer,
         })
     }
 
     fn print(&self) {
-        let interval = self.outcome.interval_per_s();
+        let interval = self.outcome.determined().map(DecayFit::interval_per_s);
         let within = interval.map(|i| format!("[{:.4}, {:.4}]", i.low, i.high));
-        match (&self.outcome, within) {
-            (DecayOutcome::Decaying(d), Some(within)) => outln!(
+        match (self.outcome.found(), within) {
+            (Some(d), Some(within)) => outln!(
                 "  decay     c = {:.4} /s, 95 % interval {within}",
-                d.decay_per_s
+                d.motion.decay_per_s
             ),
             (_, Some(within)) => outln!(
                 "  decay     no evidence for one: the spin is constant (c, 95 % interval {within} /s)"
@@ -335,10 +359,7 @@ impl Found {
     /// The decay for which there is evidence.
     #[cfg(feature = "plot")]
     pub(super) fn decaying(&self) -> Option<&DecayFit> {
-        match &self.decay.as_ref()?.outcome {
-            DecayOutcome::Decaying(d) => Some(d),
-            DecayOutcome::Constant(_) => None,
-        }
+        self.decay.as_ref()?.outcome.found()
     }
 
     fn to_json(&self) -> serde_json::Value {

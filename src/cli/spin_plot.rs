@@ -38,13 +38,14 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> 
     };
     let curve = |i: usize| {
         let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
-        let rate = found.decaying().map(|d| d.rate_at(t));
+        let rate = found.decaying().map(|d| d.motion.rate_at(t));
         (t, rate.map_or(found.summary.fit.motion.rps(), |r| r / TAU))
     };
     let name = match found.decaying() {
         Some(d) => format!(
             "fit to all, c = {:.4} +- {:.4} /s",
-            d.decay_per_s, d.std_per_s
+            d.motion.decay_per_s,
+            d.std_per_s()
         ),
         None => "constant spin fitted to all".into(),
     };

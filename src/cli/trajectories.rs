@@ -1,4 +1,4 @@
-//! `spindoe trajectories`: checks and summarizes trajectories with known spins.
+//! `spindoe trajectories`: summarizes trajectories with known spins.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::error::{Error, Result};
-use crate::spin::trajectories::{Limits, TrajectorySet};
+use crate::spin::trajectories::TrajectorySet;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -17,12 +17,6 @@ pub struct Arguments {
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-    /// Write the set as read into this folder, in the same format.
-    #[arg(long, value_name = "DIR")]
-    write: Option<PathBuf>,
-    /// Maximum plausible spin, revolutions per second.
-    #[arg(long, default_value_t = Limits::default().max_rps)]
-    max_spin_rps: f64,
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
@@ -34,19 +28,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let problem = "expected files NNN.csv, found none";
         return Err(Error::input(&arguments.dir, "folder", problem));
     }
-    let limits = Limits {
-        max_rps: arguments.max_spin_rps,
-        ..Limits::default()
-    };
-    let oddities: Vec<String> = set
-        .oddities(&limits)
-        .iter()
-        .map(ToString::to_string)
-        .collect();
     let summary = set.summary();
-    if let Some(dir) = &arguments.write {
-        set.write_dir(dir)?;
-    }
     #[cfg(feature = "plot")]
     if let Some(dir) = &arguments.plots {
         crate::files::create_dir(dir)?;
@@ -54,7 +36,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         super::trajectories_plot::plot_spins(&dir.join("spins.png"), &set)?;
     }
     if arguments.json {
-        return super::print_json(&json!({ "summary": summary, "oddities": oddities }));
+        return super::print_json(&json!({ "summary": summary }));
     }
     let [fewest, middle, most] = summary.points_each;
     outln!(
@@ -70,9 +52,5 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let [smallest, middle, largest] = summary.rps;
     outln!("  spin      {smallest:.1} to {largest:.1} rps, median {middle:.1}");
     outln!("  speed     median {:.1} m/s", summary.speed_m_s);
-    outln!("{} oddities", oddities.len());
-    for oddity in oddities {
-        outln!("  {oddity}");
-    }
     Ok(())
 }

@@ -95,7 +95,6 @@ mod tests {
             points: vec![TrajectoryPoint {
                 time_s: 0.0,
                 position_m: Vec3::zeros(),
-                line: 1,
             }],
         };
         let set = TrajectorySet {

@@ -20,8 +20,9 @@
 
 use nalgebra::Complex;
 
-use super::refine::{NoisePrior, axis_and_rate, rebase, settle};
-use super::{Fit, MIN_FRAMES, Measurement, Motion};
+use super::mixture::{Mixture, Noise, RatePrior};
+use super::motion::{ConstantSpin, axis_and_rate};
+use super::{Fit, MIN_FRAMES, Measurement};
 use crate::geometry::{Rotation, Vec3};
 
 /// Steps of the scan over `delta` per reciprocal of the sequence's duration: fine enough that no
@@ -82,30 +83,31 @@ pub fn alternatives(
     let Some(measurements) = affordable(measurements, options.max_rps) else {
         return Vec::new();
     };
-    let noise = NoisePrior {
-        sigma_rad: fit.sigma_rad.unwrap_or(options.sigma_rad),
-        degrees: f64::INFINITY,
+    let mixture = Mixture {
+        measurements,
+        noise: Noise::known(fit.sigma_rad.unwrap_or(options.sigma_rad)),
+        prior: RatePrior::none(),
     };
-    let (mut right, mut scratch) = (Vec::new(), Vec::new());
     // From the maximum itself each alias is a maximum too, but for the peak's place on the grid.
-    let Some(own) = settle(measurements, fit.motion, &noise, &mut right) else {
+    let Ok(own) = mixture.settle(fit.motion) else {
         return Vec::new();
     };
+    let right = mixture.probabilities(&own);
     let (axis, rate) = axis_and_rate(&own.motion.spin);
     let window = Window::new(measurements, &right);
-    let middle = rebase(&own.motion, window.center);
+    let middle = own.motion.rebased(window.center);
     let limit = options.max_rps * std::f64::consts::TAU;
     // Spins nearer than half a cycle over the whole sequence are one peak.
     let apart = std::f64::consts::PI / window.duration;
     let mut found: Vec<Alternative> = Vec::new();
     for delta in window.peaks(-limit - rate, limit - rate) {
         let phase = window.at(delta).arg();
-        let start = Motion {
+        let start = ConstantSpin {
             orientation: Rotation::from_scaled_axis(axis * -phase) * middle.orientation,
             spin: axis * (rate + delta),
             ..middle
         };
-        let Some(refined) = settle(measurements, start, &noise, &mut scratch) else {
+        let Ok(refined) = mixture.settle(start) else {
             continue;
         };
         let spin = refined.motion.spin;

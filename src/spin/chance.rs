@@ -16,7 +16,7 @@
 //! Int. J. Comput. Vision 40, 2000).
 
 use super::Measurement;
-use super::search::peak_gain;
+use super::mixture::peak_gain;
 
 /// Radians; half of all rotations are within 2.31.
 const LARGEST_RADIUS: f64 = 2.31;

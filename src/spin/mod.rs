@@ -17,19 +17,19 @@
 //! ```
 //!
 //! The other modules: [`orientations`] is the file that they read, [`alias`] lists the spins that
-//! the sampling cannot distinguish, [`summary`] says all of a sequence at once, [`bound`] is the
-//! Cramér-Rao bound; [`windows`] and [`decay`] (with the theory in [`air`]) follow a spin through a
-//! long sequence, [`precession`] that of an uneven ball; [`dots`] refines it on the dots themselves;
-//! [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the published ones.
+//! the sampling cannot distinguish, [`summary`] says all of a sequence at once; [`windows`] and
+//! [`decay`] (with the theory in [`air`]) follow a spin through a long sequence, [`precession`] that
+//! of an uneven ball; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
+//! published ones.
 //!
 //! Not guaranteed, by any estimator: that aliases, spins which agree at all the given times, are
 //! distinguished.
 
 pub mod air;
 pub mod alias;
-pub mod bound;
 pub mod decay;
-pub mod dots;
+pub mod evidence;
+pub mod motion;
 pub mod orientations;
 pub mod precession;
 pub mod quatera;
@@ -43,13 +43,13 @@ pub mod windows;
 
 mod chance;
 mod mixture;
-mod refine;
 mod search;
 
 use nalgebra::Matrix3;
 
 use crate::error::Error;
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::Rotation;
+use motion::ConstantSpin;
 
 /// Minimum number of orientations that determine a spin and check it: two determine it, the third
 /// checks it.
@@ -116,34 +116,11 @@ impl Measurement {
     }
 }
 
-/// A ball that turns at a constant rate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
-    /// The reference time, seconds.
-    pub time_s: f64,
-    /// Orientation at the reference time, pattern to camera.
-    pub orientation: Rotation,
-    /// Spin vector, camera frame, rad/s.
-    pub spin: Vec3,
-}
-
-impl Motion {
-    /// The orientation at `time_s`.
-    pub fn at(&self, time_s: f64) -> Rotation {
-        Rotation::from_scaled_axis(self.spin * (time_s - self.time_s)) * self.orientation
-    }
-
-    /// Revolutions per second.
-    pub fn rps(&self) -> f64 {
-        self.spin.norm() / std::f64::consts::TAU
-    }
-}
-
 /// An estimator's answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
     /// The estimated motion.
-    pub motion: Motion,
+    pub motion: ConstantSpin,
     /// Covariance of the spin vector, (rad/s)^2, camera frame; `None` where the method has none.
     pub spin_covariance: Option<Matrix3<f64>>,
     /// Noise of an orientation per axis, radians, as assumed or estimated; `None` as above.

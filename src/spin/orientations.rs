@@ -189,7 +189,7 @@ impl Orientations {
             .filter_map(|r| r.residual_rad)
             .filter(|r| *r > 0.0)
             .collect();
-        let typical = crate::validate::median(&mut residuals);
+        let typical = crate::stats::median(&mut residuals);
         let noise = |r: &OrientationRow| match (r.residual_rad, r.matched) {
             (Some(residual), Some(n)) if typical > 0.0 && n > 0 => {
                 let n = n as f64;
@@ -199,7 +199,7 @@ impl Orientations {
             _ => 0.0,
         };
         let mut known: Vec<f64> = answered().map(noise).filter(|s| *s > 0.0).collect();
-        let common = crate::validate::median(&mut known);
+        let common = crate::stats::median(&mut known);
         let measurement = |r: &OrientationRow| {
             let sigma_scale = match noise(r) {
                 s if s > 0.0 => (s / common).clamp(1.0 / SCALE_LIMIT, SCALE_LIMIT),

@@ -21,7 +21,8 @@ use nalgebra::{Matrix4, Vector4};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Fit, Measurement, Motion, SpinRejection, check, require};
+use super::motion::ConstantSpin;
+use super::{Fit, Measurement, SpinRejection, check, require};
 use crate::geometry::{Rotation, Vec3};
 
 /// Settings, by default those of the authors' published code.
@@ -212,7 +213,7 @@ impl QuateraEstimator {
         let start = Rotation::from_scaled_axis(axis * line.start);
         let u1 = Rotation::new_normalize(quaternion(&plane.u1));
         Ok(Fit {
-            motion: Motion {
+            motion: ConstantSpin {
                 time_s,
                 orientation: start * u1,
                 spin: axis * line.rate,

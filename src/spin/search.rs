@@ -14,26 +14,25 @@
 //! (the volume of SO(3) in rotation vectors near the identity is 8 pi^2). Unlike a count of inliers
 //! it discounts the easy agreement of an imprecise hypothesis.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
-use nalgebra::{Quaternion, Vector4};
+use nalgebra::{Matrix3, Quaternion, Vector4};
 
 use super::Measurement;
+use super::mixture::{MAX_GAINFUL_VARIANCE, Spread, peak_gain};
+use super::motion::ConstantSpin;
 use crate::geometry::Vec3;
-
-/// Volume of SO(3) in the measure that is d^3(rotation vector) near the identity.
-pub(super) const ROTATION_VOLUME: f64 = 8.0 * PI * PI;
 
 /// Hypotheses kept for refinement. Aliases of the best one compete for places, so that there must
 /// be several; beyond this many a tie is not useful.
 pub(super) const KEPT: usize = 8;
 
+/// Frames that score a pair's hypotheses; of more within its reach every second, third and so on does.
+const MAX_JUDGES: usize = 256;
+
 /// A hypothesis whose score trails the best by more than this (natural log units) is not refined:
 /// the score is a log-likelihood but for linearization, which costs a few units at most.
 pub(super) const SCORE_MARGIN: f64 = 20.0;
-
-/// Confidences are clamped to this distance from 0 and 1: no identifier is calibrated beyond it.
-pub(super) const CONFIDENCE_LIMIT: f64 = 0.02;
 
 /// A spin that two frames allow, with its score on the others.
 #[derive(Debug, Clone, Copy)]
@@ -44,6 +43,35 @@ pub(super) struct Hypothesis {
     pub spin: Vec3,
     /// Log-likelihood ratio, summed over the other frames.
     pub score: f64,
+    /// Share of the frames within reach that agree, each by what its agreement is worth.
+    pub share: f64,
+    /// Whether a fit has started from it.
+    pub is_tried: bool,
+}
+
+impl Hypothesis {
+    /// The motion from the pair's earlier frame, and how far its predictions are off: as along the axis, where
+    /// two frames of unit variance leave `(1-u)^2 + u^2`.
+    pub(super) fn start(
+        &self,
+        measurements: &[Measurement],
+        sigma_rad: f64,
+    ) -> (ConstantSpin, Spread<3>) {
+        let (first, second) = (&measurements[self.pair.0], &measurements[self.pair.1]);
+        let interval = second.time_s - first.time_s;
+        let variance = sigma_rad * sigma_rad;
+        let motion = ConstantSpin {
+            time_s: first.time_s,
+            orientation: first.orientation,
+            spin: self.spin,
+        };
+        let spread = Spread {
+            level: 0.5 * variance,
+            center: Matrix3::from_diagonal_element(0.5 * interval),
+            rates: Matrix3::from_diagonal_element(2.0 * variance / (interval * interval)),
+        };
+        (motion, spread)
+    }
 }
 
 /// The best few hypotheses, best first, no two of them the same spin.
@@ -61,6 +89,15 @@ impl Shortlist {
 
     pub(super) fn iter(&self) -> impl Iterator<Item = &Hypothesis> {
         self.items.iter().flatten()
+    }
+
+    /// Share of the frames within reach that agree with the best hypothesis.
+    pub(super) fn best_share(&self) -> f64 {
+        self.items[0].map_or(0.0, |h| h.share)
+    }
+
+    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Hypothesis> {
+        self.items.iter_mut().flatten()
     }
 
     pub(super) fn clear(&mut self) {
@@ -156,7 +193,7 @@ pub(super) fn judge_pair(
     for k in -(fewest.floor() as i64)..=(most.floor() as i64) {
         let rate = (phi + TAU * k as f64) / interval;
         let hopeless = shortlist.hopeless_score();
-        let (mut score, mut left) = (0.0, max_gain);
+        let (mut score, mut agreed, mut left) = (0.0, 0.0, max_gain);
         for s in seen.iter() {
             if score + left < hopeless {
                 break;
@@ -166,10 +203,19 @@ pub(super) fn judge_pair(
             let c = cos * s.a + sin * s.b;
             // 4 sin^2 of half the angle: the angle squared, up to 9 % at one radian.
             let gain = s.peak - 2.0 * (1.0 - c * c) * s.inverse_variance;
-            score += gain.max(0.0);
+            if gain > 0.0 {
+                score += gain;
+                agreed += s.peak;
+            }
         }
-        let spin = axis * rate;
-        shortlist.offer(Hypothesis { pair, spin, score }, radius);
+        let hypothesis = Hypothesis {
+            pair,
+            spin: axis * rate,
+            score,
+            share: agreed / max_gain,
+            is_tried: false,
+        };
+        shortlist.offer(hypothesis, radius);
     }
 }
 
@@ -177,6 +223,23 @@ pub(super) fn judge_pair(
 /// they err by about `sqrt(2) sigma / interval` per axis.
 pub(super) fn pair_radius(sigma_rad: f64, interval: f64) -> f64 {
     3.0 * std::f64::consts::SQRT_2 * sigma_rad / interval
+}
+
+/// The frames whose prediction from a pair may be good enough to gain from an agreement: the cost of a
+/// hypothesis does not grow with the sequence.
+fn within_reach(
+    measurements: &[Measurement],
+    pair: (usize, usize),
+    sigma_rad: f64,
+) -> std::ops::Range<usize> {
+    let (first, second) = (&measurements[pair.0], &measurements[pair.1]);
+    let interval = second.time_s - first.time_s;
+    // (1-u)^2 + u^2 = 1/2 + 2 (u - 1/2)^2 times the pair's smaller variance is a part of the whole.
+    let scale = sigma_rad * first.sigma_scale.min(second.sigma_scale);
+    let reach = (0.5 * MAX_GAINFUL_VARIANCE).sqrt() / scale * interval;
+    let middle = 0.5 * (first.time_s + second.time_s);
+    let before = |time_s: f64| measurements.partition_point(|m| m.time_s < time_s);
+    before(middle - reach)..before(middle + reach)
 }
 
 /// Fills `seen` with the frames outside the pair.
@@ -195,10 +258,13 @@ fn score_hypothesis(
     let (scale0, scale1) = (first.sigma_scale, measurements[pair.1].sigma_scale);
     let variance = settings.sigma_rad * settings.sigma_rad;
     seen.clear();
-    for (k, m) in measurements.iter().enumerate() {
+    let reach = within_reach(measurements, pair, settings.sigma_rad);
+    let stride = reach.len().div_ceil(MAX_JUDGES).max(1);
+    for k in reach.step_by(stride) {
         if k == pair.0 || k == pair.1 {
             continue;
         }
+        let m = &measurements[k];
         let elapsed = m.time_s - first.time_s;
         let u = elapsed / interval;
         let (w0, w1) = (scale0 * (1.0 - u), scale1 * u);
@@ -214,13 +280,6 @@ fn score_hypothesis(
             });
         }
     }
-}
-
-/// `ln( p N(0; 0, v I) / ((1-p) / 8 pi^2) )`: what an exact agreement is worth.
-pub(super) fn peak_gain(confidence: f64, variance: f64) -> f64 {
-    let p = confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
-    let normal = (TAU * variance).powi(-3).sqrt();
-    (p / (1.0 - p) * ROTATION_VOLUME * normal).ln()
 }
 
 /// Axis (a unit vector; x where the angle vanishes) and angle in [0, pi] of a unit quaternion.

@@ -6,16 +6,18 @@
 //! the axis of a spin that is otherwise known to a thousandth.
 //!
 //! `b` is modeled as a Gaussian process on the sphere in the pattern's frame, isotropic, with the
-//! deviation `s` and the correlation `exp(-(a / l)^2 / 2)` over the angle `a` between two sides: from
-//! one side to another half of the dots change over some 50 degrees. For the weighted least squares
-//! of the fit with the information `H`, Jacobians `J_i` and weights `w_i`, the covariance that it adds is
-//! the sandwich `H^-1 (sum_ij w_i w_j J_i^T C_ij J_j) H^-1` with `C_ij = s^2 c_ij R_i R_j^T`
-//! (P. Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 1967).
+//! deviation `s` and the correlation `c_ij = exp(-(a / l)^2 / 2)` over the angle `a` between two sides: from
+//! one side to another half of the dots change over some 50 degrees. Carried back to the reference time,
+//! as the fit compares errors (see [`super::motion`]), the shared errors of two frames have the covariance `s^2
+//! c_ij I`. For the weighted least squares of the fit with the weights `w_i`, Jacobians `J_i` about their
+//! weighted mean and the information `H = sum_i w_i J_i^T J_i`, the covariance that this adds is the
+//! sandwich `s^2 H^-1 (sum_ij w_i w_j c_ij J_i^T J_j) H^-1` (P. Huber, "The behavior of maximum
+//! likelihood estimates under nonstandard conditions", 1967).
 
-use nalgebra::{Matrix3, Matrix6, SMatrix};
+use nalgebra::Matrix3;
 
-use super::refine::{Residual, axis_and_rate, jacobian};
-use super::{Measurement, Motion};
+use super::Measurement;
+use super::motion::{ConstantSpin, LocalFrame, Motion};
 use crate::geometry::Vec3;
 
 /// Frames that are looked at; longer sequences are sampled evenly, since the sum goes over pairs.
@@ -52,10 +54,12 @@ impl SharedError {
     }
 }
 
-/// A frame's part in the sum: `w R^T J`, and the side seen.
+/// A frame's part in the sum.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Part {
-    weighted: SMatrix<f64, 3, 6>,
+    weight: f64,
+    jacobian: Matrix3<f64>,
+    /// The side seen: the direction towards the camera, pattern frame.
     side: Vec3,
 }
 
@@ -63,38 +67,44 @@ pub(super) struct Part {
 /// undetermined. `parts` is working memory.
 pub(super) fn shared_covariance(
     measurements: &[Measurement],
-    motion: &Motion,
+    motion: &ConstantSpin,
     sigma_rad: f64,
     probabilities: &[f64],
     shared: &SharedError,
     parts: &mut Vec<Part>,
 ) -> Option<Matrix3<f64>> {
-    let (axis, rate) = axis_and_rate(&motion.spin);
-    let mut information = Matrix6::zeros();
     let stride = measurements.len().div_ceil(MAX_FRAMES).max(1);
     parts.clear();
     // By the frames, not by those that count: a sequence as long then needs no more.
     parts.reserve(measurements.len().div_ceil(stride));
+    let jacobian = motion.jacobian();
     for (m, &p) in measurements.iter().zip(probabilities).step_by(stride) {
         if p < MIN_PROBABILITY {
             continue;
         }
-        let jacobian = jacobian(&axis, &Residual::new(motion, &axis, rate, m));
-        let weight = p / (sigma_rad * m.sigma_scale).powi(2);
-        information += jacobian.transpose() * jacobian * weight;
-        let orientation = motion.at(m.time_s);
-        let back = orientation.inverse();
         parts.push(Part {
-            weighted: back.to_rotation_matrix().matrix() * jacobian * weight,
-            side: back * Vec3::z(),
+            weight: p / (sigma_rad * m.sigma_scale).powi(2),
+            jacobian: jacobian(m).1,
+            side: motion.at(m.time_s).inverse() * Vec3::z(),
         });
     }
-    let mut meat = Matrix6::zeros();
+    let total: f64 = parts.iter().map(|p| p.weight).sum();
+    let mean = parts
+        .iter()
+        .map(|p| p.jacobian * p.weight)
+        .sum::<Matrix3<f64>>()
+        / total;
+    let mut information = Matrix3::zeros();
+    for part in parts.iter_mut() {
+        part.jacobian -= mean;
+        information += part.jacobian.tr_mul(&part.jacobian) * part.weight;
+    }
+    let mut meat = Matrix3::zeros();
     for (i, a) in parts.iter().enumerate() {
         for (j, b) in parts[i..].iter().enumerate() {
             let angle = a.side.dot(&b.side).clamp(-1.0, 1.0).acos();
             let correlation = (-0.5 * (angle / shared.correlation_rad).powi(2)).exp();
-            let term = a.weighted.transpose() * b.weighted * correlation;
+            let term = a.jacobian.tr_mul(&b.jacobian) * (a.weight * b.weight * correlation);
             meat += if j == 0 {
                 term
             } else {
@@ -104,5 +114,6 @@ pub(super) fn shared_covariance(
     }
     let inverse = information.cholesky()?.inverse();
     let sandwich = inverse * meat * inverse * shared.sigma_rad.powi(2);
-    Some(sandwich.fixed_view::<3, 3>(3, 3).into_owned())
+    let basis = LocalFrame::of(&motion.spin).basis;
+    Some(basis * sandwich * basis.transpose())
 }

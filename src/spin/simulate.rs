@@ -12,7 +12,8 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{Measurement, Motion};
+use super::Measurement;
+use super::motion::ConstantSpin;
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, random_direction, random_rotation};
 
@@ -68,7 +69,7 @@ impl Default for Scenario {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sequence {
     /// The true motion at the first frame's nominal time, 0 s.
-    pub truth: Motion,
+    pub truth: ConstantSpin,
     /// What was measured, in order of time.
     pub measurements: Vec<Measurement>,
     /// For each measurement, whether it is an outlier.
@@ -119,7 +120,7 @@ impl Scenario {
 
     /// Simulates a ball with the given spin at time 0 (camera frame, rad/s).
     pub fn simulate<R: Rng + ?Sized>(&self, spin: Vec3, rng: &mut R) -> Sequence {
-        let truth = Motion {
+        let truth = ConstantSpin {
             time_s: 0.0,
             orientation: random_rotation(rng),
             spin,

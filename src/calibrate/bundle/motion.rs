@@ -22,7 +22,8 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::schur::{BLOCK, Block, NormalEquations};
 use crate::geometry::{Rotation, Vec3, left_jacobian};
-use crate::spin::precession::{PrecessionConfig, PrecessionOutcome, fit_precession};
+use crate::spin::precession::{PrecessionOutcome, fit_precession};
+use crate::spin::robust::SpinConfig;
 use crate::spin::simulate::decayed_time;
 use crate::spin::{MIN_INTERVAL_S, Measurement};
 use crate::stats::median;
@@ -229,26 +230,26 @@ impl Reference {
             .iter()
             .map(|p| Measurement::new(p.time_s, p.rotation))
             .collect();
-        let (fit, reference) = match fit_precession(&measurements, &PrecessionConfig::default()) {
-            Ok(PrecessionOutcome::Precessing(found)) => {
+        let (inliers, reference) = match fit_precession(&measurements, &SpinConfig::default()) {
+            Ok(PrecessionOutcome::Found { fit, .. }) => {
                 let reference = Self {
-                    spin: found.space_rate(),
-                    body_rate: found.body_rate,
-                    decay: found.decay_per_s,
+                    spin: fit.motion.space.spin,
+                    body_rate: fit.motion.body_rate,
+                    decay: fit.motion.decay_per_s,
                 };
-                (found.mean, reference)
+                (fit.inliers, reference)
             }
-            Ok(PrecessionOutcome::Constant(steady)) => {
+            Ok(PrecessionOutcome::Constant { fit, .. }) => {
                 let reference = Self {
-                    spin: steady.fit.motion.spin,
+                    spin: fit.motion.spin,
                     body_rate: Vec3::zeros(),
                     decay: 0.0,
                 };
-                (steady.fit, reference)
+                (fit.inliers, reference)
             }
             Err(_) => return None,
         };
-        let enough = fit.inliers as f64 >= MIN_AGREEING * poses.len() as f64;
+        let enough = inliers as f64 >= MIN_AGREEING * poses.len() as f64;
         enough.then_some(reference)
     }
 }

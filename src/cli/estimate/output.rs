@@ -12,7 +12,7 @@ use crate::geometry::{CameraFrame, to_wxyz};
 use crate::spin::SpinRejection;
 use crate::spin::alias::AliasConfig;
 use crate::spin::orientations::{OrientationRow, Orientations};
-use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
+use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
 use crate::vision::estimator::{Batch, BatchFrame, OutlineSource, SequenceOutcome, TimeSource};
@@ -63,10 +63,10 @@ fn spin(
     if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
         return None;
     }
-    let config = RobustSpinConfig {
+    let config = SpinConfig {
         max_rps: arguments.max_spin_rps,
         shared: orientations.shared_error(),
-        ..RobustSpinConfig::default()
+        ..SpinConfig::default()
     };
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
@@ -75,7 +75,7 @@ fn spin(
     };
     let measurements = orientations.measurements();
     if arguments.precession {
-        let fit = Precession::fit(&measurements, config, &listed, batch.frames.len());
+        let fit = Precession::fit(&measurements, &config, &listed, batch.frames.len());
         return Some(fit.map(|(summary, found)| (summary, Some(found))));
     }
     let fit = RobustEstimator::new(config).fit(&measurements);

@@ -12,7 +12,7 @@ use nalgebra::Matrix3;
 use super::config::{CameraDistance, CameraModel};
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, OutlineSource, Pose};
 use crate::recognize::Hint;
-use crate::spin::robust::{RobustEstimator, RobustSpinConfig};
+use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 use crate::vision::detect::DotDetector;
@@ -29,7 +29,7 @@ const MIN_SIGMA_RAD: f64 = 1.75e-3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SequenceConfig {
     /// Estimation of the spin.
-    pub spin: RobustSpinConfig,
+    pub spin: SpinConfig,
     /// Independent frames nearest in time that predict a frame.
     pub neighbors: usize,
     /// Error of a predicted orientation beyond the fit's own, radians, about every axis: the spin changes, and so does the
@@ -47,7 +47,7 @@ impl Default for SequenceConfig {
     /// Ten neighbors, 5 deg, one hint in ten wrong, doubt from 25 deg, frames of 0.8.
     fn default() -> Self {
         Self {
-            spin: RobustSpinConfig::default(),
+            spin: SpinConfig::default(),
             neighbors: 10,
             hint_sigma_rad: 5f64.to_radians(),
             wrong: 0.1,
@@ -268,7 +268,7 @@ pub fn estimate_spin(
             ..measurement(time_s, pose.rotation, pose.pose_confidence)
         })
         .collect();
-    let spin = RobustSpinConfig {
+    let spin = SpinConfig {
         sigma_rad: typical,
         shared: SharedError::of_residuals(poses().map(|(_, pose)| pose.residual_rad)),
         ..config.spin

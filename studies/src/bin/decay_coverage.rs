@@ -2,7 +2,6 @@
 //!
 //! For each spin and each decay the program simulates sequences of 0.6 s at 350 frames per second
 //! (2 deg of noise per axis, 7 % outliers) and counts the answers: a decay, a constant spin with an
-//! (2 deg of noise per axis, 7 % outliers) and counts the answers: a decay, a constant spin with an
 //! interval, a constant spin with an undetermined decay, and no answer. Coverage is the share of
 //! all intervals that contain the true decay.
 //!
@@ -10,7 +9,8 @@
 
 use rayon::prelude::*;
 use spindoe::spin::SpinRejection;
-use spindoe::spin::decay::{DecayConfig, DecayOutcome, fit_decay};
+use spindoe::spin::decay::{DecayFit, DecayOutcome, fit_decay};
+use spindoe::spin::robust::SpinConfig;
 use spindoe::spin::simulate::Scenario;
 use spindoe::validate::Proportion;
 
@@ -27,7 +27,7 @@ type Answer = Result<DecayOutcome, SpinRejection>;
 fn answers(scenario: &Scenario, rps: f64, (seed, line): (u64, u64), trials: u64) -> Vec<Answer> {
     let answer = |i| {
         let sequence = scenario.sequence((rps, rps), seed, line * trials + i);
-        fit_decay(&sequence.measurements, &DecayConfig::default())
+        fit_decay(&sequence.measurements, &SpinConfig::default())
     };
     (0..trials).into_par_iter().map(answer).collect()
 }
@@ -49,8 +49,11 @@ fn percent(count: usize, of: usize) -> String {
 fn row(decay: f64, answers: &[Answer]) -> String {
     let total = answers.len();
     let given = || answers.iter().flatten();
-    let decaying = given().filter(|a| matches!(a, DecayOutcome::Decaying(_)));
-    let intervals: Vec<_> = given().filter_map(DecayOutcome::interval_per_s).collect();
+    let decaying = given().filter(|a| a.found().is_some());
+    let intervals: Vec<_> = given()
+        .filter_map(DecayOutcome::determined)
+        .map(DecayFit::interval_per_s)
+        .collect();
     let inside = intervals
         .iter()
         .filter(|i| i.low <= decay && decay <= i.high);

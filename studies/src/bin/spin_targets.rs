@@ -9,12 +9,15 @@ use std::time::Instant;
 use rayon::prelude::*;
 use spindoe::geometry::Vec3;
 use spindoe::spin::alias::{AliasConfig, Alternative, alternatives};
-use spindoe::spin::bound::SpinBound;
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
-use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::simulate::{Drops, Scenario, Sequence};
 use spindoe::spin::{Fit, SpinRejection};
 use spindoe::validate::{Proportion, median};
+
+#[path = "../../../tests/it/spin/bound.rs"]
+mod bound;
+use bound::SpinBound;
 
 /// A spin is correct within this fraction of its magnitude.
 const CORRECT: f64 = 0.2;
@@ -133,7 +136,7 @@ fn lines() -> Vec<Line> {
 fn measure(line: &Line, seed: u64, sequences: u64) -> Vec<Outcome> {
     let estimators = || {
         (
-            RobustEstimator::new(RobustSpinConfig::default()),
+            RobustEstimator::new(SpinConfig::default()),
             QuateraEstimator::new(QuateraConfig::default()),
         )
     };
@@ -235,9 +238,9 @@ fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
         jitter,
         ..Scenario::default()
     };
-    let options = RobustSpinConfig {
+    let options = SpinConfig {
         max_rps: 350.0,
-        ..RobustSpinConfig::default()
+        ..SpinConfig::default()
     };
     let found: Vec<(bool, bool)> = (0..sequences)
         .into_par_iter()
@@ -279,7 +282,7 @@ fn measure_strays(frames: usize, seed: u64, sequences: u64) {
     let accepted = (0..sequences)
         .into_par_iter()
         .map_init(
-            || RobustEstimator::new(RobustSpinConfig::default()),
+            || RobustEstimator::new(SpinConfig::default()),
             |robust, i| {
                 let sequence = scenario.sequence((10.0, 100.0), seed, i);
                 u64::from(robust.fit(&sequence.measurements).is_ok())
@@ -296,7 +299,7 @@ fn time(seed: u64) {
     let sequences: Vec<Sequence> = (0..2000)
         .map(|i| scenario.sequence((1.0, 170.0), seed, i))
         .collect();
-    let mut robust = RobustEstimator::new(RobustSpinConfig::default());
+    let mut robust = RobustEstimator::new(SpinConfig::default());
     let mut quatera = QuateraEstimator::new(QuateraConfig::default());
     let mut medians = [0.0; 2];
     for (slot, median_us) in medians.iter_mut().enumerate() {

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use spindoe::geometry::Vec3;
 use spindoe::spin::alias::{AliasConfig, Alternative, alternatives};
-use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::simulate::{Scenario, Sequence, stream};
 use spindoe::spin::{Fit, Measurement};
 use spindoe::validate::Proportion;
@@ -13,9 +13,9 @@ const FPS: f64 = 350.0;
 
 /// The estimate among spins up to 350 rps, and its alternatives.
 fn estimate(measurements: &[Measurement]) -> (Fit, Vec<Alternative>) {
-    let options = RobustSpinConfig {
+    let options = SpinConfig {
         max_rps: FPS,
-        ..RobustSpinConfig::default()
+        ..SpinConfig::default()
     };
     let fit = RobustEstimator::new(options).fit(measurements).unwrap();
     let others = alternatives(measurements, &fit, &AliasConfig::default());
@@ -77,7 +77,7 @@ fn every_alias_within_the_limit_is_listed_in_order() {
         Vec3::new(0.0, 3.0, 4.0) * (0.2 * 60.0 * TAU),
         &mut stream(63, 0),
     );
-    let fit = RobustEstimator::new(RobustSpinConfig::default())
+    let fit = RobustEstimator::new(SpinConfig::default())
         .fit(&sequence.measurements)
         .unwrap();
     let rps = fit.motion.rps();

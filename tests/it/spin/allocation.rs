@@ -1,6 +1,6 @@
 //! The robust estimator's promise: no allocation once it has seen a sequence as long.
 
-use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::shared::SharedError;
 use spindoe::spin::simulate::Scenario;
 
@@ -13,9 +13,9 @@ fn a_warm_estimator_does_not_allocate() {
     let sequences: Vec<_> = (0..200)
         .map(|i| scenario.sequence((1.0, 170.0), 51, i))
         .collect();
-    let mut estimator = RobustEstimator::new(RobustSpinConfig {
+    let mut estimator = RobustEstimator::new(SpinConfig {
         shared: SharedError::of_residuals([0.03; 10].into_iter()),
-        ..RobustSpinConfig::default()
+        ..SpinConfig::default()
     });
     let cold = allocation_counter::measure(|| {
         let _ = estimator.fit(&sequences[0].measurements);

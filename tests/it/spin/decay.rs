@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use spindoe::geometry::Vec3;
 use spindoe::spin::SpinRejection;
 use spindoe::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
-use spindoe::spin::decay::{DecayConfig, DecayFit, DecayOutcome, fit_decay};
-use spindoe::spin::robust::RobustSpinConfig;
+use spindoe::spin::decay::{DecayFit, DecayOutcome, fit_decay};
+use spindoe::spin::robust::SpinConfig;
 use spindoe::spin::simulate::{Drops, Scenario, Sequence, decayed_time, stream};
 use spindoe::spin::windows::spin_over_time;
 
@@ -21,13 +21,13 @@ fn flight(decay_per_s: f64) -> Scenario {
 }
 
 fn outcome(sequence: &Sequence) -> DecayOutcome {
-    fit_decay(&sequence.measurements, &DecayConfig::default()).unwrap()
+    fit_decay(&sequence.measurements, &SpinConfig::default()).unwrap()
 }
 
 fn fit(sequence: &Sequence) -> DecayFit {
     match outcome(sequence) {
-        DecayOutcome::Decaying(fit) => fit,
-        DecayOutcome::Constant(fit) => panic!("expected a decay, found {fit:?}"),
+        DecayOutcome::Found { fit, .. } => fit,
+        other => panic!("expected a decay, found {other:?}"),
     }
 }
 
@@ -40,10 +40,10 @@ fn exact_orientations_give_the_exact_decay() {
     };
     let spin = Vec3::new(100.0, 250.0, -50.0);
     let found = fit(&exact.simulate(spin, &mut stream(71, 0)));
-    assert!((found.decay_per_s - 0.091).abs() < 1e-6, "{found:?}");
-    assert!((found.start.motion.spin - spin).norm() < 1e-4, "{found:?}");
+    assert!((found.motion.decay_per_s - 0.091).abs() < 1e-6, "{found:?}");
+    assert!((found.motion.start.spin - spin).norm() < 1e-4, "{found:?}");
     let expected = spin.norm() * (-0.091f64 * 0.3).exp();
-    assert!((found.rate_at(0.3) - expected).abs() < 1e-3);
+    assert!((found.motion.rate_at(0.3) - expected).abs() < 1e-3);
 }
 
 #[test]
@@ -55,11 +55,11 @@ fn decays_are_recovered_and_their_intervals_cover() {
             .map(|i| {
                 let sequence = flight(decay).sequence(rps, seed, i);
                 let found = fit(&sequence);
-                let error = found.start.motion.spin - sequence.truth.spin;
-                let covariance = found.start.spin_covariance.unwrap();
+                let error = found.motion.start.spin - sequence.truth.spin;
+                let covariance = found.start().spin_covariance.unwrap();
                 let solved = covariance.cholesky().unwrap().solve(&error);
                 (
-                    (found.decay_per_s - decay) / found.std_per_s,
+                    (found.motion.decay_per_s - decay) / found.std_per_s(),
                     solved.dot(&error) / 3.0,
                 )
             })
@@ -86,9 +86,9 @@ fn a_third_of_strays_and_of_lost_frames_does_no_harm() {
     for i in 0..20 {
         let sequence = scenario.sequence((30.0, 120.0), 75, i);
         let found = fit(&sequence);
-        let z = (found.decay_per_s - 0.091) / found.std_per_s;
+        let z = (found.motion.decay_per_s - 0.091) / found.std_per_s();
         assert!(z.abs() < 5.0, "sequence {i}: {found:?}");
-        assert!(found.std_per_s < 0.01, "sequence {i}: {found:?}");
+        assert!(found.std_per_s() < 0.01, "sequence {i}: {found:?}");
     }
 }
 
@@ -108,12 +108,10 @@ fn constant_spins_stay_constant_and_their_intervals_cover() {
                 outcome(&still.sequence((rps, rps), seed, i))
             })
             .collect();
-        let decays = answers
-            .iter()
-            .filter(|a| matches!(a, DecayOutcome::Decaying(_)))
-            .count();
+        let decays = answers.iter().filter(|a| a.found().is_some()).count();
         assert!(decays <= 3, "{rps} rps: {decays} of {count} decay");
-        let intervals = || answers.iter().filter_map(DecayOutcome::interval_per_s);
+        let determined = || answers.iter().filter_map(DecayOutcome::determined);
+        let intervals = || determined().map(DecayFit::interval_per_s);
         let inside = intervals().filter(|i| i.low <= 0.0 && 0.0 <= i.high);
         let (inside, given) = (inside.count(), intervals().count());
         // Of a ball that does not turn nobody knows a decay.
@@ -141,7 +139,7 @@ fn pure_outliers_show_no_spin_and_no_decay() {
             .into_par_iter()
             .filter(|i| {
                 let sequence = stray.sequence((10.0, 100.0), 85, *i);
-                fit_decay(&sequence.measurements, &DecayConfig::default()).is_ok()
+                fit_decay(&sequence.measurements, &SpinConfig::default()).is_ok()
             })
             .count();
         assert!(answered <= 1, "{frames} frames: {answered} of {count}");
@@ -159,17 +157,13 @@ fn no_end_of_a_decaying_spin_is_faster_than_permitted() {
         };
         let sequence = exact.simulate(Vec3::x() * (rps * TAU), &mut stream(86, 0));
         let limited = |max_rps| {
-            let robust = RobustSpinConfig {
+            let config = SpinConfig {
                 max_rps,
-                ..RobustSpinConfig::default()
-            };
-            let config = DecayConfig {
-                robust,
-                ..DecayConfig::default()
+                ..SpinConfig::default()
             };
             fit_decay(&sequence.measurements, &config)
         };
-        assert!(matches!(limited(175.0), Ok(DecayOutcome::Decaying(_))));
+        assert!(matches!(limited(175.0), Ok(DecayOutcome::Found { .. })));
         let refused = limited(110.0);
         assert!(
             matches!(refused, Err(SpinRejection::NoConsensus { .. })),
@@ -181,19 +175,19 @@ fn no_end_of_a_decaying_spin_is_faster_than_permitted() {
 #[test]
 fn settings_outside_their_domain_are_named() {
     let sequence = flight(0.1).sequence((50.0, 50.0), 87, 0);
-    let named = |config: DecayConfig| match fit_decay(&sequence.measurements, &config) {
+    let named = |config: SpinConfig| match fit_decay(&sequence.measurements, &config) {
         Err(SpinRejection::Setting { setting, .. }) => setting,
         other => panic!("{other:?}"),
     };
-    let good = DecayConfig::default();
+    let good = SpinConfig::default();
     for max_decay_per_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let config = DecayConfig {
+        let config = SpinConfig {
             max_decay_per_s,
             ..good
         };
         assert_eq!(named(config), "max_decay_per_s");
     }
-    assert_eq!(named(DecayConfig { window: 2, ..good }), "window");
+    assert_eq!(named(SpinConfig { window: 2, ..good }), "window");
 }
 
 #[test]
@@ -201,11 +195,11 @@ fn short_sequences_say_little_and_admit_it() {
     let sequence = Scenario::default().sequence((50.0, 50.0), 76, 0);
     let found = outcome(&sequence);
     // Ten frames fix the rate to about 0.3 % and the decay over 26 ms to no better than 1 /s.
-    assert!(matches!(found, DecayOutcome::Constant(_)), "{found:?}");
-    if let Some(interval) = found.interval_per_s() {
+    assert!(found.found().is_none(), "{found:?}");
+    if let Some(interval) = found.determined().map(DecayFit::interval_per_s) {
         assert!(interval.high - interval.low > 2.0, "{found:?}");
     }
-    let few = fit_decay(&sequence.measurements[..9], &DecayConfig::default());
+    let few = fit_decay(&sequence.measurements[..9], &SpinConfig::default());
     assert_eq!(
         few.unwrap_err(),
         SpinRejection::TooFewFrames {
@@ -218,7 +212,7 @@ fn short_sequences_say_little_and_admit_it() {
 #[test]
 fn windows_follow_the_spin() {
     let sequence = flight(0.3).sequence((80.0, 80.0), 77, 0);
-    let runs = spin_over_time(&sequence.measurements, 10, &RobustSpinConfig::default()).unwrap();
+    let runs = spin_over_time(&sequence.measurements, 10, &SpinConfig::default()).unwrap();
     assert!(runs.len() > 38, "{} runs", runs.len());
     for run in &runs {
         let truth = 80.0 * (-0.3 * run.time_s).exp();

@@ -7,17 +7,19 @@ use std::f64::consts::TAU;
 use proptest::prelude::*;
 use rayon::prelude::*;
 use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation};
-use spindoe::spin::bound::SpinBound;
+use spindoe::spin::motion::ConstantSpin;
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
-use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, RobustSpinConfig};
+use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
 use spindoe::spin::simulate::{Drops, Scenario, Sequence, stream};
-use spindoe::spin::{Fit, Measurement, Motion, SpinRejection};
+use spindoe::spin::{Fit, Measurement, SpinRejection};
 use spindoe::validate::Proportion;
+
+use super::bound::SpinBound;
 
 const FPS: f64 = 350.0;
 
 fn robust(measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
-    RobustEstimator::new(RobustSpinConfig::default()).fit(measurements)
+    RobustEstimator::new(SpinConfig::default()).fit(measurements)
 }
 
 fn quatera(measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
@@ -25,13 +27,13 @@ fn quatera(measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
 }
 
 /// Exact orientations of a turning ball.
-fn exact(motion: &Motion, frames: usize) -> Vec<Measurement> {
+fn exact(motion: &ConstantSpin, frames: usize) -> Vec<Measurement> {
     let times = (0..frames).map(|k| k as f64 / FPS);
     times.map(|t| Measurement::new(t, motion.at(t))).collect()
 }
 
-fn motion(spin: Vec3, seed: u64) -> Motion {
-    Motion {
+fn motion(spin: Vec3, seed: u64) -> ConstantSpin {
+    ConstantSpin {
         time_s: 0.0,
         orientation: random_rotation(&mut stream(seed, 0)),
         spin,
@@ -309,7 +311,7 @@ fn the_same_measurements_give_the_same_bits() {
         .collect();
     let fresh: Vec<_> = sequences.iter().map(|s| robust(&s.measurements)).collect();
     // One estimator for all, in another order, on other threads.
-    let mut used = RobustEstimator::new(RobustSpinConfig::default());
+    let mut used = RobustEstimator::new(SpinConfig::default());
     let mut again: Vec<_> = sequences
         .iter()
         .rev()
@@ -330,13 +332,13 @@ fn the_same_measurements_give_the_same_bits() {
 #[test]
 fn a_prior_decides_between_aliases() {
     let spin = Vec3::new(0.6, 0.0, 0.8) * (250.0 * TAU);
-    let options = RobustSpinConfig {
+    let options = SpinConfig {
         max_rps: 350.0,
         prior: Some(MagnitudePrior {
             rps: 240.0,
             std_rps: 30.0,
         }),
-        ..RobustSpinConfig::default()
+        ..SpinConfig::default()
     };
     let measurements = exact(&motion(spin, 9), 10);
     let fit = RobustEstimator::new(options).fit(&measurements).unwrap();
@@ -345,7 +347,7 @@ fn a_prior_decides_between_aliases() {
         "{}",
         fit.motion.spin
     );
-    let unbiased = RobustSpinConfig {
+    let unbiased = SpinConfig {
         prior: None,
         ..options
     };
@@ -379,8 +381,8 @@ fn settings_outside_their_domain_are_refused_at_once() {
         Err(SpinRejection::Setting { setting, .. }) => setting,
         other => panic!("{other:?}"),
     };
-    let standard = RobustSpinConfig::default();
-    let robust = |c: RobustSpinConfig| setting(RobustEstimator::new(c).fit(&good));
+    let standard = SpinConfig::default();
+    let robust = |c: SpinConfig| setting(RobustEstimator::new(c).fit(&good));
     for sigma_rad in [
         0.0,
         -1.0,
@@ -389,7 +391,7 @@ fn settings_outside_their_domain_are_refused_at_once() {
         2.0,
         4294967296f64.to_radians(),
     ] {
-        let config = RobustSpinConfig {
+        let config = SpinConfig {
             sigma_rad,
             ..standard
         };
@@ -397,7 +399,7 @@ fn settings_outside_their_domain_are_refused_at_once() {
     }
     for max_rps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert_eq!(
-            robust(RobustSpinConfig {
+            robust(SpinConfig {
                 max_rps,
                 ..standard
             }),
@@ -408,10 +410,7 @@ fn settings_outside_their_domain_are_refused_at_once() {
         rps: 50.0,
         std_rps: 0.0,
     });
-    assert_eq!(
-        robust(RobustSpinConfig { prior, ..standard }),
-        "prior_std_rps"
-    );
+    assert_eq!(robust(SpinConfig { prior, ..standard }), "prior_std_rps");
     let standard = QuateraConfig::default();
     let quatera = |c: QuateraConfig| setting(QuateraEstimator::new(c).fit(&good[..1]));
     for run in [0, 1] {

@@ -2,9 +2,10 @@
 
 mod aliases;
 mod allocation;
+mod bound;
 mod decay;
-mod dots;
 mod estimators;
+mod long;
 mod precession;
 mod scipy;
 mod shared;

@@ -7,9 +7,8 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation, tangent_frame};
-use spindoe::spin::precession::{
-    PrecessionConfig, PrecessionFit, PrecessionOutcome, SteadyFit, fit_precession,
-};
+use spindoe::spin::precession::{PrecessionFit, PrecessionOutcome, fit_precession};
+use spindoe::spin::robust::SpinConfig;
 use spindoe::spin::simulate::{Drops, Scenario, stream};
 use spindoe::spin::{Measurement, SpinRejection};
 
@@ -115,14 +114,11 @@ fn times(frames: usize, fps: f64) -> Vec<f64> {
 }
 
 fn outcome(measurements: &[Measurement]) -> PrecessionOutcome {
-    fit_precession(measurements, &PrecessionConfig::default()).unwrap()
+    fit_precession(measurements, &SpinConfig::default()).unwrap()
 }
 
 fn precessing(measurements: &[Measurement]) -> Option<PrecessionFit> {
-    match outcome(measurements) {
-        PrecessionOutcome::Precessing(fit) => Some(fit),
-        PrecessionOutcome::Constant(_) => None,
-    }
+    outcome(measurements).found().copied()
 }
 
 #[test]
@@ -133,17 +129,17 @@ fn a_top_without_noise_is_found_as_it_is() {
         let times = times(60, 350.0);
         let measured = top.measured(&times, 0.0, 0.0, rng);
         let found = precessing(&measured).expect("a precession");
-        let off = (found.body_rate - top.body_rate()).norm();
+        let off = (found.motion.body_rate - top.body_rate()).norm();
         assert!(off < 2e-3 * top.body_rate().norm(), "{off}: {found:?}");
         let momentum = top.momentum();
-        let aside = found.mean.motion.spin.angle(&momentum);
+        let aside = found.mean().motion.spin.angle(&momentum);
         assert!(aside < 1e-4, "{aside} rad off the angular momentum");
         for (time, q) in times.iter().zip(top.orientations(&times)) {
-            assert!(found.at(*time).angle_to(&q) < 1e-3);
+            assert!(found.motion.at(*time).angle_to(&q) < 1e-3);
         }
         // Halves of the sequence lie on the circle that the closed form says.
         assert!(
-            (found.tilt_rad() - tilt.min(TAU / 2.0 - tilt)).abs() < 0.05 * tilt,
+            (found.motion.tilt_rad() - tilt.min(TAU / 2.0 - tilt)).abs() < 0.05 * tilt,
             "{found:?}"
         );
     }
@@ -157,9 +153,9 @@ fn a_top_that_slows_down_is_told_from_one_that_precesses() {
     let times = times(40, 350.0);
     let measured = top.measured(&times, 0.0, 0.0, rng);
     let found = precessing(&measured).expect("a precession");
-    assert!((found.decay_per_s - 0.3).abs() < 1e-2, "{found:?}");
+    assert!((found.motion.decay_per_s - 0.3).abs() < 1e-2, "{found:?}");
     for (time, q) in times.iter().zip(top.orientations(&times)) {
-        assert!(found.at(*time).angle_to(&q) < 2e-3);
+        assert!(found.motion.at(*time).angle_to(&q) < 2e-3);
     }
     // The same ball, even: its decay is no precession.
     top.unevenness = 0.0;
@@ -181,15 +177,15 @@ fn tops_are_found_and_their_intervals_cover() {
             let top = Top::random(unevenness, tilt, rng.random_range(60.0..150.0), rng);
             let measured = top.measured(&times(60, 350.0), 0.02, 0.05, rng);
             let found = precessing(&measured)?;
-            let off = found.body_rate - top.body_rate();
-            let solved = found.body_rate_covariance.cholesky().unwrap().solve(&off);
+            let off = found.motion.body_rate - top.body_rate();
+            let solved = found.body_rate_covariance().cholesky().unwrap().solve(&off);
             let across = {
                 let u = (top.orientation.inverse() * top.momentum()).normalize();
                 let q = top.body_rate();
                 (q - u * u.dot(&q)).norm()
             };
-            let drift = found.drift_interval_rad_s;
-            let rate = found.rate_interval_rad_s;
+            let drift = found.drift_interval_rad_s();
+            let rate = found.rate_interval_rad_s();
             let inside = |low: f64, high: f64, x: f64| low <= x && x <= high;
             Some((
                 solved.dot(&off),
@@ -225,8 +221,8 @@ fn even_balls_do_not_precess() {
                 ..Scenario::default()
             };
             let sequence = scenario.sequence((0.5, 150.0), 303, i);
-            let found = fit_precession(&sequence.measurements, &PrecessionConfig::default());
-            matches!(found, Ok(PrecessionOutcome::Precessing(_)))
+            let found = fit_precession(&sequence.measurements, &SpinConfig::default());
+            matches!(found, Ok(PrecessionOutcome::Found { .. }))
         })
         .count();
     println!("{wrong} of {count} even balls called uneven");
@@ -236,11 +232,9 @@ fn even_balls_do_not_precess() {
 
 #[test]
 fn what_the_orientations_cannot_bear_is_left_open() {
-    let steady = |measurements: &[Measurement]| -> SteadyFit {
-        match outcome(measurements) {
-            PrecessionOutcome::Constant(fit) => fit,
-            PrecessionOutcome::Precessing(fit) => panic!("expected none, found {fit:?}"),
-        }
+    let limit = |measurements: &[Measurement]| match outcome(measurements) {
+        PrecessionOutcome::Constant { rival, .. } => rival.map(|r| r.max_drift_rad_s()),
+        other => panic!("expected none, found {other:?}"),
     };
     // Twelve frames of a slow ball turn it by a few degrees.
     let scenario = Scenario {
@@ -249,24 +243,24 @@ fn what_the_orientations_cannot_bear_is_left_open() {
         ..Scenario::default()
     };
     let slow = scenario.sequence((1.0, 1.0), 304, 0);
-    assert_eq!(steady(&slow.measurements).max_drift_rad_s, None);
+    assert_eq!(limit(&slow.measurements), None);
     // A fast ball for a third of a second: a limit.
     let long = Scenario {
         frames: 120,
         ..scenario
     };
     let fast = long.sequence((100.0, 100.0), 305, 0);
-    let limit = steady(&fast.measurements).max_drift_rad_s.expect("a limit");
+    let limit = limit(&fast.measurements).expect("a limit");
     assert!(limit > 0.0 && limit < 1.0, "{limit} rad/s");
     // Too few, and no sequence at all.
-    let few = fit_precession(&fast.measurements[..5], &PrecessionConfig::default());
+    let few = fit_precession(&fast.measurements[..5], &SpinConfig::default());
     assert!(
         matches!(few, Err(SpinRejection::TooFewFrames { needed: 6, .. })),
         "{few:?}"
     );
-    let config = PrecessionConfig {
+    let config = SpinConfig {
         unevenness: 0.0,
-        ..PrecessionConfig::default()
+        ..SpinConfig::default()
     };
     let setting = fit_precession(&fast.measurements, &config);
     let named = SpinRejection::Setting {
@@ -288,7 +282,7 @@ fn random_orientations_have_no_precession() {
         .into_par_iter()
         .filter(|i| {
             let sequence = stray.sequence((10.0, 100.0), 306, *i);
-            fit_precession(&sequence.measurements, &PrecessionConfig::default()).is_ok()
+            fit_precession(&sequence.measurements, &SpinConfig::default()).is_ok()
         })
         .count();
     assert_eq!(answered, 0);

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::spin::Measurement;
-use spindoe::spin::robust::{RobustEstimator, RobustSpinConfig};
+use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::shared::SharedError;
 
 const SIGMA: f64 = 0.01;
@@ -51,11 +51,11 @@ impl Field {
 
 /// Squared Mahalanobis distances of spins from the truth.
 fn distances(shared: Option<SharedError>, frames: usize) -> Vec<f64> {
-    let config = RobustSpinConfig {
+    let config = SpinConfig {
         shared,
         // What the frames' own noise is.
         sigma_rad: NOISE,
-        ..RobustSpinConfig::default()
+        ..SpinConfig::default()
     };
     let mut estimator = RobustEstimator::new(config);
     let mut distances: Vec<f64> = (0..300)

@@ -6,22 +6,17 @@
 //! this crate.
 //!
 //! What cannot be read as numbers is an error, and so are two files of one number (`1.csv` and
-//! `001.csv`). Implausible values (repeated times, gaps, jumps, spins beyond the sampling's limit,
-//! missing numbers) are listed as an [`Oddity`], since real recordings have them.
-
-mod oddities;
-
-pub use oddities::{Limits, Oddity};
+//! `001.csv`). Not guaranteed: that values are plausible. Real recordings have repeated times, gaps,
+//! jumps and missing numbers, and all of them are read as they are.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::files;
 use crate::files::csv::{Format, Rows};
 use crate::geometry::Vec3;
-use crate::validate::median;
+use crate::stats::median;
 
 /// The index's header.
 const INDEX_HEADER: [&str; 4] = ["traj_file", "x_spin", "y_spin", "z_spin"];
@@ -33,8 +28,6 @@ pub struct TrajectoryPoint {
     pub time_s: f64,
     /// Position, meters, in the publisher's frame.
     pub position_m: Vec3,
-    /// The point's line in its file, counted from 1.
-    pub line: u64,
 }
 
 /// The trajectory of a ball.
@@ -62,18 +55,17 @@ impl Trajectory {
         }
     }
 
-    /// Times between successive points, seconds, with the later one.
-    fn intervals(&self) -> impl Iterator<Item = (&TrajectoryPoint, f64)> {
-        let interval = |w: &[TrajectoryPoint]| w[1].time_s - w[0].time_s;
-        self.points.windows(2).map(move |w| (&w[1], interval(w)))
+    /// Times between successive points, seconds.
+    fn intervals(&self) -> impl Iterator<Item = f64> {
+        self.points.windows(2).map(|w| w[1].time_s - w[0].time_s)
     }
 
-    /// Speeds between successive points, m/s, with the later one; only where time increases.
-    fn speeds(&self) -> impl Iterator<Item = (&TrajectoryPoint, f64)> {
+    /// Speeds between successive points, m/s; only where time increases.
+    fn speeds(&self) -> impl Iterator<Item = f64> {
         self.points.windows(2).filter_map(|w| {
             let interval = w[1].time_s - w[0].time_s;
             let distance = (w[1].position_m - w[0].position_m).norm();
-            (interval > 0.0).then(|| (&w[1], distance / interval))
+            (interval > 0.0).then(|| distance / interval)
         })
     }
 }
@@ -127,51 +119,16 @@ impl TrajectorySet {
         })
     }
 
-    /// Writes the set as a folder in the same format; each file is written atomically.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
-    pub fn write_dir(&self, dir: &Path) -> Result<()> {
-        files::create_dir(dir)?;
-        let mut index = INDEX_HEADER.join(",") + "\n";
-        let known = self
-            .trajectories
-            .iter()
-            .filter_map(|t| Some((t.number, t.spin?)));
-        let mut entries: Vec<_> = known.chain(self.without_file.iter().copied()).collect();
-        entries.sort_by_key(|e| e.0);
-        for (number, s) in entries {
-            // Writing to a String cannot fail.
-            let _ = writeln!(index, "{number},{},{},{}", s.x, s.y, s.z);
-        }
-        for t in &self.trajectories {
-            let mut text = String::new();
-            for point in &t.points {
-                let p = &point.position_m;
-                let [t, x, y, z] = [point.time_s, p.x, p.y, p.z].map(decimal);
-                let _ = writeln!(text, "{t};{x};{y};{z}");
-            }
-            let path = dir.join(format!("{:03}.csv", t.number));
-            files::write_bytes(&path, text.as_bytes())?;
-        }
-        files::write_bytes(&dir.join("index.csv"), index.as_bytes())
-    }
-
     /// Values that describe the set; zeros for an empty one.
     pub fn summary(&self) -> Summary {
         let all = || self.trajectories.iter();
-        let intervals = all().flat_map(|t| t.intervals().map(|i| i.1));
         Summary {
             trajectories: self.trajectories.len(),
             points: all().map(|t| t.points.len()).sum(),
             points_each: spread(all().map(|t| t.points.len() as f64).collect()),
             duration_s: spread(all().map(Trajectory::duration_s).collect()),
-            interval_s: median(&mut intervals.collect::<Vec<_>>()),
-            speed_m_s: median(
-                &mut all()
-                    .flat_map(|t| t.speeds().map(|s| s.1))
-                    .collect::<Vec<_>>(),
-            ),
+            interval_s: median(&mut all().flat_map(Trajectory::intervals).collect::<Vec<_>>()),
+            speed_m_s: median(&mut all().flat_map(Trajectory::speeds).collect::<Vec<_>>()),
             rps: spread(all().filter_map(Trajectory::rps).collect()),
         }
     }
@@ -183,16 +140,6 @@ fn spread(mut values: Vec<f64>) -> [f64; 3] {
     match (values.first(), values.last()) {
         (Some(min), Some(max)) => [*min, middle, *max],
         _ => [0.0; 3],
-    }
-}
-
-/// The shortest text that reads back the same number, with at least three decimals, as published.
-fn decimal(x: f64) -> String {
-    let (short, padded) = (x.to_string(), format!("{x:.3}"));
-    if short.len() > padded.len() {
-        short
-    } else {
-        padded
     }
 }
 
@@ -272,7 +219,6 @@ fn read_points(path: &Path) -> Result<Vec<TrajectoryPoint>> {
         points.push(TrajectoryPoint {
             time_s,
             position_m: Vec3::new(x, y, z),
-            line: row.line(),
         });
     }
     Ok(points)

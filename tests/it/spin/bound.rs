@@ -1,6 +1,6 @@
 //! The Cramér-Rao bound: the minimum covariance that any unbiased estimate of the spin can have.
 //!
-//! With the model of [`super::robust`] and known outliers, the Fisher information of (R0, w) from
+//! With the model of [`spindoe::spin::robust`] and known outliers, the Fisher information of (R0, w) from
 //! inliers at times `t_k` with noise `sigma_k` per axis separates like the normal equations. Along
 //! the axis it is that of a straight line,
 //!
@@ -20,11 +20,9 @@
 //! for Gaussian noise). Noise of a few degrees is small enough that the curvature of SO(3) changes
 //! this by `sigma^2 / 12`, a ten-thousandth.
 
-use nalgebra::{Complex, Matrix3};
-
-use super::Measurement;
-use super::refine::axis_and_rate;
-use crate::geometry::Vec3;
+use nalgebra::Complex;
+use spindoe::geometry::Vec3;
+use spindoe::spin::Measurement;
 
 /// Steps of the quadrature for [`SpinBound::probability_within`]; Simpson's rule is then exact to
 /// 1e-9.
@@ -35,7 +33,7 @@ const QUADRATURE_STEPS: usize = 256;
 const MIN_DETERMINANT: f64 = 1e-12;
 
 /// The bound on a spin's covariance.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpinBound {
     /// Standard deviation along the axis (of the magnitude), rad/s.
     pub along_rad_s: f64,
@@ -48,7 +46,7 @@ impl SpinBound {
     /// `None` where they do not determine the spin: fewer than two, or only full turns between all
     /// of them. Then any spin about another axis with as many turns is as good.
     pub fn new(spin: &Vec3, times_s: &[f64], sigmas_rad: &[f64]) -> Option<Self> {
-        let (_, rate) = axis_and_rate(spin);
+        let rate = spin.norm();
         let (mut s, mut st, mut stt) = (0.0, 0.0, 0.0);
         let (mut c01, mut c11) = (Complex::new(0.0, 0.0), 0.0);
         let origin = *times_s.first()?;
@@ -102,14 +100,6 @@ impl SpinBound {
     /// Expected squared length of the error, (rad/s)^2.
     pub fn mean_square(&self) -> f64 {
         self.along_rad_s.powi(2) + 2.0 * self.across_rad_s.powi(2)
-    }
-
-    /// The covariance in the camera frame, (rad/s)^2.
-    pub fn covariance(&self, spin: &Vec3) -> Matrix3<f64> {
-        let (axis, _) = axis_and_rate(spin);
-        let along = axis * axis.transpose();
-        let across = Matrix3::identity() - along;
-        along * self.along_rad_s.powi(2) + across * self.across_rad_s.powi(2)
     }
 
     /// Probability that a Gaussian error with this covariance is shorter than `radius` (rad/s).
