@@ -98,7 +98,7 @@ impl PaperConfig {
     /// Checks the fields' domains.
     ///
     /// # Errors
-    /// [`Error::Argument`] naming the field.
+    /// [`Error::Argument`](crate::Error::Argument) naming the field.
     pub fn check(&self) -> Result<()> {
         let positive = |x: f64| x.is_finite() && x > 0.0;
         let (sigma, alpha) = (self.sigma_rad, self.alpha);

@@ -178,7 +178,7 @@ pub struct CalibrationSource<'a> {
 /// Evaluates a calibration.
 ///
 /// # Errors
-/// As [`held_out`] and [`run_trials`].
+/// As [`held_out`] and [`Trials::run`](crate::validate::Trials::run).
 pub fn evaluate_calibration(
     calibration: &Calibration,
     source: &CalibrationSource<'_>,

@@ -182,7 +182,7 @@ fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> P
 /// the name of each measurement.
 ///
 /// # Errors
-/// [`Error::Argument`] for fewer than two patterns; as [`run_named`].
+/// [`Error::Argument`] for fewer than two patterns; as [`ValidationConfig::results`].
 pub fn compare(
     entries: &[Entry],
     recognizers: &[RecognizerName],

@@ -194,7 +194,7 @@ pub struct DesignEvaluation {
 /// measurement.
 ///
 /// # Errors
-/// As [`validate_named`].
+/// As [`ValidationConfig::run`].
 pub fn evaluate(
     outcome: &DesignOutcome,
     config: &DesignConfig,

@@ -17,7 +17,7 @@
 //!
 //! # Rotation
 //! The reported rotation is the most likely one for the assignment, with the dots weighted by the
-//! distribution of their noise ([`NoiseShape`]). For a Gaussian this is least squares. For the
+//! distribution of their noise ([`NoiseShape`](crate::view::NoiseShape)). For a Gaussian this is least squares. For the
 //! peaked noise of the paper's protocols its error is a quarter below that of least squares, so the
 //! least-squares bound does not apply.
 //!

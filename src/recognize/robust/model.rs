@@ -3,7 +3,7 @@
 //! Under the rotation `R` pattern dot `j` appears at `q_j = R p_j` and is detected with probability
 //! `d(z) = P_d / (1 + exp(-1.7 (z - z_min) / w))`. A detected dot is displaced by noise whose
 //! density at the Mahalanobis distance `u` is `exp(ln_kernel(u)) / (2 pi sqrt(det C))`, of mass 1
-//! over the tangent plane ([`NoiseShape`] has the kernels). False dots are a Poisson process of
+//! over the tangent plane ([`NoiseShape`](crate::view::NoiseShape) has the kernels). False dots are a Poisson process of
 //! density `lambda / (2 pi (1 - z_min))` per steradian of their cap; where their usual number
 //! is known, all but a fiftieth of the views have that.
 //!

@@ -15,7 +15,7 @@ const MIN_SINE: f64 = 0.15;
 /// Observed dots for which a new workspace has the capacity; more of them make it grow.
 const CAPACITY: usize = 64;
 
-/// Scratch memory of [`RobustRecognizer`].
+/// Scratch memory of [`RobustRecognizer`](super::RobustRecognizer).
 #[derive(Debug, Default)]
 pub struct RobustWorkspace {
     pub(super) dots: Vec<Dot>,
