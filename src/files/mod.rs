@@ -5,11 +5,13 @@ pub(crate) mod csv;
 #[cfg(feature = "native")]
 mod disk;
 
+#[cfg(feature = "vision")]
+pub(crate) use disk::read_rest;
+#[cfg(feature = "native")]
+pub(crate) use disk::reject_taken;
 #[cfg(feature = "native")]
 pub use disk::{
     FolderLock, MAX_FILE_BYTES, MAX_TEXT_BYTES, OutputFile, Replacement, create_dir,
     create_writable_dir, open, read_at_most, read_bytes, remove_any, remove_if_present,
     write_atomic, write_bytes,
 };
-#[cfg(feature = "native")]
-pub(crate) use disk::{read_rest, reject_taken};
