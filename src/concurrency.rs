@@ -73,3 +73,23 @@ impl Stopwatch {
         return Duration::ZERO;
     }
 }
+
+#[cfg(all(test, feature = "native"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_that_meets_a_condition_is_the_first_on_any_number_of_threads() {
+        for threads in [1, 2, 7] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let pool = pool.build().expect("some threads");
+            // The earlier a number, the later its result.
+            let slow_at_first = |k: u64| {
+                std::thread::sleep(Duration::from_millis(16 - k));
+                k
+            };
+            let first = || find_first(0..16, slow_at_first, |k| k % 4 == 3);
+            assert_eq!(pool.install(first), Some(3), "{threads} threads");
+        }
+    }
+}

@@ -44,6 +44,12 @@ pub(super) struct Weights {
     pub ln_all: f64,
 }
 
+impl Weights {
+    fn is_known(&self) -> bool {
+        self.ln_own.is_finite() && self.ln_all.is_finite()
+    }
+}
+
 /// The hypotheses against which the explanations stand: something else, or the mirrored pattern.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NullHypothesis {
@@ -187,7 +193,9 @@ impl Found {
             if refined.ln_evidence < least {
                 continue;
             }
-            if let Some(weights) = of(number, refined, assignment) {
+            let weights = of(number, refined, assignment);
+            // A matched dot may lie just beyond what the kernel reaches: no weight is known then.
+            if let Some(weights) = weights.filter(Weights::is_known) {
                 refined.ln_volume += weights.ln_own - refined.ln_evidence;
                 refined.ln_evidence = weights.ln_own;
                 refined.ln_alternatives = weights.ln_all - weights.ln_own;
