@@ -10,12 +10,14 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spindoe::ball::{Ball, CalibrationRecord};
-use spindoe::geometry::{Rotation, Vec3, random_rotation, rotation_angle, tangent_frame};
+use spindoe::geometry::{
+    Rotation, Vec3, random_direction_above, random_rotation, rotation_angle, tangent_frame,
+};
 use spindoe::pattern::Pattern;
 use spindoe::recognize::observed::observed_frames;
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
 use spindoe::recognize::stream::{FrameAnswer, LearningConfig, identify_learning};
-use spindoe::recognize::{Hint, Recognizer};
+use spindoe::recognize::{Hint, ORIENTATION_FAILURE_RAD, Recognizer};
 use spindoe::validate::Trials;
 use spindoe::view::{
     Detection, DotUncertainty, FalseDots, Noise, ObservedDot, ProtocolName, Trial, ViewModel,
@@ -292,9 +294,13 @@ fn two_dots_that_may_be_exchanged_count_once() {
 #[test]
 fn variances_of_a_dot_and_of_its_place_add_up() {
     let [along, across] = [2.5f64, 0.5].map(|deg| deg.to_radians().powi(2));
+    // Half way between the two axes.
+    let [mean, off] = [0.5 * (along + across), 0.5 * (along - across)];
     for covariance in [
         Matrix2::new(along, 0.0, 0.0, across),
         Matrix2::new(across, 0.0, 0.0, along),
+        Matrix2::new(mean, off, off, mean),
+        Matrix2::new(mean, -off, -off, mean),
     ] {
         let elongated = DotUncertainty::Tangent { covariance };
         // sqrt(2.5^2 + 1.2^2) = 2.773, and 1.3 across.
@@ -315,6 +321,55 @@ fn variances_of_a_dot_and_of_its_place_add_up() {
             );
         }
     }
+}
+
+/// One view in five has four dots at random: on average as many answers are right as they claim.
+#[test]
+fn claims_add_up_where_some_views_show_something_else() {
+    let pattern = crate::common::dots20();
+    let view = ViewModel {
+        foreign_share: 0.2,
+        ..ProtocolName::Sparse.view()
+    };
+    let recognizer = RobustRecognizer::new(&pattern, view.into()).unwrap();
+    let trials = Trials::first(&pattern, view, SEED, 3000);
+    let (mut generator, mut ws) = (trials.generator(), recognizer.workspace());
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let (mut claimed, mut right, mut variance) = (0.0, 0.0, 0.0);
+    let mut trial = Trial::default();
+    for index in trials.range {
+        generator.generate(index, &mut trial);
+        if trial.dots.len() < 4 {
+            continue;
+        }
+        let is_foreign = rng.random::<f64>() < view.foreign_share;
+        if is_foreign {
+            // Views of something else have as many dots as those of the ball on average, 4 (Poisson): so
+            // many have exactly four.
+            if rng.random::<f64>() > 0.195_367 {
+                continue;
+            }
+            for dot in &mut trial.dots {
+                dot.direction = random_direction_above(&mut rng, view.visibility_limit);
+            }
+        }
+        let Ok(found) = recognizer.identify(&trial.dots, &mut ws) else {
+            continue;
+        };
+        let p = found.pose_confidence;
+        let off = rotation_angle(&found.rotation, &trial.rotation);
+        claimed += p;
+        variance += p * (1.0 - p);
+        right += f64::from(!is_foreign && off < ORIENTATION_FAILURE_RAD);
+    }
+    println!(
+        "claimed {claimed:.1}, right {right}, +- {:.1}",
+        variance.sqrt()
+    );
+    assert!(
+        (claimed - right).abs() < 4.0 * variance.sqrt(),
+        "{claimed} {right}"
+    );
 }
 
 /// Frames in which a matched dot lies at the end of what the noise reaches: what is learned of them must be
