@@ -22,4 +22,5 @@ mod spin;
 mod stencil;
 mod synth;
 mod validate;
+mod view;
 mod vision;

@@ -397,6 +397,42 @@ fn dots_at_the_end_of_the_noise_do_not_spoil_what_is_learned() {
     }
 }
 
+/// Two frames in five show eight dots at random: so much is learned of them.
+#[test]
+fn the_share_of_other_frames_is_learned() {
+    let ball = Ball::new(crate::common::dots20());
+    let view = ProtocolName::Clutter.view();
+    let mut frames = observed_frames(ball.pattern(), &view, SEED, 200);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    for (k, frame) in frames.iter_mut().enumerate() {
+        if k % 5 < 2 {
+            let uncertainty = DotUncertainty::Isotropic { sigma_rad: 0.05 };
+            let dot = |_| ObservedDot {
+                direction: random_direction_above(&mut rng, 0.0),
+                uncertainty,
+            };
+            frame.dots = (0..8).map(dot).collect();
+        }
+    }
+    let mut answers = Answers::default();
+    let learned = identify_learning(
+        &ball,
+        &RobustConfig::default(),
+        &LearningConfig::default(),
+        frames.into_iter().map(Ok),
+        NonZero::<usize>::MIN,
+        &mut answers,
+    );
+    let share = learned.unwrap().view.foreign_share;
+    assert!((share - 0.4).abs() < 0.08, "{share}");
+    let sure = |a: &&FrameAnswer| {
+        a.identification()
+            .is_some_and(|f| f.pose_confidence >= 0.99)
+    };
+    let random = answers.0.iter().enumerate().filter(|(k, _)| k % 5 < 2);
+    assert_eq!(random.filter(|(_, a)| sure(a)).count(), 0);
+}
+
 #[derive(Default)]
 struct Answers(Vec<FrameAnswer>);
 
