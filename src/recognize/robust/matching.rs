@@ -33,7 +33,7 @@ use super::refine::{Refined, UNASSIGNED, View, widened};
 use crate::geometry::Vec3;
 
 /// Rotations at which the integrand is evaluated.
-const NODES: usize = 64;
+const NODES: usize = 32;
 /// Widening of the sampled distribution's standard deviations: its tails must not be lighter than
 /// the integrand's.
 const WIDENING: f64 = 1.25;
@@ -399,11 +399,12 @@ impl Matching {
     fn sum_over_assignments(&mut self, model: &Model) -> f64 {
         // All larger numbers left out have the same prior ratio.
         let counts = model.false_counts();
+        let width = self.steps.iter().map(|s| s.width).max().unwrap_or(0);
         self.before.clear();
-        self.before.resize(counts << MAX_OPEN, 0.0);
+        self.before.resize(counts << width, 0.0);
         self.before[0] = 1.0;
         self.after.clear();
-        self.after.resize(counts << MAX_OPEN, 0.0);
+        self.after.resize(counts << width, 0.0);
         for step in &self.steps {
             let size = counts << step.width;
             for state in 0..size {

@@ -33,6 +33,8 @@ pub(super) const FINAL_WEIGHT: f64 = 4.0;
 const KERNEL_STEPS: f64 = 32.0;
 /// Steps of the visibility table over z in [-1, 1].
 const Z_STEPS: usize = 2048;
+/// Steps of the table of fixed numbers of dots, for one visible dot.
+const GIVEN_STEPS: f64 = 64.0;
 /// Where, in standard deviations, the screening's straight lines touch the kernel.
 const TANGENTS: [f64; 3] = [0.8, 2.4, 5.0];
 
@@ -42,8 +44,9 @@ pub(super) struct Model {
     kernel: Vec<f64>,
     weight: Vec<f64>,
     visibility: Vec<Visibility>,
-    /// Number of visible dots that are given, where it is fixed.
-    given: Option<usize>,
+    /// ln of the probability of the dots that are given, by the number of visible ones in steps of
+    /// 1 / [`GIVEN_STEPS`]; empty where their number is not fixed.
+    ln_given: Vec<f64>,
     /// The kernel as the maximum of three lines `a + b h` over `h = -u^2 / 2`: (a, b).
     pub lines: [[f64; 2]; 3],
     /// False dots per steradian.
@@ -170,7 +173,7 @@ impl Model {
             kernel,
             weight,
             visibility: visibility.collect(),
-            given,
+            ln_given: given.map_or_else(Vec::new, |given| ln_given(given, pattern_dots)),
             lines: TANGENTS.map(|u| tangent(shape, u)),
             ln_false_density: mean_false.ln() + view.ln_false_density(),
             mean_false,
@@ -212,12 +215,13 @@ impl Model {
     /// ln of the probability of the dots that are given, of so many visible ones, where their number
     /// is fixed; else 0.
     pub fn ln_given(&self, visible: f64) -> f64 {
-        let Some(given) = self.given else {
+        if self.ln_given.is_empty() {
             return 0.0;
-        };
-        let (given, ln_factorial) = (given as f64, |x: f64| libm::lgamma(x + 1.0));
-        let visible = visible.max(given);
-        ln_factorial(given) + ln_factorial(visible - given) - ln_factorial(visible)
+        }
+        let at = visible * GIVEN_STEPS;
+        let k = (at as usize).min(self.ln_given.len() - 2);
+        let here = self.ln_given[k];
+        here + (self.ln_given[k + 1] - here) * (at - k as f64)
     }
 
     /// ln of the prior of `count` false dots over the Poisson distribution's.
@@ -297,6 +301,19 @@ impl Model {
     }
 }
 
+/// ln of `1 / C(V, given)` for V from 0 to the number of pattern dots in steps of 1 / [`GIVEN_STEPS`]; of fewer
+/// visible dots than are given as of those.
+fn ln_given(given: usize, pattern_dots: usize) -> Vec<f64> {
+    let ln_factorial = |x: f64| libm::lgamma(x + 1.0);
+    let given = given as f64;
+    let steps = 0..=pattern_dots * GIVEN_STEPS as usize + 1;
+    let of_step = |k: usize| {
+        let visible = (k as f64 / GIVEN_STEPS).max(given);
+        ln_factorial(given) + ln_factorial(visible - given) - ln_factorial(visible)
+    };
+    steps.map(of_step).collect()
+}
+
 /// The line `a + b h` over `h = -u^2 / 2` that touches the kernel at `u`.
 fn tangent(noise: NoiseShape, u: f64) -> [f64; 2] {
     let step = 1e-4;
@@ -320,6 +337,25 @@ mod tests {
         let exact = NoiseShape::HeavyTailed.ln_kernel(2.345);
         let table = model.ln_kernel(2.345 * 2.345).expect("within the gate");
         assert!((exact - table).abs() < 1e-3, "{exact} {table}");
+    }
+
+    #[test]
+    fn dots_given_are_any_of_the_visible_ones() {
+        let view = ViewModel {
+            detection: Detection::Given { dots: 4 },
+            ..ViewModel::default()
+        };
+        let model = Model::new(&view, 20);
+        // C(4, 4), C(7, 4), C(20, 4).
+        for (visible, ways) in [(2.0, 1.0), (4.0, 1.0), (7.0, 35.0), (20.0, 4845.0f64)] {
+            assert!(
+                (model.ln_given(visible) + ways.ln()).abs() < 1e-12,
+                "{visible}"
+            );
+        }
+        // 6.51 lies between two steps: 6.51! / (4! 2.51!) by the gamma function.
+        let between = libm::lgamma(5.0) + libm::lgamma(3.51) - libm::lgamma(7.51);
+        assert!((model.ln_given(6.51) - between).abs() < 1e-5);
     }
 
     #[test]
