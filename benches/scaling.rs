@@ -26,7 +26,9 @@ use spindoe::spin::simulate::{Scenario, stream};
 use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::view::ProtocolName;
 use spindoe::vision::frame_table::read_times;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, RgbImage};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior, Prior, RgbImage,
+};
 
 const ROWS: [usize; 3] = [10_000, 100_000, 1_000_000];
 const FRAMES: [usize; 3] = [10, 100, 1_000];
@@ -129,7 +131,16 @@ fn measure_all(dir: &Path, rows: &[usize]) -> Outcome {
         Ok(move || {
             let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
             for _ in 0..n {
-                estimator.estimate_frame(&image, Some(&circle), None, &mut ws, &mut out);
+                estimator.estimate(
+                    &image,
+                    &Prior {
+                        outline: Some(OutlinePrior::given(circle)),
+                        ..Prior::default()
+                    },
+                    &Budget::default(),
+                    &mut ws,
+                    &mut out,
+                );
             }
             Ok(())
         })

@@ -11,8 +11,8 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
-    BallCircle, BallFinder, CircleConfig, CnnDetector, DetectorName, DotDetector, Estimator,
-    EstimatorConfig, FrameEstimate, Patch,
+    BallCircle, BallFinder, Budget, CircleConfig, CnnDetector, DetectorName, DotDetector,
+    Estimator, EstimatorConfig, FrameEstimate, Patch, Prior,
 };
 
 fn synth(c: &mut Criterion) {
@@ -73,7 +73,15 @@ fn estimate(c: &mut Criterion) {
         };
         let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
         group.bench_function(format!("all, {name}"), |b| {
-            b.iter(|| estimator.estimate_frame(black_box(&gray), None, None, &mut ws, &mut out));
+            b.iter(|| {
+                estimator.estimate(
+                    black_box(&gray),
+                    &Prior::default(),
+                    &Budget::default(),
+                    &mut ws,
+                    &mut out,
+                )
+            });
         });
         group.bench_function(format!("identify, {name}"), |b| {
             b.iter(|| estimator.estimate_pose(None, &mut ws, black_box(&mut out)));

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use spindoe::pattern::Pattern;
 use spindoe::vision::{
-    DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Prior, RgbImage,
 };
 
 fn main() -> spindoe::Result<()> {
@@ -42,7 +42,13 @@ fn main() -> spindoe::Result<()> {
     for k in 0..rounds.max(1) {
         let begun = Instant::now();
         let frame = &frames[k % frames.len()];
-        estimator.estimate_frame(frame, None, None, &mut workspace, &mut seen);
+        estimator.estimate(
+            frame,
+            &Prior::default(),
+            &Budget::default(),
+            &mut workspace,
+            &mut seen,
+        );
         latencies.push(begun.elapsed());
         estimated += usize::from(seen.pose().is_some());
         let t = seen.timings;

@@ -100,7 +100,7 @@ From an image to the orientation (feature `vision`):
 ```
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
-use spindoe::vision::DetectorName;
+use spindoe::vision::{Budget, DetectorName, Prior};
 use spindoe::{Estimator, EstimatorConfig, FrameEstimate, Pattern};
 
 # fn main() -> spindoe::Result<()> {
@@ -110,7 +110,7 @@ let estimator = Estimator::new(&pattern, EstimatorConfig::default(), DetectorNam
 let mut workspace = estimator.workspace();
 let mut estimate = FrameEstimate::default();
 let frame = independent_frame(&pattern, &SynthConfig::good(), 1, 0)?;
-estimator.estimate_frame(&frame.image, None, None, &mut workspace, &mut estimate);
+estimator.estimate(&frame.image, &Prior::default(), &Budget::default(), &mut workspace, &mut estimate);
 match &estimate.outcome {
     Ok(pose) => println!("{} with probability {}", pose.rotation, pose.pose_confidence),
     Err(rejection) => println!("no answer: {rejection}"),

@@ -185,7 +185,9 @@ class Estimator:
         evaluation: tuple[int, int] | None,
         progress: Callable[[int, int], object] | None,
     ) -> _Calibrated | str: ...
-    def tracker(self, window: int, memory_s: float, max_rps: float) -> Tracker: ...
+    def tracker(
+        self, window: int, memory_s: float, max_rps: float, max_latency_s: float | None
+    ) -> Tracker: ...
 
 class Tracker:
     def update(

@@ -466,10 +466,21 @@ class Estimator:
         return calibration_of(found, self.table.pattern)
 
     def tracker(
-        self, *, window: int = 12, memory_s: float = 0.25, max_rps: float = 175.0
+        self,
+        *,
+        window: int = 12,
+        memory_s: float = 0.25,
+        max_rps: float = 175.0,
+        max_latency_s: float | None = None,
     ) -> Tracker:
         """Follows one ball through the frames of a camera; see `Tracker`."""
-        return Tracker(self, window=window, memory_s=memory_s, max_rps=max_rps)
+        return Tracker(
+            self,
+            window=window,
+            memory_s=memory_s,
+            max_rps=max_rps,
+            max_latency_s=max_latency_s,
+        )
 
     def __repr__(self) -> str:
         return f"<Estimator of {self.table.pattern!r}, {self.camera}>"
@@ -516,6 +527,8 @@ class Tracker:
         window: Number of poses that the spin is fitted to.
         memory_s: Poses older than this are forgotten, seconds.
         max_rps: Largest spin considered, revolutions per second.
+        max_latency_s: Time for a frame, seconds: then the search for the ball ends, and the frame has no
+            answer. By default no limit.
     """
 
     __slots__ = ("_handle", "estimator")
@@ -529,9 +542,13 @@ class Tracker:
         window: int = 12,
         memory_s: float = 0.25,
         max_rps: float = 175.0,
+        max_latency_s: float | None = None,
     ) -> None:
         self.estimator = estimator
-        self._handle = estimator._handle.tracker(window, float(memory_s), float(max_rps))
+        latency = None if max_latency_s is None else float(max_latency_s)
+        self._handle = estimator._handle.tracker(
+            window, float(memory_s), float(max_rps), latency
+        )
 
     def update(
         self,

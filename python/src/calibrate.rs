@@ -12,7 +12,7 @@ use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
 };
 use spindoe::vision::estimator::{BatchConfig, FrameClock, SequenceOutcome, estimate_inputs};
-use spindoe::vision::{BallCircle, FrameEstimate, NamedDetector};
+use spindoe::vision::{FrameEstimate, NamedDetector, OutlinePrior};
 use spindoe::{Estimator, Vec3};
 
 use crate::arrays::{blocks3, rows, square, vector};
@@ -64,11 +64,11 @@ pub fn read_clip(
     py: Python<'_>,
     estimator: &Estimator<NamedDetector>,
     paths: &[PathBuf],
-    circle: Option<BallCircle>,
+    outline: Option<OutlinePrior>,
     fps: Option<f64>,
 ) -> PyResult<Clip> {
     let config = BatchConfig {
-        circle,
+        outline,
         clock: fps.map_or(FrameClock::Inputs, FrameClock::FramesPerSecond),
         ..BatchConfig::default()
     };

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::ndarray::{Array2, Array3};
@@ -21,8 +22,8 @@ use spindoe::vision::estimator::{
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::{
-    BallCircle, Camera, CnnDetector, DetectorName, EstimatorConfig, FrameEstimate, Intrinsics,
-    NamedDetector, Pixel,
+    BallCircle, Budget, Camera, CnnDetector, DetectorName, EstimatorConfig, FrameEstimate,
+    Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior,
 };
 use spindoe::{DotUncertainty, Vec3};
 
@@ -101,17 +102,15 @@ pub fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'p
     )
 }
 
-/// A circle `u, v, radius` in pixels.
-fn circle(given: Option<[f64; 3]>) -> PyResult<Option<BallCircle>> {
+/// A circle `u, v, radius` in pixels as the ball's outline.
+fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {
     match given {
         None => Ok(None),
         Some([u, v, radius])
             if u.is_finite() && v.is_finite() && radius > 0.0 && radius.is_finite() =>
         {
-            Ok(Some(BallCircle {
-                center: Pixel { u, v },
-                radius,
-            }))
+            let center = Pixel { u, v };
+            Ok(Some(OutlinePrior::given(BallCircle { center, radius })))
         }
         Some(other) => {
             let problem = format!("expected u, v and a positive radius in pixels, found {other:?}");
@@ -187,7 +186,7 @@ impl Estimator {
         py: Python<'_>,
         images: &[Bound<'_, PyAny>],
         channels: Channels,
-        circle: Option<&BallCircle>,
+        outline: Option<OutlinePrior>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Vec<FrameEstimate>> {
         let mut frames: Vec<FrameEstimate> = Vec::with_capacity(images.len());
@@ -209,8 +208,16 @@ impl Estimator {
                     let mut frame = FrameEstimate::default();
                     let image = image.read(&mut slot.buffers);
                     let workspace = &mut slot.workspace;
-                    self.inner
-                        .estimate_frame(image, circle, None, workspace, &mut frame);
+                    self.inner.estimate(
+                        image,
+                        &Prior {
+                            outline,
+                            ..Prior::default()
+                        },
+                        &Budget::default(),
+                        workspace,
+                        &mut frame,
+                    );
                     frame
                 };
                 let all = samples.par_iter().map_init(|| self.slot(), one);
@@ -274,7 +281,7 @@ impl Estimator {
         circle: Option<[f64; 3]>,
         hint: Option<GivenHint<'py>>,
     ) -> PyResult<FrameTuple<'py>> {
-        let circle = self::circle(circle)?;
+        let outline = outline(circle)?;
         let hint = hint.map(self::hint).transpose()?;
         let pixels = Pixels::new("image", image)?;
         let samples = pixels.samples("image", Channels::named(color)?)?;
@@ -286,9 +293,18 @@ impl Estimator {
                 frame,
             } = &mut slot;
             let image = samples.read(buffers);
-            let (circle, hint) = (circle.as_ref(), hint.as_ref());
-            self.inner
-                .estimate_frame(image, circle, hint, workspace, frame);
+            let hint = hint.as_ref();
+            self.inner.estimate(
+                image,
+                &Prior {
+                    outline,
+                    rotation: hint,
+                    ..Prior::default()
+                },
+                &Budget::default(),
+                workspace,
+                frame,
+            );
         });
         let found = frame_tuple(py, &slot.frame);
         self.keep(slot);
@@ -314,14 +330,14 @@ impl Estimator {
         usize,
         Option<Answer<spin::Found<'py>>>,
     )> {
-        let circle = self::circle(circle)?;
+        let outline = outline(circle)?;
         let channels = Channels::named(color)?;
         if let Some(times) = &times_s {
             check_times(times, images.len())?;
         }
         let config = sequence_config(max_rps)?;
-        let (circle, progress) = (circle.as_ref(), progress.as_ref());
-        let mut frames = self.estimate_all(py, &images, channels, circle, progress)?;
+        let progress = progress.as_ref();
+        let mut frames = self.estimate_all(py, &images, channels, outline, progress)?;
         let alone = frames.iter().filter(|f| f.pose().is_some()).count();
         let spin = match times_s.filter(|times| times.len() > 1) {
             None => None,
@@ -366,7 +382,7 @@ impl Estimator {
             let problem = format!("expected a positive number, found {rate}");
             return Err(value_error("fps", problem));
         }
-        let circle = self::circle(circle)?;
+        let outline = outline(circle)?;
         let pattern = self.inner.pattern();
         // As designed, whatever is known of the dots.
         let nominal = Self {
@@ -380,15 +396,14 @@ impl Estimator {
                 check_times(times, images.len())?;
             }
             let (channels, progress) = (Channels::named(color)?, progress.as_ref());
-            let circle = circle.as_ref();
-            let mut frames = nominal.estimate_all(py, &images, channels, circle, progress)?;
+            let mut frames = nominal.estimate_all(py, &images, channels, outline, progress)?;
             let times_s = times_s.filter(|times| times.len() > 1);
             if let Some(times) = &times_s {
                 nominal.track(py, times, &mut frames, &SequenceConfig::default());
             }
             Clip { frames, times_s }
         } else {
-            calibrate::read_clip(py, &nominal.inner, &paths, circle, fps)?
+            calibrate::read_clip(py, &nominal.inner, &paths, outline, fps)?
         };
         let evaluation =
             evaluation.map(|(samples, seed)| CalibrationEvaluationConfig { samples, seed });
@@ -396,11 +411,23 @@ impl Estimator {
     }
 
     /// A tracker that shares this estimator.
-    fn tracker(&self, window: usize, memory_s: f64, max_rps: f64) -> PyResult<Tracker> {
+    fn tracker(
+        &self,
+        window: usize,
+        memory_s: f64,
+        max_rps: f64,
+        max_latency_s: Option<f64>,
+    ) -> PyResult<Tracker> {
+        let latency = max_latency_s.map(Duration::try_from_secs_f64).transpose();
+        let max_latency = latency.map_err(|_| {
+            let problem = format!("expected a number of seconds, found {max_latency_s:?}");
+            value_error("max_latency_s", problem)
+        })?;
         let config = TrackerConfig {
             sequence: sequence_config(max_rps)?,
             window,
             memory_s,
+            max_latency,
         };
         let inner = spindoe::vision::estimator::Tracker::new(Arc::clone(&self.inner), config);
         Ok(Tracker(Mutex::new((inner.or_raise()?, Buffers::default()))))
@@ -526,7 +553,7 @@ impl Tracker {
         time_s: f64,
         circle: Option<[f64; 3]>,
     ) -> PyResult<(FrameTuple<'py>, Answer<spin::Found<'py>>)> {
-        let circle = self::circle(circle)?;
+        let outline = outline(circle)?;
         let pixels = Pixels::new("image", image)?;
         let samples = pixels.samples("image", Channels::named(color)?)?;
         let (frame, fitted) = py
@@ -534,7 +561,7 @@ impl Tracker {
                 let mut guard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
                 let (tracker, buffers) = &mut *guard;
                 let image = samples.read(buffers);
-                let state = tracker.update(image, time_s, circle.as_ref())?;
+                let state = tracker.update(image, time_s, outline.as_ref())?;
                 Ok((state.frame.clone(), *state.spin))
             })
             .or_raise()?;
@@ -567,11 +594,11 @@ impl BallView {
             let problem = "expected one whose distance or intrinsics are known";
             return Err(value_error("camera", problem));
         };
-        let Some(circle) = self::circle(Some(circle))? else {
+        let Some(outline) = outline(Some(circle))? else {
             return Err(value_error("circle", "expected one"));
         };
         Ok(Self(
-            spindoe::vision::BallView::new(&camera, circle).or_raise()?,
+            spindoe::vision::BallView::new(&camera, outline.circle).or_raise()?,
         ))
     }
 

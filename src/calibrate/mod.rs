@@ -29,7 +29,7 @@
 //! ```
 //! use spindoe::calibrate::{CalibrationConfig, calibrate};
 //! # use spindoe::synth::{SynthConfig, dataset::{Sequence, SequenceConfig}};
-//! # use spindoe::vision::DetectorName;
+//! # use spindoe::vision::{Budget, DetectorName, Prior};
 //! # use spindoe::{Estimator, EstimatorConfig, FrameEstimate, Pattern};
 //! # fn main() -> spindoe::Result<()> {
 //! # let text = include_bytes!("../../designs/dots20/pattern.csv");
@@ -42,7 +42,7 @@
 //! # let mut frames = Vec::new();
 //! # for k in 0..3 {
 //! #     let mut frame = FrameEstimate::default();
-//! #     estimator.estimate_frame(&clip.frame(k)?.image, None, None, &mut workspace, &mut frame);
+//! #     estimator.estimate(&clip.frame(k)?.image, &Prior::default(), &Budget::default(), &mut workspace, &mut frame);
 //! #     frames.push(frame);
 //! # }
 //! match calibrate(&nominal, &frames, None, &CalibrationConfig::default())? {

@@ -157,7 +157,7 @@ impl Arguments {
 
     fn batch(&self) -> Result<BatchConfig> {
         Ok(BatchConfig {
-            circle: self.images.circle()?,
+            outline: self.images.outline()?,
             circles: self.images.circles()?,
             roi: self.images.roi()?,
             clock: self.images.clock()?,

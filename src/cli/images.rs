@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::output::one_of;
 use crate::error::{Error, Result};
-use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod};
+use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod, OutlinePrior};
 use crate::vision::frame_table::{self, FrameCircles};
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
@@ -31,8 +31,8 @@ pub struct ImageArguments {
         allow_negative_numbers = true
     )]
     circle: Vec<f64>,
-    /// The ball's outlines in single frames: CSV with the header frame,u,v,radius, pixels; it is detected
-    /// in frames without a row.
+    /// The ball's outlines in single frames: CSV with the header frame,u,v,radius, pixels, and where it is known sigma,
+    /// the standard deviation of all three [default: 1 % of the radius]; it is detected in frames without a row.
     #[arg(long, value_name = "CSV", conflicts_with = "circle")]
     circles: Option<PathBuf>,
     /// Look for the ball in this part of every frame only: its first column and row, its columns and
@@ -125,13 +125,13 @@ impl ImageArguments {
         }
     }
 
-    pub(super) fn circle(&self) -> Result<Option<BallCircle>> {
+    pub(super) fn outline(&self) -> Result<Option<OutlinePrior>> {
         match self.circle[..] {
             [] => Ok(None),
-            [u, v, radius] if radius > 0.0 && radius.is_finite() => Ok(Some(BallCircle {
-                center: Pixel { u, v },
-                radius,
-            })),
+            [u, v, radius] if radius > 0.0 && radius.is_finite() => {
+                let center = Pixel { u, v };
+                Ok(Some(OutlinePrior::given(BallCircle { center, radius })))
+            }
             _ => {
                 let problem = "expected U,V,R in pixels with a positive radius";
                 Err(Error::argument("circle", problem))

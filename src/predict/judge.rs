@@ -6,7 +6,7 @@ use super::frames::{FrameOutcome, FrameRates, Predictor, each_frame};
 use super::model::DetectionModel;
 use crate::error::{Result, require};
 use crate::pattern::Pattern;
-use crate::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+use crate::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 /// Maximum number of rendered frames.
 const MAX_RENDERED: u64 = 1_000_000;
@@ -107,7 +107,13 @@ pub fn rendered(
         || (estimator.workspace(), FrameEstimate::default()),
         |k, (ws, found)| {
             let rendering = conditions.scene(pattern, seed, k)?.render()?;
-            estimator.estimate_frame(&rendering.image, None, None, ws, found);
+            estimator.estimate(
+                &rendering.image,
+                &Prior::default(),
+                &Budget::default(),
+                ws,
+                found,
+            );
             Ok(FrameOutcome::of(found, &rendering.rotation))
         },
     )

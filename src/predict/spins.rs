@@ -15,8 +15,8 @@ use crate::synth::dataset::{Sequence, frame_rng};
 use crate::vision::DetectorName;
 use crate::vision::detect::DotDetector;
 use crate::vision::estimator::{
-    Estimator, EstimatorConfig, EstimatorWorkspace, FrameEstimate, SequenceConfig, estimate_spin,
-    track_sequence,
+    Budget, Estimator, EstimatorConfig, EstimatorWorkspace, FrameEstimate, Prior, SequenceConfig,
+    estimate_spin, track_sequence,
 };
 
 /// A spin vector off by less than this part of its magnitude is right (SpinDOE Sec. IV-C).
@@ -97,7 +97,13 @@ pub fn rendered_spins(
         let mut ws = estimator.workspace();
         watched.read(|scene| {
             let mut found = FrameEstimate::default();
-            estimator.estimate_frame(&scene.render()?.image, None, None, &mut ws, &mut found);
+            estimator.estimate(
+                &scene.render()?.image,
+                &Prior::default(),
+                &Budget::default(),
+                &mut ws,
+                &mut found,
+            );
             Ok(found)
         })?;
         Ok(watched.outcome(&estimator, &mut ws))

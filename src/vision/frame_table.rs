@@ -9,6 +9,7 @@ use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 
 use super::camera::{BallCircle, Pixel};
+use super::estimator::OutlinePrior;
 use super::input::stem;
 use crate::error::{Error, Result};
 use crate::files;
@@ -18,8 +19,8 @@ static TIMES: Columns<2> = Columns {
     names: ["frame", "time_s"],
     required: 0..2,
 };
-static CIRCLES: Columns<4> = Columns {
-    names: ["frame", "u", "v", "radius"],
+static CIRCLES: Columns<5> = Columns {
+    names: ["frame", "u", "v", "radius", "sigma"],
     required: 0..4,
 };
 
@@ -35,7 +36,7 @@ pub struct FrameTable<T> {
 /// The times of frames, seconds.
 pub type FrameTimes = FrameTable<f64>;
 /// The ball's outlines in frames.
-pub type FrameCircles = FrameTable<BallCircle>;
+pub type FrameCircles = FrameTable<OutlinePrior>;
 
 #[derive(Debug, Clone)]
 struct FrameRow<T> {
@@ -53,7 +54,8 @@ pub fn read_times(path: &Path) -> Result<FrameTimes> {
     read(path, &TIMES, |row| number(row, 1, "time_s", "seconds"))
 }
 
-/// Reads a table of outlines: CSV with the header `frame,u,v,radius`, pixels.
+/// Reads a table of outlines: CSV with the header `frame,u,v,radius`, pixels, and where it is known `sigma`, the
+/// standard deviation of all three; else that is [`OutlinePrior::given`]'s.
 ///
 /// # Errors
 /// [`Error::Read`], or [`Error::Input`] naming the line: for what is no circle, and for a frame that
@@ -69,7 +71,18 @@ pub fn read_circles(path: &Path) -> Result<FrameCircles> {
             let problem = format!("radius: expected a positive number of pixels, found {radius}");
             return Err(row.error(problem));
         }
-        Ok(BallCircle { center, radius })
+        let given = OutlinePrior::given(BallCircle { center, radius });
+        let sigma_px = match row.number(4).map_err(|problem| row.error(problem))? {
+            None => given.sigma_px,
+            Some(sigma) if sigma > 0.0 && sigma <= radius => sigma,
+            Some(sigma) => {
+                let problem = format!(
+                    "sigma: expected a positive number of pixels up to the radius, found {sigma}"
+                );
+                return Err(row.error(problem));
+            }
+        };
+        Ok(OutlinePrior { sigma_px, ..given })
     })
 }
 

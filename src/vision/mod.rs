@@ -38,7 +38,9 @@ pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 pub use circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, find_ball};
 pub use detect::{DotDetection, DotDetector};
 pub use detector::{DetectorName, NamedDetector};
-pub use estimator::{Estimator, EstimatorConfig, FrameEstimate, FrameRejection, Pose};
+pub use estimator::{
+    Budget, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, OutlinePrior, Pose, Prior,
+};
 pub use image::{GrayImage, RgbImage};
 pub use net::CnnDetector;
 pub use patch::Patch;

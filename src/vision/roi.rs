@@ -69,6 +69,17 @@ impl Roi {
         Err(Error::argument("roi", problem))
     }
 
+    /// What an image of this size has of the region; `None` where that is nothing.
+    pub fn cut(self, width: usize, height: usize) -> Option<Self> {
+        let columns = self.width.min(width.saturating_sub(self.left));
+        let rows = self.height.min(height.saturating_sub(self.top));
+        (columns > 0 && rows > 0).then_some(Self {
+            width: columns,
+            height: rows,
+            ..self
+        })
+    }
+
     /// The pixels of this region, halved so often.
     pub(super) fn grid(&self, level: u32) -> Grid {
         Grid {

@@ -14,7 +14,7 @@ use spindoe::synth::sensor::Sensor;
 use spindoe::synth::{Scene, SynthConfig, dataset::frame_rng};
 use spindoe::vision::net::graph::Head;
 use spindoe::vision::net::weights::built_in_sha256;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 use crate::common::{done, random_pattern, spindoe};
 
@@ -225,7 +225,13 @@ fn predictions_agree_with_rendered_frames() {
             .map(|k| {
                 let scene = conditions.scene(pattern, 77, k).unwrap();
                 let rendering = scene.render().unwrap();
-                estimator.estimate_frame(&rendering.image, None, None, &mut ws, &mut found);
+                estimator.estimate(
+                    &rendering.image,
+                    &Prior::default(),
+                    &Budget::default(),
+                    &mut ws,
+                    &mut found,
+                );
                 FrameOutcome::of(&found, &rendering.rotation)
             })
             .collect();

@@ -18,7 +18,7 @@ use spindoe::report::page::{CalibrationPage, DesignPage, EstimatePage};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::DetectorName;
-use spindoe::vision::estimator::{Batch, BatchFrame, SequenceOutcome, TimeSource};
+use spindoe::vision::estimator::{Batch, BatchFrame, Budget, Prior, SequenceOutcome, TimeSource};
 use spindoe::{Ball, Estimator, EstimatorConfig, FrameEstimate};
 
 use crate::common::{done, spindoe};
@@ -71,7 +71,13 @@ fn estimate(path: &Path) {
         if k == 5 {
             image = image.part(0, 0, 12, 12).unwrap();
         }
-        estimator.estimate_frame(&image, None, None, &mut workspace, &mut estimate);
+        estimator.estimate(
+            &image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut workspace,
+            &mut estimate,
+        );
         BatchFrame {
             name: format!("frame <{k}>"),
             path: PathBuf::new(),

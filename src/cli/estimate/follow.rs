@@ -3,13 +3,13 @@
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
 use super::{Arguments, output};
 use crate::ball::Ball;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
 use crate::vision::pipe::{PipeFormat, PipeReader, RawPixel};
 
@@ -35,11 +35,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         return Err(Error::argument("--table", problem));
     };
     let estimator = Arc::new(arguments.estimator(&Ball::read(table)?)?);
-    let circle = arguments.source.circle()?;
+    let outline = arguments.source.outline()?;
     let mut sequence = SequenceConfig::default();
     sequence.spin.max_rps = arguments.max_spin_rps;
     let config = TrackerConfig {
         sequence,
+        max_latency: max_latency(arguments.max_latency_ms)?,
         ..TrackerConfig::default()
     };
     let mut tracker = Tracker::new(estimator, config)?;
@@ -62,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 .duration_since(*begun.get_or_insert(arrived))
                 .as_secs_f64(),
         };
-        let state = tracker.update(image, time_s, circle.as_ref())?;
+        let state = tracker.update(image, time_s, outline.as_ref())?;
         identified += u64::from(state.frame.pose().is_some());
         let line = line(arguments, number, time_s, &state, arrived);
         writeln!(stdout, "{line}")
@@ -70,6 +71,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             .map_err(crate::cli::stdout_error)?;
     }
     finish(&input.name, reader.frames() as u64, identified)
+}
+
+fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
+    let Some(ms) = ms else {
+        return Ok(None);
+    };
+    let inside = ms > 0.0 && ms <= 1e6;
+    require(
+        inside,
+        "--max-latency-ms",
+        "a positive number up to 1000000",
+        ms,
+    )?;
+    Ok(Some(Duration::from_secs_f64(1e-3 * ms)))
 }
 
 /// Summarizes the frames on standard error.

@@ -126,6 +126,15 @@ pub struct Arguments {
     /// files one after another, PNG, JPEG, PGM or PPM].
     #[arg(long, value_name = "WxH,PIXEL", value_parser = follow::raw, requires = "follow")]
     raw: Option<PipeFormat>,
+    /// The most time for a frame, milliseconds: then the search for the ball ends, and the frame has no answer [default:
+    /// no limit].
+    #[arg(
+        long,
+        value_name = "MS",
+        requires = "follow",
+        allow_negative_numbers = true
+    )]
+    max_latency_ms: Option<f64>,
 }
 
 /// What only a set of files has.
@@ -327,7 +336,7 @@ impl Arguments {
 
     fn batch(&self) -> Result<BatchConfig> {
         let mut config = BatchConfig {
-            circle: self.source.circle()?,
+            outline: self.source.outline()?,
             circles: self.source.circles()?,
             roi: self.source.roi()?,
             clock: self.source.clock()?,

@@ -228,11 +228,40 @@ impl RobustRecognizer {
         })
     }
 
+    /// As [`Recognizer::explain`], without the mirrored view, which takes about as long as the view itself:
+    /// [`RecognizerRejection::Mirrored`] does not occur, and what the mirror image explains as well is not doubted.
+    pub fn explain_directly<'w>(
+        &self,
+        dots: &[ObservedDot],
+        hint: Option<&Hint>,
+        ws: &'w mut RobustWorkspace,
+    ) -> std::result::Result<&'w Explanations, RecognizerRejection> {
+        self.explain_below(0.0, dots, hint, ws)
+    }
+
+    /// Explains the dots, and where no pose is likelier than `mirror_doubt` looks at the mirrored view as well.
+    fn explain_below<'w>(
+        &self,
+        mirror_doubt: f64,
+        dots: &[ObservedDot],
+        hint: Option<&Hint>,
+        ws: &'w mut RobustWorkspace,
+    ) -> std::result::Result<&'w Explanations, RecognizerRejection> {
+        let prior = match hint {
+            Some(hint) => Some(Prior::new(hint).ok_or(RecognizerRejection::Degenerate)?),
+            None => None,
+        };
+        self.search_all(dots, prior.as_ref(), mirror_doubt, ws)?;
+        self.list(ws).ok_or(RecognizerRejection::NoHypothesis)?;
+        Ok(&ws.explanations)
+    }
+
     /// Finds the explanations, in `ws.found`, or the reason for a rejection.
     fn search_all(
         &self,
         dots: &[ObservedDot],
         prior: Option<&Prior>,
+        mirror_doubt: f64,
         ws: &mut RobustWorkspace,
     ) -> std::result::Result<(), RecognizerRejection> {
         let is_blind = self.uncertain.as_ref().is_some_and(|c| c.frames() == 0);
@@ -256,9 +285,9 @@ impl RobustRecognizer {
         }
         let null = ws.null.unwrap_or(self.null);
         let sure = ws.found.best().is_some_and(|best| {
-            ws.found.confidence(best, &null, f64::NEG_INFINITY).pose > self.config.mirror_doubt
+            ws.found.confidence(best, &null, f64::NEG_INFINITY).pose > mirror_doubt
         });
-        let can_be_mirrored = self.config.view.mirrored_share > 0.0;
+        let can_be_mirrored = mirror_doubt > 0.0 && self.config.view.mirrored_share > 0.0;
         if !sure && can_be_mirrored && self.is_mirrored(ws) {
             return Err(RecognizerRejection::Mirrored);
         }
@@ -415,12 +444,6 @@ impl Recognizer for RobustRecognizer {
         hint: Option<&Hint>,
         ws: &'w mut RobustWorkspace,
     ) -> std::result::Result<&'w Explanations, RecognizerRejection> {
-        let prior = match hint {
-            Some(hint) => Some(Prior::new(hint).ok_or(RecognizerRejection::Degenerate)?),
-            None => None,
-        };
-        self.search_all(dots, prior.as_ref(), ws)?;
-        self.list(ws).ok_or(RecognizerRejection::NoHypothesis)?;
-        Ok(&ws.explanations)
+        self.explain_below(self.config.mirror_doubt, dots, hint, ws)
     }
 }

@@ -175,6 +175,7 @@ impl PageFrame {
                 FrameRejection::TooBlurred { .. } => "too blurred",
                 FrameRejection::TooFewDots { .. } => "too few dots",
                 FrameRejection::Ambiguous { .. } => "ambiguous",
+                FrameRejection::OutOfTime => "no time left",
                 FrameRejection::Recognizer(_) | FrameRejection::Foreign => "not the pattern",
                 FrameRejection::Unreadable => "cannot be read",
             }),

@@ -216,7 +216,8 @@ impl CoarseSearch {
         let Some(last) = done.last() else {
             return false;
         };
-        if last.width().max(last.height()) < 4 * MIN {
+        let (width, height) = (last.width(), last.height());
+        if width.max(height) < 4 * MIN || width.min(height) < 2 {
             return false;
         }
         last.halve_into(&mut rest[0]);

@@ -9,9 +9,11 @@
 
 use std::time::{Duration, Instant};
 
-use super::search::{Search, is_evident};
+use super::frame::Standing;
+use super::search::{is_evident, promise};
 use super::{
-    Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, is_mirrored,
+    Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, PROMISING,
+    is_mirrored,
 };
 use crate::recognize::Hint;
 use crate::vision::camera::BallCircle;
@@ -24,9 +26,8 @@ use crate::vision::roi::Roi;
 const MAX_COARSE: f64 = 0.4;
 /// Smallest radius that the coarse search is sure to see, values of the first size that it searches.
 const MIN_COARSE: f64 = 5.0;
-
-/// Probability of a rejected pose from which on its ball's outline is looked for more closely.
-const PROMISING: f64 = 0.05;
+/// A strip that is thinner than this at the first size shows no arc of a ball.
+const MIN_STRIP: usize = 4;
 
 /// A part of a frame and the sizes of balls that are looked for in it.
 #[derive(Debug, Clone, Copy)]
@@ -104,6 +105,12 @@ impl<D: DotDetector> Estimator<D> {
             radii,
             is_fine,
         } = *hunt;
+        let (width, height) = (part.width, part.height);
+        if width.min(height) >> level < MIN_STRIP {
+            out.clear();
+            out.outcome = Err(FrameRejection::NoBall(NoBall::TooSmall { width, height }));
+            return false;
+        }
         let radii = (radii.0.max(self.config.circle.min_radius_px), radii.1);
         let mut circles = std::mem::take(&mut ws.rough);
         let mut best = std::mem::take(&mut ws.best);
@@ -137,14 +144,12 @@ impl<D: DotDetector> Estimator<D> {
             for rough in &mut circles {
                 rough.circle = place.circle_to_image(&rough.circle);
             }
-            let mut attempts = 0;
             if is_fine || is_beyond {
                 // What the search before leaves.
                 std::mem::swap(&mut best, out);
-                attempts = best.attempts;
             }
             let scans = circles.iter();
-            let scans = scans.map(|rough| Search::Scan(&rough.circle, attempts));
+            let scans = scans.map(|rough| (&rough.circle, Standing::Doubtful));
             is_found = self.try_circles(image, scans, searched, hint, ws, &mut best, out);
             if is_found {
                 break;
@@ -180,14 +185,13 @@ impl<D: DotDetector> Estimator<D> {
             return false;
         };
         std::mem::swap(before, out);
-        let search = Search::Near(&outline.circle, before.attempts);
-        self.search_near(image, &outline.circle, search, hint, ws, out);
+        let circle = &outline.circle;
+        self.search_near(image, circle, Standing::Likely, hint, ws, out);
         let spent = &before.timings;
         out.timings.locate += spent.locate + spent.detect + spent.identify;
         if is_evident(out) || is_mirrored(out) {
             return true;
         }
-        before.attempts = before.attempts.max(out.attempts);
         std::mem::swap(before, out);
         false
     }
@@ -198,22 +202,19 @@ impl<D: DotDetector> Estimator<D> {
     pub(super) fn try_circles<'a>(
         &self,
         image: FrameImage<'_>,
-        searches: impl Iterator<Item = Search<'a>>,
+        circles: impl Iterator<Item = (&'a BallCircle, Standing)>,
         mut searched: Duration,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         best: &mut FrameEstimate,
         out: &mut FrameEstimate,
     ) -> bool {
-        let mut attempts = 0;
-        for search in searches {
-            let (circle, search, is_likely) = match search {
-                Search::Near(c, before) => (c, Search::Near(c, attempts.max(before)), true),
-                Search::Scan(c, before) => (c, Search::Scan(c, attempts.max(before)), false),
-                Search::Given(_) | Search::Everywhere(_) => continue,
-            };
-            self.search_near(image, circle, search, hint, ws, out);
-            attempts = out.attempts;
+        for (circle, standing) in circles {
+            if ws.spending.is_over() {
+                break;
+            }
+            self.search_near(image, circle, standing, hint, ws, out);
+            let is_likely = standing == Standing::Likely;
             out.timings.locate += std::mem::take(&mut searched);
             if is_evident(out) || is_mirrored(out) || (is_likely && out.pose().is_some()) {
                 return true;
@@ -224,16 +225,6 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         std::mem::swap(best, out);
-        out.attempts = out.attempts.max(attempts);
         false
-    }
-}
-
-/// The probability of a frame's pose, accepted or not.
-fn promise(frame: &FrameEstimate) -> f64 {
-    match &frame.outcome {
-        Ok(pose) => pose.pose_confidence,
-        Err(FrameRejection::Ambiguous { pose_confidence }) => *pose_confidence,
-        Err(_) => 0.0,
     }
 }

@@ -13,13 +13,12 @@ use std::sync::{Mutex, PoisonError, mpsc};
 
 use super::shrunk::MAX_THOROUGH;
 use super::{
-    Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, SequenceConfig,
-    SequenceSummary, estimate_spin, frames_in_doubt, track_sequence,
+    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, OutlinePrior,
+    Prior, SequenceConfig, SequenceSummary, estimate_spin, frames_in_doubt, track_sequence,
 };
 use crate::error::{Error, Result};
 use crate::pipeline::{Sink, map_ordered_within};
 use crate::spin::{Fit, SpinRejection};
-use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
 use crate::vision::frame_table::{FrameCircles, FrameTimes};
 use crate::vision::image::RgbImage;
@@ -48,7 +47,7 @@ pub enum FrameClock {
 #[derive(Debug, Clone)]
 pub struct BatchConfig {
     /// The ball's outline in all frames; by default it is found in each.
-    pub circle: Option<BallCircle>,
+    pub outline: Option<OutlinePrior>,
     /// The outlines of single frames; it is found in those that have no row.
     pub circles: Option<FrameCircles>,
     /// The part of every frame in which the ball is looked for; by default all of it.
@@ -69,7 +68,7 @@ impl Default for BatchConfig {
     /// Outlines found, times from the inputs, frames as they are, up to 64 million pixels each.
     fn default() -> Self {
         Self {
-            circle: None,
+            outline: None,
             circles: None,
             roi: None,
             clock: FrameClock::default(),
@@ -373,25 +372,25 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
             true => picture.mirrored()?,
             false => picture,
         };
-        let circle = match &self.config.circles {
+        let outline = match &self.config.circles {
             Some(circles) => circles.of_frame(&done.path)?,
             None => None,
         };
-        let circle = circle.or(self.config.circle);
-        done.kept = self.estimate(&picture, circle.as_ref(), workspace, &mut done.estimate)?;
+        let outline = outline.or(self.config.outline);
+        done.kept = self.estimate(&picture, outline, workspace, &mut done.estimate)?;
         Ok((done, None))
     }
 
     fn estimate(
         &self,
         picture: &Picture,
-        circle: Option<&BallCircle>,
+        outline: Option<OutlinePrior>,
         workspace: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> Result<O::Kept> {
         let is_large = picture.width() * picture.height() > MAX_THOROUGH;
         if let Some(bytes) = picture.bytes().filter(|_| is_large) {
-            self.answer(bytes.into(), circle, workspace, out)?;
+            self.answer(bytes.into(), outline, workspace, out)?;
             if !self.observer.wants_images() {
                 return Ok(O::Kept::default());
             }
@@ -399,27 +398,30 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
             return self.keep(&*picture.to_rgb()?, out);
         }
         let rgb = picture.to_rgb()?;
-        self.answer((&*rgb).into(), circle, workspace, out)?;
+        self.answer((&*rgb).into(), outline, workspace, out)?;
         self.keep(&rgb, out)
     }
 
     fn answer(
         &self,
         image: FrameImage<'_>,
-        circle: Option<&BallCircle>,
+        outline: Option<OutlinePrior>,
         workspace: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> Result<()> {
-        match (circle, &self.config.roi) {
-            (None, Some(roi)) => self
-                .estimator
-                .estimate_roi(image, roi, None, workspace, out),
-            (circle, _) => {
-                self.estimator
-                    .estimate_frame(image, circle, None, workspace, out);
-                Ok(())
-            }
-        }
+        let region = match &self.config.roi {
+            Some(roi) if outline.is_none() => Some(roi.within(image.width(), image.height())?),
+            _ => None,
+        };
+        let prior = Prior {
+            region,
+            outline,
+            ..Prior::default()
+        };
+        let budget = Budget::default();
+        self.estimator
+            .estimate(image, &prior, &budget, workspace, out);
+        Ok(())
     }
 
     /// Looks again at the frames of a sequence that are in doubt, where their neighbors expect the ball; whether that

@@ -209,6 +209,8 @@ pub enum FrameRejection {
         /// Its probability.
         pose_confidence: f64,
     },
+    /// The time for a frame ended before a pose was clear.
+    OutOfTime,
     /// The recognizer refuses.
     Recognizer(RecognizerRejection),
     /// The file is no image that can be read.
@@ -234,6 +236,7 @@ impl std::fmt::Display for FrameRejection {
                 f,
                 "ambiguous: the best pose has a probability of {pose_confidence:.2}"
             ),
+            Self::OutOfTime => f.write_str("the time for a frame ended"),
             Self::Recognizer(refusal) => refusal.fmt(f),
             Self::Unreadable => f.write_str("cannot be read"),
             Self::Foreign => f.write_str("the table does not fit these images"),
@@ -308,10 +311,22 @@ pub struct FrameEstimate {
     pub(super) earlier_attempts: usize,
     /// Those and the runs on this outline: each had its chance to be correct by accident.
     pub(super) attempts: usize,
+    /// What the outline was worth before its dots were seen.
+    pub(super) standing: Standing,
     /// Share of the outline that counts as shown where it is not fitted to edges: all of a given one.
     pub(super) unfitted_support: f64,
     /// The best pose of this outline, accepted or not.
     pub(super) hypothesis: Option<Hypothesis>,
+}
+
+/// What an outline is worth before the dots within it are seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Standing {
+    /// It is given, or the likeliest of a thorough search.
+    #[default]
+    Likely,
+    /// One of many that may be anything: it is the ball's where its dots make that evident.
+    Doubtful,
 }
 
 /// A pose that may be accepted or not.
@@ -337,6 +352,7 @@ impl Default for FrameEstimate {
             known_distance: None,
             earlier_attempts: 0,
             attempts: 0,
+            standing: Standing::default(),
             unfitted_support: 0.0,
             hypothesis: None,
         }
@@ -449,6 +465,7 @@ impl FrameEstimate {
         self.known_distance = None;
         (self.earlier_attempts, self.attempts) = (0, 0);
         self.hypothesis = None;
+        self.standing = Standing::Likely;
         self.unfitted_support = 0.0;
     }
 

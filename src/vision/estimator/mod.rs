@@ -21,6 +21,7 @@ mod frame;
 mod locate;
 mod motion;
 mod neighbors;
+mod prior;
 mod recenter;
 mod refine;
 mod search;
@@ -34,9 +35,10 @@ pub use batch::{
     estimate_inputs, identify_batch,
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
-use frame::Hypothesis;
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, OutlineSource, Pose, Timings};
+use frame::{Hypothesis, Standing};
 pub use neighbors::{FrameInDoubt, frames_in_doubt};
+pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
 pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
 pub use trust::{FEATURES, PoseEvidence, TrustMap};
@@ -58,8 +60,9 @@ use crate::recognize::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
 use crate::recognize::{Hint, Recognizer, RecognizerRejection};
 use crate::view::{DotUncertainty, FalseDots, ObservedDot, ViewModel};
 use locate::Locator;
+use prior::Spending;
 use recenter::{Recentered, Recentering};
-use refine::{Match, Placement, Prior, Refiner};
+use refine::{Match, Placement, Refiner};
 use search::Images;
 use search::LIKELY_DOT;
 
@@ -93,6 +96,9 @@ pub struct EstimatorWorkspace<W> {
     best: FrameEstimate,
     /// An estimate for another outline.
     other: FrameEstimate,
+    /// One farther from where the ball is expected.
+    farther: FrameEstimate,
+    spending: Spending,
     locator: Locator,
     /// Only where the camera's intrinsics are known.
     recentering: Option<Recentering>,
@@ -149,6 +155,33 @@ impl PoseHypothesis {
     }
 }
 
+/// One run of the recognizer.
+#[derive(Debug, Clone, Copy)]
+struct Look {
+    /// 0: the likely detections; 1: all.
+    pass: usize,
+    camera: Camera,
+    mirrored: Mirrored,
+}
+
+/// When a run looks at the mirrored view, which costs as much again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mirrored {
+    /// Always: a mirrored ball ends the search for other outlines.
+    Sought,
+    /// Where the pose is likelier than [`MIRROR_DOUBT`]: its mirror image may explain the dots as well.
+    Compared,
+}
+
+/// The probability of the best pose so far.
+fn promise_of(found: &std::result::Result<PoseHypothesis, FrameRejection>) -> f64 {
+    found.as_ref().map_or(0.0, |f| f.pose_confidence)
+}
+
+/// Poses likelier than this are compared with those of the mirrored view.
+const MIRROR_DOUBT: f64 = 0.3;
+/// An outline that stands in doubt is looked at again where its best pose is likelier than this.
+const PROMISING: f64 = 0.05;
 /// Standard deviation per tangent axis of what a measured dot's middle does beyond its covariance, radians:
 /// ink and light change from view to view.
 const MEASURED_DOT: f64 = 0.004;
@@ -268,6 +301,8 @@ impl<D: DotDetector> Estimator<D> {
             shrunk: Vec::new(),
             best: FrameEstimate::with_capacity(),
             other: FrameEstimate::with_capacity(),
+            farther: FrameEstimate::with_capacity(),
+            spending: Spending::default(),
             locator: Locator::new(self.config.circle),
             recentering: self
                 .intrinsics()
@@ -298,10 +333,25 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
+        ws.spending = Spending::of(Budget {
+            spent: out.earlier_attempts,
+            ..Budget::default()
+        });
+        self.identify(hint, ws, out);
+    }
+
+    /// The same within what may be spent on the frame in hand.
+    fn identify(
+        &self,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
         let Some(outline) = out.outline else {
             return;
         };
         let begun = Instant::now();
+        out.earlier_attempts = ws.spending.runs;
         out.outcome = self.identify_dots(&outline, hint, ws, out);
         if out.outcome.is_err() {
             out.circle = Some(outline.circle);
@@ -327,19 +377,36 @@ impl<D: DotDetector> Estimator<D> {
         let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
             Err(FrameRejection::NotProcessed);
         let mut attempts = out.earlier_attempts;
+        let begun = attempts;
         out.hypothesis = None;
         'search: for pass in 0..self.recognizers.len() {
+            if pass > 0 && out.standing == Standing::Doubtful && promise_of(&best) < PROMISING {
+                break;
+            }
             for camera in self.camera_of(out).hypotheses() {
+                if attempts > begun && ws.spending.is_late() {
+                    break 'search;
+                }
                 let Ok(view) = BallView::new(&camera, outline.circle) else {
                     return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
                 };
                 let hint = hint.map(|h| in_view(h, &view));
                 attempts += 1;
-                let found = self.recognize(pass, camera, &view, hint.as_ref(), ws, &out.dots);
+                let mirrored = match attempts == begun + 1 {
+                    true => Mirrored::Sought,
+                    false => Mirrored::Compared,
+                };
+                let look = Look {
+                    pass,
+                    camera,
+                    mirrored,
+                };
+                let found = self.recognize(&look, &view, hint.as_ref(), ws, &out.dots);
                 // What the mirror explains beyond doubt, other dots or another distance may still
                 // explain by accident.
                 if let Err(MIRRORED) = found {
                     out.attempts = attempts;
+                    ws.spending.runs = attempts;
                     return Err(MIRRORED);
                 }
                 let better = match (&best, &found) {
@@ -364,6 +431,7 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         out.attempts = attempts;
+        ws.spending.runs = attempts;
         let mut best = best?.discounted(attempts);
         if hint.is_none() {
             let support = out.fit.map_or(out.unfitted_support, |fit| fit.support);
@@ -384,8 +452,7 @@ impl<D: DotDetector> Estimator<D> {
     /// One run of the recognizer over the detections that are likely enough for this pass.
     fn recognize(
         &self,
-        pass: usize,
-        camera: Camera,
+        look: &Look,
         view: &BallView,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -401,7 +468,7 @@ impl<D: DotDetector> Estimator<D> {
         ws.observed.clear();
         ws.indices.clear();
         for (i, dot) in dots.iter().enumerate() {
-            if dot.confidence < self.config.dot_confidence[pass] {
+            if dot.confidence < self.config.dot_confidence[look.pass] {
                 continue;
             }
             let Some(mut seen) = view.back_project(dot.pixel, &dot.covariance) else {
@@ -416,17 +483,29 @@ impl<D: DotDetector> Estimator<D> {
             ws.observed.push(seen);
             ws.indices.push(i);
         }
-        let explained = self.recognizers[pass].explain(&ws.observed, hint, &mut ws.recognizer);
-        let explanations = explained.map_err(|rejection| match rejection {
+        let recognizer = &self.recognizers[look.pass];
+        let (dots_seen, seen) = (&ws.observed, &mut ws.recognizer);
+        let is_sought = look.mirrored == Mirrored::Sought;
+        let mut explained = match is_sought {
+            true => recognizer.explain(dots_seen, hint, seen).map(|_| ()),
+            false => recognizer
+                .explain_directly(dots_seen, hint, seen)
+                .map(|_| ()),
+        };
+        let is_likely = || seen.explanations().best().pose_confidence >= MIRROR_DOUBT;
+        if !is_sought && explained.is_ok() && is_likely() {
+            explained = recognizer.explain(dots_seen, hint, seen).map(|_| ());
+        }
+        explained.map_err(|rejection| match rejection {
             RecognizerRejection::TooFewDots { found, needed } => {
                 FrameRejection::TooFewDots { found, needed }
             }
             rejection => FrameRejection::Recognizer(rejection),
         })?;
-        let found = explanations.best();
+        let found = ws.recognizer.explanations().best();
         Ok(PoseHypothesis {
             rotation: found.rotation,
-            camera,
+            camera: look.camera,
             confidence: found.confidence,
             pose_confidence: found.pose_confidence,
             evidence: self.evidence(dots, ws),
@@ -476,7 +555,7 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> std::result::Result<Pose, FrameRejection> {
-        let prior = Prior {
+        let prior = refine::Prior {
             outline: (outline.circle, outline.covariance),
             camera: self.camera_of(out),
             start: hypothesis.camera,

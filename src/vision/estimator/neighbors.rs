@@ -15,7 +15,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::search::is_evident;
 use super::{
-    Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, OutlineSource, SequenceConfig,
+    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, OutlinePrior, OutlineSource,
+    Prior, SequenceConfig,
 };
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::detect::DotDetector;
@@ -90,7 +91,18 @@ impl<D: DotDetector> Estimator<D> {
         frame: &mut FrameEstimate,
     ) -> bool {
         let mut again = FrameEstimate::default();
-        self.estimate_near(image.into(), expected, frame.attempts, None, ws, &mut again);
+        let prior = Prior {
+            outline: Some(OutlinePrior {
+                circle: *expected,
+                sigma_px: MAX_SCATTER * expected.radius,
+            }),
+            ..Prior::default()
+        };
+        let budget = Budget {
+            spent: frame.attempts,
+            ..Budget::default()
+        };
+        self.estimate(image, &prior, &budget, ws, &mut again);
         let is_off = |f: &FrameEstimate| {
             f.outline
                 .is_none_or(|o| off(&o.circle, expected) > OFF_PATH)

@@ -11,23 +11,26 @@
 
 use std::time::Instant;
 
-use nalgebra::Matrix3;
-
 use super::acquire::Hunt;
+use super::frame::Standing;
 use super::locate::Candidate;
+use super::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth, Spending};
 use super::shrunk::MAX_THOROUGH;
 use super::{
     CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
-    Outline, OutlineSource, Pose, is_mirrored,
+    Outline, OutlineSource, PROMISING, Pose, is_mirrored,
 };
 use crate::recognize::Hint;
 use crate::vision::camera::BallCircle;
+use crate::vision::circle::NoBall;
 use crate::vision::detect::DotDetector;
 use crate::vision::image::{GrayImage, RgbImage};
 use crate::vision::roi::{Grid, Roi};
 
-/// Standard deviations of a given outline: of its center and radius, in radii.
-const GIVEN_OUTLINE: f64 = 0.01;
+/// A ball that is not where it is expected is looked for within so many radii, if it may be so far off.
+pub(super) const NEARBY: f64 = 4.5;
+/// An outline with this support of the edges is a ball's.
+pub(super) const WHOLE: f64 = 0.9;
 /// Confidence of a detection that is more likely a dot than not.
 pub(super) const LIKELY_DOT: f64 = 0.5;
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
@@ -67,95 +70,144 @@ pub(super) fn level_of(length: f64, most: f64) -> u32 {
     (length / most).log2().ceil().max(0.0) as u32
 }
 
-/// Where the outline comes from.
+/// Where the outline is looked for.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Search<'a> {
-    /// It is given, in the frame's pixels.
-    Given(&'a BallCircle),
-    /// It is anywhere in the view, and so many runs of the recognizer were made before.
-    Everywhere(usize),
-    /// It is near a circle, in the frame's pixels, and so many runs of the recognizer were made before.
-    Near(&'a BallCircle, usize),
-    /// As `Near`, but the circle is one of several that may be anything: one without dots is not worth much.
-    Scan(&'a BallCircle, usize),
+pub(super) enum Place<'a> {
+    /// It is known, in the frame's pixels.
+    Known(&'a Outline),
+    /// It is near a circle, in the frame's pixels.
+    Near(&'a BallCircle),
+    /// It is anywhere in the view.
+    Anywhere,
 }
 
 impl<D: DotDetector> Estimator<D> {
-    /// Estimates a frame: [`Estimator::detect`], then [`Estimator::estimate_pose`]. Where that gives no answer, other outlines are tried: one on
-    /// which the dots tell a clear pose is the ball's.
-    pub fn estimate_frame<'a>(
+    /// Estimates a frame. Outlines are proposed where the prior expects the ball, the likeliest first; dots are found within
+    /// and identified, until a pose is clear or the budget is spent.
+    ///
+    /// A region of the prior that lies beyond the image is cut; where nothing of it is left, there is no ball.
+    pub fn estimate<'a>(
         &self,
         image: impl Into<FrameImage<'a>>,
-        circle: Option<&BallCircle>,
-        hint: Option<&Hint>,
+        prior: &Prior<'_>,
+        budget: &Budget,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
         let image = image.into();
-        let whole = Roi::whole(image.width(), image.height());
-        match circle {
-            Some(circle) => self.estimate_given(image, circle, hint, ws, out),
-            None => self.estimate_part(image, &whole, hint, ws, out),
+        ws.spending = Spending::of(*budget);
+        if prior.follows == Follows::Nothing {
+            ws.coarse.forget();
+            ws.fine.forget();
         }
-    }
-
-    /// As [`Estimator::estimate_frame`], with the ball looked for in a part of the image only.
-    ///
-    /// # Errors
-    /// [`Error::Argument`](crate::Error::Argument) where the region is not within the image.
-    pub fn estimate_roi<'a>(
-        &self,
-        image: impl Into<FrameImage<'a>>,
-        roi: &Roi,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) -> crate::error::Result<()> {
-        let image = image.into();
-        let roi = roi.within(image.width(), image.height())?;
-        self.estimate_part(image, &roi, hint, ws, out);
-        Ok(())
+        let hint = prior.rotation;
+        let outline = prior.outline.as_ref();
+        let region = match prior.region {
+            Some(region) => region.cut(image.width(), image.height()),
+            None => Roi::whole(image.width(), image.height()).cut(image.width(), image.height()),
+        };
+        match (outline.map(|o| (o, o.believed())), region) {
+            (Some((_, Some(known))), _) => self.estimate_known(image, &known, hint, ws, out),
+            (Some((expected, None)), region) => {
+                self.estimate_expected(image, expected, region.as_ref(), hint, ws, out);
+            }
+            (None, Some(region)) if region.width.min(region.height) >= self.min_side() => {
+                self.estimate_region(image, &region, hint, ws, out);
+            }
+            (None, region) => {
+                out.clear();
+                let (width, height) = region.map_or((0, 0), |r| (r.width, r.height));
+                out.outcome = Err(FrameRejection::NoBall(NoBall::TooSmall { width, height }));
+            }
+        }
+        out.attempts = ws.spending.runs;
+        if out.outcome.is_err() && !is_mirrored(out) && ws.spending.is_late() {
+            out.outcome = Err(FrameRejection::OutOfTime);
+        }
     }
 
     /// Finds the ball, unless its outline is given, and the dots on it.
     pub fn detect<'a>(
         &self,
         image: impl Into<FrameImage<'a>>,
-        circle: Option<&BallCircle>,
+        outline: Option<&OutlinePrior>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
         let image = image.into();
+        ws.spending = Spending::default();
+        let known = outline.and_then(OutlinePrior::believed);
+        let place = match (&known, outline) {
+            (Some(known), _) => Place::Known(known),
+            (None, Some(expected)) => Place::Near(&expected.circle),
+            (None, None) => Place::Anywhere,
+        };
         let whole = Roi::whole(image.width(), image.height());
-        let search = circle.map_or(Search::Everywhere(0), Search::Given);
         self.viewed(image, &whole, ws, |view, ws| {
-            self.detect_in(view, search, ws, out);
+            self.detect_in(view, place, Standing::Likely, ws, out);
         });
     }
 
-    /// Estimates a frame with the outline given.
-    fn estimate_given(
+    /// The smallest side, pixels, of an image that is searched.
+    fn min_side(&self) -> usize {
+        (self.config.circle.min_radius_px as usize).max(1)
+    }
+
+    /// Estimates a frame whose outline is known.
+    fn estimate_known(
         &self,
         image: FrameImage<'_>,
-        circle: &BallCircle,
+        outline: &Outline,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
         let (width, height) = (image.width(), image.height());
         let part = match image {
-            FrameImage::Raw(_) => Roi::around(circle, SURROUNDINGS, width, height),
+            FrameImage::Raw(_) => Roi::around(&outline.circle, SURROUNDINGS, width, height),
             _ => None,
         };
         let part = part.unwrap_or(Roi::whole(width, height));
         self.viewed(image, &part, ws, |view, ws| {
-            self.detect_in(view, Search::Given(circle), ws, out);
-            self.estimate_looking_again(view, hint, ws, out);
+            self.detect_in(view, Place::Known(outline), Standing::Likely, ws, out);
+            self.identify_looking_again(view, hint, ws, out);
         });
     }
 
+    /// Estimates a frame whose ball is expected near a circle: there, then as far around as it may be.
+    fn estimate_expected(
+        &self,
+        image: FrameImage<'_>,
+        expected: &OutlinePrior,
+        region: Option<&Roi>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        self.search_near(image, &expected.circle, Standing::Likely, hint, ws, out);
+        let is_lost = expected.reach() == f64::INFINITY;
+        // A ball whose rim is seen there is not elsewhere.
+        let is_there = out.fit.is_some_and(|f| f.support >= WHOLE) && !is_lost;
+        if out.pose().is_some() || is_there || expected.reach() < SURROUNDINGS {
+            return;
+        }
+        let mut farther = std::mem::take(&mut ws.farther);
+        let hunt = Hunt::nearby(&expected.circle, expected.reach().min(NEARBY), &image);
+        ws.coarse.forget();
+        if hunt.is_some_and(|hunt| self.acquire(image, &hunt, hint, ws, &mut farther)) {
+            std::mem::swap(&mut farther, out);
+        } else if let Some(region) = region.filter(|_| is_lost) {
+            ws.coarse.forget();
+            self.estimate_region(image, region, hint, ws, &mut farther);
+            if farther.pose().is_some() || out.outline.is_none() {
+                std::mem::swap(&mut farther, out);
+            }
+        }
+        ws.farther = farther;
+    }
+
     /// Estimates a frame with the ball somewhere in a part of it.
-    pub(super) fn estimate_part(
+    fn estimate_region(
         &self,
         image: FrameImage<'_>,
         part: &Roi,
@@ -163,61 +215,55 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
-        let mut attempts = 0;
-        if part.width.max(part.height) > LARGE {
-            ws.coarse.forget();
-            if self.acquire(image, &Hunt::everywhere(*part), hint, ws, out) {
+        let is_large = part.width.max(part.height) > LARGE;
+        if is_large && self.acquire(image, &Hunt::everywhere(*part), hint, ws, out) {
+            return;
+        }
+        let is_thorough = ws.spending.budget.search == SearchDepth::Thorough;
+        let halvings = match part.width * part.height > MAX_THOROUGH {
+            _ if !is_large => 0,
+            _ if !is_thorough => 1,
+            true => HALVINGS,
+            false => 0,
+        };
+        for halvings in 1..=halvings {
+            let hunt = Hunt::finer(*part, halvings);
+            if ws.spending.is_late() || self.acquire(image, &hunt, hint, ws, out) {
                 return;
             }
-            attempts = out.attempts;
+        }
+        if is_large && (!is_thorough || ws.spending.is_late()) {
+            return;
         }
         if part.width * part.height > MAX_THOROUGH {
-            for halvings in 1..=HALVINGS {
-                ws.fine.forget();
-                if self.acquire(image, &Hunt::finer(*part, halvings), hint, ws, out) {
-                    return;
-                }
-            }
-            attempts = out.attempts;
-            return self.estimate_shrunk(image, part, attempts, hint, ws, out);
+            return self.estimate_shrunk(image, part, hint, ws, out);
         }
         self.viewed(image, part, ws, |view, ws| {
-            self.try_outlines(view, Search::Everywhere(attempts), hint, ws, out);
+            self.try_outlines(view, Place::Anywhere, Standing::Likely, hint, ws, out);
         });
     }
 
-    /// Estimates a frame whose ball is near a circle: to some tenth of the radius. So many runs of the recognizer on this
-    /// frame were made before.
-    pub(super) fn estimate_near(
-        &self,
-        image: FrameImage<'_>,
-        circle: &BallCircle,
-        attempts: usize,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
-        self.search_near(image, circle, Search::Near(circle, attempts), hint, ws, out);
-    }
-
-    /// Estimates a frame by the surroundings of a circle.
+    /// Estimates a frame by the surroundings of a circle: it is right to some tenth of the radius.
     pub(super) fn search_near(
         &self,
         image: FrameImage<'_>,
         circle: &BallCircle,
-        search: Search<'_>,
+        standing: Standing,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
         let (width, height) = (image.width(), image.height());
-        let Some(part) = Roi::around(circle, SURROUNDINGS, width, height) else {
+        let level = level_of(circle.radius, MAX_NEAR);
+        let part = Roi::around(circle, SURROUNDINGS, width, height);
+        let is_wide = |part: &Roi| part.width.min(part.height) >> level >= self.min_side();
+        let Some(part) = part.filter(is_wide) else {
             out.clear();
+            out.outcome = Err(FrameRejection::NoBall(NoBall::TooSmall { width, height }));
             return;
         };
-        let level = level_of(circle.radius, MAX_NEAR);
         self.viewed_at(image, &part, level, ws, |view, ws| {
-            self.try_outlines(view, search, hint, ws, out);
+            self.try_outlines(view, Place::Near(circle), standing, hint, ws, out);
         });
     }
 
@@ -268,33 +314,26 @@ impl<D: DotDetector> Estimator<D> {
     fn try_outlines(
         &self,
         view: View<'_>,
-        search: Search<'_>,
+        place: Place<'_>,
+        standing: Standing,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
-        self.detect_in(view, search, ws, out);
-        let is_scan = matches!(search, Search::Scan(..));
-        let found = out.dots.iter().filter(|d| d.confidence >= LIKELY_DOT);
-        match found.count() {
-            found if is_scan && out.outline.is_some() && found < MIN_LIKELY_DOTS => {
-                let needed = MIN_LIKELY_DOTS;
-                out.outcome = Err(FrameRejection::TooFewDots { found, needed });
-            }
-            _ => self.estimate_looking_again(view, hint, ws, out),
-        }
+        self.detect_in(view, place, standing, ws, out);
+        self.identify_looking_again(view, hint, ws, out);
         let mut other = std::mem::take(&mut ws.other);
-        other.attempts = 0;
         let contested = ws.locator.contested().filter(|_| !is_mirrored(out));
-        if let Some(candidate) = contested {
+        if let Some(candidate) = contested.filter(|_| !ws.spending.is_over()) {
             self.try_outline(&candidate, view, hint, ws, out, &mut other);
             let is_pose = is_better(&other, out) && (out.pose().is_some() || is_evident(&other));
             if is_pose || is_mirrored(&other) {
                 std::mem::swap(&mut other, out);
             }
         }
+        let is_open = |out: &FrameEstimate| out.pose().is_none() && !is_mirrored(out);
         let mut start = 0;
-        while out.pose().is_none() && !is_scan && !is_mirrored(out) {
+        while standing == Standing::Likely && is_open(out) && !ws.spending.is_over() {
             let net = self.outline_net.as_ref();
             let Some(candidate) = ws.locator.other(view.gray, net, &mut start) else {
                 break;
@@ -304,7 +343,7 @@ impl<D: DotDetector> Estimator<D> {
                 std::mem::swap(&mut other, out);
             }
         }
-        out.attempts = out.attempts.max(other.attempts);
+        out.attempts = ws.spending.runs;
         ws.other = other;
     }
 
@@ -318,34 +357,46 @@ impl<D: DotDetector> Estimator<D> {
         first: &FrameEstimate,
         other: &mut FrameEstimate,
     ) {
+        other.clear();
         other.outline = Some(candidate.outline);
         (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
-        other.earlier_attempts = first.attempts.max(other.attempts);
-        other.outcome = Err(FrameRejection::NotProcessed);
+        other.standing = Standing::Doubtful;
         other.known_distance = first.known_distance;
         other.timings.locate = first.timings.locate;
         self.find_dots(view, ws, other);
         if first.pose().is_some() {
-            self.estimate_pose(hint, ws, other);
+            self.identify(hint, ws, other);
         } else {
-            self.estimate_looking_again(view, hint, ws, other);
+            self.identify_looking_again(view, hint, ws, other);
         }
     }
 
-    /// As [`Estimator::estimate_pose`]; where the dots leave doubt, the detector looks again.
-    fn estimate_looking_again(
+    /// Identifies the dots; where they leave doubt, the detector looks again.
+    fn identify_looking_again(
         &self,
         view: View<'_>,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
-        self.estimate_pose(hint, ws, out);
-        if out.is_settled() || !self.look_again(view, ws, out) {
+        let found = out.dots.iter().filter(|d| d.confidence >= LIKELY_DOT);
+        let (found, needed) = (found.count(), MIN_LIKELY_DOTS);
+        let is_doubtful = out.standing == Standing::Doubtful;
+        if is_doubtful && out.outline.is_some() && found < needed {
+            out.outcome = Err(FrameRejection::TooFewDots { found, needed });
+            return;
+        }
+        self.identify(hint, ws, out);
+        let is_hopeless = is_doubtful && promise(out) < PROMISING;
+        if out.is_settled()
+            || is_hopeless
+            || ws.spending.is_late()
+            || !self.look_again(view, ws, out)
+        {
             return;
         }
         let before = out.timings.identify;
-        self.estimate_pose(hint, ws, out);
+        self.identify(hint, ws, out);
         out.timings.identify += before;
     }
 
@@ -367,7 +418,6 @@ impl<D: DotDetector> Estimator<D> {
         out.place_dots(&view.grid);
         out.assignment.clear();
         out.assignment.resize(out.dots.len(), None);
-        out.earlier_attempts = out.attempts;
         out.timings.detect += begun.elapsed();
         true
     }
@@ -376,39 +426,29 @@ impl<D: DotDetector> Estimator<D> {
     fn detect_in(
         &self,
         view: View<'_>,
-        search: Search<'_>,
+        place: Place<'_>,
+        standing: Standing,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
-        let attempts = match search {
-            Search::Near(_, attempts)
-            | Search::Scan(_, attempts)
-            | Search::Everywhere(attempts) => attempts,
-            Search::Given(_) => 0,
-        };
         out.clear();
-        out.earlier_attempts = attempts;
-        out.unfitted_support = match search {
-            // As good as one that the edges show whole.
-            Search::Given(_) => 1.0,
-            _ => 0.0,
-        };
+        out.standing = standing;
         let grid = view.grid;
         let net = self.outline_net.as_ref();
-        let found = match search {
-            Search::Given(circle) => {
-                let circle = grid.circle_to_part(circle);
-                let sigma = GIVEN_OUTLINE * circle.radius;
+        let found = match place {
+            Place::Known(outline) => {
                 out.outline_source = OutlineSource::Given;
+                // As good as one that the edges show whole.
+                out.unfitted_support = 1.0;
                 out.outline = Some(Outline {
-                    circle,
-                    covariance: Matrix3::from_diagonal_element(sigma.powi(2)),
+                    circle: grid.circle_to_part(&outline.circle),
+                    covariance: outline.covariance / (grid.side * grid.side),
                 });
                 None
             }
-            Search::Everywhere(_) => Some(ws.locator.find(view.gray, view.image, net)),
-            Search::Near(circle, _) | Search::Scan(circle, _) => {
+            Place::Anywhere => Some(ws.locator.find(view.gray, view.image, net)),
+            Place::Near(circle) => {
                 let rough = grid.circle_to_part(circle);
                 Some(ws.locator.find_near(view.gray, view.image, &rough, net))
             }
@@ -483,6 +523,15 @@ fn is_better(a: &FrameEstimate, b: &FrameEstimate) -> bool {
         }
         (Some(a), Some(b)) => a.pose_confidence > b.pose_confidence,
         (a, _) => a.is_some(),
+    }
+}
+
+/// The probability of a frame's pose, accepted or not.
+pub(super) fn promise(frame: &FrameEstimate) -> f64 {
+    match &frame.outcome {
+        Ok(pose) => pose.pose_confidence,
+        Err(FrameRejection::Ambiguous { pose_confidence }) => *pose_confidence,
+        Err(_) => 0.0,
     }
 }
 

@@ -11,7 +11,8 @@
 
 use std::time::Instant;
 
-use super::search::{Search, level_of};
+use super::frame::Standing;
+use super::search::level_of;
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection};
 use crate::recognize::Hint;
 use crate::vision::detect::DotDetector;
@@ -23,13 +24,11 @@ pub(super) const MAX_THOROUGH: usize = 4_000_000;
 const MAX_SHRUNK: f64 = 1_100_000.0;
 
 impl<D: DotDetector> Estimator<D> {
-    /// Estimates a frame with the ball somewhere in a part of it that is too large to be searched thoroughly. So many
-    /// runs of the recognizer on this frame were made before.
+    /// Estimates a frame with the ball somewhere in a part of it that is too large to be searched thoroughly.
     pub(super) fn estimate_shrunk(
         &self,
         image: FrameImage<'_>,
         part: &Roi,
-        attempts: usize,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
@@ -54,16 +53,15 @@ impl<D: DotDetector> Estimator<D> {
         best.clear();
         // The first is the likeliest; the others need more evidence.
         let searches = circles.iter().enumerate().map(|(k, circle)| match k {
-            0 => Search::Near(circle, attempts),
-            _ => Search::Scan(circle, attempts),
+            0 => (circle, Standing::Likely),
+            _ => (circle, Standing::Doubtful),
         });
         let searched = begun.elapsed();
-        if !self.try_circles(image, searches, searched, hint, ws, &mut best, out) {
-            out.attempts = out.attempts.max(attempts);
-            if let Some(why) = none {
-                out.outcome = Err(FrameRejection::NoBall(why));
-                out.timings.locate = searched;
-            }
+        if !self.try_circles(image, searches, searched, hint, ws, &mut best, out)
+            && let Some(why) = none
+        {
+            out.outcome = Err(FrameRejection::NoBall(why));
+            out.timings.locate = searched;
         }
         ws.best = best;
         ws.shrunk = circles;

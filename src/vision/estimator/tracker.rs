@@ -24,26 +24,24 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
-use super::acquire::Hunt;
 use super::motion::OutlineMotion;
-use super::search::LARGE;
+use super::search::{NEARBY, WHOLE};
 use super::sequence::predict;
-use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, SequenceConfig};
+use super::{
+    Budget, Estimator, EstimatorWorkspace, Follows, FrameEstimate, FrameImage, OutlinePrior, Prior,
+    SearchDepth, SequenceConfig,
+};
 use crate::error::{Error, Result, require};
 use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
-use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
 use crate::vision::roi::Roi;
 
-/// A ball that is not where it is expected is looked for within so many radii.
-const NEARBY: f64 = 4.5;
 /// After so many frames without a pose the ball is looked for in the whole frame.
 const PATIENCE: usize = 3;
-/// An outline with this support of the edges is followed for a while without a pose.
-const WHOLE: f64 = 0.9;
 
 /// What a tracker remembers, and how it uses it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,6 +52,9 @@ pub struct TrackerConfig {
     pub window: usize,
     /// Poses older than this are forgotten, seconds.
     pub memory_s: f64,
+    /// Time for a frame, from [`Tracker::update`] on: then nothing further is begun, and a frame without an answer has the
+    /// rejection [`FrameRejection::OutOfTime`](super::FrameRejection::OutOfTime). By default no limit.
+    pub max_latency: Option<Duration>,
 }
 
 impl Default for TrackerConfig {
@@ -63,6 +64,7 @@ impl Default for TrackerConfig {
             sequence: SequenceConfig::default(),
             window: 12,
             memory_s: 0.25,
+            max_latency: None,
         }
     }
 }
@@ -105,8 +107,6 @@ pub struct Tracker<D: DotDetector> {
     /// The residuals of the window's poses, radians.
     residuals_rad: VecDeque<f64>,
     frame: FrameEstimate,
-    /// The frame, looked at in another place.
-    other: FrameEstimate,
     motion: OutlineMotion,
     /// Frames since the last pose.
     missed: usize,
@@ -128,7 +128,6 @@ impl<D: DotDetector> Tracker<D> {
             window: VecDeque::with_capacity(config.window + 1),
             residuals_rad: VecDeque::with_capacity(config.window + 1),
             frame: FrameEstimate::default(),
-            other: FrameEstimate::with_capacity(),
             motion: OutlineMotion::default(),
             missed: 0,
             spin: Err(NOTHING_SEEN),
@@ -176,7 +175,7 @@ impl<D: DotDetector> Tracker<D> {
         self.last_s = None;
     }
 
-    /// Takes the next frame, of the time `time_s` in seconds. `circle` is the ball's outline, where it
+    /// Takes the next frame, of the time `time_s` in seconds. `outline` is the ball's outline, where it
     /// is known.
     ///
     /// # Errors
@@ -186,8 +185,9 @@ impl<D: DotDetector> Tracker<D> {
         &mut self,
         image: impl Into<FrameImage<'a>>,
         time_s: f64,
-        circle: Option<&BallCircle>,
+        outline: Option<&OutlinePrior>,
     ) -> Result<TrackerState<'_>> {
+        let begun = Instant::now();
         self.check_time(time_s)?;
         let image = image.into();
         let whole = Roi::whole(image.width(), image.height());
@@ -197,7 +197,7 @@ impl<D: DotDetector> Tracker<D> {
             .within(whole.width, whole.height)?;
         self.last_s = Some(time_s);
         self.forget(time_s);
-        self.find(image, &part, time_s, circle);
+        self.find(image, &part, time_s, outline, begun);
         let config = &self.config.sequence;
         let trusted = self
             .frame
@@ -248,24 +248,37 @@ impl<D: DotDetector> Tracker<D> {
         image: FrameImage<'_>,
         part: &Roi,
         time_s: f64,
-        circle: Option<&BallCircle>,
+        given: Option<&OutlinePrior>,
+        begun: Instant,
     ) {
-        let predicted = self.motion.predict(time_s);
-        let (estimator, ws) = (&self.estimator, &mut self.workspace);
-        let (frame, other) = (&mut self.frame, &mut self.other);
-        match (circle, predicted) {
-            (Some(circle), _) => estimator.estimate_frame(image, Some(circle), None, ws, frame),
-            (None, Some(predicted)) => {
-                estimator.estimate_near(image, &predicted, 0, None, ws, frame);
-                let is_whole = frame.fit.is_some_and(|f| f.support >= WHOLE);
-                if frame.pose().is_none() && !(is_whole && self.missed < PATIENCE) {
-                    let is_lost = self.missed >= PATIENCE;
-                    let lost_in = is_lost.then_some(part);
-                    search_again(estimator, image, &predicted, lost_in, ws, frame, other);
-                }
-            }
-            (None, None) => search_everywhere(estimator, image, part, ws, frame),
-        }
+        let outline = given.copied().or_else(|| {
+            let circle = self.motion.predict(time_s)?;
+            let reach = match self.missed >= PATIENCE {
+                true => f64::INFINITY,
+                false => NEARBY * circle.radius / 3.0,
+            };
+            Some(OutlinePrior {
+                circle,
+                sigma_px: reach,
+            })
+        });
+        let prior = Prior {
+            region: Some(*part),
+            outline,
+            rotation: None,
+            follows: Follows::LastImage,
+        };
+        let budget = Budget {
+            deadline: self
+                .config
+                .max_latency
+                .and_then(|most| begun.checked_add(most)),
+            search: SearchDepth::Coarse,
+            ..Budget::default()
+        };
+        let frame = &mut self.frame;
+        self.estimator
+            .estimate(image, &prior, &budget, &mut self.workspace, frame);
         let is_seen = match frame.pose() {
             Some(_) => {
                 self.missed = 0;
@@ -313,48 +326,6 @@ impl<D: DotDetector> Tracker<D> {
             self.estimator.estimate_pose(Some(&hint), workspace, frame);
         }
     }
-}
-
-/// Looks for a ball that has no pose where it was expected: farther around, and where it is lost in a whole part of the frame.
-fn search_again<D: DotDetector>(
-    estimator: &Estimator<D>,
-    image: FrameImage<'_>,
-    predicted: &BallCircle,
-    lost_in: Option<&Roi>,
-    ws: &mut EstimatorWorkspace<D::Workspace>,
-    frame: &mut FrameEstimate,
-    other: &mut FrameEstimate,
-) {
-    ws.coarse.forget();
-    if let Some(hunt) = Hunt::nearby(predicted, NEARBY, &image)
-        && estimator.acquire(image, &hunt, None, ws, other)
-    {
-        std::mem::swap(frame, other);
-        return;
-    }
-    ws.coarse.forget();
-    if let Some(part) = lost_in {
-        search_everywhere(estimator, image, part, ws, other);
-        if other.pose().is_some() || frame.outline.is_none() {
-            std::mem::swap(frame, other);
-        }
-    }
-}
-
-/// Looks for the ball in a part of the frame that may be all of it.
-fn search_everywhere<D: DotDetector>(
-    estimator: &Estimator<D>,
-    image: FrameImage<'_>,
-    part: &Roi,
-    ws: &mut EstimatorWorkspace<D::Workspace>,
-    frame: &mut FrameEstimate,
-) {
-    if part.width.max(part.height) <= LARGE {
-        estimator.estimate_part(image, part, None, ws, frame);
-        return;
-    }
-    let _ = estimator.acquire(image, &Hunt::everywhere(*part), None, ws, frame)
-        || estimator.acquire(image, &Hunt::finer(*part, 1), None, ws, frame);
 }
 
 /// The spin's state before the first frame.

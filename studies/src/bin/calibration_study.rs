@@ -28,7 +28,9 @@ use spindoe::geometry::{
 use spindoe::synth::surface::{Mark, Surface};
 use spindoe::synth::{Rendering, Scene, SynthConfig};
 use spindoe::validate::Proportion;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+};
 
 /// Fresh frames of each ball.
 const FRESH: usize = 20;
@@ -223,7 +225,13 @@ fn one(
             *shown += usize::from((seen.rotation * dot).z > FACING);
         }
         let mut estimate = FrameEstimate::default();
-        estimator.estimate_frame(&seen.image, None, None, &mut workspace, &mut estimate);
+        estimator.estimate(
+            &seen.image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut workspace,
+            &mut estimate,
+        );
         estimates.push(estimate);
         rotation = Rotation::from_scaled_axis(axis * step) * rotation;
         axis = precession * axis;
@@ -370,7 +378,13 @@ fn fresh(
         for (k, error) in found.iter_mut().enumerate() {
             let mut out = FrameEstimate::default();
             let ws = &mut workspaces[k];
-            estimators[k].estimate_frame(&seen.image, None, None, ws, &mut out);
+            estimators[k].estimate(
+                &seen.image,
+                &Prior::default(),
+                &Budget::default(),
+                ws,
+                &mut out,
+            );
             if let Some(pose) = out.pose() {
                 *error = (pose.rotation * turns[k]).angle_to(&truth).to_degrees();
             }

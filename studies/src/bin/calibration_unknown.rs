@@ -17,7 +17,7 @@ use spindoe::geometry::{
 };
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::validate::Proportion;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 
 /// Revolutions of the ball in a clip, and frames per second.
@@ -140,7 +140,13 @@ fn one(
             views[dot.index][0] += 1;
             views[dot.index][1] += usize::from(dot.is_visible());
         }
-        estimator.estimate_frame(&seen.image, None, None, &mut workspace, &mut estimate);
+        estimator.estimate(
+            &seen.image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut workspace,
+            &mut estimate,
+        );
         estimates.push(estimate);
         rotation = Rotation::from_scaled_axis(axis * step) * rotation;
         axis = wander * axis;

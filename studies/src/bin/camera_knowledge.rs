@@ -14,7 +14,9 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, frames};
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::CameraModel;
-use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::vision::{
+    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior,
+};
 
 /// The paper's limit of failure.
 const FAILURE_DEG: f64 = 20.0;
@@ -34,7 +36,13 @@ fn error_deg(
     };
     let estimator = Estimator::new(pattern, config, DetectorName::Cnn.build()?)?;
     let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+    estimator.estimate(
+        &frame.image,
+        &Prior::default(),
+        &Budget::default(),
+        &mut ws,
+        &mut out,
+    );
     // With intrinsics the pose is in the camera's frame, else in the view frame.
     let [w, x, y, z] = match camera {
         CameraModel::Known(Camera::Perspective(_)) => frame.truth.camera_quaternion_wxyz,

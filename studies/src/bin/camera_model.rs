@@ -19,7 +19,7 @@ use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::net::graph::Head;
 use spindoe::vision::net::weights::{Weights, built_in_sha256};
-use spindoe::vision::{CnnDetector, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::vision::{Budget, CnnDetector, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 /// Minimum separation of the dots of a random pattern, radians.
 const SEPARATION: f64 = 0.25;
@@ -81,12 +81,24 @@ fn main() -> Outcome<()> {
                     let image = scene.render()?.image;
                     let (mut first, mut last) =
                         (FrameEstimate::default(), FrameEstimate::default());
-                    first_look.estimate_frame(&image, None, None, &mut ws, &mut first);
+                    first_look.estimate(
+                        &image,
+                        &Prior::default(),
+                        &Budget::default(),
+                        &mut ws,
+                        &mut first,
+                    );
                     let is_settled = first.is_settled();
                     let found = if is_settled {
                         &first
                     } else {
-                        both_looks.estimate_frame(&image, None, None, &mut ws, &mut last);
+                        both_looks.estimate(
+                            &image,
+                            &Prior::default(),
+                            &Budget::default(),
+                            &mut ws,
+                            &mut last,
+                        );
                         &last
                     };
                     let outcome = FrameOutcome::of(found, &ball.rotation);

@@ -22,7 +22,8 @@ use spindoe::synth::observables::SeenBall;
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::estimator::Outline;
 use spindoe::vision::{
-    BallCircle, DetectorName, DotDetection, Estimator, EstimatorConfig, FrameEstimate, Pixel,
+    BallCircle, Budget, DetectorName, DotDetection, Estimator, EstimatorConfig, FrameEstimate,
+    Pixel, Prior,
 };
 
 /// Error of what the oracle is given, ball radii.
@@ -56,7 +57,13 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let scene = Scene::random(&pattern, &SynthConfig::default(), &mut rng)?;
                 let ball = scene.seen()?;
                 let mut found = FrameEstimate::default();
-                estimator.estimate_frame(&scene.render()?.image, None, None, ws, &mut found);
+                estimator.estimate(
+                    &scene.render()?.image,
+                    &Prior::default(),
+                    &Budget::default(),
+                    ws,
+                    &mut found,
+                );
                 let mut given = oracle(&ball, signal, || rng.sample(StandardNormal));
                 estimator.estimate_pose(None, ws, &mut given);
                 Ok(Row {

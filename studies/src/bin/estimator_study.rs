@@ -16,7 +16,9 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, frames};
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::Timings;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, Prior,
+};
 
 /// Maximum distance of a detection from its dot, ball radii.
 const NEAR: f64 = 0.12;
@@ -83,7 +85,7 @@ fn run(
         .map_init(
             || (estimator.workspace(), FrameEstimate::default()),
             |(ws, out), frame| {
-                estimator.estimate_frame(&frame.image, None, None, ws, out);
+                estimator.estimate(&frame.image, &Prior::default(), &Budget::default(), ws, out);
                 evaluate(frame, out)
             },
         )

@@ -22,8 +22,8 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{FrameTruth, Sequence, SequenceConfig, independent_frame};
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe::vision::{
-    DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RawImage, RawPixel,
-    RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+    RawImage, RawPixel, RgbImage,
 };
 
 const SIZE: [usize; 2] = [1280, 1024];
@@ -187,7 +187,13 @@ fn crops(pattern: &Pattern, seed: u64) -> spindoe::Result<(Vec<Sample>, [Vec<f64
         let bytes = bytes(&frame.image, None);
         let raw = RawImage::new(width, height, RawPixel::Gray, &bytes)?;
         let watch = Stopwatch::start();
-        estimator.estimate_frame(raw, None, None, &mut ws, &mut out);
+        estimator.estimate(
+            raw,
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut out,
+        );
         let truth = rotation(&frame.truth);
         let sample = watch.stop(out.pose().map(|p| p.rotation.angle_to(&truth)));
         if k >= WARMUP {

@@ -18,7 +18,8 @@ use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::FrameImage;
 use spindoe::vision::{
-    DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, NamedDetector, RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, NamedDetector,
+    Prior, RgbImage,
 };
 use spindoe_studies::noise::NoiseField;
 
@@ -75,7 +76,13 @@ fn estimate(estimator: &Estimator<NamedDetector>, picture: &Picture) -> (f64, St
         Picture::Gray(name, image) => (name, FrameImage::from(image)),
         Picture::Color(name, image) => (name, FrameImage::from(image)),
     };
-    estimator.estimate_frame(image, None, None, &mut ws, &mut out);
+    estimator.estimate(
+        image,
+        &Prior::default(),
+        &Budget::default(),
+        &mut ws,
+        &mut out,
+    );
     let confidence = out.pose().map_or(0.0, |p| p.pose_confidence);
     (confidence, line(name, &out), out.circle.is_some())
 }

@@ -19,7 +19,8 @@ use spindoe::vision::camera::BallCircle;
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::{
-    CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector,
+    Budget, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector,
+    OutlinePrior, Prior,
 };
 
 /// Outline errors that are counted, parts of the radius.
@@ -61,7 +62,13 @@ fn measure(
         out.pose()
             .map(|p| p.rotation.angle_to(&rotation).to_degrees())
     };
-    estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+    estimator.estimate(
+        &frame.image,
+        &Prior::default(),
+        &Budget::default(),
+        &mut ws,
+        &mut out,
+    );
     let error_deg = error(&out);
     let outline_error = off(out.outline.map(|o| o.circle), truth);
     let found = out.fit.map_or_else(String::new, |f| {
@@ -79,7 +86,16 @@ fn measure(
         center: truth.center,
         radius: truth.radius_px,
     };
-    estimator.estimate_frame(&frame.image, Some(&circle), None, &mut ws, &mut out);
+    estimator.estimate(
+        &frame.image,
+        &Prior {
+            outline: Some(OutlinePrior::given(circle)),
+            ..Prior::default()
+        },
+        &Budget::default(),
+        &mut ws,
+        &mut out,
+    );
     let given_error_deg = error(&out);
     let line = format!(
         "{k}: radius {:.1} of {:?}, rim {:.2}, outline off {:.3} ({found}), error {error_deg:.1?}, with the true outline {given_error_deg:.1?}; {why}; occluder {:?} {:?}",

@@ -18,7 +18,7 @@ use spindoe::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
-    DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior, RgbImage,
 };
 use spindoe_studies::pictures::pictures;
 
@@ -32,7 +32,13 @@ fn squares(
     sigma_rad: f64,
 ) -> Option<[f64; 2]> {
     let (mut ws, mut found) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate_frame(image, None, None, &mut ws, &mut found);
+    estimator.estimate(
+        image,
+        &Prior::default(),
+        &Budget::default(),
+        &mut ws,
+        &mut found,
+    );
     found.pose()?;
     let circle = found.circle?;
     let expected = estimator.expected_dots(&found);

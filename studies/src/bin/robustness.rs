@@ -22,7 +22,9 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::OutlineMethod;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, RgbImage};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior, RgbImage,
+};
 
 const FAILURE_DEG: f64 = 20.0;
 
@@ -186,7 +188,13 @@ fn estimate(
     image: &RgbImage,
 ) -> Option<Rotation> {
     let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate_frame(image, None, None, &mut ws, &mut out);
+    estimator.estimate(
+        image,
+        &Prior::default(),
+        &Budget::default(),
+        &mut ws,
+        &mut out,
+    );
     out.pose().map(|p| p.rotation)
 }
 

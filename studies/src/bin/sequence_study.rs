@@ -17,7 +17,9 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::{OutlineSource, SequenceConfig, frames_in_doubt, track_sequence};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+};
 
 const FPS: f64 = 350.0;
 const FAILURE_DEG: f64 = 20.0;
@@ -54,7 +56,13 @@ fn clip(
     for k in 0..count {
         let frame = sequence.frame(k)?;
         let mut out = FrameEstimate::default();
-        estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+        estimator.estimate(
+            &frame.image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut out,
+        );
         let [w, x, y, z] = frame.truth.quaternion_wxyz;
         truths.push(UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z)));
         times_s.push(frame.truth.time_s.unwrap_or_default());

@@ -14,7 +14,9 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+};
 
 /// Quantiles of chi-square with three degrees of freedom (SciPy's `chi2(3).ppf`).
 const QUANTILES: [(f64, f64); 5] = [
@@ -53,7 +55,13 @@ fn outcome(
     for k in 0..frames {
         let frame = sequence.frame(k)?;
         let mut out = FrameEstimate::default();
-        estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+        estimator.estimate(
+            &frame.image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut out,
+        );
         times.extend(frame.truth.time_s);
         estimates.push(out);
     }

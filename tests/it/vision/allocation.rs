@@ -3,8 +3,8 @@
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
-    CnnDetector, DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate, GrayImage,
-    Patch, RgbImage,
+    Budget, CnnDetector, DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate,
+    GrayImage, Patch, Prior, RgbImage,
 };
 
 /// Frames of one size: bright and dark, with logos, some without a whole outline.
@@ -61,9 +61,21 @@ fn a_warm_estimator_does_not_allocate() {
         let (mut answered, mut all) = (0, 0);
         let mut run = |from: usize, to: usize| {
             for k in from..to {
-                estimator.estimate_frame(&color[k], None, None, &mut ws, &mut out);
+                estimator.estimate(
+                    &color[k],
+                    &Prior::default(),
+                    &Budget::default(),
+                    &mut ws,
+                    &mut out,
+                );
                 answered += usize::from(out.pose().is_some());
-                estimator.estimate_frame(&gray[k], None, None, &mut ws, &mut out);
+                estimator.estimate(
+                    &gray[k],
+                    &Prior::default(),
+                    &Budget::default(),
+                    &mut ws,
+                    &mut out,
+                );
                 answered += usize::from(out.pose().is_some());
                 all += 2;
             }

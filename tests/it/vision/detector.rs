@@ -9,7 +9,10 @@ use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::net::graph::Head;
 use spindoe::vision::net::{CnnDetector, Weights, onnx};
 use spindoe::vision::patch::Patch;
-use spindoe::vision::{DotDetection, DotDetector, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::vision::{
+    Budget, DotDetection, DotDetector, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior,
+    Prior,
+};
 
 /// Frames in good light, without logos, of balls at least 50 pixels wide.
 fn easy() -> SynthConfig {
@@ -149,8 +152,26 @@ fn a_second_look_answers_frames_in_doubt() {
         let (mut right, mut wrong) = ([0, 0], [0, 0]);
         for frame in &frames {
             let circle = is_given.then_some(&frame.circle);
-            alone.estimate_frame(&frame.image, circle, None, &mut first, &mut a);
-            both.estimate_frame(&frame.image, circle, None, &mut second, &mut b);
+            alone.estimate(
+                &frame.image,
+                &Prior {
+                    outline: circle.copied().map(OutlinePrior::given),
+                    ..Prior::default()
+                },
+                &Budget::default(),
+                &mut first,
+                &mut a,
+            );
+            both.estimate(
+                &frame.image,
+                &Prior {
+                    outline: circle.copied().map(OutlinePrior::given),
+                    ..Prior::default()
+                },
+                &Budget::default(),
+                &mut second,
+                &mut b,
+            );
             for (k, found) in [&a, &b].into_iter().enumerate() {
                 let Some(pose) = found.pose() else { continue };
                 let is_right = pose.rotation.angle_to(&frame.rotation).to_degrees() < 20.0;

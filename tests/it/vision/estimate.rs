@@ -12,8 +12,8 @@ use spindoe::spin::orientations::Orientations;
 use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
 use spindoe::vision::input::{natural_order, time_of_stem};
 use spindoe::vision::{
-    Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Intrinsics,
-    NamedDetector, find_ball,
+    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Intrinsics,
+    NamedDetector, Prior, find_ball,
 };
 
 fn estimator(pattern: &Pattern, camera: Camera) -> Estimator<NamedDetector> {
@@ -38,7 +38,13 @@ fn survey(camera: Camera, kind: impl Fn(&mut Scene)) -> (usize, usize, usize, f6
         scene.camera = camera;
         kind(&mut scene);
         let image = scene.render(&mut rng);
-        estimator.estimate_frame(&image, None, None, &mut ws, &mut out);
+        estimator.estimate(
+            &image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut out,
+        );
         let view = spindoe::vision::BallView::new(&camera, scene.circle).expect("a ball");
         let truth = view.to_camera() * scene.rotation;
         match out.pose().map(|p| p.rotation.angle_to(&truth).to_degrees()) {
@@ -109,7 +115,13 @@ fn frames_of_a_flight_help_each_other() {
             scene.dots = seen;
         }
         let image = scene.render(&mut rng);
-        estimator.estimate_frame(&image, None, None, &mut ws, &mut frames[k]);
+        estimator.estimate(
+            &image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut frames[k],
+        );
     }
     assert!(frames[5].pose().is_none(), "{:?}", frames[5].outcome);
     let config = SequenceConfig::default();
@@ -397,7 +409,13 @@ fn mirrored_balls_are_refused_as_such() {
         let (mut named, mut answered) = (0, 0);
         for k in 0..40 {
             let frame = independent_frame(&pattern, &config, 7, k).expect("a frame");
-            estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+            estimator.estimate(
+                &frame.image,
+                &Prior::default(),
+                &Budget::default(),
+                &mut ws,
+                &mut out,
+            );
             let mirrored = FrameRejection::Recognizer(RecognizerRejection::Mirrored);
             named += usize::from(out.outcome == Err(mirrored));
             answered += usize::from(out.pose().is_some());
@@ -428,7 +446,13 @@ fn published_frames_are_explained_by_one_spin() {
         let mut visit = |frame: spindoe::vision::input::InputFrame| {
             let gray: GrayImage = frame.picture?.to_rgb()?.to_gray();
             let mut out = FrameEstimate::default();
-            estimator.estimate_frame(&gray, None, None, &mut ws, &mut out);
+            estimator.estimate(
+                &gray,
+                &Prior::default(),
+                &Budget::default(),
+                &mut ws,
+                &mut out,
+            );
             assert!(
                 find_ball(&gray, &estimator.config().circle).is_ok(),
                 "{}",

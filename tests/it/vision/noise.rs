@@ -5,7 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::vision::estimator::FrameImage;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Prior,
+};
 
 use crate::common::ball::blur;
 
@@ -69,7 +71,13 @@ fn answers<'a>(images: impl Iterator<Item = FrameImage<'a>>) -> (usize, Vec<f64>
     let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
     let (mut all, mut answered) = (0, Vec::new());
     for image in images {
-        estimator.estimate_frame(image, None, None, &mut ws, &mut out);
+        estimator.estimate(
+            image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut out,
+        );
         all += 1;
         answered.extend(out.pose().map(|p| p.pose_confidence));
     }

@@ -6,8 +6,8 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::pattern::Pattern;
 use spindoe::vision::{
-    BallCircle, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage,
-    Intrinsics, NamedDetector, Pixel,
+    BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage,
+    Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior,
 };
 
 use crate::common::ball::blur;
@@ -119,7 +119,16 @@ fn errors(distance: f64, off_axis_deg: f64, is_given: bool) -> Vec<f64> {
         let estimator = estimator(&pattern, cast.intrinsics);
         let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
         let circle = is_given.then(|| cast.circle());
-        estimator.estimate_frame(&image, circle.as_ref(), None, &mut ws, &mut out);
+        estimator.estimate(
+            &image,
+            &Prior {
+                outline: circle.map(OutlinePrior::given),
+                ..Prior::default()
+            },
+            &Budget::default(),
+            &mut ws,
+            &mut out,
+        );
         if let Some(pose) = out.pose() {
             errors.push(pose.rotation.angle_to(&cast.rotation).to_degrees());
         }

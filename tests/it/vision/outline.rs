@@ -5,7 +5,7 @@ use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::vision::camera::{BallCircle, Pixel};
 use spindoe::vision::estimator::OutlineMethod;
 use spindoe::vision::net::outline::{OutlineNet, OutlineWorkspace};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 fn occluded() -> SynthConfig {
     SynthConfig {
@@ -92,7 +92,13 @@ fn hidden_parts_cost_few_answers_and_no_more_with_the_net() {
         let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
         let is_right = |k: &usize| {
             let frame = independent_frame(&pattern, &occluded(), 79, *k).expect("a frame");
-            estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+            estimator.estimate(
+                &frame.image,
+                &Prior::default(),
+                &Budget::default(),
+                &mut ws,
+                &mut out,
+            );
             let [w, x, y, z] = frame.truth.quaternion_wxyz;
             let truth =
                 spindoe::geometry::Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z));

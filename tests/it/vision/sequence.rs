@@ -13,8 +13,8 @@ use spindoe::vision::estimator::{
     Outline, Pose, SequenceConfig, SequenceSummary, estimate_spin, track_sequence,
 };
 use spindoe::vision::{
-    BallCircle, BallView, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    NamedDetector, Pixel,
+    BallCircle, BallView, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
+    NamedDetector, OutlinePrior, Pixel, Prior,
 };
 
 const CIRCLE: BallCircle = BallCircle {
@@ -77,7 +77,8 @@ fn the_same_question_has_the_same_answer() {
         };
         for circle in [Some(near), None] {
             let mut out = FrameEstimate::default();
-            estimator.detect(&frame.image, circle.as_ref(), &mut ws, &mut out);
+            let outline = circle.map(OutlinePrior::given);
+            estimator.detect(&frame.image, outline.as_ref(), &mut ws, &mut out);
             estimator.estimate_pose(None, &mut ws, &mut out);
             let mut first = out.clone();
             for _ in 0..8 {
@@ -218,7 +219,13 @@ fn the_spin_is_as_well_known_as_its_covariance_says() {
         for k in 0..8 {
             let frame = sequence.frame(k).expect("a frame");
             let mut out = FrameEstimate::default();
-            estimator.estimate_frame(&frame.image, None, None, &mut ws, &mut out);
+            estimator.estimate(
+                &frame.image,
+                &Prior::default(),
+                &Budget::default(),
+                &mut ws,
+                &mut out,
+            );
             times.push(frame.truth.time_s.expect("a time"));
             frames.push(out);
         }

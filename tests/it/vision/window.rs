@@ -11,8 +11,9 @@ use spindoe::vision::estimator::{
     OutlineSource, SequenceConfig, Tracker, TrackerConfig, frames_in_doubt, track_sequence,
 };
 use spindoe::vision::{
-    BallCircle, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Intrinsics,
-    NamedDetector, Pixel, RawImage, RawPixel, RgbImage, Roi,
+    BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
+    FrameRejection, Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior, RawImage, RawPixel,
+    RgbImage, Roi,
 };
 
 const SIZE: [usize; 2] = [800, 600];
@@ -126,7 +127,13 @@ fn the_window_has_what_the_whole_frame_has() {
         let state = tracker
             .update(raw(&bytes), truth.time_s.unwrap(), None)
             .unwrap();
-        estimator.estimate_frame(raw(&bytes), None, None, &mut ws, &mut alone);
+        estimator.estimate(
+            raw(&bytes),
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut alone,
+        );
         if let (Some(a), Some(b)) = (state.frame.pose(), alone.pose()) {
             both += 1;
             assert!(a.rotation.angle_to(&b.rotation).to_degrees() < 1.5);
@@ -155,7 +162,13 @@ fn a_disc_that_stands_still_is_not_the_ball() {
         let state = tracker
             .update(raw(&bytes), truth.time_s.unwrap(), None)
             .unwrap();
-        estimator.estimate_frame(raw(&bytes), None, None, &mut ws, &mut alone);
+        estimator.estimate(
+            raw(&bytes),
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut alone,
+        );
         for (frame, count) in [(state.frame, &mut followed), (&alone, &mut found)] {
             if let (Some(pose), Some(circle)) = (frame.pose(), frame.circle) {
                 assert!(apart(&circle, &outline(truth)) < 0.2 * truth.radius_px);
@@ -274,11 +287,19 @@ fn a_region_gives_the_frames_pixels_and_is_within_the_frame() {
     for estimator in [estimator(&clip.pattern), known] {
         let (mut ws, mut part) = (estimator.workspace(), FrameEstimate::default());
         let roi = Roi::around(&outline(truth), 2.5, SIZE[0], SIZE[1]).unwrap();
-        estimator
-            .estimate_roi(image, &roi, None, &mut ws, &mut part)
-            .unwrap();
+        let within = Prior {
+            region: Some(roi),
+            ..Prior::default()
+        };
+        estimator.estimate(image, &within, &Budget::default(), &mut ws, &mut part);
         let mut whole = FrameEstimate::default();
-        estimator.estimate_frame(image, None, None, &mut ws, &mut whole);
+        estimator.estimate(
+            image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut whole,
+        );
         assert!(part.pose().is_some() && whole.pose().is_some());
         let (a, b) = (part.pose().unwrap(), whole.pose().unwrap());
         assert!(a.rotation.angle_to(&b.rotation).to_degrees() < 2.0);
@@ -288,10 +309,94 @@ fn a_region_gives_the_frames_pixels_and_is_within_the_frame() {
             width: 11,
             ..roi
         };
-        let error = estimator
-            .estimate_roi(image, &beyond, None, &mut ws, &mut part)
-            .unwrap_err();
+        let error = beyond.within(SIZE[0], SIZE[1]).unwrap_err();
         assert!(error.to_string().contains("800 x 600"), "{error}");
+        let outside = Prior {
+            region: Some(Roi {
+                left: SIZE[0],
+                ..roi
+            }),
+            ..Prior::default()
+        };
+        estimator.estimate(image, &outside, &Budget::default(), &mut ws, &mut part);
+        assert!(matches!(part.outcome, Err(FrameRejection::NoBall(_))));
+    }
+}
+
+/// Images of any shape, with anything known of them, are answered or refused, in colors, gray and bytes.
+#[test]
+fn no_shape_of_an_image_is_too_thin() {
+    let sizes = [
+        [100_000, 1],
+        [1, 100_000],
+        [65_000, 3],
+        [3, 65_000],
+        [3, 1000],
+        [1000, 9],
+        [490, 5],
+        [2, 481],
+        [1, 1],
+        [7, 7],
+        [2_100_000, 2],
+    ];
+    let estimator = estimator(&crate::common::random_pattern(20, 5));
+    let mut ws = estimator.workspace();
+    let mut out = FrameEstimate::default();
+    for [width, height] in sizes {
+        let noise = |k: usize| (k as u32).wrapping_mul(2_654_435_761).to_be_bytes()[0];
+        let bytes: Vec<u8> = (0..3 * width * height).map(noise).collect();
+        let raw = RawImage::new(width, height, RawPixel::Rgb, &bytes).unwrap();
+        let gray = RawImage::new(width, height, RawPixel::Gray, &bytes[..width * height]).unwrap();
+        let center = Pixel {
+            u: 0.5 * width as f64,
+            v: 0.5 * height as f64,
+        };
+        for radius in [None, Some(0.5), Some(30.0), Some(1e4)] {
+            for part in [0.01, 1.5, f64::INFINITY] {
+                let outline = radius.map(|radius| OutlinePrior {
+                    circle: BallCircle { center, radius },
+                    sigma_px: part * radius,
+                });
+                let prior = Prior {
+                    outline,
+                    ..Prior::default()
+                };
+                for image in [raw, gray] {
+                    estimator.estimate(image, &prior, &Budget::default(), &mut ws, &mut out);
+                    assert!(out.pose().is_none(), "{width} x {height}: {prior:?}");
+                }
+            }
+        }
+    }
+}
+
+/// A ball of 60 px that leaves a picture of 400 x 300 to the left, 45 pixels a frame, from many places.
+#[test]
+fn a_ball_may_leave_the_picture() {
+    let clip = clip(21, 1);
+    let (frame, truth) = &clip.frames[0];
+    let bytes = gray_bytes(frame);
+    let column = |v: usize, u: f64| {
+        let u = u.clamp(0.0, SIZE[0] as f64 - 1.0) as usize;
+        bytes[v * SIZE[0] + u]
+    };
+    let [width, height] = [400, 300];
+    let top = (truth.center.v as usize).saturating_sub(height / 2);
+    let top = top.min(SIZE[1] - height);
+    for start in 0..45 {
+        let mut tracker = tracker(&clip.pattern);
+        let mut seen = 0;
+        for k in 0..8 {
+            let left = truth.center.u - 160.0 + f64::from(start + 45 * k);
+            let rows = (top..top + height)
+                .flat_map(|v| (0..width).map(move |u| (v, u)))
+                .map(|(v, u)| column(v, left + u as f64));
+            let part: Vec<u8> = rows.collect();
+            let image = RawImage::new(width, height, RawPixel::Gray, &part).unwrap();
+            let state = tracker.update(image, f64::from(k) / FPS, None).unwrap();
+            seen += usize::from(state.frame.pose().is_some());
+        }
+        assert!(seen > 0, "start {start}");
     }
 }
 
@@ -311,7 +416,13 @@ fn a_small_ball_in_a_very_large_frame_is_found() {
     let large = RawImage::new(LARGE[0], LARGE[1], RawPixel::Rgb, &bytes).unwrap();
     let estimator = estimator(&clip.pattern);
     let (mut ws, mut found) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate_frame(large, None, None, &mut ws, &mut found);
+    estimator.estimate(
+        large,
+        &Prior::default(),
+        &Budget::default(),
+        &mut ws,
+        &mut found,
+    );
     let pose = found.pose().expect("the ball is seen");
     assert!(pose.rotation.angle_to(&rotation(truth)).to_degrees() < 20.0);
     let circle = found.circle.unwrap();
@@ -342,8 +453,14 @@ fn bytes_are_the_values_of_an_image_file() {
     let estimator = estimator(&clip.pattern);
     let mut ws = estimator.workspace();
     let [mut a, mut b] = [FrameEstimate::default(), FrameEstimate::default()];
-    estimator.estimate_frame(raw, None, None, &mut ws, &mut a);
-    estimator.estimate_frame(&decoded, None, None, &mut ws, &mut b);
+    estimator.estimate(raw, &Prior::default(), &Budget::default(), &mut ws, &mut a);
+    estimator.estimate(
+        &decoded,
+        &Prior::default(),
+        &Budget::default(),
+        &mut ws,
+        &mut b,
+    );
     let (a, b) = (a.pose().expect("a pose"), b.pose().expect("a pose"));
     assert!(a.rotation.angle_to(&b.rotation).to_degrees() < 0.1);
     for (width, height, bytes) in [
@@ -368,7 +485,13 @@ fn neighbors_know_where_the_ball_is() {
         .iter()
         .map(|(image, _)| {
             let mut out = FrameEstimate::default();
-            estimator.estimate_frame(image, None, None, &mut ws, &mut out);
+            estimator.estimate(
+                image,
+                &Prior::default(),
+                &Budget::default(),
+                &mut ws,
+                &mut out,
+            );
             out
         })
         .collect();
@@ -379,7 +502,8 @@ fn neighbors_know_where_the_ball_is() {
         radius: 25.0,
     };
     let image = &clip.frames[9].0;
-    estimator.detect(image, Some(&elsewhere), &mut ws, &mut frames[9]);
+    let given = OutlinePrior::given(elsewhere);
+    estimator.detect(image, Some(&given), &mut ws, &mut frames[9]);
     frames[9].outline_source = OutlineSource::Detected;
     let doubts = frames_in_doubt(&config, &times_s, &frames);
     let numbers: Vec<usize> = doubts.iter().map(|d| d.frame).collect();

@@ -19,7 +19,7 @@ use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion};
 use spindoe::vision::estimator::{PoseEvidence, TrustMap};
 use spindoe::vision::{
-    DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior, RgbImage,
 };
 use spindoe_studies::noise::NoiseField;
 use spindoe_studies::pictures::pictures;
@@ -180,7 +180,13 @@ fn answer(
     truth: Option<Rotation>,
 ) -> Option<Answer> {
     let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate_frame(image, None, None, &mut ws, &mut out);
+    estimator.estimate(
+        image,
+        &Prior::default(),
+        &Budget::default(),
+        &mut ws,
+        &mut out,
+    );
     let pose = out.pose();
     let rotation = pose.map(|p| p.rotation).or(out.unrefined_rotation());
     let off = truth.zip(rotation).map(|(t, r)| t.angle_to(&r));

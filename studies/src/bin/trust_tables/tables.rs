@@ -6,7 +6,9 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::validate::Proportion;
 use spindoe::vision::verdict::{FrameScore, Hypothesis, Scorer, Verdict, decide, mirrored_pattern};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+};
 
 /// The designs.
 pub const DESIGNS: [&str; 5] = ["dots12", "dots16", "dots20", "dots24", "dots32"];
@@ -54,7 +56,13 @@ fn scored(tables: &[Table], ball: usize, frames: u64, seed: u64) -> spindoe::Res
         .map(|k| {
             let frame = independent_frame(own.pattern(), &config, seed, k as usize)?;
             let mut seen = FrameEstimate::default();
-            own.estimate_frame(&frame.image, None, None, &mut own.workspace(), &mut seen);
+            own.estimate(
+                &frame.image,
+                &Prior::default(),
+                &Budget::default(),
+                &mut own.workspace(),
+                &mut seen,
+            );
             tables
                 .iter()
                 .map(|table| {
