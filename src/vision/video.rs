@@ -129,6 +129,8 @@ pub(super) fn read_video(
         let problem = format!("ffmpeg finds no video in it: {}", log.last);
         return Err(Error::input(path, "video", problem));
     }
+    let mut log = log;
+    log.compare_with_duration();
     let mut times_s = log.times;
     times_s.resize(count, None);
     let clock = VideoClock::new(&times_s, log.capture_fps);
@@ -139,7 +141,10 @@ pub(super) fn read_video(
     Ok(SourceTimes {
         times_s,
         clock,
-        cut_short: (!status.success()).then_some(log.last),
+        cut_short: match status.success() {
+            true => log.damage,
+            false => Some(log.damage.unwrap_or(log.last)),
+        },
     })
 }
 
@@ -150,9 +155,25 @@ pub struct DecoderLog {
     pub times: Vec<Option<f64>>,
     /// The rate of capture by the container's metadata, frames per second.
     pub capture_fps: Option<f64>,
+    /// How long the container says that the video is, seconds.
+    pub duration_s: Option<f64>,
+    /// Why some of its frames are missing, where some are: ffmpeg goes on after damage, and ends as if nothing were.
+    pub damage: Option<String>,
     /// The last line that says anything else.
     pub last: String,
 }
+
+/// What a decoder says of damage, lower case.
+const DAMAGE: [&str; 6] = [
+    "error",
+    "invalid",
+    "corrupt",
+    "prematurely",
+    "concealing",
+    "missing picture",
+];
+/// Part of the stated duration that may be missing at its end, and steps between frames: streams of sound are longer.
+const MISSING: (f64, f64) = (0.05, 2.5);
 
 impl DecoderLog {
     /// Reads a log to its end.
@@ -169,12 +190,52 @@ impl DecoderLog {
             } else if let Some((_, rest)) = line.split_once("com.android.capture.fps") {
                 let rate = rest.trim_start_matches([' ', ':']).trim().parse().ok();
                 log.capture_fps = rate.filter(|r: &f64| *r > 0.0 && r.is_finite());
+            } else if let Some((_, rest)) = line.split_once("Duration: ") {
+                log.duration_s = rest.split(',').next().and_then(seconds);
             } else if !line.trim().is_empty() {
+                if log.damage.is_none() && is_damage(&line) {
+                    log.damage = Some(line.clone());
+                }
                 log.last = line;
             }
         }
         log
     }
+
+    /// Compares the times of the frames with the duration that the container states: where they end early, that is damage.
+    pub fn compare_with_duration(&mut self) {
+        let (Some(duration), None) = (self.duration_s, &self.damage) else {
+            return;
+        };
+        let mut known = self.times.iter().flatten();
+        let (Some(first), Some(last)) = (known.next(), known.next_back()) else {
+            return;
+        };
+        let steps = self.times.len().saturating_sub(1).max(1) as f64;
+        let step = (last - first) / steps;
+        let missing = duration - (last - first) - step;
+        if missing > MISSING.0 * duration && missing > MISSING.1 * step {
+            self.damage = Some(format!(
+                "it states {duration:.2} s, and its pictures end after {:.2} s",
+                last - first + step
+            ));
+        }
+    }
+}
+
+/// Whether a line tells of damage: a decoder's or a container's, and not what they print of the file.
+fn is_damage(line: &str) -> bool {
+    let is_of_part = line.starts_with('[') || line.starts_with("Error");
+    let words = line.to_lowercase();
+    is_of_part && DAMAGE.iter().any(|word| words.contains(word))
+}
+
+/// `HH:MM:SS.cc` in seconds.
+fn seconds(text: &str) -> Option<f64> {
+    let mut parts = text.trim().rsplit(':').map(|part| part.parse::<f64>().ok());
+    let (s, m, h) = (parts.next()??, parts.next()??, parts.next()??);
+    let total = s + 60.0 * m + 3600.0 * h;
+    (total > 0.0 && total.is_finite()).then_some(total)
 }
 
 /// A stream of binary PPM pictures.
@@ -380,5 +441,52 @@ impl VideoEncoding {
         let last = words.lines().rfind(|line| !line.trim().is_empty());
         let problem = format!("ffmpeg: {}", last.unwrap_or(&or).trim());
         Error::write(&self.path, std::io::Error::other(problem))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What ffmpeg 7 logs of a video of `count` frames at 30 Hz that states two seconds.
+    fn log(count: usize, words: &str) -> DecoderLog {
+        let mut text = String::from(
+            "Input #0, matroska,webm, from 'file:error.mkv':\n  Metadata:\n    title : corrupt\n  \
+             Duration: 00:00:02.00, start: 0.000000, bitrate: 723 kb/s\n",
+        );
+        for k in 0..count {
+            let time = k as f64 / 30.0;
+            text += &format!(
+                "[Parsed_showinfo_0 @ 0x55] n: {k} pts: {k} pts_time:{time} duration: 1\n"
+            );
+        }
+        let mut log = DecoderLog::read(text.as_bytes().chain(words.as_bytes()));
+        log.compare_with_duration();
+        log
+    }
+
+    #[test]
+    fn a_whole_video_is_not_damaged() {
+        assert_eq!(log(60, "").duration_s, Some(2.0));
+        // The sound may end a little later.
+        for count in [60, 59, 58] {
+            assert_eq!(log(count, "").damage, None, "{count}");
+        }
+        assert_eq!(log(1, "").damage, None);
+    }
+
+    #[test]
+    fn damage_is_told_though_ffmpeg_ends_as_if_nothing_were() {
+        for line in [
+            "[in#0/matroska,webm @ 0x562015742100] File ended prematurely",
+            "[h264 @ 0x564310494ec0] error while decoding MB 0 1, bytestream 26247",
+            "[dec:h264 @ 0x56431042fb80] corrupt decoded frame",
+            "[h264 @ 0x55c0030cb280] Invalid NAL unit size (0 > 16).",
+        ] {
+            assert_eq!(log(60, line).damage.as_deref(), Some(line));
+        }
+        let ends = log(30, "").damage;
+        let expected = "it states 2.00 s, and its pictures end after 1.00 s";
+        assert_eq!(ends.as_deref(), Some(expected));
     }
 }

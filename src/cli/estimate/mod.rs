@@ -210,12 +210,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     pictures.counter.finish();
     let judgment = match arguments.no_verdict {
         true => Judgment::none(),
-        false => {
-            // Identified anew, a batch has its outlines already.
-            config.clock = FrameClock::Inputs;
-            Judgment::of(&estimators, &arguments.table, &config, &mut batch)?
-        }
+        false => Judgment::of(&estimators, &arguments.table, &config, &mut batch)?,
     };
+    if judgment.table() != 0 {
+        // Which outlines were tried depends on the table: those of the right one are the answer.
+        let right = &estimators[judgment.table()];
+        batch = estimate_inputs(right, &arguments.images, &config, &pictures)?;
+        pictures.counter.finish();
+    }
+    // Identified anew, a batch has its times already.
+    config.clock = FrameClock::Inputs;
     if arguments.calibrate {
         let chosen = &mut estimators[judgment.table()];
         *chosen = calibrate_in_place(arguments, chosen, &config, &mut batch)?;

@@ -257,7 +257,7 @@ impl<'a> Report<'a> {
         }
         for (path, why) in &self.batch.cut_short {
             errln!(
-                "{}: ends early, its frames so far are used: {}",
+                "{}: damaged, what can be read is used: {}",
                 path.display(),
                 shown(why)
             );

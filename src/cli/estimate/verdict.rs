@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::recognize::RecognizerRejection;
 use crate::spin::Measurement;
 use crate::spin::robust::RobustEstimator;
-use crate::vision::estimator::{Batch, BatchConfig, BatchFrame, identify_batch};
+use crate::vision::estimator::{Batch, BatchConfig, BatchFrame};
 use crate::vision::verdict::{FrameScore, Hypothesis, Scorer, Verdict, decide, mirrored_pattern};
 use crate::vision::{Estimator, FrameEstimate, FrameRejection, NamedDetector};
 
@@ -40,8 +40,7 @@ impl Judgment {
         }
     }
 
-    /// Judges a batch that was estimated with the first of `estimators`. Where another table fits,
-    /// the frames are identified with that; where none fits, or the images are mirrored, no frame
+    /// Judges a batch that was estimated with the first of `estimators`. Where none fits, or the images are mirrored, no frame
     /// keeps its pose.
     pub fn of(
         estimators: &[Estimator<NamedDetector>],
@@ -78,9 +77,6 @@ impl Judgment {
                     false => reject(batch, FrameRejection::Foreign),
                 }
             }
-        }
-        if this.table != 0 {
-            identify_batch(&estimators[this.table], config, batch);
         }
         Ok(this)
     }

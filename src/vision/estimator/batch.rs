@@ -320,20 +320,6 @@ where
     })
 }
 
-/// Estimates the frames of a batch anew for another pattern: the outlines and dots as found, their
-/// identification and the sequence by `estimator`.
-pub fn identify_batch<D: DotDetector, K>(
-    estimator: &Estimator<D>,
-    config: &BatchConfig,
-    batch: &mut Batch<K>,
-) {
-    let mut workspace = estimator.workspace();
-    for frame in &mut batch.frames {
-        estimator.estimate_pose(None, &mut workspace, &mut frame.estimate);
-    }
-    batch.sequence = as_sequence(estimator, config, &mut batch.frames);
-}
-
 /// What a thread needs to estimate a frame.
 struct FrameJob<'a, D, O> {
     estimator: &'a Estimator<D>,

@@ -305,8 +305,6 @@ pub struct FrameEstimate {
     pub outcome: std::result::Result<Pose, FrameRejection>,
     /// Time taken.
     pub timings: Timings,
-    /// The camera's distance as the other frames of the sequence know it.
-    pub(super) known_distance: Option<CameraDistance>,
     /// Runs of the recognizer on other outlines of this frame.
     pub(super) earlier_attempts: usize,
     /// Those and the runs on this outline: each had its chance to be correct by accident.
@@ -349,7 +347,6 @@ impl Default for FrameEstimate {
             assignment: Vec::new(),
             outcome: Err(FrameRejection::NotProcessed),
             timings: Timings::default(),
-            known_distance: None,
             earlier_attempts: 0,
             attempts: 0,
             standing: Standing::default(),
@@ -462,7 +459,6 @@ impl FrameEstimate {
         self.assignment.clear();
         self.outcome = Err(FrameRejection::NotProcessed);
         self.timings = Timings::default();
-        self.known_distance = None;
         (self.earlier_attempts, self.attempts) = (0, 0);
         self.hypothesis = None;
         self.standing = Standing::Likely;

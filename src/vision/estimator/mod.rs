@@ -1,11 +1,34 @@
 //! From an image to the ball's orientation, and from a sequence of images to all of them.
 //!
-//! A frame's way: [`circle`](super::circle) finds the ball (unless its outline is given; off the axis of a known camera its image is
-//! warped to one taken straight at it), [`Patch`] cuts it out, a
-//! [`DotDetector`] finds dots, [`BallView`] lays them on the sphere; their covariance is the detector's and that of the hand
-//! that drew them. The recognizer tells which is which, once with the detections that are likelier dots than not and, where
-//! that leaves doubt, once with the doubtful ones as well. A refinement then fits the orientation to the dots in the
-//! image, and takes up those that only now have a name.
+//! A frame's way, for first, tracked, hinted and neighboring frames alike ([`Estimator::estimate`]):
+//!
+//! ```text
+//! Prior: region, outline +- sigma, rotation          Budget: runs, deadline, depth of the search
+//!        |
+//!        |  outline believed   expected near        nothing known
+//!        |        |                |                     |
+//! outlines,       |        edges near it, net      up to 480 px: all edges, net
+//! the likeliest   |        then rough circles      beyond: rough circles, what these outshone,
+//! first           |        as far as it may be     smaller balls, all edges (halved where very large)
+//!        |        |                |                     |
+//!        +--------+--------+-------+---------------------+
+//!                          |
+//! dots     off the axis of a known camera: the view straight at the ball
+//!          Patch -> DotDetector -> BallView: directions and covariances
+//!                          |   in doubt: five likely dots, or the next outline
+//! names    likely dots, then doubtful ones too; camera distances, the likeliest first
+//!          once with the mirrored view; until a pose is clear
+//!                          |   in doubt: a promising pose, or the next outline
+//!          no clear pose: the detector's second look, names again
+//!                          |
+//! pose     probability by all evidence (TrustMap); refined on the dots in the image
+//!                          |
+//!          clear: the answer        else: the next outline, until the budget ends
+//! ```
+//!
+//! [`circle`](super::circle) finds outlines, [`Patch`] cuts the ball out, a [`DotDetector`] finds dots, [`BallView`] lays them
+//! on the sphere; their covariance is the detector's and that of the hand that drew them. The refinement fits the orientation
+//! to the dots in the image, and takes up those that only now have a name.
 //!
 //! # What is promised
 //! A frame is answered where the pose's probability is at least [`EstimatorConfig::min_confidence`], else
@@ -32,7 +55,7 @@ mod trust;
 
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
-    estimate_inputs, identify_batch,
+    estimate_inputs,
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, OutlineSource, Pose, Timings};
@@ -383,7 +406,7 @@ impl<D: DotDetector> Estimator<D> {
             if pass > 0 && out.standing == Standing::Doubtful && promise_of(&best) < PROMISING {
                 break;
             }
-            for camera in self.camera_of(out).hypotheses() {
+            for camera in self.config.camera.hypotheses() {
                 if attempts > begun && ws.spending.is_late() {
                     break 'search;
                 }
@@ -557,7 +580,7 @@ impl<D: DotDetector> Estimator<D> {
     ) -> std::result::Result<Pose, FrameRejection> {
         let prior = refine::Prior {
             outline: (outline.circle, outline.covariance),
-            camera: self.camera_of(out),
+            camera: self.config.camera,
             start: hypothesis.camera,
         };
         let names = self.ball.pattern().dots();
@@ -579,14 +602,6 @@ impl<D: DotDetector> Estimator<D> {
             distance: refined.distance,
             hinted,
         })
-    }
-
-    /// What is known of the camera for a frame.
-    fn camera_of(&self, frame: &FrameEstimate) -> CameraModel {
-        match (self.config.camera, frame.known_distance) {
-            (CameraModel::Unknown(_), Some(distance)) => CameraModel::Unknown(distance),
-            (camera, _) => camera,
-        }
     }
 
     /// The view of a frame's ball: under the distance of its pose where that was estimated.

@@ -20,7 +20,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
 
-use super::{FrameEstimate, Outline};
+use super::{FrameEstimate, Outline, OutlineSource};
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::camera::{BallCircle, Intrinsics, Pixel, ray};
 use crate::vision::circle::{BallFinder, BallFit, CircleConfig};
@@ -240,13 +240,19 @@ impl Recentering {
         frame: &mut FrameEstimate,
     ) -> Option<Recentered> {
         let outline = frame.outline?;
+        let rough = match frame.outline_source {
+            OutlineSource::Given => outline,
+            OutlineSource::Detected | OutlineSource::Neighbors => {
+                outline_of_fit(intrinsics, &outline)
+            }
+        };
         let Some(fit) = frame.fit else {
-            let camera = VirtualCamera::new(intrinsics, &outline.circle)?;
+            let camera = VirtualCamera::new(intrinsics, &rough.circle)?;
             camera.look(gray, &mut self.image);
+            frame.outline = Some(rough);
             let circle = camera.circle();
             return Some(Recentered { camera, circle });
         };
-        let rough = outline_of_fit(intrinsics, &outline);
         let camera = VirtualCamera::new(intrinsics, &rough.circle)?;
         let in_contrast = contrast.and_then(|contrast| self.fit(&camera, contrast, &fit));
         // The last look is the one that dots are detected in.
@@ -402,6 +408,24 @@ mod tests {
                 covariance: Matrix3::identity(),
             };
             let found = outline_of_fit(&k, &fitted).circle;
+            // The same of an outline that no edges show, unless someone has given it.
+            for source in [OutlineSource::Detected, OutlineSource::Given] {
+                let mut frame = FrameEstimate {
+                    outline: Some(fitted),
+                    outline_source: source,
+                    ..FrameEstimate::default()
+                };
+                let mut gray = GrayImage::default();
+                gray.fill_with(300, 60, |_, _| 0.5);
+                let mut recentering = Recentering::new(CircleConfig::default());
+                let seen = recentering.recenter(&k, &gray, None, &mut frame);
+                assert!(seen.is_some());
+                let expected = match source {
+                    OutlineSource::Given => fitted.circle,
+                    _ => found,
+                };
+                assert_eq!(frame.outline.expect("one").circle, expected);
+            }
             assert!(
                 (found.center.u - 300.0 * off_axis.tan()).abs() < 1e-4,
                 "{found:?}"

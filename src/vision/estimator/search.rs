@@ -361,7 +361,6 @@ impl<D: DotDetector> Estimator<D> {
         other.outline = Some(candidate.outline);
         (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
         other.standing = Standing::Doubtful;
-        other.known_distance = first.known_distance;
         other.timings.locate = first.timings.locate;
         self.find_dots(view, ws, other);
         if first.pose().is_some() {

@@ -9,18 +9,12 @@
 
 use nalgebra::Matrix3;
 
-use super::config::{CameraDistance, CameraModel};
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, OutlineSource, Pose};
 use crate::recognize::Hint;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::shared::SharedError;
-use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
+use crate::spin::{Fit, Measurement, SpinRejection};
 use crate::vision::detect::DotDetector;
-
-/// Frames whose camera distance is farther off the median than this many standard deviations have no say in the mean.
-const OUTLYING: f64 = 4.0;
-/// Smallest standard deviation of the shared ball radii over the camera's distance: the ball moves in depth.
-const MIN_DISTANCE_SIGMA: f64 = 0.003;
 
 /// No orientation is known better than this, radians: a tenth of a degree.
 const MIN_SIGMA_RAD: f64 = 1.75e-3;
@@ -85,7 +79,6 @@ pub fn track_sequence<D: DotDetector>(
             estimator.estimate_pose(None, ws, frame);
         }
     }
-    share_distance(estimator, config, frames, ws);
     let independent: Vec<Option<Measurement>> = times_s
         .iter()
         .zip(&*frames)
@@ -116,60 +109,6 @@ pub fn track_sequence<D: DotDetector>(
     SequenceSummary {
         alone,
         together: frames.iter().filter(|f| f.pose().is_some()).count(),
-    }
-}
-
-/// Estimates all frames anew with the camera distance that they agree on.
-///
-/// A camera keeps its focal length `f` (pixels), and a ball of the radius `r` pixels is then at `1 / k` ball radii with
-/// `k = sin(atan(r / f))`. Each frame with a pose gives `1 / f = k / (r sqrt(1 - k^2))` with a variance; their mean, weighted by
-/// the inverse variance and without those far off, gives every frame its `k`.
-fn share_distance<D: DotDetector>(
-    estimator: &Estimator<D>,
-    config: &SequenceConfig,
-    frames: &mut [FrameEstimate],
-    ws: &mut EstimatorWorkspace<D::Workspace>,
-) {
-    let inverse_focal = |frame: &FrameEstimate| {
-        let pose = frame
-            .pose()
-            .filter(|p| p.pose_confidence >= config.trusted)?;
-        let (distance, circle) = (pose.distance?, frame.circle?);
-        let k = distance.inverse_distance;
-        let root = (1.0 - k * k).sqrt();
-        // d(1/f)/dk = 1 / (r root^3).
-        let sigma = distance.sigma / (circle.radius * root.powi(3));
-        Some((k / (circle.radius * root), sigma))
-    };
-    let known: Vec<(f64, f64)> = frames.iter().filter_map(inverse_focal).collect();
-    if known.len() < MIN_FRAMES {
-        return;
-    }
-    let mut values: Vec<f64> = known.iter().map(|k| k.0).collect();
-    values.sort_unstable_by(f64::total_cmp);
-    let median = values[values.len() / 2];
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for (value, sigma) in &known {
-        if (value - median).abs() < OUTLYING * sigma {
-            sum += value / (sigma * sigma);
-            weights += 1.0 / (sigma * sigma);
-        }
-    }
-    if weights == 0.0 {
-        return;
-    }
-    let (mean, sigma) = (sum / weights, weights.recip().sqrt());
-    for frame in frames.iter_mut() {
-        let Some(outline) = frame.outline else {
-            continue;
-        };
-        let ratio = (outline.circle.radius * mean).max(0.0);
-        let inverse_distance = (ratio / ratio.hypot(1.0)).min(CameraModel::MAX_INVERSE_DISTANCE);
-        frame.known_distance = Some(CameraDistance {
-            inverse_distance,
-            sigma: (outline.circle.radius * sigma).max(MIN_DISTANCE_SIGMA),
-        });
-        estimator.estimate_pose(None, ws, frame);
     }
 }
 

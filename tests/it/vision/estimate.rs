@@ -650,6 +650,23 @@ fn wrong_tables_and_mirrored_clips_are_named() {
     assert_eq!(code, Some(0), "{words}");
     assert!(words.contains("pattern.csv fits, odds "), "{words}");
     assert_eq!(json["verdict"]["table"], "pattern.csv");
+    // The order of the tables decides nothing, and one that does not fit changes nothing.
+    let (_, _, after) = run(&["--table", "pattern.csv", "--table", "other.csv"]);
+    let (_, _, alone) = run(&["--table", "pattern.csv"]);
+    let poses = |json: &serde_json::Value| {
+        let frames = json["frames"].as_array().expect("frames").iter();
+        let poses = frames.map(|f| {
+            (
+                f["name"].clone(),
+                f["orientation"].clone(),
+                f["circle"].clone(),
+            )
+        });
+        poses.collect::<Vec<_>>()
+    };
+    assert_eq!(poses(&json), poses(&alone));
+    assert_eq!(poses(&after), poses(&alone));
+    assert_eq!(json["spin"], alone["spin"]);
     let (code, words, json) = run(&["--table", "pattern.csv", "--mirrored"]);
     assert_eq!((code, &json["identified"]), (Some(3), &0.into()), "{words}");
     assert!(words.contains("the images are mirrored"), "{words}");
