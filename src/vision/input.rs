@@ -127,6 +127,7 @@ pub fn list_sources(paths: &[PathBuf]) -> Result<SourceList> {
         }
         let before = found.len();
         let mut skipped = Vec::new();
+        let path = &frames_of(path);
         for entry in std::fs::read_dir(path).map_err(|e| Error::read(path, e))? {
             let file = entry.map_err(|e| Error::read(path, e))?.path();
             if has_ending(&file, &IMAGES) && file.is_file() {
@@ -161,6 +162,16 @@ pub fn list_sources(paths: &[PathBuf]) -> Result<SourceList> {
         sources: found.into_iter().map(source).collect(),
         skipped: all_skipped,
     })
+}
+
+/// Where a folder has its frames: in `images` where [`synth`](crate::synth) wrote it, with a sheet of some of them
+/// beside.
+fn frames_of(folder: &Path) -> PathBuf {
+    let inner = folder.join("images");
+    match inner.is_dir() && folder.join("index.csv").is_file() {
+        true => inner,
+        false => folder.to_path_buf(),
+    }
 }
 
 /// The sources of [`list_sources`] alone.

@@ -6,8 +6,8 @@ use std::process::Command;
 
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage as Buffer};
 use spindoe::vision::RgbImage;
-use spindoe::vision::frame_table::read_times;
-use spindoe::vision::input::{Source, read_frames};
+use spindoe::vision::frame_table::{FrameCircles, read_circles, read_times};
+use spindoe::vision::input::{Source, read_frames, sources};
 use spindoe::vision::picture::DEFAULT_MAX_PIXELS;
 
 /// The times of `frames` by the table `text`, or what is said of it.
@@ -36,6 +36,46 @@ fn frames_of_two_folders_keep_their_times() {
     let text = "time_s,frame\n1,7\n2,./b/7\n3,film_000002\n";
     let frames = ["a/7.png", "b/7.png", "clips/film_000002"];
     assert_eq!(times(text, &frames).unwrap(), [1.0, 2.0, 3.0]);
+}
+
+/// What `synth` writes has a sheet beside the frames, which is none.
+#[test]
+fn the_folder_of_a_rendered_clip_is_its_frames() {
+    let dir = tempfile::tempdir().unwrap();
+    let clip = dir.path().join("clip");
+    std::fs::create_dir_all(clip.join("images")).unwrap();
+    for name in ["images/20.png", "images/3.png", "contact_sheet.png"] {
+        RgbImage::new(8, 8, vec![[0.5; 3]; 64])
+            .and_then(|image| image.write_png(&clip.join(name)))
+            .unwrap();
+    }
+    let sheet = sources(std::slice::from_ref(&clip)).unwrap();
+    assert_eq!(sheet, [Source::Image(clip.join("contact_sheet.png"))]);
+    std::fs::write(clip.join("index.csv"), "images/3.png,3,1\n").unwrap();
+    let frames = ["3.png", "20.png"].map(|name| Source::Image(clip.join("images").join(name)));
+    assert_eq!(sources(&[clip]).unwrap(), frames);
+}
+
+#[test]
+fn outlines_may_say_how_well_they_are_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("circles.csv");
+    let read = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        let of_frame = |t: FrameCircles| t.of_frame("7.png".as_ref());
+        read_circles(&path).and_then(of_frame)
+    };
+    let sigma = |text: &str| read(text).unwrap().expect("a row").sigma_px;
+    assert_eq!(sigma("frame,u,v,radius,sigma\n7,10,20,30,0.02\n"), 0.02);
+    assert!((sigma("frame,u,v,radius\n7,10,20,30\n") - 0.3).abs() < 1e-12);
+    for bad in ["0", "-1", "31", "x"] {
+        let text = format!("frame,u,v,radius,sigma\n7,10,20,30,{bad}\n");
+        let problem = read(&text).unwrap_err().to_string();
+        assert!(
+            problem.contains("line 2") && problem.contains("sigma"),
+            "{problem}"
+        );
+    }
 }
 
 #[test]
