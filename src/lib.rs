@@ -124,6 +124,8 @@ match &estimate.outcome {
 pub mod ball;
 #[cfg(feature = "vision")]
 pub mod calibrate;
+#[cfg(feature = "vision")]
+pub mod camera;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
@@ -140,8 +142,6 @@ pub mod pattern;
 pub mod pipeline;
 #[cfg(feature = "plot")]
 pub mod plot;
-#[cfg(feature = "vision")]
-pub mod predict;
 pub mod recognize;
 #[cfg(feature = "native")]
 pub mod report;

@@ -1,5 +1,5 @@
-//! The flags that describe a camera, alike in all commands that predict, and the file that may hold
-//! them.
+//! The flags that describe a camera, alike in all commands that render its frames, and the file that
+//! may hold them.
 
 use std::path::{Path, PathBuf};
 
@@ -7,10 +7,12 @@ use clap::Args;
 use serde::Deserialize;
 
 use super::output::one_of;
+use crate::camera::{CameraConditions, DotSize, FrameRates, Surroundings};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::predict::{CameraConditions, DotSize, FramePrediction, Surroundings};
 
+/// Frames of a camera where none are stated.
+pub const CAMERA_FRAMES: u64 = 1000;
 /// Diameter of a table tennis ball, mm.
 const BALL_MM: f64 = 40.0;
 /// The flags by the conditions that they state.
@@ -205,14 +207,8 @@ fn read(path: &Path) -> Result<CameraFile> {
 }
 
 /// Prints what a pattern gives before a camera.
-pub fn print_frames(found: &FramePrediction) {
-    let r = &found.rates;
-    outln!(
-        "{} frames of seed {}, {:.0} % of them within what the detection model was learned from",
-        r.right.trials,
-        found.seed,
-        100.0 * found.covered
-    );
+pub fn print_frames(r: &FrameRates) {
+    outln!("{} frames of seed {}", r.right.trials, r.seed);
     outln!("  right       {} of {}", r.right, r.right.trials);
     outln!("  wrong       {} of {}", r.wrong, r.wrong.trials);
     outln!("  unanswered  {} of {}", r.unanswered, r.unanswered.trials);

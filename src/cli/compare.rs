@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 #[cfg(feature = "vision")]
-use super::camera::CameraArguments;
+use super::camera::{CAMERA_FRAMES, CameraArguments};
 use super::output::{Counter, one_of, quoted};
 use super::print_json;
 use crate::ball::Ball;
@@ -25,7 +25,8 @@ Example:
   spindoe compare published.csv designs/dots20/pattern.csv -o comparison
   spindoe compare published.csv designs/dots20/pattern.csv --ball-px 45 --surroundings any
 
-With any flag of a camera the patterns are compared on frames of that camera, predicted without rendering.")]
+With any flag of a camera the patterns are compared on frames of that camera, rendered and read by the
+whole estimator: some 10 ms each, in any surroundings some 50.")]
 pub struct Arguments {
     /// The patterns, at least two: for each its CSV (unit vectors x,y,z), a table (.npz), or the folder
     /// of a design or calibration.
@@ -34,9 +35,9 @@ pub struct Arguments {
     /// Write report.html, comparison.json and the plots to this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Trials per protocol.
-    #[arg(long, value_name = "N", default_value_t = 10_000)]
-    samples: u64,
+    /// Trials per protocol; with a camera, frames a pattern [default: 10000, with a camera 1000].
+    #[arg(long, value_name = "N")]
+    samples: Option<u64>,
     /// Seed of the trials.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -52,11 +53,15 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    fn samples(&self) -> u64 {
+        self.samples.unwrap_or(10_000)
+    }
+
     /// The command that repeats the comparison.
     fn command(&self) -> String {
         let mut words = vec!["spindoe compare".to_owned()];
         words.extend(self.inputs.iter().map(|p| quoted(&p.to_string_lossy())));
-        words.push(format!("--samples {} --seed {}", self.samples, self.seed));
+        words.push(format!("--samples {} --seed {}", self.samples(), self.seed));
         if let Some(recognizer) = self.recognizer {
             words.push(format!("--recognizer {recognizer}"));
         }
@@ -93,7 +98,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         &entries,
         &recognizers,
         arguments.seed,
-        arguments.samples,
+        arguments.samples(),
         &mut |what| {
             counter.line(what);
             counter.add(1);
@@ -119,9 +124,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// The patterns before the stated camera, on the same scenes.
 #[cfg(feature = "vision")]
 fn before_camera(arguments: &Arguments, entries: &[Entry]) -> Result<()> {
+    use crate::camera::{CameraTrials, FrameRates, paired};
     use crate::error::Error;
-    use crate::predict::{DetectionModel, FrameRates, Predictor, paired};
-    use crate::vision::EstimatorConfig;
 
     for (is_given, flag) in [
         (arguments.output.is_some(), "output"),
@@ -132,23 +136,17 @@ fn before_camera(arguments: &Arguments, entries: &[Entry]) -> Result<()> {
         }
     }
     let conditions = arguments.camera.conditions()?;
-    let model = DetectionModel::shipped()?;
-    let counter = Counter::new(entries.len() as u64, "patterns");
+    let trials = CameraTrials::new(conditions, arguments.seed);
+    let frames = arguments.samples.unwrap_or(CAMERA_FRAMES);
+    let counter = Counter::new(frames.saturating_mul(entries.len() as u64), "frames");
     let mut outcomes = Vec::with_capacity(entries.len());
     for entry in entries {
-        let pattern = entry.ball.pattern();
-        let predictor = Predictor::new(&model, pattern, EstimatorConfig::default())?;
-        outcomes.push(
-            predictor
-                .outcomes(&conditions, arguments.seed, arguments.samples)?
-                .0,
-        );
-        counter.add(1);
+        outcomes.push(trials.frames(entry.ball.pattern(), 0..frames, &|n| counter.add(n))?);
     }
     counter.finish();
     let rows = entries.iter().zip(&outcomes).map(|(entry, own)| {
         let difference = paired(&outcomes[0], own);
-        (entry, FrameRates::of(own), difference)
+        (entry, FrameRates::of(own, arguments.seed), difference)
     });
     if arguments.json {
         let rows: Vec<_> = rows
@@ -161,8 +159,7 @@ fn before_camera(arguments: &Arguments, entries: &[Entry]) -> Result<()> {
         }));
     }
     outln!(
-        "{} frames of seed {}, the same scenes for all:",
-        arguments.samples,
+        "{frames} frames of seed {}, the same scenes for all:",
         arguments.seed
     );
     for (entry, r, difference) in rows {

@@ -33,9 +33,9 @@ pub struct Arguments {
     /// Protocol of the views [default: paper].
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str))]
     protocol: Option<ProtocolName>,
-    /// Trials per point; with a camera, frames.
-    #[arg(long, value_name = "N", default_value_t = 2_000)]
-    samples: u64,
+    /// Trials per point; with a camera, frames [default: 2000, with a camera 200].
+    #[arg(long, value_name = "N")]
+    samples: Option<u64>,
     /// Seed of the trials.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = SensitivityConfig {
         sigmas_deg: arguments.sigmas_deg.clone(),
         alphas: arguments.alphas.clone(),
-        samples: arguments.samples,
+        samples: arguments.samples.unwrap_or(2_000),
         seed: arguments.seed,
     };
     let dir = &arguments.output;
@@ -96,12 +96,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// Frames of a camera for each point where none are stated.
+#[cfg(feature = "vision")]
+const POINT_FRAMES: u64 = 200;
+
 /// The rates before the stated camera, and before others that differ from it in one property.
 #[cfg(feature = "vision")]
 fn before_camera(arguments: &Arguments, ball: &Ball) -> Result<()> {
+    use crate::camera::{CameraPoint, CameraSweep, sweep_csv};
     use crate::error::Error;
-    use crate::predict::{CameraSweep, DetectionModel, Predictor, sweep_csv};
-    use crate::vision::EstimatorConfig;
 
     let usual = SensitivityConfig::default();
     for (is_given, flag) in [
@@ -117,20 +120,21 @@ fn before_camera(arguments: &Arguments, ball: &Ball) -> Result<()> {
     let sweep = CameraSweep::around(&conditions);
     let dir = &arguments.output;
     files::create_dir(dir)?;
-    let model = DetectionModel::shipped()?;
-    let predictor = Predictor::new(&model, ball.pattern(), EstimatorConfig::default())?;
-    let counter = Counter::new(sweep.cameras.len() as u64, "points");
-    let points = sweep.run(&predictor, arguments.seed, arguments.samples, &mut |p| {
+    let frames = arguments.samples.unwrap_or(POINT_FRAMES);
+    let total = frames.saturating_mul(sweep.cameras.len() as u64);
+    let counter = Counter::new(total, "frames");
+    let each = &mut |p: &CameraPoint| {
         counter.line(&format!(
             "{:<13} {:>8.3}  right {}  wrong {}  {:.3} deg",
             p.parameter.as_str(),
             p.value,
-            p.frames.rates.right,
-            p.frames.rates.wrong,
-            p.frames.rates.mean_error_deg
+            p.frames.right,
+            p.frames.wrong,
+            p.frames.mean_error_deg
         ));
-        counter.add(1);
-    })?;
+    };
+    let done = |n| counter.add(n);
+    let points = sweep.run(ball.pattern(), arguments.seed, frames, each, &done)?;
     counter.finish();
     files::write_bytes(&dir.join("sensitivity.csv"), sweep_csv(&points).as_bytes())?;
     if arguments.json {

@@ -43,7 +43,7 @@ pub struct Arguments {
     #[arg(long, allow_negative_numbers = true)]
     drops: Option<f64>,
     /// The camera, as for `spindoe advise`: frame rate, noise, outliers and lost frames are what it
-    /// would give of --pattern, predicted.
+    /// gives of --pattern in rendered frames.
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "CAMERA.toml")]
     camera: Option<PathBuf>,
@@ -88,10 +88,6 @@ impl Default for Usual {
     }
 }
 
-/// Frames from which a camera's noise, outliers and lost frames are predicted.
-#[cfg(feature = "vision")]
-const PREDICTED: u64 = 2000;
-
 impl Arguments {
     fn usual(&self) -> Result<Usual> {
         #[cfg(feature = "vision")]
@@ -104,11 +100,13 @@ impl Arguments {
     /// What the camera gives of the pattern.
     #[cfg(feature = "vision")]
     fn of_camera(&self, path: &std::path::Path) -> Result<Usual> {
-        use crate::predict::{DetectionModel, Predictor, shipped_designs};
-        use crate::vision::EstimatorConfig;
+        use super::camera::{CAMERA_FRAMES, read_conditions};
+        use super::output::Counter;
+        use crate::camera::{CameraTrials, FrameRates};
+        use crate::pattern::shipped_designs;
         use rand::RngExt as _;
 
-        let conditions = super::camera::read_conditions(path)?;
+        let conditions = read_conditions(path)?;
         let pattern = match &self.pattern {
             Some(path) => crate::ball::Ball::read(path)?.into_pattern(),
             None => {
@@ -119,9 +117,11 @@ impl Arguments {
                     .pattern
             }
         };
-        let model = DetectionModel::shipped()?;
-        let predictor = Predictor::new(&model, &pattern, EstimatorConfig::default())?;
-        let rates = predictor.frames(&conditions, self.seed, PREDICTED)?.rates;
+        let trials = CameraTrials::new(conditions, self.seed);
+        let counter = Counter::new(CAMERA_FRAMES, "frames");
+        let outcomes = trials.frames(&pattern, 0..CAMERA_FRAMES, &|n| counter.add(n))?;
+        counter.finish();
+        let rates = FrameRates::of(&outcomes, self.seed);
         let answered = rates.right.rate + rates.wrong.rate;
         let [low, high] = conditions.rps;
         Ok(Usual {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 #[cfg(feature = "vision")]
-use super::camera::{CameraArguments, print_frames};
+use super::camera::{CAMERA_FRAMES, CameraArguments, print_frames};
 use super::output::{Counter, one_of};
 use super::print_json;
 use crate::ball::Ball;
@@ -23,8 +23,8 @@ Protocols (a view is a rotation uniform on SO(3)):
   sparse   four of the dots with z > 1/3, noise of 3 deg: the hardest to identify
   clutter  noise of 5 deg, 20 % of the dots missed, two false dots
   image    noise of 1 px per axis on a ball of 30 px radius, 10 % missed, one false dot
-With any flag of a camera the views are instead those of that camera: what the estimator would answer on
-its images, predicted without rendering them.
+With any flag of a camera the views are instead frames of that camera, rendered and read by the whole
+estimator: some 10 ms each, in any surroundings some 50.
 
 Views with too few dots are counted as skipped, never as failures or successes.
 
@@ -39,9 +39,9 @@ pub struct Arguments {
     /// Protocol of the views [default: paper].
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str))]
     protocol: Option<ProtocolName>,
-    /// Number of trials.
-    #[arg(long, value_name = "N", default_value_t = 10_000)]
-    samples: u64,
+    /// Number of trials; with a camera, of frames [default: 10000, with a camera 1000].
+    #[arg(long, value_name = "N")]
+    samples: Option<u64>,
     /// Noise of a dot in degrees, instead of the protocol's own.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     sigma_deg: Option<f64>,
@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(sigma) = arguments.sigma_deg {
         protocol = protocol.with_sigma_rad(sigma.to_radians());
     }
-    let samples = arguments.samples;
+    let samples = arguments.samples.unwrap_or(10_000);
     let config = ValidationConfig {
         recognizer: arguments.recognizer,
         protocol,
@@ -104,8 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// The rates before the stated camera.
 #[cfg(feature = "vision")]
 fn before_camera(arguments: &Arguments, ball: &Ball) -> Result<()> {
-    use crate::predict::{DetectionModel, Predictor};
-    use crate::vision::EstimatorConfig;
+    use crate::camera::{CameraTrials, FrameRates};
 
     for (is_given, flag) in [
         (arguments.protocol.is_some(), "protocol"),
@@ -118,9 +117,12 @@ fn before_camera(arguments: &Arguments, ball: &Ball) -> Result<()> {
         }
     }
     let conditions = arguments.camera.conditions()?;
-    let model = DetectionModel::shipped()?;
-    let predictor = Predictor::new(&model, ball.pattern(), EstimatorConfig::default())?;
-    let found = predictor.frames(&conditions, arguments.seed, arguments.samples)?;
+    let trials = CameraTrials::new(conditions, arguments.seed);
+    let frames = arguments.samples.unwrap_or(CAMERA_FRAMES);
+    let counter = Counter::new(frames, "frames");
+    let outcomes = trials.frames(ball.pattern(), 0..frames, &|n| counter.add(n))?;
+    counter.finish();
+    let found = FrameRates::of(&outcomes, arguments.seed);
     if arguments.json {
         return print_json(&serde_json::json!({ "conditions": conditions, "frames": found }));
     }

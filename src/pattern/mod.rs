@@ -7,6 +7,7 @@
 
 pub(crate) mod crowding;
 mod keep_out;
+mod shipped;
 mod visible;
 
 use std::fmt::Write as _;
@@ -22,6 +23,7 @@ use crate::files::csv::{Format, Row, Rows};
 use crate::geometry::{Vec3, angle_between, random_direction};
 
 pub use keep_out::{KeepOut, zones_path};
+pub use shipped::{NamedPattern, shipped_designs};
 
 /// Minimum number of dots of a pattern.
 pub const MIN_DOTS: usize = 4;

@@ -127,9 +127,7 @@ pub struct DesignReport {
 pub struct CameraRecord {
     /// The camera's conditions, as JSON.
     pub conditions: serde_json::Value,
-    /// Whether the frames were rendered; predicted if not.
-    pub rendered: bool,
-    /// Frames a finalist.
+    /// Frames of a finalist that is not clearly worse than the best.
     pub frames: u64,
     /// Their seed.
     pub seed: u64,

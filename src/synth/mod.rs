@@ -40,13 +40,13 @@ pub mod folder;
 pub mod light;
 pub mod logo;
 mod noise;
-pub mod observables;
 pub mod occlusion;
 pub mod pen;
 mod random;
 pub mod render;
 pub mod scene;
 pub mod sensor;
+pub mod signal;
 pub mod surface;
 pub mod view;
 

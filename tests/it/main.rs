@@ -11,11 +11,11 @@ mod common;
 mod design;
 mod geometry;
 
+#[cfg(feature = "vision")]
+mod camera;
 mod mark;
 mod pattern;
 mod plot;
-#[cfg(feature = "vision")]
-mod predict;
 mod recognize;
 mod report;
 mod spin;

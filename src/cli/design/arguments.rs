@@ -7,6 +7,10 @@ use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::ball::Ball;
+#[cfg(feature = "vision")]
+use crate::camera::RaceConfig;
+#[cfg(feature = "vision")]
+use crate::cli::output::Counter;
 use crate::cli::output::{one_of, quoted};
 use crate::design::objective::NAME_BEFORE;
 use crate::design::objective::bound::BoundSummary;
@@ -147,11 +151,12 @@ pub struct Arguments {
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "CAMERA.toml")]
     pub(super) camera: Option<PathBuf>,
-    /// Rank the finalists on N rendered frames each, read by the whole estimator, instead of
-    /// predicted ones; some 10 ms a frame and core.
+    /// Frames of the camera for each pattern that is not clearly worse than another; some 10 ms a frame
+    /// and core, in any surroundings some 50.
     #[cfg(feature = "vision")]
-    #[arg(long, value_name = "N", requires = "camera")]
-    pub(super) render: Option<u64>,
+    #[arg(long, value_name = "N", requires = "camera", alias = "render",
+        default_value_t = RaceConfig::default().max_frames)]
+    pub(super) camera_frames: u64,
     /// The folder to write to; by default spindoe-design, with a number where that is taken.
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
@@ -227,11 +232,13 @@ impl Arguments {
         let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));
         #[cfg(feature = "vision")]
         if let (ObjectiveName::Coverage, Some(path)) = (name, &self.camera) {
-            use crate::predict::{DetectionModel, coverage};
+            use crate::camera::{COVERAGE_FRAMES, coverage};
 
             let conditions = super::camera::conditions(path, &self.stencil())?;
-            let model = DetectionModel::shipped()?;
-            return Ok(Objective::Coverage(coverage(&model, &conditions, dots)?));
+            let counter = Counter::new(COVERAGE_FRAMES, "frames of the camera");
+            let measured = coverage(&conditions, dots, &|n| counter.add(n))?;
+            counter.finish();
+            return Ok(Objective::Coverage(measured));
         }
         Ok(Objective::for_view(name, protocol.view()))
     }
@@ -387,8 +394,8 @@ impl Arguments {
         #[cfg(feature = "vision")]
         if let Some(path) = &self.camera {
             add("camera", quoted(&path.to_string_lossy()));
-            if let Some(frames) = self.render {
-                add("render", frames.to_string());
+            if self.camera_frames != RaceConfig::default().max_frames {
+                add("camera-frames", self.camera_frames.to_string());
             }
         }
         if self.protocol == ProtocolName::Image {

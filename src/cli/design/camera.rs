@@ -1,24 +1,24 @@
 //! A design for a camera: how many dots, and which finalist.
 //!
 //! The number of dots is chosen among a few, each searched briefly with the largest holes that so
-//! many dots leave room for; then the winner's search runs as asked. Both choices are by the
-//! effective error of an orientation ([`crate::predict`]), on seeds that nothing else uses.
+//! many dots leave room for; then the winner's search runs as asked. Both choices are races on rendered
+//! frames of the camera ([`crate::camera`]), of seeds that nothing else uses.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::Arguments;
+use crate::camera::{
+    CameraConditions, CameraTrials, FrameRates, MAX_DOT, RaceConfig, Racer, Standing, race_patterns,
+};
 use crate::cli::camera::read_conditions;
 use crate::cli::output::Counter;
 use crate::design::search::feasible::packed_separation;
 use crate::design::{Candidate, DesignConfig, SearchState, design};
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
-use crate::predict::{
-    CameraConditions, Judge, Judgment, MAX_DOT, NamedPattern, Trial, shipped_designs,
-};
 use crate::report::{CameraRank, CameraRecord};
-use crate::stencil::{Stencil, StencilConfig};
+use crate::stencil::StencilConfig;
 
 /// Numbers of dots that are tried.
 const DOTS: [usize; 6] = [16, 20, 24, 28, 32, 40];
@@ -27,18 +27,14 @@ const STARTS: usize = 6;
 /// Part of the largest separation known for so many dots that a search is left with: with all of it
 /// there is one pattern.
 const ROOM: f64 = 0.9;
-/// Predicted frames a pattern.
-const FRAMES: u64 = 2000;
 /// Set in the seed of the frames that choose the number of dots, and of those that rank finalists.
 const CHOICE: u64 = 0xca3e_0001 << 32;
 const RANKING: u64 = 0xca3e_0002 << 32;
 
 /// Ranks the finalists of a search.
 pub(super) struct CameraRanking {
-    judge: Judge,
-    conditions: CameraConditions,
-    trial: Trial,
-    seed: u64,
+    trials: CameraTrials,
+    race: RaceConfig,
     record: Option<CameraRecord>,
 }
 
@@ -48,43 +44,39 @@ impl CameraRanking {
         let Some(path) = &arguments.camera else {
             return Ok(None);
         };
-        let stencil = arguments.stencil();
-        let conditions = conditions(path, &stencil)?;
-        let trial = arguments
-            .render
-            .map_or(Trial::Predicted(FRAMES), Trial::Rendered);
+        let conditions = conditions(path, &arguments.stencil())?;
         Ok(Some(Self {
-            judge: Judge::new(conditions, trial)?,
-            conditions,
-            trial,
-            seed: arguments.seed ^ RANKING,
+            trials: CameraTrials::new(conditions, arguments.seed ^ RANKING),
+            race: RaceConfig::of_frames(arguments.camera_frames),
             record: None,
         }))
     }
 
     /// Puts the finalists in order.
     pub fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
-        let mut ranked = Vec::with_capacity(finalists.len());
-        for candidate in &*finalists {
-            let judgment = self.judge.judge(&candidate.pattern()?, self.seed)?;
-            ranked.push((candidate.clone(), judgment));
-        }
-        ranked.sort_by(|(_, a), (_, b)| a.effective_error_deg.total_cmp(&b.effective_error_deg));
-        let (rendered, frames) = match self.trial {
-            Trial::Predicted(frames) => (false, frames),
-            Trial::Rendered(frames) => (true, frames),
-        };
-        self.record = Some(CameraRecord {
-            conditions: serde_json::to_value(self.conditions)
-                .map_err(|e| Error::Internal(format!("conditions as JSON: {e}")))?,
-            rendered,
-            frames,
-            seed: self.seed,
-            finalists: ranked.iter().map(|(c, j)| rank_of(c, j)).collect(),
+        let patterns = finalists.iter().map(Candidate::pattern);
+        let patterns = patterns.collect::<Result<Vec<_>>>()?;
+        let racers = patterns.iter().map(|pattern| Racer {
+            pattern,
+            dot_diameter: self.trials.conditions.dot_diameter,
         });
-        for (place, (candidate, _)) in finalists.iter_mut().zip(ranked) {
-            *place = candidate;
-        }
+        let racers: Vec<Racer<'_>> = racers.collect();
+        let standings = race_patterns(&self.trials, &racers, &self.race, &|_| ())?;
+        let place = |s: &Standing| finalists[s.entry].clone();
+        let ranked: Vec<Candidate> = standings.iter().map(place).collect();
+        let seed = self.trials.seed;
+        let ranks = ranked.iter().zip(&standings).map(|(candidate, standing)| {
+            let rates = FrameRates::of(&standing.outcomes, seed);
+            rank_of(candidate, &rates)
+        });
+        self.record = Some(CameraRecord {
+            conditions: serde_json::to_value(self.trials.conditions)
+                .map_err(|e| Error::Internal(format!("conditions as JSON: {e}")))?,
+            frames: self.race.max_frames,
+            seed,
+            finalists: ranks.collect(),
+        });
+        finalists.clone_from_slice(&ranked);
         Ok(())
     }
 
@@ -94,13 +86,13 @@ impl CameraRanking {
     }
 }
 
-fn rank_of(candidate: &Candidate, judgment: &Judgment) -> CameraRank {
+fn rank_of(candidate: &Candidate, rates: &FrameRates) -> CameraRank {
     CameraRank {
         start: candidate.start,
-        right: judgment.rates.right,
-        wrong: judgment.rates.wrong,
-        mean_error_deg: judgment.rates.mean_error_deg,
-        effective_error_deg: judgment.effective_error_deg,
+        right: rates.right,
+        wrong: rates.wrong,
+        mean_error_deg: rates.mean_error_deg,
+        effective_error_deg: rates.effective_error_deg,
     }
 }
 
@@ -112,8 +104,15 @@ pub(super) fn conditions(path: &Path, stencil: &StencilConfig) -> Result<CameraC
     })
 }
 
+/// A brief search's finalist.
+struct Tried {
+    arguments: Arguments,
+    pattern: Pattern,
+    hole_mm: f64,
+}
+
 /// The arguments with the number of dots and the holes settled for the camera: those given, or the
-/// best of a few brief searches, beside what the shipped designs would give.
+/// best of a few brief searches.
 pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Arguments> {
     let mut chosen = arguments.clone();
     let Some(path) = &arguments.camera else {
@@ -126,20 +125,30 @@ pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Argume
         let problem = "must be given here: with --camera alone it would be chosen anew";
         return Err(Error::argument("dots", problem));
     }
-    let mut judge = Judge::new(read_conditions(path)?, Trial::Predicted(FRAMES))?;
-    let seed = arguments.seed ^ CHOICE;
-    let shipped = shipped_designs()?;
-    let counter = Counter::new((shipped.len() + DOTS.len()) as u64, "patterns");
-    let mut rows: Vec<(String, Judgment)> = Vec::new();
-    for NamedPattern { name, pattern } in &shipped {
-        let hole = Stencil::largest_hole_mm(pattern, &arguments.stencil());
-        let hole = hole.unwrap_or(arguments.stencil().hole_diameter_mm);
-        let diameter = (hole / arguments.ball_diameter_mm).min(MAX_DOT);
-        judge = judge.with_dot_diameter(diameter);
-        rows.push((name.clone(), judge.judge(pattern, seed)?));
-        counter.add(1);
-    }
-    let mut best: Option<(f64, Arguments)> = None;
+    let trials = CameraTrials::new(read_conditions(path)?, arguments.seed ^ CHOICE);
+    let tried = brief_searches(arguments, stop)?;
+    let racers = tried.iter().map(|tried| Racer {
+        pattern: &tried.pattern,
+        dot_diameter: tried.hole_mm / arguments.ball_diameter_mm,
+    });
+    let racers: Vec<Racer<'_>> = racers.collect();
+    let race = RaceConfig::of_frames(arguments.camera_frames);
+    let total = race.max_frames.saturating_mul(racers.len() as u64);
+    let counter = Counter::new(total, "frames");
+    let standings = race_patterns(&trials, &racers, &race, &|n| counter.add(n))?;
+    counter.finish();
+    print_choice(&tried, &standings, trials.seed);
+    // A race without racers is an error: there is a first.
+    let best = &tried[standings[0].entry].arguments;
+    chosen.dots = best.dots;
+    chosen.hole_diameter_mm = best.hole_diameter_mm;
+    Ok(chosen)
+}
+
+/// The finalists of a brief search for each number of dots that leaves room for what else is asked.
+fn brief_searches(arguments: &Arguments, stop: &AtomicBool) -> Result<Vec<Tried>> {
+    let mut all = Vec::new();
+    let counter = Counter::new(DOTS.len() as u64, "numbers of dots");
     for dots in DOTS {
         let mut tried = arguments.clone();
         tried.dots = Some(dots);
@@ -153,47 +162,22 @@ pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Argume
         };
         let found = design(&config, &mut SearchState::default(), stop, &mut ());
         counter.add(1);
-        // So many dots may leave no room for what else is asked.
         let Ok(found) = found else { continue };
-        let stencil = tried.stencil();
-        judge = judge.with_dot_diameter(stencil.hole_diameter_mm / stencil.ball_diameter_mm);
-        let judgment = best_of(&judge, &found.finalists, seed)?;
-        let error = judgment.effective_error_deg;
-        rows.push((
-            format!("{dots} dots of {} mm", stencil.hole_diameter_mm),
-            judgment,
-        ));
-        if best.as_ref().is_none_or(|(least, _)| error < *least) {
-            best = Some((error, tried));
+        let hole_mm = tried.stencil().hole_diameter_mm;
+        for candidate in &found.finalists {
+            all.push(Tried {
+                arguments: tried.clone(),
+                pattern: candidate.pattern()?,
+                hole_mm,
+            });
         }
     }
     counter.finish();
-    print_choice(&rows);
-    let (_, tried) = best.ok_or_else(|| {
-        Error::argument(
-            "dots",
-            "no number of dots leaves room for what else is asked",
-        )
-    })?;
-    chosen.dots = tried.dots;
-    chosen.hole_diameter_mm = tried.hole_diameter_mm;
-    Ok(chosen)
-}
-
-/// The judgment of the best of these.
-fn best_of(judge: &Judge, finalists: &[Candidate], seed: u64) -> Result<Judgment> {
-    let mut best: Option<Judgment> = None;
-    for candidate in finalists {
-        let pattern: Pattern = candidate.pattern()?;
-        let judgment = judge.judge(&pattern, seed)?;
-        let is_better = best
-            .as_ref()
-            .is_none_or(|b| judgment.effective_error_deg < b.effective_error_deg);
-        if is_better {
-            best = Some(judgment);
-        }
+    if all.is_empty() {
+        let problem = "no number of dots leaves room for what else is asked";
+        return Err(Error::argument("dots", problem));
     }
-    best.ok_or_else(|| Error::argument("design", "no finalist"))
+    Ok(all)
 }
 
 /// The largest holes, mm, that so many dots leave room for, up to the largest dots that the detector
@@ -215,14 +199,26 @@ fn hole_for(dots: usize, arguments: &Arguments) -> f64 {
         .unwrap_or(stencil.hole_diameter_mm)
 }
 
-fn print_choice(rows: &[(String, Judgment)]) {
-    errln!("predicted for the camera, {FRAMES} frames a pattern, shipped designs first:");
-    for (name, j) in rows {
+/// The best pattern of each number of dots.
+fn print_choice(tried: &[Tried], standings: &[Standing], seed: u64) {
+    errln!("rendered frames of the camera, seed {seed}, the best of each number of dots:");
+    let mut said = Vec::new();
+    for standing in standings {
+        let Tried {
+            pattern, hole_mm, ..
+        } = &tried[standing.entry];
+        if said.contains(&pattern.len()) {
+            continue;
+        }
+        said.push(pattern.len());
+        let rates = FrameRates::of(&standing.outcomes, seed);
         errln!(
-            "  {name:22} right {}, wrong {:.2} %, error {:.2} deg",
-            j.rates.right,
-            100.0 * j.rates.wrong.rate,
-            j.effective_error_deg
+            "  {:22} {} frames: right {}, wrong {:.2} %, error {:.2} deg",
+            format!("{} dots of {hole_mm} mm", pattern.len()),
+            rates.right.trials,
+            rates.right,
+            100.0 * rates.wrong.rate,
+            rates.effective_error_deg
         );
     }
 }

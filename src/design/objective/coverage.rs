@@ -32,7 +32,7 @@ use crate::pattern::crowding::{CROWD, crowds, nearness};
 /// Viewing directions: with fewer a descent places dots for those alone.
 const VIEWS: usize = 256;
 /// Gauss and Hermite's nodes and weights for the mean over a normal distribution.
-const LEVELS: [[f64; 2]; 5] = [
+pub(crate) const LEVELS: [[f64; 2]; 5] = [
     [-2.856_970_013_872_806, 0.011_257_411_327_720_69],
     [-1.355_626_179_974_266, 0.222_075_922_005_612_6],
     [0.0, 0.533_333_333_333_333_3],
@@ -66,7 +66,7 @@ pub struct Coverage {
 }
 
 impl Default for Coverage {
-    /// What `spindoe::predict::coverage` finds for 20 dots on a ball of 26 pixels.
+    /// What `spindoe::camera::coverage` finds for 20 dots on a ball of 26 pixels.
     fn default() -> Self {
         Self {
             visibility_limit: 0.31,

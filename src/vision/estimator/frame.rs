@@ -370,21 +370,6 @@ impl FrameEstimate {
         }
     }
 
-    /// The same with an outline of which the edges show this share.
-    pub(crate) fn with_support(mut self, support: f64) -> Self {
-        self.unfitted_support = support;
-        self
-    }
-
-    /// The same outline with the dots of another look at it; the runs of the recognizer count on.
-    pub(crate) fn with_dots(mut self, dots: Vec<DotDetection>) -> Self {
-        self.assignment = vec![None; dots.len()];
-        self.dots = dots;
-        self.outcome = Err(FrameRejection::NotProcessed);
-        self.earlier_attempts = self.attempts;
-        self
-    }
-
     /// Whether another look at the dots is of no use: there is a pose, the dots are those of the mirrored pattern, or no
     /// outline was found.
     pub fn is_settled(&self) -> bool {

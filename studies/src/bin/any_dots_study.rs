@@ -3,9 +3,8 @@
 //!     cargo run --release -p spindoe-studies --bin any_dots_study -- [OUT_DIR] [PATTERNS] [FRAMES] [DOTS ...]
 //!
 //! For each number of dots: patterns in two groups, random ones and random ones after some descent
-//! steps on an objective that takes turns. Each is put before a hard camera by the `camera`
-//! protocol: scenes, and a model of what the detector finds in them. The measured quantity is the
-//! mean over frames of the probability that the answer is wrong: 1 less the probability that the
+//! steps on an objective that takes turns. Each is put before a hard camera, in rendered frames that the
+//! whole estimator reads. The measured quantity is the mean over frames of the probability that the answer is wrong: 1 less the probability that the
 //! recognizer gives to its pose where that is right, 1 where it is wrong or missing. The scenes are
 //! the same for all patterns of a number of dots; the camera's distance is known to the estimator,
 //! which makes it faster. Frames without an outline are left out: no pattern changes them.
@@ -22,25 +21,23 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use spindoe::Pattern;
+use spindoe::camera::{CameraConditions, CameraTrials, FrameOutcome, coverage};
 use spindoe::design::constraints::max_separation;
 use spindoe::design::descent::descend;
 use spindoe::design::objective::Coverage;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::geometry::Vec3;
 use spindoe::pattern::random_pattern;
-use spindoe::predict::{CameraConditions, DetectionModel, FrameOutcome};
-use spindoe::synth::dataset::frame_rng;
 use spindoe::view::ProtocolName;
+use spindoe::vision::Camera;
 use spindoe::vision::estimator::CameraModel;
-use spindoe::vision::{BlobConfig, BlobDetector, Camera, Estimator, EstimatorConfig};
 use spindoe_studies::ranks::spearman;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
-/// Seeds: of the patterns, of the scenes, and of what is detected in them.
+/// Seeds: of the patterns, and of the scenes.
 const PATTERN_SEED: u64 = 15_400_001;
 const SCENE_SEED: u64 = 15_400_002;
-const DETECTION_SEED: u64 = 15_400_003;
 /// Distance of the camera, ball radii.
 const DISTANCE: f64 = 20.0;
 /// Numbers of detected dots are counted up to this one.
@@ -101,40 +98,35 @@ fn pattern(dots: usize, index: usize) -> Outcome<(Pattern, bool)> {
     Ok((descend(&start, &objective, &constraints, steps)?, true))
 }
 
-fn measured(dots: usize, index: usize, frames: u64, model: &DetectionModel) -> Outcome<Row> {
+fn measured(dots: usize, index: usize, frames: u64) -> Outcome<Row> {
     let (pattern, descended) = pattern(dots, index)?;
-    let conditions = conditions(dots);
-    let config = EstimatorConfig {
-        camera: CameraModel::Known(Camera::Near {
-            inverse_distance: 1.0 / DISTANCE,
-        }),
-        ..EstimatorConfig::default()
-    };
-    let estimator = Estimator::new(&pattern, config, BlobDetector::new(BlobConfig::default()))?;
-    let (mut ws, mut terms) = (estimator.workspace(), Default::default());
+    let mut trials = CameraTrials::new(conditions(dots), SCENE_SEED);
+    trials.estimator.camera = CameraModel::Known(Camera::Near {
+        inverse_distance: 1.0 / DISTANCE,
+    });
+    let seen = trials.each_frame(&pattern, 0..frames, &|_| (), |rendering, found| {
+        found.outline.is_some().then(|| {
+            let outcome = FrameOutcome::of(found, &rendering.rotation);
+            let failure = match found.pose() {
+                Some(pose) if outcome.is_right() => 1.0 - pose.pose_confidence,
+                _ => 1.0,
+            };
+            let likely = found.dots.iter().filter(|d| d.confidence >= 0.5).count();
+            (outcome.is_right(), failure, likely)
+        })
+    })?;
     let (mut sums, mut counts, mut failed, mut detected) = ([0.0; 2], [0.0; 2], 0.0, 0.0);
     let mut by_count = vec![[0.0; 2]; MAX_COUNT + 1];
-    for k in 0..frames {
-        let ball = conditions.scene(&pattern, SCENE_SEED, k)?.seen()?;
-        let mut rng = frame_rng(DETECTION_SEED, k);
-        let found = model.detect(&ball, None, &mut terms, &mut rng);
-        let Some(mut frame) = found.map(|f| f.frame) else {
+    for (k, frame) in seen.into_iter().enumerate() {
+        let Some((is_right, failure, likely)) = frame else {
             continue;
-        };
-        let likely = frame.dots.iter().filter(|d| d.confidence >= 0.5).count();
-        detected += likely as f64;
-        estimator.estimate_pose(None, &mut ws, &mut frame);
-        let outcome = FrameOutcome::of(&frame, &ball.rotation);
-        let failure = match frame.pose() {
-            Some(pose) if outcome.is_right() => 1.0 - pose.pose_confidence,
-            _ => 1.0,
         };
         let of_count = &mut by_count[likely.min(MAX_COUNT)];
         *of_count = [of_count[0] + 1.0, of_count[1] + failure];
-        let half = (k % 2) as usize;
-        sums[half] += failure;
-        counts[half] += 1.0;
-        failed += f64::from(u8::from(!outcome.is_right()));
+        sums[k % 2] += failure;
+        counts[k % 2] += 1.0;
+        detected += likely as f64;
+        failed += f64::from(u8::from(!is_right));
     }
     let count: f64 = counts.iter().sum();
     Ok(Row {
@@ -206,7 +198,6 @@ fn main() -> Outcome<()> {
     if numbers.is_empty() {
         numbers = vec![16, 20, 24, 32, 48];
     }
-    let model = DetectionModel::shipped()?;
     for dots in numbers {
         let path = dir.join(format!("dots{dots}.json"));
         let rows = if path.exists() {
@@ -214,7 +205,7 @@ fn main() -> Outcome<()> {
         } else {
             let rows: Outcome<Vec<Row>> = (0..count)
                 .into_par_iter()
-                .map(|index| measured(dots, index, frames, &model))
+                .map(|index| measured(dots, index, frames))
                 .collect();
             let rows = rows?;
             std::fs::write(&path, serde_json::to_vec(&to_json(&rows))?)?;
@@ -237,7 +228,7 @@ fn main() -> Outcome<()> {
                 .collect();
             values.push((name.to_string(), all?));
         }
-        let camera = spindoe::predict::coverage(&model, &conditions(dots), dots)?;
+        let camera = coverage(&conditions(dots), dots, &|_| ())?;
         println!("{camera:?}");
         for (label, o) in [
             ("of the camera", camera),

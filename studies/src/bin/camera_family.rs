@@ -9,12 +9,12 @@
 use std::error::Error;
 
 use spindoe::Pattern;
-use spindoe::predict::{
-    CameraConditions, FrameOutcome, FrameRates, MAX_DOT, Surroundings, paired, rendered,
+use spindoe::camera::{
+    CameraConditions, CameraTrials, DotSize, FrameOutcome, FrameRates, Surroundings, paired,
 };
-use spindoe::stencil::{Stencil, StencilConfig};
-use spindoe::vision::EstimatorConfig;
 
+/// Diameter of a table tennis ball, mm.
+const BALL_MM: f64 = 40.0;
 /// Normal quantile of 95 % intervals.
 const Z: f64 = 1.96;
 
@@ -35,22 +35,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut first: Option<Vec<FrameOutcome>> = None;
     for path in arguments {
         let pattern = Pattern::read_csv(path.as_ref())?;
-        let config = StencilConfig::default();
-        let hole = Stencil::largest_hole_mm(&pattern, &config)
-            .ok_or_else(|| format!("{path}: no stencil has holes for it"))?;
-        let conditions = CameraConditions {
+        let usual = CameraConditions {
             surroundings,
-            dot_diameter: (hole / config.ball_diameter_mm).min(MAX_DOT),
             ..CameraConditions::default()
         };
-        let outcomes = rendered(
-            &pattern,
-            &conditions,
-            EstimatorConfig::default(),
-            seed,
-            frames,
-        )?;
-        let rates = FrameRates::of(&outcomes);
+        let size = DotSize::LargestHole { ball_mm: BALL_MM };
+        let dot_diameter = size.of(&pattern, &usual)?;
+        let trials = CameraTrials::new(usual, seed).with_dot_diameter(dot_diameter);
+        let outcomes = trials.frames(&pattern, 0..frames, &|_| ())?;
+        let rates = FrameRates::of(&outcomes, seed);
         let against = first.as_ref().map_or(String::from("| |"), |first| {
             let difference = paired(first, &outcomes);
             let [less, off] = error_less_by(first, &outcomes);
@@ -67,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!(
             "| {path} | {} | {:.1} % | {} | {} | {} | {:.3} deg {against}",
             pattern.len(),
-            100.0 * conditions.dot_diameter,
+            100.0 * dot_diameter,
             rates.right,
             rates.wrong,
             rates.unanswered,

@@ -15,10 +15,10 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 use spindoe::Pattern;
-use spindoe::predict::FrameOutcome;
+use spindoe::camera::FrameOutcome;
 use spindoe::stats::Proportion;
 use spindoe::synth::dataset::frame_rng;
-use spindoe::synth::observables::SeenBall;
+use spindoe::synth::signal::BallSignal;
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::estimator::Outline;
 use spindoe::vision::{
@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             |ws, k| {
                 let mut rng = frame_rng(seed, k);
                 let scene = Scene::random(&pattern, &SynthConfig::default(), &mut rng)?;
-                let ball = scene.seen()?;
+                let ball = scene.signal()?;
                 let mut found = FrameEstimate::default();
                 estimator.estimate(
                     &scene.render()?.image,
@@ -93,7 +93,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// A frame with its clear dots and its outline, each a little off.
-fn oracle(ball: &SeenBall, signal: f64, mut normal: impl FnMut() -> f64) -> FrameEstimate {
+fn oracle(ball: &BallSignal, signal: f64, mut normal: impl FnMut() -> f64) -> FrameEstimate {
     let BallCircle { center, radius } = ball.circle;
     let sigma = ORACLE * radius;
     let mut off = || sigma * normal();
@@ -107,14 +107,10 @@ fn oracle(ball: &SeenBall, signal: f64, mut normal: impl FnMut() -> f64) -> Fram
         },
         covariance: Matrix3::from_diagonal_element(sigma * sigma),
     };
-    let clear = ball.dots.iter().filter(|dot| {
-        let [.., ln_blur, _, ln_signal] = dot.observables[..5] else {
-            return false;
-        };
-        let blur = ln_blur.exp();
-        let kept = 1.0 / (1.0 + 4.0 * blur * blur).sqrt();
-        dot.truth.is_visible() && ln_signal.exp() * kept >= signal
-    });
+    let clear = ball
+        .dots
+        .iter()
+        .filter(|dot| dot.truth.is_visible() && ball.strength(dot) >= signal);
     let dots = clear.map(|dot| DotDetection {
         pixel: Pixel {
             u: dot.truth.pixel.u + off(),

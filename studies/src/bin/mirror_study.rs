@@ -3,27 +3,23 @@
 //!     cargo run --release -p spindoe-studies --bin mirror_study -- [FRAMES] [PATTERN.csv ...]
 //!
 //! Flipped images of a ball are images of a ball with the pattern's mirror image. Its scenes before
-//! the default camera are detected as the `camera` protocol has it, and read by the estimator of the
-//! pattern itself. A flipped view is told apart where that gives no pose; where it gives one, the
+//! the default camera are rendered, and read by the estimator of the pattern itself. A flipped view is told apart where that gives no pose; where it gives one, the
 //! view is taken for one of the pattern. Frames without an outline are left out.
 
 use std::error::Error;
 
 use rayon::prelude::*;
 use spindoe::Pattern;
-use spindoe::predict::{CameraConditions, DetectionModel};
+use spindoe::camera::{CameraConditions, CameraTrials};
 use spindoe::recognize::RecognizerRejection;
 use spindoe::stats::Proportion;
-use spindoe::synth::dataset::frame_rng;
 use spindoe::vision::verdict::mirrored_pattern;
-use spindoe::vision::{BlobConfig, BlobDetector, Estimator, EstimatorConfig, FrameRejection};
+use spindoe::vision::{Budget, DetectorName, Estimator, FrameEstimate, FrameRejection, Prior};
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
 /// Seed of the scenes.
 const SEED: u64 = 15_600_001;
-/// Frames worked on by one task.
-const CHUNK: u64 = 50;
 
 fn main() -> Outcome<()> {
     let mut arguments = std::env::args().skip(1);
@@ -40,47 +36,39 @@ fn main() -> Outcome<()> {
         ];
         paths = designs.map(|d| format!("designs/{d}/pattern.csv")).to_vec();
     }
-    let model = DetectionModel::shipped()?;
-    let conditions = CameraConditions::default();
+    let trials = CameraTrials::new(CameraConditions::default(), SEED);
     println!("| pattern | dots | named mirrored | taken for the pattern |");
     println!("|---|---|---|---|");
     for path in paths {
         let pattern = Pattern::read_csv(path.as_ref())?;
         let mirrored = mirrored_pattern(&pattern)?;
-        let detector = BlobDetector::new(BlobConfig::default());
-        let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-        let chunks: Outcome<Vec<[u64; 3]>> = (0..frames.div_ceil(CHUNK))
+        let estimator = Estimator::new(&pattern, trials.estimator, DetectorName::Cnn.build()?)?;
+        let counts: Result<Vec<[u64; 3]>, spindoe::Error> = (0..frames)
             .into_par_iter()
-            .map(|chunk| {
-                let (mut ws, mut terms) = (estimator.workspace(), Default::default());
-                let mut counts = [0; 3];
-                for k in chunk * CHUNK..((chunk + 1) * CHUNK).min(frames) {
-                    let ball = conditions.scene(&mirrored, SEED, k)?.seen()?;
-                    let mut rng = frame_rng(SEED + 1, k);
-                    let found = model.detect(&ball, None, &mut terms, &mut rng);
-                    let Some(mut frame) = found.map(|f| f.frame) else {
-                        continue;
-                    };
-                    estimator.estimate_pose(None, &mut ws, &mut frame);
+            .map_init(
+                || estimator.workspace(),
+                |ws, k| {
+                    let image = trials.conditions.scene(&mirrored, SEED, k)?.render()?.image;
+                    let mut found = FrameEstimate::default();
+                    estimator.estimate(
+                        &image,
+                        &Prior::default(),
+                        &Budget::default(),
+                        ws,
+                        &mut found,
+                    );
                     let is_named = matches!(
-                        frame.outcome,
+                        found.outcome,
                         Err(FrameRejection::Recognizer(RecognizerRejection::Mirrored))
                     );
-                    let found = [true, is_named, frame.pose().is_some()];
-                    for (count, found) in counts.iter_mut().zip(found) {
-                        *count += u64::from(found);
-                    }
-                }
-                Ok(counts)
-            })
+                    let seen = [found.outline.is_some(), is_named, found.pose().is_some()];
+                    Ok(seen.map(u64::from))
+                },
+            )
             .collect();
-        let mut counts = [0; 3];
-        for chunk in chunks? {
-            for (count, own) in counts.iter_mut().zip(chunk) {
-                *count += own;
-            }
-        }
-        let [all, named, taken] = counts;
+        let [all, named, taken] = counts?
+            .into_iter()
+            .fold([0; 3], |sum, own| std::array::from_fn(|i| sum[i] + own[i]));
         println!(
             "| {path} | {} | {} of {all} | {} of {all} |",
             pattern.len(),

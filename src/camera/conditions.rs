@@ -90,7 +90,7 @@ impl Default for CameraConditions {
 }
 
 impl CameraConditions {
-    /// Checks the domains of all values: those in which the detection model was learned.
+    /// Checks the domains of all values.
     ///
     /// # Errors
     /// [`Error::Argument`] naming the value.

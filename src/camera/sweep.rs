@@ -5,8 +5,10 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use super::conditions::CameraConditions;
-use super::frames::{FramePrediction, Predictor};
+use super::frames::FrameRates;
+use super::trials::CameraTrials;
 use crate::error::Result;
+use crate::pattern::Pattern;
 
 /// What is varied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,7 +73,7 @@ pub struct CameraPoint {
     pub value: f64,
     /// The result.
     #[serde(flatten)]
-    pub frames: FramePrediction,
+    pub frames: FrameRates,
 }
 
 impl CameraSweep {
@@ -108,24 +110,28 @@ impl CameraSweep {
         }
     }
 
-    /// Predicts all of them on the same scenes; `each` receives every point as soon as it is known.
+    /// The rates of `frames` frames of each of them on the same scenes; `each` receives every point as soon
+    /// as it is known, `done` how many more frames are read.
     ///
     /// # Errors
-    /// As [`Predictor::frames`].
+    /// As [`CameraTrials::frames`].
     pub fn run(
         &self,
-        predictor: &Predictor<'_>,
+        pattern: &Pattern,
         seed: u64,
         frames: u64,
         each: &mut dyn FnMut(&CameraPoint),
+        done: &(dyn Fn(u64) + Sync),
     ) -> Result<Vec<CameraPoint>> {
         self.cameras
             .iter()
             .map(|camera| {
+                let trials = CameraTrials::new(camera.conditions, seed);
+                let outcomes = trials.frames(pattern, 0..frames, done)?;
                 let point = CameraPoint {
                     parameter: camera.parameter,
                     value: camera.value,
-                    frames: predictor.frames(&camera.conditions, seed, frames)?,
+                    frames: FrameRates::of(&outcomes, seed),
                 };
                 each(&point);
                 Ok(point)
@@ -151,14 +157,14 @@ fn with(base: CameraConditions, parameter: CameraParameter, value: f64) -> Camer
 pub fn sweep_csv(points: &[CameraPoint]) -> String {
     let mut text = String::from(
         "parameter,value,seed,frames,right,right_low,right_high,wrong,wrong_low,wrong_high,\
-         unanswered,mean_error_deg,median_error_deg,rms_error_deg,covered\n",
+         unanswered,mean_error_deg,median_error_deg,rms_error_deg\n",
     );
     for p in points {
-        let r = &p.frames.rates;
+        let r = &p.frames;
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             p.parameter.as_str(),
             p.value,
             p.frames.seed,
@@ -172,8 +178,7 @@ pub fn sweep_csv(points: &[CameraPoint]) -> String {
             r.unanswered.rate,
             r.mean_error_deg,
             r.median_error_deg,
-            r.rms_error_deg,
-            p.frames.covered
+            r.rms_error_deg
         );
     }
     text

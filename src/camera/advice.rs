@@ -1,0 +1,263 @@
+//! Advice for a camera: which of several patterns, and which change of the camera would help most.
+//!
+//! The patterns race (see [`super::race`]); those that stay to the end are also tried on sequences. Then
+//! the camera is changed in one property at a time for the best of them.
+
+use serde::{Deserialize, Serialize};
+
+use super::conditions::{CameraConditions, Surroundings};
+use super::frames::FrameRates;
+use super::racing::{RaceConfig, Racer, Standing, race_patterns};
+use super::sequences::SpinRates;
+use super::trials::CameraTrials;
+use crate::error::Result;
+use crate::pattern::{NamedPattern, Pattern};
+use crate::stencil::{Stencil, StencilConfig};
+
+/// How large the dots of a pattern are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DotSize {
+    /// As the conditions state.
+    Stated,
+    /// As large as the holes of its stencil can be on a ball of this diameter, mm, up to
+    /// [`MAX_DOT`].
+    LargestHole {
+        /// The ball's diameter, mm.
+        ball_mm: f64,
+    },
+}
+
+/// Largest dot that is proposed, ball diameters: the detector was trained up to here.
+pub const MAX_DOT: f64 = 0.13;
+
+impl DotSize {
+    /// The diameter of this pattern's dots, over that of the ball.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for a diameter of the ball outside its domain.
+    pub fn of(self, pattern: &Pattern, conditions: &CameraConditions) -> Result<f64> {
+        let Self::LargestHole { ball_mm } = self else {
+            return Ok(conditions.dot_diameter);
+        };
+        let config = StencilConfig {
+            ball_diameter_mm: ball_mm,
+            ..StencilConfig::default()
+        };
+        config.validate()?;
+        let hole = Stencil::largest_hole_mm(pattern, &config);
+        Ok(hole.map_or(conditions.dot_diameter, |mm| (mm / ball_mm).min(MAX_DOT)))
+    }
+}
+
+/// From how much the advice is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AdviceConfig {
+    /// Frames of the race.
+    pub race: RaceConfig,
+    /// Sequences for a pattern that stays to the end. Default: 24.
+    pub sequences: u64,
+    /// Frames of a sequence. Default: 10.
+    pub sequence_frames: usize,
+    /// Frames for a change of the camera. Default: 512.
+    pub change_frames: u64,
+    /// Default: as stated.
+    pub dot_size: DotSize,
+}
+
+impl Default for AdviceConfig {
+    fn default() -> Self {
+        Self {
+            race: RaceConfig::default(),
+            sequences: 24,
+            sequence_frames: 10,
+            change_frames: 512,
+            dot_size: DotSize::Stated,
+        }
+    }
+}
+
+/// What a pattern gives.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PatternAdvice {
+    /// Its name.
+    pub name: String,
+    /// Number of dots.
+    pub dots: usize,
+    /// Their diameter over that of the ball.
+    pub dot_diameter: f64,
+    /// Single frames.
+    pub frames: FrameRates,
+    /// Sequences; none for a pattern that is clearly worse than the best.
+    pub spin: Option<SpinRates>,
+}
+
+/// What the best pattern would give after one change.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChangeAdvice {
+    /// The change in words.
+    pub change: String,
+    /// Single frames.
+    pub frames: FrameRates,
+}
+
+/// Advice for a camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Advice {
+    /// The camera.
+    pub conditions: CameraConditions,
+    /// The patterns, the best first.
+    pub patterns: Vec<PatternAdvice>,
+    /// Changes for the best pattern, the most helpful first.
+    pub changes: Vec<ChangeAdvice>,
+    /// Spins from here on have a slower alias at this frame rate, revolutions per second.
+    pub unique_up_to_rps: f64,
+}
+
+impl AdviceConfig {
+    /// Number of frames that [`advise`] reads for so many patterns, or is spared.
+    pub fn frames(&self, patterns: usize, conditions: &CameraConditions) -> u64 {
+        let single = self.race.max_frames + self.sequences * self.sequence_frames as u64;
+        patterns as u64 * single + changes_of(conditions).len() as u64 * self.change_frames
+    }
+}
+
+/// Advice on these patterns; all are seen in the same scenes. `done` learns how many more frames
+/// ([`AdviceConfig::frames`]) are read or spared.
+///
+/// # Errors
+/// [`crate::Error::Argument`] for conditions or numbers outside their domain, or no pattern.
+pub fn advise(
+    trials: &CameraTrials,
+    patterns: &[NamedPattern],
+    config: &AdviceConfig,
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<Advice> {
+    let conditions = &trials.conditions;
+    let racers = patterns.iter().map(|named| {
+        Ok(Racer {
+            pattern: &named.pattern,
+            dot_diameter: config.dot_size.of(&named.pattern, conditions)?,
+        })
+    });
+    let racers = racers.collect::<Result<Vec<_>>>()?;
+    let standings = race_patterns(trials, &racers, &config.race, done)?;
+    let ranked = standings.iter().map(|standing| {
+        let racer = &racers[standing.entry];
+        Ok(PatternAdvice {
+            name: patterns[standing.entry].name.clone(),
+            dots: racer.pattern.len(),
+            dot_diameter: racer.dot_diameter,
+            frames: FrameRates::of(&standing.outcomes, trials.seed),
+            spin: spin_of(trials, racer, standing, config, done)?,
+        })
+    });
+    let ranked = ranked.collect::<Result<Vec<_>>>()?;
+    // A race without racers is an error: there is a first.
+    let best = &racers[standings[0].entry];
+    Ok(Advice {
+        conditions: *conditions,
+        patterns: ranked,
+        changes: changes(trials, best, config.change_frames, done)?,
+        unique_up_to_rps: 0.5 * conditions.fps,
+    })
+}
+
+fn spin_of(
+    trials: &CameraTrials,
+    racer: &Racer<'_>,
+    standing: &Standing,
+    config: &AdviceConfig,
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<Option<SpinRates>> {
+    let AdviceConfig {
+        sequences,
+        sequence_frames,
+        ..
+    } = *config;
+    if standing.left {
+        done(sequences * sequence_frames as u64);
+        return Ok(None);
+    }
+    let own = trials.with_dot_diameter(racer.dot_diameter);
+    let spins = own.spins(racer.pattern, sequences, sequence_frames, done)?;
+    Ok(Some(spins))
+}
+
+/// What each change of the camera gives of a pattern, the smallest effective error first.
+fn changes(
+    trials: &CameraTrials,
+    racer: &Racer<'_>,
+    frames: u64,
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<ChangeAdvice>> {
+    let own = trials.with_dot_diameter(racer.dot_diameter).conditions;
+    let changed = changes_of(&own).into_iter().map(|(change, conditions)| {
+        let changed = CameraTrials {
+            conditions,
+            ..*trials
+        };
+        let outcomes = changed.frames(racer.pattern, 0..frames, done)?;
+        Ok(ChangeAdvice {
+            change,
+            frames: FrameRates::of(&outcomes, trials.seed),
+        })
+    });
+    let mut changes = changed.collect::<Result<Vec<_>>>()?;
+    changes.sort_by(|a, b| {
+        let [a, b] = [a, b].map(|c| c.frames.effective_error_deg);
+        a.total_cmp(&b)
+    });
+    Ok(changes)
+}
+
+/// One change at a time, where it stays within the domain.
+fn changes_of(conditions: &CameraConditions) -> Vec<(String, CameraConditions)> {
+    let now = *conditions;
+    let (larger, wider, shorter) = (
+        1.5 * now.ball_px,
+        1.25 * now.dot_diameter,
+        0.5 * now.exposure_s,
+    );
+    let mut changes = vec![
+        (
+            format!("ball of {larger:.0} pixels instead of {:.0}", now.ball_px),
+            CameraConditions {
+                ball_px: larger,
+                ..now
+            },
+        ),
+        (
+            format!(
+                "dots of {:.1} % of the ball's diameter instead of {:.1} %",
+                100.0 * wider,
+                100.0 * now.dot_diameter
+            ),
+            CameraConditions {
+                dot_diameter: wider,
+                ..now
+            },
+        ),
+        (
+            format!(
+                "exposure of {:.3} ms instead of {:.3}",
+                1e3 * shorter,
+                1e3 * now.exposure_s
+            ),
+            CameraConditions {
+                exposure_s: shorter,
+                ..now
+            },
+        ),
+    ];
+    if now.surroundings != Surroundings::Dark {
+        changes.push((
+            "dark surroundings, even light, nothing before the ball".into(),
+            CameraConditions {
+                surroundings: Surroundings::Dark,
+                ..now
+            },
+        ));
+    }
+    changes.retain(|(_, changed)| changed.check().is_ok());
+    changes
+}

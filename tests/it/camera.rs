@@ -1,0 +1,296 @@
+//! Patterns before a camera: signals against rendered images, better cameras, races, and the commands
+//! that take a camera.
+
+use spindoe::camera::{
+    CameraConditions, CameraTrials, DotSize, FrameRates, RaceConfig, Racer, coverage, race_patterns,
+};
+use spindoe::pattern::shipped_designs;
+use spindoe::synth::sensor::Sensor;
+use spindoe::synth::{Scene, SynthConfig, dataset::frame_rng};
+
+use crate::common::{done, random_pattern, spindoe};
+
+#[test]
+fn signals_are_what_the_image_shows() {
+    // A sensor without faults: contrast and brightness can be read off the pixels.
+    let pattern = random_pattern(20, 4);
+    let config = SynthConfig {
+        ball_px: Some([300.0; 2]),
+        size_px: [300, 400],
+        logo_probability: 0.0,
+        seam_probability: 0.0,
+        stains: false,
+        max_gloss: 0.0,
+        max_streaks: 0.0,
+        rps: [0.0; 2],
+        max_shift_px: 0.0,
+        max_arc_rad: 0.0,
+        ..SynthConfig::good()
+    };
+    let mut seen_dots = 0;
+    for k in 0..6 {
+        let mut scene = Scene::random(&pattern, &config, &mut frame_rng(8, k)).unwrap();
+        scene.sensor = Sensor {
+            gain: scene.sensor.gain.min(1.0),
+            ..Sensor::PERFECT
+        };
+        let ball = scene.signal().unwrap();
+        let gray = scene.render().unwrap().image.to_gray();
+        let value = |u: f64, v: f64| f64::from(gray.at(u.round() as isize, v.round() as isize));
+        for dot in ball.dots.iter().filter(|d| d.truth.facing > 0.8) {
+            let at = dot.truth.pixel;
+            let reach = 1.7 * dot.truth.radius_rad * ball.circle.radius;
+            let around: f64 = (0..8)
+                .map(|k| (std::f64::consts::TAU * f64::from(k) / 8.0).sin_cos())
+                .map(|(s, c)| value(at.u + reach * c, at.v + reach * s))
+                .sum::<f64>()
+                / 8.0;
+            if !(0.05..=0.99).contains(&around) {
+                continue;
+            }
+            let contrast = dot.contrast / dot.brightness.max(0.02);
+            let shown = (around - value(at.u, at.v)) / around;
+            assert!((dot.brightness - around).abs() < 0.06, "{dot:?} {around}");
+            assert!((contrast - shown).abs() < 0.1, "{dot:?} {shown}");
+            seen_dots += 1;
+        }
+    }
+    assert!(seen_dots > 10, "{seen_dots}");
+}
+
+#[test]
+fn a_small_or_blurred_ball_is_answered_less_often() {
+    let designs = shipped_designs().unwrap();
+    let rates = |conditions: &CameraConditions| {
+        let trials = CameraTrials::new(*conditions, 5);
+        let outcomes = trials.frames(&designs[2].pattern, 0..160, &|_| ()).unwrap();
+        FrameRates::of(&outcomes, 5)
+    };
+    let usual = CameraConditions::default();
+    let far = CameraConditions {
+        ball_px: 25.0,
+        ..usual
+    };
+    let blurred = CameraConditions {
+        exposure_s: 2e-3,
+        rps: [80.0, 100.0],
+        ..usual
+    };
+    let [good, far, blurred] = [usual, far, blurred].map(|c| rates(&c));
+    assert!(good.right.rate > far.right.rate && good.mean_error_deg < far.mean_error_deg);
+    assert!(good.right.rate > blurred.right.rate + 0.1);
+    // The best one's interval is below that of the worst.
+    let [_, high] = good.effective_error_interval_deg.unwrap();
+    let [low, _] = far.effective_error_interval_deg.unwrap();
+    assert!(high < low, "{good:?}\n{far:?}");
+}
+
+#[test]
+fn a_race_drops_a_pattern_that_the_camera_cannot_read() {
+    let designs = shipped_designs().unwrap();
+    let dots20 = &designs.iter().find(|d| d.name == "dots20").unwrap().pattern;
+    // Four dots are hardly ever enough.
+    let racers = [random_pattern(4, 3), dots20.clone()];
+    let racers: Vec<Racer<'_>> = racers
+        .iter()
+        .map(|pattern| Racer {
+            pattern,
+            dot_diameter: 0.1,
+        })
+        .collect();
+    let trials = CameraTrials::new(CameraConditions::default(), 6);
+    let config = RaceConfig {
+        first_frames: 24,
+        max_frames: 48,
+    };
+    let read = std::sync::atomic::AtomicU64::new(0);
+    let count = |n| {
+        read.fetch_add(n, std::sync::atomic::Ordering::Relaxed);
+    };
+    let standings = race_patterns(&trials, &racers, &config, &count).unwrap();
+    assert_eq!((standings[0].entry, standings[1].left), (1, true));
+    assert_eq!([48, 24], [0, 1].map(|k| standings[k].outcomes.len()));
+    assert!(race_patterns(&trials, &[], &config, &count).is_err());
+    // What is read and what is spared make the whole.
+    assert_eq!(read.into_inner(), 96);
+    // The stencil of more dots has smaller holes.
+    let hole = |name: &str| {
+        let design = designs.iter().find(|d| d.name == name).unwrap();
+        let size = DotSize::LargestHole { ball_mm: 40.0 };
+        size.of(&design.pattern, &CameraConditions::default())
+            .unwrap()
+    };
+    assert!(hole("dots12") > hole("dots40"));
+}
+
+#[test]
+fn spins_of_sequences_come_with_their_errors() {
+    let designs = shipped_designs().unwrap();
+    let slow = CameraConditions {
+        rps: [20.0, 60.0],
+        ..CameraConditions::default()
+    };
+    let trials = CameraTrials::new(slow, 9);
+    let spins = |frames| trials.spins(&designs[2].pattern, 24, frames, &|_| ());
+    let (short, long) = (spins(6).unwrap(), spins(24).unwrap());
+    assert!(
+        short.right.rate > 0.8 && long.right.rate > 0.9,
+        "{short:?}\n{long:?}"
+    );
+    assert!(long.median_magnitude_error_rps < short.median_magnitude_error_rps);
+    assert!(spins(1).is_err());
+}
+
+#[test]
+fn the_command_advises_and_names_what_it_cannot_use() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(
+        dir.path().join("camera.toml"),
+        "ball_px = 45\nrps = [10, 60]\n",
+    )
+    .unwrap();
+    let words = done(
+        dir.path(),
+        &[
+            "advise",
+            "--camera",
+            "camera.toml",
+            "--exposure-ms",
+            "0.2",
+            "--frames",
+            "100",
+            "--sequences",
+            "4",
+            "--json",
+        ],
+    );
+    let advice: serde_json::Value = serde_json::from_str(&words).unwrap();
+    assert_eq!(advice["conditions"]["ball_px"], 45.0);
+    assert_eq!(advice["conditions"]["exposure_s"], 2e-4);
+    let shipped = shipped_designs().unwrap().len();
+    assert_eq!(advice["patterns"].as_array().unwrap().len(), shipped);
+    // Those that stay to the end come first, the best before others, and alone have spins.
+    let patterns = advice["patterns"].as_array().unwrap();
+    let stayed = patterns.iter().take_while(|p| !p["spin"].is_null());
+    let stayed: Vec<f64> = stayed
+        .map(|p| {
+            assert_eq!(p["frames"]["right"]["trials"], 100);
+            p["frames"]["effective_error_deg"].as_f64().unwrap()
+        })
+        .collect();
+    assert!(!stayed.is_empty() && stayed.is_sorted(), "{stayed:?}");
+    let left = &patterns[stayed.len()..];
+    assert!(left.iter().all(|p| p["spin"].is_null()));
+    for (text, flags, expected) in [
+        ("ball = 3\n", &["--camera", "camera.toml"][..], "line 1"),
+        (
+            "\nball_px = \"x\"\n",
+            &["--camera", "camera.toml"],
+            "line 2",
+        ),
+        ("", &["--ball-px", "3"], "--ball-px: expected 20 to 200"),
+        ("", &["--exposure-ms", "50"], "--exposure-ms: expected"),
+        (
+            "",
+            &["--dot-diameter-mm", "30"],
+            "--dot-diameter-mm: expected",
+        ),
+        ("", &["--rps", "5"], "--rps: expected MIN,MAX"),
+        ("", &["--camera", "nosuch.toml"], "nosuch.toml"),
+    ] {
+        std::fs::write(dir.path().join("camera.toml"), text).unwrap();
+        let output = spindoe(dir.path(), &[&["advise"], flags].concat());
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{flags:?}: {words}");
+        assert!(
+            words.contains(expected) && words.trim().lines().count() == 1,
+            "{words}"
+        );
+    }
+}
+
+#[test]
+fn what_an_objective_assumes_follows_from_the_camera() {
+    let assumed = |conditions: &CameraConditions| coverage(conditions, 20, &|_| ()).unwrap();
+    let usual = assumed(&CameraConditions::default());
+    let small = assumed(&CameraConditions {
+        ball_px: 25.0,
+        noise_levels: Some(8.0),
+        ..CameraConditions::default()
+    });
+    // Of a small ball in noise dots are found only nearer to the middle.
+    assert!(
+        small.visibility_limit > usual.visibility_limit + 0.05,
+        "{small:?} {usual:?}"
+    );
+    let dots = random_pattern(20, 1);
+    let value = |c: &spindoe::design::objective::Coverage| c.evaluate(dots.dots()).value;
+    assert!(value(&small) > value(&usual));
+}
+
+#[test]
+fn sensitivity_and_simulation_take_a_camera() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    let pattern = random_pattern(16, 2);
+    pattern.write_csv(&at.join("p.csv")).unwrap();
+    std::fs::write(
+        at.join("camera.toml"),
+        "ball_px = 40\nfps = 200\nrps = [20, 30]\n",
+    )
+    .unwrap();
+    let swept = [
+        "sensitivity",
+        "p.csv",
+        "-o",
+        "sweep",
+        "--camera",
+        "camera.toml",
+    ];
+    let words = done(at, &[&swept[..], &["--samples", "40", "--json"]].concat());
+    let points: serde_json::Value = serde_json::from_str(&words).unwrap();
+    let points = points.as_array().unwrap();
+    let value = |p: &serde_json::Value| (p["parameter"].to_string(), p["value"].as_f64().unwrap());
+    // Half of 40 pixels is the least that is allowed, twice of it within.
+    assert_eq!(value(&points[0]), ("\"ball_px\"".to_owned(), 20.0));
+    assert_eq!(value(&points[4]), ("\"ball_px\"".to_owned(), 80.0));
+    let right = |k: usize| points[k]["right"]["rate"].as_f64().unwrap();
+    assert!(right(4) > right(0), "{points:?}");
+    let csv = std::fs::read_to_string(at.join("sweep/sensitivity.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + points.len());
+    let output = spindoe(at, &[&swept[..], &["--protocol", "sparse"]].concat());
+    assert_eq!(output.status.code(), Some(2));
+
+    let simulated = [
+        "simulate",
+        "-o",
+        "s.csv",
+        "--pattern",
+        "p.csv",
+        "--frames",
+        "40",
+        "--json",
+    ];
+    let words = done(at, &[&simulated[..], &["--camera", "camera.toml"]].concat());
+    let truth: serde_json::Value = serde_json::from_str(&words).unwrap();
+    let rps = truth["rps"].as_f64().unwrap();
+    assert!((20.0..30.0).contains(&rps), "{truth}");
+    // 40 frames at 200 a second end after 0.195 s.
+    let last = std::fs::read_to_string(at.join("s.csv")).unwrap();
+    let last: f64 = last
+        .lines()
+        .last()
+        .unwrap()
+        .split(',')
+        .nth(1)
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!(last > 0.1 && last < 0.2, "{last}");
+    let found = spindoe(at, &["spin", "s.csv", "--json"]);
+    let found: serde_json::Value = serde_json::from_slice(&found.stdout).unwrap();
+    assert!(
+        (found["rps"].as_f64().unwrap() - rps).abs() < 1.0,
+        "{found}"
+    );
+}
