@@ -64,7 +64,7 @@ def is_up_to_date(path: Path, settings: Settings) -> bool:
         return False
     meta = json.loads(_native.NetWeights.read(path).meta())
     world = _native.world_sha256(settings.head, settings.seed)
-    return meta["command"] == settings.command() and meta.get("world_sha256") == world
+    return bool(meta["command"] == settings.command() and meta.get("world_sha256") == world)
 
 
 def train(settings: Settings, out: Path, force: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import torch
@@ -25,11 +26,13 @@ class Net(nn.Module):
     def __init__(self, head: str) -> None:
         super().__init__()
         graph = json.loads(_native.net_graph(head))
-        self.steps: list[list[object]] = graph["steps"]
-        self.convolutions = nn.ModuleList(
+        self.steps: list[list[Any]] = graph["steps"]
+        self.convolutions = [
             nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2)
             for inputs, outputs, kernel, stride in graph["convolutions"]
-        )
+        ]
+        # What is not in such a list has no gradient.
+        self.parts = nn.ModuleList(self.convolutions)
         self.head = head
 
     def randomize(self, generator: torch.Generator) -> None:
@@ -41,9 +44,9 @@ class Net(nn.Module):
                 gain = LAST_GAIN if i == last else 1.0
                 deviation = gain * (2.0 / weight[0].numel()) ** 0.5
                 weight.copy_(torch.randn(weight.shape, generator=generator) * deviation)
-                convolution.bias.zero_()
+                biases(convolution).zero_()
             if self.head != "outline":
-                self.convolutions[last].bias[0] = FIRST_HEAT
+                biases(self.convolutions[last])[0] = FIRST_HEAT
 
     def forward(self, patches: Tensor) -> Tensor:
         """The cells of patches."""
@@ -63,7 +66,7 @@ class Net(nn.Module):
     def layers(self) -> Layers:
         """The parameters as the library takes them: kernels and biases of each convolution, flat."""
         return [
-            (flat(convolution.weight), flat(convolution.bias)) for convolution in self.convolutions
+            (flat(convolution.weight), flat(biases(convolution))) for convolution in self.convolutions
         ]
 
     def load_layers(self, layers: Layers) -> None:
@@ -71,9 +74,16 @@ class Net(nn.Module):
         with torch.no_grad():
             for convolution, (weight, bias) in zip(self.convolutions, layers, strict=True):
                 convolution.weight.copy_(torch.from_numpy(weight).view_as(convolution.weight))
-                convolution.bias.copy_(torch.from_numpy(bias))
+                biases(convolution).copy_(torch.from_numpy(bias))
+
+
+def biases(convolution: nn.Conv2d) -> Tensor:
+    """A convolution's biases; each here has them."""
+    assert convolution.bias is not None
+    return convolution.bias
 
 
 def flat(parameter: Tensor) -> NDArray[np.float32]:
     """A copy of a parameter's values."""
-    return parameter.detach().cpu().numpy().astype(np.float32).ravel().copy()
+    values: NDArray[np.float32] = parameter.detach().cpu().numpy().ravel().copy()
+    return values

@@ -356,12 +356,8 @@ impl DetectionModel {
             let rate = false_dots.rate.value(&terms.products);
             false_dots.draw(ball, rate, class, confidence, rng, &mut found);
         }
-        let support = self
-            .support
-            .draw(&terms.products, class, rng)
-            .clamp(0.0, 1.0);
         Some(Detected::new(found, |dots| {
-            FrameEstimate::from_detections(outline, dots).with_support(support)
+            FrameEstimate::from_detections(outline, dots)
         }))
     }
 

@@ -18,6 +18,7 @@
 pub mod blob;
 pub mod camera;
 pub mod circle;
+pub mod derived;
 pub mod detect;
 pub mod detector;
 pub mod estimator;
