@@ -16,6 +16,7 @@ mod recognizer;
 mod spin;
 mod stencil;
 mod synth;
+mod training;
 mod validate;
 mod work;
 
@@ -39,6 +40,10 @@ mod _native {
     use super::stencil::Stencil;
     #[pymodule_export]
     use super::synth::{Sequence, independent_frame};
+    #[pymodule_export]
+    use super::training::{
+        NetWeights, TrainingSamples, net_graph, samples_per_frame, training_batch, world_sha256,
+    };
     #[pymodule_export]
     use super::validate::{trial_views, validate};
 

@@ -1,12 +1,10 @@
-//! `spindoe export`: the dot detector for other programs. `spindoe train` names the training
-//! program.
+//! `spindoe export`: the dot detector for other programs.
 
-use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::files;
 use crate::vision::net::graph::Head;
 use crate::vision::net::{Weights, onnx};
@@ -19,7 +17,7 @@ pub struct Arguments {
     /// The large net that looks again at frames in doubt.
     #[arg(long, conflicts_with = "weights")]
     large: bool,
-    /// Weights made by `spindoe-train` (.npz); by default those built in.
+    /// Weights made by `python -m train` (.npz); by default those built in.
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
 }
@@ -33,18 +31,4 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     files::write_bytes(&arguments.out, &onnx::to_onnx(&weights))?;
     outln!("{}", arguments.out.display());
     Ok(())
-}
-
-#[derive(Debug, Args)]
-#[command(disable_help_flag = true)]
-pub struct TrainArguments {
-    /// Those of the training program.
-    #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
-    any: Vec<OsString>,
-}
-
-pub fn name_training_program(_arguments: &TrainArguments) -> Result<()> {
-    let problem = "training is a program of its own, built from this project's source: \
-                   cargo run --release -p spindoe-train -- --out DIR";
-    Err(Error::argument("train", problem))
 }

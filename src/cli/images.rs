@@ -20,7 +20,7 @@ pub struct ImageArguments {
     /// The dot detector.
     #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
     pub(super) detector: DetectorName,
-    /// The net's weights, an .npz made by `spindoe-train` [default: those built in].
+    /// The net's weights, an .npz made by `python -m train` [default: those built in].
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
     /// The ball's outline in all frames: center and radius in pixels [default: detected].

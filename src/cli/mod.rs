@@ -128,7 +128,6 @@ enum Command {
     Synth(Box<synth::Arguments>),
     /// Say where the dot detector is trained: in a separate program.
     #[cfg(feature = "vision")]
-    Train(export::TrainArguments),
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
     #[cfg(feature = "vision")]
     Export(export::Arguments),
@@ -186,7 +185,6 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         #[cfg(feature = "vision")]
         Command::Synth(arguments) => synth::run(&arguments),
         #[cfg(feature = "vision")]
-        Command::Train(arguments) => export::name_training_program(&arguments),
         #[cfg(feature = "vision")]
         Command::Export(arguments) => export::run(&arguments),
         #[cfg(feature = "vision")]

@@ -15,3 +15,12 @@ pub use disk::{
     create_writable_dir, open, read_at_most, read_bytes, remove_any, remove_if_present,
     write_atomic, write_bytes,
 };
+
+/// SHA-256 of bytes, hexadecimal.
+pub fn sha256_hex(bytes: &[u8]) -> String {
+    use sha2::{Digest, Sha256};
+    Sha256::digest(bytes)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}

@@ -48,6 +48,7 @@ pub mod scene;
 pub mod sensor;
 pub mod signal;
 pub mod surface;
+pub mod training;
 pub mod view;
 
 pub use color::Color;

@@ -9,7 +9,7 @@
 //! accepts. [`estimator`] runs these stages for a frame and uses the frames of a sequence as hints
 //! for each other, or follows a camera's frames as they come; [`pipe`] reads those of a pipe.
 //!
-//! The renderer `synth` draws frames with a known truth. The workspace's `spindoe-train` trains the
+//! The renderer `synth` draws frames with a known truth. `python/train` trains the
 //! net on them.
 //!
 //! Pixels: u right, v down, the center of the top-left pixel at (0, 0). Camera frame: x right, y
@@ -18,6 +18,7 @@
 pub mod blob;
 pub mod camera;
 pub mod circle;
+pub mod derived;
 pub mod detect;
 pub mod detector;
 pub mod estimator;

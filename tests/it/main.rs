@@ -8,6 +8,8 @@ mod calibrate;
 mod cli;
 mod common;
 
+#[cfg(feature = "vision")]
+mod derived;
 mod design;
 mod geometry;
 

@@ -16,6 +16,7 @@ mod shape;
 
 use super::detect::{DotDetection, DotDetector};
 use super::patch::{MIDDLE, Patch, RADIUS, SIZE};
+use crate::vision::derived::USUAL_DOUBT;
 use flatten::{Flat, Shading};
 use shape::Blob;
 
@@ -27,8 +28,6 @@ const FAINT: f32 = 0.12;
 const MAX_BLOBS: usize = 48;
 /// Dots nearer than this, in patch values, are one.
 const ONE_DOT: f64 = 2.5;
-/// A contrast is no probability: what the net's dots have in the median ball is taken for its doubt.
-const USUAL_DOUBT: f64 = 0.05;
 
 /// Settings of the blob detector.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -183,6 +182,7 @@ impl DotDetector for BlobDetector {
     }
 
     fn usual_doubt(&self) -> Option<f64> {
+        // A contrast is no probability: the net's doubt in the median ball is taken for it.
         Some(USUAL_DOUBT)
     }
 

@@ -311,8 +311,6 @@ pub struct FrameEstimate {
     pub(super) attempts: usize,
     /// What the outline was worth before its dots were seen.
     pub(super) standing: Standing,
-    /// Share of the outline that counts as shown where it is not fitted to edges: all of a given one.
-    pub(super) unfitted_support: f64,
     /// The best pose of this outline, accepted or not.
     pub(super) hypothesis: Option<Hypothesis>,
 }
@@ -350,7 +348,6 @@ impl Default for FrameEstimate {
             earlier_attempts: 0,
             attempts: 0,
             standing: Standing::default(),
-            unfitted_support: 0.0,
             hypothesis: None,
         }
     }
@@ -365,7 +362,6 @@ impl FrameEstimate {
             circle: Some(outline.circle),
             assignment: vec![None; dots.len()],
             dots,
-            unfitted_support: 1.0,
             ..Self::default()
         }
     }
@@ -447,7 +443,6 @@ impl FrameEstimate {
         (self.earlier_attempts, self.attempts) = (0, 0);
         self.hypothesis = None;
         self.standing = Standing::Likely;
-        self.unfitted_support = 0.0;
     }
 
     /// Takes back a pose.

@@ -160,11 +160,10 @@ impl PoseHypothesis {
     }
 
     /// The probability by all that is known of the pose, after so many attempts.
-    fn weighed(self, map: &TrustMap, attempts: usize, support: f64) -> Self {
+    fn weighed(self, map: &TrustMap, attempts: usize) -> Self {
         let evidence = PoseEvidence {
             pose_confidence: self.pose_confidence,
             attempts,
-            support,
             ..self.evidence
         };
         let pose_confidence = map.probability(&evidence);
@@ -457,8 +456,7 @@ impl<D: DotDetector> Estimator<D> {
         ws.spending.runs = attempts;
         let mut best = best?.discounted(attempts);
         if hint.is_none() {
-            let support = out.fit.map_or(out.unfitted_support, |fit| fit.support);
-            best = best.weighed(&self.config.trust, attempts, support);
+            best = best.weighed(&self.config.trust, attempts);
             let view = BallView::new(&best.camera, outline.circle);
             out.hypothesis = view.ok().map(|view| Hypothesis {
                 rotation: view.to_camera() * best.rotation,

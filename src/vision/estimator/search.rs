@@ -438,8 +438,6 @@ impl<D: DotDetector> Estimator<D> {
         let found = match place {
             Place::Known(outline) => {
                 out.outline_source = OutlineSource::Given;
-                // As good as one that the edges show whole.
-                out.unfitted_support = 1.0;
                 out.outline = Some(Outline {
                     circle: grid.circle_to_part(&outline.circle),
                     covariance: outline.covariance / (grid.side * grid.side),

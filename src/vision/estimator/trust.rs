@@ -3,19 +3,21 @@
 //! The recognizer weighs a pose against dots that lie anywhere, independently of each other. Other
 //! balls, fruit and clutter do not keep to that: their dots stand apart as dots of a pattern do, or
 //! in rows and rings. What sets such poses apart shows beside the model's odds: likely dots without a
-//! name, dots of the pattern that should be seen and are not, how many have a name, how many attempts it
-//! took, and how much of an outline the edges show. A logistic map weighs these:
+//! name, dots of the pattern that should be seen and are not, how many have a name, and how many attempts it
+//! took. A logistic map weighs these:
 //!
 //! ```text
 //! ln odds' = w_0 + sum_i w_i f_i
 //! ```
 //!
-//! `trust_tables confidence` in `studies/` fits the weights, on images of which every second shows the
-//! ball, and compares claims with the truth on other images. Claims are therefore those of someone who
+//! `bench derive` in `studies/` fits the weights, on images of which every second shows the ball, and begins with
+//! the recognizer's own probability; `bench confidence` compares claims with the truth on other images. Claims are therefore those of someone who
 //! does not know whether the ball is there: among images that all show it, more of them are correct.
 
+use crate::vision::derived;
+
 /// Number of features.
-pub const FEATURES: usize = 8;
+pub const FEATURES: usize = 7;
 
 /// Bounds of the model's ln odds.
 const LN_ODDS: [f64; 2] = [-5.0, 25.0];
@@ -37,8 +39,6 @@ pub struct PoseEvidence {
     pub missing: usize,
     /// Runs of the recognizer.
     pub attempts: usize,
-    /// Share of the outline that the edges show; 0 where they show none, 1 where it was given.
-    pub support: f64,
     /// How much the detector doubts the named dots: the mean of `-ln p`.
     pub doubt: f64,
     /// How far the named dots are off, in standard deviations per axis: the root of the mean square.
@@ -56,7 +56,6 @@ impl PoseEvidence {
             self.unnamed as f64,
             self.missing as f64,
             (self.attempts.max(1) as f64).ln(),
-            self.support,
             self.doubt.min(MAX_DOUBT),
             self.misfit.min(MAX_MISFIT),
         ]
@@ -76,15 +75,23 @@ impl TrustMap {
     /// The recognizer's own probability.
     pub const IDENTITY: Self = Self {
         constant: 0.0,
-        weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
     };
 
     /// For dots that may be off by more than the default placement: fitted without the detector's doubt and the
     /// misfit, which a wide placement makes small for any pose.
-    pub const WIDE: Self = Self {
-        constant: 0.183,
-        weights: [0.676, 0.259, -0.295, -0.095, -0.864, -0.205, 0.0, 0.0],
-    };
+    pub const WIDE: Self = Self::derived(&derived::TRUST_MAP_WIDE);
+
+    /// Fitted for patterns of 12, 20 and 32 dots (docs/measurements/trust.md).
+    pub const DEFAULT: Self = Self::derived(&derived::TRUST_MAP);
+
+    /// Of the constant and the weights.
+    const fn derived(&[constant, w0, w1, w2, w3, w4, w5, w6]: &[f64; FEATURES + 1]) -> Self {
+        Self {
+            constant,
+            weights: [w0, w1, w2, w3, w4, w5, w6],
+        }
+    }
 
     /// The probability that the pose is correct.
     pub fn probability(&self, evidence: &PoseEvidence) -> f64 {
@@ -99,14 +106,8 @@ impl TrustMap {
 }
 
 impl Default for TrustMap {
-    /// Fitted on 4 226 poses for patterns of 12, 20 and 32 dots (docs/measurements/trust.md).
     fn default() -> Self {
-        Self {
-            constant: 0.783,
-            weights: [
-                0.5616, 0.7616, -0.7203, -0.5391, -0.1603, -0.1136, -3.0627, -1.2123,
-            ],
-        }
+        Self::DEFAULT
     }
 }
 

@@ -13,7 +13,7 @@
 //! - [`detector`]: from heat map to dots,
 //! - [`onnx`]: the same net for other programs.
 //!
-//! The weights are made by `spindoe-train`, a member of this workspace.
+//! `python/train` makes the weights, of samples that [`synth::training`](crate::synth::training) draws.
 
 mod convolution;
 pub mod detector;

@@ -9,7 +9,6 @@ use std::io::Cursor;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use zip::ZipWriter;
 
 use super::graph::Head;
@@ -36,10 +35,7 @@ fn shipped(head: Head) -> (&'static str, &'static [u8]) {
 
 /// SHA-256 of a net's shipped weights, hexadecimal.
 pub fn built_in_sha256(head: Head) -> String {
-    Sha256::digest(shipped(head).1)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    files::sha256_hex(shipped(head).1)
 }
 
 /// One convolution's numbers.
@@ -118,6 +114,10 @@ pub struct WeightsMeta {
     pub command: String,
     /// Frames seen in training.
     pub frames: u64,
+    /// SHA-256 of the first samples that its training drew, hexadecimal: the synthetic world it was trained
+    /// in. Empty in nets of before.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub world_sha256: String,
     /// Whether each output's weights are whole multiples, up to 63, of a power of two ([`Weights::rounded`]).
     #[serde(default)]
     pub is_rounded: bool,

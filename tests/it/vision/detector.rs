@@ -234,7 +234,7 @@ fn weights_read_back_and_damage_is_named() {
 }
 
 #[test]
-fn the_command_exports_and_says_where_training_is() {
+fn the_command_exports() {
     let dir = tempfile::tempdir().unwrap();
     let weights = Weights::built_in(Head::Dots).unwrap();
     weights.write(&dir.path().join("mine.npz")).unwrap();
@@ -245,18 +245,11 @@ fn the_command_exports_and_says_where_training_is() {
     assert_eq!(read("mine.onnx"), read("dots.onnx"));
     crate::common::done(dir.path(), &["export", "--large", "-o", "large.onnx"]);
     assert!(read("large.onnx").len() > 8 * read("dots.onnx").len());
-    for (wrong, expected) in [
-        ("export -o a.onnx --weights dots.onnx", "dots.onnx"),
-        ("train", "spindoe-train"),
-        ("train --out net --steps 3 --resume", "spindoe-train"),
-        ("train --help", "spindoe-train"),
-    ] {
-        let words: Vec<&str> = wrong.split(' ').collect();
-        let refused = crate::common::spindoe(dir.path(), &words);
-        assert_eq!(refused.status.code(), Some(2), "{wrong}");
-        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert!(said.contains(expected), "{wrong}: {said}");
-        assert_eq!(said.lines().count(), 1, "{wrong}: {said}");
-    }
-    assert!(!dir.path().join("a.onnx").exists() && !dir.path().join("net").exists());
+    let wrong = ["export", "-o", "a.onnx", "--weights", "dots.onnx"];
+    let refused = crate::common::spindoe(dir.path(), &wrong);
+    assert_eq!(refused.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(said.contains("dots.onnx"), "{said}");
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(!dir.path().join("a.onnx").exists());
 }

@@ -24,7 +24,6 @@ use spindoe::vision::{
 use spindoe_studies::noise::NoiseField;
 use spindoe_studies::pictures::pictures;
 
-use super::logistic;
 use super::tables::{DESIGNS, PUBLISHED};
 
 /// The design whose table is used, and those on which the map of confidences is fitted and shown.
@@ -279,41 +278,34 @@ const BINS: [[f64; 2]; 6] = [
 ];
 /// Least probability of the recognizer for poses that the map is fitted on.
 const MIN_CONFIDENCE: f64 = 0.2;
-/// Seed of the images that the map is fitted on.
-const FIT_SEED: u64 = 14_220_001;
+/// The plausible poses of images of which every second shows the ball, for balls of few and of many dots, estimated
+/// with a map of confidences: what is in doubt is re-examined, and the map decides what is. Accepted poses and
+/// rejected ones both count.
+pub fn fitting_answers(trust: TrustMap, images: u64, seed: u64) -> Result<Vec<Answer>> {
+    let config = EstimatorConfig {
+        trust,
+        ..EstimatorConfig::default()
+    };
+    let all = FITTED.map(|own| mixture(own, config, images, seed));
+    let all: Vec<Answer> = all.into_iter().collect::<Result<Vec<_>>>()?.concat();
+    let is_plausible = |a: &Answer| a.evidence.pose_confidence >= MIN_CONFIDENCE;
+    Ok(all.into_iter().filter(is_plausible).collect())
+}
 
-/// Fits the map of confidences on a mixture of which every second image shows the ball, for balls of few
-/// and of many dots, and compares its claims with the truth on another. Images are estimated as by default, since what
-/// is in doubt is looked at again: accepted and rejected poses both count. The fitted map decides about that
-/// where it is shown, the shipped one where it is fitted.
+/// Compares the claims of the shipped map with the truth, on images that it was not fitted on.
 pub fn confidence(images: u64, seed: u64) -> Result<()> {
     let shipped = EstimatorConfig::default();
-    let fitting = FITTED.map(|own| mixture(own, shipped, images, FIT_SEED));
-    let fitting: Vec<Answer> = fitting.into_iter().collect::<Result<Vec<_>>>()?.concat();
-    let plausible = |a: &&Answer| a.evidence.pose_confidence >= MIN_CONFIDENCE;
-    let chosen: Vec<Answer> = fitting.iter().filter(plausible).copied().collect();
-    let map = logistic::fit(&chosen);
-    println!(
-        "fitted on {} poses in {images} images of each of {FITTED:?}, seed {FIT_SEED}:\n{map:?}\n",
-        chosen.len()
-    );
+    println!("{images} images of each of {FITTED:?}, seed {seed}\n");
     println!("| table | claimed | poses | mean claim % | correct % |\n|---|---|---|---|---|");
-    print_bins("shipped map, fitting images", &fitting, &shipped.trust);
-    println!("\nshown on as many others, seed {seed}\n");
-    println!("| table | claimed | poses | mean claim % | correct % |\n|---|---|---|---|---|");
-    let fitted = EstimatorConfig {
-        trust: map,
-        ..shipped
-    };
     let mut all = Vec::new();
     for own in FITTED {
-        let shown = mixture(own, fitted, images, seed)?;
-        print_bins(own, &shown, &map);
+        let shown = mixture(own, shipped, images, seed)?;
+        print_bins(own, &shown, &shipped.trust);
         all.extend(shown);
     }
-    print_bins("all", &all, &map);
+    print_bins("all", &all, &shipped.trust);
     let balls: Vec<Answer> = all.into_iter().filter(|a| a.is_ball).collect();
-    print_bins("images of the ball alone", &balls, &map);
+    print_bins("images of the ball alone", &balls, &shipped.trust);
     Ok(())
 }
 

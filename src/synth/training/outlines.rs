@@ -1,24 +1,20 @@
-//! Samples, loss and score of the outline's net.
+//! Samples of the outline's net, their targets and its score.
 //!
 //! A sample's patch is cut around a circle that is up to a third of the radius off. Its target is
-//! every cell's signed distance from the true outline. The loss is the negative logarithm of a
-//! Student density with 4 degrees of freedom, `2.5 ln(1 + (a e)^2 / 4) - ln a`, over the cells near
-//! the outline: where nothing shows the outline, the net learns to say so by a small `a`.
+//! every cell's signed distance from the true outline, learned near the outline only.
 
-use burn::tensor::Tensor;
 use nalgebra::Vector3;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
-use spindoe::synth::Rendering;
-use spindoe::vision::camera::{BallCircle, Pixel};
-use spindoe::vision::net::detector::cell_center;
-use spindoe::vision::net::graph::{CELLS, OutlineChannel};
-use spindoe::vision::net::outline::{LN_RANGE, REACH, UNIT, fit_cells, in_patch};
-use spindoe::vision::patch::{Framing, MIDDLE, Patch, SIZE};
-
-use crate::sample::Symmetry;
+use super::Symmetry;
+use crate::synth::Rendering;
+use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::net::detector::cell_center;
+use crate::vision::net::graph::CELLS;
+use crate::vision::net::outline::{REACH, UNIT, fit_cells, in_patch};
+use crate::vision::patch::{Framing, MIDDLE, Patch};
 
 /// Share of the samples that are far off.
 const FAR: f64 = 0.5;
@@ -66,49 +62,24 @@ pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> OutlineSample 
     OutlineSample { patch, circle }
 }
 
-/// The arrays of a batch, sample after sample.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct OutlineBatch {
-    /// Samples.
-    pub len: usize,
-    /// (n, 1, side, side)
-    pub patches: Vec<f32>,
-    /// (n, 1, cells, cells), in [`UNIT`].
-    pub distance: Vec<f32>,
-    /// (n, 1, cells, cells): 1 where the distance is learned.
-    pub weight: Vec<f32>,
-}
-
-impl OutlineBatch {
-    /// Appends a sample, rotated and mirrored.
-    pub fn push(&mut self, sample: &OutlineSample, symmetry: Symmetry) {
-        self.patches.extend(symmetry.apply(sample.patch.values()));
-        let center = symmetry.place(Pixel {
-            u: MIDDLE + sample.circle.x,
-            v: MIDDLE + sample.circle.y,
-        });
-        for row in 0..CELLS {
-            for column in 0..CELLS {
-                let (u, v) = (cell_center(column), cell_center(row));
-                let out = (u - center.u).hypot(v - center.v) - sample.circle.z;
-                self.distance.push((out / UNIT) as f32);
-                let is_near = out.abs() < LEARNED;
-                self.weight.push(if is_near { 1.0 } else { 0.0 });
-            }
+/// The targets of a sample's outline, rotated and mirrored with its patch, in the order of
+/// [`OUTLINE_TARGETS`](super::OUTLINE_TARGETS).
+pub fn targets(circle: &Vector3<f64>, symmetry: Symmetry) -> Vec<f32> {
+    let center = symmetry.place(Pixel {
+        u: MIDDLE + circle.x,
+        v: MIDDLE + circle.y,
+    });
+    let (mut distances, mut weights) = (Vec::new(), Vec::new());
+    for row in 0..CELLS {
+        for column in 0..CELLS {
+            let (u, v) = (cell_center(column), cell_center(row));
+            let out = (u - center.u).hypot(v - center.v) - circle.z;
+            distances.push((out / UNIT) as f32);
+            weights.push(f32::from(u8::from(out.abs() < LEARNED)));
         }
-        self.len += 1;
-        debug_assert_eq!(self.patches.len(), self.len * SIZE * SIZE);
     }
-}
-
-/// The loss of a batch's cells (n, 2, cells, cells).
-pub fn loss(cells: Tensor<4>, distance: Tensor<4>, weight: Tensor<4>) -> Tensor<1> {
-    let channel = |c: OutlineChannel| cells.clone().narrow(1, c as usize, 1);
-    let ln = channel(OutlineChannel::LnPrecision).clamp(LN_RANGE[0], LN_RANGE[1]);
-    let z = (distance - channel(OutlineChannel::Distance)) * ln.clone().exp();
-    let each = (z.clone() * z / 4.0 + 1.0).log() * 2.5 - ln;
-    let count = weight.clone().sum().clamp_min(1.0);
-    (each * weight).sum() / count
+    distances.extend(weights);
+    distances
 }
 
 /// Errors of the fitted circles on a set of samples.

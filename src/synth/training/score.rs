@@ -5,10 +5,10 @@
 //! likelihood (J. Platt, 1999). The covariances are scaled by one factor, so that the median
 //! squared Mahalanobis length of the errors is that of two Gaussian dimensions, `2 ln 2`.
 
-use spindoe::vision::net::detector::{Peak, find_peaks};
-use spindoe::vision::net::weights::Calibration;
+use crate::vision::net::detector::{Peak, find_peaks};
+use crate::vision::net::weights::Calibration;
 
-use crate::sample::Sample;
+use super::dots::Sample;
 
 /// Maximum distance of a peak to its dot, in the patch's pixels.
 pub const MATCH: f64 = 3.0;

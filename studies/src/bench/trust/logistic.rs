@@ -11,13 +11,17 @@ const RIDGE: f64 = 0.1;
 /// Steps; it settles in some ten.
 const STEPS: usize = 50;
 
-/// The map that makes the answers likeliest.
-pub fn fit(answers: &[Answer]) -> TrustMap {
+/// The detector's doubt and the misfit, by their place among the features.
+pub const DOUBT_AND_MISFIT: [usize; 2] = [FEATURES - 2, FEATURES - 1];
+
+/// The map that makes the answers likeliest, without these features.
+pub fn fit(answers: &[Answer], without: &[usize]) -> TrustMap {
     let rows: Vec<(SVector<f64, SIZE>, f64)> = answers
         .iter()
         .map(|a| {
             let mut x = SVector::<f64, SIZE>::repeat(1.0);
-            let features = a.evidence.features();
+            let mut features = a.evidence.features();
+            without.iter().for_each(|&k| features[k] = 0.0);
             x.fixed_rows_mut::<FEATURES>(1).copy_from_slice(&features);
             (x, f64::from(u8::from(a.is_correct)))
         })

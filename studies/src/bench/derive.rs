@@ -1,0 +1,140 @@
+//! The numbers that follow from the nets and the synthetic world: `models/derived.json`.
+//!
+//! An entry has its value, its meaning, the command and the SHA-256 of each input. An entry whose command and
+//! inputs are as they were is kept. The map of confidences begins with the recognizer's own probability, never with
+//! the shipped map, so that it can be derived from nothing but the nets.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use spindoe::files;
+use spindoe::vision::estimator::TrustMap;
+
+use crate::trust::kinds::{self, Answer};
+use crate::trust::logistic;
+
+/// Files that all numbers here depend on.
+const INPUTS: [&str; 6] = [
+    "models/dots.npz",
+    "models/dots-large.npz",
+    "models/outline.npz",
+    "designs/dots12/pattern.csv",
+    "designs/dots20/pattern.csv",
+    "designs/dots32/pattern.csv",
+];
+
+/// What the numbers are derived from, besides the files.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// Images for each of the designs.
+    pub images: u64,
+    /// Rounds of the fit.
+    pub rounds: u64,
+    /// Seed of the images.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            images: 3_000,
+            rounds: 2,
+            seed: 14_220_001,
+        }
+    }
+}
+
+/// A derived number, or several.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Entry {
+    meaning: String,
+    value: serde_json::Value,
+    command: String,
+    inputs: BTreeMap<String, String>,
+}
+
+/// Derives what is not up to date, and writes the file.
+pub fn run(out: &Path, settings: &Settings, force: bool) -> Result<(), Box<dyn Error>> {
+    let mut inputs = BTreeMap::new();
+    for path in INPUTS {
+        let bytes = files::read_bytes(Path::new(path))?;
+        inputs.insert(path.to_owned(), files::sha256_hex(&bytes));
+    }
+    let command = format!(
+        "bench derive --images {} --rounds {} --seed {}",
+        settings.images, settings.rounds, settings.seed
+    );
+    let mut entries: BTreeMap<String, Entry> = match out.exists() {
+        true => serde_json::from_slice(&files::read_bytes(out)?)?,
+        false => BTreeMap::new(),
+    };
+    let is_kept = |e: &Entry| e.command == command && e.inputs == inputs;
+    if !force && !entries.is_empty() && entries.values().all(is_kept) {
+        eprintln!("{}: up to date", out.display());
+        return Ok(());
+    }
+    entries.clear();
+    for (name, meaning, value) in derive(settings)? {
+        let entry = Entry {
+            meaning: meaning.to_owned(),
+            value,
+            command: command.clone(),
+            inputs: inputs.clone(),
+        };
+        entries.insert(name.to_owned(), entry);
+    }
+    let text = serde_json::to_string_pretty(&entries)? + "\n";
+    files::write_bytes(out, text.as_bytes())?;
+    Ok(())
+}
+
+type Derived = (&'static str, &'static str, serde_json::Value);
+
+fn derive(settings: &Settings) -> Result<Vec<Derived>, Box<dyn Error>> {
+    let mut map = TrustMap::IDENTITY;
+    let mut answers: Vec<Answer> = Vec::new();
+    for round in 1..=settings.rounds {
+        answers = kinds::fitting_answers(map, settings.images, settings.seed)?;
+        map = logistic::fit(&answers, &[]);
+        eprintln!("round {round}: {} poses, {map:?}", answers.len());
+    }
+    let wide = logistic::fit(&answers, &logistic::DOUBT_AND_MISFIT);
+    Ok(vec![
+        (
+            "trust_map",
+            "weights of a pose's evidence in its ln odds, the constant first",
+            rounded(&map),
+        ),
+        (
+            "trust_map_wide",
+            "the same without the detector's doubt and the misfit",
+            rounded(&wide),
+        ),
+        (
+            "usual_doubt",
+            "median of the detector's doubt of the dots of correct poses: mean of -ln p",
+            serde_json::json!(to_places(usual_doubt(&answers), 3)),
+        ),
+    ])
+}
+
+/// The constant and the weights, to four places.
+fn rounded(map: &TrustMap) -> serde_json::Value {
+    let all = std::iter::once(map.constant).chain(map.weights);
+    serde_json::json!(all.map(|w| to_places(w, 4)).collect::<Vec<f64>>())
+}
+
+fn to_places(value: f64, places: i32) -> f64 {
+    let unit = 10f64.powi(places);
+    // No negative zero.
+    (value * unit).round() / unit + 0.0
+}
+
+fn usual_doubt(answers: &[Answer]) -> f64 {
+    let correct = answers.iter().filter(|a| a.is_correct);
+    let mut doubts: Vec<f64> = correct.map(|a| a.evidence.doubt).collect();
+    doubts.sort_by(f64::total_cmp);
+    doubts.get(doubts.len() / 2).copied().unwrap_or_default()
+}
