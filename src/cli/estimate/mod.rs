@@ -222,7 +222,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     config.clock = FrameClock::Inputs;
     if arguments.calibrate {
         let chosen = &mut estimators[judgment.table()];
-        *chosen = calibrate_in_place(arguments, chosen, &config, &mut batch)?;
+        *chosen = calibrate_in_place(arguments, chosen, &config, &pictures, &mut batch)?;
     }
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!(
@@ -272,6 +272,7 @@ fn calibrate_in_place(
     arguments: &Arguments,
     estimator: &Estimator<NamedDetector>,
     config: &BatchConfig,
+    pictures: &Pictures,
     batch: &mut Batch<Picture>,
 ) -> Result<Estimator<NamedDetector>> {
     let frames: Vec<FrameEstimate> = batch.frames.iter().map(|f| f.estimate.clone()).collect();
@@ -293,7 +294,7 @@ fn calibrate_in_place(
     for (frame, estimate) in batch.frames.iter_mut().zip(calibration.frames) {
         frame.estimate = estimate;
     }
-    batch.track(&calibrated, config);
+    batch.estimate_again(&calibrated, config, pictures)?;
     Ok(calibrated)
 }
 

@@ -89,7 +89,7 @@ impl<D: DotDetector> Estimator<D> {
     pub fn estimate<'a>(
         &self,
         image: impl Into<FrameImage<'a>>,
-        prior: &Prior<'_>,
+        prior: &Prior,
         budget: &Budget,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
@@ -100,7 +100,7 @@ impl<D: DotDetector> Estimator<D> {
             ws.coarse.forget();
             ws.fine.forget();
         }
-        let hint = prior.rotation;
+        let hint = prior.rotation.as_ref();
         let outline = prior.outline.as_ref();
         let region = match prior.region {
             Some(region) => region.cut(image.width(), image.height()),
@@ -364,13 +364,14 @@ impl<D: DotDetector> Estimator<D> {
         other.timings.locate = first.timings.locate;
         self.find_dots(view, ws, other);
         if first.pose().is_some() {
-            self.identify(hint, ws, other);
+            self.identify(ws, other);
         } else {
             self.identify_looking_again(view, hint, ws, other);
         }
     }
 
-    /// Identifies the dots; where they leave doubt, the detector looks again.
+    /// Identifies the dots; where they leave doubt, the detector looks again; where that leaves doubt too, or the dots of a likely
+    /// outline show another orientation than is expected, they are weighed with what is expected.
     fn identify_looking_again(
         &self,
         view: View<'_>,
@@ -385,18 +386,17 @@ impl<D: DotDetector> Estimator<D> {
             out.outcome = Err(FrameRejection::TooFewDots { found, needed });
             return;
         }
-        self.identify(hint, ws, out);
+        self.identify(ws, out);
         let is_hopeless = is_doubtful && promise(out) < PROMISING;
-        if out.is_settled()
-            || is_hopeless
-            || ws.spending.is_late()
-            || !self.look_again(view, ws, out)
-        {
-            return;
+        let is_open = !out.is_settled() && !is_hopeless && !ws.spending.is_late();
+        if is_open && self.look_again(view, ws, out) {
+            let before = out.timings.identify;
+            self.identify(ws, out);
+            out.timings.identify += before;
         }
-        let before = out.timings.identify;
-        self.identify(hint, ws, out);
-        out.timings.identify += before;
+        if let Some(hint) = hint.filter(|_| !is_doubtful && !ws.spending.is_late()) {
+            self.identify_expected(hint, ws, out);
+        }
     }
 
     /// Finds the dots of the last patch anew, by the detector's second look; false where it has none.

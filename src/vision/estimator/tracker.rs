@@ -6,11 +6,10 @@
 //! objects before those that stand still. An outline that was found in this way counts as the ball's by its
 //! dots.
 //!
-//! The orientation of every frame is estimated independently first. Poses found that way and likelier than
-//! [`SequenceConfig::trusted`] enter a window of fixed length, from which the spin is fitted after
-//! each frame. Where the spin predicts the orientation of a frame that has no pose, or one far off,
-//! that prediction is a hint for a second look. A hinted pose is an answer, but no evidence: it never
-//! enters the window, so that no error confirms itself.
+//! That is the forward pass over a [sequence](super::frames_in_doubt): every frame is one [`Estimator::estimate`], whose prior is
+//! what the earlier frames expect. Poses that needed no hint and are likelier than [`SequenceConfig::trusted`] enter a window of
+//! fixed length, from which the spin is fitted after each frame; it predicts the orientation of the next. A hinted pose is
+//! an answer, but no evidence: it never enters the window, so that no error confirms itself.
 //!
 //! # What is promised
 //! The work for a frame depends on the frame and on [`TrackerConfig::window`], not on how many frames
@@ -18,7 +17,7 @@
 //! frame and the earlier ones within [`TrackerConfig::memory_s`]; of those before, no more than the
 //! rounding of an outline's fit, which starts from the predicted one.
 //!
-//! Not promised: what [`track_sequence`](super::track_sequence) finds when it knows the later frames
+//! Not promised: what the [second pass](super::second_pass) finds when it knows the later frames
 //! as well, and any answer to a spin that changes within the window (a bounce): the fit then rejects
 //! it, or takes the larger part. [`Tracker::reset`] starts afresh.
 
@@ -26,7 +25,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::motion::OutlineMotion;
+use super::path::OutlineMotion;
 use super::search::{NEARBY, WHOLE};
 use super::sequence::predict;
 use super::{
@@ -34,6 +33,7 @@ use super::{
     SearchDepth, SequenceConfig,
 };
 use crate::error::{Error, Result, require};
+use crate::recognize::Hint;
 use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
@@ -202,7 +202,7 @@ impl<D: DotDetector> Tracker<D> {
         let trusted = self
             .frame
             .pose()
-            .filter(|pose| pose.pose_confidence >= config.trusted)
+            .filter(|pose| !pose.hinted && pose.pose_confidence >= config.trusted)
             .map(|pose| {
                 let measurement = Measurement {
                     confidence: pose.pose_confidence,
@@ -210,7 +210,6 @@ impl<D: DotDetector> Tracker<D> {
                 };
                 (measurement, pose.residual_rad)
             });
-        self.look_again(time_s);
         if let Some((measurement, residual_rad)) = trusted {
             if self.window.len() == self.config.window {
                 self.window.pop_front();
@@ -242,7 +241,7 @@ impl<D: DotDetector> Tracker<D> {
         ))
     }
 
-    /// Estimates the frame independently, where the ball is expected or wherever it is.
+    /// Estimates the frame by what is expected of it.
     fn find(
         &mut self,
         image: FrameImage<'_>,
@@ -265,7 +264,7 @@ impl<D: DotDetector> Tracker<D> {
         let prior = Prior {
             region: Some(*part),
             outline,
-            rotation: None,
+            rotation: self.expected_rotation(time_s),
             follows: Follows::LastImage,
         };
         let budget = Budget {
@@ -306,25 +305,12 @@ impl<D: DotDetector> Tracker<D> {
         }
     }
 
-    /// Estimates the pose again with the hint that the window's spin gives, where the frame has none
-    /// or another.
-    fn look_again(&mut self, time_s: f64) {
-        let (Ok(fit), Some(_)) = (&self.spin, self.frame.circle) else {
-            return;
-        };
-        if self.window.len() < MIN_FRAMES {
-            return;
-        }
-        let config = &self.config.sequence;
-        let hint = predict(config, fit, self.window.make_contiguous(), time_s);
-        let off = self
-            .frame
-            .pose()
-            .map(|pose| pose.rotation.angle_to(&hint.rotation));
-        if off.is_none_or(|angle| angle >= config.disagreement_rad) {
-            let (workspace, frame) = (&mut self.workspace, &mut self.frame);
-            self.estimator.estimate_pose(Some(&hint), workspace, frame);
-        }
+    /// The orientation as the window's spin predicts it.
+    fn expected_rotation(&mut self, time_s: f64) -> Option<Hint> {
+        let fit = self.spin.as_ref().ok()?;
+        let window = self.window.make_contiguous();
+        let is_known = window.len() >= MIN_FRAMES;
+        is_known.then(|| predict(&self.config.sequence, fit, window, time_s))
     }
 }
 

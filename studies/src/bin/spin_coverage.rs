@@ -13,10 +13,8 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
 use spindoe::validate::Proportion;
-use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::estimator::{FrameImage, SequenceConfig, estimate_sequence, estimate_spin};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, NamedDetector};
 
 /// Quantiles of chi-square with three degrees of freedom (SciPy's `chi2(3).ppf`).
 const QUANTILES: [(f64, f64); 5] = [
@@ -50,23 +48,12 @@ fn outcome(
         ..SynthSequence::default()
     };
     let sequence = Sequence::random(pattern, &config, &timing, seed, frames)?;
-    let mut ws = estimator.workspace();
-    let (mut times, mut estimates) = (Vec::new(), Vec::new());
-    for k in 0..frames {
-        let frame = sequence.frame(k)?;
-        let mut out = FrameEstimate::default();
-        estimator.estimate(
-            &frame.image,
-            &Prior::default(),
-            &Budget::default(),
-            &mut ws,
-            &mut out,
-        );
-        times.extend(frame.truth.time_s);
-        estimates.push(out);
-    }
+    let rendered = (0..frames).map(|k| sequence.frame(k));
+    let rendered = rendered.collect::<spindoe::Result<Vec<_>>>()?;
+    let times: Vec<f64> = rendered.iter().filter_map(|f| f.truth.time_s).collect();
+    let images: Vec<FrameImage<'_>> = rendered.iter().map(|f| (&f.image).into()).collect();
     let config = SequenceConfig::default();
-    track_sequence(estimator, &config, &times, &mut estimates, &mut ws);
+    let (estimates, _) = estimate_sequence(estimator, &config, &times, &images);
     let Ok(fit) = estimate_spin(&config, &times, &estimates) else {
         return Ok(None);
     };
