@@ -10,14 +10,13 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use spindoe::calibrate::CalibrationConfig;
-use spindoe::geometry::tangent_frame;
+use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::report::calibration::CalibrationEvaluationConfig;
-use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
-    CameraDistance, CameraModel, EstimatorWorkspace, FrameImage, Pose, SequenceConfig,
-    TrackerConfig, second_pass,
+    CameraDistance, CameraModel, EstimatorWorkspace, FrameImage, NamedFrame, Pose, SequenceConfig,
+    TrackerConfig, orientations, second_pass,
 };
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
@@ -485,7 +484,15 @@ fn spin_of<'py>(
     frames: &[FrameEstimate],
     config: &SequenceConfig,
 ) -> PyResult<Answer<spin::Found<'py>>> {
-    let orientations = orientations(times, frames);
+    let named = times
+        .iter()
+        .zip(frames)
+        .map(|(time_s, estimate)| NamedFrame {
+            name: "",
+            time_s: Some(*time_s),
+            estimate,
+        });
+    let orientations = orientations(&named.collect::<Vec<_>>(), CameraFrame::default(), true);
     let measurements = orientations.measurements();
     let mut estimator = RobustEstimator::new(SpinConfig {
         shared: orientations.shared_error(),
@@ -533,26 +540,6 @@ fn check_times(times: &[f64], images: usize) -> PyResult<()> {
             );
             Err(value_error("times_s", problem))
         }
-    }
-}
-
-/// The orientations of frames, as the command writes them.
-fn orientations(times: &[f64], frames: &[FrameEstimate]) -> Orientations {
-    let row = |(time_s, frame): (&f64, &FrameEstimate)| {
-        let pose = frame.pose();
-        OrientationRow {
-            frame: String::new(),
-            time_s: *time_s,
-            orientation: pose.map(|pose| pose.rotation),
-            dots: Some(frame.dots.len()),
-            matched: Some(frame.matched()),
-            residual_rad: pose.map(|pose| pose.residual_rad),
-            confidence: pose.map(|pose| pose.pose_confidence),
-        }
-    };
-    Orientations {
-        rows: times.iter().zip(frames).map(row).collect(),
-        camera_frame: None,
     }
 }
 

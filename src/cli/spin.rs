@@ -53,9 +53,9 @@ pub struct Arguments {
     /// Frames per second, for rows at equal intervals: their times in the file are passed over.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     fps: Option<f64>,
-    /// The camera frame that the spin is written in: ours, x right, y up, z towards the camera;
-    /// optical, x right, y down, z forward [default: that of the file].
-    #[arg(long, value_parser = one_of(&CameraFrame::ALL, CameraFrame::as_str))]
+    /// The axes that the spin is written in: camera, x right, y up, z towards the camera;
+    /// optical, x right, y down, z forward [default: those of the file].
+    #[arg(long, value_parser = one_of(&CameraFrame::AXES, CameraFrame::as_str))]
     frame: Option<CameraFrame>,
     /// Maximum spin considered, revolutions per second. At equal times T apart, spins beyond 1/(2
     /// T) appear as slower ones (aliases).
@@ -227,7 +227,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let fit = summary.fit;
     let frame = file.camera_frame.unwrap_or_default();
-    let written = arguments.frame.unwrap_or(frame);
+    let written = arguments.frame.unwrap_or(frame).of_view(frame.is_view());
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
     if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
         errln!(

@@ -42,12 +42,14 @@ mod batch;
 mod config;
 mod frame;
 mod locate;
+mod orientations;
 mod path;
 mod prior;
 mod recenter;
 mod refine;
 mod search;
 mod sequence;
+mod sequence_view;
 mod shrunk;
 mod tracker;
 mod trust;
@@ -59,11 +61,13 @@ pub use batch::{
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, OutlineSource, Pose, Timings};
 use frame::{Hypothesis, Standing};
+pub use orientations::{NamedFrame, orientations, turned_covariance};
 pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
 pub use sequence::{
     FrameInDoubt, SequenceConfig, SequenceSummary, estimate_sequence, estimate_spin,
     frames_in_doubt, second_pass,
 };
+pub use sequence_view::SequenceView;
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
 pub use trust::{FEATURES, PoseEvidence, TrustMap};
 

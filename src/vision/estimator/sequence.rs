@@ -18,7 +18,7 @@ use super::path::{MAX_SCATTER, NEIGHBORS, expected_outline, off};
 use super::search::is_evident;
 use super::{
     Budget, DISAGREEMENT, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
-    OutlinePrior, OutlineSource, Pose, Prior,
+    OutlinePrior, OutlineSource, Pose, Prior, SequenceView,
 };
 use crate::concurrency;
 use crate::recognize::Hint;
@@ -347,7 +347,7 @@ pub(super) fn predict(
 
 /// The spin of a sequence, from the orientations of its frames.
 ///
-/// Each frame has the weight of its pose's covariance; how large the deviations are altogether is
+/// Without intrinsics it is in the view frame of a ball amid the path ([`SequenceView`]), else in the camera's. Each frame has the weight of its pose's covariance; how large the deviations are altogether is
 /// estimated from the residuals, with the covariances' typical value for a prior.
 ///
 /// It is not refined on the dots of all frames: those of one frame share the errors of its outline and of the camera's
@@ -369,15 +369,26 @@ pub fn estimate_spin(
     let Some(&typical) = sigmas.get(sigmas.len() / 2) else {
         return RobustEstimator::new(config.spin).fit(&[]);
     };
-    let measurements: Vec<_> = poses()
-        .map(|(time_s, pose)| Measurement {
-            sigma_scale: sigma(pose) / typical,
-            ..measurement(time_s, pose.rotation, pose.pose_confidence)
+    let view = SequenceView::of_frames(frames.iter());
+    let turn = |frame: &FrameEstimate| Some(view?.turn(frame.seen_from()?.0.center));
+    let measurements: Vec<_> = times_s
+        .iter()
+        .zip(frames)
+        .filter_map(|(time_s, frame)| {
+            let pose = frame.pose()?;
+            let turned = turn(frame).unwrap_or_default().rotation() * pose.rotation;
+            Some(Measurement {
+                sigma_scale: sigma(pose) / typical,
+                ..measurement(*time_s, turned, pose.pose_confidence)
+            })
         })
         .collect();
+    let turns = times_s.iter().zip(frames);
+    let turns = turns.filter_map(|(time_s, frame)| Some((*time_s, turn(frame)?)));
+    let residuals = poses().map(|(_, pose)| pose.residual_rad);
     let spin = SpinConfig {
         sigma_rad: typical,
-        shared: SharedError::of_residuals(poses().map(|(_, pose)| pose.residual_rad)),
+        shared: SharedError::with_turns(SharedError::of_residuals(residuals), turns),
         ..config.spin
     };
     RobustEstimator::new(spin).fit(&measurements)

@@ -11,8 +11,8 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence, independent_frame};
 use spindoe::vision::detect::DotDetection;
 use spindoe::vision::estimator::{
-    FrameImage, Outline, Pose, SequenceConfig, estimate_sequence, estimate_spin, frames_in_doubt,
-    second_pass,
+    FrameImage, Outline, Pose, SequenceConfig, SequenceView, estimate_sequence, estimate_spin,
+    frames_in_doubt, second_pass,
 };
 use spindoe::vision::{
     BallCircle, BallView, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
@@ -258,4 +258,64 @@ fn the_spin_is_as_well_known_as_its_covariance_says() {
     // Somewhat too large for balls that are drawn better than most.
     assert!(median > 0.25 * MEDIAN && median < 1.3 * MEDIAN, "{median}");
     assert!(beyond <= 3, "{beyond}");
+}
+
+#[test]
+fn the_spin_of_a_ball_that_crosses_the_picture_is_as_well_known_as_its_covariance_says() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let estimator = estimator(&pattern, EstimatorConfig::default());
+    let config = SequenceConfig::default();
+    let scene = SynthConfig {
+        max_off_axis_rad: 0.35,
+        rps: [5.0, 80.0],
+        image_px: Some([640, 480]),
+        ball_px: Some([60.0; 2]),
+        ..SynthConfig::good()
+    };
+    let mut distances = Vec::new();
+    for seed in 0..36 {
+        let angle = 0.7 * seed as f64;
+        let timing = SynthSequence {
+            fps: 400.0,
+            drift_px: Some([300.0 * angle.cos(), 200.0 * angle.sin()]),
+            ..SynthSequence::default()
+        };
+        let sequence =
+            Sequence::random(&pattern, &scene, &timing, 88_000 + seed, 8).expect("a sequence");
+        let rendered: Vec<_> = (0..8)
+            .map(|k| sequence.frame(k).expect("a frame"))
+            .collect();
+        let times: Vec<f64> = rendered.iter().filter_map(|f| f.truth.time_s).collect();
+        let images: Vec<FrameImage<'_>> = rendered.iter().map(|f| (&f.image).into()).collect();
+        let (frames, _) = estimate_sequence(&estimator, &config, &times, &images);
+        let Ok(fit) = estimate_spin(&config, &times, &frames) else {
+            continue;
+        };
+        // The true spin as seen from where the ball is amid its path.
+        let view = SequenceView::of_frames(frames.iter()).expect("poses in view frames");
+        let truth = &rendered[0].truth;
+        // Some balls are seen by parallel rays: their view is the camera's everywhere.
+        let camera = truth
+            .intrinsics
+            .map_or(Camera::Orthographic, Camera::Perspective);
+        let amid = BallCircle {
+            center: view.reference,
+            radius: truth.radius_px,
+        };
+        let seen = BallView::new(&camera, amid).expect("a ball").to_camera();
+        let off = fit.motion.spin - seen.inverse() * sequence.spin();
+        let covariance = fit.spin_covariance.expect("a covariance");
+        let inverse = covariance.try_inverse().expect("positive definite");
+        distances.push(off.dot(&(inverse * off)));
+    }
+    distances.sort_by(f64::total_cmp);
+    let median = distances[distances.len() / 2];
+    let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+    println!(
+        "{} answered: median {median:.2}, mean {mean:.2}",
+        distances.len()
+    );
+    assert!(distances.len() >= 30);
+    assert!(median > 0.4 * MEDIAN && median < 1.6 * MEDIAN, "{median}");
+    assert!(mean > 1.2 && mean < 4.8, "{mean}");
 }
