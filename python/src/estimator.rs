@@ -494,10 +494,7 @@ fn spin_of<'py>(
         });
     let orientations = orientations(&named.collect::<Vec<_>>(), CameraFrame::default(), true);
     let measurements = orientations.measurements();
-    let mut estimator = RobustEstimator::new(SpinConfig {
-        shared: orientations.shared_error(),
-        ..config.spin
-    });
+    let mut estimator = RobustEstimator::new(orientations.spin_config(config.spin));
     match py.detach(|| estimator.fit(&measurements)) {
         Ok(fit) => {
             let inliers = estimator.inlier_probabilities();

@@ -32,6 +32,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix3, Vector2};
 
+use super::robust::SpinConfig;
 use super::shared::{SharedError, ViewTurn};
 use super::{DEFAULT_CONFIDENCE, Measurement};
 use crate::error::Result;
@@ -46,6 +47,8 @@ pub const LENGTH_TOLERANCE: f64 = 2e-3;
 /// A frame's noise scale is kept within this factor of the common noise either way: the residual of
 /// a few dots is itself uncertain.
 const SCALE_LIMIT: f64 = 2.0;
+/// No orientation is known better than this, radians: a tenth of a degree.
+const MIN_SIGMA_RAD: f64 = 1.75e-3;
 /// Dots of average quality that a frame's residual is averaged with, for the same reason.
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
@@ -112,6 +115,14 @@ pub struct OrientationRow {
     pub covariance: Option<Matrix3<f64>>,
     /// How the row's own view frame was turned, about the x and y of its frame.
     pub turn: Option<ViewTurn>,
+}
+
+impl OrientationRow {
+    /// Root mean square deviation about the axes, radians, where the covariance is known: at least a tenth of a degree.
+    fn sigma_rad(&self) -> Option<f64> {
+        let variance = self.covariance?.trace() / 3.0;
+        Some(variance.sqrt().max(MIN_SIGMA_RAD))
+    }
 }
 
 /// The frames of a file, in order of time.
@@ -202,8 +213,6 @@ impl Orientations {
         files::write_bytes(path, self.to_csv().as_bytes())
     }
 
-    /// What the estimators work on: the frames that have an orientation.
-    ///
     /// The error that frames share, as the residuals and the view frame's turns tell of it; `None` without any.
     pub fn shared_error(&self) -> Option<SharedError> {
         let answered = self.rows.iter().filter(|r| r.orientation.is_some());
@@ -212,10 +221,52 @@ impl Orientations {
         SharedError::with_turns(SharedError::of_residuals(residuals), turns)
     }
 
-    /// Where residuals and dot counts are given, a frame's noise follows from them: `n` dots spread
-    /// over the ball with noise `s` fix each axis of the orientation to `s sqrt(3 / (2 n))`, so
-    /// that the scale is `s / sqrt(n)` relative to the median frame's.
+    /// These settings with what the file knows of its errors: those that the rows share, and the typical deviation of an
+    /// orientation where all have covariances.
+    pub fn spin_config(&self, config: SpinConfig) -> SpinConfig {
+        SpinConfig {
+            sigma_rad: self.typical_sigma_rad().unwrap_or(config.sigma_rad),
+            shared: self.shared_error(),
+            ..config
+        }
+    }
+
+    /// The median deviation of an orientation about an axis, radians, by the rows' covariances; `None` where one lacks it.
+    pub fn typical_sigma_rad(&self) -> Option<f64> {
+        let answered = self.rows.iter().filter(|r| r.orientation.is_some());
+        let sigmas: Option<Vec<f64>> = answered.map(OrientationRow::sigma_rad).collect();
+        sigmas
+            .filter(|s| !s.is_empty())
+            .map(|mut s| crate::stats::median(&mut s))
+    }
+
+    /// What the estimators work on: the frames that have an orientation.
+    ///
+    /// Where all have covariances, a frame's noise is the root mean square of its deviations about the axes. Else it follows from
+    /// residuals and dot counts, where these are given: `n` dots spread over the ball with noise `s` fix each axis of the orientation
+    /// to `s sqrt(3 / (2 n))`, so that the scale is `s / sqrt(n)` relative to the median frame's.
     pub fn measurements(&self) -> Vec<Measurement> {
+        let scales: Vec<f64> = match self.typical_sigma_rad() {
+            Some(typical) => {
+                let scale = |r: &OrientationRow| r.sigma_rad().unwrap_or(typical) / typical;
+                self.rows.iter().map(scale).collect()
+            }
+            None => self.scales_by_residuals(),
+        };
+        let measurement = |(r, sigma_scale): (&OrientationRow, f64)| {
+            r.orientation.map(|orientation| Measurement {
+                time_s: r.time_s,
+                orientation,
+                confidence: r.confidence.unwrap_or(DEFAULT_CONFIDENCE),
+                sigma_scale,
+            })
+        };
+        let rows = self.rows.iter().zip(scales);
+        rows.filter_map(measurement).collect()
+    }
+
+    /// Each row's noise over the median row's, by residuals and counts of dots.
+    fn scales_by_residuals(&self) -> Vec<f64> {
         let answered = || self.rows.iter().filter(|r| r.orientation.is_some());
         let mut residuals: Vec<f64> = answered()
             .filter_map(|r| r.residual_rad)
@@ -232,19 +283,11 @@ impl Orientations {
         };
         let mut known: Vec<f64> = answered().map(noise).filter(|s| *s > 0.0).collect();
         let common = crate::stats::median(&mut known);
-        let measurement = |r: &OrientationRow| {
-            let sigma_scale = match noise(r) {
-                s if s > 0.0 => (s / common).clamp(1.0 / SCALE_LIMIT, SCALE_LIMIT),
-                _ => 1.0,
-            };
-            r.orientation.map(|orientation| Measurement {
-                time_s: r.time_s,
-                orientation,
-                confidence: r.confidence.unwrap_or(DEFAULT_CONFIDENCE),
-                sigma_scale,
-            })
+        let scale = |r: &OrientationRow| match noise(r) {
+            s if s > 0.0 => (s / common).clamp(1.0 / SCALE_LIMIT, SCALE_LIMIT),
+            _ => 1.0,
         };
-        self.rows.iter().filter_map(measurement).collect()
+        self.rows.iter().map(scale).collect()
     }
 }
 

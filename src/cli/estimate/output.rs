@@ -59,11 +59,10 @@ fn spin(
     if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
         return None;
     }
-    let config = SpinConfig {
+    let config = orientations.spin_config(SpinConfig {
         max_rps: arguments.max_spin_rps,
-        shared: orientations.shared_error(),
         ..SpinConfig::default()
-    };
+    });
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
         sigma_rad: config.sigma_rad,

@@ -14,22 +14,21 @@ use std::convert::Infallible;
 
 use nalgebra::Matrix3;
 
+use super::orientations::{NamedFrame, orientations};
 use super::path::{MAX_SCATTER, NEIGHBORS, expected_outline, off};
 use super::search::is_evident;
 use super::{
     Budget, DISAGREEMENT, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
-    OutlinePrior, OutlineSource, Pose, Prior, SequenceView,
+    OutlinePrior, OutlineSource, Prior,
 };
 use crate::concurrency;
+use crate::geometry::CameraFrame;
 use crate::recognize::Hint;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
-use crate::spin::shared::SharedError;
 use crate::spin::{Fit, Measurement, SpinRejection};
 use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
 
-/// No orientation is known better than this, radians: a tenth of a degree.
-const MIN_SIGMA_RAD: f64 = 1.75e-3;
 /// An outline farther off the path than this, in radii, is in doubt.
 const OFF_PATH: f64 = 0.1;
 /// Frames that one thread estimates after each other in the same memory.
@@ -345,9 +344,10 @@ pub(super) fn predict(
     }
 }
 
-/// The spin of a sequence, from the orientations of its frames.
+/// The spin of a sequence, from the orientations of its frames: the same as that of their file ([`orientations`]).
 ///
-/// Without intrinsics it is in the view frame of a ball amid the path ([`SequenceView`]), else in the camera's. Each frame has the weight of its pose's covariance; how large the deviations are altogether is
+/// Without intrinsics it is in the view frame of a ball amid the path ([`SequenceView`](super::SequenceView)), else in the camera's.
+/// Each frame has the weight of its pose's covariance; how large the deviations are altogether is
 /// estimated from the residuals, with the covariances' typical value for a prior.
 ///
 /// It is not refined on the dots of all frames: those of one frame share the errors of its outline and of the camera's
@@ -360,43 +360,14 @@ pub fn estimate_spin(
     times_s: &[f64],
     frames: &[FrameEstimate],
 ) -> Result<Fit, SpinRejection> {
-    let poses = || {
-        let frames = times_s.iter().zip(frames);
-        frames.filter_map(|(time_s, frame)| Some((*time_s, frame.pose()?)))
-    };
-    let mut sigmas: Vec<f64> = poses().map(|(_, pose)| sigma(pose)).collect();
-    sigmas.sort_unstable_by(f64::total_cmp);
-    let Some(&typical) = sigmas.get(sigmas.len() / 2) else {
-        return RobustEstimator::new(config.spin).fit(&[]);
-    };
-    let view = SequenceView::of_frames(frames.iter());
-    let turn = |frame: &FrameEstimate| Some(view?.turn(frame.seen_from()?.0.center));
-    let measurements: Vec<_> = times_s
+    let named = times_s
         .iter()
         .zip(frames)
-        .filter_map(|(time_s, frame)| {
-            let pose = frame.pose()?;
-            let turned = turn(frame).unwrap_or_default().rotation() * pose.rotation;
-            Some(Measurement {
-                sigma_scale: sigma(pose) / typical,
-                ..measurement(*time_s, turned, pose.pose_confidence)
-            })
-        })
-        .collect();
-    let turns = times_s.iter().zip(frames);
-    let turns = turns.filter_map(|(time_s, frame)| Some((*time_s, turn(frame)?)));
-    let residuals = poses().map(|(_, pose)| pose.residual_rad);
-    let spin = SpinConfig {
-        sigma_rad: typical,
-        shared: SharedError::with_turns(SharedError::of_residuals(residuals), turns),
-        ..config.spin
-    };
-    RobustEstimator::new(spin).fit(&measurements)
-}
-
-/// Standard deviation of a pose about an axis, radians: the root mean square over all axes.
-fn sigma(pose: &Pose) -> f64 {
-    (pose.covariance.trace() / 3.0)
-        .max(MIN_SIGMA_RAD * MIN_SIGMA_RAD)
-        .sqrt()
+        .map(|(time_s, estimate)| NamedFrame {
+            name: "",
+            time_s: Some(*time_s),
+            estimate,
+        });
+    let file = orientations(&named.collect::<Vec<_>>(), CameraFrame::default(), true);
+    RobustEstimator::new(file.spin_config(config.spin)).fit(&file.measurements())
 }

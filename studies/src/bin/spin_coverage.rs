@@ -25,8 +25,7 @@ use spindoe::vision::estimator::{
     orientations,
 };
 use spindoe::vision::{
-    BallCircle, BallView, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    NamedDetector,
+    BallCircle, BallView, Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector,
 };
 
 /// Quantiles of chi-square with three degrees of freedom (SciPy's `chi2(3).ppf`).
