@@ -440,7 +440,9 @@ impl<D: DotDetector> Estimator<D> {
         let begun = attempts;
         out.hypothesis = None;
         'search: for pass in 0..self.recognizers.len() {
-            if pass > 0 && out.standing == Standing::Doubtful && promise_of(&best) < PROMISING {
+            // An expected orientation may be told by doubtful detections alone.
+            let is_hopeless = hint.is_none() && promise_of(&best) < PROMISING;
+            if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
                 break;
             }
             for camera in self.config.camera.hypotheses() {
