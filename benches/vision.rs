@@ -84,7 +84,7 @@ fn estimate(c: &mut Criterion) {
             });
         });
         group.bench_function(format!("identify, {name}"), |b| {
-            b.iter(|| estimator.estimate_pose(None, &mut ws, black_box(&mut out)));
+            b.iter(|| estimator.identify_detections(&mut ws, black_box(&mut out)));
         });
     }
     group.finish();

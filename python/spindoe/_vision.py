@@ -142,9 +142,9 @@ class Pose:
     """An orientation from an image. True where a truth value is wanted."""
 
     quaternion_wxyz: Floats
-    """Pattern to camera, scalar first, w >= 0; shape (4,)."""
+    """Pattern to camera, scalar first, w >= 0; shape (4,); in `frame`."""
     covariance: Floats
-    """Covariance of the rotation vector, camera frame, rad^2; shape (3, 3)."""
+    """Covariance of the small rotation vector, in `frame`, that leads to the true orientation, rad^2; shape (3, 3)."""
     confidence: float
     """Probability that every dot is identified correctly."""
     pose_confidence: float
@@ -154,9 +154,15 @@ class Pose:
     residual_px: float
     """The same in the image, pixels."""
     distance: tuple[float, float] | None
-    """Ball radii over the camera's distance with its standard deviation, where that was estimated."""
+    """Ball radii over the camera's distance with its standard deviation (0 where it was given); None where the camera's intrinsics are known."""
     hinted: bool
-    """Whether a hint was used."""
+    """Whether a hint decided: the dots alone gave no orientation, or another one."""
+
+    @property
+    def frame(self) -> Literal["camera", "view"]:
+        """The frame of the orientation: the camera's, or without intrinsics the view frame, whose z points from this ball to
+        the camera; axes x right, y up, z towards the camera."""
+        return "camera" if self.distance is None else "view"
 
     def as_rotation(self, frame: Literal["ours", "optical"] = "ours") -> Rotation:
         """SciPy's rotation, pattern to camera: x right, y up, z towards the camera for ``"ours"``; x

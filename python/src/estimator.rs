@@ -10,14 +10,13 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use spindoe::calibrate::CalibrationConfig;
-use spindoe::geometry::tangent_frame;
+use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::report::calibration::CalibrationEvaluationConfig;
-use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
-    CameraDistance, CameraModel, EstimatorWorkspace, Pose, SequenceConfig, TrackerConfig,
-    track_sequence,
+    CameraDistance, CameraModel, EstimatorWorkspace, FrameImage, NamedFrame, Pose, SequenceConfig,
+    TrackerConfig, orientations, second_pass,
 };
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
@@ -190,38 +189,17 @@ impl Estimator {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Vec<FrameEstimate>> {
         let mut frames: Vec<FrameEstimate> = Vec::with_capacity(images.len());
-        for chunk in images.chunks(FRAMES_AT_ONCE) {
-            py.check_signals()?;
-            let name = |k: usize| format!("images[{}]", frames.len() + k);
-            let held: Vec<Pixels<'_>> = chunk
-                .iter()
-                .enumerate()
-                .map(|(k, image)| Pixels::new(&name(k), image))
-                .collect::<PyResult<_>>()?;
-            let samples: Vec<Samples<'_>> = held
-                .iter()
-                .enumerate()
-                .map(|(k, pixels)| pixels.samples(&name(k), channels))
-                .collect::<PyResult<_>>()?;
-            let done = on_all_cores(py, || {
-                let one = |slot: &mut Slot, image: &Samples<'_>| {
-                    let mut frame = FrameEstimate::default();
-                    let image = image.read(&mut slot.buffers);
-                    let workspace = &mut slot.workspace;
-                    self.inner.estimate(
-                        image,
-                        &Prior {
-                            outline,
-                            ..Prior::default()
-                        },
-                        &Budget::default(),
-                        workspace,
-                        &mut frame,
-                    );
-                    frame
-                };
-                let all = samples.par_iter().map_init(|| self.slot(), one);
-                all.collect::<Vec<_>>()
+        let prior = Prior {
+            outline,
+            ..Prior::default()
+        };
+        let all: Vec<usize> = (0..images.len()).collect();
+        for numbers in all.chunks(FRAMES_AT_ONCE) {
+            let done = self.on_images(py, images, numbers, channels, |ws, _, image| {
+                let mut frame = FrameEstimate::default();
+                let budget = Budget::default();
+                self.inner.estimate(image, &prior, &budget, ws, &mut frame);
+                frame
             })?;
             frames.extend(done);
             if let Some(progress) = progress {
@@ -229,6 +207,36 @@ impl Estimator {
             }
         }
         Ok(frames)
+    }
+
+    /// Does the work on some of the images, by their numbers, on all cores.
+    fn on_images<T: Send>(
+        &self,
+        py: Python<'_>,
+        images: &[Bound<'_, PyAny>],
+        numbers: &[usize],
+        channels: Channels,
+        work: impl Fn(&mut EstimatorWorkspace<NamedWorkspace>, usize, FrameImage<'_>) -> T + Sync,
+    ) -> PyResult<Vec<T>> {
+        py.check_signals()?;
+        let name = |k: usize| format!("images[{k}]");
+        let held: Vec<Pixels<'_>> = numbers
+            .iter()
+            .map(|&k| Pixels::new(&name(k), &images[k]))
+            .collect::<PyResult<_>>()?;
+        let samples: Vec<(usize, Samples<'_>)> = held
+            .iter()
+            .zip(numbers)
+            .map(|(pixels, &k)| Ok((k, pixels.samples(&name(k), channels)?)))
+            .collect::<PyResult<_>>()?;
+        on_all_cores(py, || {
+            let one = |slot: &mut Slot, (k, image): &(usize, Samples<'_>)| {
+                let image = image.read(&mut slot.buffers);
+                work(&mut slot.workspace, *k, image)
+            };
+            let all = samples.par_iter().map_init(|| self.slot(), one);
+            all.collect()
+        })
     }
 }
 
@@ -293,7 +301,6 @@ impl Estimator {
                 frame,
             } = &mut slot;
             let image = samples.read(buffers);
-            let hint = hint.as_ref();
             self.inner.estimate(
                 image,
                 &Prior {
@@ -341,7 +348,12 @@ impl Estimator {
         let alone = frames.iter().filter(|f| f.pose().is_some()).count();
         let spin = match times_s.filter(|times| times.len() > 1) {
             None => None,
-            Some(times) => Some(self.as_sequence(py, &times, &mut frames, independent, &config)?),
+            Some(times) => {
+                if !independent {
+                    self.second_pass(py, &images, channels, &times, &mut frames, &config)?;
+                }
+                Some(spin_of(py, &times, &frames, &config)?)
+            }
         };
         let tuples = frames.iter().map(|f| frame_tuple(py, f)).collect();
         Ok((tuples, alone, spin))
@@ -399,7 +411,8 @@ impl Estimator {
             let mut frames = nominal.estimate_all(py, &images, channels, outline, progress)?;
             let times_s = times_s.filter(|times| times.len() > 1);
             if let Some(times) = &times_s {
-                nominal.track(py, times, &mut frames, &SequenceConfig::default());
+                let config = SequenceConfig::default();
+                nominal.second_pass(py, &images, channels, times, &mut frames, &config)?;
             }
             Clip { frames, times_s }
         } else {
@@ -435,48 +448,60 @@ impl Estimator {
 }
 
 impl Estimator {
-    /// Lets the frames inform each other.
-    fn track(
+    /// The second pass over frames of one sequence.
+    fn second_pass(
         &self,
         py: Python<'_>,
+        images: &[Bound<'_, PyAny>],
+        channels: Channels,
         times: &[f64],
         frames: &mut [FrameEstimate],
         config: &SequenceConfig,
-    ) {
-        py.detach(|| {
-            let mut slot = self.slot();
-            track_sequence(&self.inner, config, times, frames, &mut slot.workspace);
-            self.keep(slot);
-        });
-    }
-
-    /// Lets the frames inform each other, and estimates their spin: from what the command writes to
-    /// its file of orientations, as the command does.
-    fn as_sequence<'py>(
-        &self,
-        py: Python<'py>,
-        times: &[f64],
-        frames: &mut [FrameEstimate],
-        independent: bool,
-        config: &SequenceConfig,
-    ) -> PyResult<Answer<spin::Found<'py>>> {
-        if !independent {
-            self.track(py, times, frames, config);
-        }
-        let orientations = orientations(times, frames);
-        let measurements = orientations.measurements();
-        let mut estimator = RobustEstimator::new(SpinConfig {
-            shared: orientations.shared_error(),
-            ..config.spin
-        });
-        match py.detach(|| estimator.fit(&measurements)) {
-            Ok(fit) => {
-                let inliers = estimator.inlier_probabilities();
-                let found = spin::to_tuple(py, &fit, &measurements, inliers, &config.spin);
-                Ok(Answer::Found(found))
+    ) -> PyResult<()> {
+        second_pass(config, times, frames, |doubts, frames| {
+            let numbers: Vec<usize> = doubts.iter().map(|d| d.frame).collect();
+            let mut settled = Vec::new();
+            for numbers in numbers.chunks(FRAMES_AT_ONCE) {
+                let done = self.on_images(py, images, numbers, channels, |ws, k, image| {
+                    let at = doubts.binary_search_by_key(&k, |d| d.frame).ok()?;
+                    let again = self
+                        .inner
+                        .estimate_again(image, &doubts[at], &frames[k], ws);
+                    again.map(|again| (k, again))
+                })?;
+                settled.extend(done.into_iter().flatten());
             }
-            Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
+            Ok(settled)
+        })
+        .map(|_| ())
+    }
+}
+
+/// The spin of a sequence: from what the command writes to its file of orientations, as the command does.
+fn spin_of<'py>(
+    py: Python<'py>,
+    times: &[f64],
+    frames: &[FrameEstimate],
+    config: &SequenceConfig,
+) -> PyResult<Answer<spin::Found<'py>>> {
+    let named = times
+        .iter()
+        .zip(frames)
+        .map(|(time_s, estimate)| NamedFrame {
+            name: "",
+            time_s: Some(*time_s),
+            estimate,
+        });
+    let orientations = orientations(&named.collect::<Vec<_>>(), CameraFrame::default(), true);
+    let measurements = orientations.measurements();
+    let mut estimator = RobustEstimator::new(orientations.spin_config(config.spin));
+    match py.detach(|| estimator.fit(&measurements)) {
+        Ok(fit) => {
+            let inliers = estimator.inlier_probabilities();
+            let found = spin::to_tuple(py, &fit, &measurements, inliers, &config.spin);
+            Ok(Answer::Found(found))
         }
+        Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
     }
 }
 
@@ -512,26 +537,6 @@ fn check_times(times: &[f64], images: usize) -> PyResult<()> {
             );
             Err(value_error("times_s", problem))
         }
-    }
-}
-
-/// The orientations of frames, as the command writes them.
-fn orientations(times: &[f64], frames: &[FrameEstimate]) -> Orientations {
-    let row = |(time_s, frame): (&f64, &FrameEstimate)| {
-        let pose = frame.pose();
-        OrientationRow {
-            frame: String::new(),
-            time_s: *time_s,
-            orientation: pose.map(|pose| pose.rotation),
-            dots: Some(frame.dots.len()),
-            matched: Some(frame.matched()),
-            residual_rad: pose.map(|pose| pose.residual_rad),
-            confidence: pose.map(|pose| pose.pose_confidence),
-        }
-    };
-    Orientations {
-        rows: times.iter().zip(frames).map(row).collect(),
-        camera_frame: None,
     }
 }
 

@@ -132,6 +132,8 @@ pub fn fit_spin<'py>(
             matched,
             residual_rad,
             confidence: confidences.as_ref().map(|c| c[i]),
+            covariance: None,
+            turn: None,
         });
     }
     let measurements = file.measurements();

@@ -25,7 +25,7 @@ pub fn identify_frames(
         let mut workspace = estimator.workspace();
         let identified = chunk.iter().map(|frame| {
             let mut frame = frame.clone();
-            estimator.estimate_pose(None, &mut workspace, &mut frame);
+            estimator.identify_detections(&mut workspace, &mut frame);
             frame
         });
         identified.collect::<Vec<_>>()

@@ -6,9 +6,9 @@ use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
 use crate::stats::{Proportion, quantile};
 use crate::synth::dataset::Sequence;
+use crate::vision::Estimator;
 use crate::vision::detect::DotDetector;
-use crate::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
-use crate::vision::{Budget, Estimator, FrameEstimate, Prior};
+use crate::vision::estimator::{FrameImage, SequenceConfig, estimate_sequence, estimate_spin};
 
 /// A spin vector off by less than this part of its magnitude is right (SpinDOE Sec. IV-C).
 pub const SPIN_TOLERANCE: f64 = 0.2;
@@ -43,30 +43,26 @@ pub(super) struct SpinOutcome {
 
 impl SpinOutcome {
     /// What the estimator says of the first `count` frames of a sequence, at `fps` frames a second.
-    pub fn of<D: DotDetector>(
+    pub fn of<D: DotDetector + Sync>(
         estimator: &Estimator<D>,
         sequence: &Sequence,
         fps: f64,
         count: usize,
     ) -> Result<Self> {
-        let mut ws = estimator.workspace();
         let mut truth = Vec3::zeros();
-        let mut estimates = Vec::with_capacity(count);
+        let mut images = Vec::with_capacity(count);
         for i in 0..count {
             let (scene, _) = sequence.scene(i);
             if i == 0 {
                 // An observer without intrinsics sees the spin in the view frame.
                 truth = scene.to_view()? * scene.spin;
             }
-            let mut found = FrameEstimate::default();
-            let image = scene.render()?.image;
-            let (prior, budget) = (Prior::default(), Budget::default());
-            estimator.estimate(&image, &prior, &budget, &mut ws, &mut found);
-            estimates.push(found);
+            images.push(scene.render()?.image);
         }
+        let images: Vec<FrameImage<'_>> = images.iter().map(FrameImage::from).collect();
         let times: Vec<f64> = (0..count).map(|i| i as f64 / fps).collect();
         let config = SequenceConfig::default();
-        track_sequence(estimator, &config, &times, &mut estimates, &mut ws);
+        let (estimates, _) = estimate_sequence(estimator, &config, &times, &images);
         Ok(Self {
             truth,
             spin: estimate_spin(&config, &times, &estimates)

@@ -16,7 +16,6 @@ use crate::spin::decay::{DecayFit, DecayOutcome, fit_decay};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
-use crate::spin::shared::SharedError;
 use crate::spin::summary::SpinSummary;
 use crate::spin::windows::constant_stretches;
 #[cfg(feature = "plot")]
@@ -53,9 +52,9 @@ pub struct Arguments {
     /// Frames per second, for rows at equal intervals: their times in the file are passed over.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     fps: Option<f64>,
-    /// The camera frame that the spin is written in: ours, x right, y up, z towards the camera;
-    /// optical, x right, y down, z forward [default: that of the file].
-    #[arg(long, value_parser = one_of(&CameraFrame::ALL, CameraFrame::as_str))]
+    /// The axes that the spin is written in: camera, x right, y up, z towards the camera;
+    /// optical, x right, y down, z forward [default: those of the file].
+    #[arg(long, value_parser = one_of(&CameraFrame::AXES, CameraFrame::as_str))]
     frame: Option<CameraFrame>,
     /// Maximum spin considered, revolutions per second. At equal times T apart, spins beyond 1/(2
     /// T) appear as slower ones (aliases).
@@ -67,9 +66,10 @@ pub struct Arguments {
     /// Standard deviation of the expected magnitude [default: a fifth of it].
     #[arg(long, allow_negative_numbers = true, requires = "prior_rps")]
     prior_std_rps: Option<f64>,
-    /// Initial estimate of the orientations' noise in degrees per axis; the residuals correct it.
-    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
-    sigma_deg: f64,
+    /// Initial estimate of the orientations' noise in degrees per axis; the residuals correct it [default: by the covariances of
+    /// the file, else 2].
+    #[arg(long, allow_negative_numbers = true)]
+    sigma_deg: Option<f64>,
     /// Estimate a decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
     /// orientation. Without evidence for a decay it is the constant spin.
     #[arg(long)]
@@ -111,7 +111,7 @@ impl Arguments {
             ("--max-spin-rps", Some(self.max_spin_rps)),
             ("--prior-rps", self.prior_rps),
             ("--prior-std-rps", self.prior_std_rps),
-            ("--sigma-deg", Some(self.sigma_deg)),
+            ("--sigma-deg", self.sigma_deg),
             ("--ball-diameter-mm", Some(self.ball_diameter_mm)),
             ("--ball-mass-g", Some(self.ball_mass_g)),
         ];
@@ -133,32 +133,31 @@ impl Arguments {
         Ok(())
     }
 
-    fn config(&self) -> SpinConfig {
+    /// The settings for a file.
+    fn config(&self, file: &Orientations) -> SpinConfig {
+        let default = SpinConfig::default();
+        let given = self.sigma_deg.map(f64::to_radians);
         SpinConfig {
             max_rps: self.max_spin_rps,
-            sigma_rad: self.sigma_deg.to_radians(),
+            sigma_rad: given
+                .or_else(|| file.typical_sigma_rad())
+                .unwrap_or(default.sigma_rad),
             prior: self.prior_rps.map(|rps| MagnitudePrior {
                 rps,
                 std_rps: self.prior_std_rps.unwrap_or(PRIOR_SPREAD * rps),
             }),
             window: self.window,
-            ..SpinConfig::default()
+            ..default
         }
     }
 
     fn fit(
         &self,
         measurements: &[Measurement],
-        shared: Option<SharedError>,
+        config: SpinConfig,
     ) -> std::result::Result<Fit, SpinRejection> {
         match self.method {
-            Method::Robust => {
-                let options = SpinConfig {
-                    shared,
-                    ..self.config()
-                };
-                RobustEstimator::new(options).fit(measurements)
-            }
+            Method::Robust => RobustEstimator::new(config).fit(measurements),
             Method::Quatera => {
                 let max_rps = self.max_spin_rps;
                 let options = QuateraConfig {
@@ -182,7 +181,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let rejected = |r: SpinRejection| match r {
         SpinRejection::NoConsensus { .. } => Error::NoAnswer {
             path: input.name.clone(),
-            reason: format!("{r}{}", holding(&measurements, &arguments.config())),
+            reason: format!("{r}{}", holding(&measurements, &arguments.config(&file))),
         },
         SpinRejection::TooFewFrames { .. } if !file.rows.is_empty() && measurements.is_empty() => {
             Error::NoAnswer {
@@ -195,10 +194,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         _ => r.in_file(&input.name),
     };
-    let config = arguments.config();
+    let config = arguments.config(&file);
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
-        sigma_rad: arguments.sigma_deg.to_radians(),
+        sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };
     let frames = file.rows.len();
@@ -222,22 +221,28 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             ..SpinSummary::new(constant, &fit, &listed, frames)
         }
     } else {
-        let fitted = arguments.fit(&measurements, file.shared_error());
+        let config = SpinConfig {
+            shared: file.shared_error(),
+            ..config
+        };
+        let fitted = arguments.fit(&measurements, config);
         SpinSummary::new(&measurements, &fitted.map_err(rejected)?, &listed, frames)
     };
     let fit = summary.fit;
     let frame = file.camera_frame.unwrap_or_default();
-    let written = arguments.frame.unwrap_or(frame);
+    let written = arguments.frame.unwrap_or(frame).of_view(frame.is_view());
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
-    if noise > SUSPICIOUS_NOISE * arguments.sigma_deg {
+    let expected = arguments
+        .sigma_deg
+        .unwrap_or_else(|| SpinConfig::default().sigma_rad.to_degrees());
+    if noise > SUSPICIOUS_NOISE * expected {
         errln!(
-            "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {} deg: is it one?",
+            "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {expected} deg: is it one?",
             if matches!(decay, Some(DecayOutcome::Found { .. })) {
                 "decaying"
             } else {
                 "constant"
             },
-            arguments.sigma_deg
         );
     }
     let found = Found {

@@ -12,7 +12,7 @@ use crate::spin::summary::SpinSummary;
 /// Alternatives printed in words; JSON has them all.
 const MAX_PRINTED: usize = 6;
 
-/// The summary as JSON; vectors and orientation in the camera frame `frame`.
+/// The summary as JSON; vectors and orientation in `frame`.
 pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {
     let mut json = fit_json(&summary.fit, frame);
     json["residual_deg"] = summary.residual_rad.to_degrees().into();
@@ -28,7 +28,7 @@ pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {
     json
 }
 
-/// A spin alone as JSON; vectors and orientation in the camera frame `frame`.
+/// A spin alone as JSON; vectors and orientation in `frame`.
 pub(super) fn fit_json(fit: &Fit, frame: CameraFrame) -> Value {
     let mut json = vector_json(&fit.motion.spin);
     let std = fit.spin_covariance.as_ref().map(standard_deviations);
@@ -59,8 +59,8 @@ pub(super) fn lines(summary: &SpinSummary, frame: CameraFrame) -> Vec<String> {
             axis_words(spin)
         ),
         format!(
-            "  spin      [{x:.3}, {y:.3}, {z:.3}] rad/s, camera frame ({})",
-            frame.axes()
+            "  spin      [{x:.3}, {y:.3}, {z:.3}] rad/s, {}",
+            frame.words()
         ),
     ];
     if let Some(s) = fit.spin_covariance.as_ref().map(standard_deviations) {

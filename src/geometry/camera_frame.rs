@@ -1,45 +1,79 @@
-//! The conventions of the camera frame that files are written in.
+//! The frames that orientations and spins in files are in: the camera's or the view frame, each in one of two conventions.
 
 use super::{Rotation, Vec3};
 use crate::error::{Error, Result};
 
-/// A convention of the camera frame.
+/// The frame of an orientation or a spin.
+///
+/// The *view frame* takes the place of the camera's where the intrinsics are unknown: its z points from the ball to the camera.
+/// It is the camera's frame turned by the angle under which the ball is seen off the optical axis, about an axis in the image plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 pub enum CameraFrame {
-    /// x right, y up, z from the ball towards the camera: that of this crate.
+    /// The camera's: x right, y up, z from the scene towards the camera, as in this crate.
     #[default]
-    Ours,
-    /// x right, y down, z forward (REP 103).
+    Camera,
+    /// The camera's: x right, y down, z forward (REP 103).
     Optical,
+    /// The view frame, in the axes of [`CameraFrame::Camera`].
+    View,
+    /// The view frame, in the axes of [`CameraFrame::Optical`].
+    OpticalView,
 }
 
 impl CameraFrame {
-    /// Both conventions.
-    pub const ALL: [Self; 2] = [Self::Ours, Self::Optical];
+    /// All frames.
+    pub const ALL: [Self; 4] = [Self::Camera, Self::Optical, Self::View, Self::OpticalView];
+    /// Those of a camera: the conventions of the axes.
+    pub const AXES: [Self; 2] = [Self::Camera, Self::Optical];
+    /// What [`CameraFrame::Camera`] was called in files.
+    const FORMER: &str = "ours";
 
     /// As written in files and on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
-            Self::Ours => "ours",
+            Self::Camera => "camera",
             Self::Optical => "optical",
+            Self::View => "view",
+            Self::OpticalView => "optical_view",
         }
     }
 
-    /// The axes, in words.
-    pub fn axes(self) -> &'static str {
+    /// The frame and its axes, in words.
+    pub fn words(self) -> &'static str {
         match self {
-            Self::Ours => "x right, y up, z towards the camera",
-            Self::Optical => "x right, y down, z forward",
+            Self::Camera => "camera frame (x right, y up, z towards the camera)",
+            Self::Optical => "camera frame (x right, y down, z forward)",
+            Self::View => "view frame (x right, y up, z from the ball towards the camera)",
+            Self::OpticalView => "view frame (x right, y down, z from the camera to the ball)",
         }
     }
 
-    /// The rotation from this frame to the crate's, and back: it is its own inverse,
+    /// Whether it is a view frame.
+    pub fn is_view(self) -> bool {
+        matches!(self, Self::View | Self::OpticalView)
+    }
+
+    /// The camera's or the view frame, in the axes of this one.
+    pub fn of_view(self, is_view: bool) -> Self {
+        match (self.is_optical(), is_view) {
+            (false, false) => Self::Camera,
+            (true, false) => Self::Optical,
+            (false, true) => Self::View,
+            (true, true) => Self::OpticalView,
+        }
+    }
+
+    fn is_optical(self) -> bool {
+        matches!(self, Self::Optical | Self::OpticalView)
+    }
+
+    /// The rotation from this frame to the one in the crate's axes, and back: it is its own inverse,
     /// `diag(1, -1, -1)` or the identity.
     pub fn turn(self) -> Rotation {
-        match self {
-            Self::Ours => Rotation::identity(),
-            Self::Optical => Rotation::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI),
+        match self.is_optical() {
+            false => Rotation::identity(),
+            true => Rotation::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI),
         }
     }
 }
@@ -48,7 +82,10 @@ impl std::str::FromStr for CameraFrame {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        crate::error::by_name(&Self::ALL, Self::as_str, "camera_frame", name)
+        match name {
+            Self::FORMER => Ok(Self::Camera),
+            _ => crate::error::by_name(&Self::ALL, Self::as_str, "camera_frame", name),
+        }
     }
 }
 

@@ -11,8 +11,15 @@
 //! four fields empty where the identification gave up; `dots` seen and `matched`, the matched dots'
 //! RMS angular `residual_deg`, and the `confidence` in [0, 1] that the identification is correct.
 //! Only `time_s` and the quaternion are indispensable; other columns may be missing or empty, and
-//! unknown ones are passed over. A last column `camera_frame` says in which convention of the camera
-//! frame the quaternions are, `ours` (without the column) or `optical`; it is the same in all rows.
+//! unknown ones are passed over. What the image estimator writes has more columns:
+//!
+//! - `camera_frame`, the same in all rows: the frame that the quaternions are in, `camera` (x right, y up, z towards the camera; that of
+//!   files without the column, and formerly called `ours`), `optical` (x right, y down, z forward), or where the camera's intrinsics are
+//!   unknown `view` and `optical_view` ([`CameraFrame`]);
+//! - `cov_xx,cov_xy,cov_xz,cov_yy,cov_yz,cov_zz`, rad^2: the covariance of the small rotation vector, in the same frame, that leads
+//!   from the quaternion to the true orientation;
+//! - `turn_x,turn_y,turn_sd_x,turn_sd_y`, rad, of view frames only: all rows are in one view frame, that of the ball amid
+//!   its path; the turn from the row's own, and its deviation, one error that all rows share ([`ViewTurn`]).
 //!
 //! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
 //! file; [`OrientationWriter`] writes them likewise.
@@ -23,7 +30,10 @@
 use std::io::{BufRead, Write};
 use std::path::Path;
 
-use super::shared::SharedError;
+use nalgebra::{Matrix3, Vector2};
+
+use super::robust::SpinConfig;
+use super::shared::{SharedError, ViewTurn};
 use super::{DEFAULT_CONFIDENCE, Measurement};
 use crate::error::Result;
 #[cfg(feature = "native")]
@@ -37,11 +47,15 @@ pub const LENGTH_TOLERANCE: f64 = 2e-3;
 /// A frame's noise scale is kept within this factor of the common noise either way: the residual of
 /// a few dots is itself uncertain.
 const SCALE_LIMIT: f64 = 2.0;
+/// No orientation is known better than this, radians: a tenth of a degree.
+const MIN_SIGMA_RAD: f64 = 1.75e-3;
 /// Dots of average quality that a frame's residual is averaged with, for the same reason.
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
+/// Number of columns.
+const COUNT: usize = 21;
 /// The columns, in the order in which they are written.
-static COLUMNS: Columns<11> = Columns {
+static COLUMNS: Columns<COUNT> = Columns {
     names: [
         "frame",
         "time_s",
@@ -54,14 +68,27 @@ static COLUMNS: Columns<11> = Columns {
         "residual_deg",
         "confidence",
         "camera_frame",
+        "cov_xx",
+        "cov_xy",
+        "cov_xz",
+        "cov_yy",
+        "cov_yz",
+        "cov_zz",
+        "turn_x",
+        "turn_y",
+        "turn_sd_x",
+        "turn_sd_y",
     ],
     // The time and the quaternion.
     required: 1..6,
 };
-/// Those that are always written.
-const WRITTEN: usize = 10;
+/// Those that are always written, those of a camera's frame, and those of a view frame.
+const WRITTEN: [usize; 3] = [10, 17, COUNT];
+/// The first column of the covariance, and that of the turns.
+const COVARIANCE: usize = 11;
+const TURN: usize = 17;
 /// The same where the times come from elsewhere: only the quaternion is needed.
-static UNTIMED: Columns<11> = Columns {
+static UNTIMED: Columns<COUNT> = Columns {
     names: COLUMNS.names,
     required: 2..6,
 };
@@ -84,6 +111,18 @@ pub struct OrientationRow {
     pub residual_rad: Option<f64>,
     /// Probability that the orientation is correct, in [0, 1].
     pub confidence: Option<f64>,
+    /// Covariance of the rotation vector that leads from the orientation to the true one, in its frame, rad^2.
+    pub covariance: Option<Matrix3<f64>>,
+    /// How the row's own view frame was turned, about the x and y of its frame.
+    pub turn: Option<ViewTurn>,
+}
+
+impl OrientationRow {
+    /// Root mean square deviation about the axes, radians, where the covariance is known: at least a tenth of a degree.
+    fn sigma_rad(&self) -> Option<f64> {
+        let variance = self.covariance?.trace() / 3.0;
+        Some(variance.sqrt().max(MIN_SIGMA_RAD))
+    }
 }
 
 /// The frames of a file, in order of time.
@@ -91,7 +130,7 @@ pub struct OrientationRow {
 pub struct Orientations {
     /// The frames.
     pub rows: Vec<OrientationRow>,
-    /// The convention of the camera frame, where the file says it.
+    /// The frame of the orientations, where the file says it.
     pub camera_frame: Option<CameraFrame>,
 }
 
@@ -106,6 +145,8 @@ impl Orientations {
             matched: None,
             residual_rad: None,
             confidence: Some(m.confidence),
+            covariance: None,
+            turn: None,
         };
         Self {
             rows: measurements.iter().enumerate().map(row).collect(),
@@ -172,18 +213,60 @@ impl Orientations {
         files::write_bytes(path, self.to_csv().as_bytes())
     }
 
-    /// What the estimators work on: the frames that have an orientation.
-    ///
-    /// The error that frames share, as the residuals tell of it; `None` without residuals.
+    /// The error that frames share, as the residuals and the view frame's turns tell of it; `None` without any.
     pub fn shared_error(&self) -> Option<SharedError> {
         let answered = self.rows.iter().filter(|r| r.orientation.is_some());
-        SharedError::of_residuals(answered.filter_map(|r| r.residual_rad))
+        let turns = answered.clone().filter_map(|r| Some((r.time_s, r.turn?)));
+        let residuals = answered.filter_map(|r| r.residual_rad);
+        SharedError::with_turns(SharedError::of_residuals(residuals), turns)
     }
 
-    /// Where residuals and dot counts are given, a frame's noise follows from them: `n` dots spread
-    /// over the ball with noise `s` fix each axis of the orientation to `s sqrt(3 / (2 n))`, so
-    /// that the scale is `s / sqrt(n)` relative to the median frame's.
+    /// These settings with what the file knows of its errors: those that the rows share, and the typical deviation of an
+    /// orientation where all have covariances.
+    pub fn spin_config(&self, config: SpinConfig) -> SpinConfig {
+        SpinConfig {
+            sigma_rad: self.typical_sigma_rad().unwrap_or(config.sigma_rad),
+            shared: self.shared_error(),
+            ..config
+        }
+    }
+
+    /// The median deviation of an orientation about an axis, radians, by the rows' covariances; `None` where one lacks it.
+    pub fn typical_sigma_rad(&self) -> Option<f64> {
+        let answered = self.rows.iter().filter(|r| r.orientation.is_some());
+        let sigmas: Option<Vec<f64>> = answered.map(OrientationRow::sigma_rad).collect();
+        sigmas
+            .filter(|s| !s.is_empty())
+            .map(|mut s| crate::stats::median(&mut s))
+    }
+
+    /// What the estimators work on: the frames that have an orientation.
+    ///
+    /// Where all have covariances, a frame's noise is the root mean square of its deviations about the axes. Else it follows from
+    /// residuals and dot counts, where these are given: `n` dots spread over the ball with noise `s` fix each axis of the orientation
+    /// to `s sqrt(3 / (2 n))`, so that the scale is `s / sqrt(n)` relative to the median frame's.
     pub fn measurements(&self) -> Vec<Measurement> {
+        let scales: Vec<f64> = match self.typical_sigma_rad() {
+            Some(typical) => {
+                let scale = |r: &OrientationRow| r.sigma_rad().unwrap_or(typical) / typical;
+                self.rows.iter().map(scale).collect()
+            }
+            None => self.scales_by_residuals(),
+        };
+        let measurement = |(r, sigma_scale): (&OrientationRow, f64)| {
+            r.orientation.map(|orientation| Measurement {
+                time_s: r.time_s,
+                orientation,
+                confidence: r.confidence.unwrap_or(DEFAULT_CONFIDENCE),
+                sigma_scale,
+            })
+        };
+        let rows = self.rows.iter().zip(scales);
+        rows.filter_map(measurement).collect()
+    }
+
+    /// Each row's noise over the median row's, by residuals and counts of dots.
+    fn scales_by_residuals(&self) -> Vec<f64> {
         let answered = || self.rows.iter().filter(|r| r.orientation.is_some());
         let mut residuals: Vec<f64> = answered()
             .filter_map(|r| r.residual_rad)
@@ -200,25 +283,17 @@ impl Orientations {
         };
         let mut known: Vec<f64> = answered().map(noise).filter(|s| *s > 0.0).collect();
         let common = crate::stats::median(&mut known);
-        let measurement = |r: &OrientationRow| {
-            let sigma_scale = match noise(r) {
-                s if s > 0.0 => (s / common).clamp(1.0 / SCALE_LIMIT, SCALE_LIMIT),
-                _ => 1.0,
-            };
-            r.orientation.map(|orientation| Measurement {
-                time_s: r.time_s,
-                orientation,
-                confidence: r.confidence.unwrap_or(DEFAULT_CONFIDENCE),
-                sigma_scale,
-            })
+        let scale = |r: &OrientationRow| match noise(r) {
+            s if s > 0.0 => (s / common).clamp(1.0 / SCALE_LIMIT, SCALE_LIMIT),
+            _ => 1.0,
         };
-        self.rows.iter().filter_map(measurement).collect()
+        self.rows.iter().map(scale).collect()
     }
 }
 
 /// The rows of an orientations file, one by one. After an error there are no more.
 pub struct OrientationReader<R> {
-    table: Table<R, 11>,
+    table: Table<R, COUNT>,
     /// Time of the row before, seconds.
     time_s: f64,
     /// The interval of the rows, where it does not come from the file, and their number.
@@ -251,7 +326,7 @@ impl<R: BufRead> OrientationReader<R> {
         Ok(Self::of(table, Some(fps.recip())))
     }
 
-    fn of(table: Table<R, 11>, interval_s: Option<f64>) -> Self {
+    fn of(table: Table<R, COUNT>, interval_s: Option<f64>) -> Self {
         Self {
             table,
             time_s: f64::NEG_INFINITY,
@@ -262,7 +337,7 @@ impl<R: BufRead> OrientationReader<R> {
         }
     }
 
-    /// The convention of the camera frame, where the rows read so far say it.
+    /// The frame of the orientations, where the rows read so far say it.
     pub fn camera_frame(&self) -> Option<CameraFrame> {
         self.camera_frame
     }
@@ -277,7 +352,7 @@ impl<R: BufRead> OrientationReader<R> {
         let frame = named.map_err(|_| {
             let found = shown(row.text(10).unwrap_or_default());
             row.error(format!(
-                "camera_frame: expected ours or optical, found \"{found}\""
+                "camera_frame: expected camera, optical, view or optical_view, found \"{found}\""
             ))
         })?;
         if self.count > 0 && frame != self.camera_frame {
@@ -322,8 +397,7 @@ impl<W: Write> OrientationWriter<W> {
         Self::in_frame(to, None)
     }
 
-    /// As [`OrientationWriter::new`]; every row names this convention of the camera frame, which
-    /// the orientations are in.
+    /// As [`OrientationWriter::new`]; every row names this frame, which the orientations are in, and has their covariance.
     pub fn in_frame(to: W, camera_frame: Option<CameraFrame>) -> Self {
         Self {
             to,
@@ -357,6 +431,18 @@ impl<W: Write> OrientationWriter<W> {
         optional(&mut self.to, row.confidence)?;
         if let Some(frame) = self.camera_frame {
             write!(self.to, ",{frame}")?;
+            for at in UPPER {
+                self.to.write_all(b",")?;
+                optional(&mut self.to, row.covariance.map(|c| c[at]))?;
+            }
+            if frame.is_view() {
+                let turn = row.turn.map(|t| (t.turn_rad, t.deviation_rad));
+                let numbers = turn.map(|(turn, sd)| [turn.x, turn.y, sd.x, sd.y]);
+                for k in 0..4 {
+                    self.to.write_all(b",")?;
+                    optional(&mut self.to, numbers.map(|n| n[k]))?;
+                }
+            }
         }
         self.to.write_all(b"\n")
     }
@@ -382,11 +468,12 @@ impl<W: Write> OrientationWriter<W> {
     fn begin(&mut self) -> std::io::Result<()> {
         if !self.begun {
             self.begun = true;
-            let columns = match self.camera_frame {
-                Some(_) => &COLUMNS.names[..],
-                None => &COLUMNS.names[..WRITTEN],
+            let count = match self.camera_frame {
+                None => WRITTEN[0],
+                Some(frame) if !frame.is_view() => WRITTEN[1],
+                Some(_) => WRITTEN[2],
             };
-            writeln!(self.to, "{}", columns.join(","))?;
+            writeln!(self.to, "{}", COLUMNS.names[..count].join(","))?;
         }
         Ok(())
     }
@@ -397,7 +484,7 @@ fn optional(to: &mut impl Write, value: Option<impl std::fmt::Display>) -> std::
 }
 
 /// A row; `time_s` is its time where that does not come from the file.
-fn parse(row: &TableRow<'_, 11>, time_s: Option<f64>) -> Field<OrientationRow> {
+fn parse(row: &TableRow<'_, COUNT>, time_s: Option<f64>) -> Field<OrientationRow> {
     let time_s = match time_s {
         Some(time_s) => time_s,
         None => row.number(1)?.ok_or(
@@ -426,7 +513,60 @@ fn parse(row: &TableRow<'_, 11>, time_s: Option<f64>) -> Field<OrientationRow> {
         matched: row.count(7)?,
         residual_rad: residual_deg.map(f64::to_radians),
         confidence,
+        covariance: covariance(row)?,
+        turn: turn(row)?,
     })
+}
+
+/// The places of a covariance's six numbers.
+const UPPER: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
+/// The covariance of a row, if it has one.
+fn covariance(row: &TableRow<'_, COUNT>) -> Field<Option<Matrix3<f64>>> {
+    let Some(numbers) = all_or_none::<6>(row, COVARIANCE, "cov_xx to cov_zz")? else {
+        return Ok(None);
+    };
+    let mut covariance = Matrix3::zeros();
+    for ((i, j), value) in UPPER.into_iter().zip(numbers) {
+        covariance[(i, j)] = value;
+        covariance[(j, i)] = value;
+    }
+    let least = covariance.symmetric_eigenvalues().min();
+    // Rounded numbers may lie a little below.
+    if least < -1e-6 * covariance.trace().abs() {
+        return Err("cov_xx to cov_zz: expected a covariance, found one without a root".into());
+    }
+    Ok(Some(covariance))
+}
+
+/// The turn of a row's view frame, if it has one.
+fn turn(row: &TableRow<'_, COUNT>) -> Field<Option<ViewTurn>> {
+    let numbers = all_or_none::<4>(row, TURN, "turn_x to turn_sd_y")?;
+    Ok(numbers.map(|[x, y, sd_x, sd_y]| ViewTurn {
+        turn_rad: Vector2::new(x, y),
+        deviation_rad: Vector2::new(sd_x, sd_y),
+    }))
+}
+
+/// Numbers of a row that stand together from a column on.
+fn all_or_none<const N: usize>(
+    row: &TableRow<'_, COUNT>,
+    first: usize,
+    names: &str,
+) -> Field<Option<[f64; N]>> {
+    let mut numbers = [0.0; N];
+    let mut found = 0;
+    for (k, number) in numbers.iter_mut().enumerate() {
+        if let Some(value) = row.number(first + k)? {
+            *number = value;
+            found += 1;
+        }
+    }
+    match found {
+        0 => Ok(None),
+        _ if found == N => Ok(Some(numbers)),
+        _ => Err(format!("expected all of {names} or none of them")),
+    }
 }
 
 /// A unit quaternion from its fields w, x, y, z; all empty: none.

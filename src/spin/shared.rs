@@ -13,12 +13,20 @@
 //! weighted mean and the information `H = sum_i w_i J_i^T J_i`, the covariance that this adds is the
 //! sandwich `s^2 H^-1 (sum_ij w_i w_j c_ij J_i^T J_j) H^-1` (P. Huber, "The behavior of maximum
 //! likelihood estimates under nonstandard conditions", 1967).
+//!
+//! # The turn of the view frame
+//! Orientations of a camera without intrinsics are in view frames, which turn as the ball crosses the picture; they are brought
+//! into one by the turns `n_i` about x and y ([`ViewTurn`]). These scale with the ball's distance, whose error makes
+//! all of them too long or too short by `d_i`. With the rates `n'` and `d'` at which they grow (straight lines by least squares), the spin
+//! is off by `d'`, and its covariance has the further term `d' d'^T`. Where the principal point is unknown, the ball may be seen an
+//! angle `a` off the optical axis, of deviation `s_a` along either image axis. Smallest rotations along a path that does not lead through the axis
+//! lack a roll of half the solid angle that they span with it, at the rate `a x n' / 2` about z: `s_a^2 |n'|^2 / 4` there.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector2};
 
 use super::Measurement;
 use super::motion::{ConstantSpin, LocalFrame, Motion};
-use crate::geometry::Vec3;
+use crate::geometry::{CameraFrame, Rotation, Vec3};
 
 /// Frames that are looked at; longer sequences are sampled evenly, since the sum goes over pairs.
 const MAX_FRAMES: usize = 128;
@@ -27,6 +35,8 @@ const MAX_FRAMES: usize = 128;
 const SHARED: f64 = 0.5;
 /// Over this angle the dots in sight, and with them the shared error, change.
 const CORRELATION_RAD: f64 = 0.7;
+/// Deviation of the angle between an unknown optical axis and the ball, along either image axis, radians.
+const OFF_AXIS_RAD: f64 = 0.15;
 /// Frames with a smaller probability have no say.
 const MIN_PROBABILITY: f64 = 1e-3;
 
@@ -37,6 +47,8 @@ pub struct SharedError {
     pub sigma_rad: f64,
     /// Angle over which it changes, radians.
     pub correlation_rad: f64,
+    /// Covariance of the rate at which the frame of the orientations turns, which they cannot show, rad^2/s^2.
+    pub turn_rate_covariance: Matrix3<f64>,
 }
 
 impl SharedError {
@@ -50,8 +62,78 @@ impl SharedError {
         (count > 0.0).then(|| Self {
             sigma_rad: SHARED * (0.5 * squares / count).sqrt(),
             correlation_rad: CORRELATION_RAD,
+            turn_rate_covariance: Matrix3::zeros(),
         })
     }
+
+    /// With the uncertain turns of the view frame, by the times of the orientations in seconds; `shared` is `None` where
+    /// nothing else is known.
+    pub fn with_turns(
+        shared: Option<Self>,
+        turns: impl Iterator<Item = (f64, ViewTurn)> + Clone,
+    ) -> Option<Self> {
+        let Some(turn_rate_covariance) = turn_rate_covariance(turns) else {
+            return shared;
+        };
+        let none = Self {
+            sigma_rad: 0.0,
+            correlation_rad: CORRELATION_RAD,
+            turn_rate_covariance,
+        };
+        Some(Self {
+            turn_rate_covariance,
+            ..shared.unwrap_or(none)
+        })
+    }
+}
+
+/// The turn from the view frame of one orientation to the view frame that all of a sequence are in, about x and y.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ViewTurn {
+    /// The turn that the orientation contains, a rotation vector without z, radians.
+    pub turn_rad: Vector2<f64>,
+    /// One standard deviation of it, radians: one error, common to all of the sequence.
+    pub deviation_rad: Vector2<f64>,
+}
+
+impl ViewTurn {
+    /// The turn as a rotation.
+    pub fn rotation(&self) -> Rotation {
+        Rotation::from_scaled_axis(Vec3::new(self.turn_rad.x, self.turn_rad.y, 0.0))
+    }
+
+    /// The same in other axes of the frame, or from them.
+    pub fn in_axes(&self, axes: CameraFrame) -> Self {
+        let turned = |v: Vector2<f64>| (axes.turn() * Vec3::new(v.x, v.y, 0.0)).xy();
+        Self {
+            turn_rad: turned(self.turn_rad),
+            deviation_rad: turned(self.deviation_rad),
+        }
+    }
+}
+
+/// The covariance of the rate at which a sequence's view frame turns, rad^2/s^2; `None` for fewer than two turns.
+fn turn_rate_covariance(
+    turns: impl Iterator<Item = (f64, ViewTurn)> + Clone,
+) -> Option<Matrix3<f64>> {
+    let (count, sum) = turns
+        .clone()
+        .fold((0.0, 0.0), |(n, sum), (t, _)| (n + 1.0, sum + t));
+    let middle = sum / count;
+    let spread: f64 = turns.clone().map(|(t, _)| (t - middle).powi(2)).sum();
+    // Neither without turns nor with one.
+    if spread.is_nan() || spread <= 0.0 {
+        return None;
+    }
+    let rate = |of: fn(&ViewTurn) -> Vector2<f64>| {
+        let products = turns.clone().map(|(t, turn)| of(&turn) * (t - middle));
+        products.sum::<Vector2<f64>>() / spread
+    };
+    let (turning, off) = (rate(|t| t.turn_rad), rate(|t| t.deviation_rad));
+    let off = Vec3::new(off.x, off.y, 0.0);
+    let mut covariance = off * off.transpose();
+    covariance[(2, 2)] += 0.25 * OFF_AXIS_RAD.powi(2) * turning.norm_squared();
+    Some(covariance)
 }
 
 /// A frame's part in the sum.
@@ -115,5 +197,5 @@ pub(super) fn shared_covariance(
     let inverse = information.cholesky()?.inverse();
     let sandwich = inverse * meat * inverse * shared.sigma_rad.powi(2);
     let basis = LocalFrame::of(&motion.spin).basis;
-    Some(basis * sandwich * basis.transpose())
+    Some(basis * sandwich * basis.transpose() + shared.turn_rate_covariance)
 }

@@ -228,7 +228,7 @@ impl<'a, D: DotDetector> Scorer<'a, D> {
     /// Identifies the dots of a frame by this hypothesis' pattern, and scores it.
     pub fn identify(&mut self, frame: &mut FrameEstimate) -> FrameScore {
         let estimator = self.estimator;
-        estimator.estimate_pose(None, &mut self.estimation, frame);
+        estimator.identify_detections(&mut self.estimation, frame);
         self.score(frame)
     }
 

@@ -93,6 +93,7 @@ fn estimate(path: &Path) {
         times: TimeSource::None,
         skipped: Vec::new(),
         cut_short: Vec::new(),
+        sources: Vec::new(),
     };
     assert!(batch.frames[5].estimate.pose().is_none());
     let page = EstimatePage::new(&pattern, &batch, &[], |_| Ok(None)).unwrap();

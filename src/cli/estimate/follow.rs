@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use super::{Arguments, output};
 use crate::ball::Ball;
 use crate::error::{Error, Result, require};
+use crate::geometry::CameraFrame;
 use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
 use crate::vision::pipe::{PipeFormat, PipeReader, RawPixel};
 
@@ -36,6 +37,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     };
     let estimator = Arc::new(arguments.estimator(&Ball::read(table)?)?);
     let outline = arguments.source.outline()?;
+    let shown_in = arguments.frame()?;
     let mut sequence = SequenceConfig::default();
     sequence.spin.max_rps = arguments.max_spin_rps;
     let config = TrackerConfig {
@@ -65,7 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         };
         let state = tracker.update(image, time_s, outline.as_ref())?;
         identified += u64::from(state.frame.pose().is_some());
-        let line = line(arguments, number, time_s, &state, arrived);
+        let line = line(shown_in, number, time_s, &state, arrived);
         writeln!(stdout, "{line}")
             .and_then(|()| stdout.flush())
             .map_err(crate::cli::stdout_error)?;
@@ -107,7 +109,7 @@ fn finish(input: &Path, frames: u64, identified: u64) -> Result<()> {
 }
 
 fn line(
-    arguments: &Arguments,
+    shown_in: CameraFrame,
     number: usize,
     time_s: f64,
     state: &TrackerState<'_>,
@@ -123,11 +125,11 @@ fn line(
         "dots": frame.dots.len(),
         "matched": frame.matched(),
     });
-    output::add_pose(arguments.frame, frame, &mut json);
+    output::add_pose(shown_in, frame, &mut json);
     match state.spin {
         Ok(fit) => {
-            let turned = fit.turned(&arguments.frame.turn());
-            json["spin"] = crate::cli::spin_summary::fit_json(&turned, arguments.frame);
+            let turned = fit.turned(&shown_in.turn());
+            json["spin"] = crate::cli::spin_summary::fit_json(&turned, shown_in);
         }
         Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
     }

@@ -75,8 +75,9 @@ pub struct Arguments {
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// The camera frame that orientations and spin are written in.
-    #[arg(long, value_parser = one_of(&CameraFrame::ALL, CameraFrame::as_str), default_value_t = CameraFrame::Ours)]
+    /// The axes that orientations and spin are written in: camera, x right, y up, z towards the camera; optical, x right, y down,
+    /// z forward. Without --intrinsics the frame is the view frame, whose z points from the ball to the camera.
+    #[arg(long, value_parser = one_of(&CameraFrame::AXES, CameraFrame::as_str), default_value_t = CameraFrame::Camera)]
     frame: CameraFrame,
     /// The images are mirrored (a flipped camera, a selfie video): exchange left and right first.
     /// Pixels in the output are those of the images so exchanged.
@@ -222,7 +223,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     config.clock = FrameClock::Inputs;
     if arguments.calibrate {
         let chosen = &mut estimators[judgment.table()];
-        *chosen = calibrate_in_place(arguments, chosen, &config, &mut batch)?;
+        *chosen = calibrate_in_place(arguments, chosen, &config, &pictures, &mut batch)?;
     }
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!(
@@ -244,7 +245,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             arguments.max_spin_rps,
         )?;
     }
-    let report = Report::new(arguments, &batch, &judgment);
+    let frame = arguments.frame()?;
+    let report = Report::new(arguments, frame, &batch, &judgment);
     let text = report.orientations_csv();
     if let (Some(mut file), Some(path)) = (file, &arguments.output) {
         file.write_all(text.as_bytes())
@@ -272,6 +274,7 @@ fn calibrate_in_place(
     arguments: &Arguments,
     estimator: &Estimator<NamedDetector>,
     config: &BatchConfig,
+    pictures: &Pictures,
     batch: &mut Batch<Picture>,
 ) -> Result<Estimator<NamedDetector>> {
     let frames: Vec<FrameEstimate> = batch.frames.iter().map(|f| f.estimate.clone()).collect();
@@ -293,7 +296,7 @@ fn calibrate_in_place(
     for (frame, estimate) in batch.frames.iter_mut().zip(calibration.frames) {
         frame.estimate = estimate;
     }
-    batch.track(&calibrated, config);
+    batch.estimate_again(&calibrated, config, pictures)?;
     Ok(calibrated)
 }
 
@@ -336,6 +339,11 @@ impl Arguments {
             config.placement_sigma_rad = degrees.to_radians();
         }
         Estimator::for_ball(ball, config, self.source.detector()?)
+    }
+
+    /// The frame of orientations and spin.
+    fn frame(&self) -> Result<CameraFrame> {
+        Ok(self.frame.of_view(self.source.camera()?.is_view()))
     }
 
     fn batch(&self) -> Result<BatchConfig> {

@@ -1,5 +1,6 @@
 //! The output of `spindoe estimate`.
 
+use nalgebra::Matrix3;
 use serde_json::{Value, json};
 
 use super::verdict::Judgment;
@@ -11,11 +12,14 @@ use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
 use crate::spin::SpinRejection;
 use crate::spin::alias::AliasConfig;
-use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::spin::orientations::Orientations;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::{Batch, BatchFrame, OutlineSource, SequenceOutcome, TimeSource};
+use crate::vision::estimator::{
+    Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, TimeSource, orientations,
+    turned_covariance,
+};
 use crate::vision::input::VideoClock;
 
 /// Skipped files that are named.
@@ -24,6 +28,8 @@ const MAX_NAMED: usize = 5;
 /// Everything that is reported.
 pub(super) struct Report<'a> {
     arguments: &'a Arguments,
+    /// The frame of orientations and spin.
+    frame: CameraFrame,
     batch: &'a Batch<Picture>,
     judgment: &'a Judgment,
     orientations: Orientations,
@@ -33,25 +39,15 @@ pub(super) struct Report<'a> {
 }
 
 /// The file of orientations.
-fn orientations(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
-    let turn = frame.turn();
-    let row = |shown: &BatchFrame<Picture>| {
-        let estimate = &shown.estimate;
-        let pose = estimate.pose();
-        OrientationRow {
-            frame: shown.name.clone(),
-            time_s: shown.time_s.unwrap_or(f64::NAN),
-            orientation: pose.map(|p| turn * p.rotation),
-            dots: Some(estimate.dots.len()),
-            matched: Some(estimate.matched()),
-            residual_rad: pose.map(|p| p.residual_rad),
-            confidence: pose.map(|p| p.pose_confidence),
-        }
-    };
-    Orientations {
-        rows: batch.frames.iter().map(row).collect(),
-        camera_frame: Some(frame),
-    }
+fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
+    let named = batch.frames.iter().map(|frame| NamedFrame {
+        name: &frame.name,
+        time_s: frame.time_s,
+        estimate: &frame.estimate,
+    });
+    let frames: Vec<NamedFrame<'_>> = named.collect();
+    let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
+    orientations(&frames, frame, is_sequence)
 }
 
 /// The spin, from the very orientations that are written: `spindoe spin` on the file gives the same.
@@ -63,11 +59,10 @@ fn spin(
     if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
         return None;
     }
-    let config = SpinConfig {
+    let config = orientations.spin_config(SpinConfig {
         max_rps: arguments.max_spin_rps,
-        shared: orientations.shared_error(),
         ..SpinConfig::default()
-    };
+    });
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
         sigma_rad: config.sigma_rad,
@@ -112,10 +107,11 @@ impl<'a> Report<'a> {
     /// The report of a batch.
     pub fn new(
         arguments: &'a Arguments,
+        frame: CameraFrame,
         batch: &'a Batch<Picture>,
         judgment: &'a Judgment,
     ) -> Self {
-        let orientations = orientations(arguments.frame, batch);
+        let orientations = file_of(frame, batch);
         let (spin, precession) = match spin(arguments, batch, &orientations) {
             Some(Ok((summary, precession))) => (Some(Ok(summary)), precession),
             Some(Err(rejection)) => (Some(Err(rejection)), None),
@@ -123,6 +119,7 @@ impl<'a> Report<'a> {
         };
         Self {
             arguments,
+            frame,
             batch,
             judgment,
             orientations,
@@ -140,7 +137,7 @@ impl<'a> Report<'a> {
         let frames: Vec<Value> = frames.map(|frame| self.frame_json(frame)).collect();
         let mut json = json!({
             "detector": self.arguments.source.detector,
-            "frame": self.arguments.frame,
+            "frame": self.frame,
             "mirrored": self.arguments.mirrored,
             "frames": frames,
             "identified": self.batch.identified(),
@@ -153,7 +150,7 @@ impl<'a> Report<'a> {
         });
         match &self.spin {
             Some(Ok(summary)) => {
-                json["spin"] = spin_summary::to_json(summary, self.arguments.frame);
+                json["spin"] = spin_summary::to_json(summary, self.frame);
                 if let Some(precession) = &self.precession {
                     json["spin"]["precession"] = precession.to_json();
                 }
@@ -234,7 +231,7 @@ impl<'a> Report<'a> {
         }
         match &shown.unreadable {
             Some(words) => json["refusal"] = words.clone().into(),
-            None => add_pose(self.arguments.frame, frame, &mut json),
+            None => add_pose(self.frame, frame, &mut json),
         }
         json
     }
@@ -288,7 +285,7 @@ impl<'a> Report<'a> {
         }
         match &self.spin {
             Some(Ok(summary)) => {
-                let mut lines = spin_summary::lines(summary, self.arguments.frame);
+                let mut lines = spin_summary::lines(summary, self.frame);
                 lines.extend(self.precession.iter().flat_map(Precession::lines));
                 errln!("spin: {}", lines.join("\n"));
             }
@@ -326,12 +323,19 @@ fn video_words(clock: &VideoClock) -> String {
     }
 }
 
+fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
+}
+
 /// Adds a frame's orientation, or why there is none.
 pub(super) fn add_pose(shown_in: CameraFrame, frame: &FrameEstimate, json: &mut Value) {
     match &frame.outcome {
         Ok(pose) => {
             let turned = shown_in.turn() * pose.rotation;
             json["orientation_wxyz"] = json!(to_wxyz(&turned));
+            json["camera_frame"] = json!(shown_in);
+            let covariance = turned_covariance(&shown_in.turn(), &pose.covariance);
+            json["covariance_rad2"] = json!(rows(&covariance));
             json["matched"] = frame.matched().into();
             json["residual_deg"] = pose.residual_rad.to_degrees().into();
             json["residual_px"] = pose.residual_px.into();

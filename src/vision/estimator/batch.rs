@@ -1,20 +1,19 @@
-//! Many images at once: the frames of files, folders and videos, estimated on all cores, and then
-//! together as a sequence where all of them have a time.
+//! Many images at once: the frames of files, folders and videos, estimated on all cores, and then again as a sequence
+//! where all of them have a time.
 //!
 //! Guarantees: frames come in the order of the inputs; each is estimated independently, so that the
 //! number of threads changes nothing; a file that cannot be read is a rejected frame. Memory: two
 //! pictures more than there are threads wait, 8 bits a color; of a large one only those parts are
-//! converted that are looked at. All estimates are held.
+//! converted that are looked at. All estimates are held; the files of frames in doubt are read once more.
 
 use std::num::NonZero;
-use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError, mpsc};
 
 use super::shrunk::MAX_THOROUGH;
 use super::{
-    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, OutlinePrior,
-    Prior, SequenceConfig, SequenceSummary, estimate_spin, frames_in_doubt, track_sequence,
+    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameInDoubt, FrameRejection,
+    OutlinePrior, Prior, SequenceConfig, SequenceSummary, estimate_spin, second_pass,
 };
 use crate::error::{Error, Result};
 use crate::pipeline::{Sink, map_ordered_within};
@@ -22,7 +21,7 @@ use crate::spin::{Fit, SpinRejection};
 use crate::vision::detect::DotDetector;
 use crate::vision::frame_table::{FrameCircles, FrameTimes};
 use crate::vision::image::RgbImage;
-use crate::vision::input::{self, InputFrame, SkippedFiles, VideoClock};
+use crate::vision::input::{self, InputFrame, SkippedFiles, Source, SourceTimes, VideoClock};
 use crate::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
 use crate::vision::roi::Roi;
 
@@ -192,6 +191,8 @@ pub struct Batch<K> {
     pub skipped: Vec<SkippedFiles>,
     /// Videos that end early, with the reason.
     pub cut_short: Vec<(PathBuf, String)>,
+    /// The files, and how many frames each gave.
+    pub sources: Vec<(Source, usize)>,
 }
 
 impl<K> Batch<K> {
@@ -209,9 +210,29 @@ impl<K> Batch<K> {
         }
     }
 
-    /// Lets the frames inform each other anew, after their estimates have changed.
-    pub fn track<D: DotDetector>(&mut self, estimator: &Estimator<D>, config: &BatchConfig) {
-        self.sequence = as_sequence(estimator, config, &mut self.frames);
+    /// The second pass and the spin anew, after the estimates have changed.
+    ///
+    /// # Errors
+    /// [`crate::Error::Read`] where a file can no longer be read; those of the observer.
+    pub fn estimate_again<D, O>(
+        &mut self,
+        estimator: &Estimator<D>,
+        config: &BatchConfig,
+        observer: &O,
+    ) -> Result<()>
+    where
+        D: DotDetector + Sync,
+        O: BatchObserver<Kept = K>,
+        K: Send,
+    {
+        let job = FrameJob {
+            estimator,
+            config,
+            observer,
+            large: &Mutex::new(()),
+        };
+        self.sequence = job.as_sequence(&self.sources, &mut self.frames)?;
+        Ok(())
     }
 }
 
@@ -231,92 +252,52 @@ where
     O: BatchObserver,
 {
     let listed = input::list_sources(inputs)?;
-    let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
-    let large = Mutex::new(());
     let job = FrameJob {
         estimator,
         config,
         observer,
-        large: &large,
+        large: &Mutex::new(()),
     };
-    let mut frames: Vec<BatchFrame<O::Kept>> = Vec::new();
-    let mut clocks = Vec::new();
-    let mut cut_short = Vec::new();
-    let mut first_error = None;
-    // The reader decodes while the threads estimate; it waits where they do not keep up.
-    let (sender, receiver) = mpsc::sync_channel::<Result<InputFrame>>(0);
-    let sources = &listed.sources;
-    let read = std::thread::scope(|scope| {
-        let reader = scope.spawn(move || {
-            let mut all = Vec::new();
-            for source in sources {
-                let mut count = 0;
-                let read = input::read_frames(source, config.max_pixels, &mut |frame| {
-                    count += 1;
-                    // Nobody listens after an error.
-                    let gone = |_| Error::Internal("the estimation has ended".into());
-                    sender.send(Ok(frame)).map_err(gone)
-                });
-                match read {
-                    Ok(times) => all.push((source, count, times)),
-                    Err(error) => {
-                        let _ = sender.send(Err(error));
-                        return all;
-                    }
-                }
-            }
-            all
-        });
-        let mut sink = Collected {
-            frames: &mut frames,
-            first_error: &mut first_error,
-            observer,
-        };
-        let limit = NonZero::new(threads.get() + WAITING).unwrap_or(threads);
-        let outcome = map_ordered_within(
-            limit,
-            receiver.into_iter(),
-            threads,
-            || estimator.workspace(),
-            |workspace, frame| job.run(frame, workspace),
-            &mut sink,
-        );
-        let read = reader.join().unwrap_or_default();
-        outcome.map(|()| read)
-    })?;
+    let sources: Vec<&Source> = listed.sources.iter().collect();
+    let mut collected = Collected {
+        frames: Vec::new(),
+        first_error: None,
+        observer,
+    };
+    let work = |_, frame, ws: &mut EstimatorWorkspace<D::Workspace>| job.run(frame, ws);
+    let read = job.read_all(&sources, |_| true, work, &mut collected)?;
+    let Collected {
+        mut frames,
+        first_error,
+        ..
+    } = collected;
     // A file that is no image is a rejected frame among others, and an error alone.
     let is_hopeless = frames.iter().all(|f| f.unreadable.is_some());
     if let Some(error) = first_error.filter(|_| is_hopeless) {
         return Err(error);
     }
+    let (mut clocks, mut cut_short) = (Vec::new(), Vec::new());
     let mut first = 0;
-    for (source, count, times) in &read {
+    for (source, (count, times)) in sources.iter().zip(&read) {
         for (frame, time) in frames[first..].iter_mut().zip(&times.times_s) {
             frame.time_s = *time;
         }
         first += count;
         clocks.extend(times.clock);
-        if let (input::Source::Video(path), Some(why)) = (source, &times.cut_short) {
-            cut_short.push(((*path).clone(), why.clone()));
+        if let (Source::Video(path), Some(why)) = (source, &times.cut_short) {
+            cut_short.push((path.clone(), why.clone()));
         }
     }
     let times = set_times(&config.clock, clocks.last().copied(), &mut frames)?;
-    let mut sequence = as_sequence(estimator, config, &mut frames);
-    let mut first = 0;
-    let ranges = read.iter().map(|(source, count, _)| {
-        first += count;
-        (*source, first - count..first)
-    });
-    let ranges: Vec<_> = ranges.collect();
-    if job.settle(&ranges, &sequence, &mut frames)? {
-        sequence = as_sequence(estimator, config, &mut frames);
-    }
+    let counts = read.into_iter().map(|(count, _)| count);
+    let sources: Vec<(Source, usize)> = listed.sources.into_iter().zip(counts).collect();
     Ok(Batch {
+        sequence: job.as_sequence(&sources, &mut frames)?,
         frames,
-        sequence,
         times,
         skipped: listed.skipped,
         cut_short,
+        sources,
     })
 }
 
@@ -332,7 +313,59 @@ struct FrameJob<'a, D, O> {
 /// A frame and the error by which it is unreadable.
 type Estimated<K> = Result<(BatchFrame<K>, Option<Error>)>;
 
-impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
+impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
+    /// Hands the wanted frames of the sources, by their number over all of them, to `work` on all cores; for each source, how
+    /// many frames it has and what it says of their times. The reader decodes meanwhile; it waits where the threads do not
+    /// keep up.
+    fn read_all<T: Send>(
+        &self,
+        sources: &[&Source],
+        is_wanted: impl Fn(usize) -> bool + Sync,
+        work: impl Fn(usize, InputFrame, &mut EstimatorWorkspace<D::Workspace>) -> Result<T> + Sync,
+        sink: &mut impl Sink<Result<T>, Error = Error>,
+    ) -> Result<Vec<(usize, SourceTimes)>> {
+        let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
+        let limit = NonZero::new(threads.get() + WAITING).unwrap_or(threads);
+        let (sender, receiver) = mpsc::sync_channel::<Result<(usize, InputFrame)>>(0);
+        let (is_wanted, max_pixels) = (&is_wanted, self.config.max_pixels);
+        std::thread::scope(|scope| {
+            let reader = scope.spawn(move || {
+                let mut all = Vec::new();
+                let mut number = 0;
+                for source in sources {
+                    let first = number;
+                    let read = input::read_frames(source, max_pixels, &mut |frame| {
+                        number += 1;
+                        if !is_wanted(number - 1) {
+                            return Ok(());
+                        }
+                        // Nobody listens after an error.
+                        let gone = |_| Error::Internal("the estimation has ended".into());
+                        sender.send(Ok((number - 1, frame))).map_err(gone)
+                    });
+                    match read {
+                        Ok(times) => all.push((number - first, times)),
+                        Err(error) => {
+                            let _ = sender.send(Err(error));
+                            return all;
+                        }
+                    }
+                }
+                all
+            });
+            let outcome = map_ordered_within(
+                limit,
+                receiver.into_iter(),
+                threads,
+                || self.estimator.workspace(),
+                |workspace, (number, frame)| work(number, frame, workspace),
+                sink,
+            );
+            let read = reader.join().unwrap_or_default();
+            outcome.map(|()| read)
+        })
+    }
+
     fn run(
         &self,
         frame: InputFrame,
@@ -354,10 +387,7 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
                 return Ok((done, Some(error)));
             }
         };
-        let picture = match self.config.mirrored {
-            true => picture.mirrored()?,
-            false => picture,
-        };
+        let picture = self.upright(picture)?;
         let outline = match &self.config.circles {
             Some(circles) => circles.of_frame(&done.path)?,
             None => None,
@@ -410,64 +440,91 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
         Ok(())
     }
 
-    /// Looks again at the frames of a sequence that are in doubt, where their neighbors expect the ball; whether that
-    /// changed any. Their files are read once more: pictures are not kept.
+    /// The second pass over frames that were each estimated alone, and their spin.
+    fn as_sequence(
+        &self,
+        sources: &[(Source, usize)],
+        frames: &mut [BatchFrame<O::Kept>],
+    ) -> Result<SequenceOutcome> {
+        let times: Option<Vec<f64>> = frames.iter().map(|f| f.time_s).collect();
+        let Some(times) = times.filter(|t| t.len() > 1) else {
+            return Ok(SequenceOutcome::NoTimes);
+        };
+        if !times.windows(2).all(|w| w[0] < w[1]) {
+            return Ok(SequenceOutcome::TimesNotIncreasing);
+        }
+        let estimates = frames.iter_mut().map(|f| std::mem::take(&mut f.estimate));
+        let mut estimates: Vec<FrameEstimate> = estimates.collect();
+        let config = &self.config.sequence;
+        let passed = match self.config.independent {
+            true => Ok(SequenceSummary::default()),
+            false => second_pass(config, &times, &mut estimates, |doubts, estimates| {
+                self.settle(sources, doubts, estimates, frames)
+            }),
+        };
+        let spin = estimate_spin(config, &times, &estimates);
+        for (frame, estimate) in frames.iter_mut().zip(estimates) {
+            frame.estimate = estimate;
+        }
+        Ok(SequenceOutcome::Estimated {
+            summary: passed?,
+            spin,
+        })
+    }
+
+    /// Estimates frames in doubt again; those that this changes. Their files are read once more: pictures are not kept.
     fn settle(
         &self,
-        sources: &[(&input::Source, Range<usize>)],
-        sequence: &SequenceOutcome,
+        sources: &[(Source, usize)],
+        doubts: &[FrameInDoubt],
+        estimates: &[FrameEstimate],
         frames: &mut [BatchFrame<O::Kept>],
-    ) -> Result<bool> {
-        let is_sequence = matches!(sequence, SequenceOutcome::Estimated { .. });
-        if !is_sequence || self.config.independent {
-            return Ok(false);
-        }
-        let times_s: Vec<f64> = frames.iter().filter_map(|f| f.time_s).collect();
-        let mut estimates: Vec<FrameEstimate> = frames
-            .iter_mut()
-            .map(|f| std::mem::take(&mut f.estimate))
-            .collect();
-        let doubts = frames_in_doubt(&self.config.sequence, &times_s, &estimates);
-        for (frame, estimate) in frames.iter_mut().zip(&mut estimates) {
-            frame.estimate = std::mem::take(estimate);
-        }
-        let mut workspace = self.estimator.workspace();
-        let mut is_changed = false;
-        for (source, range) in sources {
-            let mut doubts = doubts
-                .iter()
-                .filter(|d| range.contains(&d.frame))
-                .peekable();
-            if doubts.peek().is_none() {
-                continue;
+    ) -> Result<Vec<(usize, FrameEstimate)>> {
+        // Only the sources with such a frame, and the numbers of their frames.
+        let (mut read, mut numbers) = (Vec::new(), Vec::new());
+        let mut first = 0;
+        for (source, count) in sources {
+            let range = first..first + count;
+            first = range.end;
+            if doubts.iter().any(|d| range.contains(&d.frame)) {
+                read.push(source);
+                numbers.extend(range);
             }
-            let mut number = range.start;
-            let read = input::read_frames(source, self.config.max_pixels, &mut |read| {
-                let doubt = doubts.next_if(|d| d.frame == number);
-                number += 1;
-                let (Some(doubt), Ok(picture)) = (doubt, read.picture) else {
-                    return Ok(());
-                };
-                let picture = match self.config.mirrored {
-                    true => picture.mirrored()?,
-                    false => picture,
-                };
-                let rgb = picture.to_rgb()?;
-                let frame = &mut frames[doubt.frame];
-                let (ws, estimate) = (&mut workspace, &mut frame.estimate);
-                let image = &*rgb;
-                if self
-                    .estimator
-                    .estimate_again(image, &doubt.expected, ws, estimate)
-                {
-                    is_changed = true;
-                    frame.kept = self.keep(&rgb, &frame.estimate)?;
-                }
-                Ok(())
-            });
-            read?;
         }
-        Ok(is_changed)
+        let doubt_of = |at: usize| {
+            let number = numbers.get(at)?;
+            let found = doubts.binary_search_by_key(number, |d| d.frame);
+            found.ok().map(|k| &doubts[k])
+        };
+        let work = |at, frame: InputFrame, ws: &mut EstimatorWorkspace<D::Workspace>| {
+            let (Some(doubt), Ok(picture)) = (doubt_of(at), frame.picture) else {
+                return Ok(None);
+            };
+            let rgb = self.upright(picture)?;
+            let rgb = rgb.to_rgb()?;
+            let before = &estimates[doubt.frame];
+            let again = self.estimator.estimate_again(&*rgb, doubt, before, ws);
+            let Some(again) = again else { return Ok(None) };
+            let kept = self.keep(&rgb, &again)?;
+            Ok(Some((doubt.frame, again, kept)))
+        };
+        let mut settled = Settled(Vec::new());
+        self.read_all(&read, |at| doubt_of(at).is_some(), work, &mut settled)?;
+        let done = settled.0.into_iter().flatten();
+        Ok(done
+            .map(|(k, again, kept)| {
+                frames[k].kept = kept;
+                (k, again)
+            })
+            .collect())
+    }
+
+    /// A picture as the camera would show it without a mirror.
+    fn upright(&self, picture: Picture) -> Result<Picture> {
+        match self.config.mirrored {
+            true => picture.mirrored(),
+            false => Ok(picture),
+        }
     }
 
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<O::Kept> {
@@ -480,8 +537,8 @@ impl<D: DotDetector, O: BatchObserver> FrameJob<'_, D, O> {
 
 /// Collects the frames in order.
 struct Collected<'a, O: BatchObserver> {
-    frames: &'a mut Vec<BatchFrame<O::Kept>>,
-    first_error: &'a mut Option<Error>,
+    frames: Vec<BatchFrame<O::Kept>>,
+    first_error: Option<Error>,
     observer: &'a O,
 }
 
@@ -492,9 +549,21 @@ impl<O: BatchObserver> Sink<Estimated<O::Kept>> for Collected<'_, O> {
         let (frame, error) = estimated?;
         self.frames.push(frame);
         if self.first_error.is_none() {
-            *self.first_error = error;
+            self.first_error = error;
         }
         self.observer.progress(self.frames.len());
+        Ok(())
+    }
+}
+
+/// Collects what the second pass changes.
+struct Settled<T>(Vec<T>);
+
+impl<T> Sink<Result<T>> for Settled<T> {
+    type Error = Error;
+
+    fn take(&mut self, done: Result<T>) -> Result<()> {
+        self.0.push(done?);
         Ok(())
     }
 }
@@ -547,40 +616,4 @@ fn input_times<K>(video: Option<VideoClock>, frames: &mut [BatchFrame<K>]) -> Ti
     TimeSource::Names {
         fps: (times.len() - 1) as f64 / (last - first),
     }
-}
-
-/// Lets the frames inform each other, and estimates their spin.
-fn as_sequence<D: DotDetector, K>(
-    estimator: &Estimator<D>,
-    config: &BatchConfig,
-    frames: &mut [BatchFrame<K>],
-) -> SequenceOutcome {
-    let times: Option<Vec<f64>> = frames.iter().map(|f| f.time_s).collect();
-    let Some(times) = times.filter(|t| t.len() > 1) else {
-        return SequenceOutcome::NoTimes;
-    };
-    if !times.windows(2).all(|w| w[0] < w[1]) {
-        return SequenceOutcome::TimesNotIncreasing;
-    }
-    let mut estimates: Vec<FrameEstimate> = frames
-        .iter_mut()
-        .map(|f| std::mem::take(&mut f.estimate))
-        .collect();
-    let summary = if config.independent {
-        SequenceSummary::default()
-    } else {
-        let mut workspace = estimator.workspace();
-        track_sequence(
-            estimator,
-            &config.sequence,
-            &times,
-            &mut estimates,
-            &mut workspace,
-        )
-    };
-    let spin = estimate_spin(&config.sequence, &times, &estimates);
-    for (frame, estimate) in frames.iter_mut().zip(estimates) {
-        frame.estimate = estimate;
-    }
-    SequenceOutcome::Estimated { summary, spin }
 }

@@ -39,6 +39,11 @@ impl CameraModel {
     /// The largest inverse distance that an estimate may have: the ball fills 35 degrees of the view.
     pub(super) const MAX_INVERSE_DISTANCE: f64 = 0.3;
 
+    /// Whether orientations are in the view frame, since the intrinsics are unknown.
+    pub fn is_view(&self) -> bool {
+        !matches!(self, Self::Known(Camera::Perspective(_)))
+    }
+
     /// The cameras under which dots are identified, the likeliest first.
     pub(super) fn hypotheses(&self) -> impl Iterator<Item = Camera> + use<> {
         let cameras = match *self {

@@ -166,9 +166,9 @@ impl<'a> From<&'a RgbImage> for FrameImage<'a> {
 /// An accepted orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
-    /// From the pattern's frame to the camera's.
+    /// From the pattern's frame to the camera's; without intrinsics to the view frame, whose z points from this ball to the camera.
     pub rotation: Rotation,
-    /// Covariance of the rotation vector, camera frame, rad^2.
+    /// Covariance of the rotation vector that leads from it to the true one, in the same frame, rad^2.
     pub covariance: Matrix3<f64>,
     /// Probability that every dot is identified correctly.
     pub confidence: f64,
@@ -178,9 +178,9 @@ pub struct Pose {
     pub residual_rad: f64,
     /// Root mean square distance of the named dots from the projected pattern, pixels.
     pub residual_px: f64,
-    /// How far the camera is, where that was estimated.
+    /// How far the camera is, where the orientation is in the view frame: as estimated, or as given with the deviation 0.
     pub distance: Option<CameraDistance>,
-    /// Whether a hint was given.
+    /// Whether an expected orientation decided: the dots alone gave none, or another.
     pub hinted: bool,
 }
 
@@ -417,6 +417,11 @@ impl FrameEstimate {
     /// The rotation of that pose before it is refined, pattern to camera frame.
     pub fn unrefined_rotation(&self) -> Option<Rotation> {
         self.hypothesis.map(|h| h.rotation)
+    }
+
+    /// The outline and the camera's distance of a pose in the view frame.
+    pub(super) fn seen_from(&self) -> Option<(BallCircle, CameraDistance)> {
+        self.circle.zip(self.pose()?.distance)
     }
 
     /// Number of detections that have a name.

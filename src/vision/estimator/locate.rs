@@ -136,7 +136,7 @@ impl Locator {
         out.extend(first.iter().map(|c| c.outline.circle));
         out.extend(self.contested().map(|c| c.outline.circle));
         let mut start = 0;
-        while let Some(candidate) = self.other(gray, net, &mut start) {
+        while let Some(candidate) = self.other(gray, net, &mut start, TRIES) {
             out.push(candidate.outline.circle);
         }
         first.map(|_| ())
@@ -178,14 +178,15 @@ impl Locator {
     }
 
     /// The next outline that is worth trying where those before show no dots that can be identified;
-    /// `start` counts the circles that were looked at and moves on.
+    /// `start` counts the circles that were looked at, up to `end`, and moves on.
     pub fn other(
         &mut self,
         gray: &GrayImage,
         net: Option<&OutlineNet>,
         start: &mut usize,
+        end: usize,
     ) -> Option<Candidate> {
-        while *start < TRIES {
+        while *start < end.min(TRIES) {
             let (k, is_judged) = (*start / 2, start.is_multiple_of(2));
             *start += 1;
             // After all circles comes the one that a crop suggests.

@@ -42,13 +42,14 @@ mod batch;
 mod config;
 mod frame;
 mod locate;
-mod motion;
-mod neighbors;
+mod orientations;
+mod path;
 mod prior;
 mod recenter;
 mod refine;
 mod search;
 mod sequence;
+mod sequence_view;
 mod shrunk;
 mod tracker;
 mod trust;
@@ -60,9 +61,13 @@ pub use batch::{
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, OutlineSource, Pose, Timings};
 use frame::{Hypothesis, Standing};
-pub use neighbors::{FrameInDoubt, frames_in_doubt};
+pub use orientations::{NamedFrame, orientations, turned_covariance};
 pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
-pub use sequence::{SequenceConfig, SequenceSummary, estimate_spin, track_sequence};
+pub use sequence::{
+    FrameInDoubt, SequenceConfig, SequenceSummary, estimate_sequence, estimate_spin,
+    frames_in_doubt, second_pass,
+};
+pub use sequence_view::SequenceView;
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
 pub use trust::{FEATURES, PoseEvidence, TrustMap};
 
@@ -202,6 +207,8 @@ fn promise_of(found: &std::result::Result<PoseHypothesis, FrameRejection>) -> f6
 
 /// Poses likelier than this are compared with those of the mirrored view.
 const MIRROR_DOUBT: f64 = 0.3;
+/// An orientation farther off the expected one than this, radians, is weighed with it: 25 deg.
+pub(super) const DISAGREEMENT: f64 = 0.436;
 /// An outline that stands in doubt is looked at again where its best pose is likelier than this.
 const PROMISING: f64 = 0.05;
 /// Standard deviation per tangent axis of what a measured dot's middle does beyond its covariance, radians:
@@ -347,11 +354,10 @@ impl<D: DotDetector> Estimator<D> {
         }
     }
 
-    /// Estimates the orientation from the detected dots of a frame; again, with another hint, as often as wanted: the
-    /// answer depends on the detections, the outline as found, and the hint alone.
-    pub fn estimate_pose(
+    /// Estimates the orientation from the detected dots of a frame, without its pixels: those that another detector found, or
+    /// those of another estimator. The answer depends on the detections and the outline as found alone.
+    pub fn identify_detections(
         &self,
-        hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
@@ -359,22 +365,17 @@ impl<D: DotDetector> Estimator<D> {
             spent: out.earlier_attempts,
             ..Budget::default()
         });
-        self.identify(hint, ws, out);
+        self.identify(ws, out);
     }
 
     /// The same within what may be spent on the frame in hand.
-    fn identify(
-        &self,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
+    fn identify(&self, ws: &mut EstimatorWorkspace<D::Workspace>, out: &mut FrameEstimate) {
         let Some(outline) = out.outline else {
             return;
         };
         let begun = Instant::now();
         out.earlier_attempts = ws.spending.runs;
-        out.outcome = self.identify_dots(&outline, hint, ws, out);
+        out.outcome = self.identify_dots(&outline, None, ws, out);
         if out.outcome.is_err() {
             out.circle = Some(outline.circle);
             out.assignment.fill(None);
@@ -388,6 +389,43 @@ impl<D: DotDetector> Estimator<D> {
         out.timings.identify = begun.elapsed();
     }
 
+    /// Weighs the dots with an expected orientation, where alone they have none or another one. An orientation that they
+    /// keep against it stays theirs.
+    fn identify_expected(
+        &self,
+        hint: &Hint,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let alone = out.outcome;
+        let agrees = |pose: &Pose| pose.rotation.angle_to(&hint.rotation) < DISAGREEMENT;
+        let Some(outline) = out.outline.filter(|_| !is_mirrored(out)) else {
+            return;
+        };
+        if out.pose().is_some_and(agrees) {
+            return;
+        }
+        let begun = Instant::now();
+        let hypothesis = out.hypothesis;
+        out.outcome = self.identify_dots(&outline, Some(hint), ws, out);
+        match (&mut out.outcome, alone) {
+            (Ok(pose), Ok(alone)) => {
+                pose.hinted = pose.rotation.angle_to(&alone.rotation) >= DISAGREEMENT;
+            }
+            (Ok(_), Err(_)) => {}
+            (outcome @ Err(_), alone) => {
+                // Why the dots alone give no pose says more.
+                if alone.is_err() {
+                    *outcome = alone;
+                    out.hypothesis = hypothesis;
+                }
+                out.circle = Some(outline.circle);
+                out.assignment.fill(None);
+            }
+        }
+        out.timings.identify += begun.elapsed();
+    }
+
     /// Identifies under each hypothesis of the camera's distance, at first the likely detections, then all, until a pose is clear.
     fn identify_dots(
         &self,
@@ -398,11 +436,13 @@ impl<D: DotDetector> Estimator<D> {
     ) -> std::result::Result<Pose, FrameRejection> {
         let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
             Err(FrameRejection::NotProcessed);
-        let mut attempts = out.earlier_attempts;
+        let mut attempts = ws.spending.runs;
         let begun = attempts;
         out.hypothesis = None;
         'search: for pass in 0..self.recognizers.len() {
-            if pass > 0 && out.standing == Standing::Doubtful && promise_of(&best) < PROMISING {
+            // An expected orientation may be told by doubtful detections alone.
+            let is_hopeless = hint.is_none() && promise_of(&best) < PROMISING;
+            if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
                 break;
             }
             for camera in self.config.camera.hypotheses() {
@@ -454,7 +494,11 @@ impl<D: DotDetector> Estimator<D> {
         }
         out.attempts = attempts;
         ws.spending.runs = attempts;
-        let mut best = best?.discounted(attempts);
+        // What is expected was not chosen among many: only the runs that weigh it count.
+        let mut best = best?.discounted(match hint {
+            Some(_) => attempts - begun,
+            None => attempts,
+        });
         if hint.is_none() {
             best = best.weighed(&self.config.trust, attempts);
             let view = BallView::new(&best.camera, outline.circle);

@@ -19,14 +19,15 @@ const GIVEN: f64 = 0.01;
 const REACH: f64 = 3.0;
 
 /// What is known of a frame.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Prior<'a> {
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Prior {
     /// The part of the image that holds the ball; by default all of it.
     pub region: Option<Roi>,
     /// The ball's outline as it is given or expected.
     pub outline: Option<OutlinePrior>,
-    /// The orientation as it is expected, camera frame.
-    pub rotation: Option<&'a Hint>,
+    /// The orientation as it is expected, camera frame. It counts where the dots alone are not clear, or show another
+    /// orientation.
+    pub rotation: Option<Hint>,
     /// What the image follows.
     pub follows: Follows,
 }

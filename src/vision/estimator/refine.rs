@@ -38,7 +38,7 @@ pub(super) struct Refined {
     pub view: BallView,
     pub rotation: Rotation,
     pub covariance: Matrix3<f64>,
-    /// Ball radii over the camera's distance, where that is estimated.
+    /// Ball radii over the camera's distance, where there are no intrinsics.
     pub distance: Option<CameraDistance>,
     pub residual_rad: f64,
     pub residual_px: f64,
@@ -153,7 +153,11 @@ impl Refiner {
                     inverse_distance: state.view.horizon(),
                     sigma: covariance[(6, 6)].max(0.0).sqrt(),
                 }),
-                CameraModel::Known(_) => None,
+                CameraModel::Known(Camera::Perspective(_)) => None,
+                CameraModel::Known(_) => Some(CameraDistance {
+                    inverse_distance: state.view.horizon(),
+                    sigma: 0.0,
+                }),
             },
             residual_rad: (angles / count).sqrt(),
             residual_px: (distances / count).sqrt(),

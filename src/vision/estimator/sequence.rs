@@ -1,147 +1,314 @@
-//! Frames of one sequence help each other: a ball turns evenly for a while.
+//! Frames of one sequence help each other: a ball turns and moves evenly for a while.
 //!
-//! Frames that are identified independently give the spin around each of their neighbors in time; where it predicts the
-//! orientation of a frame that has no pose, or another one, that is a [`Hint`] to identify the frame again. A hint may be
-//! wrong, and says so: the recognizer weighs it against the dots.
+//! A sequence is two passes of [`Estimator::estimate`]. In the first each frame stands for itself. In the second the frames that
+//! are *in doubt* are estimated again, with what their neighbors expect as a [`Prior`]: the orientation by the spin of
+//! the answered frames nearest in time, forward and backward, and the outline by [the path](super::path) of theirs. In doubt is a
+//! frame without a pose, one off the expected orientation, and one whose outline lies off the path. An answer of the second pass
+//! that needed no hint is a neighbor in turn: the pass is repeated for the frames that learn from it.
 //!
-//! A hint is made of other frames only, and only of poses found without a hint: no frame confirms
-//! itself, neither directly nor by way of a frame that it has itself hinted at.
+//! Guarantees: a prior is made of other frames only, and only of poses found without a hint: no frame confirms itself, neither
+//! directly nor by way of a frame that it has itself helped. The order in which frames are estimated changes nothing. An
+//! expected outline may be wrong: a pose there replaces another one only where its dots are evident.
+
+use std::convert::Infallible;
 
 use nalgebra::Matrix3;
 
-use super::{Estimator, EstimatorWorkspace, FrameEstimate, OutlineSource, Pose};
+use super::orientations::{NamedFrame, orientations};
+use super::path::{MAX_SCATTER, NEIGHBORS, expected_outline, off};
+use super::search::is_evident;
+use super::{
+    Budget, DISAGREEMENT, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
+    OutlinePrior, OutlineSource, Prior,
+};
+use crate::concurrency;
+use crate::geometry::CameraFrame;
 use crate::recognize::Hint;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
-use crate::spin::shared::SharedError;
 use crate::spin::{Fit, Measurement, SpinRejection};
+use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
 
-/// No orientation is known better than this, radians: a tenth of a degree.
-const MIN_SIGMA_RAD: f64 = 1.75e-3;
+/// An outline farther off the path than this, in radii, is in doubt.
+const OFF_PATH: f64 = 0.1;
+/// Frames that one thread estimates after each other in the same memory.
+const CHUNK: usize = 4;
 
 /// How frames of a sequence help each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SequenceConfig {
     /// Estimation of the spin.
     pub spin: SpinConfig,
-    /// Independent frames nearest in time that predict a frame.
+    /// Independent frames nearest in time that predict a frame's orientation.
     pub neighbors: usize,
     /// Error of a predicted orientation beyond the fit's own, radians, about every axis: the spin changes, and so does the
     /// direction under which the ball is seen.
     pub hint_sigma_rad: f64,
     /// Probability that a hint is altogether wrong.
     pub wrong: f64,
-    /// A frame farther off the predicted orientation than this, radians, is estimated again.
-    pub disagreement_rad: f64,
     /// Minimum probability of frames that predict others.
     pub trusted: f64,
 }
 
 impl Default for SequenceConfig {
-    /// Ten neighbors, 5 deg, one hint in ten wrong, doubt from 25 deg, frames of 0.8.
+    /// Ten neighbors, 5 deg, one hint in ten wrong, frames of 0.8.
     fn default() -> Self {
         Self {
             spin: SpinConfig::default(),
             neighbors: 10,
             hint_sigma_rad: 5f64.to_radians(),
             wrong: 0.1,
-            disagreement_rad: 25f64.to_radians(),
             trusted: 0.8,
         }
     }
 }
 
-/// What a pass over a sequence did.
+/// What the second pass over a sequence did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SequenceSummary {
-    /// Frames with a pose of their own: without a hint, on an outline that was found in the frame alone.
+    /// Frames with a pose after the first pass.
     pub alone: usize,
     /// Frames with a pose now.
     pub together: usize,
 }
 
-/// Estimates the frames of one sequence, which were processed, again with the help of each other. `times_s` are in seconds, one
-/// a frame, each later than the one before.
-pub fn track_sequence<D: DotDetector>(
-    estimator: &Estimator<D>,
-    config: &SequenceConfig,
-    times_s: &[f64],
-    frames: &mut [FrameEstimate],
-    ws: &mut EstimatorWorkspace<D::Workspace>,
-) -> SequenceSummary {
-    let is_own = |f: &&FrameEstimate| {
-        f.outline_source != OutlineSource::Neighbors && f.pose().is_some_and(|p| !p.hinted)
-    };
-    let alone = frames.iter().filter(is_own).count();
-    // What an earlier hint has brought is no evidence; it is found again if the frames still say so.
-    for frame in frames.iter_mut() {
-        if frame.pose().is_some_and(|p| p.hinted) {
-            estimator.estimate_pose(None, ws, frame);
-        }
-    }
-    let independent: Vec<Option<Measurement>> = times_s
-        .iter()
-        .zip(&*frames)
-        .map(|(time_s, frame)| {
-            let pose = frame.pose()?;
-            (pose.pose_confidence >= config.trusted)
-                .then(|| measurement(*time_s, pose.rotation, pose.pose_confidence))
+/// A frame that its neighbors may settle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrameInDoubt {
+    /// Its number in the sequence.
+    pub frame: usize,
+    /// What they expect.
+    pub prior: Prior,
+    /// Whether the outline of the prior is where they expect the ball, and not the frame's own.
+    on_path: bool,
+}
+
+/// A frame that predicts others.
+struct Neighbor {
+    frame: usize,
+    circle: BallCircle,
+    measurement: Measurement,
+}
+
+impl Neighbor {
+    fn of(frame: usize, time_s: f64, estimate: &FrameEstimate, trusted: f64) -> Option<Self> {
+        let pose = estimate.pose()?;
+        (!pose.hinted && pose.pose_confidence >= trusted).then_some(Self {
+            frame,
+            circle: estimate.circle?,
+            measurement: measurement(time_s, pose.rotation, pose.pose_confidence),
         })
-        .collect();
-    let mut fitter = RobustEstimator::new(config.spin);
-    let mut around = Vec::new();
-    for (i, (time_s, frame)) in times_s.iter().zip(frames.iter_mut()).enumerate() {
-        if frame.circle.is_none() {
-            continue;
-        }
-        neighbors(config, times_s, &independent, i, &mut around);
-        let Ok(fit) = fitter.fit(&around) else {
-            continue;
-        };
-        let hint = predict(config, &fit, &around, *time_s);
-        let off = frame
-            .pose()
-            .map(|pose| pose.rotation.angle_to(&hint.rotation));
-        if off.is_none_or(|angle| angle >= config.disagreement_rad) {
-            estimator.estimate_pose(Some(&hint), ws, frame);
-        }
-    }
-    SequenceSummary {
-        alone,
-        together: frames.iter().filter(|f| f.pose().is_some()).count(),
     }
 }
 
-/// The measurements nearest in time to frame `i`, without its own, in order of time.
-fn neighbors(
+/// The frames of a sequence that are to be estimated again, and with what prior. `times_s` are in seconds, one a frame, each
+/// later than the one before.
+pub fn frames_in_doubt(
     config: &SequenceConfig,
     times_s: &[f64],
-    measurements: &[Option<Measurement>],
-    i: usize,
-    into: &mut Vec<Measurement>,
-) {
-    into.clear();
-    let (mut before, mut after) = (i, i + 1);
-    while into.len() < config.neighbors {
-        let left = before.checked_sub(1).map(|k| times_s[i] - times_s[k]);
-        let right = times_s[..measurements.len()]
-            .get(after)
-            .map(|t| t - times_s[i]);
-        let go_left = match (left, right) {
-            (None, None) => break,
-            (Some(l), Some(r)) => l <= r,
-            (l, _) => l.is_some(),
+    frames: &[FrameEstimate],
+) -> Vec<FrameInDoubt> {
+    let numbered = times_s.iter().zip(frames).enumerate();
+    let trusted: Vec<Neighbor> = numbered
+        .clone()
+        .filter_map(|(k, (time_s, frame))| Neighbor::of(k, *time_s, frame, config.trusted))
+        .collect();
+    let mut fitter = RobustEstimator::new(config.spin);
+    let doubt = |(k, (time_s, frame)): (usize, (&f64, &FrameEstimate))| {
+        let around: Vec<Measurement> = nearest(&trusted, k, *time_s, config.neighbors)
+            .iter()
+            .map(|n| n.measurement)
+            .collect();
+        let fit = fitter.fit(&around).ok();
+        let hint = fit.map(|fit| predict(config, &fit, &around, *time_s));
+        let outlines: Vec<_> = nearest(&trusted, k, *time_s, NEIGHBORS)
+            .iter()
+            .map(|n| (n.measurement.time_s - time_s, n.circle))
+            .collect();
+        let expected = expected_outline(&outlines);
+        in_doubt(k, frame, hint, expected)
+    };
+    numbered.filter_map(doubt).collect()
+}
+
+/// A frame with what is expected of it, where it is in doubt.
+fn in_doubt(
+    number: usize,
+    frame: &FrameEstimate,
+    hint: Option<Hint>,
+    expected: Option<BallCircle>,
+) -> Option<FrameInDoubt> {
+    let is_given = frame.outline_source == OutlineSource::Given;
+    let expected = expected.filter(|_| !is_given);
+    let is_off_path = expected.is_some_and(|e| frame.circle.is_none_or(|c| off(&c, &e) > OFF_PATH));
+    let is_doubtful = match (frame.pose(), &hint) {
+        _ if frame.outcome == Err(FrameRejection::Unreadable) => false,
+        (None, _) => hint.is_some() || expected.is_some(),
+        (Some(pose), Some(hint)) => {
+            is_off_path || pose.rotation.angle_to(&hint.rotation) >= DISAGREEMENT
+        }
+        (Some(_), None) => is_off_path,
+    };
+    let own = frame.outline.map(|outline| OutlinePrior {
+        circle: outline.circle,
+        sigma_px: match is_given {
+            true => outline.covariance[(0, 0)].sqrt(),
+            false => MAX_SCATTER * outline.circle.radius,
+        },
+    });
+    let path = expected.map(|circle| OutlinePrior {
+        circle,
+        sigma_px: MAX_SCATTER * circle.radius,
+    });
+    // Without either nothing says where to look.
+    let outline = path.or(own).filter(|_| is_doubtful)?;
+    Some(FrameInDoubt {
+        frame: number,
+        prior: Prior {
+            outline: Some(outline),
+            rotation: hint,
+            ..Prior::default()
+        },
+        on_path: path.is_some(),
+    })
+}
+
+impl FrameInDoubt {
+    /// Whether an estimate with the prior takes the place of the one before.
+    fn is_settled_by(&self, before: &FrameEstimate, again: &FrameEstimate) -> bool {
+        let is_off = |frame: &FrameEstimate| {
+            let path = self.prior.outline.filter(|_| self.on_path);
+            path.is_some_and(|p| {
+                frame
+                    .outline
+                    .is_none_or(|o| off(&o.circle, &p.circle) > OFF_PATH)
+            })
         };
-        let k = if go_left {
-            before -= 1;
-            before
-        } else {
-            after += 1;
-            after - 1
-        };
-        into.extend(measurements[k]);
+        if is_off(again) {
+            return false;
+        }
+        match (before.pose(), again.pose()) {
+            (None, Some(pose)) => pose.hinted || is_evident(again),
+            // Both are of dots alone; the path speaks for one of them.
+            (Some(_), _) if is_off(before) => is_evident(again),
+            (Some(_), _) => true,
+            (None, None) => false,
+        }
     }
-    into.sort_unstable_by(|a, b| a.time_s.total_cmp(&b.time_s));
+
+    /// What it lacks, beside another one.
+    fn learns(&self, earlier: &Self) -> bool {
+        (self.prior.rotation.is_some() && earlier.prior.rotation.is_none())
+            || (self.on_path && !earlier.on_path)
+    }
+}
+
+impl<D: DotDetector> Estimator<D> {
+    /// Estimates a frame in doubt again, by its neighbors; `None` where `before` stands.
+    pub fn estimate_again<'a>(
+        &self,
+        image: impl Into<FrameImage<'a>>,
+        doubt: &FrameInDoubt,
+        before: &FrameEstimate,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+    ) -> Option<FrameEstimate> {
+        let mut again = FrameEstimate::default();
+        let budget = Budget {
+            spent: before.attempts,
+            ..Budget::default()
+        };
+        self.estimate(image, &doubt.prior, &budget, ws, &mut again);
+        if again.outline_source == OutlineSource::Detected {
+            again.outline_source = OutlineSource::Neighbors;
+        }
+        doubt.is_settled_by(before, &again).then_some(again)
+    }
+}
+
+/// The second pass over frames that were each estimated alone. `again` estimates frames in doubt by
+/// [`Estimator::estimate_again`], and returns those that it changes, with their numbers.
+///
+/// # Errors
+/// Those of `again`; then the frames are as far as it has come.
+pub fn second_pass<E>(
+    config: &SequenceConfig,
+    times_s: &[f64],
+    frames: &mut [FrameEstimate],
+    mut again: impl FnMut(&[FrameInDoubt], &[FrameEstimate]) -> Result<Vec<(usize, FrameEstimate)>, E>,
+) -> Result<SequenceSummary, E> {
+    let answered = |frames: &[FrameEstimate]| frames.iter().filter(|f| f.pose().is_some()).count();
+    let alone = answered(frames);
+    let mut tried: Vec<Option<FrameInDoubt>> = vec![None; frames.len()];
+    loop {
+        let mut doubts = frames_in_doubt(config, times_s, frames);
+        doubts.retain(|d| tried[d.frame].is_none_or(|t| d.learns(&t)));
+        if doubts.is_empty() {
+            break;
+        }
+        for doubt in &doubts {
+            tried[doubt.frame] = Some(*doubt);
+        }
+        for (k, settled) in again(&doubts, frames)? {
+            frames[k] = settled;
+        }
+    }
+    Ok(SequenceSummary {
+        alone,
+        together: answered(frames),
+    })
+}
+
+/// Estimates the frames of one sequence whose images are all at hand, in both passes, on all cores. `times_s` are in seconds, one an
+/// image, each later than the one before.
+pub fn estimate_sequence<D>(
+    estimator: &Estimator<D>,
+    config: &SequenceConfig,
+    times_s: &[f64],
+    images: &[FrameImage<'_>],
+) -> (Vec<FrameEstimate>, SequenceSummary)
+where
+    D: DotDetector + Sync,
+{
+    let chunks: Vec<_> = images.chunks(CHUNK).collect();
+    let alone = concurrency::map(&chunks, |chunk| {
+        let mut ws = estimator.workspace();
+        let one = |image: &FrameImage<'_>| {
+            let mut out = FrameEstimate::default();
+            let (prior, budget) = (Prior::default(), Budget::default());
+            estimator.estimate(*image, &prior, &budget, &mut ws, &mut out);
+            out
+        };
+        chunk.iter().map(one).collect::<Vec<_>>()
+    });
+    let mut frames: Vec<FrameEstimate> = alone.into_iter().flatten().collect();
+    let again = |doubts: &[FrameInDoubt], frames: &[FrameEstimate]| {
+        let chunks: Vec<_> = doubts.chunks(CHUNK).collect();
+        let settled = concurrency::map(&chunks, |chunk| {
+            let mut ws = estimator.workspace();
+            let one = |d: &FrameInDoubt| {
+                let before = &frames[d.frame];
+                let again = estimator.estimate_again(images[d.frame], d, before, &mut ws);
+                again.map(|again| (d.frame, again))
+            };
+            chunk.iter().filter_map(one).collect::<Vec<_>>()
+        });
+        Ok::<_, Infallible>(settled.into_iter().flatten().collect())
+    };
+    let Ok(summary) = second_pass(config, times_s, &mut frames, again);
+    (frames, summary)
+}
+
+/// The neighbors nearest in time to frame `k`, without itself, in order of time.
+fn nearest(trusted: &[Neighbor], k: usize, time_s: f64, count: usize) -> Vec<&Neighbor> {
+    let apart = |n: &Neighbor| (n.measurement.time_s - time_s).abs();
+    let split = trusted.partition_point(|n| n.frame < k);
+    let before = &trusted[split.saturating_sub(count)..split];
+    let after = trusted[split..].iter().filter(|n| n.frame != k);
+    let mut found: Vec<&Neighbor> = before.iter().rev().chain(after.take(count)).collect();
+    found.sort_by(|a, b| apart(a).total_cmp(&apart(b)));
+    found.truncate(count);
+    found.sort_unstable_by_key(|n| n.frame);
+    found
 }
 
 fn measurement(
@@ -177,8 +344,9 @@ pub(super) fn predict(
     }
 }
 
-/// The spin of a sequence, from the orientations of its frames.
+/// The spin of a sequence, from the orientations of its frames: the same as that of their file ([`orientations`]).
 ///
+/// Without intrinsics it is in the view frame of a ball amid the path ([`SequenceView`](super::SequenceView)), else in the camera's.
 /// Each frame has the weight of its pose's covariance; how large the deviations are altogether is
 /// estimated from the residuals, with the covariances' typical value for a prior.
 ///
@@ -192,32 +360,14 @@ pub fn estimate_spin(
     times_s: &[f64],
     frames: &[FrameEstimate],
 ) -> Result<Fit, SpinRejection> {
-    let poses = || {
-        let frames = times_s.iter().zip(frames);
-        frames.filter_map(|(time_s, frame)| Some((*time_s, frame.pose()?)))
-    };
-    let mut sigmas: Vec<f64> = poses().map(|(_, pose)| sigma(pose)).collect();
-    sigmas.sort_unstable_by(f64::total_cmp);
-    let Some(&typical) = sigmas.get(sigmas.len() / 2) else {
-        return RobustEstimator::new(config.spin).fit(&[]);
-    };
-    let measurements: Vec<_> = poses()
-        .map(|(time_s, pose)| Measurement {
-            sigma_scale: sigma(pose) / typical,
-            ..measurement(time_s, pose.rotation, pose.pose_confidence)
-        })
-        .collect();
-    let spin = SpinConfig {
-        sigma_rad: typical,
-        shared: SharedError::of_residuals(poses().map(|(_, pose)| pose.residual_rad)),
-        ..config.spin
-    };
-    RobustEstimator::new(spin).fit(&measurements)
-}
-
-/// Standard deviation of a pose about an axis, radians: the root mean square over all axes.
-fn sigma(pose: &Pose) -> f64 {
-    (pose.covariance.trace() / 3.0)
-        .max(MIN_SIGMA_RAD * MIN_SIGMA_RAD)
-        .sqrt()
+    let named = times_s
+        .iter()
+        .zip(frames)
+        .map(|(time_s, estimate)| NamedFrame {
+            name: "",
+            time_s: Some(*time_s),
+            estimate,
+        });
+    let file = orientations(&named.collect::<Vec<_>>(), CameraFrame::default(), true);
+    RobustEstimator::new(file.spin_config(config.spin)).fit(&file.measurements())
 }

@@ -6,11 +6,10 @@
 //! objects before those that stand still. An outline that was found in this way counts as the ball's by its
 //! dots.
 //!
-//! The orientation of every frame is estimated independently first. Poses found that way and likelier than
-//! [`SequenceConfig::trusted`] enter a window of fixed length, from which the spin is fitted after
-//! each frame. Where the spin predicts the orientation of a frame that has no pose, or one far off,
-//! that prediction is a hint for a second look. A hinted pose is an answer, but no evidence: it never
-//! enters the window, so that no error confirms itself.
+//! That is the forward pass over a [sequence](super::frames_in_doubt): every frame is one [`Estimator::estimate`], whose prior is
+//! what the earlier frames expect. Poses that needed no hint and are likelier than [`SequenceConfig::trusted`] enter a window of
+//! fixed length, from which the spin is fitted after each frame; it predicts the orientation of the next. A hinted pose is
+//! an answer, but no evidence: it never enters the window, so that no error confirms itself.
 //!
 //! # What is promised
 //! The work for a frame depends on the frame and on [`TrackerConfig::window`], not on how many frames
@@ -18,7 +17,7 @@
 //! frame and the earlier ones within [`TrackerConfig::memory_s`]; of those before, no more than the
 //! rounding of an outline's fit, which starts from the predicted one.
 //!
-//! Not promised: what [`track_sequence`](super::track_sequence) finds when it knows the later frames
+//! Not promised: what the [second pass](super::second_pass) finds when it knows the later frames
 //! as well, and any answer to a spin that changes within the window (a bounce): the fit then rejects
 //! it, or takes the larger part. [`Tracker::reset`] starts afresh.
 
@@ -26,17 +25,19 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::motion::OutlineMotion;
+use super::path::OutlineMotion;
 use super::search::{NEARBY, WHOLE};
 use super::sequence::predict;
 use super::{
-    Budget, Estimator, EstimatorWorkspace, Follows, FrameEstimate, FrameImage, OutlinePrior, Prior,
-    SearchDepth, SequenceConfig,
+    Budget, CameraDistance, Estimator, EstimatorWorkspace, Follows, FrameEstimate, FrameImage,
+    OutlinePrior, Prior, SearchDepth, SequenceConfig, SequenceView,
 };
 use crate::error::{Error, Result, require};
+use crate::recognize::Hint;
 use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
+use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
 use crate::vision::roi::Roi;
 
@@ -89,9 +90,18 @@ impl TrackerConfig {
 pub struct TrackerState<'a> {
     /// The frame: its outline, dots and orientation, or why there is none.
     pub frame: &'a FrameEstimate,
-    /// The spin by the window's poses, or why there is none. Its covariance counts the errors of
+    /// The spin by the window's poses, or why there is none; without intrinsics in the view frame of the last of them. Its covariance counts the errors of
     /// drawn dots that the poses share ([`SharedError`]).
     pub spin: &'a std::result::Result<Fit, SpinRejection>,
+}
+
+/// A pose of the window.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    measurement: Measurement,
+    residual_rad: f64,
+    /// From where, if the camera's intrinsics are unknown.
+    from: Option<(BallCircle, CameraDistance)>,
 }
 
 /// Follows one ball through the frames of a camera.
@@ -103,9 +113,9 @@ pub struct Tracker<D: DotDetector> {
     roi: Option<Roi>,
     workspace: EstimatorWorkspace<D::Workspace>,
     fitter: RobustEstimator,
-    window: VecDeque<Measurement>,
-    /// The residuals of the window's poses, radians.
-    residuals_rad: VecDeque<f64>,
+    window: VecDeque<Seen>,
+    /// The window's orientations in one frame.
+    turned: Vec<Measurement>,
     frame: FrameEstimate,
     motion: OutlineMotion,
     /// Frames since the last pose.
@@ -126,7 +136,7 @@ impl<D: DotDetector> Tracker<D> {
             estimator,
             fitter: RobustEstimator::new(config.sequence.spin),
             window: VecDeque::with_capacity(config.window + 1),
-            residuals_rad: VecDeque::with_capacity(config.window + 1),
+            turned: Vec::with_capacity(config.window),
             frame: FrameEstimate::default(),
             motion: OutlineMotion::default(),
             missed: 0,
@@ -166,7 +176,6 @@ impl<D: DotDetector> Tracker<D> {
     /// Forgets everything: the next frame is the first of another trajectory.
     pub fn reset(&mut self) {
         self.window.clear();
-        self.residuals_rad.clear();
         self.motion.clear();
         self.workspace.coarse.forget();
         self.workspace.fine.forget();
@@ -198,32 +207,16 @@ impl<D: DotDetector> Tracker<D> {
         self.last_s = Some(time_s);
         self.forget(time_s);
         self.find(image, &part, time_s, outline, begun);
-        let config = &self.config.sequence;
-        let trusted = self
-            .frame
-            .pose()
-            .filter(|pose| pose.pose_confidence >= config.trusted)
-            .map(|pose| {
-                let measurement = Measurement {
-                    confidence: pose.pose_confidence,
-                    ..Measurement::new(time_s, pose.rotation)
-                };
-                (measurement, pose.residual_rad)
-            });
-        self.look_again(time_s);
-        if let Some((measurement, residual_rad)) = trusted {
+        let trusted = self.trusted_pose(time_s);
+        if let Some(seen) = trusted {
             if self.window.len() == self.config.window {
                 self.window.pop_front();
-                self.residuals_rad.pop_front();
             }
-            self.window.push_back(measurement);
-            self.residuals_rad.push_back(residual_rad);
+            self.window.push_back(seen);
         }
         // Without a new pose the spin stays what it was, as long as the poses are remembered.
         if trusted.is_some() || self.window.len() < MIN_FRAMES {
-            let residuals = self.residuals_rad.iter().copied();
-            self.fitter.set_shared(SharedError::of_residuals(residuals));
-            self.spin = self.fitter.fit(self.window.make_contiguous());
+            self.fit();
         }
         Ok(self.state())
     }
@@ -242,7 +235,7 @@ impl<D: DotDetector> Tracker<D> {
         ))
     }
 
-    /// Estimates the frame independently, where the ball is expected or wherever it is.
+    /// Estimates the frame by what is expected of it.
     fn find(
         &mut self,
         image: FrameImage<'_>,
@@ -265,7 +258,7 @@ impl<D: DotDetector> Tracker<D> {
         let prior = Prior {
             region: Some(*part),
             outline,
-            rotation: None,
+            rotation: self.expected_rotation(time_s),
             follows: Follows::LastImage,
         };
         let budget = Budget {
@@ -296,35 +289,57 @@ impl<D: DotDetector> Tracker<D> {
         }
     }
 
+    /// The frame's pose, if it is evidence.
+    fn trusted_pose(&self, time_s: f64) -> Option<Seen> {
+        let pose = self.frame.pose()?;
+        let is_trusted = !pose.hinted && pose.pose_confidence >= self.config.sequence.trusted;
+        is_trusted.then_some(Seen {
+            measurement: Measurement {
+                confidence: pose.pose_confidence,
+                ..Measurement::new(time_s, pose.rotation)
+            },
+            residual_rad: pose.residual_rad,
+            from: self.frame.seen_from(),
+        })
+    }
+
+    /// Fits the spin to the window, in the view frame of its last pose where there are no intrinsics.
+    fn fit(&mut self) {
+        let seen_from = self.window.iter().filter_map(|s| s.from);
+        let last = seen_from.clone().next_back();
+        let view = last.and_then(|(circle, _)| SequenceView::about(circle.center, seen_from));
+        let turn = |seen: &Seen| Some(view?.turn(seen.from?.0.center));
+        self.turned.clear();
+        self.turned.extend(self.window.iter().map(|seen| {
+            let own = seen.measurement;
+            Measurement {
+                orientation: turn(seen).unwrap_or_default().rotation() * own.orientation,
+                ..own
+            }
+        }));
+        let shared = SharedError::of_residuals(self.window.iter().map(|s| s.residual_rad));
+        let turns = self.window.iter();
+        let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, turn(seen)?)));
+        self.fitter
+            .set_shared(SharedError::with_turns(shared, turns));
+        self.spin = self.fitter.fit(&self.turned);
+    }
+
     /// Drops poses and outlines that are too old.
     fn forget(&mut self, time_s: f64) {
         let oldest = time_s - self.config.memory_s;
         self.motion.forget(oldest);
-        while self.window.front().is_some_and(|m| m.time_s < oldest) {
+        let is_old = |seen: &Seen| seen.measurement.time_s < oldest;
+        while self.window.front().is_some_and(is_old) {
             self.window.pop_front();
-            self.residuals_rad.pop_front();
         }
     }
 
-    /// Estimates the pose again with the hint that the window's spin gives, where the frame has none
-    /// or another.
-    fn look_again(&mut self, time_s: f64) {
-        let (Ok(fit), Some(_)) = (&self.spin, self.frame.circle) else {
-            return;
-        };
-        if self.window.len() < MIN_FRAMES {
-            return;
-        }
-        let config = &self.config.sequence;
-        let hint = predict(config, fit, self.window.make_contiguous(), time_s);
-        let off = self
-            .frame
-            .pose()
-            .map(|pose| pose.rotation.angle_to(&hint.rotation));
-        if off.is_none_or(|angle| angle >= config.disagreement_rad) {
-            let (workspace, frame) = (&mut self.workspace, &mut self.frame);
-            self.estimator.estimate_pose(Some(&hint), workspace, frame);
-        }
+    /// The orientation as the window's spin predicts it.
+    fn expected_rotation(&self, time_s: f64) -> Option<Hint> {
+        let fit = self.spin.as_ref().ok()?;
+        let is_known = self.window.len() >= MIN_FRAMES;
+        is_known.then(|| predict(&self.config.sequence, fit, &self.turned, time_s))
     }
 }
 

@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                     &mut found,
                 );
                 let mut given = oracle(&ball, signal, || rng.sample(StandardNormal));
-                estimator.estimate_pose(None, ws, &mut given);
+                estimator.identify_detections(ws, &mut given);
                 Ok(Row {
                     clear: given.dots.len(),
                     outcomes: [&found, &given].map(|f| FrameOutcome::of(f, &ball.rotation)),

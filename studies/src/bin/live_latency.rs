@@ -142,7 +142,7 @@ fn search(pattern: &Pattern, clip: &Clip) -> spindoe::Result<Vec<Sample>> {
         let raw = RawImage::new(SIZE[0], SIZE[1], RawPixel::Gray, bytes)?;
         let watch = Stopwatch::start();
         estimator.detect(raw, None, &mut ws, &mut out);
-        estimator.estimate_pose(None, &mut ws, &mut out);
+        estimator.identify_detections(&mut ws, &mut out);
         samples.push(watch.stop(out.pose().map(|p| p.rotation.angle_to(truth))));
     }
     Ok(samples)

@@ -1,8 +1,7 @@
 //! Do the frames of a sequence help each other, and at what price?
 //!
 //! Clips of one ball, in good and in all conditions, as crops and as frames of 640 x 480. Every frame is
-//! estimated three ways: independently; with the hints of the spin that its neighbors give; and, before
-//! these, looked at again where the neighbors expect the ball. An answer is correct within 20 degrees;
+//! estimated alone, and in a second pass with what its neighbors expect. An answer is correct within 20 degrees;
 //! brackets are Wilson 95 % intervals, though frames of one clip are not independent.
 //!
 //!     cargo run --release -p spindoe-studies --bin sequence_study -- [CLIPS] [FRAMES] [SEED]
@@ -16,24 +15,23 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
 use spindoe::validate::Proportion;
-use spindoe::vision::estimator::{OutlineSource, SequenceConfig, frames_in_doubt, track_sequence};
+use spindoe::vision::estimator::{SequenceConfig, second_pass};
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };
 
 const FPS: f64 = 350.0;
 const FAILURE_DEG: f64 = 20.0;
-const WAYS: [&str; 3] = ["independent", "with hints", "with hints and outlines"];
+const WAYS: [&str; 2] = ["each alone", "two passes"];
 
-/// Frames that are correct, wrong, and wrong by the neighbors' outline, each of the three ways.
+/// Frames that are correct and wrong after each pass.
 #[derive(Default, Clone, Copy)]
 struct Counts {
     frames: usize,
-    looked_again: usize,
-    correct: [usize; 3],
-    wrong: [usize; 3],
-    /// Correct and wrong answers on the neighbors' outlines.
-    by_neighbors: [usize; 2],
+    /// Estimates of the second pass.
+    again: usize,
+    correct: [usize; 2],
+    wrong: [usize; 2],
 }
 
 fn clip(
@@ -74,15 +72,16 @@ fn clip(
         ..Counts::default()
     };
     count_answers(&frames, &truths, 0, &mut counts);
-    track_sequence(estimator, &settings, &times_s, &mut frames, &mut ws);
+    second_pass(&settings, &times_s, &mut frames, |doubts, frames| {
+        counts.again += doubts.len();
+        let settled = doubts.iter().filter_map(|d| {
+            let (image, before) = (&images[d.frame], &frames[d.frame]);
+            let again = estimator.estimate_again(image, d, before, &mut ws)?;
+            Some((d.frame, again))
+        });
+        Ok::<_, spindoe::Error>(settled.collect())
+    })?;
     count_answers(&frames, &truths, 1, &mut counts);
-    for doubt in frames_in_doubt(&settings, &times_s, &frames) {
-        let (image, frame) = (&images[doubt.frame], &mut frames[doubt.frame]);
-        counts.looked_again += 1;
-        estimator.estimate_again(image, &doubt.expected, &mut ws, frame);
-    }
-    track_sequence(estimator, &settings, &times_s, &mut frames, &mut ws);
-    count_answers(&frames, &truths, 2, &mut counts);
     Ok(counts)
 }
 
@@ -96,9 +95,6 @@ fn count_answers(frames: &[FrameEstimate], truths: &[Rotation], way: usize, coun
             &mut counts.wrong
         };
         all[way] += 1;
-        if way == 2 && frame.outline_source == OutlineSource::Neighbors {
-            counts.by_neighbors[usize::from(!is_correct)] += 1;
-        }
     }
 }
 
@@ -143,10 +139,9 @@ fn main() -> Result<(), Box<dyn Error>> {
                 share(frames - correct - wrong)
             );
         }
-        let [correct, wrong] = [0, 1].map(|k| sum(&|c| c.by_neighbors[k]));
         println!(
-            "\n{name}: {clips} clips of {count} frames from seed {seed}; {} looked at again; on the neighbors' outline {correct} correct, {wrong} wrong.\n",
-            sum(&|c| c.looked_again)
+            "\n{name}: {clips} clips of {count} frames from seed {seed}; {} estimated again.\n",
+            sum(&|c| c.again)
         );
     }
     Ok(())

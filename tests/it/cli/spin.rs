@@ -362,11 +362,11 @@ fn the_convention_of_the_camera_frame_goes_along() {
         (vector, json["camera_frame"].as_str().unwrap().to_owned())
     };
     let (a, frame) = spin("ours.csv", &[]);
-    assert_eq!(frame, "ours");
+    assert_eq!(frame, "camera");
     // As the file has it, and turned back.
     let (b, frame) = spin("optical.csv", &[]);
     assert_eq!(frame, "optical");
-    let (c, _) = spin("optical.csv", &["--frame", "ours"]);
+    let (c, _) = spin("optical.csv", &["--frame", "camera"]);
     for i in 0..3 {
         let sign = if i == 0 { 1.0 } else { -1.0 };
         assert!(
@@ -379,7 +379,7 @@ fn the_convention_of_the_camera_frame_goes_along() {
         );
     }
     let mut text = std::fs::read_to_string(at("optical.csv")).unwrap();
-    text = text.replacen(",optical\n", ",ours\n", 1);
+    text = text.replacen(",optical,", ",ours,", 1);
     let path = write(dir.path(), "mixed.csv", &text);
     let output = run(&["spin", path.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(2));
@@ -421,4 +421,64 @@ fn a_precession_is_reported_with_its_interval_and_its_absence_too() {
     let found = &spin(&even)["precession"];
     assert_eq!(found["outcome"], "none");
     assert!(found["max_drift_deg_s"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn a_view_frame_that_turns_widens_the_covariance_of_the_spin() {
+    use nalgebra::{Matrix3, Vector2};
+    use spindoe::geometry::CameraFrame;
+    use spindoe::spin::shared::ViewTurn;
+    let sequence = Scenario::default().sequence((40.0, 60.0), 3, 0);
+    let plain = Orientations::from_measurements(&sequence.measurements);
+    let mut view = plain.clone();
+    view.camera_frame = Some(CameraFrame::View);
+    for row in &mut view.rows {
+        row.covariance = Some(Matrix3::new(
+            4e-4, 1e-4, 0.0, 1e-4, 3e-4, 0.0, 0.0, 0.0, 1e-4,
+        ));
+        // 2 rad/s about y, known to a tenth.
+        row.turn = Some(ViewTurn {
+            turn_rad: Vector2::new(0.0, 2.0 * row.time_s),
+            deviation_rad: Vector2::new(0.0, 0.2 * row.time_s),
+        });
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    plain.write_csv(at("plain.csv").as_ref()).unwrap();
+    view.write_csv(at("view.csv").as_ref()).unwrap();
+    assert_eq!(
+        Orientations::read_csv(at("view.csv").as_ref()).unwrap(),
+        view
+    );
+    let spin = |name: &str| -> serde_json::Value {
+        // The same noise to begin with, which the covariances would say otherwise.
+        let output = run(&["spin", &at(name), "--json", "--sigma-deg", "2"]);
+        assert!(output.status.success(), "{output:?}");
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let (a, b) = (spin("plain.csv"), spin("view.csv"));
+    assert_eq!(
+        (&a["spin_rad_s"], &b["camera_frame"]),
+        (&b["spin_rad_s"], &"view".into())
+    );
+    let added = |i: usize, j: usize| {
+        let at = |v: &serde_json::Value| v["covariance_rad2_s2"][i][j].as_f64().unwrap();
+        at(&b) - at(&a)
+    };
+    assert!((added(1, 1) - 0.04).abs() < 1e-6 && added(0, 0).abs() < 1e-9);
+    assert!((added(2, 2) - 0.25 * 0.15 * 0.15 * 4.0).abs() < 1e-6);
+    // Half a covariance is an error that names the line.
+    let text = std::fs::read_to_string(at("view.csv")).unwrap();
+    let path = write(
+        dir.path(),
+        "half.csv",
+        &text.replacen("0.0004,0.0001,", "0.0004,,", 1),
+    );
+    let output = run(&["spin", path.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(2));
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        words.contains("cov_xx to cov_zz") && words.contains("line 2"),
+        "{words}"
+    );
 }

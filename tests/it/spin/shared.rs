@@ -89,6 +89,7 @@ fn the_covariance_covers_what_frames_share() {
     let shared = SharedError {
         sigma_rad: SIGMA,
         correlation_rad: CORRELATION,
+        turn_rate_covariance: nalgebra::Matrix3::zeros(),
     };
     for frames in [8, 30, 200] {
         let with = distances(Some(shared), frames);

@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::pattern::Pattern;
 use spindoe::spin::orientations::Orientations;
-use spindoe::vision::estimator::{SequenceConfig, estimate_spin, track_sequence};
+use spindoe::vision::estimator::{FrameImage, SequenceConfig, estimate_sequence, estimate_spin};
 use spindoe::vision::input::{natural_order, time_of_stem};
 use spindoe::vision::{
     Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Intrinsics,
@@ -98,14 +98,12 @@ fn drawn_balls_are_told() {
 fn frames_of_a_flight_help_each_other() {
     let pattern = crate::common::random_pattern(20, 5);
     let estimator = estimator(&pattern, Camera::Orthographic);
-    let mut ws = estimator.workspace();
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let spin = Vec3::new(120.0, -300.0, 80.0);
     let start = random_rotation(&mut rng);
     let times: Vec<f64> = (0..12).map(|k| 0.0026 * f64::from(k)).collect();
     let truth = |t: f64| Rotation::from_scaled_axis(spin * t) * start;
-    let mut frames = vec![FrameEstimate::default(); times.len()];
-    for (k, t) in times.iter().enumerate() {
+    let render = |(k, t): (usize, &f64), rng: &mut ChaCha8Rng| {
         let mut scene = Scene::new(66, 30.0, pattern.dots(), truth(*t));
         if k == 5 {
             // Two dots are too few alone.
@@ -114,19 +112,17 @@ fn frames_of_a_flight_help_each_other() {
             seen.truncate(2);
             scene.dots = seen;
         }
-        let image = scene.render(&mut rng);
-        estimator.estimate(
-            &image,
-            &Prior::default(),
-            &Budget::default(),
-            &mut ws,
-            &mut frames[k],
-        );
-    }
-    assert!(frames[5].pose().is_none(), "{:?}", frames[5].outcome);
+        scene.render(rng)
+    };
+    let images = times
+        .iter()
+        .enumerate()
+        .map(|frame| render(frame, &mut rng));
+    let images: Vec<_> = images.collect();
+    let images: Vec<FrameImage<'_>> = images.iter().map(FrameImage::from).collect();
     let config = SequenceConfig::default();
-    let told = track_sequence(&estimator, &config, &times, &mut frames, &mut ws);
-    assert!(told.together > told.alone, "{told:?}");
+    let (frames, summary) = estimate_sequence(&estimator, &config, &times, &images);
+    assert!(summary.alone == 11 && summary.together == 12, "{summary:?}");
     let pose = frames[5].pose().expect("told by the others");
     assert!(pose.hinted && pose.rotation.angle_to(&truth(times[5])).to_degrees() < 10.0);
     let fit = estimate_spin(&config, &times, &frames).expect("a spin");

@@ -114,7 +114,11 @@ fn the_covariance_counts_the_errors_that_frames_share() {
     let independent = estimator.fit(&measurements).unwrap();
     estimator.set_shared(SharedError::of_residuals(residuals.into_iter()));
     let shared = estimator.fit(&measurements).unwrap();
-    assert_eq!(*tracker.state().spin, Ok(shared));
+    let found = tracker.state().spin.as_ref().expect("a spin");
+    // But for the view frame, which hardly turns here.
+    assert!((found.motion.spin - shared.motion.spin).norm() < 0.2);
+    let [of_tracker, by_hand] = [found, &shared].map(|fit| fit.spin_covariance.unwrap());
+    assert!((of_tracker - by_hand).norm() < 0.02 * by_hand.trace());
     assert_eq!(shared.motion, independent.motion);
     let [shared, independent] = [shared, independent].map(|fit| fit.spin_covariance.unwrap());
     let least = (shared - independent).symmetric_eigenvalues().min();
