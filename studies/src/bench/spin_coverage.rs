@@ -4,9 +4,10 @@
 //! to 80 rps, 400 frames per second) are estimated; the squared Mahalanobis distance of each spin
 //! from the truth is compared with chi-square with three degrees of freedom.
 //!
-//!     cargo run --release -p spindoe-studies --bin spin_coverage [SEQUENCES] [FRAMES] [SEED] [PATTERN.csv]
+//!     cargo run --release -p spindoe-studies -- spin-coverage --help
 
 use std::error::Error;
+use std::path::PathBuf;
 
 use rayon::prelude::*;
 use spindoe::pattern::Pattern;
@@ -80,40 +81,60 @@ fn outcome(
     }))
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let count: u64 = arguments.next().map_or(Ok(200), |a| a.parse())?;
-    let frames: usize = arguments.next().map_or(Ok(8), |a| a.parse())?;
-    let seed: u64 = arguments.next().map_or(Ok(7000), |a| a.parse())?;
-    let path = arguments
-        .next()
-        .unwrap_or("designs/dots20/pattern.csv".into());
-    let pattern = Pattern::read_csv(path.as_ref())?;
-    let config = EstimatorConfig::default();
-    let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
-    let outcomes: spindoe::Result<Vec<Option<Outcome>>> = (0..count)
-        .into_par_iter()
-        .map(|k| outcome(&pattern, &estimator, seed + k, frames))
-        .collect();
-    let outcomes: Vec<Outcome> = outcomes?.into_iter().flatten().collect();
-    let n = outcomes.len() as u64;
-    println!("{count} sequences of {frames} frames, seeds from {seed}, {path}");
-    println!("answered: {}", Proportion::new(n, count));
-    let median = |value: fn(&Outcome) -> f64| {
-        let mut values: Vec<f64> = outcomes.iter().map(value).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-    };
-    println!(
-        "medians: squared distance {:.2} (2.37 expected), error {:.2} rad/s, deviation {:.2} rad/s\n",
-        median(|o| o.distance2),
-        median(|o| o.error_rad_s),
-        median(|o| o.deviation_rad_s),
-    );
-    println!("| expected within | found within |\n|---|---|");
-    for (share, bound) in QUANTILES {
-        let inside = outcomes.iter().filter(|o| o.distance2 < bound).count() as u64;
-        println!("| {share} | {} |", Proportion::new(inside, n));
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Sequences.
+    #[arg(long, default_value_t = 200)]
+    sequences: u64,
+    /// Frames of a sequence.
+    #[arg(long, default_value_t = 8)]
+    frames: usize,
+    /// Seed of the sequences.
+    #[arg(long, default_value_t = 7000)]
+    seed: u64,
+    /// Pattern of the ball.
+    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    pattern: PathBuf,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let (count, frames, seed, path) = (self.sequences, self.frames, self.seed, &self.pattern);
+        let pattern = Pattern::read_csv(path)?;
+        let config = EstimatorConfig::default();
+        let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
+        let outcomes: spindoe::Result<Vec<Option<Outcome>>> = (0..count)
+            .into_par_iter()
+            .map(|k| outcome(&pattern, &estimator, seed + k, frames))
+            .collect();
+        let outcomes: Vec<Outcome> = outcomes?.into_iter().flatten().collect();
+        let n = outcomes.len() as u64;
+        println!(
+            "{count} sequences of {frames} frames, seeds from {seed}, {}",
+            path.display()
+        );
+        println!("answered: {}", Proportion::new(n, count));
+        let median = |value: fn(&Outcome) -> f64| {
+            let mut values: Vec<f64> = outcomes.iter().map(value).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+        };
+        println!(
+            "medians: squared distance {:.2} (2.37 expected), error {:.2} rad/s, deviation {:.2} rad/s\n",
+            median(|o| o.distance2),
+            median(|o| o.error_rad_s),
+            median(|o| o.deviation_rad_s),
+        );
+        println!("| expected within | found within |\n|---|---|");
+        for (share, bound) in QUANTILES {
+            let inside = outcomes.iter().filter(|o| o.distance2 < bound).count() as u64;
+            println!("| {share} | {} |", Proportion::new(inside, n));
+        }
+        Ok(())
     }
-    Ok(())
 }
