@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 PATTERN = "designs/dots20/pattern.csv"
-STUDIES = ["cargo", "run", "--release", "-p", "spindoe-studies", "--bin"]
+STUDIES = ["cargo", "run", "--release", "-p", "spindoe-studies", "--"]
 
 
 def run(*words):
@@ -67,11 +67,11 @@ def report(spindoe, aside):
 
 
 def objectives(_, __):
-    run(*STUDIES, "objective_study", "--", "docs", "300", "20000")
+    run(*STUDIES, "objectives", "--out", "docs", "--patterns", "300", "--trials", "20000")
 
 
 def recognizer(_, __):
-    run(*STUDIES, "recognizer_limits", "--", PATTERN, "docs/recognizer")
+    run(*STUDIES, "recognizer", "--pattern", PATTERN, "--out", "docs/recognizer")
 
 
 def search(spindoe, aside):

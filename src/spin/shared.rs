@@ -31,7 +31,7 @@ use crate::geometry::{CameraFrame, Rotation, Vec3};
 /// Frames that are looked at; longer sequences are sampled evenly, since the sum goes over pairs.
 const MAX_FRAMES: usize = 128;
 /// An orientation's shared error over that of a dot: some eight dots are seen, and the residuals of
-/// their fit are smaller than their errors. Measured on rendered sequences (`spin_coverage`).
+/// their fit are smaller than their errors. Measured on rendered sequences (`bench spin-coverage`).
 const SHARED: f64 = 0.5;
 /// Over this angle the dots in sight, and with them the shared error, change.
 const CORRELATION_RAD: f64 = 0.7;

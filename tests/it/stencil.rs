@@ -1,7 +1,7 @@
 //! The stencil on random patterns: closed halves with the right holes and volume, that open without
 //! touching; clear refusals; files that say what they hold.
 //!
-//! A thousand patterns go through other people's tools with `studies/src/bin/stencil_survey.rs` and
+//! A thousand patterns go through other people's tools with `bench stencils` and
 //! `tests/python/check_stencils.py`.
 
 use std::path::Path;

@@ -4,7 +4,7 @@
     check_stencils.py DIR [--slicer N] [--jobs N] [--json FILE]
 
 DIR holds folders with half_a.stl, half_b.stl, stencil.3mf, stencil.json and pattern.csv, as the program
-stencil_survey leaves them. Needs trimesh, manifold3d, embreex, lib3mf, lxml, networkx, numpy, scipy; admesh
+`bench stencils` leaves them. Needs trimesh, manifold3d, embreex, lib3mf, lxml, networkx, numpy, scipy; admesh
 and prusa-slicer where they are installed.
 
 For every stencil:

@@ -1,5 +1,5 @@
 //! The robust recognizer against its claims, on samples small enough to run every time. The figures
-//! with their intervals come from the example `recognizer_limits`.
+//! with their intervals come from `bench recognizer`.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
 //! Both spin estimators on simulated sequences: exactness, signs, rates against what the Cramér-Rao
-//! bound allows, stated uncertainties, refusals. A fast sample of what `examples/spin_targets.rs`
+//! bound allows, stated uncertainties, refusals. A fast sample of what `bench spin-rates`
 //! measures in full.
 
 use std::f64::consts::TAU;

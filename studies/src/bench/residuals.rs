@@ -1,7 +1,7 @@
 //! Are the named dots off by as much as their covariances state? Reduced chi-square of the dots about the
 //! estimated pose. The table of docs/measurements/detector.md comes from here.
 //!
-//!     cargo run --release -p spindoe-studies --bin residual_study -- [FRAMES] [SEED] [FOLDER PATTERN.csv]
+//!     cargo run --release -p spindoe-studies -- residuals --help
 //!
 //! Synthetic frames in good conditions at 60 pixels with dots drawn exactly, and off by 1 and 2 degrees; FOLDER holds
 //! frames of a real ball. Each frame alone. With the offset `e` of a named dot in the image, the detector's
@@ -10,7 +10,7 @@
 //! three. The outline's and the camera's corrections, which have priors of their own, are not counted.
 
 use std::error::Error;
-use std::path::Path;
+use std::path::PathBuf;
 
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
@@ -84,51 +84,77 @@ fn estimator(
     Ok(Estimator::new(pattern, config, DetectorName::Cnn.build()?)?)
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let frames: usize = arguments.first().map_or(Ok(1000), |a| a.parse())?;
-    let seed: u64 = arguments.get(1).map_or(Ok(13_600_001), |a| a.parse())?;
-    let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
-    println!("{frames} frames a line, seed {seed}\n");
-    println!(
-        "| frames | placement stated, deg | with a pose | reduced chi-square | of the median frame |"
-    );
-    println!("|---|---|---|---|---|");
-    for drawn_deg in [0.0, 1.0, 2.0f64] {
-        let config = SynthConfig {
-            placement_sigma_rad: [drawn_deg.to_radians(); 2],
-            ..SynthConfig::good()
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Frames of a line.
+    #[arg(long, default_value_t = 1000)]
+    frames: usize,
+    /// Seed of the frames.
+    #[arg(long, default_value_t = 13_600_001)]
+    seed: u64,
+    /// Folder of frames of a real ball.
+    #[arg(long, requires = "real_pattern")]
+    folder: Option<PathBuf>,
+    /// Pattern of the ball in the folder.
+    #[arg(long, requires = "folder")]
+    real_pattern: Option<PathBuf>,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let Args { frames, seed, .. } = *self;
+        let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
+        println!("{frames} frames a line, seed {seed}\n");
+        println!(
+            "| frames | placement stated, deg | with a pose | reduced chi-square | of the median frame |"
+        );
+        println!("|---|---|---|---|---|");
+        for drawn_deg in [0.0, 1.0, 2.0f64] {
+            let config = SynthConfig {
+                placement_sigma_rad: [drawn_deg.to_radians(); 2],
+                ..SynthConfig::good()
+            };
+            for sigma_deg in STATED_DEG {
+                let estimator = estimator(&pattern, sigma_deg)?;
+                let found: Result<Vec<Option<[f64; 2]>>, spindoe::Error> = (0..frames)
+                    .into_par_iter()
+                    .map(|k| {
+                        let frame = independent_frame(&pattern, &config, seed, k)?;
+                        Ok(squares(&estimator, &frame.image, sigma_deg.to_radians()))
+                    })
+                    .collect();
+                let found: Vec<[f64; 2]> = found?.into_iter().flatten().collect();
+                line(
+                    &format!("drawn to {drawn_deg} deg"),
+                    sigma_deg,
+                    &found,
+                    frames,
+                );
+            }
+        }
+        let [Some(folder), Some(pattern)] = [&self.folder, &self.real_pattern] else {
+            return Ok(());
         };
+        let pattern = Pattern::read_csv(pattern)?;
+        let images = pictures(folder)?;
         for sigma_deg in STATED_DEG {
             let estimator = estimator(&pattern, sigma_deg)?;
-            let found: Result<Vec<Option<[f64; 2]>>, spindoe::Error> = (0..frames)
-                .into_par_iter()
-                .map(|k| {
-                    let frame = independent_frame(&pattern, &config, seed, k)?;
-                    Ok(squares(&estimator, &frame.image, sigma_deg.to_radians()))
-                })
+            let found = images.iter();
+            let found: Vec<[f64; 2]> = found
+                .filter_map(|image| squares(&estimator, image, sigma_deg.to_radians()))
                 .collect();
-            let found: Vec<[f64; 2]> = found?.into_iter().flatten().collect();
             line(
-                &format!("drawn to {drawn_deg} deg"),
+                &folder.display().to_string(),
                 sigma_deg,
                 &found,
-                frames,
+                images.len(),
             );
         }
+        Ok(())
     }
-    let [Some(folder), Some(pattern)] = [arguments.get(2), arguments.get(3)] else {
-        return Ok(());
-    };
-    let pattern = Pattern::read_csv(pattern.as_ref())?;
-    let images = pictures(Path::new(folder))?;
-    for sigma_deg in STATED_DEG {
-        let estimator = estimator(&pattern, sigma_deg)?;
-        let found = images.iter();
-        let found: Vec<[f64; 2]> = found
-            .filter_map(|image| squares(&estimator, image, sigma_deg.to_radians()))
-            .collect();
-        line(folder, sigma_deg, &found, images.len());
-    }
-    Ok(())
 }

@@ -1,7 +1,7 @@
 //! The study that selected the default objective: how well does each objective predict the measured
 //! failure rate?
 //!
-//! `cargo run --release -p spindoe-studies --bin objective_study -- [OUT_DIR] [PATTERNS] [TRIALS]`
+//!     cargo run --release -p spindoe-studies -- objectives --help
 //!
 //! Patterns of 20 dots in three groups: random ones; random ones after a few descent steps on an
 //! objective that takes turns (good patterns are what a search must distinguish); and, among the
@@ -15,6 +15,7 @@ use std::path::PathBuf;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spindoe::Result;
 use spindoe::ball::Ball;
 use spindoe::design::descent::descend;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
@@ -23,7 +24,6 @@ use spindoe::plot::{LinePlot, LineSeries, scatter_plot};
 use spindoe::recognize::RecognizerName;
 use spindoe::validate::ValidationConfig;
 use spindoe::view::{Protocol, ProtocolName};
-use spindoe::{Error, Result};
 use spindoe_studies::ranks::spearman;
 
 /// Seeds: of the patterns, and of the trials. Neither is used by any design.
@@ -98,55 +98,70 @@ fn report(name: &str, rows: &[&Row]) {
     }
 }
 
-fn main() -> Result<()> {
-    let mut arguments = std::env::args().skip(1);
-    let dir = PathBuf::from(arguments.next().unwrap_or("docs".into()));
-    let mut number = |name: &'static str, default: usize| -> Result<usize> {
-        arguments.next().map_or(Ok(default), |text| {
-            text.parse()
-                .map_err(|_| Error::argument(name, format!("expected a number, found \"{text}\"")))
-        })
-    };
-    let (count, trials) = (number("PATTERNS", 300)?, number("TRIALS", 20_000)?);
-    let rows: Result<Vec<Row>> = (0..count)
-        .into_par_iter()
-        .map(|index| row(index, trials as u64))
-        .collect();
-    let rows = rows?;
-    println!("{count} patterns (seed {PATTERN_SEED}), {trials} trials each (seed {TRIAL_SEED})");
-    let of =
-        |keep: &dyn Fn(&Row) -> bool| -> Vec<&Row> { rows.iter().filter(|r| keep(r)).collect() };
-    report("all", &of(&|_| true));
-    report("random", &of(&|r| !r.descended));
-    let descended = of(&|r| r.descended);
-    report("descended", &descended);
-    let mut failures: Vec<f64> = descended.iter().map(|r| r.failures).collect();
-    let median = spindoe::stats::median(&mut failures);
-    report(
-        "descended, better half",
-        &of(&|r| r.descended && r.failures < median),
-    );
-    for (k, value) in NAMES.iter().enumerate() {
-        let series =
-            [("random", false), ("after some descent", true)].map(|(name, kind)| LineSeries {
-                name: name.into(),
-                points: rows
-                    .iter()
-                    .filter(|r| r.descended == kind)
-                    .map(|r| (r.values[k], 100.0 * r.failures))
-                    .collect(),
-            });
-        let path = dir.join(format!("objective_{}.png", value.replace(' ', "_")));
-        scatter_plot(
-            &path,
-            &LinePlot {
-                title: format!("Does {value} predict failures? {count} patterns of 20 dots"),
-                x_label: (*value).into(),
-                y_label: format!("failures, sparse protocol, of {trials} [%]"),
-                log_y: false,
-                series: series.to_vec(),
-            },
-        )?;
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder of the plots.
+    #[arg(long, default_value = "docs")]
+    out: PathBuf,
+    /// Patterns.
+    #[arg(long, default_value_t = 300)]
+    patterns: usize,
+    /// Trials of a pattern.
+    #[arg(long, default_value_t = 20_000)]
+    trials: usize,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<()> {
+        let (dir, count, trials) = (&self.out, self.patterns, self.trials);
+        let rows: Result<Vec<Row>> = (0..count)
+            .into_par_iter()
+            .map(|index| row(index, trials as u64))
+            .collect();
+        let rows = rows?;
+        println!(
+            "{count} patterns (seed {PATTERN_SEED}), {trials} trials each (seed {TRIAL_SEED})"
+        );
+        let of = |keep: &dyn Fn(&Row) -> bool| -> Vec<&Row> {
+            rows.iter().filter(|r| keep(r)).collect()
+        };
+        report("all", &of(&|_| true));
+        report("random", &of(&|r| !r.descended));
+        let descended = of(&|r| r.descended);
+        report("descended", &descended);
+        let mut failures: Vec<f64> = descended.iter().map(|r| r.failures).collect();
+        let median = spindoe::stats::median(&mut failures);
+        report(
+            "descended, better half",
+            &of(&|r| r.descended && r.failures < median),
+        );
+        for (k, value) in NAMES.iter().enumerate() {
+            let series =
+                [("random", false), ("after some descent", true)].map(|(name, kind)| LineSeries {
+                    name: name.into(),
+                    points: rows
+                        .iter()
+                        .filter(|r| r.descended == kind)
+                        .map(|r| (r.values[k], 100.0 * r.failures))
+                        .collect(),
+                });
+            let path = dir.join(format!("objective_{}.png", value.replace(' ', "_")));
+            scatter_plot(
+                &path,
+                &LinePlot {
+                    title: format!("Does {value} predict failures? {count} patterns of 20 dots"),
+                    x_label: (*value).into(),
+                    y_label: format!("failures, sparse protocol, of {trials} [%]"),
+                    log_y: false,
+                    series: series.to_vec(),
+                },
+            )?;
+        }
+        Ok(())
     }
-    Ok(())
 }

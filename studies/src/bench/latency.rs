@@ -7,7 +7,7 @@
 //! the wall, which needs an idle machine, and by that of the thread's own work. An answer is correct
 //! within 20 degrees. With `--list`, every frame is written on standard error.
 //!
-//!     cargo run --release -p spindoe-studies --bin live_latency -- [FRAMES] [SEED] [--threads N] [--disc] [--list]
+//!     cargo run --release -p spindoe-studies -- latency --help
 
 use std::error::Error;
 use std::sync::Arc;
@@ -228,56 +228,71 @@ fn row(name: &str, samples: &[Sample]) {
     println!("| {correct} | {wrong} |");
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let (mut numbers, mut threads) = (Vec::new(), 1);
-    let (mut disc, mut list) = (false, false);
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        match argument.as_str() {
-            "--threads" => {
-                threads = arguments
-                    .next()
-                    .ok_or("--threads needs a number")?
-                    .parse()?
-            }
-            "--disc" => disc = true,
-            "--list" => list = true,
-            number => numbers.push(number.parse::<u64>()?),
-        }
-    }
-    let count = numbers.first().copied().unwrap_or(100) as usize;
-    let seed = numbers.get(1).copied().unwrap_or(1);
-    let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
-    let clips: Vec<Clip> = (0..threads)
-        .map(|k| clip(&pattern, seed + 1000 * k, count, disc))
-        .collect::<spindoe::Result<_>>()?;
-    println!(
-        "| frames | number | p50, ms | p99, ms | p50, ms of CPU | p99, ms of CPU | correct | wrong |"
-    );
-    println!("|---|---|---|---|---|---|---|---|");
-    let results = std::thread::scope(|scope| {
-        let followed = clips
-            .iter()
-            .map(|clip| scope.spawn(|| follow(&pattern, clip, list)));
-        let followed: Vec<_> = followed.collect();
-        let joined = followed.into_iter().map(|f| f.join());
-        joined
-            .map(|f| f.map_err(|_| spindoe::Error::Internal("a thread failed".into()))?)
-            .collect::<spindoe::Result<Vec<_>>>()
-    })?;
-    let all =
-        |kind: usize| -> Vec<Sample> { results.iter().flat_map(|r| r[kind].clone()).collect() };
-    row("tracked, 1280 x 1024", &all(0));
-    row("acquired, 1280 x 1024", &all(1));
-    row("searched thoroughly, 1280 x 1024", &all(2));
-    if threads == 1 && !disc {
-        let (samples, mut stages) = crops(&pattern, seed)?;
-        row("crop of 60 px", &samples);
-        let medians = [0, 1, 2].map(|k| quantile(&mut stages[k], 0.5));
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Frames of a clip.
+    #[arg(long, default_value_t = 100)]
+    frames: usize,
+    /// Seed of the first clip.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Threads, each with a camera of its own.
+    #[arg(long, default_value_t = 1)]
+    threads: u64,
+    /// A white disc stands still in every clip.
+    #[arg(long)]
+    disc: bool,
+    /// Write every frame on standard error.
+    #[arg(long)]
+    list: bool,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let Args {
+            frames: count,
+            seed,
+            threads,
+            disc,
+            list,
+        } = *self;
+        let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
+        let clips: Vec<Clip> = (0..threads)
+            .map(|k| clip(&pattern, seed + 1000 * k, count, disc))
+            .collect::<spindoe::Result<_>>()?;
         println!(
-            "\nCrops, medians: outline {:.2} ms, dots {:.2} ms, identification {:.2} ms.",
-            medians[0], medians[1], medians[2]
+            "| frames | number | p50, ms | p99, ms | p50, ms of CPU | p99, ms of CPU | correct | wrong |"
         );
+        println!("|---|---|---|---|---|---|---|---|");
+        let results = std::thread::scope(|scope| {
+            let followed = clips
+                .iter()
+                .map(|clip| scope.spawn(|| follow(&pattern, clip, list)));
+            let followed: Vec<_> = followed.collect();
+            let joined = followed.into_iter().map(|f| f.join());
+            joined
+                .map(|f| f.map_err(|_| spindoe::Error::Internal("a thread failed".into()))?)
+                .collect::<spindoe::Result<Vec<_>>>()
+        })?;
+        let all =
+            |kind: usize| -> Vec<Sample> { results.iter().flat_map(|r| r[kind].clone()).collect() };
+        row("tracked, 1280 x 1024", &all(0));
+        row("acquired, 1280 x 1024", &all(1));
+        row("searched thoroughly, 1280 x 1024", &all(2));
+        if threads == 1 && !disc {
+            let (samples, mut stages) = crops(&pattern, seed)?;
+            row("crop of 60 px", &samples);
+            let medians = [0, 1, 2].map(|k| quantile(&mut stages[k], 0.5));
+            println!(
+                "\nCrops, medians: outline {:.2} ms, dots {:.2} ms, identification {:.2} ms.",
+                medians[0], medians[1], medians[2]
+            );
+        }
+        Ok(())
     }
-    Ok(())
 }

@@ -2,7 +2,7 @@
 //! from clips alone, on exact detections with Gaussian errors. The tables of docs/measurements/calibrate.md
 //! come from here.
 //!
-//!     cargo run --release -p spindoe-studies --bin calibration_bound -- [BALLS] [SEED] [FRAMES] [REPEATS]
+//!     cargo run --release -p spindoe-studies -- calibration-bound --help
 //!
 //! A ball of 30 px radius 12 radii away; detections off by 0.3 px per axis, outlines by 0.2 px; 8 % of the
 //! dots are missed. The bound is that of the dots with orientations and outlines unknown (the outlines with
@@ -200,44 +200,67 @@ struct Sums {
     dots: usize,
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let number = |k: usize, default: u64| -> Result<u64, Box<dyn Error>> {
-        Ok(arguments.get(k).map_or(Ok(default), |a| a.parse())?)
-    };
-    let (balls, seed) = (number(0, 100)?, number(1, 20_261_122)?);
-    let (frames, repeats) = (number(2, 120)? as usize, number(3, 100)?);
-    let text = include_bytes!("../../../designs/dots20/pattern.csv");
-    let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
-    println!("{balls} balls, {frames} frames, seed {seed}");
-    for knowledge in [Knowledge::Camera, Knowledge::Motion] {
-        let each: Result<Vec<Option<Sums>>, String> = (0..balls)
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Balls.
+    #[arg(long, default_value_t = 100)]
+    balls: u64,
+    /// Seed of the balls.
+    #[arg(long, default_value_t = 20_261_122)]
+    seed: u64,
+    /// Frames of a clip.
+    #[arg(long, default_value_t = 120)]
+    frames: usize,
+    /// Repeats of the noise on one ball and one motion.
+    #[arg(long, default_value_t = 100)]
+    repeats: u64,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let Args {
+            balls,
+            seed,
+            frames,
+            repeats,
+        } = *self;
+        let text = include_bytes!("../../../designs/dots20/pattern.csv");
+        let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
+        println!("{balls} balls, {frames} frames, seed {seed}");
+        for knowledge in [Knowledge::Camera, Knowledge::Motion] {
+            let each: Result<Vec<Option<Sums>>, String> = (0..balls)
+                .into_par_iter()
+                .map(|k| {
+                    let found = judge(&nominal, seed, k, k, frames, knowledge);
+                    found.map(|f| f.map(|f| f.0)).map_err(|e| e.to_string())
+                })
+                .collect();
+            let each: Vec<Sums> = each?.into_iter().flatten().collect();
+            report(knowledge, &each);
+            println!(
+                "  left out, a dot at the limb only: {} balls",
+                balls as usize - each.len()
+            );
+            scatter(&nominal, seed, repeats, frames, knowledge)?;
+        }
+        let built: Result<Vec<(bool, f64)>, String> = (0..balls.min(20))
             .into_par_iter()
-            .map(|k| {
-                let found = judge(&nominal, seed, k, k, frames, knowledge);
-                found.map(|f| f.map(|f| f.0)).map_err(|e| e.to_string())
-            })
+            .map(|k| build(seed, k, frames.max(160)).map_err(|e| e.to_string()))
             .collect();
-        let each: Vec<Sums> = each?.into_iter().flatten().collect();
-        report(knowledge, &each);
+        let built = built?;
+        let good = built.iter().filter(|b| b.0).count() as u64;
         println!(
-            "  left out, a dot at the limb only: {} balls",
-            balls as usize - each.len()
+            "\nunknown patterns recovered, each dot within 1 deg: {}; worst dot {:.2} deg",
+            Proportion::new(good, built.len() as u64),
+            built.iter().map(|b| b.1).fold(0.0, f64::max)
         );
-        scatter(&nominal, seed, repeats, frames, knowledge)?;
+        Ok(())
     }
-    let built: Result<Vec<(bool, f64)>, String> = (0..balls.min(20))
-        .into_par_iter()
-        .map(|k| build(seed, k, frames.max(160)).map_err(|e| e.to_string()))
-        .collect();
-    let built = built?;
-    let good = built.iter().filter(|b| b.0).count() as u64;
-    println!(
-        "\nunknown patterns recovered, each dot within 1 deg: {}; worst dot {:.2} deg",
-        Proportion::new(good, built.len() as u64),
-        built.iter().map(|b| b.1).fold(0.0, f64::max)
-    );
-    Ok(())
 }
 
 fn report(knowledge: Knowledge, each: &[Sums]) {

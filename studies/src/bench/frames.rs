@@ -1,13 +1,14 @@
 //! Accuracy of the estimator on synthetic frames: dots found and false, orientations correct, wrong
 //! and rejected, errors, confidences, latencies; both detectors, by size and by blur. The tables of
-//! docs/detector.md come from here.
+//! docs/measurements/detector.md come from here.
 //!
-//!     cargo run --release -p spindoe-studies --bin estimator_study -- [FRAMES] [SEED] [PATTERN.csv]
+//!     cargo run --release -p spindoe-studies -- frames --help
 //!
 //! The frames' seed is used by no training; the pattern occurs in no training.
 
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::path::PathBuf;
 
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
@@ -44,34 +45,49 @@ struct Outcome {
     timings: Timings,
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let count: usize = arguments.next().map_or(Ok(5000), |a| a.parse())?;
-    let seed: u64 = arguments.next().map_or(Ok(20_261_121), |a| a.parse())?;
-    let path = arguments
-        .next()
-        .unwrap_or("designs/dots20/pattern.csv".into());
-    let pattern = Pattern::read_csv(path.as_ref())?;
-    println!("{count} frames, seed {seed}, {path}\n");
-    for (name, config) in [
-        ("all conditions", SynthConfig::default()),
-        ("good conditions at 60 px", SynthConfig::good()),
-    ] {
-        println!("# {name}\n");
-        let mut outcomes: Vec<Vec<Outcome>> = vec![Vec::new(); DetectorName::ALL.len()];
-        for start in (0..count).step_by(AT_ONCE) {
-            let some = AT_ONCE.min(count - start);
-            let frames = frames(&pattern, &config, seed + start as u64, some)?;
-            for (outcomes, detector) in outcomes.iter_mut().zip(DetectorName::ALL) {
-                outcomes.extend(run(&pattern, detector, &frames)?);
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Frames of each of the two sets.
+    #[arg(long, default_value_t = 5000)]
+    frames: usize,
+    /// Seed of the frames, none of which training uses.
+    #[arg(long, default_value_t = 20_261_121)]
+    seed: u64,
+    /// Pattern of the ball.
+    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    pattern: PathBuf,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let (count, seed, path) = (self.frames, self.seed, &self.pattern);
+        let pattern = Pattern::read_csv(path)?;
+        println!("{count} frames, seed {seed}, {}\n", path.display());
+        for (name, config) in [
+            ("all conditions", SynthConfig::default()),
+            ("good conditions at 60 px", SynthConfig::good()),
+        ] {
+            println!("# {name}\n");
+            let mut outcomes: Vec<Vec<Outcome>> = vec![Vec::new(); DetectorName::ALL.len()];
+            for start in (0..count).step_by(AT_ONCE) {
+                let some = AT_ONCE.min(count - start);
+                let frames = frames(&pattern, &config, seed + start as u64, some)?;
+                for (outcomes, detector) in outcomes.iter_mut().zip(DetectorName::ALL) {
+                    outcomes.extend(run(&pattern, detector, &frames)?);
+                }
+            }
+            for (outcomes, detector) in outcomes.iter().zip(DetectorName::ALL) {
+                println!("## {detector}\n");
+                tables(outcomes);
             }
         }
-        for (outcomes, detector) in outcomes.iter().zip(DetectorName::ALL) {
-            println!("## {detector}\n");
-            tables(outcomes);
-        }
+        Ok(())
     }
-    Ok(())
 }
 
 fn run(

@@ -12,7 +12,7 @@ use spindoe::stats::median;
 use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, Trials, Validation};
 use spindoe::view::{Detection, DotUncertainty, ObservedDot, ProtocolName, Trial, ViewModel};
 
-use crate::{Bench, SEED, doubting};
+use super::{Bench, SEED, doubting};
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
     uncertainty(bench)?;

@@ -1,6 +1,7 @@
 //! Measures both spin estimators on simulated sequences and prints their rates and errors with
-//! intervals: `cargo run --release -p spindoe-studies --bin spin_targets [SEQUENCES [SEED]]` (10
-//! 000 and 1 by default).
+//! intervals.
+//!
+//!     cargo run --release -p spindoe-studies -- spin-rates --help
 //!
 //! Rates have Wilson's 95 % interval, other values 1.96 standard errors of their mean.
 
@@ -56,28 +57,34 @@ struct Outcome {
     allowed: f64,
 }
 
-fn main() {
-    let mut arguments = std::env::args().skip(1);
-    let mut number = |default: u64| {
-        let text = arguments.next();
-        text.map_or(Some(default), |t| t.parse().ok())
-    };
-    let (Some(sequences), Some(seed)) = (number(10_000), number(1)) else {
-        eprintln!("usage: spin_targets [SEQUENCES [SEED]]");
-        std::process::exit(2);
-    };
-    println!("{sequences} sequences a line, seed {seed}; vector or magnitude within 20 %");
-    for line in lines() {
-        let outcomes = measure(&line, seed, sequences);
-        print(&line, &outcomes);
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Sequences of a line.
+    #[arg(long, default_value_t = 10_000)]
+    sequences: u64,
+    /// Seed of the sequences.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+impl Args {
+    /// Measures and prints.
+    pub fn run(&self) {
+        let Args { sequences, seed } = *self;
+        println!("{sequences} sequences a line, seed {seed}; vector or magnitude within 20 %");
+        for line in lines() {
+            let outcomes = measure(&line, seed, sequences);
+            print(&line, &outcomes);
+        }
+        for jitter in [0.0, 0.05, 0.1, 0.2] {
+            measure_aliases(jitter, seed, sequences);
+        }
+        for frames in [3, 4, 5, 7, 10, 20, 50] {
+            measure_strays(frames, seed, sequences);
+        }
+        time(seed);
     }
-    for jitter in [0.0, 0.05, 0.1, 0.2] {
-        measure_aliases(jitter, seed, sequences);
-    }
-    for frames in [3, 4, 5, 7, 10, 20, 50] {
-        measure_strays(frames, seed, sequences);
-    }
-    time(seed);
 }
 
 fn lines() -> Vec<Line> {

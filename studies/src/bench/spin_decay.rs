@@ -5,7 +5,7 @@
 //! interval, a constant spin with an undetermined decay, and no answer. Coverage is the share of
 //! all intervals that contain the true decay.
 //!
-//!     cargo run --release -p spindoe-studies --bin decay_coverage [TRIALS] [SEED]
+//!     cargo run --release -p spindoe-studies -- spin-decay --help
 
 use rayon::prelude::*;
 use spindoe::spin::SpinRejection;
@@ -77,41 +77,50 @@ fn half_width_text(half_width: f64, intervals: usize) -> String {
     }
 }
 
-fn main() {
-    let mut arguments = std::env::args().skip(1);
-    let mut number = |default| arguments.next().map_or(Ok(default), |a| a.parse::<u64>());
-    let (Ok(trials), Ok(seed)) = (number(1000), number(1)) else {
-        eprintln!("usage: decay_coverage [TRIALS] [SEED], expected whole numbers");
-        std::process::exit(2);
-    };
-    println!("{trials} sequences a line, seed {seed}; percent with Wilson 95 % intervals\n");
-    println!(
-        "| decay, 1/s | spin, rps | interval holds the truth | half width, 1/s | decay found | left open | rejected |"
-    );
-    println!("|---|---|---|---|---|---|---|");
-    let mut line = 0;
-    for decay_per_s in DECAYS_PER_S {
-        let scenario = Scenario {
-            frames: FRAMES,
-            decay_per_s,
-            ..Scenario::default()
-        };
-        for rps in SPINS_RPS {
-            let answers = answers(&scenario, rps, (seed, line), trials);
-            line += 1;
-            println!("| {decay_per_s} | {rps} | {} |", row(decay_per_s, &answers));
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Sequences of a line.
+    #[arg(long, default_value_t = 1000)]
+    trials: u64,
+    /// Seed of the sequences.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+impl Args {
+    /// Measures and prints.
+    pub fn run(&self) {
+        let Args { trials, seed } = *self;
+        println!("{trials} sequences a line, seed {seed}; percent with Wilson 95 % intervals\n");
+        println!(
+            "| decay, 1/s | spin, rps | interval holds the truth | half width, 1/s | decay found | left open | rejected |"
+        );
+        println!("|---|---|---|---|---|---|---|");
+        let mut line = 0;
+        for decay_per_s in DECAYS_PER_S {
+            let scenario = Scenario {
+                frames: FRAMES,
+                decay_per_s,
+                ..Scenario::default()
+            };
+            for rps in SPINS_RPS {
+                let answers = answers(&scenario, rps, (seed, line), trials);
+                line += 1;
+                println!("| {decay_per_s} | {rps} | {} |", row(decay_per_s, &answers));
+            }
         }
-    }
-    println!("\nOnly outliers:\n\n| frames | answered |\n|---|---|");
-    for frames in [10, 20, 30, 60, 120] {
-        let scenario = Scenario {
-            frames,
-            outliers: 1.0,
-            ..Scenario::default()
-        };
-        let answers = answers(&scenario, 80.0, (seed, line), trials);
-        line += 1;
-        let answered = answers.iter().flatten().count();
-        println!("| {frames} | {} |", percent(answered, answers.len()));
+        println!("\nOnly outliers:\n\n| frames | answered |\n|---|---|");
+        for frames in [10, 20, 30, 60, 120] {
+            let scenario = Scenario {
+                frames,
+                outliers: 1.0,
+                ..Scenario::default()
+            };
+            let answers = answers(&scenario, 80.0, (seed, line), trials);
+            line += 1;
+            let answered = answers.iter().flatten().count();
+            println!("| {frames} | {} |", percent(answered, answers.len()));
+        }
     }
 }

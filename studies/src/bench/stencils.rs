@@ -1,12 +1,12 @@
 //! Stencils of many random patterns, for `tests/python/check_stencils.py` to examine.
 //!
-//! `stencil_survey COUNT DIR [FIRST_SEED]` writes
+//!     cargo run --release -p spindoe-studies -- stencils --help
 //! `DIR/SEED/{half_a.stl,half_b.stl,stencil.3mf,stencil.json,pattern.csv}` for each pattern that
 //! is not rejected, with `pin.stl` where its hinge has a printed pin, pattern and settings in
 //! `DIR/failed-SEED` where the stencil fails, and one line of `DIR/survey.csv` for every pattern.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::PathBuf;
 
 use rand::{Rng, RngExt, SeedableRng};
 use spindoe::geometry::{Vec3, angle_between, random_direction};
@@ -72,63 +72,70 @@ fn random_config(rng: &mut impl Rng) -> StencilConfig {
     }
 }
 
-fn main() -> Result<()> {
-    let args: Vec<String> = std::env::args().skip(1).collect();
-    let usage = || Error::argument("arguments", "expected COUNT DIR [FIRST_SEED]");
-    let (Some(count), Some(dir)) = (
-        args.first().and_then(|a| a.parse::<u64>().ok()),
-        args.get(1),
-    ) else {
-        return Err(usage());
-    };
-    let first: u64 = match args.get(2) {
-        Some(text) => text.parse().map_err(|_| usage())?,
-        None => 0,
-    };
-    let dir = Path::new(dir);
-    spindoe::files::create_dir(dir)?;
-    let mut table =
-        String::from("seed,dots,tries,ball_mm,hole_mm,screw_mm,seconds,outcome,detail\n");
-    for seed in first..first + count {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-        let dots = rng.random_range(4..=40);
-        let tries = [1, 10, 100][rng.random_range(0..3)];
-        let pattern = random_pattern(dots, tries, &mut rng)?;
-        let config = random_config(&mut rng);
-        let zones = random_zones(&pattern, &mut rng);
-        let pattern = pattern.with_keep_out(zones)?;
-        let start = std::time::Instant::now();
-        let built = Stencil::build(&pattern, &config);
-        let seconds = start.elapsed().as_secs_f64();
-        let (outcome, detail) = match &built {
-            Ok(stencil) => {
-                let dir = dir.join(seed.to_string());
-                stencil.write(&dir)?;
-                pattern.write_csv(&dir.join("pattern.csv"))?;
-                ("built".to_owned(), String::new())
-            }
-            Err(Error::Argument {
-                parameter: name,
-                problem,
-            }) => (format!("refused: {name}"), problem.clone()),
-            Err(e) => {
-                // What it takes to repeat it.
-                let dir = dir.join(format!("failed-{seed}"));
-                spindoe::files::create_dir(&dir)?;
-                pattern.write_csv(&dir.join("pattern.csv"))?;
-                let config = format!("{config:#?}\n");
-                spindoe::files::write_bytes(&dir.join("config.txt"), config.as_bytes())?;
-                ("failed".to_owned(), e.to_string())
-            }
-        };
-        let (ball, hole) = (config.ball_diameter_mm, config.hole_diameter_mm);
-        let screw = config.screw_diameter_mm;
-        let detail = detail.replace(',', ";");
-        // Writing to a String cannot fail.
-        let _ = writeln!(
-            table,
-            "{seed},{dots},{tries},{ball:.2},{hole:.2},{screw},{seconds:.2},{outcome},{detail}"
-        );
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Patterns.
+    count: u64,
+    /// Folder that is written.
+    dir: PathBuf,
+    /// Seed of the first pattern.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<()> {
+        let (count, first) = (self.count, self.seed);
+        let dir = self.dir.as_path();
+        spindoe::files::create_dir(dir)?;
+        let mut table =
+            String::from("seed,dots,tries,ball_mm,hole_mm,screw_mm,seconds,outcome,detail\n");
+        for seed in first..first + count {
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+            let dots = rng.random_range(4..=40);
+            let tries = [1, 10, 100][rng.random_range(0..3)];
+            let pattern = random_pattern(dots, tries, &mut rng)?;
+            let config = random_config(&mut rng);
+            let zones = random_zones(&pattern, &mut rng);
+            let pattern = pattern.with_keep_out(zones)?;
+            let start = std::time::Instant::now();
+            let built = Stencil::build(&pattern, &config);
+            let seconds = start.elapsed().as_secs_f64();
+            let (outcome, detail) = match &built {
+                Ok(stencil) => {
+                    let dir = dir.join(seed.to_string());
+                    stencil.write(&dir)?;
+                    pattern.write_csv(&dir.join("pattern.csv"))?;
+                    ("built".to_owned(), String::new())
+                }
+                Err(Error::Argument {
+                    parameter: name,
+                    problem,
+                }) => (format!("refused: {name}"), problem.clone()),
+                Err(e) => {
+                    // What it takes to repeat it.
+                    let dir = dir.join(format!("failed-{seed}"));
+                    spindoe::files::create_dir(&dir)?;
+                    pattern.write_csv(&dir.join("pattern.csv"))?;
+                    let config = format!("{config:#?}\n");
+                    spindoe::files::write_bytes(&dir.join("config.txt"), config.as_bytes())?;
+                    ("failed".to_owned(), e.to_string())
+                }
+            };
+            let (ball, hole) = (config.ball_diameter_mm, config.hole_diameter_mm);
+            let screw = config.screw_diameter_mm;
+            let detail = detail.replace(',', ";");
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                table,
+                "{seed},{dots},{tries},{ball:.2},{hole:.2},{screw},{seconds:.2},{outcome},{detail}"
+            );
+        }
+        spindoe::files::write_bytes(&dir.join("survey.csv"), table.as_bytes())
     }
-    spindoe::files::write_bytes(&dir.join("survey.csv"), table.as_bytes())
 }

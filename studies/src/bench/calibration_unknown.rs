@@ -1,8 +1,8 @@
 //! Patterns built from rendered clips alone. The table of docs/measurements/calibrate.md comes from here.
 //!
-//!     cargo run --release -p spindoe-studies --bin calibration_unknown -- [BALLS] [SEED] [PX] [FRAMES] [PLAIN]
+//!     cargo run --release -p spindoe-studies -- calibration-unknown --help
 //!
-//! A ball has 12 to 24 dots at random, at least 0.35 rad apart, and turns as in `calibration_study`.
+//! A ball has 12 to 24 dots at random, at least 0.35 rad apart, and turns as in `bench calibration`.
 //! With PLAIN = 1 there is nothing else on it; otherwise logos, seams and stains as in `SynthConfig::good`,
 //! which nothing tells from dots but their looks.
 
@@ -46,51 +46,72 @@ enum Built {
     },
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let number = |k: usize, default: f64| -> Result<f64, Box<dyn Error>> {
-        Ok(arguments.get(k).map_or(Ok(default), |a| a.parse())?)
-    };
-    let (balls, seed) = (number(0, 20.0)? as u64, number(1, 17.0)? as u64);
-    let (px, frames) = (number(2, 60.0)?, number(3, 160.0)? as usize);
-    let looks = match number(4, 0.0)? as u64 {
-        0 => SynthConfig::good(),
-        _ => SynthConfig {
-            logo_probability: 0.0,
-            seam_probability: 0.0,
-            stains: false,
-            ..SynthConfig::good()
-        },
-    };
-    let built: Result<Vec<Built>, String> = (0..balls)
-        .into_par_iter()
-        .map(|k| one(&looks, seed, k, px, frames).map_err(|e| e.to_string()))
-        .collect();
-    let mut good = 0;
-    for (k, built) in built?.iter().enumerate() {
-        match built {
-            Built::Rejected(why) => println!("ball {k}: rejected: {why}"),
-            Built::Pattern {
-                dots,
-                hidden,
-                missed,
-                invented,
-                worst_deg,
-            } => {
-                let whole = *missed == 0 && *invented == 0 && *worst_deg < 1.0;
-                good += u64::from(whole);
-                println!(
-                    "ball {k}: {dots} dots, {hidden} of them hidden by print, {missed} others missed, {invented} \
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Balls.
+    #[arg(long, default_value_t = 20)]
+    balls: u64,
+    /// Seed of the balls.
+    #[arg(long, default_value_t = 17)]
+    seed: u64,
+    /// Radius of the ball, pixels.
+    #[arg(long, default_value_t = 60.0)]
+    px: f64,
+    /// Frames of a clip.
+    #[arg(long, default_value_t = 160)]
+    frames: usize,
+    /// Nothing but dots on the balls.
+    #[arg(long)]
+    plain: bool,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let (balls, seed, px, frames) = (self.balls, self.seed, self.px, self.frames);
+        let looks = match self.plain {
+            false => SynthConfig::good(),
+            true => SynthConfig {
+                logo_probability: 0.0,
+                seam_probability: 0.0,
+                stains: false,
+                ..SynthConfig::good()
+            },
+        };
+        let built: Result<Vec<Built>, String> = (0..balls)
+            .into_par_iter()
+            .map(|k| one(&looks, seed, k, px, frames).map_err(|e| e.to_string()))
+            .collect();
+        let mut good = 0;
+        for (k, built) in built?.iter().enumerate() {
+            match built {
+                Built::Rejected(why) => println!("ball {k}: rejected: {why}"),
+                Built::Pattern {
+                    dots,
+                    hidden,
+                    missed,
+                    invented,
+                    worst_deg,
+                } => {
+                    let whole = *missed == 0 && *invented == 0 && *worst_deg < 1.0;
+                    good += u64::from(whole);
+                    println!(
+                        "ball {k}: {dots} dots, {hidden} of them hidden by print, {missed} others missed, {invented} \
                      invented, worst {worst_deg:.2} deg"
-                );
+                    );
+                }
             }
         }
+        println!(
+            "all dots that can be seen and no others, each within 1 deg: {}",
+            Proportion::new(good, balls)
+        );
+        Ok(())
     }
-    println!(
-        "all dots that can be seen and no others, each within 1 deg: {}",
-        Proportion::new(good, balls)
-    );
-    Ok(())
 }
 
 fn one(

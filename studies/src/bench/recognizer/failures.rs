@@ -7,7 +7,7 @@ use spindoe::recognize::{Identification, Recognizer};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
 use spindoe::view::{ProtocolName, Trial, ViewModel};
 
-use crate::{Bench, degrees};
+use super::{Bench, degrees};
 
 /// Failing views drawn for each protocol.
 const DRAWN: usize = 3;

@@ -5,10 +5,11 @@
 //! 20 deg off the axis. The squared Mahalanobis distance of each spin from the truth in the same view frame is compared with
 //! chi-square with three degrees of freedom; for balls that cross also without the correction for the view frame's turn.
 //!
-//!     cargo run --release -p spindoe-studies --bin spin_coverage [SEQUENCES] [FRAMES] [SEED] [PATTERN.csv]
+//!     cargo run --release -p spindoe-studies -- spin-coverage --help
 
 use std::error::Error;
 use std::f64::consts::TAU;
+use std::path::PathBuf;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -123,41 +124,61 @@ fn outcomes(
     Ok([turned, by_residuals, plain])
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let count: u64 = arguments.next().map_or(Ok(200), |a| a.parse())?;
-    let frames: usize = arguments.next().map_or(Ok(8), |a| a.parse())?;
-    let seed: u64 = arguments.next().map_or(Ok(7000), |a| a.parse())?;
-    let path = arguments
-        .next()
-        .unwrap_or("designs/dots20/pattern.csv".into());
-    let pattern = Pattern::read_csv(path.as_ref())?;
-    let config = EstimatorConfig::default();
-    let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
-    println!("{count} sequences of {frames} frames, seeds from {seed}, {path}\n");
-    println!(
-        "| ball | answered | median | mean | error, rad/s | deviation, rad/s | within 68 % | 90 % | 95 % | 99 % |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|---|");
-    for crosses in [false, true] {
-        let found: spindoe::Result<Vec<[Option<Outcome>; 3]>> = (0..count)
-            .into_par_iter()
-            .map(|k| outcomes(&pattern, &estimator, seed + k, frames, crosses))
-            .collect();
-        let found = found?;
-        let ways = match crosses {
-            false => &["on the axis", "the same, weights by residuals"][..],
-            true => &[
-                "crosses the picture",
-                "the same, weights by residuals",
-                "the same, not corrected",
-            ],
-        };
-        for (k, words) in ways.iter().enumerate() {
-            print(words, found.iter().map(|ways| ways[k]));
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Sequences.
+    #[arg(long, default_value_t = 200)]
+    sequences: u64,
+    /// Frames of a sequence.
+    #[arg(long, default_value_t = 8)]
+    frames: usize,
+    /// Seed of the sequences.
+    #[arg(long, default_value_t = 7000)]
+    seed: u64,
+    /// Pattern of the ball.
+    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    pattern: PathBuf,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let (count, frames, seed, path) = (self.sequences, self.frames, self.seed, &self.pattern);
+        let pattern = Pattern::read_csv(path)?;
+        let config = EstimatorConfig::default();
+        let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
+        println!(
+            "{count} sequences of {frames} frames, seeds from {seed}, {}\n",
+            path.display()
+        );
+        println!(
+            "| ball | answered | median | mean | error, rad/s | deviation, rad/s | within 68 % | 90 % | 95 % | 99 % |"
+        );
+        println!("|---|---|---|---|---|---|---|---|---|---|");
+        for crosses in [false, true] {
+            let found: spindoe::Result<Vec<[Option<Outcome>; 3]>> = (0..count)
+                .into_par_iter()
+                .map(|k| outcomes(&pattern, &estimator, seed + k, frames, crosses))
+                .collect();
+            let found = found?;
+            let ways = match crosses {
+                false => &["on the axis", "the same, weights by residuals"][..],
+                true => &[
+                    "crosses the picture",
+                    "the same, weights by residuals",
+                    "the same, not corrected",
+                ],
+            };
+            for (k, words) in ways.iter().enumerate() {
+                print(words, found.iter().map(|ways| ways[k]));
+            }
         }
+        Ok(())
     }
-    Ok(())
 }
 
 fn print(words: &str, outcomes: impl ExactSizeIterator<Item = Option<Outcome>>) {

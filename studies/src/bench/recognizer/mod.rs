@@ -1,9 +1,9 @@
 //! Measurement of the recognizers: rates, orientation errors against the bound, calibration, the
 //! gain of single features, and the remaining failures.
 //!
-//!     cargo run --release -p spindoe-studies --bin recognizer_limits -- PATTERN.csv OUT_DIR [TRIALS] [PART ...]
+//!     cargo run --release -p spindoe-studies -- recognizer --help
 //!
-//! The parts are rates, features, confidence and failures; all, where none is named. Prints Markdown and writes plots to `OUT_DIR`. All trials are drawn from [`SEED`], on which no
+//! Prints Markdown and writes plots. All trials are drawn from [`SEED`], on which no
 //! parameter was tuned.
 
 mod confidence;
@@ -86,41 +86,47 @@ fn views() -> Vec<(&'static str, ProtocolName, ViewModel)> {
     ]
 }
 
-fn main() -> spindoe::Result<()> {
-    let mut arguments = std::env::args().skip(1);
-    let (Some(pattern), Some(out)) = (arguments.next(), arguments.next()) else {
-        eprintln!("usage: recognizer_limits PATTERN.csv OUT_DIR [TRIALS] [PART ...]");
-        std::process::exit(2);
-    };
-    let samples = arguments.next().map_or(Ok(10_000), |n| n.parse::<u64>());
-    let Ok(samples) = samples else {
-        eprintln!("TRIALS: expected a whole number");
-        std::process::exit(2);
-    };
-    let pattern = Pattern::read_csv(pattern.as_ref())?;
-    let bench = Bench {
-        ball: Ball::new(pattern),
-        out: out.into(),
-        samples,
-    };
-    spindoe::files::create_writable_dir(&bench.out)?;
-    let parts: [(&str, Part); 4] = [
-        ("rates", rates::print),
-        ("features", features::print),
-        ("confidence", confidence::print),
-        ("failures", failures::print),
-    ];
-    let asked: Vec<String> = arguments.collect();
-    if let Some(unknown) = asked
-        .iter()
-        .find(|a| parts.iter().all(|(name, _)| name != a))
-    {
-        eprintln!("PART: expected rates, features, confidence or failures, found {unknown:?}");
-        std::process::exit(2);
+/// The parts of the measurement by their names.
+const PARTS: [(&str, Part); 4] = [
+    ("rates", rates::print),
+    ("features", features::print),
+    ("confidence", confidence::print),
+    ("failures", failures::print),
+];
+
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Pattern of the ball.
+    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    pattern: PathBuf,
+    /// Folder of the plots.
+    #[arg(long, default_value = "docs/recognizer")]
+    out: PathBuf,
+    /// Trials of a row.
+    #[arg(long, default_value_t = 10_000)]
+    trials: u64,
+    /// Parts of the measurement; all of them where none is named.
+    #[arg(value_parser = PARTS.map(|(name, _)| name))]
+    parts: Vec<String>,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> spindoe::Result<()> {
+        let bench = Bench {
+            ball: Ball::new(Pattern::read_csv(&self.pattern)?),
+            out: self.out.clone(),
+            samples: self.trials,
+        };
+        spindoe::files::create_writable_dir(&bench.out)?;
+        let is_asked = |name: &str| self.parts.is_empty() || self.parts.iter().any(|a| a == name);
+        PARTS
+            .iter()
+            .filter(|(name, _)| is_asked(name))
+            .try_for_each(|(_, print)| print(&bench))
     }
-    let is_asked = |name: &str| asked.is_empty() || asked.iter().any(|a| a == name);
-    parts
-        .iter()
-        .filter(|(name, _)| is_asked(name))
-        .try_for_each(|(_, print)| print(&bench))
 }

@@ -1,8 +1,7 @@
 //! The table of the targets: five patterns of 20 dots on the same trials of a seed with no other
 //! use.
 //!
-//! `cargo run --release -p spindoe-studies --bin targets_table -- OUT_DIR OURS.csv [PUBLISHED.csv]
-//! [TRIALS]`
+//!     cargo run --release -p spindoe-studies -- targets --help
 //!
 //! Beside the own and the published pattern it makes, and writes to `OUT_DIR`:
 //!
@@ -154,71 +153,77 @@ fn percent(p: &Proportion) -> String {
     )
 }
 
-fn main() -> Result<()> {
-    let mut arguments = std::env::args().skip(1);
-    let mut path = |name: &'static str| {
-        let missing =
-            || Error::argument(name, "expected OUT_DIR OURS.csv [PUBLISHED.csv] [TRIALS]");
-        arguments.next().map(PathBuf::from).ok_or_else(missing)
-    };
-    let (dir, ours) = (path("OUT_DIR")?, path("OURS.csv")?);
-    let mut rest: Vec<String> = arguments.collect();
-    let trials = match rest.last().map(|text| text.parse()) {
-        Some(Ok(trials)) => {
-            rest.pop();
-            trials
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder that the patterns are written to.
+    out: PathBuf,
+    /// The own pattern.
+    ours: PathBuf,
+    /// The published pattern.
+    published: Option<PathBuf>,
+    /// Trials of a column.
+    #[arg(long, default_value_t = 20_000)]
+    trials: u64,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<()> {
+        let (dir, ours, trials) = (&self.out, &self.ours, self.trials);
+        std::fs::create_dir_all(&dir).map_err(|e| Error::argument("OUT_DIR", e.to_string()))?;
+        let mut patterns = Vec::new();
+        if let Some(published) = &self.published {
+            patterns.push(("published", Pattern::read_csv(Path::new(published))?));
         }
-        _ => 20_000,
-    };
-    std::fs::create_dir_all(&dir).map_err(|e| Error::argument("OUT_DIR", e.to_string()))?;
-    let mut patterns = Vec::new();
-    if let Some(published) = rest.first() {
-        patterns.push(("published", Pattern::read_csv(Path::new(published))?));
-    }
-    for (name, pattern) in made()? {
-        pattern.write_csv(&dir.join(format!("{name}.csv")))?;
-        patterns.push((name, pattern));
-    }
-    patterns.push(("ours", Pattern::read_csv(&ours)?));
-    let columns = columns();
-    println!("{trials} trials a column, seed {TRIAL_SEED}; % with 95 % intervals\n");
-    let titles: Vec<&str> = columns.iter().map(|c| c.title).collect();
-    println!(
-        "| pattern | {} | `sparse` failures for one of the first | bound, mean | worst |",
-        titles.join(" | ")
-    );
-    println!("|{}", "---|".repeat(columns.len() + 4));
-    let mut first: Option<Vec<TrialResult>> = None;
-    for (name, pattern) in patterns {
-        let bound = OrientationBound::default().summary(pattern.dots());
-        let ball = Ball::new(pattern);
-        let mut cells = Vec::new();
-        let mut failures = String::new();
-        for (k, column) in columns.iter().enumerate() {
-            let config = ValidationConfig {
-                recognizer: column.recognizer,
-                protocol: column.protocol,
-                seed: TRIAL_SEED,
-                samples: trials,
-            };
-            let results = config.results(&ball, &|_| {})?;
-            let found = config.summary(&ball, &results).validation;
-            cells.push(percent(if column.orientation {
-                &found.orientation
-            } else {
-                &found.identity
-            }));
-            if k == 0 {
-                let first = first.get_or_insert_with(|| results.clone());
-                failures = ratio(&results, first);
-            }
+        for (name, pattern) in made()? {
+            pattern.write_csv(&dir.join(format!("{name}.csv")))?;
+            patterns.push((name, pattern));
         }
+        patterns.push(("ours", Pattern::read_csv(&ours)?));
+        let columns = columns();
+        println!("{trials} trials a column, seed {TRIAL_SEED}; % with 95 % intervals\n");
+        let titles: Vec<&str> = columns.iter().map(|c| c.title).collect();
         println!(
-            "| {name} | {} | {failures} | {:.3} | {:.3} |",
-            cells.join(" | "),
-            bound.mean,
-            bound.worst
+            "| pattern | {} | `sparse` failures for one of the first | bound, mean | worst |",
+            titles.join(" | ")
         );
+        println!("|{}", "---|".repeat(columns.len() + 4));
+        let mut first: Option<Vec<TrialResult>> = None;
+        for (name, pattern) in patterns {
+            let bound = OrientationBound::default().summary(pattern.dots());
+            let ball = Ball::new(pattern);
+            let mut cells = Vec::new();
+            let mut failures = String::new();
+            for (k, column) in columns.iter().enumerate() {
+                let config = ValidationConfig {
+                    recognizer: column.recognizer,
+                    protocol: column.protocol,
+                    seed: TRIAL_SEED,
+                    samples: trials,
+                };
+                let results = config.results(&ball, &|_| {})?;
+                let found = config.summary(&ball, &results).validation;
+                cells.push(percent(if column.orientation {
+                    &found.orientation
+                } else {
+                    &found.identity
+                }));
+                if k == 0 {
+                    let first = first.get_or_insert_with(|| results.clone());
+                    failures = ratio(&results, first);
+                }
+            }
+            println!(
+                "| {name} | {} | {failures} | {:.3} | {:.3} |",
+                cells.join(" | "),
+                bound.mean,
+                bound.worst
+            );
+        }
+        Ok(())
     }
-    Ok(())
 }

@@ -1,7 +1,7 @@
 //! What do the pixels of a frame show at most? Frames in all conditions by their number of *clear* dots, and how many
 //! of them the whole estimator answers; beside them an oracle that is given the outline and the clear dots.
 //!
-//!     cargo run --release -p spindoe-studies --bin detection_limit -- [FRAMES] [SEED] [SIGNAL] [PATTERN.csv]
+//!     cargo run --release -p spindoe-studies -- detection-limit --help
 //!
 //! A dot is clear where it is to be found (not at the limb, not hidden) and its signal, by a filter that matches it, is at
 //! least SIGNAL times the noise (8): contrast times the root of its area in pixels over the noise of a pixel, less what blur takes,
@@ -9,6 +9,7 @@
 //! Print, seams and the codec are not in it. The oracle's dots and outline are off by one percent of the ball's radius.
 
 use std::error::Error;
+use std::path::PathBuf;
 
 use nalgebra::{Matrix2, Matrix3};
 use rand::RngExt;
@@ -37,59 +38,77 @@ struct Row {
     outcomes: [FrameOutcome; 2],
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let count: u64 = arguments.next().map_or(Ok(1500), |a| a.parse())?;
-    let seed: u64 = arguments.next().map_or(Ok(13_900_001), |a| a.parse())?;
-    let signal: f64 = arguments.next().map_or(Ok(8.0), |a| a.parse())?;
-    let path = arguments
-        .next()
-        .unwrap_or("designs/dots20/pattern.csv".into());
-    let pattern = Pattern::read_csv(path.as_ref())?;
-    let detector = DetectorName::Cnn.build()?;
-    let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-    let rows: Vec<spindoe::Result<Row>> = (0..count)
-        .into_par_iter()
-        .map_init(
-            || estimator.workspace(),
-            |ws, k| {
-                let mut rng = frame_rng(seed, k);
-                let scene = Scene::random(&pattern, &SynthConfig::default(), &mut rng)?;
-                let ball = scene.signal()?;
-                let mut found = FrameEstimate::default();
-                estimator.estimate(
-                    &scene.render()?.image,
-                    &Prior::default(),
-                    &Budget::default(),
-                    ws,
-                    &mut found,
-                );
-                let mut given = oracle(&ball, signal, || rng.sample(StandardNormal));
-                estimator.identify_detections(ws, &mut given);
-                Ok(Row {
-                    clear: given.dots.len(),
-                    outcomes: [&found, &given].map(|f| FrameOutcome::of(f, &ball.rotation)),
-                })
-            },
-        )
-        .collect();
-    let rows = rows.into_iter().collect::<spindoe::Result<Vec<_>>>()?;
-    println!(
-        "{count} frames in all conditions, seed {seed}, {path}, clear from {signal} times the noise on\n"
-    );
-    println!("| clear dots | frames | estimator: right | wrong | oracle: right | wrong |");
-    println!("|---|---|---|---|---|---|");
-    for (i, from) in ROWS.into_iter().enumerate() {
-        let to = ROWS.get(i + 1).copied().unwrap_or(usize::MAX);
-        let name = if to == usize::MAX {
-            format!("{from} or more")
-        } else {
-            format!("{from} to {}", to - 1)
-        };
-        line(&name, rows.iter().filter(|r| (from..to).contains(&r.clear)));
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Frames.
+    #[arg(long, default_value_t = 1500)]
+    frames: u64,
+    /// Seed of the frames.
+    #[arg(long, default_value_t = 13_900_001)]
+    seed: u64,
+    /// Signal of a clear dot, in standard deviations of the noise.
+    #[arg(long, default_value_t = 8.0)]
+    signal: f64,
+    /// Pattern of the ball.
+    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    pattern: PathBuf,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let (count, seed, signal, path) = (self.frames, self.seed, self.signal, &self.pattern);
+        let pattern = Pattern::read_csv(path)?;
+        let detector = DetectorName::Cnn.build()?;
+        let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
+        let rows: Vec<spindoe::Result<Row>> = (0..count)
+            .into_par_iter()
+            .map_init(
+                || estimator.workspace(),
+                |ws, k| {
+                    let mut rng = frame_rng(seed, k);
+                    let scene = Scene::random(&pattern, &SynthConfig::default(), &mut rng)?;
+                    let ball = scene.signal()?;
+                    let mut found = FrameEstimate::default();
+                    estimator.estimate(
+                        &scene.render()?.image,
+                        &Prior::default(),
+                        &Budget::default(),
+                        ws,
+                        &mut found,
+                    );
+                    let mut given = oracle(&ball, signal, || rng.sample(StandardNormal));
+                    estimator.identify_detections(ws, &mut given);
+                    Ok(Row {
+                        clear: given.dots.len(),
+                        outcomes: [&found, &given].map(|f| FrameOutcome::of(f, &ball.rotation)),
+                    })
+                },
+            )
+            .collect();
+        let rows = rows.into_iter().collect::<spindoe::Result<Vec<_>>>()?;
+        println!(
+            "{count} frames in all conditions, seed {seed}, {}, clear from {signal} times the noise on\n",
+            path.display()
+        );
+        println!("| clear dots | frames | estimator: right | wrong | oracle: right | wrong |");
+        println!("|---|---|---|---|---|---|");
+        for (i, from) in ROWS.into_iter().enumerate() {
+            let to = ROWS.get(i + 1).copied().unwrap_or(usize::MAX);
+            let name = if to == usize::MAX {
+                format!("{from} or more")
+            } else {
+                format!("{from} to {}", to - 1)
+            };
+            line(&name, rows.iter().filter(|r| (from..to).contains(&r.clear)));
+        }
+        line("all", rows.iter());
+        Ok(())
     }
-    line("all", rows.iter());
-    Ok(())
 }
 
 /// A frame with its clear dots and its outline, each a little off.

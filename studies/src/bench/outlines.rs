@@ -5,9 +5,10 @@
 //! radius' error), over all frames and over those of which at least 60 % of the rim shows; the
 //! second gives correct, wrong and rejected frames (20 degrees).
 //!
-//!     cargo run --release -p spindoe-studies --bin outline_study [FRAMES] [SEED] [--weights FILE] [--list]
+//!     cargo run --release -p spindoe-studies -- outlines --help
 
 use std::error::Error;
+use std::path::PathBuf;
 
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
@@ -141,53 +142,69 @@ fn table(name: &str, outcomes: &[&Outcome]) {
     println!("|");
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
-    let is_listing = arguments.iter().any(|a| a == "--list");
-    arguments.retain(|a| a != "--list");
-    let mut detector = DetectorName::Cnn.build()?;
-    if let Some(at) = arguments.iter().position(|a| a == "--weights") {
-        let path = arguments.get(at + 1).ok_or("--weights needs a file")?;
-        detector = NamedDetector::Cnn(CnnDetector::new(
-            &Weights::read(path.as_ref())?,
-            CnnConfig::default(),
-        )?);
-        arguments.drain(at..at + 2);
-    }
-    let mut arguments = arguments.into_iter();
-    let count: usize = arguments.next().map_or(Ok(500), |a| a.parse())?;
-    let seed: u64 = arguments.next().map_or(Ok(61), |a| a.parse())?;
-    let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
-    let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-    println!("{count} frames a line, seed {seed}; errors in degrees\n");
-    println!(
-        "| frames | outline within 1 % | 2 % | 5 % | correct | wrong | mean | median \
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Frames of a line.
+    #[arg(long, default_value_t = 500)]
+    frames: usize,
+    /// Seed of the frames.
+    #[arg(long, default_value_t = 61)]
+    seed: u64,
+    /// Weights of the detector instead of the built-in ones.
+    #[arg(long)]
+    weights: Option<PathBuf>,
+    /// List the outlines that are off.
+    #[arg(long)]
+    list: bool,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let (count, seed, is_listing) = (self.frames, self.seed, self.list);
+        let detector = match &self.weights {
+            Some(path) => {
+                let weights = Weights::read(path)?;
+                NamedDetector::Cnn(CnnDetector::new(&weights, CnnConfig::default())?)
+            }
+            None => DetectorName::Cnn.build()?,
+        };
+        let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
+        let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
+        println!("{count} frames a line, seed {seed}; errors in degrees\n");
+        println!(
+            "| frames | outline within 1 % | 2 % | 5 % | correct | wrong | mean | median \
          | true outline: correct | wrong | mean | median |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
-    );
-    let sixty = SynthConfig {
-        ball_px: Some([60.0, 60.0]),
-        ..SynthConfig::default()
-    };
-    for (name, config) in [
-        ("all conditions", SynthConfig::default()),
-        ("all conditions, 60 px", sixty),
-        ("good conditions", SynthConfig::good()),
-    ] {
-        let outcomes: spindoe::Result<Vec<Outcome>> = (0..count)
-            .into_par_iter()
-            .map(|k| measure(&estimator, &pattern, &config, seed, k))
-            .collect();
-        let outcomes = outcomes?;
-        table(name, &outcomes.iter().collect::<Vec<_>>());
-        let clear: Vec<&Outcome> = outcomes.iter().filter(|o| o.rim >= MIN_RIM).collect();
-        table(&format!("{name}, rim 60 % or more"), &clear);
-        if is_listing {
-            for outcome in outcomes.iter().filter(|o| {
-                o.outline_error > WITHIN[1] || o.error_deg.is_none_or(|e| e > FAILURE_DEG)
-            }) {
-                println!("{}", outcome.line);
+        );
+        let sixty = SynthConfig {
+            ball_px: Some([60.0, 60.0]),
+            ..SynthConfig::default()
+        };
+        for (name, config) in [
+            ("all conditions", SynthConfig::default()),
+            ("all conditions, 60 px", sixty),
+            ("good conditions", SynthConfig::good()),
+        ] {
+            let outcomes: spindoe::Result<Vec<Outcome>> = (0..count)
+                .into_par_iter()
+                .map(|k| measure(&estimator, &pattern, &config, seed, k))
+                .collect();
+            let outcomes = outcomes?;
+            table(name, &outcomes.iter().collect::<Vec<_>>());
+            let clear: Vec<&Outcome> = outcomes.iter().filter(|o| o.rim >= MIN_RIM).collect();
+            table(&format!("{name}, rim 60 % or more"), &clear);
+            if is_listing {
+                for outcome in outcomes.iter().filter(|o| {
+                    o.outline_error > WITHIN[1] || o.error_deg.is_none_or(|e| e > FAILURE_DEG)
+                }) {
+                    println!("{}", outcome.line);
+                }
             }
         }
+        Ok(())
     }
-    Ok(())
 }

@@ -1,7 +1,7 @@
 //! What a calibration is worth on synthetic clips: the drawn dots' error, dots that are missing, and the
 //! orientation of fresh frames. The tables of docs/measurements/calibrate.md come from here.
 //!
-//!     cargo run --release -p spindoe-studies --bin calibration_study -- [BALLS] [SEED] [PX] [FRAMES] [SIGMA_DEG] [DOTS_CSV]
+//!     cargo run --release -p spindoe-studies -- calibration --help
 //!
 //! DOTS_CSV gets a line for each dot of the pattern: what became of it.
 //!
@@ -14,6 +14,7 @@
 use std::error::Error;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::fmt::Write;
+use std::path::PathBuf;
 
 use rand::seq::index::sample;
 use rand::{Rng, RngExt, SeedableRng};
@@ -98,40 +99,63 @@ struct Measured {
     errors: [Vec<f64>; 3],
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let number = |k: usize, default: f64| -> Result<f64, Box<dyn Error>> {
-        Ok(arguments.get(k).map_or(Ok(default), |a| a.parse())?)
-    };
-    let balls = number(0, 100.0)? as u64;
-    let seed = number(1, 20_261_121.0)? as u64;
-    let (px, frames) = (number(2, 60.0)?, number(3, 120.0)? as usize);
-    let sigma = number(4, 2.0)?.to_radians();
-    let text = include_bytes!("../../../designs/dots20/pattern.csv");
-    let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
-    let estimator = Estimator::new(
-        &nominal,
-        EstimatorConfig::default(),
-        DetectorName::Cnn.build()?,
-    )?;
-    println!(
-        "{balls} balls of {px} px, {frames} frames, placement error {:.1} deg per axis, seed {seed}\n",
-        sigma.to_degrees()
-    );
-    let outcomes: Result<Vec<Outcome>, String> = (0..balls)
-        .into_par_iter()
-        .map(|k| {
-            let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            rng.set_stream(k);
-            one(&nominal, &estimator, px, frames, sigma, &mut rng).map_err(|e| e.to_string())
-        })
-        .collect();
-    let outcomes = outcomes?;
-    if let Some(path) = arguments.get(5) {
-        std::fs::write(path, dots_csv(&outcomes))?;
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Balls.
+    #[arg(long, default_value_t = 100)]
+    balls: u64,
+    /// Seed of the balls.
+    #[arg(long, default_value_t = 20_261_121)]
+    seed: u64,
+    /// Radius of the ball, pixels.
+    #[arg(long, default_value_t = 60.0)]
+    px: f64,
+    /// Frames of a clip.
+    #[arg(long, default_value_t = 120)]
+    frames: usize,
+    /// Standard deviation of a drawn dot's place per tangent axis, degrees.
+    #[arg(long, default_value_t = 2.0)]
+    placement_deg: f64,
+    /// File that gets a line for each dot of each ball: what became of it.
+    #[arg(long)]
+    dots_csv: Option<PathBuf>,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let (balls, seed, px, frames) = (self.balls, self.seed, self.px, self.frames);
+        let sigma = self.placement_deg.to_radians();
+        let text = include_bytes!("../../../designs/dots20/pattern.csv");
+        let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
+        let estimator = Estimator::new(
+            &nominal,
+            EstimatorConfig::default(),
+            DetectorName::Cnn.build()?,
+        )?;
+        println!(
+            "{balls} balls of {px} px, {frames} frames, placement error {:.1} deg per axis, seed {seed}\n",
+            sigma.to_degrees()
+        );
+        let outcomes: Result<Vec<Outcome>, String> = (0..balls)
+            .into_par_iter()
+            .map(|k| {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                rng.set_stream(k);
+                one(&nominal, &estimator, px, frames, sigma, &mut rng).map_err(|e| e.to_string())
+            })
+            .collect();
+        let outcomes = outcomes?;
+        if let Some(path) = &self.dots_csv {
+            std::fs::write(path, dots_csv(&outcomes))?;
+        }
+        report(&outcomes);
+        Ok(())
     }
-    report(&outcomes);
-    Ok(())
 }
 
 /// A line for each dot of each calibrated ball.

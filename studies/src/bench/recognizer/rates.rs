@@ -5,7 +5,7 @@ use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, TrialResult, Trials
 use spindoe::view::{FalseDots, ProtocolName, Trial, ViewModel};
 use spindoe_studies::orientation_bound::expected_error;
 
-use crate::{Bench, views};
+use super::{Bench, views};
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
     println!("## Rates\n");

@@ -5,7 +5,7 @@
 //! to 200 px is estimated, and frames of balls in all conditions. The table gives the share answered
 //! at a confidence of 0.5 and of 0.9; with `--all`, every answered image is listed.
 //!
-//!     cargo run --release -p spindoe-studies --bin noise_answers [IMAGES] [SEED] [--all]
+//!     cargo run --release -p spindoe-studies -- noise --help
 
 use std::error::Error;
 
@@ -87,44 +87,65 @@ fn estimate(estimator: &Estimator<NamedDetector>, picture: &Picture) -> (f64, St
     (confidence, line(name, &out), out.circle.is_some())
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let is_all = std::env::args().any(|a| a == "--all");
-    let mut arguments = std::env::args().skip(1).filter(|a| a != "--all");
-    let count: u64 = arguments.next().map_or(Ok(300), |a| a.parse())?;
-    let seed: u64 = arguments.next().map_or(Ok(90), |a| a.parse())?;
-    let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
-    let config = EstimatorConfig::default();
-    let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
-    println!("{count} images a line, seed {seed}\n");
-    println!("| images | outline found | answered at 0.5 | at 0.9 |\n|---|---|---|---|");
-    for group in [
-        "noise",
-        "rendered noise",
-        "balls, all conditions",
-        "balls, good conditions",
-    ] {
-        let answers: spindoe::Result<Vec<_>> = (0..count)
-            .into_par_iter()
-            .map(|k| {
-                let picture = picture(group, seed, k, &pattern)?;
-                Ok(estimate(&estimator, &picture))
-            })
-            .collect();
-        let answers = answers?;
-        let share = |test: &dyn Fn(&(f64, String, bool)) -> bool| {
-            Proportion::new(answers.iter().filter(|a| test(a)).count() as u64, count)
-        };
-        println!(
-            "| {group} | {} | {} | {} |",
-            share(&|a| a.2),
-            share(&|a| a.0 >= 0.5),
-            share(&|a| a.0 >= 0.9),
-        );
-        if is_all {
-            for (_, line, _) in answers.iter().filter(|a| a.0 > 0.0) {
-                println!("    {line}");
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Images of a line.
+    #[arg(long, default_value_t = 300)]
+    images: u64,
+    /// Seed of the images.
+    #[arg(long, default_value_t = 90)]
+    seed: u64,
+    /// List every image that is answered.
+    #[arg(long)]
+    list: bool,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let Args {
+            images: count,
+            seed,
+            list: is_all,
+        } = *self;
+        let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
+        let config = EstimatorConfig::default();
+        let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
+        println!("{count} images a line, seed {seed}\n");
+        println!("| images | outline found | answered at 0.5 | at 0.9 |\n|---|---|---|---|");
+        for group in [
+            "noise",
+            "rendered noise",
+            "balls, all conditions",
+            "balls, good conditions",
+        ] {
+            let answers: spindoe::Result<Vec<_>> = (0..count)
+                .into_par_iter()
+                .map(|k| {
+                    let picture = picture(group, seed, k, &pattern)?;
+                    Ok(estimate(&estimator, &picture))
+                })
+                .collect();
+            let answers = answers?;
+            let share = |test: &dyn Fn(&(f64, String, bool)) -> bool| {
+                Proportion::new(answers.iter().filter(|a| test(a)).count() as u64, count)
+            };
+            println!(
+                "| {group} | {} | {} | {} |",
+                share(&|a| a.2),
+                share(&|a| a.0 >= 0.5),
+                share(&|a| a.0 >= 0.9),
+            );
+            if is_all {
+                for (_, line, _) in answers.iter().filter(|a| a.0 > 0.0) {
+                    println!("    {line}");
+                }
             }
         }
+        Ok(())
     }
-    Ok(())
 }

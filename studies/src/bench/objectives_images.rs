@@ -1,6 +1,6 @@
 //! How well do objectives predict what a camera fails to identify, for any number of dots?
 //!
-//!     cargo run --release -p spindoe-studies --bin any_dots_study -- [OUT_DIR] [PATTERNS] [FRAMES] [DOTS ...]
+//!     cargo run --release -p spindoe-studies -- objectives-images --help
 //!
 //! For each number of dots: patterns in two groups, random ones and random ones after some descent
 //! steps on an objective that takes turns. Each is put before a hard camera, in rendered frames that the
@@ -188,69 +188,86 @@ fn report(name: &str, rows: &[&Row], values: &[(String, Vec<f64>)], indices: &[u
     }
 }
 
-fn main() -> Outcome<()> {
-    let mut arguments = std::env::args().skip(1);
-    let dir = PathBuf::from(arguments.next().unwrap_or("any_dots".into()));
-    std::fs::create_dir_all(&dir)?;
-    let count: usize = arguments.next().map_or(Ok(200), |a| a.parse())?;
-    let frames: u64 = arguments.next().map_or(Ok(400), |a| a.parse())?;
-    let mut numbers: Vec<usize> = arguments.map(|a| a.parse()).collect::<Result<_, _>>()?;
-    if numbers.is_empty() {
-        numbers = vec![16, 20, 24, 32, 48];
-    }
-    for dots in numbers {
-        let path = dir.join(format!("dots{dots}.json"));
-        let rows = if path.exists() {
-            from_json(&path)?
-        } else {
-            let rows: Outcome<Vec<Row>> = (0..count)
-                .into_par_iter()
-                .map(|index| measured(dots, index, frames))
-                .collect();
-            let rows = rows?;
-            std::fs::write(&path, serde_json::to_vec(&to_json(&rows))?)?;
-            rows
-        };
-        let mean = |f: &dyn Fn(&Row) -> f64| rows.iter().map(f).sum::<f64>() / rows.len() as f64;
-        println!(
-            "{dots} dots: mean failure {:.2} %, wrong or missing {:.2} %, {:.1} dots detected",
-            100.0 * mean(&|r| 0.5 * (r.failures[0] + r.failures[1])),
-            100.0 * mean(&|r| r.failed),
-            mean(&|r| r.detected)
-        );
-        let view = ProtocolName::Image.view();
-        let mut values = Vec::new();
-        for name in ObjectiveName::ALL.into_iter().filter(|n| n.suits(dots)) {
-            let objective = Objective::for_view(name, &view);
-            let all: Result<Vec<f64>, _> = rows
-                .par_iter()
-                .map(|r| Ok::<_, spindoe::Error>(objective.evaluate_at(&r.dots)?.value))
-                .collect();
-            values.push((name.to_string(), all?));
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder in which measurements are kept, and read from if present.
+    #[arg(long, default_value = "any_dots")]
+    out: PathBuf,
+    /// Patterns of a number of dots.
+    #[arg(long, default_value_t = 200)]
+    patterns: usize,
+    /// Frames of a pattern.
+    #[arg(long, default_value_t = 400)]
+    frames: u64,
+    /// Numbers of dots.
+    #[arg(long, num_args = 1.., default_values_t = [16, 20, 24, 32, 48])]
+    dots: Vec<usize>,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Outcome<()> {
+        let (dir, count, frames) = (&self.out, self.patterns, self.frames);
+        std::fs::create_dir_all(dir)?;
+        for &dots in &self.dots {
+            let path = dir.join(format!("dots{dots}.json"));
+            let rows = if path.exists() {
+                from_json(&path)?
+            } else {
+                let rows: Outcome<Vec<Row>> = (0..count)
+                    .into_par_iter()
+                    .map(|index| measured(dots, index, frames))
+                    .collect();
+                let rows = rows?;
+                std::fs::write(&path, serde_json::to_vec(&to_json(&rows))?)?;
+                rows
+            };
+            let mean =
+                |f: &dyn Fn(&Row) -> f64| rows.iter().map(f).sum::<f64>() / rows.len() as f64;
+            println!(
+                "{dots} dots: mean failure {:.2} %, wrong or missing {:.2} %, {:.1} dots detected",
+                100.0 * mean(&|r| 0.5 * (r.failures[0] + r.failures[1])),
+                100.0 * mean(&|r| r.failed),
+                mean(&|r| r.detected)
+            );
+            let view = ProtocolName::Image.view();
+            let mut values = Vec::new();
+            for name in ObjectiveName::ALL.into_iter().filter(|n| n.suits(dots)) {
+                let objective = Objective::for_view(name, &view);
+                let all: Result<Vec<f64>, _> = rows
+                    .par_iter()
+                    .map(|r| Ok::<_, spindoe::Error>(objective.evaluate_at(&r.dots)?.value))
+                    .collect();
+                values.push((name.to_string(), all?));
+            }
+            let camera = coverage(&conditions(dots), dots, &|_| ())?;
+            println!("{camera:?}");
+            for (label, o) in [
+                ("of the camera", camera),
+                (
+                    "without crowds",
+                    Coverage {
+                        crowding: 0.0,
+                        ..camera
+                    },
+                ),
+            ] {
+                let all = rows.par_iter().map(|r| o.evaluate(&r.dots).value).collect();
+                values.push((format!("coverage {label}"), all));
+            }
+            let group = |name: &str, keep: &dyn Fn(&Row) -> bool| {
+                let indices: Vec<usize> = (0..rows.len()).filter(|&i| keep(&rows[i])).collect();
+                let kept: Vec<&Row> = indices.iter().map(|&i| &rows[i]).collect();
+                report(name, &kept, &values, &indices);
+            };
+            group("all", &|_| true);
+            group("random", &|r| !r.descended);
+            group("descended", &|r| r.descended);
         }
-        let camera = coverage(&conditions(dots), dots, &|_| ())?;
-        println!("{camera:?}");
-        for (label, o) in [
-            ("of the camera", camera),
-            (
-                "without crowds",
-                Coverage {
-                    crowding: 0.0,
-                    ..camera
-                },
-            ),
-        ] {
-            let all = rows.par_iter().map(|r| o.evaluate(&r.dots).value).collect();
-            values.push((format!("coverage {label}"), all));
-        }
-        let group = |name: &str, keep: &dyn Fn(&Row) -> bool| {
-            let indices: Vec<usize> = (0..rows.len()).filter(|&i| keep(&rows[i])).collect();
-            let kept: Vec<&Row> = indices.iter().map(|&i| &rows[i]).collect();
-            report(name, &kept, &values, &indices);
-        };
-        group("all", &|_| true);
-        group("random", &|r| !r.descended);
-        group("descended", &|r| r.descended);
+        Ok(())
     }
-    Ok(())
 }

@@ -4,7 +4,7 @@
 //! estimated alone, and in a second pass with what its neighbors expect. An answer is correct within 20 degrees;
 //! brackets are Wilson 95 % intervals, though frames of one clip are not independent.
 //!
-//!     cargo run --release -p spindoe-studies --bin sequence_study -- [CLIPS] [FRAMES] [SEED]
+//!     cargo run --release -p spindoe-studies -- sequences --help
 
 use std::error::Error;
 
@@ -98,51 +98,72 @@ fn count_answers(frames: &[FrameEstimate], truths: &[Rotation], way: usize, coun
     }
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let numbers = std::env::args().skip(1).map(|a| a.parse::<u64>());
-    let numbers = numbers.collect::<Result<Vec<_>, _>>()?;
-    let number = |k: usize, default| numbers.get(k).copied().unwrap_or(default);
-    let (clips, count, seed) = (number(0, 40), number(1, 16) as usize, number(2, 70_001));
-    let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
-    let detector = DetectorName::Cnn.build()?;
-    let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-    let whole = |config: SynthConfig| SynthConfig {
-        image_px: Some([640, 480]),
-        ball_px: Some([60.0; 2]),
-        ..config
-    };
-    let sets = [
-        ("good, crops", SynthConfig::good(), None),
-        ("all, crops", SynthConfig::default(), None),
-        (
-            "all, 640 x 480",
-            whole(SynthConfig::default()),
-            Some([160.0, -60.0]),
-        ),
-    ];
-    println!("| clips | way | correct | wrong | unanswered |");
-    println!("|---|---|---|---|---|");
-    for (name, config, drift_px) in sets {
-        let counts = (0..clips)
-            .into_par_iter()
-            .map(|k| clip(&estimator, &config, drift_px, seed + k, count))
-            .collect::<spindoe::Result<Vec<_>>>()?;
-        let sum = |f: &dyn Fn(&Counts) -> usize| counts.iter().map(f).sum::<usize>() as u64;
-        let frames = sum(&|c| c.frames);
-        for (way, words) in WAYS.iter().enumerate() {
-            let (correct, wrong) = (sum(&|c| c.correct[way]), sum(&|c| c.wrong[way]));
-            let share = |n: u64| Proportion::new(n, frames);
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Clips of a kind.
+    #[arg(long, default_value_t = 40)]
+    clips: u64,
+    /// Frames of a clip.
+    #[arg(long, default_value_t = 16)]
+    frames: usize,
+    /// Seed of the clips.
+    #[arg(long, default_value_t = 70_001)]
+    seed: u64,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+        let Args {
+            clips,
+            frames: count,
+            seed,
+        } = *self;
+        let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
+        let detector = DetectorName::Cnn.build()?;
+        let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
+        let whole = |config: SynthConfig| SynthConfig {
+            image_px: Some([640, 480]),
+            ball_px: Some([60.0; 2]),
+            ..config
+        };
+        let sets = [
+            ("good, crops", SynthConfig::good(), None),
+            ("all, crops", SynthConfig::default(), None),
+            (
+                "all, 640 x 480",
+                whole(SynthConfig::default()),
+                Some([160.0, -60.0]),
+            ),
+        ];
+        println!("| clips | way | correct | wrong | unanswered |");
+        println!("|---|---|---|---|---|");
+        for (name, config, drift_px) in sets {
+            let counts = (0..clips)
+                .into_par_iter()
+                .map(|k| clip(&estimator, &config, drift_px, seed + k, count))
+                .collect::<spindoe::Result<Vec<_>>>()?;
+            let sum = |f: &dyn Fn(&Counts) -> usize| counts.iter().map(f).sum::<usize>() as u64;
+            let frames = sum(&|c| c.frames);
+            for (way, words) in WAYS.iter().enumerate() {
+                let (correct, wrong) = (sum(&|c| c.correct[way]), sum(&|c| c.wrong[way]));
+                let share = |n: u64| Proportion::new(n, frames);
+                println!(
+                    "| {name} | {words} | {} | {} | {} |",
+                    share(correct),
+                    share(wrong),
+                    share(frames - correct - wrong)
+                );
+            }
             println!(
-                "| {name} | {words} | {} | {} | {} |",
-                share(correct),
-                share(wrong),
-                share(frames - correct - wrong)
+                "\n{name}: {clips} clips of {count} frames from seed {seed}; {} estimated again.\n",
+                sum(&|c| c.again)
             );
         }
-        println!(
-            "\n{name}: {clips} clips of {count} frames from seed {seed}; {} estimated again.\n",
-            sum(&|c| c.again)
-        );
+        Ok(())
     }
-    Ok(())
 }

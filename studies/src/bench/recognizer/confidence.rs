@@ -20,7 +20,7 @@ use spindoe::view::{
     Detection, DotUncertainty, FalseDots, ObservedDot, ProtocolName, Trial, ViewModel,
 };
 
-use crate::{Bench, SEED};
+use super::{Bench, SEED};
 
 /// Ends of the bins of claims; the last one is open.
 const EDGES: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.999];

@@ -4,7 +4,7 @@
 //! degraded; without, synthetic frames in good conditions are used, with their truth. A pose is
 //! correct within 20 degrees.
 //!
-//!     cargo run --release -p spindoe-studies --bin robustness [--frames DIR --pattern FILE.csv]
+//!     cargo run --release -p spindoe-studies -- robustness --help
 //!         [--count N] [--seed N] [--outline edges|net]
 
 use std::error::Error;
@@ -198,96 +198,109 @@ fn estimate(
     out.pose().map(|p| p.rotation)
 }
 
-fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
-    let mut folder: Option<PathBuf> = None;
-    let mut path = PathBuf::from("designs/dots20/pattern.csv");
-    let (mut count, mut seed) = (150usize, 5u64);
-    let mut outline = OutlineMethod::default();
-    let mut arguments = std::env::args().skip(1);
-    while let Some(name) = arguments.next() {
-        let value = arguments.next().ok_or("every option has a value")?;
-        match name.as_str() {
-            "--frames" => folder = Some(value.into()),
-            "--pattern" => path = value.into(),
-            "--count" => count = value.parse()?,
-            "--seed" => seed = value.parse()?,
-            "--outline" => outline = value.parse()?,
-            other => return Err(format!("unknown option {other}").into()),
-        }
-    }
-    let pattern = Pattern::read_csv(&path)?;
-    let config = EstimatorConfig {
-        outline,
-        ..EstimatorConfig::default()
-    };
-    let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
-    let items: Vec<Item> = match &folder {
-        Some(folder) => {
-            let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)?
-                .filter_map(|e| Some(e.ok()?.path()))
-                .filter(|p| p.extension().is_some_and(|e| e == "png"))
-                .collect();
-            paths.sort();
-            let read = |p: &PathBuf| -> spindoe::Result<Option<Item>> {
-                let image = RgbImage::read(p)?;
-                let rotation = estimate(&estimator, &image);
-                Ok(rotation.map(|rotation| Item { image, rotation }))
-            };
-            let all: spindoe::Result<Vec<_>> = paths.par_iter().map(read).collect();
-            println!("{} frames of {}", paths.len(), folder.display());
-            all?.into_iter().flatten().collect()
-        }
-        None => {
-            let made = |k: usize| -> spindoe::Result<Item> {
-                let frame = independent_frame(&pattern, &SynthConfig::good(), seed, k)?;
-                let [w, x, y, z] = frame.truth.quaternion_wxyz;
-                let rotation = Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
-                Ok(Item {
-                    image: frame.image,
-                    rotation,
-                })
-            };
-            let all: spindoe::Result<Vec<Item>> = (0..count).into_par_iter().map(made).collect();
-            println!("{count} synthetic frames, good conditions, seed {seed}");
-            all?
-        }
-    };
-    println!(
-        "\n| degraded by | correct | wrong | rejected | median error |\n|---|---|---|---|---|"
-    );
-    for how in ALL {
-        let errors: Result<Vec<Option<f64>>, _> = items
-            .par_iter()
-            .enumerate()
-            .map(|(k, item)| {
-                let mut rng = ChaCha8Rng::seed_from_u64(seed);
-                rng.set_stream(k as u64);
-                let (image, turn) = degrade(&item.image, how, &mut rng)?;
-                let turn = Rotation::from_scaled_axis(spindoe::geometry::Vec3::z() * turn);
-                let found = estimate(&estimator, &image);
-                Ok::<_, Box<dyn Error + Send + Sync>>(
-                    found.map(|r| r.angle_to(&(turn * item.rotation)).to_degrees()),
-                )
-            })
-            .collect();
-        let errors = errors?;
-        let n = errors.len() as u64;
-        let mut correct: Vec<f64> = errors
-            .iter()
-            .flatten()
-            .copied()
-            .filter(|e| *e < FAILURE_DEG)
-            .collect();
-        correct.sort_by(f64::total_cmp);
-        let answered = errors.iter().flatten().count();
-        let share = |k: usize| Proportion::new(k as u64, n);
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder of frames to degrade instead of synthetic ones.
+    #[arg(long)]
+    folder: Option<PathBuf>,
+    /// Pattern of the ball.
+    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    pattern: PathBuf,
+    /// Synthetic frames.
+    #[arg(long, default_value_t = 150)]
+    frames: usize,
+    /// Seed of the frames.
+    #[arg(long, default_value_t = 5)]
+    seed: u64,
+    /// How outlines are proposed.
+    #[arg(long, default_value_t = OutlineMethod::default())]
+    outline: OutlineMethod,
+}
+
+impl Args {
+    /// Measures and prints.
+    ///
+    /// # Errors
+    /// What hinders the measurement.
+    pub fn run(&self) -> Result<(), Box<dyn Error + Send + Sync>> {
+        let (folder, path) = (&self.folder, &self.pattern);
+        let (count, seed, outline) = (self.frames, self.seed, self.outline);
+        let pattern = Pattern::read_csv(&path)?;
+        let config = EstimatorConfig {
+            outline,
+            ..EstimatorConfig::default()
+        };
+        let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
+        let items: Vec<Item> = match &folder {
+            Some(folder) => {
+                let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)?
+                    .filter_map(|e| Some(e.ok()?.path()))
+                    .filter(|p| p.extension().is_some_and(|e| e == "png"))
+                    .collect();
+                paths.sort();
+                let read = |p: &PathBuf| -> spindoe::Result<Option<Item>> {
+                    let image = RgbImage::read(p)?;
+                    let rotation = estimate(&estimator, &image);
+                    Ok(rotation.map(|rotation| Item { image, rotation }))
+                };
+                let all: spindoe::Result<Vec<_>> = paths.par_iter().map(read).collect();
+                println!("{} frames of {}", paths.len(), folder.display());
+                all?.into_iter().flatten().collect()
+            }
+            None => {
+                let made = |k: usize| -> spindoe::Result<Item> {
+                    let frame = independent_frame(&pattern, &SynthConfig::good(), seed, k)?;
+                    let [w, x, y, z] = frame.truth.quaternion_wxyz;
+                    let rotation = Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+                    Ok(Item {
+                        image: frame.image,
+                        rotation,
+                    })
+                };
+                let all: spindoe::Result<Vec<Item>> =
+                    (0..count).into_par_iter().map(made).collect();
+                println!("{count} synthetic frames, good conditions, seed {seed}");
+                all?
+            }
+        };
         println!(
-            "| {how:?} | {} | {} | {} | {:.2} deg |",
-            share(correct.len()),
-            share(answered - correct.len()),
-            share(errors.len() - answered),
-            correct.get(correct.len() / 2).copied().unwrap_or(f64::NAN)
+            "\n| degraded by | correct | wrong | rejected | median error |\n|---|---|---|---|---|"
         );
+        for how in ALL {
+            let errors: Result<Vec<Option<f64>>, _> = items
+                .par_iter()
+                .enumerate()
+                .map(|(k, item)| {
+                    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                    rng.set_stream(k as u64);
+                    let (image, turn) = degrade(&item.image, how, &mut rng)?;
+                    let turn = Rotation::from_scaled_axis(spindoe::geometry::Vec3::z() * turn);
+                    let found = estimate(&estimator, &image);
+                    Ok::<_, Box<dyn Error + Send + Sync>>(
+                        found.map(|r| r.angle_to(&(turn * item.rotation)).to_degrees()),
+                    )
+                })
+                .collect();
+            let errors = errors?;
+            let n = errors.len() as u64;
+            let mut correct: Vec<f64> = errors
+                .iter()
+                .flatten()
+                .copied()
+                .filter(|e| *e < FAILURE_DEG)
+                .collect();
+            correct.sort_by(f64::total_cmp);
+            let answered = errors.iter().flatten().count();
+            let share = |k: usize| Proportion::new(k as u64, n);
+            println!(
+                "| {how:?} | {} | {} | {} | {:.2} deg |",
+                share(correct.len()),
+                share(answered - correct.len()),
+                share(errors.len() - answered),
+                correct.get(correct.len() / 2).copied().unwrap_or(f64::NAN)
+            );
+        }
+        Ok(())
     }
-    Ok(())
 }
