@@ -124,10 +124,8 @@ fn measure_all(dir: &Path, rows: &[usize]) -> Outcome {
             DetectorName::Cnn.build()?,
         )?;
         let image = RgbImage::new(64, 64, vec![[0.5; 3]; 64 * 64])?;
-        let circle = spindoe::vision::BallCircle {
-            center: spindoe::vision::Pixel { u: 31.5, v: 31.5 },
-            radius: 30.0,
-        };
+        let circle =
+            spindoe::vision::BallCircle::new(spindoe::vision::Pixel { u: 31.5, v: 31.5 }, 30.0);
         Ok(move || {
             let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
             for _ in 0..n {

@@ -48,10 +48,7 @@ fn estimate(c: &mut Criterion) {
     let mut group = c.benchmark_group("estimate 60 px");
     let mut finder = BallFinder::new(CircleConfig::default());
     group.bench_function("locate", |b| b.iter(|| finder.find(black_box(&gray))));
-    let circle = BallCircle {
-        center: frame.truth.center,
-        radius: frame.truth.radius_px,
-    };
+    let circle = BallCircle::new(frame.truth.center, frame.truth.radius_px);
     let mut patch = Patch::default();
     group.bench_function("cut", |b| {
         b.iter(|| patch.cut_into(black_box(&gray), &circle))

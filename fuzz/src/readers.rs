@@ -147,7 +147,7 @@ fn camera(bytes: &[u8]) -> Result<()> {
         return Ok(());
     };
     let center = Pixel { u, v };
-    let circle = BallCircle { center, radius };
+    let circle = BallCircle::new(center, radius);
     for camera in [
         Camera::Perspective(Intrinsics { fx, fy, cx, cy }),
         Camera::Near {

@@ -109,7 +109,7 @@ fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {
             if u.is_finite() && v.is_finite() && radius > 0.0 && radius.is_finite() =>
         {
             let center = Pixel { u, v };
-            Ok(Some(OutlinePrior::given(BallCircle { center, radius })))
+            Ok(Some(OutlinePrior::given(BallCircle::new(center, radius))))
         }
         Some(other) => {
             let problem = format!("expected u, v and a positive radius in pixels, found {other:?}");

@@ -130,7 +130,7 @@ impl ImageArguments {
             [] => Ok(None),
             [u, v, radius] if radius > 0.0 && radius.is_finite() => {
                 let center = Pixel { u, v };
-                Ok(Some(OutlinePrior::given(BallCircle { center, radius })))
+                Ok(Some(OutlinePrior::given(BallCircle::new(center, radius))))
             }
             _ => {
                 let problem = "expected U,V,R in pixels with a positive radius";

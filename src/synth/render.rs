@@ -195,7 +195,7 @@ impl Scene {
         let Some(occluder) = &self.occluder else {
             return (0.0, [0.0; 3]);
         };
-        let BallCircle { center, radius } = self.circle;
+        let BallCircle { center, radius, .. } = self.circle;
         let point = [(u - center.u) / radius, (v - center.v) / radius];
         occluder.at(point.map(|x| x as f32), (1.0 / radius) as f32)
     }

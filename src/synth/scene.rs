@@ -205,7 +205,7 @@ impl Place {
         Self {
             size,
             side,
-            circle: BallCircle { center, radius },
+            circle: BallCircle::new(center, radius),
         }
     }
 }

@@ -47,10 +47,7 @@ impl Ellipse {
     /// The circle about the same center and of the same area.
     pub fn circle(&self) -> BallCircle {
         let [a, b] = self.half_axes_px;
-        BallCircle {
-            center: self.center,
-            radius: (a * b).sqrt(),
-        }
+        BallCircle::new(self.center, (a * b).sqrt())
     }
 }
 
@@ -79,7 +76,7 @@ impl View {
     /// [`crate::Error::Argument`] where the circle or the intrinsics are not finite or not
     /// positive.
     pub fn new(camera: &Camera, circle: BallCircle) -> Result<Self> {
-        let BallCircle { center, radius } = circle;
+        let BallCircle { center, radius, .. } = circle;
         require(
             center.u.is_finite() && center.v.is_finite() && radius > 0.0 && radius.is_finite(),
             "circle",
@@ -168,7 +165,7 @@ impl View {
     pub fn normal(&self, pixel: Pixel) -> Option<Vec3> {
         match self.pinhole {
             None => {
-                let BallCircle { center, radius } = self.circle;
+                let BallCircle { center, radius, .. } = self.circle;
                 let (x, y) = ((pixel.u - center.u) / radius, (center.v - pixel.v) / radius);
                 let z = 1.0 - x * x - y * y;
                 (z > 0.0).then(|| Vec3::new(x, y, z.sqrt()))

@@ -8,7 +8,18 @@
 //! ```
 //!
 //! since the outline is where `z = k`. Parallel rays are `k = 0`. A camera at 12 radii moves a dot
-//! at half the radius by 4 % of it. With intrinsics the projection is that of a pinhole camera. The
+//! at half the radius by 4 % of it.
+//!
+//! Off the optical axis a sphere's outline is an ellipse, whose eccentricity `e` says how far: with the half angle
+//! `alpha = asin k` under which the ball is seen, and the angle `theta` between the axis and the ray to its center,
+//! `sin theta = e cos alpha`. What a camera that looks straight at the ball sees at `(X, Y) = s (x, -y)`, `X` along the long
+//! axis and away from the principal point, this one sees at
+//!
+//! ```text
+//! U = b (X / cos theta) (1 / w),   V = b Y / w,   w = (cos theta - X tan alpha sin theta) / B
+//! ```
+//!
+//! up to a shift, with the short half axis `b` and `B = sqrt(1 - e^2)` (the homography of the turn by `theta`). With intrinsics the projection is that of a pinhole camera. The
 //! ball's center then lies at the distance `d = R / sin(alpha)`, for the half angle `alpha` under
 //! which the ball is seen, and a ray `q` meets the sphere at its nearer intersection.
 //!
@@ -38,6 +49,8 @@ const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e9;
 /// Largest distance of a ball from a pinhole, ball radii: farther out the sphere's roundness is lost in the
 /// digits of its distance.
 const FARTHEST: f64 = 1e6;
+/// Step of the finite difference by the inverse distance.
+const DIFFERENCE: f64 = 1e-6;
 
 /// A position in an image, pixels: u right, v down, the center of the top-left pixel at (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -48,13 +61,33 @@ pub struct Pixel {
     pub v: f64,
 }
 
-/// The ball's outline in an image.
+/// The ball's outline in an image: a circle, or an ellipse where the ball is seen to be off the optical axis of a
+/// camera whose intrinsics are unknown.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct BallCircle {
     /// Its center.
     pub center: Pixel,
-    /// Its radius, pixels.
+    /// Its radius, of an ellipse the shorter half axis, pixels.
     pub radius: f64,
+    /// Along the longer axis, away from the principal point (u, v); its length is the numerical eccentricity, 0 for a
+    /// circle. A pinhole camera's intrinsics say what it is: there it is not looked at.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub eccentricity: Vector2<f64>,
+}
+
+fn is_zero(vector: &Vector2<f64>) -> bool {
+    *vector == Vector2::zeros()
+}
+
+impl BallCircle {
+    /// A circle.
+    pub const fn new(center: Pixel, radius: f64) -> Self {
+        Self {
+            center,
+            radius,
+            eccentricity: Vector2::new(0.0, 0.0),
+        }
+    }
 }
 
 /// A pinhole camera without distortion.
@@ -68,6 +101,59 @@ pub struct Intrinsics {
     pub cx: f64,
     /// Principal point, v.
     pub cy: f64,
+}
+
+impl Intrinsics {
+    /// Those of a camera with square pixels that sees a ball at `1 / inverse_distance` radii as this ellipse; `None` for a
+    /// circle, which any camera may see that looks straight at the ball.
+    pub(super) fn of_ellipse(circle: &BallCircle, inverse_distance: f64) -> Option<Self> {
+        let tilt = Tilt::new(inverse_distance, &circle.eccentricity)?;
+        let tan_half = inverse_distance / (1.0 - inverse_distance * inverse_distance).sqrt();
+        let focal = tilt.shape * circle.radius / tan_half;
+        let tan = (1.0 - tilt.cos * tilt.cos).sqrt() / tilt.cos;
+        let center = Self::from_ellipse(circle, inverse_distance).center;
+        Some(Self {
+            fx: focal,
+            fy: focal,
+            cx: center.u - focal * tan * tilt.along.x,
+            cy: center.v - focal * tan * tilt.along.y,
+        })
+    }
+
+    /// The circle of [`BallView::new`] that such a camera has for an ellipse.
+    pub(super) fn from_ellipse(ellipse: &BallCircle, inverse_distance: f64) -> BallCircle {
+        let Some(tilt) = Tilt::new(inverse_distance, &ellipse.eccentricity) else {
+            return *ellipse;
+        };
+        let shift = tilt.along * (tilt.shift * ellipse.radius);
+        let center = Pixel {
+            u: ellipse.center.u - shift.x,
+            v: ellipse.center.v - shift.y,
+        };
+        BallCircle::new(center, ellipse.radius * tilt.shape / tilt.cos)
+    }
+
+    /// The ellipse that such a camera sees where a circle has its center where the ball's is seen, and the radius that
+    /// [`BallView::new`] gives an outline off a pinhole's axis.
+    pub(super) fn to_ellipse(
+        circle: &BallCircle,
+        eccentricity: Vector2<f64>,
+        inverse_distance: f64,
+    ) -> BallCircle {
+        let Some(tilt) = Tilt::new(inverse_distance, &eccentricity) else {
+            return *circle;
+        };
+        let radius = circle.radius * tilt.cos / tilt.shape;
+        let shift = tilt.along * (tilt.shift * radius);
+        BallCircle {
+            center: Pixel {
+                u: circle.center.u + shift.x,
+                v: circle.center.v + shift.y,
+            },
+            radius,
+            eccentricity,
+        }
+    }
 }
 
 /// How the camera projects.
@@ -94,8 +180,11 @@ pub struct BallView {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Projection {
-    /// Pointed at the ball, from 1 / `inverse_distance` radii; parallel rays for 0.
-    Central { inverse_distance: f64 },
+    /// From 1 / `inverse_distance` radii, parallel rays for 0; pointed at the ball, or tilted away from it.
+    Central {
+        inverse_distance: f64,
+        tilt: Option<Tilt>,
+    },
     Perspective {
         intrinsics: Intrinsics,
         /// View frame to camera frame.
@@ -123,17 +212,31 @@ impl BallView {
             return Err(Error::argument("circle", problem));
         }
         let projection = match *camera {
-            Camera::Orthographic => Projection::Central {
-                inverse_distance: 0.0,
-            },
+            Camera::Orthographic => Self::central(0.0, &circle)?,
             Camera::Near { inverse_distance } => {
                 let inside = (0.0..1.0).contains(&inverse_distance);
                 require(inside, "inverse_distance", "0 to 1", inverse_distance)?;
-                Projection::Central { inverse_distance }
+                Self::central(inverse_distance, &circle)?
             }
             Camera::Perspective(k) => Self::perspective(k, &circle)?,
         };
         Ok(Self { circle, projection })
+    }
+
+    fn central(inverse_distance: f64, circle: &BallCircle) -> Result<Projection> {
+        let eccentricity = circle.eccentricity.norm();
+        let problem = "0 to 1, 1 excluded";
+        require(
+            (0.0..1.0).contains(&eccentricity),
+            "eccentricity",
+            problem,
+            eccentricity,
+        )?;
+        let tilt = Tilt::new(inverse_distance, &circle.eccentricity);
+        Ok(Projection::Central {
+            inverse_distance,
+            tilt,
+        })
     }
 
     fn perspective(k: Intrinsics, circle: &BallCircle) -> Result<Projection> {
@@ -181,7 +284,9 @@ impl BallView {
     /// over its distance.
     pub fn horizon(&self) -> f64 {
         match self.projection {
-            Projection::Central { inverse_distance } => inverse_distance,
+            Projection::Central {
+                inverse_distance, ..
+            } => inverse_distance,
             Projection::Perspective { distance, .. } => 1.0 / distance,
         }
     }
@@ -191,6 +296,7 @@ impl BallView {
     pub fn by_inverse_distance(&self, direction: &Vec3) -> Option<Vector2<f64>> {
         let Projection::Central {
             inverse_distance: k,
+            tilt,
         } = self.projection
         else {
             return None;
@@ -198,13 +304,23 @@ impl BallView {
         let root = (1.0 - k * k).sqrt();
         let depth = 1.0 - k * direction.z;
         let rate = root * direction.z / (depth * depth) - k / (root * depth);
-        Some(Vector2::new(direction.x, -direction.y) * (self.circle.radius * rate))
+        let straight = Vector2::new(direction.x, -direction.y) * rate;
+        let seen = match tilt {
+            Some(tilt) => {
+                let at = plane(direction, k);
+                let other = Tilt::new(k + DIFFERENCE, &self.circle.eccentricity);
+                let by_tilt = other.map_or(Vector2::zeros(), |o| o.see(at) - tilt.see(at));
+                tilt.jacobian(at) * straight + by_tilt / DIFFERENCE
+            }
+            None => straight,
+        };
+        Some(seen * self.circle.radius)
     }
 
     /// d(pixel of a direction)/d(outline's center u, v and radius): the shift moves all dots alike, the
     /// growth moves them away from the center. The camera's distance stays as it is.
     pub fn by_outline(&self, direction: &Vec3) -> Matrix2x3<f64> {
-        let BallCircle { center, radius } = self.circle;
+        let BallCircle { center, radius, .. } = self.circle;
         let at = self.project(direction);
         let (u, v) = ((at.u - center.u) / radius, (at.v - center.v) / radius);
         Matrix2x3::new(1.0, 0.0, u, 0.0, 1.0, v)
@@ -212,15 +328,17 @@ impl BallView {
 
     /// Where a direction (unit vector, view frame) lies in the image, seen or not.
     pub fn project(&self, direction: &Vec3) -> Pixel {
-        let BallCircle { center, radius } = self.circle;
+        let BallCircle { center, radius, .. } = self.circle;
         match self.projection {
             Projection::Central {
                 inverse_distance: k,
+                tilt,
             } => {
-                let scale = radius * (1.0 - k * k).sqrt() / (1.0 - k * direction.z);
+                let straight = plane(direction, k);
+                let at = tilt.map_or(straight, |t| t.see(straight)) * radius;
                 Pixel {
-                    u: center.u + scale * direction.x,
-                    v: center.v - scale * direction.y,
+                    u: center.u + at.x,
+                    v: center.v + at.y,
                 }
             }
             Projection::Perspective {
@@ -241,11 +359,14 @@ impl BallView {
     /// just outside the outline are laid on it; `None` for those farther out.
     pub fn direction(&self, pixel: Pixel) -> Option<Vec3> {
         match self.projection {
-            Projection::Central { inverse_distance } => {
-                let BallCircle { center, radius } = self.circle;
-                let x = (pixel.u - center.u) / radius;
-                let y = (center.v - pixel.v) / radius;
-                on_sphere(x, y, inverse_distance)
+            Projection::Central {
+                inverse_distance,
+                tilt,
+            } => {
+                let BallCircle { center, radius, .. } = self.circle;
+                let seen = Vector2::new(pixel.u - center.u, pixel.v - center.v) / radius;
+                let at = tilt.map_or(seen, |t| t.straighten(seen));
+                on_sphere(at.x, -at.y, inverse_distance)
             }
             Projection::Perspective {
                 intrinsics,
@@ -292,11 +413,16 @@ impl BallView {
         match self.projection {
             Projection::Central {
                 inverse_distance: k,
+                tilt,
             } => {
                 let depth = 1.0 - k * direction.z;
                 let r = self.circle.radius * (1.0 - k * k).sqrt() / depth;
                 let (x, y) = (direction.x * k / depth, direction.y * k / depth);
-                Matrix2x3::new(r, 0.0, r * x, 0.0, -r, -r * y)
+                let straight = Matrix2x3::new(r, 0.0, r * x, 0.0, -r, -r * y);
+                match tilt {
+                    Some(tilt) => tilt.jacobian(plane(direction, k)) * straight,
+                    None => straight,
+                }
             }
             Projection::Perspective {
                 intrinsics: k,
@@ -318,6 +444,79 @@ impl BallView {
             }
         }
     }
+}
+
+/// The turn between a camera that looks straight at the ball and one that sees it off its axis. Points are in image
+/// directions (u, v) from the outline's center, in half axes: of the circle, and of the ellipse's shorter one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Tilt {
+    /// Along the longer axis, away from the principal point.
+    along: Vector2<f64>,
+    /// Cosine of the angle between the axis and the ray to the ball's center.
+    cos: f64,
+    /// Its sine times the tangent of the half angle of the ball.
+    slope: f64,
+    /// The shorter half axis over the longer one.
+    shape: f64,
+    /// From the image of the ball's center to the ellipse's, shorter half axes.
+    shift: f64,
+}
+
+impl Tilt {
+    /// `None` for a circle.
+    fn new(inverse_distance: f64, eccentricity: &Vector2<f64>) -> Option<Self> {
+        let along = eccentricity.try_normalize(1e-9)?;
+        let e = eccentricity.norm();
+        let cos_half = (1.0 - inverse_distance * inverse_distance).sqrt();
+        let tan_half = inverse_distance / cos_half;
+        let sin = e * cos_half;
+        let cos = (1.0 - sin * sin).sqrt();
+        let shape = (1.0 - e * e).sqrt();
+        Some(Self {
+            along,
+            cos,
+            slope: sin * tan_half,
+            shape,
+            shift: tan_half * sin / (cos * shape),
+        })
+    }
+
+    /// Where a point that is seen straight on at `at` is seen.
+    fn see(&self, at: Vector2<f64>) -> Vector2<f64> {
+        let along = at.dot(&self.along);
+        let across = at - along * self.along;
+        let scale = self.shape / (self.cos - along * self.slope);
+        self.along * (along * scale / self.cos - self.shift) + across * scale
+    }
+
+    /// The inverse of [`Tilt::see`].
+    fn straighten(&self, seen: Vector2<f64>) -> Vector2<f64> {
+        let from_ball = seen.dot(&self.along);
+        let across = seen - from_ball * self.along;
+        let from_ball = from_ball + self.shift;
+        let along =
+            from_ball * self.cos * self.cos / (self.shape + from_ball * self.slope * self.cos);
+        self.along * along + across * ((self.cos - along * self.slope) / self.shape)
+    }
+
+    /// d(seen)/d(seen straight on).
+    fn jacobian(&self, at: Vector2<f64>) -> Matrix2<f64> {
+        let along = at.dot(&self.along);
+        let across = at - along * self.along;
+        let depth = self.cos - along * self.slope;
+        let scale = self.shape / depth;
+        let by_along =
+            self.along * (self.shape / (depth * depth)) + across * (scale * self.slope / depth);
+        let side = Vector2::new(-self.along.y, self.along.x);
+        by_along * self.along.transpose() + side * side.transpose() * scale
+    }
+}
+
+/// Where a direction is seen by a camera that looks straight at the ball, outline radii from its center, u and v.
+fn plane(direction: &Vec3, inverse_distance: f64) -> Vector2<f64> {
+    let k = inverse_distance;
+    let scale = (1.0 - k * k).sqrt() / (1.0 - k * direction.z);
+    Vector2::new(direction.x, -direction.y) * scale
 }
 
 /// Whether a point is one of an image; not so for NaN.

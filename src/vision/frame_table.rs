@@ -71,7 +71,7 @@ pub fn read_circles(path: &Path) -> Result<FrameCircles> {
             let problem = format!("radius: expected a positive number of pixels, found {radius}");
             return Err(row.error(problem));
         }
-        let given = OutlinePrior::given(BallCircle { center, radius });
+        let given = OutlinePrior::given(BallCircle::new(center, radius));
         let sigma_px = match row.number(4).map_err(|problem| row.error(problem))? {
             None => given.sigma_px,
             Some(sigma) if sigma > 0.0 && sigma <= radius => sigma,

@@ -69,10 +69,7 @@ impl Patch {
     pub fn new(framing: Framing) -> Self {
         Self {
             values: vec![0.0; SIZE * SIZE],
-            circle: BallCircle {
-                center: Pixel::default(),
-                radius: framing.radius,
-            },
+            circle: BallCircle::new(Pixel::default(), framing.radius),
             framing,
         }
     }

@@ -127,18 +127,24 @@ impl Grid {
         BallCircle {
             center: self.pixel_to_image(circle.center),
             radius: self.side * circle.radius,
+            ..*circle
+        }
+    }
+
+    /// A place in the image, in the part.
+    pub fn pixel_to_part(&self, pixel: Pixel) -> Pixel {
+        Pixel {
+            u: (pixel.u - (self.left + self.half())) / self.side,
+            v: (pixel.v - (self.top + self.half())) / self.side,
         }
     }
 
     /// A circle of the image, in the part.
     pub fn circle_to_part(&self, circle: &BallCircle) -> BallCircle {
-        let center = Pixel {
-            u: (circle.center.u - (self.left + self.half())) / self.side,
-            v: (circle.center.v - (self.top + self.half())) / self.side,
-        };
         BallCircle {
-            center,
+            center: self.pixel_to_part(circle.center),
             radius: circle.radius / self.side,
+            ..*circle
         }
     }
 
@@ -166,10 +172,7 @@ mod tests {
             height: 64,
         };
         let grid = part.grid(1);
-        let circle = BallCircle {
-            center: Pixel { u: 10.0, v: 0.0 },
-            radius: 5.0,
-        };
+        let circle = BallCircle::new(Pixel { u: 10.0, v: 0.0 }, 5.0);
         let found = grid.circle_to_image(&circle);
         // The part's pixel 10 covers the image's columns 120 and 121.
         assert_eq!((found.center.u, found.center.v), (120.5, 7.5));

@@ -29,10 +29,7 @@ fn plain_scene(pattern: &Pattern) -> Scene {
     };
     let mut scene = Scene::random(pattern, &config, &mut frame_rng(5, 0)).unwrap();
     scene.size = [140, 140];
-    scene.circle = BallCircle {
-        center: Pixel { u: 69.3, v: 70.6 },
-        radius: 60.0,
-    };
+    scene.circle = BallCircle::new(Pixel { u: 69.3, v: 70.6 }, 60.0);
     scene.camera = Camera::Orthographic;
     scene.spin = Vec3::zeros();
     scene.shift_px = [0.0; 2];

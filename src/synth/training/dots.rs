@@ -51,14 +51,14 @@ pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> Sample {
         1.0
     };
     let mut off = || far * CIRCLE_SIGMA * rng.sample::<f64, _>(StandardNormal);
-    let BallCircle { center, radius } = frame.circle;
-    let circle = BallCircle {
-        center: Pixel {
+    let BallCircle { center, radius, .. } = frame.circle;
+    let circle = BallCircle::new(
+        Pixel {
             u: center.u + radius * off(),
             v: center.v + radius * off(),
         },
-        radius: radius * (1.0 + off()),
-    };
+        radius * (1.0 + off()),
+    );
     let patch = Patch::cut(&gray, &circle);
     let dots = frame
         .dots

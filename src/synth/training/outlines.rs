@@ -48,14 +48,14 @@ pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> OutlineSample 
             NEAR_SIGMA * rng.sample::<f64, _>(StandardNormal)
         }
     };
-    let BallCircle { center, radius } = frame.circle;
-    let rough = BallCircle {
-        center: Pixel {
+    let BallCircle { center, radius, .. } = frame.circle;
+    let rough = BallCircle::new(
+        Pixel {
             u: center.u + radius * off(),
             v: center.v + radius * off(),
         },
-        radius: radius * off().exp(),
-    };
+        radius * off().exp(),
+    );
     let mut patch = Patch::new(Framing::OUTLINE);
     patch.cut_into(&frame.image.to_gray(), &rough);
     let circle = in_patch(&patch, &frame.circle);

@@ -184,13 +184,13 @@ impl CoarseSearch {
                         else {
                             continue;
                         };
-                        let circle = grid.circle_to_image(&BallCircle {
-                            center: Pixel {
+                        let circle = grid.circle_to_image(&BallCircle::new(
+                            Pixel {
                                 u: center.u,
                                 v: center.v,
                             },
                             radius,
-                        });
+                        ));
                         if circle.radius < radii.0 || circle.radius > radii.1 {
                             continue;
                         }
@@ -271,6 +271,7 @@ impl CoarseSearch {
         let BallCircle {
             center: Pixel { u, v },
             radius,
+            ..
         } = grid.circle_to_part(circle);
         let (mut changed, mut all) = (0u32, 0u32);
         let rows = (v - radius).ceil().max(0.0) as usize..=(v + radius).max(0.0) as usize;
@@ -372,10 +373,7 @@ mod tests {
     #[test]
     fn the_first_circle_and_all_whole_ones_stand_out() {
         let rough = |support, is_moving| RoughCircle {
-            circle: BallCircle {
-                center: Pixel { u: 0.0, v: 0.0 },
-                radius: 10.0,
-            },
+            circle: BallCircle::new(Pixel { u: 0.0, v: 0.0 }, 10.0),
             polarity: Polarity::Brighter,
             support,
             is_moving,

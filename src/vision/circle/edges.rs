@@ -3,11 +3,14 @@
 //! On the ray at the angle `a` the edge at the radius `e(a)` leaves the circle `(u, v, r)` the residual
 //! `|c + e (cos a, sin a) - (u, v)| - r`, whose derivatives are `-cos a, -sin a, -1` to first order.
 
+mod ellipse;
+
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+use self::ellipse::Parameters;
 use super::vote::Center;
 use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
 
@@ -158,7 +161,9 @@ impl Unrolled {
             circle = self.step(&circle, reach)?.0;
         }
         let (_, scatter, information) = self.step(&circle, reach)?;
-        self.judge(image, &circle, scatter, information, polarity)
+        let variance = CORRELATED * scatter * scatter + SYSTEMATIC * SYSTEMATIC;
+        let covariance = information.try_inverse()? * variance;
+        self.judge(image, &circle_parameters(&circle), covariance, polarity)
     }
 
     /// One reweighted step; the new circle, the residuals' standard deviation, and the sum of `w J^T J` with the weights'
@@ -166,20 +171,18 @@ impl Unrolled {
     fn step(&self, circle: &Vector3<f64>, reach: f64) -> Option<(Vector3<f64>, f64, Matrix3<f64>)> {
         let (mut information, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
         let (mut squares, mut total, mut weights) = (0.0, 0.0, 0.0);
+        let model = circle_parameters(circle);
         for ray in 0..RAYS {
-            let Some((edge, point)) = self.nearest(ray, circle) else {
+            let Some((edge, (residual, j))) = self.nearest(ray, &model) else {
                 continue;
             };
-            let offset = point - circle.xy();
-            let distance = offset.norm();
-            let residual = distance - circle.z;
             let t = residual / reach;
-            if t.abs() >= 1.0 || distance < 1e-6 {
+            if t.abs() >= 1.0 {
                 continue;
             }
             let tukey = (1.0 - t * t).powi(2);
             let weight = tukey * f64::from(edge.slope.sqrt());
-            let j = Vector3::new(offset.x / distance, offset.y / distance, 1.0);
+            let j = j.fixed_rows::<3>(0).into_owned();
             information += j * j.transpose() * weight;
             gradient += j * (weight * residual);
             squares += weight * residual * residual;
@@ -194,16 +197,6 @@ impl Unrolled {
         let step = (information + hold).cholesky()?.solve(&gradient);
         let scatter = (squares / total).sqrt();
         Some((circle + step, scatter, information * (weights / total)))
-    }
-
-    /// The edge of a ray that lies best on the circle, and where it is.
-    fn nearest(&self, ray: usize, circle: &Vector3<f64>) -> Option<(&Edge, Vector2<f64>)> {
-        let [cos, sin] = self.directions[ray];
-        let place = |e: &Edge| self.origin + Vector2::new(cos, sin) * e.radius;
-        let off = |e: &Edge| ((place(e) - circle.xy()).norm() - circle.z).abs();
-        let found = self.edges[ray].iter().filter(|e| e.slope > 0.0);
-        let best = found.min_by(|a, b| off(a).total_cmp(&off(b)))?;
-        Some((best, place(best)))
     }
 
     /// Finds the edges on all rays from a center (u, v, _) between two radii.
@@ -276,48 +269,50 @@ impl Unrolled {
         }
     }
 
-    /// What the fitted circle is worth.
+    /// How much the brightness falls across the outline on a ray, a tenth of the radius to either side; of either sign for
+    /// `sign` 0.
+    fn fall(&self, image: &GrayImage, outline: &Parameters, ray: usize, sign: f64) -> f64 {
+        let [cos, sin] = self.directions[ray];
+        let radius = radius_at(outline, cos, sin);
+        let at = |out: f64| f64::from(image.sample(outline[0] + out * cos, outline[1] + out * sin));
+        let fall = at(0.9 * radius) - at(1.1 * radius);
+        if sign == 0.0 { fall.abs() } else { fall }
+    }
+
+    /// What the fitted outline is worth; `covariance` is that of center and radius by the scatter of the edges.
     fn judge(
-        &mut self,
+        &self,
         image: &GrayImage,
-        circle: &Vector3<f64>,
-        scatter: f64,
-        information: Matrix3<f64>,
+        outline: &Parameters,
+        covariance: Matrix3<f64>,
         polarity: Polarity,
     ) -> Option<BallFit> {
         let sign = polarity.sign();
-        let radius = circle.z;
         let (mut seen, mut supported) = (0.0, 0.0);
         let (mut contrast, mut slope) = (0.0, 0.0);
-        let tolerance = (TOLERANCE * radius).max(0.6);
+        let tolerance = (TOLERANCE * outline[2]).max(0.6);
         let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
         for ray in 0..RAYS {
             let [cos, sin] = self.directions[ray];
-            let at = |out: f64| (circle.x + out * cos, circle.y + out * sin);
-            let (u, v) = at(radius + SMOOTHING * 2.5);
+            let out = radius_at(outline, cos, sin) + SMOOTHING * 2.5;
+            let (u, v) = (outline[0] + out * cos, outline[1] + out * sin);
             if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {
                 continue;
             }
             seen += 1.0;
-            let Some((edge, point)) = self.nearest(ray, circle) else {
+            let Some((edge, _)) = self
+                .nearest(ray, outline)
+                .filter(|(_, r)| r.0.abs() <= tolerance)
+            else {
                 continue;
             };
-            if ((point - circle.xy()).norm() - radius).abs() > tolerance {
-                continue;
-            }
             supported += 1.0;
-            let step = 0.1 * radius;
-            let sample = |(u, v): (f64, f64)| f64::from(image.sample(u, v));
-            let fall = sample(at(radius - step)) - sample(at(radius + step));
-            contrast += if sign == 0.0 { fall.abs() } else { fall };
+            contrast += self.fall(image, outline, ray, sign);
             slope += f64::from(edge.slope);
         }
         if supported < 4.0 {
             return None;
         }
-        let variance = CORRELATED * scatter * scatter + SYSTEMATIC * SYSTEMATIC;
-        let covariance = information.try_inverse()? * variance
-            + Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
         let contrast = contrast / supported;
         // The size of the step that the edges show; of the wrong sign, none.
         let step = if sign == 0.0 {
@@ -326,14 +321,8 @@ impl Unrolled {
             (sign * contrast).max(0.0)
         };
         Some(BallFit {
-            circle: BallCircle {
-                center: Pixel {
-                    u: circle.x,
-                    v: circle.y,
-                },
-                radius,
-            },
-            covariance,
+            circle: ball_circle(outline),
+            covariance: covariance + Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC),
             support: supported / seen,
             visible: seen / RAYS as f64,
             polarity,
@@ -342,6 +331,36 @@ impl Unrolled {
             edge_width: step * supported / slope,
             rivals: 0,
         })
+    }
+}
+
+fn circle_parameters(circle: &Vector3<f64>) -> Parameters {
+    Parameters::new(circle.x, circle.y, circle.z, 0.0, 0.0)
+}
+
+/// The outline's radius in a direction.
+fn radius_at(outline: &Parameters, cos: f64, sin: f64) -> f64 {
+    let form = outline[3] * (cos * cos - sin * sin) + outline[4] * 2.0 * sin * cos;
+    outline[2] / (1.0 + form).max(1e-3).sqrt()
+}
+
+fn ball_circle(outline: &Parameters) -> BallCircle {
+    let center = Pixel {
+        u: outline[0],
+        v: outline[1],
+    };
+    let (p, q) = (outline[3], outline[4]);
+    let stretch = p.hypot(q);
+    if stretch == 0.0 {
+        return BallCircle::new(center, outline[2]);
+    }
+    // The radius is largest where the cosine of twice the angle to (p, q) is -1.
+    let angle = 0.5 * (-q).atan2(-p);
+    let length = (2.0 * stretch / (1.0 + stretch)).sqrt();
+    BallCircle {
+        center,
+        radius: outline[2] / (1.0 + stretch).sqrt(),
+        eccentricity: Vector2::new(angle.cos(), angle.sin()) * length,
     }
 }
 

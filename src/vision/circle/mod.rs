@@ -24,6 +24,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::camera::{BallCircle, Pixel};
 use super::image::{GrayImage, RgbImage};
+use super::roi::Grid;
 use edges::Unrolled;
 use vote::{Center, Votes};
 
@@ -151,6 +152,9 @@ const WHOLE: f64 = 0.9;
 /// several, and its noise less.
 const FITTED_RADIUS: f64 = 44.0;
 
+/// Circles that are tried as ellipses, at most.
+const STRETCHED: usize = 12;
+
 /// What the edges of a ball that is known roughly may be.
 const NEAR_POLARITIES: [Polarity; 2] = [Polarity::Brighter, Polarity::Darker];
 
@@ -251,6 +255,20 @@ impl BallFinder {
         self.refine(image, rough, polarity)
     }
 
+    /// The ellipse near a circle, where the edges show one beyond doubt: its eccentricity points along the longer axis, to
+    /// either side.
+    pub(crate) fn fit_ellipse_near(
+        &mut self,
+        image: &GrayImage,
+        rough: &BallCircle,
+        polarity: Polarity,
+    ) -> Option<BallFit> {
+        self.halve(image, rough.radius);
+        self.refine_with(image, rough, |unrolled, image, start| {
+            unrolled.fit_ellipse(image, start, polarity)
+        })
+    }
+
     /// The ball near a circle, whose edges may be of either sign; in gray, and where that does not show it whole, in the
     /// color that sets it off. [`BallFinder::others`] are its other circles.
     ///
@@ -267,12 +285,16 @@ impl BallFinder {
         self.has_contrast = false;
         let mut support = self.fit_polarities(gray, rough);
         let is_whole = |b: &BallFit| b.support >= WHOLE && b.visible >= WHOLE;
+        if self.best().is_none_or(|b| b.support < WHOLE) {
+            self.stretch(gray);
+        }
         if let Some(color) = color.filter(|_| !self.best().as_ref().is_some_and(is_whole)) {
             let mut contrast = std::mem::take(&mut self.contrast);
             contrast.reserve(gray.values().len());
             self.has_contrast = color.to_contrast_into(&mut contrast);
             if self.has_contrast {
                 support = support.max(self.fit_polarities(&contrast, rough));
+                self.stretch(&contrast);
             }
             self.contrast = contrast;
         }
@@ -332,11 +354,39 @@ impl BallFinder {
                 (a, b) => a.or(b),
             };
         }
+        if self.best().is_none_or(|b| b.support < WHOLE) {
+            self.stretch(image);
+        }
         sort_by_completeness(&mut self.found);
         self.best().ok_or(match support {
             Some(support) => NoBall::NoCircle { support },
             None => NoBall::NoContrast,
         })
+    }
+
+    /// Of the best circles that are not whole, those that are ellipses become so: balls off the optical axis.
+    fn stretch(&mut self, image: &GrayImage) {
+        self.found
+            .sort_unstable_by(|a, b| score(b).total_cmp(&score(a)));
+        let mut tries = 0;
+        for k in 0..self.found.len() {
+            let BallFit {
+                circle,
+                polarity,
+                support,
+                ..
+            } = self.found[k];
+            if support >= WHOLE || tries == STRETCHED {
+                continue;
+            }
+            tries += 1;
+            let ellipse = self.refine_with(image, &circle, |unrolled, image, start| {
+                unrolled.fit_ellipse(image, start, polarity)
+            });
+            if let Some(ellipse) = ellipse.filter(|e| e.support > support) {
+                self.found[k] = ellipse;
+            }
+        }
     }
 
     /// Remembers all circles with edges of these polarities; gives the best support of any circle.
@@ -428,13 +478,13 @@ impl BallFinder {
             .radius(small, center, voted, polarity.sign())?;
         let scale = (1u64 << level) as f64;
         let shift = 0.5 * (scale - 1.0);
-        let rough = BallCircle {
-            center: Pixel {
+        let rough = BallCircle::new(
+            Pixel {
                 u: scale * center.u + shift,
                 v: scale * center.v + shift,
             },
-            radius: scale * radius,
-        };
+            scale * radius,
+        );
         let fits = rough.radius >= self.config.min_radius_px && rough.radius <= most;
         if !fits {
             return None;
@@ -448,24 +498,30 @@ impl BallFinder {
         rough: &BallCircle,
         polarity: Polarity,
     ) -> Option<BallFit> {
+        self.refine_with(image, rough, |unrolled, image, start| {
+            unrolled.fit(image, start, polarity)
+        })
+    }
+
+    /// Fits near a circle (u, v, r) in the size that is fine enough.
+    fn refine_with(
+        &mut self,
+        image: &GrayImage,
+        rough: &BallCircle,
+        fit: impl FnOnce(&mut Unrolled, &GrayImage, Vector3<f64>) -> Option<BallFit>,
+    ) -> Option<BallFit> {
         let mut level = 0;
         while level < self.levels && rough.radius / (1u64 << level) as f64 > FITTED_RADIUS {
             level += 1;
         }
-        let scale = (1u64 << level) as f64;
-        let shift = 0.5 * (scale - 1.0);
+        let grid = Grid::halved(level as u32);
+        let start = grid.circle_to_part(rough);
+        let start = Vector3::new(start.center.u, start.center.v, start.radius);
         let small = level.checked_sub(1).map_or(image, |k| &self.halves[k]);
-        let start = Vector3::new(
-            (rough.center.u - shift) / scale,
-            (rough.center.v - shift) / scale,
-            rough.radius / scale,
-        );
-        let mut fit = self.unrolled.fit(small, start, polarity)?;
-        fit.circle.center.u = scale * fit.circle.center.u + shift;
-        fit.circle.center.v = scale * fit.circle.center.v + shift;
-        fit.circle.radius *= scale;
-        fit.covariance *= scale * scale;
-        fit.edge_width *= scale;
+        let mut fit = fit(&mut self.unrolled, small, start)?;
+        fit.circle = grid.circle_to_image(&fit.circle);
+        fit.covariance *= grid.side * grid.side;
+        fit.edge_width *= grid.side;
         Some(fit)
     }
 

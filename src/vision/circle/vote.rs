@@ -62,7 +62,7 @@ impl Votes {
         (self.width, self.height) = (image.width(), image.height());
         self.find_gradients(image);
         for rim in rims {
-            let BallCircle { center, radius } = rim;
+            let BallCircle { center, radius, .. } = rim;
             let width = (RIM * radius).max(MIN_RIM);
             let reach = radius + width;
             let within = |from: f64, to: f64, all: usize| {

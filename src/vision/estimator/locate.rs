@@ -37,12 +37,22 @@ const TRIES: usize = 2 * BallFinder::MAX_OTHERS + 1;
 /// Maximum number of outlines of a frame.
 const MAX_CANDIDATES: usize = TRIES + 2;
 
+/// What an outline may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shape {
+    /// An ellipse where the edges show one.
+    Free,
+    /// The circle that was fitted.
+    Circle,
+}
+
 /// An outline that may be the ball's.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Candidate {
     pub outline: Outline,
     /// The edges on it, where they show it.
     pub fit: Option<BallFit>,
+    pub shape: Shape,
 }
 
 impl From<BallFit> for Candidate {
@@ -50,6 +60,7 @@ impl From<BallFit> for Candidate {
         Self {
             outline: Outline::from(&fit),
             fit: Some(fit),
+            shape: Shape::Free,
         }
     }
 }
@@ -74,10 +85,7 @@ impl Locator {
             net: OutlineWorkspace::default(),
             candidates: Vec::with_capacity(MAX_CANDIDATES),
             contested: None,
-            last: BallCircle {
-                center: Pixel::default(),
-                radius: 0.0,
-            },
+            last: BallCircle::new(Pixel::default(), 0.0),
         }
     }
 
@@ -245,6 +253,7 @@ impl Locator {
                 covariance,
             },
             fit: None,
+            shape: Shape::Free,
         };
         Some(
             edges
@@ -273,16 +282,17 @@ fn combine(seen: &NetOutline, covariance: &Matrix3<f64>, fit: &BallFit) -> Optio
     let mean = together * (of_net * a + of_edges * b);
     Some(Candidate {
         outline: Outline {
-            circle: BallCircle {
-                center: Pixel {
+            circle: BallCircle::new(
+                Pixel {
                     u: mean.x,
                     v: mean.y,
                 },
-                radius: mean.z,
-            },
+                mean.z,
+            ),
             covariance: together,
         },
         fit: Some(*fit),
+        shape: Shape::Free,
     })
 }
 
@@ -300,13 +310,13 @@ fn is_same(a: &Candidate, b: &Candidate) -> bool {
 /// The circle in the middle of an image that fills most of it.
 fn inscribed(image: &GrayImage) -> BallCircle {
     let (width, height) = (image.width() as f64, image.height() as f64);
-    BallCircle {
-        center: Pixel {
+    BallCircle::new(
+        Pixel {
             u: 0.5 * (width - 1.0),
             v: 0.5 * (height - 1.0),
         },
-        radius: 0.4 * width.min(height),
-    }
+        0.4 * width.min(height),
+    )
 }
 
 impl OutlineMethod {

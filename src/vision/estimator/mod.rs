@@ -87,7 +87,7 @@ use crate::pattern::Pattern;
 use crate::recognize::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
 use crate::recognize::{Hint, Recognizer, RecognizerRejection};
 use crate::view::{DotUncertainty, FalseDots, ObservedDot, ViewModel};
-use locate::Locator;
+use locate::{Candidate, Locator};
 use prior::Spending;
 use recenter::{Recentered, Recentering};
 use refine::{Match, Placement, Refiner};
@@ -129,7 +129,9 @@ pub struct EstimatorWorkspace<W> {
     spending: Spending,
     locator: Locator,
     /// Only where the camera's intrinsics are known.
-    recentering: Option<Recentering>,
+    recentering: Recentering,
+    /// The last outline as a circle, where it became an ellipse.
+    round: Option<Candidate>,
     /// How the ball of the last patch was recentered.
     recentered: Option<Recentered>,
     patch: Patch,
@@ -333,9 +335,8 @@ impl<D: DotDetector> Estimator<D> {
             farther: FrameEstimate::with_capacity(),
             spending: Spending::default(),
             locator: Locator::new(self.config.circle),
-            recentering: self
-                .intrinsics()
-                .map(|_| Recentering::new(self.config.circle)),
+            recentering: Recentering::new(self.config.circle),
+            round: None,
             recentered: None,
             patch: Patch::default(),
             detector: self.detector.workspace(),

@@ -53,13 +53,13 @@ pub(super) fn expected_outline(around: &[(f64, BallCircle)]) -> Option<BallCircl
     let radius = at_zero(&values(|c| c.radius), false)?;
     let scatter = u.scatter.hypot(v.scatter).max(radius.scatter);
     let is_smooth = radius.value > 0.0 && scatter <= MAX_SCATTER * radius.value;
-    is_smooth.then_some(BallCircle {
-        center: Pixel {
+    is_smooth.then_some(BallCircle::new(
+        Pixel {
             u: u.value,
             v: v.value,
         },
-        radius: radius.value,
-    })
+        radius.value,
+    ))
 }
 
 /// A polynomial's value at 0, and the median deviation of what it was fitted to.
@@ -159,13 +159,13 @@ impl OutlineMotion {
         let ahead = |from: f64, to: f64| to + steps * (to - from);
         let radius = ahead(first.radius, last.radius);
         let (min, max) = (1.0 - MAX_GROWTH, 1.0 + MAX_GROWTH);
-        Some(BallCircle {
-            center: Pixel {
+        Some(BallCircle::new(
+            Pixel {
                 u: ahead(first.center.u, last.center.u),
                 v: ahead(first.center.v, last.center.v),
             },
-            radius: radius.clamp(min * last.radius, max * last.radius),
-        })
+            radius.clamp(min * last.radius, max * last.radius),
+        ))
     }
 }
 
@@ -174,13 +174,13 @@ mod tests {
     use super::*;
 
     fn outline(t: f64) -> BallCircle {
-        BallCircle {
-            center: Pixel {
+        BallCircle::new(
+            Pixel {
                 u: 100.0 + 40.0 * t,
                 v: 300.0 - 20.0 * t + 3.0 * t * t,
             },
-            radius: 30.0 + 0.2 * t,
-        }
+            30.0 + 0.2 * t,
+        )
     }
 
     #[test]

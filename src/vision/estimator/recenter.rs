@@ -15,6 +15,10 @@
 //! [`BallView`](crate::vision::camera::BallView) has them: the center is where the ball's
 //! center is seen, the radius `sqrt(fx fy) |q| tan a`.
 //!
+//! Without intrinsics an outline that is an ellipse beyond doubt tells the angle, and for a ball at a usual distance
+//! everything else ([`Intrinsics::of_ellipse`]): the ball is seen by such a camera, and a circle fitted there. Dots and
+//! outline are those of the ellipse when they are mapped back; the distance stays open.
+//!
 //! What lies beyond the image's border is continued from there: where the ball is cut, so is its
 //! outline.
 
@@ -23,7 +27,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
 use super::{FrameEstimate, Outline, OutlineSource};
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::camera::{BallCircle, Intrinsics, Pixel, ray};
-use crate::vision::circle::{BallFinder, BallFit, CircleConfig};
+use crate::vision::circle::{BallFinder, BallFit, CircleConfig, Polarity};
 use crate::vision::detect::DotDetection;
 use crate::vision::image::GrayImage;
 
@@ -32,6 +36,8 @@ use crate::vision::image::GrayImage;
 const MIN_OFF_AXIS_RAD: f64 = 0.0175;
 /// Half the side of the virtual image, ball radii.
 const REACH: f64 = 1.4;
+/// The distance for which a ball that is seen as an ellipse is recentered, one over radii: what differs is of second order.
+const USUAL_INVERSE_DISTANCE: f64 = 0.07;
 /// Larger balls are shrunk to this radius, pixels: finer than both the fit and the patch.
 const MAX_RADIUS: f64 = 88.0;
 /// Pixels of the largest virtual image.
@@ -85,13 +91,13 @@ impl VirtualCamera {
 
     /// The ball as expected: in the middle.
     pub fn circle(&self) -> BallCircle {
-        BallCircle {
-            center: Pixel {
+        BallCircle::new(
+            Pixel {
                 u: self.middle(),
                 v: self.middle(),
             },
-            radius: self.radius,
-        }
+            self.radius,
+        )
     }
 
     /// Resamples the surroundings of the ball.
@@ -153,10 +159,10 @@ impl VirtualCamera {
         );
         let tan = circle.radius / Vector2::new(du, dv).norm().hypot(self.focal);
         let center = self.image_of(circle.center);
-        BallCircle {
+        BallCircle::new(
             center,
-            radius: tan * mean_focal(&self.intrinsics) * ray(&self.intrinsics, center).norm(),
-        }
+            tan * mean_focal(&self.intrinsics) * ray(&self.intrinsics, center).norm(),
+        )
     }
 
     /// A fit in the virtual image as one in the image.
@@ -227,6 +233,58 @@ impl Recentering {
     /// The virtual image of the last ball.
     pub fn image(&self) -> &GrayImage {
         &self.image
+    }
+
+    /// The same where the intrinsics are unknown, for an outline that was found and is an ellipse. `middle` is where the
+    /// principal point is expected: the ellipse may be that of a ball to either side.
+    pub fn recenter_ellipse(
+        &mut self,
+        middle: Pixel,
+        gray: &GrayImage,
+        contrast: Option<&GrayImage>,
+        frame: &mut FrameEstimate,
+    ) -> Option<Recentered> {
+        let outline = frame.outline?;
+        if frame.outline_source == OutlineSource::Given {
+            return None;
+        }
+        let polarity = frame.fit.map_or(Polarity::Mixed, |f| f.polarity);
+        let mut ellipse = outline.circle;
+        if ellipse.eccentricity == Vector2::zeros() {
+            let mut fit = |image| {
+                self.finder
+                    .fit_ellipse_near(image, &outline.circle, polarity)
+            };
+            ellipse = fit(gray).or_else(|| fit(contrast?))?.circle;
+        }
+        let from_middle = Vector2::new(ellipse.center.u - middle.u, ellipse.center.v - middle.v);
+        if from_middle.dot(&ellipse.eccentricity) < 0.0 {
+            ellipse.eccentricity = -ellipse.eccentricity;
+        }
+        let intrinsics = Intrinsics::of_ellipse(&ellipse, USUAL_INVERSE_DISTANCE)?;
+        let seen = Intrinsics::from_ellipse(&ellipse, USUAL_INVERSE_DISTANCE);
+        let camera = VirtualCamera::new(&intrinsics, &seen)?;
+        let found = frame.fit.map_or(0.0, |f| f.support);
+        let mut fit = |image: &GrayImage| {
+            camera.look(image, &mut self.image);
+            let fit = self
+                .finder
+                .fit_near(&self.image, &camera.circle(), polarity)?;
+            (fit.support >= found).then_some(fit)
+        };
+        let in_contrast = contrast.and_then(&mut fit);
+        let fitted = fit(gray).into_iter().chain(in_contrast);
+        let fitted = fitted.max_by(|a, b| a.support.total_cmp(&b.support))?;
+        let mut mapped = camera.fit_to_image(&fitted);
+        mapped.circle =
+            Intrinsics::to_ellipse(&mapped.circle, ellipse.eccentricity, USUAL_INVERSE_DISTANCE);
+        (mapped.visible, mapped.rivals) = frame.fit.map_or((1.0, 0), |f| (f.visible, f.rivals));
+        frame.outline = Some(Outline::from(&mapped));
+        if frame.fit.is_some() {
+            frame.fit = Some(mapped);
+        }
+        let circle = fitted.circle;
+        Some(Recentered { camera, circle })
     }
 
     /// Makes the virtual image of a ball off the axis, and corrects its outline where that was found rather
@@ -319,13 +377,13 @@ fn outline_of_fit(k: &Intrinsics, fitted: &Outline) -> Outline {
         tan_half *= radius / (0.25 * (far - near) + 0.5 * across);
     }
     let to = at * (tan_off / off);
-    let circle = BallCircle {
-        center: Pixel {
+    let circle = BallCircle::new(
+        Pixel {
             u: k.cx + k.fx * to.x,
             v: k.cy - k.fy * to.y,
         },
-        radius: focal * tan_off.hypot(1.0) * tan_half,
-    };
+        focal * tan_off.hypot(1.0) * tan_half,
+    );
     let stretch = 0.5 * (fitted.circle.radius - circle.radius);
     Outline {
         circle,
@@ -348,10 +406,7 @@ mod tests {
         cx: -140.0,
         cy: 90.0,
     };
-    const CIRCLE: BallCircle = BallCircle {
-        center: Pixel { u: 41.0, v: 37.0 },
-        radius: 28.0,
-    };
+    const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 41.0, v: 37.0 }, 28.0);
 
     #[test]
     fn the_virtual_camera_sees_the_ball_in_the_middle() {
@@ -398,13 +453,13 @@ mod tests {
             let (near, far) = ((off_axis - half).tan(), (off_axis + half).tan());
             let across = half.sin() / (half.cos().powi(2) - off_axis.sin().powi(2)).sqrt();
             let fitted = Outline {
-                circle: BallCircle {
-                    center: Pixel {
+                circle: BallCircle::new(
+                    Pixel {
                         u: 150.0 * (near + far),
                         v: 0.0,
                     },
-                    radius: 300.0 * (0.25 * (far - near) + 0.5 * across),
-                },
+                    300.0 * (0.25 * (far - near) + 0.5 * across),
+                ),
                 covariance: Matrix3::identity(),
             };
             let found = outline_of_fit(&k, &fitted).circle;

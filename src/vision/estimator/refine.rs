@@ -230,6 +230,7 @@ impl Refiner {
                     v: now.center.v + step[4],
                 },
                 radius: now.radius + step[5],
+                ..now
             };
             if let CameraModel::Unknown(_) = prior.camera {
                 let at = state.view.horizon() + step[6];
@@ -305,7 +306,7 @@ fn residual(
     let hand = by_direction * placement * by_direction.transpose();
     let inverse = (covariance + hand).try_inverse()?;
     let at = view.project(expected);
-    let BallCircle { center, radius } = *view.circle();
+    let BallCircle { center, radius, .. } = *view.circle();
     let mut by_parameters = SMatrix::<f64, 2, 7>::zeros();
     // d(R d) = x cross R d.
     by_parameters

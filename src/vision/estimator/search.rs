@@ -11,9 +11,11 @@
 
 use std::time::Instant;
 
+use nalgebra::Vector2;
+
 use super::acquire::Hunt;
 use super::frame::Standing;
-use super::locate::Candidate;
+use super::locate::{Candidate, Shape};
 use super::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth, Spending};
 use super::shrunk::MAX_THOROUGH;
 use super::{
@@ -21,7 +23,7 @@ use super::{
     Outline, OutlineSource, PROMISING, Pose, is_mirrored,
 };
 use crate::recognize::Hint;
-use crate::vision::camera::BallCircle;
+use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::NoBall;
 use crate::vision::detect::DotDetector;
 use crate::vision::image::{GrayImage, RgbImage};
@@ -66,6 +68,19 @@ pub(super) struct View<'a> {
     pub gray: &'a GrayImage,
     /// Where its pixels lie in the frame.
     pub grid: Grid,
+    /// Columns and rows of the frame.
+    pub size: [usize; 2],
+}
+
+impl View<'_> {
+    /// The middle of the frame, in pixels of the view.
+    fn middle(&self) -> Pixel {
+        let [width, height] = self.size.map(|s| 0.5 * (s as f64 - 1.0));
+        self.grid.pixel_to_part(Pixel {
+            u: width,
+            v: height,
+        })
+    }
 }
 
 /// How often a length is halved until it is no more than another.
@@ -308,6 +323,7 @@ impl<D: DotDetector> Estimator<D> {
                 _ => &images.gray,
             },
             grid: part.grid(level),
+            size: [image.width(), image.height()],
         };
         work(view, ws);
         ws.images = images;
@@ -326,6 +342,14 @@ impl<D: DotDetector> Estimator<D> {
         self.detect_in(view, place, standing, ws, out);
         self.identify_looking_again(view, hint, ws, out);
         let mut other = std::mem::take(&mut ws.other);
+        // Motion, shadows and hands draw circles out, too: the dots decide.
+        let round = ws.round.take().filter(|_| !is_mirrored(out));
+        if let Some(candidate) = round.filter(|_| !ws.spending.is_over()) {
+            self.try_outline(&candidate, view, hint, ws, out, &mut other);
+            if is_better(&other, out) {
+                std::mem::swap(&mut other, out);
+            }
+        }
         let contested = ws.locator.contested().filter(|_| !is_mirrored(out));
         if let Some(candidate) = contested.filter(|_| !ws.spending.is_over()) {
             self.try_outline(&candidate, view, hint, ws, out, &mut other);
@@ -365,7 +389,7 @@ impl<D: DotDetector> Estimator<D> {
         (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
         other.standing = Standing::Doubtful;
         other.timings.locate = first.timings.locate;
-        self.find_dots(view, ws, other);
+        self.find_dots(view, candidate.shape, ws, other);
         if first.pose().is_some() {
             self.identify(ws, other);
         } else {
@@ -465,13 +489,14 @@ impl<D: DotDetector> Estimator<D> {
         }
         out.circle = out.outline.map(|o| o.circle);
         out.timings.locate = begun.elapsed();
-        self.find_dots(view, ws, out);
+        self.find_dots(view, Shape::Free, ws, out);
     }
 
     /// Finds the dots within the outline; then all that was found is given in the frame's pixels.
     fn find_dots(
         &self,
         view: View<'_>,
+        shape: Shape,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
@@ -479,18 +504,35 @@ impl<D: DotDetector> Estimator<D> {
         out.dots.reserve(EXPECTED_DOTS);
         out.assignment.clear();
         out.assignment.reserve(EXPECTED_DOTS);
+        ws.round = None;
         if let Some(outline) = out.outline {
             let begun = Instant::now();
-            ws.recentered = match (self.intrinsics(), &mut ws.recentering) {
-                (Some(k), Some(r)) => {
+            let fit = out.fit;
+            let contrast = ws.locator.color_contrast();
+            ws.recentered = match self.intrinsics() {
+                Some(k) => {
                     let k = view.grid.intrinsics_to_part(&k);
-                    r.recenter(&k, view.gray, ws.locator.color_contrast(), out)
+                    ws.recentering.recenter(&k, view.gray, contrast, out)
                 }
-                _ => None,
+                None if shape == Shape::Circle => None,
+                None => {
+                    let middle = view.middle();
+                    let found = ws
+                        .recentering
+                        .recenter_ellipse(middle, view.gray, contrast, out);
+                    let is_round = outline.circle.eccentricity == Vector2::zeros();
+                    let circle = Candidate {
+                        outline,
+                        fit,
+                        shape: Shape::Circle,
+                    };
+                    ws.round = (found.is_some() && is_round).then_some(circle);
+                    found
+                }
             };
-            match (ws.recentered, &ws.recentering) {
-                (Some(ball), Some(r)) => ws.patch.cut_into(r.image(), &ball.circle),
-                _ => ws.patch.cut_into(view.gray, &outline.circle),
+            match ws.recentered {
+                Some(ball) => ws.patch.cut_into(ws.recentering.image(), &ball.circle),
+                None => ws.patch.cut_into(view.gray, &outline.circle),
             }
             self.detector
                 .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);

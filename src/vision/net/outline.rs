@@ -110,12 +110,11 @@ impl OutlineNet {
             let cells = self.network.forward(&ws.patch, &mut ws.activations);
             let fit = fit_cells(cells)?;
             let step = ws.patch.step();
-            let next = BallCircle {
-                center: ws
-                    .patch
+            let next = BallCircle::new(
+                ws.patch
                     .to_image(MIDDLE + fit.circle.x, MIDDLE + fit.circle.y),
-                radius: fit.circle.z * step,
-            };
+                fit.circle.z * step,
+            );
             let moved = (next.center.u - circle.center.u)
                 .hypot(next.center.v - circle.center.v)
                 .max((next.radius - circle.radius).abs());

@@ -48,10 +48,7 @@ fn unit_view() -> Result<View, Box<dyn Error>> {
         cx: 0.0,
         cy: 0.0,
     });
-    let circle = BallCircle {
-        center: Pixel { u: 0.0, v: 0.0 },
-        radius: 1.0,
-    };
+    let circle = BallCircle::new(Pixel { u: 0.0, v: 0.0 }, 1.0);
     Ok(View::new(&camera, circle)?)
 }
 
@@ -82,13 +79,13 @@ fn clip<R: Rng>(dots: &[Vec3], frames: usize, view: &View, motion: &mut R, rng: 
             let x: f64 = StandardNormal.sample(rng);
             x * sigma
         };
-        let outline = BallCircle {
-            center: Pixel {
+        let outline = BallCircle::new(
+            Pixel {
                 u: center.u + normal(OUTLINE_PX),
                 v: center.v + normal(OUTLINE_PX),
             },
-            radius: RADIUS + normal(OUTLINE_PX),
-        };
+            RADIUS + normal(OUTLINE_PX),
+        );
         for (j, dot) in dots.iter().enumerate() {
             let at = rotation * dot;
             if view.facing(&at) > 0.15 && rng.random::<f64>() >= MISSED {

@@ -113,17 +113,17 @@ impl Args {
 
 /// A frame with its clear dots and its outline, each a little off.
 fn oracle(ball: &BallSignal, signal: f64, mut normal: impl FnMut() -> f64) -> FrameEstimate {
-    let BallCircle { center, radius } = ball.circle;
+    let BallCircle { center, radius, .. } = ball.circle;
     let sigma = ORACLE * radius;
     let mut off = || sigma * normal();
     let outline = Outline {
-        circle: BallCircle {
-            center: Pixel {
+        circle: BallCircle::new(
+            Pixel {
                 u: center.u + off(),
                 v: center.v + off(),
             },
-            radius: radius + off(),
-        },
+            radius + off(),
+        ),
         covariance: Matrix3::from_diagonal_element(sigma * sigma),
     };
     let clear = ball

@@ -83,10 +83,7 @@ fn measure(
         .as_ref()
         .err()
         .map_or(String::new(), ToString::to_string);
-    let circle = BallCircle {
-        center: truth.center,
-        radius: truth.radius_px,
-    };
+    let circle = BallCircle::new(truth.center, truth.radius_px);
     estimator.estimate(
         &frame.image,
         &Prior {

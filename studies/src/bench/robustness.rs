@@ -226,7 +226,7 @@ impl Args {
     pub fn run(&self) -> Result<(), Box<dyn Error + Send + Sync>> {
         let (folder, path) = (&self.folder, &self.pattern);
         let (count, seed, outline) = (self.frames, self.seed, self.outline);
-        let pattern = Pattern::read_csv(&path)?;
+        let pattern = Pattern::read_csv(path)?;
         let config = EstimatorConfig {
             outline,
             ..EstimatorConfig::default()

@@ -79,10 +79,7 @@ fn outcomes(
     let truth = &rendered[0].truth;
     let seen = match truth.intrinsics {
         Some(intrinsics) => {
-            let circle = BallCircle {
-                center: view.reference,
-                radius: truth.radius_px,
-            };
+            let circle = BallCircle::new(view.reference, truth.radius_px);
             BallView::new(&Camera::Perspective(intrinsics), circle)?.to_camera()
         }
         None => Rotation::identity(),

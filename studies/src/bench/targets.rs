@@ -174,7 +174,7 @@ impl Args {
     /// What hinders the measurement.
     pub fn run(&self) -> Result<()> {
         let (dir, ours, trials) = (&self.out, &self.ours, self.trials);
-        std::fs::create_dir_all(&dir).map_err(|e| Error::argument("OUT_DIR", e.to_string()))?;
+        std::fs::create_dir_all(dir).map_err(|e| Error::argument("OUT_DIR", e.to_string()))?;
         let mut patterns = Vec::new();
         if let Some(published) = &self.published {
             patterns.push(("published", Pattern::read_csv(Path::new(published))?));
@@ -183,7 +183,7 @@ impl Args {
             pattern.write_csv(&dir.join(format!("{name}.csv")))?;
             patterns.push((name, pattern));
         }
-        patterns.push(("ours", Pattern::read_csv(&ours)?));
+        patterns.push(("ours", Pattern::read_csv(ours)?));
         let columns = columns();
         println!("{trials} trials a column, seed {TRIAL_SEED}; % with 95 % intervals\n");
         let titles: Vec<&str> = columns.iter().map(|c| c.title).collect();

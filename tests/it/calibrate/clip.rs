@@ -115,23 +115,20 @@ fn frame<R: Rng>(
         cx: middle.u,
         cy: middle.v,
     });
-    let circle = BallCircle {
-        center: middle,
-        radius: config.radius,
-    };
+    let circle = BallCircle::new(middle, config.radius);
     let view = View::new(&camera, circle).unwrap();
     let mut normal = |sigma: f64| -> f64 {
         let x: f64 = StandardNormal.sample(rng);
         x * sigma
     };
     let exact = view.outline().circle();
-    let outline = BallCircle {
-        center: Pixel {
+    let outline = BallCircle::new(
+        Pixel {
             u: exact.center.u + normal(config.outline_px),
             v: exact.center.v + normal(config.outline_px),
         },
-        radius: exact.radius + normal(config.outline_px),
-    };
+        exact.radius + normal(config.outline_px),
+    );
     let mut seen: Vec<(Pixel, f64)> = Vec::new();
     for (j, dot) in dots.iter().enumerate() {
         let at = rotation * dot;

@@ -33,13 +33,13 @@ impl Scene {
         Self {
             width: side,
             height: side,
-            circle: BallCircle {
-                center: Pixel {
+            circle: BallCircle::new(
+                Pixel {
                     u: middle,
                     v: middle,
                 },
                 radius,
-            },
+            ),
             camera: Camera::Orthographic,
             rotation,
             dots: dots.to_vec(),

@@ -28,13 +28,13 @@ fn a_warm_detector_does_not_allocate() {
         .iter()
         .map(|frame| {
             let (width, height) = (frame.width() as f64, frame.height() as f64);
-            let circle = spindoe::vision::BallCircle {
-                center: spindoe::vision::Pixel {
+            let circle = spindoe::vision::BallCircle::new(
+                spindoe::vision::Pixel {
                     u: 0.5 * width,
                     v: 0.5 * height,
                 },
-                radius: 0.45 * width.min(height),
-            };
+                0.45 * width.min(height),
+            );
             Patch::cut(&frame.to_gray(), &circle)
         })
         .collect();

@@ -1,17 +1,15 @@
 //! Back-projection: against closed forms, there and back, finite differences, and Monte Carlo.
 
 use nalgebra::{Matrix2, Vector2};
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spindoe::geometry::{Vec3, random_direction_above, tangent_frame};
 use spindoe::recognize::DotUncertainty;
+use spindoe::synth::view::View;
 use spindoe::vision::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 
-const CIRCLE: BallCircle = BallCircle {
-    center: Pixel { u: 31.0, v: 29.5 },
-    radius: 28.0,
-};
+const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 31.0, v: 29.5 }, 28.0);
 const PINHOLE: Camera = Camera::Perspective(Intrinsics {
     fx: 320.0,
     fy: 320.0,
@@ -19,8 +17,68 @@ const PINHOLE: Camera = Camera::Perspective(Intrinsics {
     cy: 150.0,
 });
 
+const NEAR: Camera = Camera::Near {
+    inverse_distance: 0.11,
+};
+
 fn views() -> [BallView; 2] {
     [Camera::Orthographic, PINHOLE].map(|c| BallView::new(&c, CIRCLE).expect("valid"))
+}
+
+/// All projections, with ellipses for outlines where they are looked at.
+fn all_views() -> impl Iterator<Item = BallView> {
+    let ellipse = BallCircle {
+        eccentricity: Vector2::new(-0.35, 0.22),
+        ..CIRCLE
+    };
+    let eccentric = [Camera::Orthographic, NEAR].map(|c| (c, ellipse));
+    let round = [Camera::Orthographic, NEAR, PINHOLE].map(|c| (c, CIRCLE));
+    let all = round.into_iter().chain(eccentric);
+    all.map(|(camera, circle)| BallView::new(&camera, circle).expect("valid"))
+}
+
+/// An ellipse seen without intrinsics is a sphere off a pinhole's axis: `synth` shares no code with the estimator's camera.
+#[test]
+fn an_ellipse_is_the_outline_of_a_ball_off_the_axis() {
+    let mut rng = ChaCha8Rng::seed_from_u64(29_600_001);
+    for _ in 0..200 {
+        let mut draw = |from: f64, to: f64| rng.random_range(from..to);
+        let focal = draw(150.0, 900.0);
+        let off = focal * Vector2::new(draw(-0.6, 0.6), draw(-0.6, 0.6));
+        let k = Intrinsics {
+            fx: focal,
+            fy: focal,
+            cx: 320.0,
+            cy: 240.0,
+        };
+        let center = Pixel {
+            u: k.cx + off.x,
+            v: k.cy + off.y,
+        };
+        let camera = Camera::Perspective(k);
+        let radius = draw(0.02, 0.2) * focal;
+        let truth = View::new(&camera, BallCircle::new(center, radius)).expect("valid");
+        let ellipse = truth.outline();
+        let [a, b] = ellipse.half_axes_px;
+        let seen = BallCircle {
+            center: ellipse.center,
+            radius: b,
+            eccentricity: off.normalize() * (1.0 - (b / a).powi(2)).sqrt(),
+        };
+        let near = Camera::Near {
+            inverse_distance: 1.0 / truth.distance().expect("a pinhole"),
+        };
+        let view = BallView::new(&near, seen).expect("valid");
+        let to_view = truth.to_view();
+        let mut check = ChaCha8Rng::seed_from_u64(7);
+        for _ in 0..20 {
+            let direction = random_direction_above(&mut check, view.horizon());
+            let expected = truth.project(&(to_view.inverse() * direction));
+            let found = view.project(&direction);
+            let apart = (found.u - expected.u).hypot(found.v - expected.v);
+            assert!(apart < 1e-7 * radius, "{apart} px at {off}, {radius}");
+        }
+    }
 }
 
 #[test]
@@ -50,10 +108,7 @@ fn a_pinhole_sees_the_ball_where_geometry_says() {
         cx: 200.0,
         cy: 100.0,
     };
-    let circle = BallCircle {
-        center: Pixel { u: 200.0, v: 100.0 },
-        radius: 50.0,
-    };
+    let circle = BallCircle::new(Pixel { u: 200.0, v: 100.0 }, 50.0);
     let view = BallView::new(&Camera::Perspective(k), circle).expect("valid");
     let half_angle = (50.0f64 / 500.0).atan();
     assert!((view.horizon() - half_angle.sin()).abs() < 1e-12);
@@ -70,7 +125,7 @@ fn a_pinhole_sees_the_ball_where_geometry_says() {
 #[test]
 fn there_and_back_is_the_same() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    for view in views() {
+    for view in all_views() {
         for _ in 0..200 {
             let direction = random_direction_above(&mut rng, view.horizon() + 0.02);
             let back = view.direction(view.project(&direction)).expect("in sight");
@@ -83,7 +138,7 @@ fn there_and_back_is_the_same() {
 fn derivatives_match_differences() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let step = 1e-6;
-    for view in views() {
+    for view in all_views() {
         for _ in 0..50 {
             let direction = random_direction_above(&mut rng, 0.2);
             let jacobian = view.jacobian(&direction);
@@ -108,7 +163,7 @@ fn the_covariance_is_that_of_many_noisy_pixels() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let covariance = Matrix2::new(0.09, 0.03, 0.03, 0.05);
     let root = covariance.cholesky().expect("positive definite").l();
-    for view in views() {
+    for view in all_views() {
         for direction in [
             Vec3::new(0.1, -0.2, 0.97).normalize(),
             Vec3::new(-0.6, 0.3, 0.74).normalize(),

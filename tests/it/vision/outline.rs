@@ -17,13 +17,13 @@ fn occluded() -> SynthConfig {
 
 /// A circle off the true one by a fifth of its radius.
 fn displaced(truth: &BallCircle) -> BallCircle {
-    BallCircle {
-        center: Pixel {
+    BallCircle::new(
+        Pixel {
             u: truth.center.u + 0.2 * truth.radius,
             v: truth.center.v - 0.1 * truth.radius,
         },
-        radius: 1.2 * truth.radius,
-    }
+        1.2 * truth.radius,
+    )
 }
 
 #[test]
@@ -34,10 +34,7 @@ fn it_finds_the_outline_of_a_ball_that_is_partly_hidden() {
     let mut errors: Vec<f64> = (0..60)
         .map(|k| {
             let frame = independent_frame(&pattern, &occluded(), 77, k).expect("a frame");
-            let truth = BallCircle {
-                center: frame.truth.center,
-                radius: frame.truth.radius_px,
-            };
+            let truth = BallCircle::new(frame.truth.center, frame.truth.radius_px);
             let found = net.find_near(&frame.image.to_gray(), &displaced(&truth), &mut ws);
             found.map_or(f64::INFINITY, |f| {
                 let c = f.circle;
@@ -65,13 +62,13 @@ fn it_knows_no_outline_in_noise() {
         .filter(|&k| {
             let frame = independent_frame(&pattern, &config, 78, k).expect("a frame");
             let gray = frame.image.to_gray();
-            let middle = BallCircle {
-                center: Pixel {
+            let middle = BallCircle::new(
+                Pixel {
                     u: 0.5 * gray.width() as f64,
                     v: 0.5 * gray.height() as f64,
                 },
-                radius: 0.4 * gray.width() as f64,
-            };
+                0.4 * gray.width() as f64,
+            );
             net.find_near(&gray, &middle, &mut ws)
                 .is_some_and(|f| f.covariance.diagonal().max().sqrt() < 0.03 * f.circle.radius)
         })

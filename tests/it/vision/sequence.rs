@@ -19,10 +19,7 @@ use spindoe::vision::{
     NamedDetector, OutlinePrior, Pixel, Prior,
 };
 
-const CIRCLE: BallCircle = BallCircle {
-    center: Pixel { u: 40.0, v: 40.0 },
-    radius: 30.0,
-};
+const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 40.0, v: 40.0 }, 30.0);
 
 fn estimator(pattern: &Pattern, config: EstimatorConfig) -> Estimator<NamedDetector> {
     let detector = DetectorName::Cnn.build().expect("weights");
@@ -70,13 +67,13 @@ fn the_same_question_has_the_same_answer() {
     let mut answered = 0;
     for k in 0..10 {
         let frame = independent_frame(&pattern, &SynthConfig::good(), 8, k).expect("a frame");
-        let near = BallCircle {
-            center: Pixel {
+        let near = BallCircle::new(
+            Pixel {
                 u: frame.truth.center.u + 0.4,
                 v: frame.truth.center.v - 0.3,
             },
-            radius: 1.02 * frame.truth.radius_px,
-        };
+            1.02 * frame.truth.radius_px,
+        );
         for circle in [Some(near), None] {
             let mut out = FrameEstimate::default();
             let outline = circle.map(OutlinePrior::given);
@@ -298,10 +295,7 @@ fn the_spin_of_a_ball_that_crosses_the_picture_is_as_well_known_as_its_covarianc
         let camera = truth
             .intrinsics
             .map_or(Camera::Orthographic, Camera::Perspective);
-        let amid = BallCircle {
-            center: view.reference,
-            radius: truth.radius_px,
-        };
+        let amid = BallCircle::new(view.reference, truth.radius_px);
         let seen = BallView::new(&camera, amid).expect("a ball").to_camera();
         let off = fit.motion.spin - seen.inverse() * sequence.spin();
         let covariance = fit.spin_covariance.expect("a covariance");

@@ -73,10 +73,7 @@ fn rotation(truth: &FrameTruth) -> Rotation {
 }
 
 fn outline(truth: &FrameTruth) -> BallCircle {
-    BallCircle {
-        center: truth.center,
-        radius: truth.radius_px,
-    }
+    BallCircle::new(truth.center, truth.radius_px)
 }
 
 fn apart(a: &BallCircle, b: &BallCircle) -> f64 {
@@ -354,7 +351,7 @@ fn no_shape_of_an_image_is_too_thin() {
         for radius in [None, Some(0.5), Some(30.0), Some(1e4)] {
             for part in [0.01, 1.5, f64::INFINITY] {
                 let outline = radius.map(|radius| OutlinePrior {
-                    circle: BallCircle { center, radius },
+                    circle: BallCircle::new(center, radius),
                     sigma_px: part * radius,
                 });
                 let prior = Prior {
@@ -497,10 +494,7 @@ fn neighbors_know_where_the_ball_is() {
         .collect();
     // One finds nothing, one something else.
     frames[6] = FrameEstimate::default();
-    let elsewhere = BallCircle {
-        center: Pixel { u: 60.0, v: 60.0 },
-        radius: 25.0,
-    };
+    let elsewhere = BallCircle::new(Pixel { u: 60.0, v: 60.0 }, 25.0);
     let image = &clip.frames[9].0;
     let given = OutlinePrior::given(elsewhere);
     estimator.detect(image, Some(&given), &mut ws, &mut frames[9]);
