@@ -88,6 +88,11 @@ impl BallCircle {
             eccentricity: Vector2::new(0.0, 0.0),
         }
     }
+
+    /// Whether it is no circle.
+    pub fn is_ellipse(&self) -> bool {
+        !is_zero(&self.eccentricity)
+    }
 }
 
 /// A pinhole camera without distortion.

@@ -152,6 +152,8 @@ const WHOLE: f64 = 0.9;
 /// several, and its noise less.
 const FITTED_RADIUS: f64 = 44.0;
 
+/// A circle whose center is nearer to an ellipse's than this part of its shorter half axis is in the same place.
+const SAME_PLACE: f64 = 0.3;
 /// Circles that are tried as ellipses, at most.
 const STRETCHED: usize = 12;
 
@@ -241,6 +243,16 @@ impl BallFinder {
             .filter(move |f| best.is_none_or(|b| b.circle != f.circle))
             .take(Self::MAX_OTHERS)
             .copied()
+    }
+
+    /// The most complete circle in the place of an ellipse.
+    pub(crate) fn circle_at(&self, ellipse: &BallCircle) -> Option<BallFit> {
+        let is_there = |f: &&BallFit| {
+            let (a, b) = (f.circle.center, ellipse.center);
+            let apart = (a.u - b.u).hypot(a.v - b.v);
+            !f.circle.is_ellipse() && apart < SAME_PLACE * ellipse.radius
+        };
+        self.found.iter().find(is_there).copied()
     }
 
     /// Fits the outline of a ball that is known roughly; circles of the last search stay. `None`
@@ -364,10 +376,11 @@ impl BallFinder {
         })
     }
 
-    /// Of the best circles that are not whole, those that are ellipses become so: balls off the optical axis.
+    /// Ellipses of the best circles that are not whole: balls off the optical axis. The circles stay.
     fn stretch(&mut self, image: &GrayImage) {
         self.found
             .sort_unstable_by(|a, b| score(b).total_cmp(&score(a)));
+        self.found.reserve(STRETCHED);
         let mut tries = 0;
         for k in 0..self.found.len() {
             let BallFit {
@@ -383,9 +396,7 @@ impl BallFinder {
             let ellipse = self.refine_with(image, &circle, |unrolled, image, start| {
                 unrolled.fit_ellipse(image, start, polarity)
             });
-            if let Some(ellipse) = ellipse.filter(|e| e.support > support) {
-                self.found[k] = ellipse;
-            }
+            self.found.extend(ellipse.filter(|e| e.support > support));
         }
     }
 

@@ -35,7 +35,7 @@ const SAME: f64 = 0.03;
 /// Each circle of the edges is tried as the net sees it and as it is; then the crop's, and the rough one.
 const TRIES: usize = 2 * BallFinder::MAX_OTHERS + 1;
 /// Maximum number of outlines of a frame.
-const MAX_CANDIDATES: usize = TRIES + 2;
+const MAX_CANDIDATES: usize = TRIES + 3;
 
 /// What an outline may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,8 +72,8 @@ pub(super) struct Locator {
     net: OutlineWorkspace,
     /// All that were given out.
     candidates: Vec<Candidate>,
-    /// The edges' own circle, where the net contradicts it.
-    contested: Option<Candidate>,
+    /// The edges' own outline, where the net contradicts it, and the circle in its place, where it is an ellipse.
+    contested: [Option<Candidate>; 2],
     /// The circle that is tried after all others: that of a crop, or the rough one.
     last: BallCircle,
 }
@@ -84,7 +84,7 @@ impl Locator {
             finder: BallFinder::new(config),
             net: OutlineWorkspace::default(),
             candidates: Vec::with_capacity(MAX_CANDIDATES),
-            contested: None,
+            contested: [None; 2],
             last: BallCircle::new(Pixel::default(), 0.0),
         }
     }
@@ -142,9 +142,9 @@ impl Locator {
         out.reserve(MAX_CANDIDATES);
         let first = self.find(gray, image, net);
         out.extend(first.iter().map(|c| c.outline.circle));
-        out.extend(self.contested().map(|c| c.outline.circle));
+        out.extend(std::iter::from_fn(|| self.contested()).map(|c| c.outline.circle));
         let mut start = 0;
-        while let Some(candidate) = self.other(gray, net, &mut start, TRIES) {
+        while let Some(candidate) = self.other(gray, net, &mut start) {
             out.push(candidate.outline.circle);
         }
         first.map(|_| ())
@@ -158,7 +158,16 @@ impl Locator {
         net: Option<&OutlineNet>,
     ) -> Result<Candidate, NoBall> {
         self.candidates.clear();
-        self.contested = None;
+        self.contested = [None; 2];
+        if let Ok(fit) = found
+            && fit.circle.is_ellipse()
+        {
+            let circle = self.finder.circle_at(&fit.circle);
+            self.contested[1] = circle.map(|fit| Candidate {
+                shape: Shape::Circle,
+                ..Candidate::from(fit)
+            });
+        }
         let candidate = match (found, net) {
             (Ok(fit), Some(net)) if !is_whole(&fit) => self.judge(gray, &fit, net),
             (Ok(fit), _) => Some(fit.into()),
@@ -177,24 +186,23 @@ impl Locator {
         Ok(candidate)
     }
 
-    /// The edges' own circle, where the net contradicts it or sees nothing: the dots tell whether it is
-    /// the ball's.
+    /// The edges' own outline, where the net contradicts it or sees nothing, then the circle in the place of an ellipse: the
+    /// dots tell whether it is the ball's.
     pub fn contested(&mut self) -> Option<Candidate> {
-        let candidate = self.contested.take()?;
+        let candidate = self.contested.iter_mut().find_map(Option::take)?;
         self.candidates.push(candidate);
         Some(candidate)
     }
 
     /// The next outline that is worth trying where those before show no dots that can be identified;
-    /// `start` counts the circles that were looked at, up to `end`, and moves on.
+    /// `start` counts the circles that were looked at and moves on.
     pub fn other(
         &mut self,
         gray: &GrayImage,
         net: Option<&OutlineNet>,
         start: &mut usize,
-        end: usize,
     ) -> Option<Candidate> {
-        while *start < end.min(TRIES) {
+        while *start < TRIES {
             let (k, is_judged) = (*start / 2, start.is_multiple_of(2));
             *start += 1;
             // After all circles comes the one that a crop suggests.
@@ -226,7 +234,7 @@ impl Locator {
         let own = Candidate::from(*fit);
         let seen = self.see(gray, &fit.circle, net);
         if seen.is_none_or(|seen| !is_same(&own, &seen)) {
-            self.contested = Some(own);
+            self.contested[0] = Some(own);
         }
         seen
     }

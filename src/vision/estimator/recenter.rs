@@ -17,7 +17,8 @@
 //!
 //! Without intrinsics an outline that is an ellipse beyond doubt tells the angle, and for a ball at a usual distance
 //! everything else ([`Intrinsics::of_ellipse`]): the ball is seen by such a camera, and a circle fitted there. Dots and
-//! outline are those of the ellipse when they are mapped back; the distance stays open.
+//! outline are those of the ellipse when they are mapped back; the distance stays open, and to which side the ball stands
+//! is told by the dots when they are fitted.
 //!
 //! What lies beyond the image's border is continued from there: where the ball is cut, so is its
 //! outline.
@@ -250,7 +251,7 @@ impl Recentering {
         }
         let polarity = frame.fit.map_or(Polarity::Mixed, |f| f.polarity);
         let mut ellipse = outline.circle;
-        if ellipse.eccentricity == Vector2::zeros() {
+        if !ellipse.is_ellipse() {
             let mut fit = |image| {
                 self.finder
                     .fit_ellipse_near(image, &outline.circle, polarity)

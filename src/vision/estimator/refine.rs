@@ -1,10 +1,10 @@
 //! The orientation that fits the named dots best in the image, with the outline's error taken into account.
 //!
-//! Parameters are a turn `R -> exp([x]x) R`, a change of the outline `(u, v, r)`, for which the fit of the outline
-//! is a Gaussian prior, and where the camera's distance is unknown, ball radii over that distance, with a prior of its own. With the residual `e = p - project(R d)` and the covariance `S = S_detector + s^2 J T T^T J^T` (the
-//! placement error `s` in the tangent plane `T`, or a calibrated dot's own covariance), each dot has the weight of Student's distribution with `nu` degrees of freedom,
-//! `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA
-//! 84, 1989).
+//! Parameters are a turn `R -> exp([x]x) R`, a change of the outline `(u, v, r)`, for which the fit of the outline is a Gaussian prior, and
+//! where the camera's distance is unknown, ball radii over that distance, with a prior of its own. With the residual `e = p - project(R d)`
+//! and the covariance `S = S_detector + s^2 J T T^T J^T` (the placement error `s` in the tangent plane `T`, or a calibrated dot's own
+//! covariance), each dot has the weight of Student's distribution with `nu` degrees of freedom, `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton
+//! on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA 84, 1989).
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2};
 
@@ -57,6 +57,8 @@ struct State {
     view: BallView,
     rotation: Rotation,
     information: SMatrix<f64, 7, 7>,
+    /// Minus two log-likelihoods of all that is fitted.
+    cost: f64,
 }
 
 /// What is known before the dots are fitted.
@@ -127,9 +129,9 @@ impl Refiner {
                 name: (*name)?,
             })
         }));
-        let mut state = self.fit(names, prior, rotation, frame, matches)?;
+        let (mut state, prior) = self.fit_sides(names, prior, rotation, frame, matches)?;
         if self.rename(names, &state, frame, matches) {
-            state = self.fit(names, prior, &state.rotation, frame, matches)?;
+            state = self.fit(names, &prior, &state.rotation, frame, matches)?;
         }
         frame.assignment.fill(None);
         let (mut angles, mut distances) = (0.0, 0.0);
@@ -164,6 +166,30 @@ impl Refiner {
         })
     }
 
+    /// Without intrinsics an ellipse is that of a ball to either side of the camera's axis: the dots decide. Also the prior of
+    /// that side.
+    fn fit_sides(
+        &self,
+        names: &[Vec3],
+        prior: &Prior,
+        rotation: &Rotation,
+        frame: &FrameEstimate,
+        matches: &[Match],
+    ) -> Option<(State, Prior)> {
+        let near = self.fit(names, prior, rotation, frame, matches);
+        let near = near.map(|state| (state, *prior));
+        let is_known = matches!(prior.camera, CameraModel::Known(_));
+        if is_known || !prior.outline.0.is_ellipse() {
+            return near;
+        }
+        let mut other = *prior;
+        other.outline.0.eccentricity = -other.outline.0.eccentricity;
+        let far = self.fit(names, &other, rotation, frame, matches);
+        let far = far.map(|state| (state, other));
+        let both = near.into_iter().chain(far);
+        both.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))
+    }
+
     fn fit(
         &self,
         names: &[Vec3],
@@ -182,6 +208,7 @@ impl Refiner {
             view: BallView::new(&camera, *circle).ok()?,
             rotation: *rotation,
             information: SMatrix::zeros(),
+            cost: f64::INFINITY,
         };
         for _ in 0..STEPS {
             let mut information = SMatrix::<f64, 7, 7>::zeros();
@@ -195,11 +222,13 @@ impl Refiner {
             gradient
                 .fixed_rows_mut::<3>(3)
                 .copy_from(&(of_outline * back));
+            let mut cost = back.dot(&(of_outline * back));
             match prior.camera {
                 CameraModel::Unknown(known) => {
                     information[(6, 6)] = known.sigma.powi(-2);
-                    gradient[6] =
-                        (known.inverse_distance - state.view.horizon()) / known.sigma.powi(2);
+                    let away = known.inverse_distance - state.view.horizon();
+                    gradient[6] = away / known.sigma.powi(2);
+                    cost += (away / known.sigma).powi(2);
                 }
                 // No dot depends on it: it stays where it is.
                 CameraModel::Known(_) => information[(6, 6)] = 1.0,
@@ -216,6 +245,7 @@ impl Refiner {
                 }
                 let distance = residual.dot(&(inverse * residual));
                 let weight = (DEGREES + 2.0) / (DEGREES + distance);
+                cost += (DEGREES + 2.0) * (1.0 + distance / DEGREES).ln();
                 let weighted = by_parameters.transpose() * inverse * weight;
                 information += weighted * by_parameters;
                 gradient += weighted * residual;
@@ -239,7 +269,7 @@ impl Refiner {
                 };
             }
             state.view = BallView::new(&camera, changed).ok()?;
-            state.information = information;
+            (state.information, state.cost) = (information, cost);
             if step.norm() < CONVERGED {
                 break;
             }

@@ -11,8 +11,6 @@
 
 use std::time::Instant;
 
-use nalgebra::Vector2;
-
 use super::acquire::Hunt;
 use super::frame::Standing;
 use super::locate::{Candidate, Shape};
@@ -43,9 +41,6 @@ const CERTAIN: f64 = 0.99;
 const SURROUNDINGS: f64 = 1.8;
 /// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.
 const MAX_NEAR: f64 = 250.0;
-/// So many of the other outlines of a view are tried: two circles of the edges, as the net sees them and as they are. Of 500 crops in all
-/// conditions the first four answered four and the other five none, in half of the time (docs/measurements/detector.md).
-const OTHERS: usize = 4;
 /// Images with a longer side beyond this, pixels, are searched at a coarse scale first.
 pub(super) const LARGE: usize = 480;
 /// How much finer a very large image is searched: for balls of 40 pixels in one of 3840 x 2160.
@@ -350,8 +345,10 @@ impl<D: DotDetector> Estimator<D> {
                 std::mem::swap(&mut other, out);
             }
         }
-        let contested = ws.locator.contested().filter(|_| !is_mirrored(out));
-        if let Some(candidate) = contested.filter(|_| !ws.spending.is_over()) {
+        while !(ws.spending.is_over() || is_mirrored(out)) {
+            let Some(candidate) = ws.locator.contested() else {
+                break;
+            };
             self.try_outline(&candidate, view, hint, ws, out, &mut other);
             let is_pose = is_better(&other, out) && (out.pose().is_some() || is_evident(&other));
             if is_pose || is_mirrored(&other) {
@@ -362,7 +359,7 @@ impl<D: DotDetector> Estimator<D> {
         let mut start = 0;
         while standing == Standing::Likely && is_open(out) && !ws.spending.is_over() {
             let net = self.outline_net.as_ref();
-            let Some(candidate) = ws.locator.other(view.gray, net, &mut start, OTHERS) else {
+            let Some(candidate) = ws.locator.other(view.gray, net, &mut start) else {
                 break;
             };
             self.try_outline(&candidate, view, hint, ws, out, &mut other);
@@ -445,8 +442,6 @@ impl<D: DotDetector> Estimator<D> {
         out.assignment.clear();
         out.assignment.resize(out.dots.len(), None);
         out.timings.detect += begun.elapsed();
-        // Likely dots that promise nothing now are given up as those of any other outline.
-        out.standing = Standing::Doubtful;
         true
     }
 
@@ -520,7 +515,7 @@ impl<D: DotDetector> Estimator<D> {
                     let found = ws
                         .recentering
                         .recenter_ellipse(middle, view.gray, contrast, out);
-                    let is_round = outline.circle.eccentricity == Vector2::zeros();
+                    let is_round = !outline.circle.is_ellipse();
                     let circle = Candidate {
                         outline,
                         fit,

@@ -190,8 +190,8 @@ fn an_ellipse_makes_up_for_unknown_intrinsics() {
             assert!(off_axis.len() + 4 >= on_axis.len());
             assert!(off_axis.last().is_some_and(|e| *e < 20.0));
             let [on, off] = [&on_axis, &off_axis].map(|e| e[e.len() / 2]);
-            // To which side of the ball the camera looks is a guess in a crop.
-            assert!(off < 1.5 * on + 0.5, "{off}, on the axis {on}");
+            // To which side of the ball the camera looks, a crop does not say: the dots do.
+            assert!(off < 1.5 * on + 0.2, "{off}, on the axis {on}");
         }
     }
 }

@@ -18,7 +18,7 @@ const STEPS: usize = 4;
 /// Error of an edge that a whole side of the outline shares (shading, blur), pixels.
 const SYSTEMATIC: f64 = 0.1;
 /// Deviations by which the outline differs from a circle: less may be chance.
-const SIGNIFICANT: f64 = 5.0;
+const SIGNIFICANT: f64 = 3.5;
 /// A ball's ellipse has the center of the circle that fits it, up to this part of the radius.
 const MAX_SHIFT: f64 = 0.2;
 /// Shortest half axis over the longest: a ball at 45 degrees off the axis has 0.7.
