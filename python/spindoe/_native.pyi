@@ -52,6 +52,8 @@ def fit_spin(
     confidences: _Floats | None,
     residuals_rad: _Floats | None,
     matched: _Ints | None,
+    covariances: _Floats | None,
+    view_turns: _Floats | None,
     method: str,
     max_rps: float,
     sigma_rad: float,
@@ -193,7 +195,9 @@ class Estimator:
         independent: bool,
         max_rps: float,
         progress: Callable[[int, int], object] | None,
-    ) -> tuple[list[_Frame], int, _Spin | str | None]: ...
+    ) -> tuple[
+        list[_Frame], int, tuple[_Floats, _Floats, _Floats | None], _Spin | str | None
+    ]: ...
     def calibrate(
         self,
         images: _Sequence[Any],

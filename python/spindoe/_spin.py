@@ -124,6 +124,8 @@ def fit_spin(
     confidences: ArrayLike | None = None,
     residuals_rad: ArrayLike | None = None,
     matched: ArrayLike | None = None,
+    covariances_rad2: ArrayLike | None = None,
+    view_turns_rad: ArrayLike | None = None,
     method: Literal["robust", "quatera"] = "robust",
     max_rps: float = 175.0,
     sigma_rad: float = np.deg2rad(2.0),
@@ -143,6 +145,11 @@ def fit_spin(
             hand-drawn dots.
         matched: Number of dots behind each orientation, shape (n,); with the residuals the frames'
             weights follow.
+        covariances_rad2: Covariance of each orientation's error, a rotation vector in the camera frame,
+            shape (n, 3, 3): the frames' weights, in place of the residuals.
+        view_turns_rad: Of orientations that were brought from view frames into one: the turn about x
+            and y that each contains, and its standard deviations, shape (n, 4). One error that all share,
+            which widens the covariance.
         method: ``"robust"``, or ``"quatera"``, the paper's.
         max_rps: Largest spin considered, revolutions per second.
         sigma_rad: First estimate of the orientations' noise per axis, radians.
@@ -168,6 +175,8 @@ def fit_spin(
             None if confidences is None else floats("confidences", confidences),
             None if residuals_rad is None else floats("residuals_rad", residuals_rad),
             None if matched is None else np.asarray(matched, dtype=np.int64),
+            None if covariances_rad2 is None else floats("covariances_rad2", covariances_rad2),
+            None if view_turns_rad is None else floats("view_turns_rad", view_turns_rad),
             method,
             float(max_rps),
             float(sigma_rad),

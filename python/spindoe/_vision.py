@@ -227,15 +227,14 @@ class SequenceEstimate:
     """The spin, or why there is none."""
     independent: int
     """Number of frames that had an orientation before they informed each other."""
-
-    @property
-    def quaternions_wxyz(self) -> Floats:
-        """Orientations, shape (frames, 4), NaN where there is none: what `fit_spin` takes."""
-        rows = np.full((len(self.frames), 4), np.nan)
-        for row, frame in zip(rows, self.frames, strict=True):
-            if frame.pose:
-                row[:] = frame.pose.quaternion_wxyz
-        return rows
+    quaternions_wxyz: Floats
+    """Orientations, shape (frames, 4), NaN where there is none, in the frame of the spin: without
+    intrinsics the view frames of the poses are brought into one."""
+    covariances_rad2: Floats
+    """Covariances of their errors, rotation vectors in that frame; shape (frames, 3, 3)."""
+    view_turns_rad: Floats | None
+    """The turns of the view frame about x and y, and their standard deviations, shape (frames, 4);
+    None where the poses are in the camera frame."""
 
     @property
     def confidences(self) -> Floats:
@@ -386,7 +385,7 @@ class Estimator:
         times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
-            found, independently, spin = self._handle.estimate_sequence(
+            found, independently, rows, spin = self._handle.estimate_sequence(
                 frames,
                 _color(color, frames[0]) if frames else "gray",
                 times,
@@ -399,7 +398,7 @@ class Estimator:
             if bar is not None:
                 bar.close()
         answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
-        return SequenceEstimate([frame_of(f) for f in found], answer, independently)
+        return SequenceEstimate([frame_of(f) for f in found], answer, independently, *rows)
 
     def calibrate(
         self,

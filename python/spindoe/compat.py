@@ -223,6 +223,8 @@ class SpinRegressor:
             None,
             None,
             None,
+            None,
+            None,
             self.method,
             self.max_rps,
             math.radians(2.0),

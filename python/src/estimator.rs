@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::report::calibration::CalibrationEvaluationConfig;
+use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
@@ -335,6 +336,7 @@ impl Estimator {
     ) -> PyResult<(
         Vec<FrameTuple<'py>>,
         usize,
+        spin::Rows<'py>,
         Option<Answer<spin::Found<'py>>>,
     )> {
         let outline = outline(circle)?;
@@ -346,17 +348,23 @@ impl Estimator {
         let progress = progress.as_ref();
         let mut frames = self.estimate_all(py, &images, channels, outline, progress)?;
         let alone = frames.iter().filter(|f| f.pose().is_some()).count();
-        let spin = match times_s.filter(|times| times.len() > 1) {
+        let times = times_s.filter(|times| times.len() > 1);
+        if let Some(times) = times.as_ref().filter(|_| !independent) {
+            self.second_pass(py, &images, channels, times, &mut frames, &config)?;
+        }
+        let named = frames.iter().enumerate().map(|(k, estimate)| NamedFrame {
+            name: "",
+            time_s: times.as_ref().map(|times| times[k]),
+            estimate,
+        });
+        let named: Vec<_> = named.collect();
+        let orientations = orientations(&named, CameraFrame::default(), times.is_some());
+        let spin = match &times {
+            Some(_) => Some(spin_of(py, &orientations, &config)?),
             None => None,
-            Some(times) => {
-                if !independent {
-                    self.second_pass(py, &images, channels, &times, &mut frames, &config)?;
-                }
-                Some(spin_of(py, &times, &frames, &config)?)
-            }
         };
         let tuples = frames.iter().map(|f| frame_tuple(py, f)).collect();
-        Ok((tuples, alone, spin))
+        Ok((tuples, alone, spin::rows(py, &orientations), spin))
     }
 
     /// The ball as it was drawn, from the arrays or the files of a clip, by the table's pattern as
@@ -480,19 +488,9 @@ impl Estimator {
 /// The spin of a sequence: from what the command writes to its file of orientations, as the command does.
 fn spin_of<'py>(
     py: Python<'py>,
-    times: &[f64],
-    frames: &[FrameEstimate],
+    orientations: &Orientations,
     config: &SequenceConfig,
 ) -> PyResult<Answer<spin::Found<'py>>> {
-    let named = times
-        .iter()
-        .zip(frames)
-        .map(|(time_s, estimate)| NamedFrame {
-            name: "",
-            time_s: Some(*time_s),
-            estimate,
-        });
-    let orientations = orientations(&named.collect::<Vec<_>>(), CameraFrame::default(), true);
     let measurements = orientations.measurements();
     let mut estimator = RobustEstimator::new(orientations.spin_config(config.spin));
     match py.detach(|| estimator.fit(&measurements)) {

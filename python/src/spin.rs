@@ -1,14 +1,20 @@
 //! Spin from orientations.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use nalgebra::{Matrix3, Vector2};
+use numpy::ndarray::{Array2, ArrayViewD, arr1};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use spindoe::geometry::to_wxyz;
 use spindoe::spin::alias::{AliasConfig, alternatives};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
+use spindoe::spin::shared::ViewTurn;
 use spindoe::spin::{Fit, Measurement};
 
-use crate::arrays::{Numbers, quaternion, require_shape, rotation, square, vector};
+use crate::arrays::{
+    Numbers, block3, blocks3, quaternion, require_shape, rotation, square, vector,
+};
 use crate::errors::{Answer, spin_rejection, value_error};
 
 /// Aliases are listed up to this multiple of the largest spin searched, as the command lists them.
@@ -27,6 +33,72 @@ pub type Found<'py> = (
     Bound<'py, PyArray1<f64>>,
     Vec<(Bound<'py, PyArray1<f64>>, f64)>,
 );
+
+/// A file of orientations for Python: quaternions (n, 4), covariances (n, 3, 3), NaN where there is none, and the turns of the view
+/// frame (n, 4), where it turns.
+pub type Rows<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray3<f64>>,
+    Option<Bound<'py, PyArray2<f64>>>,
+);
+
+/// The orientations of a sequence for Python.
+pub fn rows<'py>(py: Python<'py>, file: &Orientations) -> Rows<'py> {
+    let missing = Matrix3::repeat(f64::NAN);
+    let count = file.rows.len();
+    let mut quaternions = Array2::from_elem((count, 4), f64::NAN);
+    let mut turns = Array2::from_elem((count, 4), f64::NAN);
+    for (i, row) in file.rows.iter().enumerate() {
+        if let Some(orientation) = &row.orientation {
+            quaternions.row_mut(i).assign(&arr1(&to_wxyz(orientation)));
+        }
+        if let Some(ViewTurn {
+            turn_rad,
+            deviation_rad,
+        }) = &row.turn
+        {
+            let numbers = [turn_rad.x, turn_rad.y, deviation_rad.x, deviation_rad.y];
+            turns.row_mut(i).assign(&arr1(&numbers));
+        }
+    }
+    let covariances: Vec<_> = file
+        .rows
+        .iter()
+        .map(|r| r.covariance.unwrap_or(missing))
+        .collect();
+    let turned = file.rows.iter().any(|row| row.turn.is_some());
+    (
+        quaternions.into_pyarray(py),
+        blocks3(py, &covariances),
+        turned.then(|| turns.into_pyarray(py)),
+    )
+}
+
+/// The covariance of row `i`.
+fn covariance(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<Matrix3<f64>> {
+    let covariance = block3(rows, i);
+    let is_one = covariance.iter().all(|x| x.is_finite())
+        && (covariance - covariance.transpose()).amax() <= 1e-9 * covariance.amax()
+        && covariance.symmetric_eigenvalues().min() >= -1e-6 * covariance.trace().abs();
+    if !is_one {
+        let problem = format!("row {i}: expected a symmetric matrix without negative eigenvalues");
+        return Err(value_error("covariances_rad2", problem));
+    }
+    Ok(covariance)
+}
+
+/// The turn of row `i`.
+fn view_turn(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<ViewTurn> {
+    let [x, y, sd_x, sd_y] = [0, 1, 2, 3].map(|k| rows[[i, k]]);
+    if ![x, y, sd_x, sd_y].iter().all(|x| x.is_finite()) {
+        let problem = format!("row {i}: expected four finite numbers");
+        return Err(value_error("view_turns_rad", problem));
+    }
+    Ok(ViewTurn {
+        turn_rad: Vector2::new(x, y),
+        deviation_rad: Vector2::new(sd_x, sd_y),
+    })
+}
 
 /// A fit for Python.
 pub fn to_tuple<'py>(
@@ -60,10 +132,10 @@ pub fn to_tuple<'py>(
 
 /// The spin of time-stamped orientations, or the reason why there is none. Rows of NaN are frames
 /// without an orientation; the other columns are then not read. The residuals tell of each frame's
-/// noise and of the errors that frames share, as in a file of orientations.
+/// noise and of the errors that frames share, covariances and turns of the view frame more exactly, as in a file of orientations.
 #[pyfunction]
 #[pyo3(signature = (
-    times_s, quaternions, confidences, residuals_rad, matched, method, max_rps, sigma_rad, prior,
+    times_s, quaternions, confidences, residuals_rad, matched, covariances, view_turns, method, max_rps, sigma_rad, prior,
     quatera
 ))]
 #[allow(clippy::too_many_arguments)]
@@ -74,6 +146,8 @@ pub fn fit_spin<'py>(
     confidences: Option<Numbers<'py>>,
     residuals_rad: Option<PyReadonlyArrayDyn<'py, f64>>,
     matched: Option<PyReadonlyArrayDyn<'py, i64>>,
+    covariances: Option<Numbers<'py>>,
+    view_turns: Option<Numbers<'py>>,
     method: &str,
     max_rps: f64,
     sigma_rad: f64,
@@ -92,6 +166,18 @@ pub fn fit_spin<'py>(
     if let Some(confidences) = &confidences {
         require_shape("confidences", confidences, &[Some(count)])?;
     }
+    if let Some(covariances) = &covariances {
+        require_shape(
+            "covariances_rad2",
+            covariances,
+            &[Some(count), Some(3), Some(3)],
+        )?;
+    }
+    if let Some(turns) = &view_turns {
+        require_shape("view_turns_rad", turns, &[Some(count), Some(4)])?;
+    }
+    let covariances = covariances.as_ref().map(|c| c.as_array());
+    let turns = view_turns.as_ref().map(|t| t.as_array());
     let (times, rows) = (times_s.as_array(), quaternions.as_array());
     let confidences = confidences.as_ref().map(|c| c.as_array());
     let residuals = residuals_rad.as_ref().map(|r| r.as_array());
@@ -132,8 +218,8 @@ pub fn fit_spin<'py>(
             matched,
             residual_rad,
             confidence: confidences.as_ref().map(|c| c[i]),
-            covariance: None,
-            turn: None,
+            covariance: covariances.as_ref().map(|c| covariance(c, i)).transpose()?,
+            turn: turns.as_ref().map(|t| view_turn(t, i)).transpose()?,
         });
     }
     let measurements = file.measurements();
@@ -141,9 +227,9 @@ pub fn fit_spin<'py>(
         max_rps,
         sigma_rad,
         prior: prior.map(|(rps, std_rps)| MagnitudePrior { rps, std_rps }),
-        shared: file.shared_error(),
         ..SpinConfig::default()
     };
+    let config = file.spin_config(config);
     let fitted = match method {
         "robust" => {
             let mut estimator = RobustEstimator::new(config);

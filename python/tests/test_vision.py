@@ -55,6 +55,7 @@ def test_a_clip_gives_its_spin(clip, estimator):
     again = spindoe.fit_spin(
         times, found.quaternions_wxyz, confidences=found.confidences,
         residuals_rad=found.residuals_rad, matched=found.matched,
+        covariances_rad2=found.covariances_rad2, view_turns_rad=found.view_turns_rad,
     )
     assert again and np.array_equal(again.spin_rad_s, found.spin.spin_rad_s)
     assert np.array_equal(again.covariance, found.spin.covariance)
@@ -218,7 +219,7 @@ def test_cameras(table, clip):
     for camera in cameras:
         found = spindoe.Estimator(table, camera=camera).estimate(image, color="rgb")
         assert found.pose and _off(found.pose, truth) < 8.0
-        assert (found.pose.distance is not None) == (camera.kind == "unknown")
+        assert (found.pose.distance is not None) == (camera.kind != "pinhole")
     for bad in (spindoe.Camera.at_distance(0.5), spindoe.Camera.pinhole(-1, 1, 0, 0)):
         with pytest.raises(ValueError):
             spindoe.Estimator(table, camera=bad)
