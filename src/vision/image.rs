@@ -115,6 +115,18 @@ impl GrayImage {
         self.values[v * self.width + u]
     }
 
+    /// The median of 5 x 5 values about each value; the border repeats. Lines less than three values wide vanish.
+    pub(crate) fn median_into(&self, out: &mut Self) {
+        out.fill_with(self.width, self.height, |u, v| {
+            let mut values = [0.0f32; 25];
+            for (k, value) in values.iter_mut().enumerate() {
+                let (du, dv) = (k as isize % 5 - 2, k as isize / 5 - 2);
+                *value = self.at(u as isize + du, v as isize + dv);
+            }
+            *values.select_nth_unstable_by(12, f32::total_cmp).1
+        });
+    }
+
     /// Half as large along both sides, each value the mean of four, written into `out`, whose
     /// memory is reused. The pixel (u, v) of `out` has its center at (2 u + 0.5, 2 v + 0.5) of this
     /// image.

@@ -3,7 +3,8 @@
 //!
 //! Circles whose rim is nearly whole, and moving ones, come first. Where none of them is the ball, what they outshone is
 //! searched for, and all other circles follow, the likeliest first: beside a lamp or a white disc, most of the
-//! others are made of its edges, and to refuse one of these takes as long as to find the ball.
+//! others are made of its edges, and to refuse one of these takes as long as to find the ball. Last come the circles of the
+//! image without nets, cords and other thin things.
 //!
 //! Guarantees: a circle is taken for the ball only by its dots, or where they are those of the mirrored pattern.
 
@@ -28,6 +29,17 @@ const MAX_COARSE: f64 = 0.4;
 const MIN_COARSE: f64 = 5.0;
 /// A strip that is thinner than this at the first size shows no arc of a ball.
 const MIN_STRIP: usize = 4;
+
+/// The circles that are tried one after the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// Those that stand out.
+    First,
+    /// What these outshone, and the others.
+    Beyond,
+    /// Those of the image without what is thin.
+    Plain,
+}
 
 /// A part of a frame and the sizes of balls that are looked for in it.
 #[derive(Debug, Clone, Copy)]
@@ -119,32 +131,35 @@ impl<D: DotDetector> Estimator<D> {
         let known = if is_fine { promise(out) } else { 0.0 };
         let (mut is_found, mut tried, mut searched) = (false, 0, Duration::ZERO);
         // What stands out, then what that outshone and all the rest.
-        for is_beyond in [false, true] {
+        for stage in [Stage::First, Stage::Beyond, Stage::Plain] {
             let begun = Instant::now();
             let scan = if is_fine {
                 &mut ws.fine
             } else {
                 &mut ws.coarse
             };
-            let found = if is_beyond {
-                scan.search_beyond(tried, level, radii)
-            } else {
-                let found = scan.search(level, radii, |out| image.shrink_into(&part, level, out));
-                tried = coarse::standing_out(found);
-                &found[..tried]
+            let found = match stage {
+                Stage::First => {
+                    let shrink = |out: &mut _| image.shrink_into(&part, level, out);
+                    let found = scan.search(level, radii, shrink);
+                    tried = coarse::standing_out(found);
+                    &found[..tried]
+                }
+                Stage::Beyond => scan.search_beyond(tried, level, radii),
+                Stage::Plain => scan.search_plain(level, radii),
             };
             circles.clear();
             circles.reserve(2 * MAX_CIRCLES);
             circles.extend_from_slice(found);
             searched += begun.elapsed();
-            if is_beyond && circles.is_empty() {
-                break;
+            if stage != Stage::First && circles.is_empty() {
+                continue;
             }
             let place = part.grid(0);
             for rough in &mut circles {
                 rough.circle = place.circle_to_image(&rough.circle);
             }
-            if is_fine || is_beyond {
+            if is_fine || stage != Stage::First {
                 // What the search before leaves.
                 std::mem::swap(&mut best, out);
             }

@@ -7,9 +7,9 @@
 //!        |
 //!        |  outline believed   expected near        nothing known
 //!        |        |                |                     |
-//! outlines,       |        edges near it, net      up to 480 px: all edges, net
-//! the likeliest   |        then rough circles      beyond: rough circles, what these outshone,
-//! first           |        as far as it may be     smaller balls, all edges (halved where very large)
+//! outlines,       |        edges near it, net      up to 240 px: all edges, net
+//! the likeliest   |        then rough circles      beyond: rough circles, what these outshone, those without
+//! first           |        as far as it may be     thin things, smaller balls, all edges (halved where very large)
 //!        |        |                |                     |
 //!        +--------+--------+-------+---------------------+
 //!                          |

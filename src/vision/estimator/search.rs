@@ -42,7 +42,7 @@ const SURROUNDINGS: f64 = 1.8;
 /// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.
 const MAX_NEAR: f64 = 250.0;
 /// Images with a longer side beyond this, pixels, are searched at a coarse scale first.
-pub(super) const LARGE: usize = 480;
+pub(super) const LARGE: usize = 240;
 /// How much finer a very large image is searched: for balls of 40 pixels in one of 3840 x 2160.
 const HALVINGS: u32 = 2;
 
