@@ -175,6 +175,7 @@ impl CoarseSearch {
                 break;
             }
             self.reserve(size);
+            plain.reserve(self.sizes[size].values().len());
             let rims = whole(&self.before[..self.tried]);
             let rims = rims.map(|c| grid.circle_to_part(&c.circle));
             if is_plain {
@@ -247,14 +248,13 @@ impl CoarseSearch {
             let values = self.sizes[0].values().len();
             self.votes.reserve(values);
             self.previous.reserve(values);
-            self.plain.reserve(values);
             self.sample
                 .reserve((values / STRIDE + 1).saturating_sub(self.sample.len()));
         }
         self.centers
             .reserve(CENTERS.saturating_sub(self.centers.len()));
         for circles in [&mut self.found, &mut self.before] {
-            circles.reserve((2 * MAX_CIRCLES).saturating_sub(circles.len()));
+            circles.reserve((3 * MAX_CIRCLES).saturating_sub(circles.len()));
         }
     }
 
