@@ -17,7 +17,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[non_exhaustive]
 pub enum Error {
     /// A file's content does not match its format.
-    #[error("{}: {place}: {problem}", path.display())]
+    #[error("{}: {place}: {problem}", shown(path))]
     Input {
         /// The offending file.
         path: PathBuf,
@@ -35,7 +35,7 @@ pub enum Error {
         problem: String,
     },
     /// A file or folder cannot be read.
-    #[error("{}: cannot be read: {source}", path.display())]
+    #[error("{}: cannot be read: {source}", shown(path))]
     Read {
         /// The file or folder.
         path: PathBuf,
@@ -43,7 +43,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A file or folder cannot be written.
-    #[error("{}: cannot be written: {source}", path.display())]
+    #[error("{}: cannot be written: {source}", shown(path))]
     Write {
         /// The file or folder.
         path: PathBuf,
@@ -51,7 +51,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The work is done, but none of the input could be answered.
-    #[error("{}: {reason}", path.display())]
+    #[error("{}: {reason}", shown(path))]
     NoAnswer {
         /// The input.
         path: PathBuf,
@@ -127,8 +127,13 @@ impl Error {
     }
 }
 
-/// The text with its control characters escaped: what a message quotes may hold any.
-fn on_one_line(text: String) -> String {
+/// A path in a message: what it holds of control characters is escaped.
+fn shown(path: &Path) -> String {
+    escaped(path.display().to_string())
+}
+
+/// The text with its control characters escaped.
+fn escaped(text: String) -> String {
     if !text.contains(char::is_control) {
         return text;
     }
@@ -137,6 +142,68 @@ fn on_one_line(text: String) -> String {
         false => c.to_string(),
     };
     text.chars().map(escaped).collect()
+}
+
+/// Most characters of a value that a message repeats.
+const MAX_VALUE_CHARS: usize = 60;
+/// Most characters of a path, which has no spaces as most values have none.
+const MAX_PATH_CHARS: usize = 4096;
+/// Most characters of a message.
+const MAX_CHARS: usize = 2 * MAX_PATH_CHARS;
+
+/// The text as a message shows it: control characters are escaped; values of more than
+/// [`MAX_VALUE_CHARS`] characters, which are words or quoted, end after them with "...".
+pub(crate) fn on_one_line(text: String) -> String {
+    let text = escaped(text);
+    if text.len() <= MAX_VALUE_CHARS {
+        return text;
+    }
+    let mut shown = String::with_capacity(text.len().min(MAX_CHARS));
+    let mut rest = text.as_str();
+    let mut most_left = MAX_CHARS;
+    while let Some(first) = rest.chars().next() {
+        let value = &rest[..value_end(rest, first)];
+        rest = &rest[value.len()..];
+        let is_path = value.contains(['/', '\\']) && !matches!(first, '"' | '\'');
+        let most = if is_path {
+            MAX_PATH_CHARS
+        } else {
+            MAX_VALUE_CHARS
+        };
+        let most = most.min(most_left);
+        match value.char_indices().nth(most) {
+            Some((end, _)) => {
+                shown.push_str(&value[..end]);
+                shown.push_str("...");
+                if matches!(first, '"' | '\'') && value.ends_with(first) {
+                    shown.push(first);
+                }
+            }
+            None => shown.push_str(value),
+        }
+        most_left = most_left.saturating_sub(value.chars().count().min(most));
+        if most_left == 0 {
+            break;
+        }
+    }
+    shown
+}
+
+/// Where the quoted text, the word or the space at the beginning of `text` ends.
+fn value_end(text: &str, first: char) -> usize {
+    if first.is_whitespace() {
+        return first.len_utf8();
+    }
+    if matches!(first, '"' | '\'') {
+        let mut is_escape = false;
+        for (at, c) in text.char_indices().skip(1) {
+            if c == first && !is_escape {
+                return at + c.len_utf8();
+            }
+            is_escape = c == '\\' && !is_escape;
+        }
+    }
+    text.find(char::is_whitespace).unwrap_or(text.len())
 }
 
 /// The parameter that an [`Error::Argument`] is about, named as the library names it: the field or
@@ -204,4 +271,37 @@ pub(crate) fn by_name<T: Copy>(
         let problem = format!("expected one of {}, found {name:?}", known.join(", "));
         Error::argument(parameter, problem)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_are_short_lines() {
+        let long = "9".repeat(10_000);
+        let cut = format!("{}...", &long[..MAX_VALUE_CHARS]);
+        for (problem, expected) in [
+            (
+                format!("expected 1, found {long}"),
+                format!("p: expected 1, found {cut}"),
+            ),
+            (format!("found {:?}, not 1", "a b ".repeat(999)), {
+                let kept = "a b ".repeat(15);
+                format!("p: found \"{}...\", not 1", &kept[..MAX_VALUE_CHARS - 1])
+            }),
+            ("a\tb".to_owned(), "p: a\\tb".to_owned()),
+            (
+                format!("is in /{long}"),
+                format!("p: is in /{}...", &long[..MAX_PATH_CHARS - 1]),
+            ),
+        ] {
+            assert_eq!(Error::argument("p", problem).to_string(), expected);
+        }
+        let whole = format!("no \"end, {}", "word ".repeat(30));
+        assert_eq!(on_one_line(whole.clone()), whole);
+        assert!(on_one_line("word ".repeat(9999)).len() <= MAX_CHARS + 3);
+        let error = Error::input("tab\t.csv", "line 1", "expected x");
+        assert_eq!(error.to_string(), "tab\\t.csv: line 1: expected x");
+    }
 }

@@ -11,13 +11,14 @@ use crate::calibrate::{
     identify_frames, matching_design,
 };
 use crate::error::{Error, Result};
-use crate::files;
+use crate::files::{self, Replacement};
 use crate::geometry::spiral_directions;
 use crate::pattern::Pattern;
 use crate::report::calibration::{
     CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, CalibrationSource,
     FILES, evaluate_calibration,
 };
+use crate::validate::check_samples;
 use crate::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate};
 
@@ -99,12 +100,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "a calibration",
         "choose another folder",
     )?;
+    if arguments.samples > 0 {
+        check_samples(arguments.samples)?;
+    }
     let balls: Result<Vec<Ball>> = arguments
         .table
         .iter()
         .map(|path| Ball::read(path))
         .collect();
-    let clip = arguments.read(balls?, &config)?;
+    let balls = balls?;
+    let set = Replacement::begin(&arguments.out)?;
+    let clip = arguments.read(balls, &config)?;
     let nominal = clip.ball.pattern();
     match &clip.path {
         Some(path) if arguments.unknown || arguments.table.len() > 1 => {
@@ -129,7 +135,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut evaluated = evaluate_calibration(&calibration, &source, &config, &evaluation)?;
     evaluated.report.command = Some(super::output::command_line());
-    evaluated.write(&arguments.out)?;
+    evaluated.write(set.path())?;
+    set.publish(&[], &[], "report.json")?;
     if arguments.json {
         return super::print_json(&evaluated.report);
     }

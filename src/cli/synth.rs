@@ -10,7 +10,7 @@ use super::output::{Counter, one_of};
 use super::simulate::vector;
 use crate::ball::Ball;
 use crate::error::{Error, Result, require};
-use crate::files;
+use crate::files::{self, Replacement};
 use crate::geometry::Vec3;
 use crate::synth::dataset::{Sequence, SequenceConfig, independent_frame};
 use crate::synth::folder::{self, Masks, Origin, Written};
@@ -253,7 +253,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .transpose()?;
     let taken = ["index.csv", "truth.json", "images"];
     files::reject_taken(&arguments.out, &taken, "frames", "choose another folder")?;
-    files::create_writable_dir(&arguments.out)?;
+    let set = Replacement::begin(&arguments.out)?;
     let origin = Origin {
         seed,
         pattern_sha256: pattern.sha256(),
@@ -273,8 +273,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Masks::Omit
     };
     let shown = |done| counter.set(done as u64);
-    let written = folder::write(&arguments.out, origin, frames, masks, draw, shown)?;
+    let written = folder::write(set.path(), origin, frames, masks, draw, shown)?;
     counter.finish();
+    set.publish(&[], &[], "index.csv")?;
     let spin = sequence.map(|s| s.spin());
     summarize(arguments, &written, spin, clock.elapsed().as_secs_f64())
 }

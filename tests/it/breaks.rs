@@ -6,6 +6,8 @@
 //! A few hundred mutations run with the other tests; `SPINDOE_BREAKS=100000 cargo test --release
 //! --test it breaks` runs as many for each reader. `SPINDOE_BREAKS_SEED` chooses others.
 
+mod signals;
+
 use std::path::Path;
 use std::time::{Duration, Instant};
 

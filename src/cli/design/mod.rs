@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::output::stop_on_interrupt;
+use super::interrupt::stop_on_interrupt;
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
