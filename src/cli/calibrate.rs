@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::images::ImageArguments;
+use super::images::{ImageArguments, order_warning, read_balls};
 use crate::ball::Ball;
 use crate::calibrate::{
     BuiltPattern, Calibration, CalibrationConfig, DotState, build_pattern, calibrate,
@@ -103,12 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.samples > 0 {
         check_samples(arguments.samples)?;
     }
-    let balls: Result<Vec<Ball>> = arguments
-        .table
-        .iter()
-        .map(|path| Ball::read(path))
-        .collect();
-    let balls = balls?;
+    let balls = read_balls(&arguments.table)?;
     let set = Replacement::begin(&arguments.out)?;
     let clip = arguments.read(balls, &config)?;
     let nominal = clip.ball.pattern();
@@ -188,6 +183,9 @@ impl Arguments {
         let batch = estimate_inputs(&estimator, &self.clip, &self.batch()?, &())?;
         if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
             errln!("spindoe: the times do not increase from frame to frame: they are not used");
+        }
+        if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
+            errln!("spindoe: {warning}");
         }
         let times_s = batch.times_s();
         let frames: Vec<FrameEstimate> = batch.frames.into_iter().map(|f| f.estimate).collect();

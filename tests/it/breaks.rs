@@ -6,6 +6,9 @@
 //! A few hundred mutations run with the other tests; `SPINDOE_BREAKS=100000 cargo test --release
 //! --test it breaks` runs as many for each reader. `SPINDOE_BREAKS_SEED` chooses others.
 
+#[cfg(feature = "cli")]
+mod nonsense;
+#[cfg(feature = "cli")]
 mod signals;
 
 use std::path::Path;
