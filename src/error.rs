@@ -119,6 +119,7 @@ impl Error {
                     | ErrorKind::NotADirectory
                     | ErrorKind::InvalidData
                     | ErrorKind::InvalidInput
+                    | ErrorKind::InvalidFilename
                     | ErrorKind::UnexpectedEof
                     | ErrorKind::AlreadyExists
             ),

@@ -9,6 +9,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::error::Error;
+use crate::geometry::Vec3;
 
 /// A parser of one of `all` by the name that `name` gives it; the help lists the names.
 pub(super) fn one_of<T>(
@@ -20,6 +21,12 @@ where
 {
     PossibleValuesParser::new(all.iter().map(|value| name(*value)))
         .try_map(|name| name.parse::<T>())
+}
+
+/// The direction of a vector of any length; none for 0.
+pub(super) fn unit(vector: Vec3) -> Option<Vec3> {
+    // Squares of large numbers overflow, those of small ones vanish.
+    (vector / vector.amax()).try_normalize(0.0)
 }
 
 /// Whether progress is shown: set once, from `--quiet`.

@@ -221,8 +221,7 @@ impl Arguments {
                     let problem = "expected one number where --axis is given";
                     return Err(Error::argument("rps", problem));
                 }
-                let axis = axis
-                    .try_normalize(0.0)
+                let axis = super::output::unit(axis)
                     .ok_or_else(|| Error::argument("axis", "expected a vector that is not 0"))?;
                 Some((axis * (low * std::f64::consts::TAU)).into())
             }

@@ -22,7 +22,8 @@ const ALIVE: &str = ".alive";
 /// In a temporary folder that is whole: the names that have no place beside it, one a line.
 const WHOLE: &str = ".whole";
 
-/// The temporary files and folders of this process.
+/// The temporary files and folders of this process. Locked while one of them is made or brought to its
+/// place, which a signal so waits for, and from the signal on.
 static MADE: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 /// The folders that were settled.
 static SETTLED: LazyLock<Mutex<BTreeSet<PathBuf>>> = LazyLock::new(Mutex::default);
@@ -132,16 +133,9 @@ fn names(from: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// A temporary file or folder, removed when dropped.
+/// The entry of a temporary file or folder in [`MADE`], which ends when it is dropped.
 #[derive(Debug)]
 struct Made(PathBuf);
-
-impl Made {
-    fn new(path: &Path) -> Self {
-        locked(&MADE).insert(path.to_path_buf());
-        Self(path.to_path_buf())
-    }
-}
 
 impl Drop for Made {
     fn drop(&mut self) {
@@ -178,12 +172,14 @@ impl AsideFile {
     /// A new file in `dir`.
     pub fn new(dir: &Path) -> std::io::Result<Self> {
         settle(dir);
+        let mut all = locked(&MADE);
         let file = made(
             || builder().prefix(PREFIX).tempfile_in(dir),
             // A file system without locks answers neither way; the file is used.
             |file| !would_block(file.as_file()) && file.path().exists(),
         )?;
-        let made = Made::new(file.path());
+        let made = Made(file.path().to_path_buf());
+        all.insert(made.0.clone());
         Ok(Self { file, made })
     }
 
@@ -196,8 +192,9 @@ impl AsideFile {
     pub fn persist(self, target: &Path) -> std::io::Result<()> {
         // A rename that reaches the disk before the content would leave an empty file.
         self.file.as_file().sync_all()?;
+        let mut all = locked(&MADE);
         self.file.persist(target).map_err(|e| e.error)?;
-        drop(self.made);
+        all.remove(&self.made.0);
         Ok(())
     }
 }
@@ -252,14 +249,17 @@ impl Replacement {
             let alive = fs::File::create(folder.path().join(ALIVE))?;
             Ok((folder, alive))
         };
+        let mut all = locked(&MADE);
         let (folder, alive) = made(make, |(folder, alive)| {
             !would_block(alive) && folder.path().join(ALIVE).exists()
         })
         .map_err(|e| Error::write(dir, e))?;
+        let made = Made(folder.path().to_path_buf());
+        all.insert(made.0.clone());
         Ok(Self {
             dir: target,
             _alive: alive,
-            _made: Made::new(folder.path()),
+            _made: made,
             folder,
         })
     }

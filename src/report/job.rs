@@ -254,7 +254,11 @@ impl DesignJob {
         }
     }
 
-    fn reject_taken(&self) -> Result<()> {
+    /// Rejects a folder that holds a design.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] of the parameter `out`.
+    pub(crate) fn reject_taken(&self) -> Result<()> {
         files::reject_taken(
             &self.dir,
             &[PATTERN, "report.json", CHECKPOINT],

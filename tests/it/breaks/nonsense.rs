@@ -143,6 +143,6 @@ fn names_of_other_notations_are_said() {
     assert!(!words.contains("plain"), "{words}");
     // At 300 frames a second.
     let microseconds = ["0", "3333", "6667", "10000", "13333", "16667"];
-    let (words, _) = estimate("microseconds", &microseconds);
+    let (_, words) = estimate("microseconds", &microseconds);
     assert!(words.contains("300.03 if they are microseconds"), "{words}");
 }

@@ -113,7 +113,7 @@ fn frames_are_whole_or_absent() {
     super::pattern()
         .write_csv(&dir.path().join("p.csv"))
         .unwrap();
-    let synth = case("synth --pattern p.csv --out out --frames 40 --masks", false);
+    let synth = case("synth p.csv --out out --frames 40 --masks", false);
     interrupt(dir.path(), &synth, runs());
     fs::remove_dir_all(dir.path().join("out")).unwrap();
     interrupt(
