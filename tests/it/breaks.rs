@@ -7,6 +7,8 @@
 //! --test it breaks` runs as many for each reader. `SPINDOE_BREAKS_SEED` chooses others.
 
 #[cfg(feature = "cli")]
+mod endless;
+#[cfg(feature = "cli")]
 mod nonsense;
 #[cfg(feature = "cli")]
 mod signals;
