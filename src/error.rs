@@ -128,9 +128,27 @@ impl Error {
     }
 }
 
-/// A path in a message: what it holds of control characters is escaped.
+/// A path in a message, as [`on_one_line`] shows it.
 fn shown(path: &Path) -> String {
-    escaped(path.display().to_string())
+    let text = escaped(path.display().to_string());
+    match is_path(&text) {
+        true => text,
+        false => cut(&text, MAX_VALUE_CHARS),
+    }
+}
+
+/// Whether a file may have this path: no name in it is too long.
+fn is_path(text: &str) -> bool {
+    let mut names = text.split(['/', '\\']);
+    names.all(|name| name.chars().count() <= MAX_NAME_CHARS)
+}
+
+/// The first `most` characters, with "..." where there are more.
+fn cut(text: &str, most: usize) -> String {
+    match text.char_indices().nth(most) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
 }
 
 /// The text with its control characters escaped.
@@ -147,10 +165,10 @@ fn escaped(text: String) -> String {
 
 /// Most characters of a value that a message repeats.
 const MAX_VALUE_CHARS: usize = 60;
-/// Most characters of a path, which has no spaces as most values have none.
-const MAX_PATH_CHARS: usize = 4096;
+/// Most characters of a file's name: the limit of file systems.
+const MAX_NAME_CHARS: usize = 255;
 /// Most characters of a message.
-const MAX_CHARS: usize = 2 * MAX_PATH_CHARS;
+const MAX_CHARS: usize = 8192;
 
 /// The text as a message shows it: control characters are escaped; values of more than
 /// [`MAX_VALUE_CHARS`] characters, which are words or quoted, end after them with "...".
@@ -165,22 +183,17 @@ pub(crate) fn on_one_line(text: String) -> String {
     while let Some(first) = rest.chars().next() {
         let value = &rest[..value_end(rest, first)];
         rest = &rest[value.len()..];
-        let is_path = value.contains(['/', '\\']) && !matches!(first, '"' | '\'');
+        let is_quoted = matches!(first, '"' | '\'');
+        let is_path = !is_quoted && value.contains(['/', '\\']) && is_path(value);
         let most = if is_path {
-            MAX_PATH_CHARS
+            most_left
         } else {
-            MAX_VALUE_CHARS
+            most_left.min(MAX_VALUE_CHARS)
         };
-        let most = most.min(most_left);
-        match value.char_indices().nth(most) {
-            Some((end, _)) => {
-                shown.push_str(&value[..end]);
-                shown.push_str("...");
-                if matches!(first, '"' | '\'') && value.ends_with(first) {
-                    shown.push(first);
-                }
-            }
-            None => shown.push_str(value),
+        let shortened = cut(value, most);
+        shown.push_str(&shortened);
+        if is_quoted && shortened != value && value.ends_with(first) {
+            shown.push(first);
         }
         most_left = most_left.saturating_sub(value.chars().count().min(most));
         if most_left == 0 {
@@ -293,8 +306,8 @@ mod tests {
             }),
             ("a\tb".to_owned(), "p: a\\tb".to_owned()),
             (
-                format!("is in /{long}"),
-                format!("p: is in /{}...", &long[..MAX_PATH_CHARS - 1]),
+                format!("is in /{}", "long/".repeat(20)),
+                format!("p: is in /{}", "long/".repeat(20)),
             ),
         ] {
             assert_eq!(Error::argument("p", problem).to_string(), expected);

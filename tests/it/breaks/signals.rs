@@ -92,7 +92,7 @@ fn case(arguments: &str, overwrites: bool) -> Case {
 
 /// Runs for each command; `SPINDOE_SIGNALS=200` sends more.
 fn runs() -> u64 {
-    super::setting("SPINDOE_SIGNALS", 4)
+    super::setting("SPINDOE_SIGNALS", 2)
 }
 
 #[cfg(unix)]
