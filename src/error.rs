@@ -17,7 +17,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[non_exhaustive]
 pub enum Error {
     /// A file's content does not match its format.
-    #[error("{}: {place}: {problem}", path.display())]
+    #[error("{}: {place}: {problem}", shown(path))]
     Input {
         /// The offending file.
         path: PathBuf,
@@ -35,7 +35,7 @@ pub enum Error {
         problem: String,
     },
     /// A file or folder cannot be read.
-    #[error("{}: cannot be read: {source}", path.display())]
+    #[error("{}: cannot be read: {source}", shown(path))]
     Read {
         /// The file or folder.
         path: PathBuf,
@@ -43,7 +43,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A file or folder cannot be written.
-    #[error("{}: cannot be written: {source}", path.display())]
+    #[error("{}: cannot be written: {source}", shown(path))]
     Write {
         /// The file or folder.
         path: PathBuf,
@@ -51,7 +51,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The work is done, but none of the input could be answered.
-    #[error("{}: {reason}", path.display())]
+    #[error("{}: {reason}", shown(path))]
     NoAnswer {
         /// The input.
         path: PathBuf,
@@ -119,6 +119,7 @@ impl Error {
                     | ErrorKind::NotADirectory
                     | ErrorKind::InvalidData
                     | ErrorKind::InvalidInput
+                    | ErrorKind::InvalidFilename
                     | ErrorKind::UnexpectedEof
                     | ErrorKind::AlreadyExists
             ),
@@ -127,8 +128,31 @@ impl Error {
     }
 }
 
-/// The text with its control characters escaped: what a message quotes may hold any.
-fn on_one_line(text: String) -> String {
+/// A path in a message, as [`on_one_line`] shows it.
+fn shown(path: &Path) -> String {
+    let text = escaped(path.display().to_string());
+    match is_path(&text) {
+        true => text,
+        false => cut(&text, MAX_VALUE_CHARS),
+    }
+}
+
+/// Whether a file may have this path: no name in it is too long.
+fn is_path(text: &str) -> bool {
+    let mut names = text.split(['/', '\\']);
+    names.all(|name| name.chars().count() <= MAX_NAME_CHARS)
+}
+
+/// The first `most` characters, with "..." where there are more.
+fn cut(text: &str, most: usize) -> String {
+    match text.char_indices().nth(most) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// The text with its control characters escaped.
+fn escaped(text: String) -> String {
     if !text.contains(char::is_control) {
         return text;
     }
@@ -137,6 +161,63 @@ fn on_one_line(text: String) -> String {
         false => c.to_string(),
     };
     text.chars().map(escaped).collect()
+}
+
+/// Most characters of a value that a message repeats.
+const MAX_VALUE_CHARS: usize = 60;
+/// Most characters of a file's name: the limit of file systems.
+const MAX_NAME_CHARS: usize = 255;
+/// Most characters of a message.
+const MAX_CHARS: usize = 8192;
+
+/// The text as a message shows it: control characters are escaped; values of more than
+/// [`MAX_VALUE_CHARS`] characters, which are words or quoted, end after them with "...".
+pub(crate) fn on_one_line(text: String) -> String {
+    let text = escaped(text);
+    if text.len() <= MAX_VALUE_CHARS {
+        return text;
+    }
+    let mut shown = String::with_capacity(text.len().min(MAX_CHARS));
+    let mut rest = text.as_str();
+    let mut most_left = MAX_CHARS;
+    while let Some(first) = rest.chars().next() {
+        let value = &rest[..value_end(rest, first)];
+        rest = &rest[value.len()..];
+        let is_quoted = matches!(first, '"' | '\'');
+        let is_path = !is_quoted && value.contains(['/', '\\']) && is_path(value);
+        let most = if is_path {
+            most_left
+        } else {
+            most_left.min(MAX_VALUE_CHARS)
+        };
+        let shortened = cut(value, most);
+        shown.push_str(&shortened);
+        if is_quoted && shortened != value && value.ends_with(first) {
+            shown.push(first);
+        }
+        most_left = most_left.saturating_sub(value.chars().count().min(most));
+        if most_left == 0 {
+            break;
+        }
+    }
+    shown
+}
+
+/// Where the quoted text, the word or the space at the beginning of `text` ends.
+fn value_end(text: &str, first: char) -> usize {
+    if first.is_whitespace() {
+        return first.len_utf8();
+    }
+    if matches!(first, '"' | '\'') {
+        let mut is_escape = false;
+        for (at, c) in text.char_indices().skip(1) {
+            if c == first && !is_escape {
+                return at + c.len_utf8();
+            }
+            is_escape = c == '\\' && !is_escape;
+        }
+    }
+    text.find(char::is_whitespace).unwrap_or(text.len())
 }
 
 /// The parameter that an [`Error::Argument`] is about, named as the library names it: the field or
@@ -204,4 +285,37 @@ pub(crate) fn by_name<T: Copy>(
         let problem = format!("expected one of {}, found {name:?}", known.join(", "));
         Error::argument(parameter, problem)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_are_short_lines() {
+        let long = "9".repeat(10_000);
+        let cut = format!("{}...", &long[..MAX_VALUE_CHARS]);
+        for (problem, expected) in [
+            (
+                format!("expected 1, found {long}"),
+                format!("p: expected 1, found {cut}"),
+            ),
+            (format!("found {:?}, not 1", "a b ".repeat(999)), {
+                let kept = "a b ".repeat(15);
+                format!("p: found \"{}...\", not 1", &kept[..MAX_VALUE_CHARS - 1])
+            }),
+            ("a\tb".to_owned(), "p: a\\tb".to_owned()),
+            (
+                format!("is in /{}", "long/".repeat(20)),
+                format!("p: is in /{}", "long/".repeat(20)),
+            ),
+        ] {
+            assert_eq!(Error::argument("p", problem).to_string(), expected);
+        }
+        let whole = format!("no \"end, {}", "word ".repeat(30));
+        assert_eq!(on_one_line(whole.clone()), whole);
+        assert!(on_one_line("word ".repeat(9999)).len() <= MAX_CHARS + 3);
+        let error = Error::input("tab\t.csv", "line 1", "expected x");
+        assert_eq!(error.to_string(), "tab\\t.csv: line 1: expected x");
+    }
 }

@@ -4,20 +4,21 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::images::ImageArguments;
+use super::images::{ImageArguments, order_warning, read_balls};
 use crate::ball::Ball;
 use crate::calibrate::{
     BuiltPattern, Calibration, CalibrationConfig, DotState, build_pattern, calibrate,
     identify_frames, matching_design,
 };
 use crate::error::{Error, Result};
-use crate::files;
+use crate::files::{self, Replacement};
 use crate::geometry::spiral_directions;
 use crate::pattern::Pattern;
 use crate::report::calibration::{
     CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, CalibrationSource,
     FILES, evaluate_calibration,
 };
+use crate::validate::check_samples;
 use crate::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate};
 
@@ -99,12 +100,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "a calibration",
         "choose another folder",
     )?;
-    let balls: Result<Vec<Ball>> = arguments
-        .table
-        .iter()
-        .map(|path| Ball::read(path))
-        .collect();
-    let clip = arguments.read(balls?, &config)?;
+    if arguments.samples > 0 {
+        check_samples(arguments.samples)?;
+    }
+    let balls = read_balls(&arguments.table)?;
+    let set = Replacement::begin(&arguments.out)?;
+    let clip = arguments.read(balls, &config)?;
     let nominal = clip.ball.pattern();
     match &clip.path {
         Some(path) if arguments.unknown || arguments.table.len() > 1 => {
@@ -129,7 +130,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut evaluated = evaluate_calibration(&calibration, &source, &config, &evaluation)?;
     evaluated.report.command = Some(super::output::command_line());
-    evaluated.write(&arguments.out)?;
+    evaluated.write(set.path())?;
+    set.publish(&[], &[], "report.json")?;
     if arguments.json {
         return super::print_json(&evaluated.report);
     }
@@ -181,6 +183,9 @@ impl Arguments {
         let batch = estimate_inputs(&estimator, &self.clip, &self.batch()?, &())?;
         if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
             errln!("spindoe: the times do not increase from frame to frame: they are not used");
+        }
+        if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
+            errln!("spindoe: {warning}");
         }
         let times_s = batch.times_s();
         let frames: Vec<FrameEstimate> = batch.frames.into_iter().map(|f| f.estimate).collect();

@@ -34,7 +34,7 @@ pub struct CameraArguments {
 }
 
 /// What a file, or the flags, may state.
-#[derive(Debug, Clone, Default, Args, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Args, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Camera")]
 struct CameraFile {
@@ -140,8 +140,8 @@ impl CameraArguments {
 impl CameraFile {
     fn conditions(&self) -> Result<CameraConditions> {
         let ball_mm = self.ball_diameter_mm.unwrap_or(BALL_MM);
-        if !(ball_mm > 0.0 && ball_mm.is_finite()) {
-            let problem = format!("expected a positive diameter in mm, found {ball_mm}");
+        if !(1.0..=1000.0).contains(&ball_mm) {
+            let problem = format!("expected 1 to 1000 mm, found {ball_mm}");
             return Err(Error::argument("ball_diameter_mm", problem));
         }
         let rps = match self.rps.as_deref() {
@@ -195,6 +195,15 @@ pub fn read_conditions(path: &Path) -> Result<CameraConditions> {
 }
 
 fn read(path: &Path) -> Result<CameraFile> {
+    let file = parse(path)?;
+    if file == CameraFile::default() {
+        let problem = "expected at least one property of the camera, such as ball_px, found none";
+        return Err(Error::input(path, "file", problem));
+    }
+    Ok(file)
+}
+
+fn parse(path: &Path) -> Result<CameraFile> {
     let bytes = files::read_at_most(path, files::MAX_TEXT_BYTES)?;
     let text = String::from_utf8(bytes)
         .map_err(|_| Error::input(path, "file", "expected text in UTF-8"))?;

@@ -10,7 +10,7 @@ use super::output::{Counter, one_of, quoted};
 use super::print_json;
 use crate::ball::Ball;
 use crate::error::Result;
-use crate::files;
+use crate::files::{self, Replacement};
 use crate::recognize::RecognizerName;
 use crate::report::compare::{Comparison, Entry, compare};
 use crate::stats::PairedDifference;
@@ -85,9 +85,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.camera.is_stated() {
         return before_camera(arguments, &entries);
     }
-    if let Some(dir) = &arguments.output {
-        files::create_writable_dir(dir)?;
-    }
+    let set = arguments.output.as_deref().map(Replacement::begin);
+    let set = set.transpose()?;
     let recognizers = match arguments.recognizer {
         Some(one) => vec![one],
         None => RecognizerName::ALL.to_vec(),
@@ -105,7 +104,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         },
     )?;
     counter.finish();
-    if let Some(dir) = &arguments.output {
+    if let Some(set) = set {
+        let dir = set.path();
         let mut json = serde_json::to_vec_pretty(&found)
             .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;
         json.push(b'\n');
@@ -113,6 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         #[cfg(feature = "plot")]
         found.write_plots(dir, &entries)?;
         found.write_page(dir, &entries, &arguments.command())?;
+        set.publish(&[], &[], "comparison.json")?;
     }
     if arguments.json {
         return print_json(&found);

@@ -6,9 +6,12 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::output::one_of;
+use crate::ball::Ball;
 use crate::error::{Error, Result};
+use crate::geometry::Vec3;
 use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod, OutlinePrior};
 use crate::vision::frame_table::{self, FrameCircles};
+use crate::vision::input;
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
 use crate::vision::{
@@ -168,4 +171,42 @@ impl ImageArguments {
             (None, None) => FrameClock::Inputs,
         })
     }
+}
+
+/// Largest angle between dots that are one, radians.
+const SAME_DOT_RAD: f64 = 1e-3;
+
+/// The balls of several files; two must not have the same pattern, since images cannot tell which it
+/// is.
+pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
+    let mut balls: Vec<Ball> = Vec::new();
+    for path in paths {
+        let ball = Ball::read(path)?;
+        let same = balls.iter().position(|other| is_same(other, &ball));
+        if let Some(other) = same.and_then(|k| paths.get(k)) {
+            let problem = format!(
+                "has the same pattern as {}: give one of them",
+                other.display()
+            );
+            return Err(Error::input(path, "pattern", problem));
+        }
+        balls.push(ball);
+    }
+    Ok(balls)
+}
+
+/// Whether two balls have the same dots, in any order.
+fn is_same(a: &Ball, b: &Ball) -> bool {
+    let (a, b) = (a.pattern().dots(), b.pattern().dots());
+    let has = |dot: &Vec3| b.iter().any(|other| other.angle(dot) < SAME_DOT_RAD);
+    a.len() == b.len() && a.iter().all(has)
+}
+
+/// What is to be known of frames whose names are numbers of another notation.
+pub(super) fn order_warning<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Option<String> {
+    input::unusual_number(names).map(|name| {
+        format!(
+            "names such as {name:?} are no plain whole numbers: the frames are taken in the order of their names, digits as whole numbers, and have no times of their own"
+        )
+    })
 }

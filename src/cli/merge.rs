@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use super::design::print_words;
-use super::output::{Progress, stop_on_interrupt};
+use super::interrupt::stop_on_interrupt;
+use super::output::Progress;
 use super::print_json;
 use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
 use crate::error::Result;

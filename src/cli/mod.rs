@@ -37,6 +37,7 @@ mod export;
 mod identify;
 #[cfg(feature = "vision")]
 mod images;
+mod interrupt;
 #[cfg(feature = "mark")]
 mod mark;
 mod merge;
@@ -150,6 +151,7 @@ pub fn main() -> ExitCode {
 /// Runs the command with these arguments, the first of which is the program's name, and returns its
 /// exit code.
 pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    interrupt::catch();
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     output::set_command_line(&arguments);
     let parsed = Cli::command().try_get_matches_from(arguments);
@@ -300,7 +302,7 @@ fn usage_line(error: &clap::Error) -> String {
     let text = error.to_string();
     let first = text.split("\n\n").next().unwrap_or_default();
     let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
-    line.strip_prefix("error: ").unwrap_or(&line).to_owned()
+    crate::error::on_one_line(line.strip_prefix("error: ").unwrap_or(&line).to_owned())
 }
 
 /// An input that is read piece by piece: a file, or standard input for `-`.

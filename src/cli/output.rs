@@ -1,14 +1,15 @@
-//! Shared by the commands: values chosen by name, progress, interruption.
+//! Shared by the commands: values chosen by name, progress, the command as it was given.
 
 use std::str::FromStr;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::error::{Error, Result};
+use crate::error::Error;
+use crate::geometry::Vec3;
 
 /// A parser of one of `all` by the name that `name` gives it; the help lists the names.
 pub(super) fn one_of<T>(
@@ -22,17 +23,10 @@ where
         .try_map(|name| name.parse::<T>())
 }
 
-/// A flag that the first Ctrl-C sets; the second ends the process at once.
-pub(super) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })
-    .map_err(|e| Error::Internal(format!("Ctrl-C cannot be caught: {e}")))?;
-    Ok(stop)
+/// The direction of a vector of any length; none for 0.
+pub(super) fn unit(vector: Vec3) -> Option<Vec3> {
+    // Squares of large numbers overflow, those of small ones vanish.
+    (vector / vector.amax()).try_normalize(0.0)
 }
 
 /// Whether progress is shown: set once, from `--quiet`.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::error::{Error, Result, require};
+use crate::files::Replacement;
 #[cfg(feature = "vision")]
 use crate::report::page::CalibrationPage;
 use crate::report::page::{CameraFigures, DesignPage, PAGE};
@@ -56,17 +57,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "vision")]
     if CalibrationPage::is_in(dir)? {
         arguments.reject_camera()?;
-        CalibrationPage::read(dir)?.write(dir)?;
+        let page = CalibrationPage::read(dir)?;
+        let set = Replacement::begin(dir)?;
+        page.write(set.path())?;
+        set.publish(&[], &[], PAGE)?;
         outln!("{}", dir.join(PAGE).display());
         return Ok(());
     }
     let mut page = DesignPage::read(dir)?;
     arguments.apply(page.camera_mut())?;
-    page.write(dir)?;
+    let set = Replacement::begin(dir)?;
+    page.write(set.path())?;
     #[cfg(feature = "plot")]
     if arguments.plots {
-        crate::report::plots::redraw(dir)?;
+        crate::report::plots::redraw(dir, set.path())?;
     }
+    set.publish(&[], &[], PAGE)?;
     outln!("{}", dir.join(PAGE).display());
     Ok(())
 }

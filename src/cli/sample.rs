@@ -8,7 +8,7 @@ use serde_json::json;
 use super::output::Counter;
 use crate::ball::Ball;
 use crate::error::{Result, require};
-use crate::files;
+use crate::files::{self, Replacement};
 use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 use crate::synth::SynthConfig;
@@ -60,10 +60,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let dir = &arguments.out;
     let taken = ["pattern.csv", "table.npz", "clip"];
     files::reject_taken(dir, &taken, "a sample", "choose another folder")?;
-    files::create_writable_dir(dir)?;
+    let set = Replacement::begin(dir)?;
     let pattern = Pattern::from_csv("pattern.csv".as_ref(), PATTERN.as_bytes())?;
-    pattern.write_csv(&dir.join("pattern.csv"))?;
-    Ball::new(pattern.clone()).write_npz(&dir.join("table.npz"))?;
+    pattern.write_csv(&set.path().join("pattern.csv"))?;
+    Ball::new(pattern.clone()).write_npz(&set.path().join("table.npz"))?;
     // The camera looks at the ball: the estimator, which sees crops, takes it so.
     let config = SynthConfig {
         max_off_axis_rad: 0.0,
@@ -85,13 +85,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         sequence: Some(motion),
     };
     let counter = Counter::new(frames as u64, "frames");
-    let clip = dir.join("clip");
+    let clip = set.path().join("clip");
     files::create_dir(&clip)?;
     let draw = |k| sequence.frame(k);
     folder::write(&clip, origin, frames, Masks::Omit, draw, |done| {
         counter.set(done as u64);
     })?;
     counter.finish();
+    set.publish(&[], &[], "clip")?;
     if arguments.json {
         return super::print_json(&json!({
             "out": dir.to_string_lossy(),

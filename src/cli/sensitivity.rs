@@ -10,7 +10,7 @@ use super::output::{Counter, one_of};
 use super::print_json;
 use crate::ball::Ball;
 use crate::error::Result;
-use crate::files;
+use crate::files::{self, Replacement};
 use crate::validate::{SensitivityConfig, sensitivity, sensitivity_csv};
 use crate::view::{Protocol, ProtocolName};
 
@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         seed: arguments.seed,
     };
     let dir = &arguments.output;
-    files::create_dir(dir)?;
+    let set = Replacement::begin(dir)?;
     let protocol = Protocol::standard(arguments.protocol.unwrap_or(ProtocolName::Paper));
     let count = 2 * config.sigmas_deg.len() + config.alphas.len();
     let counter = Counter::new(count as u64, "points");
@@ -86,9 +86,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     })?;
     counter.finish();
     let csv = sensitivity_csv(&points);
-    files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
+    files::write_bytes(&set.path().join("sensitivity.csv"), csv.as_bytes())?;
     #[cfg(feature = "plot")]
-    crate::report::plots::sensitivity_plots(dir, &points)?;
+    crate::report::plots::sensitivity_plots(set.path(), &points)?;
+    set.publish(&[], &[], "sensitivity.csv")?;
     if arguments.json {
         return print_json(&points);
     }
@@ -119,7 +120,7 @@ fn before_camera(arguments: &Arguments, ball: &Ball) -> Result<()> {
     let conditions = arguments.camera.conditions()?;
     let sweep = CameraSweep::around(&conditions);
     let dir = &arguments.output;
-    files::create_dir(dir)?;
+    let set = Replacement::begin(dir)?;
     let frames = arguments.samples.unwrap_or(POINT_FRAMES);
     let total = frames.saturating_mul(sweep.cameras.len() as u64);
     let counter = Counter::new(total, "frames");
@@ -136,7 +137,9 @@ fn before_camera(arguments: &Arguments, ball: &Ball) -> Result<()> {
     let done = |n| counter.add(n);
     let points = sweep.run(ball.pattern(), arguments.seed, frames, each, &done)?;
     counter.finish();
-    files::write_bytes(&dir.join("sensitivity.csv"), sweep_csv(&points).as_bytes())?;
+    let csv = sweep_csv(&points);
+    files::write_bytes(&set.path().join("sensitivity.csv"), csv.as_bytes())?;
+    set.publish(&[], &[], "sensitivity.csv")?;
     if arguments.json {
         return print_json(&points);
     }

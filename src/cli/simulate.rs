@@ -153,7 +153,7 @@ impl Arguments {
         let Some(axis) = &self.axis else {
             return Ok(random_direction(&mut stream(self.seed, 1)));
         };
-        axis.try_normalize(0.0)
+        super::output::unit(*axis)
             .ok_or_else(|| Error::argument("--axis", "expected a vector that is not 0"))
     }
 }

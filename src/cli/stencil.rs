@@ -6,7 +6,7 @@ use clap::Args;
 
 use crate::ball::Ball;
 use crate::error::{Error, Result};
-use crate::files;
+use crate::files::{self, Replacement};
 use crate::pattern::Pattern;
 use crate::stencil::coupon::coupon;
 use crate::stencil::{Closure, HalfName, HoleSide, Stencil, StencilConfig, stl_bytes};
@@ -203,25 +203,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stencil = Stencil::build(&pattern, &config)
         .map_err(|error| with_largest(error, &pattern, &config))?;
     let rings = arguments.coupon.then(|| coupon(&config)).transpose()?;
-    stencil.write(dir)?;
-    let coupon = dir.join(COUPON);
-    match rings {
-        Some(rings) => files::write_bytes(&coupon, &stl_bytes(&rings)?)?,
-        // That of the stencil which was replaced.
-        None => files::remove_if_present(&coupon)?,
+    let set = Replacement::begin(dir)?;
+    stencil.write(set.path())?;
+    if let Some(rings) = rings {
+        files::write_bytes(&set.path().join(COUPON), &stl_bytes(&rings)?)?;
     }
     #[cfg(feature = "plot")]
     {
         let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-        crate::report::plots::in_each_format(dir, PICTURE, |path| {
+        crate::report::plots::in_each_format(set.path(), PICTURE, |path| {
             crate::plot::stencil_views(path, &stencil, &title)
         })?;
     }
     #[cfg(feature = "mark")]
     {
         let sheet = crate::mark::stencil_sheet(&stencil, arguments.page.into());
-        files::write_bytes(&dir.join(DRAWING), &crate::mark::pdf_bytes(&sheet))?;
+        files::write_bytes(&set.path().join(DRAWING), &crate::mark::pdf_bytes(&sheet))?;
     }
+    set.publish(&FILES, &[], "stencil.json")?;
     print_words(&stencil);
     outln!("written to {}", dir.display());
     Ok(())

@@ -10,7 +10,7 @@ use super::output::{Counter, one_of};
 use super::simulate::vector;
 use crate::ball::Ball;
 use crate::error::{Error, Result, require};
-use crate::files;
+use crate::files::{self, Replacement};
 use crate::geometry::Vec3;
 use crate::synth::dataset::{Sequence, SequenceConfig, independent_frame};
 use crate::synth::folder::{self, Masks, Origin, Written};
@@ -221,8 +221,7 @@ impl Arguments {
                     let problem = "expected one number where --axis is given";
                     return Err(Error::argument("rps", problem));
                 }
-                let axis = axis
-                    .try_normalize(0.0)
+                let axis = super::output::unit(axis)
                     .ok_or_else(|| Error::argument("axis", "expected a vector that is not 0"))?;
                 Some((axis * (low * std::f64::consts::TAU)).into())
             }
@@ -253,7 +252,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .transpose()?;
     let taken = ["index.csv", "truth.json", "images"];
     files::reject_taken(&arguments.out, &taken, "frames", "choose another folder")?;
-    files::create_writable_dir(&arguments.out)?;
+    let set = Replacement::begin(&arguments.out)?;
     let origin = Origin {
         seed,
         pattern_sha256: pattern.sha256(),
@@ -273,8 +272,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Masks::Omit
     };
     let shown = |done| counter.set(done as u64);
-    let written = folder::write(&arguments.out, origin, frames, masks, draw, shown)?;
+    let written = folder::write(set.path(), origin, frames, masks, draw, shown)?;
     counter.finish();
+    set.publish(&[], &[], "index.csv")?;
     let spin = sequence.map(|s| s.spin());
     summarize(arguments, &written, spin, clock.elapsed().as_secs_f64())
 }

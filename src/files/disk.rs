@@ -5,6 +5,7 @@ use std::fs;
 use std::io::{BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
+use super::aside::{AsideFile, settle};
 use crate::error::{Error, Result};
 
 /// Bytes per read.
@@ -24,10 +25,7 @@ pub fn create_dir(dir: &Path) -> Result<()> {
 /// [`Error::Write`] on an I/O failure.
 pub fn create_writable_dir(dir: &Path) -> Result<()> {
     create_dir(dir)?;
-    tempfile::Builder::new()
-        .prefix(".spindoe-")
-        .tempfile_in(dir)
-        .map_err(|e| Error::write(dir, e))?;
+    AsideFile::new(dir).map_err(|e| Error::write(dir, e))?;
     Ok(())
 }
 
@@ -37,6 +35,7 @@ pub fn create_writable_dir(dir: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Argument`] of the parameter `out`.
 pub(crate) fn reject_taken(dir: &Path, files: &[&str], what: &str, advice: &str) -> Result<()> {
+    settle(dir);
     match files.iter().find(|name| dir.join(name).exists()) {
         None => Ok(()),
         Some(name) => {
@@ -99,7 +98,7 @@ fn folder(path: &Path) -> &Path {
 }
 
 enum Target {
-    Aside(tempfile::NamedTempFile),
+    Aside(AsideFile),
     Direct(fs::File),
 }
 
@@ -127,8 +126,7 @@ impl OutputFile {
         let file = if is_special {
             Target::Direct(fs::OpenOptions::new().write(true).open(path).map_err(io)?)
         } else {
-            let aside = builder().prefix(".spindoe-").tempfile_in(folder(&target));
-            Target::Aside(aside.map_err(io)?)
+            Target::Aside(AsideFile::new(folder(&target)).map_err(io)?)
         };
         Ok(Self {
             path: path.to_path_buf(),
@@ -145,9 +143,7 @@ impl OutputFile {
         let io = |e| Error::write(&self.path, e);
         self.file.as_file_mut().flush().map_err(io)?;
         if let Target::Aside(aside) = self.file {
-            // A rename that reaches the disk before the content would leave an empty file.
-            aside.as_file().sync_all().map_err(io)?;
-            aside.persist(&self.target).map_err(|e| io(e.error))?;
+            aside.persist(&self.target).map_err(io)?;
         }
         Ok(())
     }
@@ -161,21 +157,6 @@ impl Write for OutputFile {
     fn flush(&mut self) -> std::io::Result<()> {
         self.file.as_file_mut().flush()
     }
-}
-
-/// The permissions of an ordinary new file (temporary files are private by default); the user's
-/// umask still applies.
-#[cfg(unix)]
-fn builder() -> tempfile::Builder<'static, 'static> {
-    use std::os::unix::fs::PermissionsExt;
-    let mut builder = tempfile::Builder::new();
-    builder.permissions(fs::Permissions::from_mode(0o666));
-    builder
-}
-
-#[cfg(not(unix))]
-fn builder() -> tempfile::Builder<'static, 'static> {
-    tempfile::Builder::new()
 }
 
 /// A folder that one process at a time works in. The lock ends with the process, however that ends.
@@ -218,61 +199,6 @@ impl FolderLock {
     }
 }
 
-/// A set of files that replaces another one in a folder: written aside, then moved. At no time do
-/// files of both sets stand beside each other; an interruption may leave some of the new ones
-/// alone.
-#[derive(Debug)]
-pub struct Replacement {
-    dir: PathBuf,
-    aside: tempfile::TempDir,
-}
-
-impl Replacement {
-    /// Begins a set of files for `dir`.
-    ///
-    /// # Errors
-    /// [`Error::Write`] on an I/O failure.
-    pub fn begin(dir: &Path) -> Result<Self> {
-        let aside = tempfile::Builder::new()
-            .prefix(".spindoe-")
-            .tempdir_in(dir)
-            .map_err(|e| Error::write(dir, e))?;
-        Ok(Self {
-            dir: dir.to_path_buf(),
-            aside,
-        })
-    }
-
-    /// Where the files are written.
-    pub fn path(&self) -> &Path {
-        self.aside.path()
-    }
-
-    /// Removes the old files of the folder, all but those `kept`, and moves the new ones in; `last`
-    /// appears when all others are there.
-    ///
-    /// # Errors
-    /// [`Error::Read`] and [`Error::Write`] on an I/O failure.
-    pub fn publish(self, kept: &[&str], last: &str) -> Result<()> {
-        let from = self.aside.path();
-        let mut names = Vec::new();
-        for entry in fs::read_dir(from).map_err(|e| Error::read(from, e))? {
-            names.push(entry.map_err(|e| Error::read(from, e))?.file_name());
-        }
-        names.sort_by_key(|name| (name == last, name.clone()));
-        for name in names.iter().rev() {
-            if !kept.iter().any(|k| name == k) {
-                remove_any(&self.dir.join(name))?;
-            }
-        }
-        for name in &names {
-            let to = self.dir.join(name);
-            fs::rename(from.join(name), &to).map_err(|e| Error::write(&to, e))?;
-        }
-        sync_dir(&self.dir)
-    }
-}
-
 /// Removes a file, or a folder with all that is in it, if it exists.
 ///
 /// # Errors
@@ -282,17 +208,6 @@ pub fn remove_any(path: &Path) -> Result<()> {
         Ok(found) if found.is_dir() => fs::remove_dir_all(path).map_err(|e| Error::write(path, e)),
         _ => remove_if_present(path),
     }
-}
-
-/// Brings renames within a folder to the disk.
-fn sync_dir(dir: &Path) -> Result<()> {
-    #[cfg(unix)]
-    fs::File::open(dir)
-        .and_then(|d| d.sync_all())
-        .map_err(|e| Error::write(dir, e))?;
-    #[cfg(not(unix))]
-    let _ = dir;
-    Ok(())
 }
 
 /// Writes bytes to `path` atomically.

@@ -1,19 +1,24 @@
 //! Files: written atomically (a temporary file in the target's folder, then a rename), and CSV
 //! tables read row by row.
 
+#[cfg(feature = "native")]
+mod aside;
 pub(crate) mod csv;
 #[cfg(feature = "native")]
 mod disk;
 
+#[cfg(feature = "native")]
+pub use aside::Replacement;
+#[cfg(feature = "cli")]
+pub(crate) use aside::remove_all_asides;
 #[cfg(feature = "vision")]
 pub(crate) use disk::read_rest;
 #[cfg(feature = "native")]
 pub(crate) use disk::reject_taken;
 #[cfg(feature = "native")]
 pub use disk::{
-    FolderLock, MAX_FILE_BYTES, MAX_TEXT_BYTES, OutputFile, Replacement, create_dir,
-    create_writable_dir, open, read_at_most, read_bytes, remove_any, remove_if_present,
-    write_atomic, write_bytes,
+    FolderLock, MAX_FILE_BYTES, MAX_TEXT_BYTES, OutputFile, create_dir, create_writable_dir, open,
+    read_at_most, read_bytes, remove_any, remove_if_present, write_atomic, write_bytes,
 };
 
 /// SHA-256 of bytes, hexadecimal.

@@ -3,6 +3,8 @@
 //! Each pixel keeps the nearest surface's depth, normal and color; lines are then drawn where depth
 //! or normal jump, so that rims and engravings stay readable in print.
 
+use std::ops::Range;
+
 use plotters::prelude::*;
 
 use crate::geometry::Vec3;
@@ -157,6 +159,31 @@ struct Pixel {
     color: Rgb,
 }
 
+/// Rows of a picture that are rendered at once: a whole picture of pixels with depths takes 66 MB.
+const BAND_ROWS: usize = 128;
+
+/// Some rows of a picture.
+struct Band {
+    width: usize,
+    rows: Range<usize>,
+    pixels: Vec<Option<Pixel>>,
+}
+
+impl Band {
+    fn new(width: usize, rows: Range<usize>) -> Self {
+        Self {
+            width,
+            pixels: vec![None; width * rows.len()],
+            rows,
+        }
+    }
+
+    /// What is seen in a pixel of the picture that lies in these rows.
+    fn at(&self, x: usize, y: usize) -> Option<Pixel> {
+        self.pixels[(y - self.rows.start) * self.width + x]
+    }
+}
+
 /// A scene's place in a picture: `scale` drawn pixels per millimeter, the view's origin at
 /// `center`.
 #[derive(Debug, Clone, Copy)]
@@ -212,46 +239,39 @@ impl Frame {
 pub(super) fn render(area: &Area<'_>, frame: &Frame, bodies: &[Body<'_>]) -> Drawn {
     let (width, height) = area.dim_in_pixel();
     let (width, height) = (width as usize, height as usize);
-    let mut pixels: Vec<Option<Pixel>> = vec![None; width * height];
-    for body in bodies {
-        for t in 0..body.mesh.triangles.len() {
-            fill(
-                &mut pixels,
-                (width, height),
-                frame,
-                &body.mesh.corners(t),
-                body.paint,
-            );
-        }
-    }
     let light = Vec3::from(LIGHT).normalize();
-    for y in 0..height {
-        for x in 0..width {
-            let Some(pixel) = pixels[y * width + x] else {
-                continue;
-            };
-            let lit = AMBIENT + (1.0 - AMBIENT) * pixel.normal.dot(&light).max(0.0);
-            let lit = lit
-                * if on_line(&pixels, (width, height), (x, y), frame) {
+    for start in (0..height).step_by(BAND_ROWS) {
+        let end = (start + BAND_ROWS).min(height);
+        // A row more on either side: lines depend on neighbors.
+        let mut band = Band::new(width, start.saturating_sub(1)..(end + 1).min(height));
+        for body in bodies {
+            for t in 0..body.mesh.triangles.len() {
+                fill(&mut band, frame, &body.mesh.corners(t), body.paint);
+            }
+        }
+        for y in start..end {
+            for x in 0..width {
+                let Some(pixel) = band.at(x, y) else {
+                    continue;
+                };
+                let lit = AMBIENT + (1.0 - AMBIENT) * pixel.normal.dot(&light).max(0.0);
+                let line = if on_line(&band, (x, y), frame) {
                     LINE
                 } else {
                     1.0
                 };
-            let [r, g, b] = pixel.color.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
-            area.draw_pixel((x as i32, y as i32), &RGBColor(r, g, b))?;
+                let lit = lit * line;
+                let [r, g, b] = pixel.color.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
+                area.draw_pixel((x as i32, y as i32), &RGBColor(r, g, b))?;
+            }
         }
     }
     Ok(())
 }
 
 /// Whether the surface jumps or folds between a pixel and one of its neighbors.
-fn on_line(
-    pixels: &[Option<Pixel>],
-    (width, height): (usize, usize),
-    (x, y): (usize, usize),
-    frame: &Frame,
-) -> bool {
-    let Some(here) = pixels[y * width + x] else {
+fn on_line(band: &Band, (x, y): (usize, usize), frame: &Frame) -> bool {
+    let Some(here) = band.at(x, y) else {
         return false;
     };
     [(1, 0), (0, 1), (-1, 0), (0, -1)]
@@ -260,10 +280,10 @@ fn on_line(
             let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else {
                 return false;
             };
-            if nx >= width || ny >= height {
+            if nx >= band.width || !band.rows.contains(&ny) {
                 return false;
             }
-            match pixels[ny * width + nx] {
+            match band.at(nx, ny) {
                 None => true,
                 Some(there) => {
                     // A jump towards the viewer is drawn on the farther side only.
@@ -275,14 +295,8 @@ fn on_line(
         })
 }
 
-/// Draws one triangle into the buffer where nothing nearer is.
-fn fill(
-    pixels: &mut [Option<Pixel>],
-    (width, height): (usize, usize),
-    frame: &Frame,
-    corners: &[Vec3; 3],
-    paint: &Paint,
-) {
+/// Draws one triangle into the band where nothing nearer is.
+fn fill(band: &mut Band, frame: &Frame, corners: &[Vec3; 3], paint: &Paint) {
     let q = corners.each_ref().map(|c| frame.place(c));
     let cross = |a: (f64, f64, f64), b: (f64, f64, f64), x: f64, y: f64| {
         (b.0 - a.0) * (y - a.1) - (b.1 - a.1) * (x - a.0)
@@ -301,12 +315,10 @@ fn fill(
     let columns = bound(f64::min, |p| p.0).ceil().max(0.0) as usize
         ..=bound(f64::max, |p| p.0)
             .floor()
-            .clamp(0.0, width as f64 - 1.0) as usize;
-    for y in bound(f64::min, |p| p.1).ceil().max(0.0) as usize
-        ..=bound(f64::max, |p| p.1)
-            .floor()
-            .clamp(0.0, height as f64 - 1.0) as usize
-    {
+            .clamp(0.0, band.width as f64 - 1.0) as usize;
+    let top = bound(f64::min, |p| p.1).ceil().max(0.0) as usize;
+    let bottom = bound(f64::max, |p| p.1).floor().max(0.0) as usize;
+    for y in top.max(band.rows.start)..(bottom + 1).min(band.rows.end) {
         for x in columns.clone() {
             let (px, py) = (x as f64, y as f64);
             let w = [
@@ -318,7 +330,7 @@ fn fill(
                 continue;
             }
             let depth = w[0] * q[0].2 + w[1] * q[1].2 + w[2] * q[2].2;
-            let slot = &mut pixels[y * width + x];
+            let slot = &mut band.pixels[(y - band.rows.start) * band.width + x];
             if slot.is_none_or(|p| depth > p.depth) {
                 let point = w[0] * corners[0] + w[1] * corners[1] + w[2] * corners[2];
                 *slot = Some(Pixel {

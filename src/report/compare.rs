@@ -15,7 +15,7 @@ use crate::pattern::{Pattern, PatternSummary};
 use crate::recognize::RecognizerName;
 use crate::recognize::paper::FeatureTree;
 use crate::stats::{PairedDifference, Pairs};
-use crate::validate::{TrialResult, Validation, ValidationConfig};
+use crate::validate::{TrialResult, Validation, ValidationConfig, check_samples};
 use crate::view::{Protocol, ProtocolName};
 
 /// A pattern in a comparison.
@@ -195,6 +195,7 @@ pub fn compare(
         let problem = format!("expected at least two, found {found}");
         return Err(Error::argument("patterns", problem));
     }
+    check_samples(samples)?;
     let patterns: Result<Vec<_>> = entries.iter().map(measures).collect();
     let mut contests = Vec::new();
     for &recognizer in recognizers {

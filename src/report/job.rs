@@ -199,6 +199,7 @@ impl DesignJob {
 
     fn check(&self) -> Result<()> {
         self.stencil.validate()?;
+        self.evaluation.check()?;
         self.config.check()
     }
 
@@ -235,7 +236,7 @@ impl DesignJob {
         found.write_stencil(results.path(), &self.stencil)?;
         DesignPage::read(results.path())?.write(results.path())?;
         // The pattern is replaced at once: it is what a search leaves at any time.
-        results.publish(&[PATTERN], REPORT)?;
+        results.publish(&[], &[PATTERN], REPORT)?;
         Ok(found)
     }
 
@@ -253,7 +254,11 @@ impl DesignJob {
         }
     }
 
-    fn reject_taken(&self) -> Result<()> {
+    /// Rejects a folder that holds a design.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] of the parameter `out`.
+    pub(crate) fn reject_taken(&self) -> Result<()> {
         files::reject_taken(
             &self.dir,
             &[PATTERN, "report.json", CHECKPOINT],

@@ -32,8 +32,8 @@ use crate::recognize::paper::FeatureTree;
 use crate::stats::Proportion;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
-    NamedValidation, SensitivityConfig, SensitivityPoint, ValidationConfig, sensitivity,
-    sensitivity_csv,
+    NamedValidation, SensitivityConfig, SensitivityPoint, ValidationConfig, check_samples,
+    sensitivity, sensitivity_csv,
 };
 use crate::view::{Protocol, ProtocolName};
 
@@ -169,6 +169,15 @@ impl EvaluationConfig {
                 ..SensitivityConfig::default()
             },
         }
+    }
+
+    /// Checks the numbers of trials.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] as [`check_samples`].
+    pub fn check(&self) -> Result<()> {
+        check_samples(self.samples)?;
+        check_samples(self.sensitivity.samples)
     }
 }
 

@@ -106,12 +106,12 @@ struct TimingPart {
     milestones: Vec<Milestone>,
 }
 
-/// Draws the plots of a design's folder anew, from its `report.json` and `table.npz`.
+/// Draws the plots of a design's folder anew in the folder `to`, from its `report.json` and `table.npz`.
 ///
 /// # Errors
 /// [`Error::Read`] where one of them is absent; [`Error::Input`] where one is not what its name says,
 /// or belongs to another pattern; [`Error::Write`] on an I/O failure.
-pub fn redraw(dir: &Path) -> Result<()> {
+pub fn redraw(dir: &Path, to: &Path) -> Result<()> {
     let path = dir.join("report.json");
     let report: ReportFile = parsed(&path)?;
     known_version(&path, report.format_version, REPORT_VERSION)?;
@@ -127,8 +127,8 @@ pub fn redraw(dir: &Path) -> Result<()> {
         finalists: report.finalists.iter().map(|f| f.identity).collect(),
         milestones: &report.timing.milestones,
     };
-    write(dir, &ball, &stencil, &report.validation, &search)?;
-    sensitivity_plots(dir, &report.sensitivity)
+    write(to, &ball, &stencil, &report.validation, &search)?;
+    sensitivity_plots(to, &report.sensitivity)
 }
 
 /// The course of a search.

@@ -26,6 +26,10 @@ use crate::vision::image::RgbImage;
 const FIRST_NS: u64 = 1_000_000_000_000;
 /// Maximum of a sequence's random drift over the ball's radius, along either axis.
 const MAX_DRIFT: f64 = 0.1;
+/// Maximum of a sequence's given drift along either axis, pixels: wider than the images.
+const MAX_DRIFT_PX: f64 = 10_000.0;
+/// Least and greatest number of frames a second.
+const FPS: (f64, f64) = (1e-3, 1e6);
 
 /// A ball seen again and again.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -193,12 +197,9 @@ impl Sequence {
             exposure_s,
             drift_px,
         } = *sequence;
-        require(
-            fps > 0.0 && fps.is_finite(),
-            "fps",
-            "a positive number",
-            fps,
-        )?;
+        let (low, high) = FPS;
+        let expected = format!("{low} to {high}");
+        require((low..=high).contains(&fps), "fps", &expected, fps)?;
         let mut rng = frame_rng(seed, 0);
         let mut first = Scene::random(pattern, config, &mut rng)?;
         if let Some(spin) = spin {
@@ -223,8 +224,9 @@ impl Sequence {
         let drift = MAX_DRIFT * first.circle.radius;
         let random_px = [0, 1].map(|_| drift * rng.random_range(-1.0..1.0));
         let drift_px = drift_px.unwrap_or(random_px);
-        if drift_px.iter().any(|d| !d.is_finite()) {
-            return Err(Error::argument("drift_px", "expected two finite numbers"));
+        let expected = format!("two numbers of at most {MAX_DRIFT_PX} pixels");
+        for drift in drift_px {
+            require(drift.abs() <= MAX_DRIFT_PX, "drift_px", &expected, drift)?;
         }
         let speed = fps / count.max(2) as f64;
         // What moves between frames moves during the exposure, too, and nothing else does.

@@ -77,6 +77,16 @@ impl Validation {
     }
 }
 
+/// Checks a number of trials before any of them is run.
+///
+/// # Errors
+/// [`crate::Error::Argument`] for none and for more than [`MAX_TRIALS`].
+pub fn check_samples(samples: u64) -> Result<()> {
+    require(samples > 0, "samples", "at least 1 trial", samples)?;
+    let expected = format!("at most {MAX_TRIALS} trials");
+    require(samples <= MAX_TRIALS, "samples", &expected, samples)
+}
+
 /// One trial's result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TrialResult {
@@ -133,9 +143,7 @@ impl<'p> Trials<'p> {
     ) -> Result<Vec<TrialResult>> {
         let Range { start, end } = self.range;
         self.view.check()?;
-        require(start < end, "samples", "at least 1 trial", 0)?;
-        let expected = format!("at most {MAX_TRIALS} trials");
-        require(end <= MAX_TRIALS, "samples", &expected, end)?;
+        check_samples(if start < end { end } else { 0 })?;
         let chunks = start / CHUNK..end.div_ceil(CHUNK);
         let results = concurrency::map_range(chunks, |chunk| {
             let mut generator = self.generator();

@@ -7,7 +7,7 @@
 
 use std::fmt::Write as _;
 
-use super::{NamedValidation, Validation, ValidationConfig};
+use super::{NamedValidation, Validation, ValidationConfig, check_samples};
 use crate::ball::Ball;
 use crate::error::Result;
 use crate::recognize::{PaperConfig, PaperRecognizer, RecognizerName};
@@ -81,6 +81,17 @@ pub fn sensitivity(
     config: &SensitivityConfig,
     each: &mut dyn FnMut(&SensitivityPoint),
 ) -> Result<Vec<SensitivityPoint>> {
+    check_samples(config.samples)?;
+    for &sigma in &config.sigmas_deg {
+        protocol.with_sigma_rad(sigma.to_radians()).view().check()?;
+    }
+    for &alpha in &config.alphas {
+        PaperConfig {
+            alpha,
+            ..*ball.recognizer()
+        }
+        .check()?;
+    }
     let at = |recognizer, protocol| ValidationConfig {
         recognizer,
         protocol,

@@ -55,8 +55,36 @@ fn digits(text: &str) -> usize {
     text.bytes().take_while(u8::is_ascii_digit).count()
 }
 
+/// The first of these names that is a number, though no plain whole one: with a point, an exponent or a
+/// sign, or hexadecimal. Such names have an order of their own, which the natural one is not.
+pub fn unusual_number<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Option<&'a str> {
+    let is_plain = |name: &str| digits(name) == name.len();
+    let is_number = |name: &str| {
+        let hexadecimal = name.strip_prefix("0x").or(name.strip_prefix("0X"));
+        let number = || name.parse::<f64>().is_ok_and(f64::is_finite);
+        hexadecimal.is_some_and(is_hexadecimal) || number()
+    };
+    // Without a prefix, letters that stay the same are a name: a1, a2.
+    let letters =
+        |name: &str| -> String { name.chars().filter(char::is_ascii_alphabetic).collect() };
+    let mut all = names.clone();
+    let is_bare = names.clone().all(is_hexadecimal)
+        && all
+            .next()
+            .is_some_and(|first| all.any(|other| letters(other) != letters(first)));
+    let mut names = names;
+    names.find(|name| !is_plain(name) && (is_bare || is_number(name)))
+}
+
+fn is_hexadecimal(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|b| b.is_ascii_hexdigit())
+}
+
 /// The time of a file whose stem is an integer number of nanoseconds, seconds.
 pub fn time_of_stem(stem: &str) -> Option<f64> {
+    if digits(stem) != stem.len() {
+        return None;
+    }
     stem.parse::<u64>().ok().map(|ns| ns as f64 / 1e9)
 }
 

@@ -5,6 +5,14 @@
 //!
 //! A few hundred mutations run with the other tests; `SPINDOE_BREAKS=100000 cargo test --release
 //! --test it breaks` runs as many for each reader. `SPINDOE_BREAKS_SEED` chooses others.
+//! `SPINDOE_SIGNALS=200` sends as many signals to each command that writes a folder.
+
+#[cfg(feature = "cli")]
+mod endless;
+#[cfg(feature = "cli")]
+mod nonsense;
+#[cfg(feature = "cli")]
+mod signals;
 
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::output::stop_on_interrupt;
+use super::interrupt::stop_on_interrupt;
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
@@ -30,9 +30,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "vision")]
     let arguments = &camera::settled(arguments, &stop)?;
     let (job, start) = arguments.job()?;
-    if let Some(warning) = arguments.dot_size_warning() {
-        errln!("spindoe: {warning}");
-    }
     let clock = Instant::now();
     let mut progress = DesignProgress::new(&job.config, arguments)?;
     if let Some(shard) = arguments.shard {
@@ -80,6 +77,9 @@ fn run_all_shards(
     stop: &AtomicBool,
     progress: &mut DesignProgress<'_>,
 ) -> Result<Option<DesignEvaluation>> {
+    if start == Start::Fresh {
+        job.reject_taken()?;
+    }
     let mut dirs = Vec::new();
     for shard in Shard::all(count)? {
         let dir = job.dir.join(SHARDS).join(shard.index.to_string());

@@ -19,6 +19,8 @@ pub(super) struct DesignProgress<'a> {
     config: &'a DesignConfig,
     arguments: &'a Arguments,
     line: Progress,
+    /// What is said once the arguments are known to be good.
+    warning: Option<String>,
     #[cfg(feature = "vision")]
     ranking: Option<CameraRanking>,
     /// Start of the current round, in seconds of the search.
@@ -40,6 +42,7 @@ impl<'a> DesignProgress<'a> {
             config,
             arguments,
             line: Progress::new(STEPS, template, SILENCE),
+            warning: arguments.dot_size_warning(),
             #[cfg(feature = "vision")]
             ranking: CameraRanking::new(arguments)?,
             round_began_s: 0.0,
@@ -97,6 +100,9 @@ fn left(elapsed_s: f64, share: f64) -> String {
 impl JobObserver for DesignProgress<'_> {
     fn begins(&mut self, state: &SearchState) {
         self.round_began_s = state.elapsed_s;
+        if let Some(warning) = self.warning.take() {
+            errln!("spindoe: {warning}");
+        }
     }
 
     fn step(&mut self, what: &str) {

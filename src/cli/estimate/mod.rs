@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::images::ImageArguments;
+use super::images::{ImageArguments, order_warning, read_balls};
 use super::output::{Counter, one_of};
 use crate::ball::Ball;
 use crate::calibrate::{CalibrationConfig, calibrate};
@@ -219,6 +219,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         batch = estimate_inputs(right, &arguments.images, &config, &pictures)?;
         pictures.counter.finish();
     }
+    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
+        errln!("spindoe: {warning}");
+    }
     // Identified anew, a batch has its times already.
     config.clock = FrameClock::Inputs;
     if arguments.calibrate {
@@ -303,8 +306,8 @@ fn calibrate_in_place(
 impl Arguments {
     /// One for each table.
     fn estimators(&self) -> Result<Vec<Estimator<NamedDetector>>> {
-        let estimator = |path: &PathBuf| self.estimator(&Ball::read(path)?);
-        self.table.iter().map(estimator).collect()
+        let balls = read_balls(&self.table)?;
+        balls.iter().map(|ball| self.estimator(ball)).collect()
     }
 
     fn estimator(&self, ball: &Ball) -> Result<Estimator<NamedDetector>> {

@@ -172,9 +172,15 @@ impl<'a> Report<'a> {
             TimeSource::Partial { timed } => format!(
                 "{timed} of {count} names are times in nanoseconds, so no spin: --fps or --times gives all"
             ),
-            TimeSource::FrameNumbers { .. } => {
-                "the names are frame numbers, not times in nanoseconds, so no spin: give --fps"
-                    .into()
+            TimeSource::FrameNumbers { step_s } => {
+                // What the rate is if a step of 50 or more is a number of microseconds.
+                let guess = match 1e9 * step_s >= 50.0 {
+                    true => format!(" ({:.2} if they are microseconds)", 1e-3 / step_s),
+                    false => String::new(),
+                };
+                format!(
+                    "the names are frame numbers, not times in nanoseconds, so no spin: give --fps{guess}"
+                )
             }
             TimeSource::Names { .. } if count < 2 => return None,
             TimeSource::Names { fps } => {

@@ -27,8 +27,9 @@ use crate::vision::roi::Roi;
 
 /// Pictures that wait, beyond one a thread.
 const WAITING: usize = 2;
-/// Minimum time between frames, seconds: a million a second. Names that count frames are closer.
-const MIN_STEP_S: f64 = 1e-6;
+/// Minimum time between frames, seconds: 20 000 a second. Names that count frames are closer, and so are
+/// microseconds, of 20 frames a second or more.
+const MIN_STEP_S: f64 = 5e-5;
 
 /// Where the times of the frames come from.
 #[derive(Debug, Clone, Default)]
@@ -90,7 +91,8 @@ pub enum TimeSource {
         /// How many have one.
         timed: usize,
     },
-    /// The names are numbers, but so near to each other that they count frames: they are no times.
+    /// The names are numbers, but so near to each other that they count frames or a longer unit: they
+    /// are no times.
     FrameNumbers {
         /// The smallest step of the names, taken as nanoseconds, in seconds.
         step_s: f64,

@@ -1,0 +1,148 @@
+//! Input that has a form and no meaning is said or refused.
+
+use std::fs;
+use std::path::Path;
+
+use crate::common::{done, spindoe};
+
+/// The command's one line; its exit code is `code`.
+fn line(dir: &Path, arguments: &[&str], code: i32) -> String {
+    let output = spindoe(dir, arguments);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {words}");
+    assert_eq!(
+        words.trim_end().lines().count(),
+        1,
+        "{arguments:?}: {words}"
+    );
+    assert!(!words.trim_end().contains(char::is_control), "{words:?}");
+    assert!(words.len() < 400, "{arguments:?}: {words}");
+    words
+}
+
+#[test]
+fn refusals_are_one_short_line_before_any_work() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    super::pattern().write_csv(&at("p.csv")).unwrap();
+    crate::common::random_pattern(9, 3)
+        .write_csv(&at("q.csv"))
+        .unwrap();
+    fs::write(
+        at("tab\t.csv"),
+        format!("x,y,z\n1,0,{}\n", "9".repeat(10_000)),
+    )
+    .unwrap();
+    let long = "x".repeat(10_000);
+    for arguments in [
+        &["compare", "p.csv", "q.csv", "--samples", "0"][..],
+        &["compare", "p.csv", "q.csv", "--samples", "99999999999"],
+        &["sensitivity", "p.csv", "-o", "s", "--samples", "0"],
+        &[
+            "sensitivity",
+            "p.csv",
+            "-o",
+            "s",
+            "--sigmas-deg",
+            "1,nan",
+            "--samples",
+            "20",
+        ],
+        &[
+            "sensitivity",
+            "p.csv",
+            "-o",
+            "s",
+            "--alphas",
+            "1,-1",
+            "--samples",
+            "20",
+        ],
+        &["design", "--out", "d", "--samples", "99999999999"],
+        &["design", "--out", "d", "--bound-weight=-1e308"],
+        &["table", "tab\t.csv", "-o", "t.npz"],
+        &["validate", &long],
+        &["simulate", "--frames", &long],
+    ] {
+        line(dir.path(), arguments, 2);
+    }
+    assert!(!at("s").exists() && !at("d").exists());
+}
+
+#[cfg(feature = "vision")]
+#[test]
+fn an_empty_camera_and_a_ball_twice_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    super::pattern().write_csv(&at("p.csv")).unwrap();
+    fs::write(at("camera.toml"), "# ball_px = 40\n").unwrap();
+    let words = line(
+        dir.path(),
+        &["validate", "p.csv", "--camera", "camera.toml"],
+        2,
+    );
+    assert!(words.contains("at least one property"), "{words}");
+    fs::copy(at("p.csv"), at("q.csv")).unwrap();
+    image::RgbImage::new(40, 40).save(at("1.png")).unwrap();
+    let twice = ["estimate", "--table", "p.csv", "--table", "q.csv", "1.png"];
+    let words = line(dir.path(), &twice, 2);
+    assert!(words.contains("the same pattern as p.csv"), "{words}");
+}
+
+#[cfg(feature = "vision")]
+#[test]
+fn names_of_other_notations_are_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let sample = ["sample", "--out", "s", "--frames", "6", "--rps", "20"];
+    done(dir.path(), &sample);
+    let clip = dir.path().join("s/clip/images");
+    let mut frames: Vec<_> = fs::read_dir(&clip)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .collect();
+    frames.sort_by_key(|f| {
+        f.file_stem()
+            .unwrap()
+            .to_string_lossy()
+            .parse::<u64>()
+            .unwrap()
+    });
+    let estimate = |folder: &str, names: &[&str]| {
+        let to = dir.path().join(folder);
+        fs::create_dir(&to).unwrap();
+        for (frame, name) in frames.iter().zip(names) {
+            fs::copy(frame, to.join(format!("{name}.png"))).unwrap();
+        }
+        let arguments = [
+            "estimate",
+            "--table",
+            "s/table.npz",
+            folder,
+            "--no-verdict",
+            "-q",
+        ];
+        let output = spindoe(dir.path(), &arguments);
+        let (out, err) = (output.stdout, output.stderr);
+        (
+            String::from_utf8(out).unwrap(),
+            String::from_utf8(err).unwrap(),
+        )
+    };
+    for (folder, names) in [
+        ("scientific", ["1e3", "2e3", "3e3", "9e3", "1e4", "2e4"]),
+        ("hexadecimal", ["0x8", "0x9", "0xa", "0xb", "0xc", "0x10"]),
+        ("bare", ["08", "09", "0a", "0b", "0c", "10"]),
+    ] {
+        let (_, words) = estimate(folder, &names);
+        assert!(
+            words.contains("no plain whole numbers"),
+            "{folder}: {words}"
+        );
+    }
+    let (_, words) = estimate("plain", &["a1", "a2", "a3", "a4", "a10", "a11"]);
+    assert!(!words.contains("plain"), "{words}");
+    // At 300 frames a second.
+    let microseconds = ["0", "3333", "6667", "10000", "13333", "16667"];
+    let (_, words) = estimate("microseconds", &microseconds);
+    assert!(words.contains("300.03 if they are microseconds"), "{words}");
+}

@@ -1,0 +1,227 @@
+//! Signals at random times: a folder holds all of a set or nothing of it, and no temporary file
+//! outlives the next run.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Names in a folder, sorted; of a folder that does not exist, none.
+fn names(dir: &Path) -> Vec<String> {
+    let entries = fs::read_dir(dir).into_iter().flatten();
+    let mut names: Vec<String> = entries
+        .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+/// Names that users see, and those of temporary files.
+fn seen_and_temporary(dir: &Path) -> (Vec<String>, Vec<String>) {
+    let (hidden, seen): (Vec<_>, Vec<_>) = names(dir).into_iter().partition(|n| n.starts_with('.'));
+    let temporary = hidden.into_iter().filter(|n| n.starts_with(".spindoe-"));
+    (seen, temporary.collect())
+}
+
+/// A command that writes the folder `out`.
+struct Case {
+    arguments: Vec<String>,
+    /// Overwrites what is there; other commands refuse.
+    overwrites: bool,
+}
+
+/// Sends signals to the command, each to a run of its own after a random part of the time that a
+/// whole run takes.
+fn interrupt(dir: &Path, case: &Case, runs: u64) {
+    let arguments: Vec<&str> = case.arguments.iter().map(String::as_str).collect();
+    let out = dir.join("out");
+    let begun = Instant::now();
+    crate::common::done(dir, &arguments);
+    let took = begun.elapsed();
+    let whole = names(&out);
+    let mut rng = ChaCha8Rng::seed_from_u64(super::setting("SPINDOE_BREAKS_SEED", 1));
+    for run in 0..runs {
+        let signal = ["-TERM", "-KILL"][run as usize % 2];
+        let wait = took.mul_f64(rng.random_range(0.0..1.1));
+        let context = format!("{arguments:?}, {signal} after {wait:?}");
+        if !case.overwrites || run % 3 == 0 {
+            fs::remove_dir_all(&out).unwrap();
+        }
+        let before = names(&out);
+        let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+            .args(&arguments)
+            .current_dir(dir)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(wait);
+        // The signal comes too late where the command has ended.
+        let id = child.id().to_string();
+        Command::new("kill").args([signal, &id]).output().unwrap();
+        let status = child.wait().unwrap();
+        let (seen, temporary) = seen_and_temporary(&out);
+        if signal == "-TERM" {
+            // Before the handler is set, a signal ends the process as ever.
+            let expected = [Some(0), Some(143), None];
+            assert!(expected.contains(&status.code()), "{context}: {status}");
+            assert!(temporary.is_empty(), "{context}: {temporary:?}");
+            let is_one = seen == whole || seen == before || seen.is_empty();
+            assert!(is_one, "{context}: {seen:?}");
+        }
+        let again = crate::common::spindoe(dir, &arguments);
+        let words = String::from_utf8_lossy(&again.stderr).into_owned();
+        if again.status.success() {
+            assert_eq!(names(&out), whole, "{context}");
+        } else {
+            assert!(words.contains("already"), "{context}: {words}");
+            assert_eq!(names(&out), whole, "{context}: {words}");
+        }
+    }
+}
+
+fn case(arguments: &str, overwrites: bool) -> Case {
+    Case {
+        arguments: arguments.split(' ').map(str::to_owned).collect(),
+        overwrites,
+    }
+}
+
+/// Runs for each command; `SPINDOE_SIGNALS=200` sends more.
+fn runs() -> u64 {
+    super::setting("SPINDOE_SIGNALS", 2)
+}
+
+#[cfg(unix)]
+#[test]
+fn a_stencil_is_whole_or_absent() {
+    let dir = tempfile::tempdir().unwrap();
+    super::pattern()
+        .write_csv(&dir.path().join("p.csv"))
+        .unwrap();
+    let case = case("stencil p.csv --out out --overwrite", true);
+    interrupt(dir.path(), &case, runs());
+}
+
+#[cfg(all(unix, feature = "vision"))]
+#[test]
+fn frames_are_whole_or_absent() {
+    let dir = tempfile::tempdir().unwrap();
+    super::pattern()
+        .write_csv(&dir.path().join("p.csv"))
+        .unwrap();
+    let synth = case("synth p.csv --out out --frames 40 --masks", false);
+    interrupt(dir.path(), &synth, runs());
+    fs::remove_dir_all(dir.path().join("out")).unwrap();
+    interrupt(
+        dir.path(),
+        &case("sample --out out --frames 20", false),
+        runs(),
+    );
+}
+
+#[cfg(all(unix, feature = "vision"))]
+#[test]
+fn estimates_leave_no_temporary_files() {
+    let dir = tempfile::tempdir().unwrap();
+    crate::common::done(dir.path(), &["sample", "--out", "s", "--frames", "40"]);
+    fs::create_dir(dir.path().join("out")).unwrap();
+    let estimate = case(
+        "estimate --table s/table.npz s/clip/images -o out/o.csv",
+        true,
+    );
+    let arguments: Vec<&str> = estimate.arguments.iter().map(String::as_str).collect();
+    let begun = Instant::now();
+    crate::common::done(dir.path(), &arguments);
+    let took = begun.elapsed();
+    for run in 0..runs() {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+            .args(&arguments)
+            .current_dir(dir.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(took.mul_f64(0.1 + 0.2 * run as f64 % 0.9));
+        let signal = ["-TERM", "-KILL"][run as usize % 2];
+        let id = child.id().to_string();
+        Command::new("kill").args([signal, &id]).output().unwrap();
+        child.wait().unwrap();
+        if signal == "-KILL" {
+            crate::common::done(dir.path(), &arguments);
+        }
+        assert_eq!(names(&dir.path().join("out")), ["o.csv"], "{signal}");
+    }
+}
+
+/// A kill between the moves: what was begun is ended by the next run that writes to the folder.
+#[test]
+fn moves_that_a_kill_interrupts_are_ended() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    fs::write(at("old"), "old").unwrap();
+    fs::write(at("first"), "new").unwrap();
+    fs::write(at("second"), "old").unwrap();
+    let aside = at(".spindoe-killed");
+    fs::create_dir(&aside).unwrap();
+    for (name, text) in [("second", "new"), (".alive", ""), (".whole", "old")] {
+        fs::write(aside.join(name), text).unwrap();
+    }
+    // One that was not whole, and a file.
+    fs::create_dir(at(".spindoe-half")).unwrap();
+    fs::write(at(".spindoe-half/first"), "half").unwrap();
+    fs::write(at(".spindoe-file"), "half").unwrap();
+    // One whose maker is alive.
+    let alive = fs::File::create(at(".spindoe-alive")).unwrap();
+    alive.lock().unwrap();
+    let set = spindoe::files::Replacement::begin(dir.path()).unwrap();
+    fs::write(set.path().join("third"), "new").unwrap();
+    set.publish(&[], &[], "third").unwrap();
+    assert_eq!(
+        names(dir.path()),
+        [".spindoe-alive", "first", "second", "third"]
+    );
+    assert_eq!(fs::read_to_string(at("second")).unwrap(), "new");
+}
+
+/// The longest that a stopped design may go on.
+const FINISHING: Duration = Duration::from_secs(60);
+
+#[cfg(unix)]
+#[test]
+fn a_design_that_is_killed_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let arguments =
+        "design --dots 8 --starts 2 --samples 40 --seed 3 --min-separation-deg 30 --out out";
+    let arguments: Vec<&str> = arguments.split(' ').collect();
+    let begun = Instant::now();
+    crate::common::done(dir.path(), &arguments);
+    let took = begun.elapsed().min(FINISHING);
+    let out = dir.path().join("out");
+    let whole = names(&out);
+    for run in 1..=runs() {
+        fs::remove_dir_all(&out).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+            .args(&arguments)
+            .current_dir(dir.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(took.mul_f64(run as f64 / (runs() + 1) as f64));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        // Without a checkpoint it begins again.
+        let resume = ["--resume"];
+        let more = if out.join("search.json").exists() {
+            &resume[..]
+        } else {
+            &[]
+        };
+        crate::common::done(dir.path(), &[&arguments[..], more].concat());
+        assert_eq!(names(&out), whole, "killed after {run} parts");
+    }
+}
