@@ -23,6 +23,7 @@ pub mod detect;
 pub mod detector;
 pub mod estimator;
 pub mod frame_table;
+pub mod grab;
 pub mod image;
 pub mod input;
 pub mod net;

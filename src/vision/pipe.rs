@@ -10,6 +10,7 @@
 
 use std::io::{BufRead, Read};
 use std::path::PathBuf;
+use std::time::Instant;
 
 use super::estimator::FrameImage;
 use super::image::{GrayImage, RgbImage, luma};
@@ -46,9 +47,66 @@ pub struct PipeReader<R> {
     name: PathBuf,
     format: PipeFormat,
     frames: usize,
+    frame: FrameBuffer,
+}
+
+/// A frame that owns its memory, which is reused.
+#[derive(Debug)]
+pub struct FrameBuffer {
+    held: Held,
     bytes: Vec<u8>,
     gray: GrayImage,
     color: RgbImage,
+    arrived: Instant,
+}
+
+/// What a buffer holds.
+#[derive(Debug, Clone, Copy)]
+enum Held {
+    Nothing,
+    Gray,
+    Color,
+    Raw {
+        width: usize,
+        height: usize,
+        pixel: RawPixel,
+    },
+}
+
+impl Default for FrameBuffer {
+    fn default() -> Self {
+        Self {
+            held: Held::Nothing,
+            bytes: Vec::new(),
+            gray: GrayImage::default(),
+            color: RgbImage::default(),
+            arrived: Instant::now(),
+        }
+    }
+}
+
+impl FrameBuffer {
+    /// When the last byte of the frame had arrived.
+    pub fn arrived(&self) -> Instant {
+        self.arrived
+    }
+
+    /// The frame.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where no frame was read into the buffer.
+    pub fn image(&self) -> Result<FrameImage<'_>> {
+        match self.held {
+            Held::Nothing => Err(Error::argument("frame", "expected one, found none")),
+            Held::Gray => Ok(FrameImage::Gray(&self.gray)),
+            Held::Color => Ok(FrameImage::Color(&self.color)),
+            Held::Raw {
+                width,
+                height,
+                pixel,
+            } => RawImage::new(width, height, pixel, &self.bytes).map(FrameImage::Raw),
+        }
+    }
 }
 
 impl<R: BufRead> PipeReader<R> {
@@ -73,9 +131,7 @@ impl<R: BufRead> PipeReader<R> {
             name: name.into(),
             format,
             frames: 0,
-            bytes: Vec::new(),
-            gray: GrayImage::default(),
-            color: RgbImage::default(),
+            frame: FrameBuffer::default(),
         })
     }
 
@@ -90,12 +146,31 @@ impl<R: BufRead> PipeReader<R> {
     /// [`Error::Read`] where the input cannot be read, [`Error::Input`] where it holds no image or
     /// ends within one.
     pub fn next_frame(&mut self) -> Result<Option<FrameImage<'_>>> {
+        if !self.read()? {
+            return Ok(None);
+        }
+        self.frame.image().map(Some)
+    }
+
+    /// Reads the next frame into `buffer`, whose memory is used; false at the end of the input.
+    ///
+    /// # Errors
+    /// As [`PipeReader::next_frame`].
+    pub fn next_into(&mut self, buffer: &mut FrameBuffer) -> Result<bool> {
+        std::mem::swap(&mut self.frame, buffer);
+        let read = self.read();
+        std::mem::swap(&mut self.frame, buffer);
+        read
+    }
+
+    fn read(&mut self) -> Result<bool> {
         let first = self.input.fill_buf();
         let at_end = first.map_err(|e| Error::read(&self.name, e))?.is_empty();
         if at_end {
-            return Ok(None);
+            return Ok(false);
         }
-        self.bytes.clear();
+        self.frame.held = Held::Nothing;
+        self.frame.bytes.clear();
         if let PipeFormat::Raw {
             width,
             height,
@@ -103,16 +178,18 @@ impl<R: BufRead> PipeReader<R> {
         } = self.format
         {
             self.take(width * height * pixel.bytes())?;
-            self.frames += 1;
-            return RawImage::new(width, height, pixel, &self.bytes).map(|raw| Some(raw.into()));
-        }
-        let is_gray = self.next_image()?;
-        self.frames += 1;
-        Ok(Some(if is_gray {
-            FrameImage::Gray(&self.gray)
+            self.frame.arrived = Instant::now();
+            self.frame.held = Held::Raw {
+                width,
+                height,
+                pixel,
+            };
         } else {
-            FrameImage::Color(&self.color)
-        }))
+            let is_gray = self.next_image()?;
+            self.frame.held = if is_gray { Held::Gray } else { Held::Color };
+        }
+        self.frames += 1;
+        Ok(true)
     }
 
     fn error(&self, problem: impl Into<String>) -> Error {
@@ -121,14 +198,14 @@ impl<R: BufRead> PipeReader<R> {
 
     /// Reads so many more bytes.
     fn take(&mut self, count: usize) -> Result<()> {
-        let held = self.bytes.len();
+        let held = self.frame.bytes.len();
         if held.saturating_add(count) > MAX_BYTES {
             return Err(self.error("expected an image of less than a gigabyte"));
         }
         // No more memory than has arrived: a header may lie.
         let read = (&mut self.input)
             .take(count as u64)
-            .read_to_end(&mut self.bytes);
+            .read_to_end(&mut self.frame.bytes);
         match read {
             Ok(read) if read == count => Ok(()),
             Ok(_) => Err(self.error("the input ends within it")),
@@ -139,7 +216,7 @@ impl<R: BufRead> PipeReader<R> {
     /// Reads one image file; whether it is gray.
     fn next_image(&mut self) -> Result<bool> {
         self.take(2)?;
-        match self.bytes[..2] {
+        match self.frame.bytes[..2] {
             [b'P', b'5'] => self.next_pnm(RawPixel::Gray),
             [b'P', b'6'] => self.next_pnm(RawPixel::Rgb),
             [0x89, b'P'] => self.rest_of_png(),
@@ -152,13 +229,13 @@ impl<R: BufRead> PipeReader<R> {
 
     fn rest_of_png(&mut self) -> Result<bool> {
         self.take(PNG.len() - 2)?;
-        if self.bytes != PNG {
+        if self.frame.bytes != PNG {
             return Err(self.error("expected a PNG image, found half its signature"));
         }
         loop {
             // Length, type, data, checksum.
             self.take(8)?;
-            let chunk = &self.bytes[self.bytes.len() - 8..];
+            let chunk = &self.frame.bytes[self.frame.bytes.len() - 8..];
             let length = u32::from_be_bytes([chunk[0], chunk[1], chunk[2], chunk[3]]);
             let is_last = &chunk[4..] == b"IEND";
             self.take(length as usize + 4)?;
@@ -177,7 +254,7 @@ impl<R: BufRead> PipeReader<R> {
                 0x01 | 0xd0..=0xd7 => marker = self.next_marker(false)?,
                 _ => {
                     self.take(2)?;
-                    let length = &self.bytes[self.bytes.len() - 2..];
+                    let length = &self.frame.bytes[self.frame.bytes.len() - 2..];
                     let length = usize::from(u16::from_be_bytes([length[0], length[1]]));
                     self.take(length.saturating_sub(2))?;
                     // After the start of a scan come its data.
@@ -191,7 +268,7 @@ impl<R: BufRead> PipeReader<R> {
     fn next_marker(&mut self, after_data: bool) -> Result<u8> {
         loop {
             self.take(1)?;
-            if self.bytes.last() != Some(&0xff) {
+            if self.frame.bytes.last() != Some(&0xff) {
                 if after_data {
                     continue;
                 }
@@ -200,7 +277,7 @@ impl<R: BufRead> PipeReader<R> {
             let mut code = 0xff;
             while code == 0xff {
                 self.take(1)?;
-                code = self.bytes.last().copied().unwrap_or_default();
+                code = self.frame.bytes.last().copied().unwrap_or_default();
             }
             match code {
                 // A data byte of 255, or a restart within the data.
@@ -212,8 +289,9 @@ impl<R: BufRead> PipeReader<R> {
     }
 
     fn decode(&mut self) -> Result<bool> {
+        self.frame.arrived = Instant::now();
         let name = format!("{}: frame {}", self.name.display(), self.frames);
-        self.color = RgbImage::decode(name.as_ref(), &self.bytes)?;
+        self.frame.color = RgbImage::decode(name.as_ref(), &self.frame.bytes)?;
         Ok(false)
     }
 
@@ -230,8 +308,9 @@ impl<R: BufRead> PipeReader<R> {
             )));
         }
         let depth = if max_value > 255 { 2 } else { 1 };
-        self.bytes.clear();
+        self.frame.bytes.clear();
         self.take(width * height * pixel.bytes() * depth)?;
+        self.frame.arrived = Instant::now();
         Ok(self.fill(width, height, pixel, max_value, depth))
     }
 
@@ -241,7 +320,7 @@ impl<R: BufRead> PipeReader<R> {
         let mut in_comment = false;
         loop {
             self.take(1)?;
-            let byte = self.bytes.last().copied().unwrap_or_default();
+            let byte = self.frame.bytes.last().copied().unwrap_or_default();
             match byte {
                 b'\n' if in_comment => in_comment = false,
                 _ if in_comment => {}
@@ -267,7 +346,7 @@ impl<R: BufRead> PipeReader<R> {
         depth: usize,
     ) -> bool {
         let scale = max_value as f32;
-        let bytes = &self.bytes;
+        let bytes = &self.frame.bytes;
         let value = |i: usize| {
             let sample = match depth {
                 2 => u16::from_be_bytes([bytes[2 * i], bytes[2 * i + 1]]),
@@ -280,10 +359,11 @@ impl<R: BufRead> PipeReader<R> {
         };
         match pixel {
             RawPixel::Gray => self
+                .frame
                 .gray
                 .fill_with(width, height, |u, v| luma([value(v * width + u); 3])),
-            RawPixel::Rgb => self.color.fill_with(width, height, color([0, 1, 2])),
-            RawPixel::Bgr => self.color.fill_with(width, height, color([2, 1, 0])),
+            RawPixel::Rgb => self.frame.color.fill_with(width, height, color([0, 1, 2])),
+            RawPixel::Bgr => self.frame.color.fill_with(width, height, color([2, 1, 0])),
         }
         pixel == RawPixel::Gray
     }

@@ -12,6 +12,7 @@ use crate::ball::Ball;
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
 use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
+use crate::vision::grab::{Grabbed, Grabber, WhenFull};
 use crate::vision::pipe::{PipeFormat, PipeReader, RawPixel};
 
 /// Parses `WxH,PIXEL`.
@@ -51,28 +52,55 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let input = crate::cli::open_input(path)?;
     let format = arguments.raw.unwrap_or(PipeFormat::Images);
-    let mut reader = PipeReader::new(input.reader, &input.name, format)?;
+    let fps = arguments.source.fps;
+    if fps.is_none() && is_file(path) {
+        let problem = "expected for a file: its frames do not arrive at their times";
+        return Err(Error::argument("--fps", problem));
+    }
+    let reader = PipeReader::new(input.reader, &input.name, format)?;
+    let when_full = fps.map_or(WhenFull::DropOldest, |_| WhenFull::Wait);
+    let mut grabber = Grabber::start(reader, when_full)?;
     let mut stdout = std::io::stdout().lock();
-    let (mut identified, mut begun) = (0u64, None);
-    for number in 0usize.. {
-        let Some(image) = reader.next_frame()? else {
-            break;
-        };
-        let arrived = Instant::now();
-        let time_s = match arguments.source.fps {
+    let (mut followed, mut identified, mut begun) = (0u64, 0u64, None);
+    while let Some(grabbed) = grabber.next_frame()? {
+        let Grabbed {
+            number,
+            arrived,
+            image,
+        } = grabbed;
+        let time_s = match fps {
             Some(rate) => number as f64 / rate,
             None => arrived
                 .duration_since(*begun.get_or_insert(arrived))
                 .as_secs_f64(),
         };
         let state = tracker.update(image, time_s, outline.as_ref())?;
+        followed += 1;
         identified += u64::from(state.frame.pose().is_some());
         let line = line(shown_in, number, time_s, &state, arrived);
         writeln!(stdout, "{line}")
             .and_then(|()| stdout.flush())
             .map_err(crate::cli::stdout_error)?;
     }
-    finish(&input.name, reader.frames() as u64, identified)
+    let dropped = grabber.dropped();
+    if dropped > 0 {
+        errln!(
+            "{}: warning: {dropped} of {} frames came faster than they can be looked at, and were dropped",
+            input.name.display(),
+            followed + dropped
+        );
+    }
+    finish(&input.name, followed, identified)
+}
+
+/// Whether an input is a file rather than a pipe.
+fn is_file(path: &Path) -> bool {
+    let path = if path == Path::new("-") {
+        Path::new("/dev/stdin")
+    } else {
+        path
+    };
+    std::fs::metadata(path).is_ok_and(|meta| meta.is_file())
 }
 
 fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
@@ -110,7 +138,7 @@ fn finish(input: &Path, frames: u64, identified: u64) -> Result<()> {
 
 fn line(
     shown_in: CameraFrame,
-    number: usize,
+    number: u64,
     time_s: f64,
     state: &TrackerState<'_>,
     arrived: Instant,

@@ -120,7 +120,8 @@ pub struct Arguments {
     json: bool,
     /// Follow one ball through the frames of a pipe (- is standard input) and write a JSON line for
     /// each at once: its orientation, and the spin of the last quarter of a second. Without --fps a
-    /// frame's time is that of its arrival.
+    /// frame's time is that of its arrival; frames that come faster than they can be looked at are then
+    /// dropped and counted.
     #[arg(long, conflicts_with_all = FILES_ONLY)]
     follow: bool,
     /// The pipe holds raw video of this size, 8 bits a channel: gray, rgb or bgr [default: image

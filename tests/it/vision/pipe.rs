@@ -1,12 +1,15 @@
 //! Frames from a pipe: every format, ends and broken ends, and the command that reads them.
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig};
 use spindoe::vision::estimator::FrameImage;
+use spindoe::vision::grab::{Grabber, QUEUE, WhenFull};
 use spindoe::vision::pipe::{PipeFormat, PipeReader, RawPixel};
 use spindoe::vision::{GrayImage, RgbImage};
 
@@ -212,8 +215,9 @@ fn the_command_refuses_what_does_not_fit() {
     std::fs::write(dir.path().join("noise"), b"no image at all").unwrap();
     let base = ["estimate", "--table", "pattern.csv"];
     for (arguments, code) in [
-        (&["--follow", "empty"][..], 3),
-        (&["--follow", "noise"], 2),
+        (&["--follow", "empty", "--fps", "9"][..], 3),
+        (&["--follow", "empty"], 2),
+        (&["--follow", "noise", "--fps", "9"], 2),
         (&["--follow", "none"], 2),
         (&["--follow", "empty", "empty"], 2),
         (&["--follow", "empty", "--raw", "64,gray"], 2),
@@ -226,4 +230,175 @@ fn the_command_refuses_what_does_not_fit() {
         let words = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(words.trim_end().lines().count(), 1, "{words}");
     }
+}
+
+/// A camera of gray frames of 4 x 2 pixels, each filled with its number, one every so often; it notes when each is done.
+struct Camera {
+    every: Duration,
+    frames: u8,
+    sent: Vec<u8>,
+    done: Arc<Mutex<Vec<Instant>>>,
+}
+
+const PIXELS: usize = 8;
+const SMALL: PipeFormat = PipeFormat::Raw {
+    width: 4,
+    height: 2,
+    pixel: RawPixel::Gray,
+};
+
+impl Read for Camera {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        if self.sent.is_empty() {
+            let mut done = self.done.lock().unwrap();
+            let number = done.len() as u8;
+            if number == self.frames {
+                return Ok(0);
+            }
+            std::thread::sleep(self.every);
+            self.sent = vec![number; PIXELS];
+            done.push(Instant::now());
+        }
+        let count = into.len().min(self.sent.len());
+        into[..count].copy_from_slice(&self.sent[..count]);
+        self.sent.drain(..count);
+        Ok(count)
+    }
+}
+
+/// A grabber before a camera, and when the camera had its frames.
+fn grabber(ms: u64, frames: u8, when_full: WhenFull) -> (Grabber, Arc<Mutex<Vec<Instant>>>) {
+    let done = Arc::new(Mutex::new(Vec::new()));
+    let camera = Camera {
+        every: Duration::from_millis(ms),
+        frames,
+        sent: Vec::new(),
+        done: Arc::clone(&done),
+    };
+    let reader = PipeReader::new(BufReader::new(camera), "camera", SMALL).unwrap();
+    (Grabber::start(reader, when_full).unwrap(), done)
+}
+
+fn number_in(image: FrameImage<'_>) -> u64 {
+    let value = gray(Some(image)).values()[0];
+    (255.0 * value).round() as u64
+}
+
+#[test]
+fn frames_have_the_time_of_their_arrival_however_slowly_they_are_looked_at() {
+    let (mut grabber, done) = grabber(4, 60, WhenFull::DropOldest);
+    let (mut stamps, mut last) = (Vec::new(), None);
+    while let Some(frame) = grabber.next_frame().unwrap() {
+        assert_eq!(number_in(frame.image), frame.number);
+        assert!(last.is_none_or(|last| last < frame.number));
+        last = Some(frame.number);
+        stamps.push((frame.number, frame.arrived));
+        std::thread::sleep(Duration::from_millis(15));
+    }
+    assert_eq!(last, Some(59));
+    assert_eq!(stamps.len() as u64 + grabber.dropped(), 60);
+    assert!(grabber.dropped() > 10, "{}", grabber.dropped());
+    let done = done.lock().unwrap();
+    let mut late: Vec<f64> = stamps
+        .iter()
+        .map(|(number, arrived)| {
+            let sent = done[*number as usize];
+            arrived
+                .checked_duration_since(sent)
+                .expect("later")
+                .as_secs_f64()
+        })
+        .collect();
+    late.sort_by(f64::total_cmp);
+    // Of a frame every 4 ms; when they are looked at lies up to eight frames of 15 ms later.
+    let median = late[late.len() / 2];
+    assert!(median < 4e-3, "{median} s");
+}
+
+#[test]
+fn a_camera_that_waits_loses_no_frame() {
+    let (mut grabber, done) = grabber(0, 40, WhenFull::Wait);
+    for expected in 0..40 {
+        let frame = grabber.next_frame().unwrap().expect("a frame");
+        assert_eq!((frame.number, number_in(frame.image)), (expected, expected));
+        if expected == 20 {
+            std::thread::sleep(Duration::from_millis(50));
+            // The queue, the frame in hand, one before the queue, and what the reader has in advance.
+            let ahead = done.lock().unwrap().len();
+            let advance = BufReader::new(std::io::empty()).capacity() / PIXELS;
+            assert!(ahead <= 21 + QUEUE + 2 + advance, "{ahead}");
+        }
+    }
+    assert!(grabber.next_frame().unwrap().is_none());
+    assert!(grabber.next_frame().unwrap().is_none());
+    assert_eq!(grabber.dropped(), 0);
+}
+
+#[test]
+fn what_came_before_a_broken_frame_is_handed_out() {
+    let bytes = std::io::Cursor::new(vec![7u8; 2 * PIXELS + 3]);
+    let reader = PipeReader::new(bytes, "camera", SMALL).unwrap();
+    let mut grabber = Grabber::start(reader, WhenFull::Wait).unwrap();
+    for _ in 0..2 {
+        assert_eq!(
+            number_in(grabber.next_frame().unwrap().expect("a frame").image),
+            7
+        );
+    }
+    let error = grabber.next_frame().unwrap_err().to_string();
+    assert!(error.contains("camera: frame 2"), "{error}");
+    assert!(grabber.next_frame().unwrap().is_none());
+}
+
+/// Frames every 20 ms, without a rate: the spin follows from when they came.
+#[test]
+fn the_command_knows_when_frames_came() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = crate::common::random_pattern(20, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    let images = images();
+    let (width, height) = (images[0].width(), images[0].height());
+    let raw = format!("{width}x{height},rgb");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args([
+            "estimate",
+            "--table",
+            "pattern.csv",
+            "--follow",
+            "-",
+            "--raw",
+            &raw,
+        ])
+        .current_dir(dir.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    let mut sent = Vec::new();
+    for image in &images {
+        std::thread::sleep(Duration::from_millis(20));
+        input.write_all(&image.to_bytes()).unwrap();
+        input.flush().unwrap();
+        sent.push(Instant::now());
+    }
+    drop(input);
+    let lines: Vec<Value> = BufReader::new(child.stdout.take().unwrap())
+        .lines()
+        .map(|line| serde_json::from_str(&line.unwrap()).unwrap())
+        .collect();
+    assert!(child.wait().unwrap().success());
+    assert_eq!(lines.len(), images.len());
+    let mut off: Vec<f64> = lines
+        .iter()
+        .zip(&sent)
+        .skip(1)
+        .map(|(line, at)| {
+            let since = at.duration_since(sent[0]).as_secs_f64();
+            (line["time_s"].as_f64().unwrap() - since).abs()
+        })
+        .collect();
+    off.sort_by(f64::total_cmp);
+    assert!(off[off.len() / 2] < 5e-3, "{off:?}");
 }
