@@ -329,7 +329,7 @@ fn an_edited_search_is_refused() {
 #[cfg(unix)]
 #[test]
 fn a_request_to_end_finishes_with_the_best_so_far() {
-    for signal in ["-TERM", "-HUP"] {
+    for signal in crate::common::heard(&[("-TERM", 15), ("-HUP", 1)]) {
         let dir = workshop();
         let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_spindoe"))
             .args([&QUICK[..9], &["--rounds", "100000", "--out", "d"]].concat())

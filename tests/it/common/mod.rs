@@ -119,3 +119,23 @@ pub fn random_pattern(n: usize, seed: u64) -> Pattern {
     }
     Pattern::new(dots).expect("distinct unit vectors")
 }
+
+/// Those of these signals that a child hears: one that this process was started to ignore (`nohup`, a shell's `&`) it ignores too.
+#[cfg(unix)]
+pub fn heard<'a>(signals: &[(&'a str, u32)]) -> Vec<&'a str> {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    let is_heard = |(name, number): &&(&str, u32)| {
+        let is_ignored = mask.unwrap_or(0) >> (number - 1) & 1 == 1;
+        if is_ignored {
+            eprintln!("SKIPPED: this process ignores the signal {name}");
+        }
+        !is_ignored
+    };
+    signals
+        .iter()
+        .filter(is_heard)
+        .map(|(name, _)| *name)
+        .collect()
+}
