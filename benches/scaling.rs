@@ -15,6 +15,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::Error;
 use spindoe::geometry::{Vec3, random_direction};
+use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::pipeline::Sink;
 use spindoe::recognize::observed::{self, ObservedReader, observed_frames};
@@ -27,7 +28,7 @@ use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::view::ProtocolName;
 use spindoe::vision::frame_table::read_times;
 use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior, Prior, RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior, Prior,
 };
 
 const ROWS: [usize; 3] = [10_000, 100_000, 1_000_000];

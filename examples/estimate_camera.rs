@@ -7,10 +7,9 @@
 
 use std::time::{Duration, Instant};
 
+use spindoe::image::{GrayImage, RgbImage};
 use spindoe::pattern::Pattern;
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Prior, RgbImage,
-};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 fn main() -> spindoe::Result<()> {
     let arguments: Vec<_> = std::env::args_os().skip(1).collect();

@@ -134,6 +134,8 @@ pub mod design;
 mod error;
 pub mod files;
 pub mod geometry;
+#[cfg(feature = "vision")]
+pub mod image;
 #[cfg(feature = "mark")]
 pub mod mark;
 mod npz;
@@ -145,6 +147,8 @@ pub mod plot;
 pub mod recognize;
 #[cfg(feature = "native")]
 pub mod report;
+#[cfg(feature = "vision")]
+pub mod source;
 pub mod spin;
 pub mod stats;
 pub mod stencil;

@@ -8,6 +8,7 @@ use std::io::{Cursor, Write};
 use std::path::Path;
 
 use nalgebra::Matrix2;
+use spindoe::image::{Picture};
 use spindoe::design::DesignConfig;
 use spindoe::design::state::Checkpoint;
 use spindoe::recognize::observed::ObservedReader;
@@ -17,9 +18,10 @@ use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::synth::SynthConfig;
 use spindoe::vision::frame_table;
 use spindoe::vision::net::Weights;
-use spindoe::vision::picture::Picture;
-use spindoe::vision::pipe::{PipeFormat, PipeReader, RawPixel};
-use spindoe::vision::video::{DecoderLog, PictureStream, VideoClock};
+use spindoe::image::RawPixel;
+use spindoe::source::FrameSource;
+use spindoe::source::pipe::{PipeFormat, PipeReader};
+use spindoe::source::video::{DecoderLog, VideoClock};
 use spindoe::vision::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 use spindoe::{Ball, Error, Pattern, Result};
 use zip::ZipWriter;
@@ -249,8 +251,8 @@ pub fn search_config() -> DesignConfig {
 
 fn picture(bytes: &[u8]) -> Result<()> {
     let picture = Picture::decode(Path::new("i"), bytes, MAX_PIXELS)?;
-    assert!((picture.width() * picture.height()) as u64 <= MAX_PIXELS);
-    let _ = picture.bytes();
+    let image = picture.view()?;
+    assert!((image.width() * image.height()) as u64 <= MAX_PIXELS);
     picture.to_rgb().map(drop)
 }
 
@@ -269,9 +271,8 @@ fn pipe(bytes: &[u8]) -> Result<()> {
         2 => raw(RawPixel::Rgb),
         _ => raw(RawPixel::Bgr),
     };
-    let mut reader = PipeReader::new(rest, "pipe", format)?;
-    while reader.next_frame()?.is_some() {}
-    Ok(())
+    let mut reader = PipeReader::new(rest, "pipe", format, MAX_PIXELS)?;
+    reader.frames().try_for_each(|frame| frame?.picture.map(drop))
 }
 
 fn video(bytes: &[u8]) -> Result<()> {
@@ -285,9 +286,9 @@ fn video(bytes: &[u8]) -> Result<()> {
             "{clock:?}"
         );
     }
-    let mut stream = PictureStream::new(pictures, Path::new("v"), MAX_PIXELS);
-    while let Some(picture) = stream.next_picture()? {
-        picture.to_rgb()?;
+    let mut stream = PipeReader::new(pictures, "v", PipeFormat::Images, MAX_PIXELS)?;
+    for frame in stream.frames() {
+        frame?.picture?.to_rgb()?;
     }
     // As a reader says that ffmpeg gives up.
     Err(Error::input("v", "video", log.last))

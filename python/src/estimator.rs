@@ -11,12 +11,13 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::{CameraFrame, tangent_frame};
+use spindoe::image::ImageView;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
-    CameraDistance, CameraModel, EstimatorWorkspace, FrameImage, NamedFrame, Pose, SequenceConfig,
+    CameraDistance, CameraModel, EstimatorWorkspace, NamedFrame, Pose, SequenceConfig,
     TrackerConfig, orientations, second_pass,
 };
 use spindoe::vision::net::Weights;
@@ -217,7 +218,7 @@ impl Estimator {
         images: &[Bound<'_, PyAny>],
         numbers: &[usize],
         channels: Channels,
-        work: impl Fn(&mut EstimatorWorkspace<NamedWorkspace>, usize, FrameImage<'_>) -> T + Sync,
+        work: impl Fn(&mut EstimatorWorkspace<NamedWorkspace>, usize, ImageView<'_>) -> T + Sync,
     ) -> PyResult<Vec<T>> {
         py.check_signals()?;
         let name = |k: usize| format!("images[{k}]");

@@ -3,10 +3,7 @@
 use numpy::ndarray::{ArrayView2, ArrayView3, ArrayViewD, Ix2, Ix3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use spindoe::vision::estimator::FrameImage;
-use spindoe::vision::image::luma;
-use spindoe::vision::picture::DEFAULT_MAX_PIXELS;
-use spindoe::vision::{GrayImage, RgbImage};
+use spindoe::image::{DEFAULT_MAX_PIXELS, GrayImage, ImageView, RgbImage, luma};
 
 use crate::errors::value_error;
 
@@ -135,7 +132,7 @@ impl Sample for u16 {
 
 impl Samples<'_> {
     /// The library's image of these pixels: read once from where they lie, contiguous or not.
-    pub fn read<'b>(&self, buffers: &'b mut Buffers) -> FrameImage<'b> {
+    pub fn read<'b>(&self, buffers: &'b mut Buffers) -> ImageView<'b> {
         match self {
             Self::Gray8(view) => gray(view, &mut buffers.gray),
             Self::Gray16(view) => gray(view, &mut buffers.gray),
@@ -145,7 +142,7 @@ impl Samples<'_> {
     }
 }
 
-fn gray<'b, T: Sample>(view: &ArrayView2<'_, T>, into: &'b mut GrayImage) -> FrameImage<'b> {
+fn gray<'b, T: Sample>(view: &ArrayView2<'_, T>, into: &'b mut GrayImage) -> ImageView<'b> {
     let (height, width) = view.dim();
     // The luma of equal channels differs from their value by rounding; files are read this way.
     let value = |sample: T| luma([sample.unit(); 3]);
@@ -153,14 +150,14 @@ fn gray<'b, T: Sample>(view: &ArrayView2<'_, T>, into: &'b mut GrayImage) -> Fra
         Some(row) => into.fill_with(width, height, |u, v| value(row[v * width + u])),
         None => into.fill_with(width, height, |u, v| value(view[[v, u]])),
     }
-    FrameImage::Gray(into)
+    ImageView::Gray(into)
 }
 
 fn color<'b, T: Sample>(
     view: &ArrayView3<'_, T>,
     order: Channels,
     into: &'b mut RgbImage,
-) -> FrameImage<'b> {
+) -> ImageView<'b> {
     let (height, width, _) = view.dim();
     let [red, green, blue] = match order {
         Channels::Bgr => [2, 1, 0],
@@ -175,5 +172,5 @@ fn color<'b, T: Sample>(
             [red, green, blue].map(|c| view[[v, u, c]].unit())
         }),
     }
-    FrameImage::Color(into)
+    ImageView::Color(into)
 }

@@ -4,11 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
+use crate::image::ImageView;
 use crate::stats::{Proportion, quantile};
 use crate::synth::dataset::Sequence;
 use crate::vision::Estimator;
 use crate::vision::detect::DotDetector;
-use crate::vision::estimator::{FrameImage, SequenceConfig, estimate_sequence, estimate_spin};
+use crate::vision::estimator::{SequenceConfig, estimate_sequence, estimate_spin};
 
 /// A spin vector off by less than this part of its magnitude is right (SpinDOE Sec. IV-C).
 pub const SPIN_TOLERANCE: f64 = 0.2;
@@ -59,7 +60,7 @@ impl SpinOutcome {
             }
             images.push(scene.render()?.image);
         }
-        let images: Vec<FrameImage<'_>> = images.iter().map(FrameImage::from).collect();
+        let images: Vec<ImageView<'_>> = images.iter().map(ImageView::from).collect();
         let times: Vec<f64> = (0..count).map(|i| i as f64 / fps).collect();
         let config = SequenceConfig::default();
         let (estimates, _) = estimate_sequence(estimator, &config, &times, &images);

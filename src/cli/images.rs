@@ -9,13 +9,14 @@ use super::output::one_of;
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
+use crate::image::Roi;
+use crate::source::files;
 use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod, OutlinePrior};
 use crate::vision::frame_table::{self, FrameCircles};
-use crate::vision::input;
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
 use crate::vision::{
-    BallCircle, Camera, CnnDetector, DetectorName, Intrinsics, NamedDetector, Pixel, Roi,
+    BallCircle, Camera, CnnDetector, DetectorName, Intrinsics, NamedDetector, Pixel,
 };
 
 #[derive(Debug, Args)]
@@ -204,7 +205,7 @@ fn is_same(a: &Ball, b: &Ball) -> bool {
 
 /// What is to be known of frames whose names are numbers of another notation.
 pub(super) fn order_warning<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Option<String> {
-    input::unusual_number(names).map(|name| {
+    files::unusual_number(names).map(|name| {
         format!(
             "names such as {name:?} are no plain whole numbers: the frames are taken in the order of their names, digits as whole numbers, and have no times of their own"
         )

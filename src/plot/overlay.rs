@@ -7,7 +7,8 @@ use plotters::style::text_anchor::HPos;
 
 use super::canvas::{self, Area, Drawn, INK, SCALE, SMALL, px};
 use crate::error::Result;
-use crate::vision::{Pixel, RgbImage};
+use crate::image::RgbImage;
+use crate::vision::Pixel;
 
 /// About the side of a small frame's overlay, file pixels.
 pub const OVERLAY_SIDE: u32 = 360;

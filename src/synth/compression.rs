@@ -12,7 +12,7 @@ use image::{ExtendedColorType, ImageFormat};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::vision::image::RgbImage;
+use crate::image::RgbImage;
 
 /// Side of a block.
 const SIDE: usize = 8;

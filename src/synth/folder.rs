@@ -27,7 +27,7 @@ use super::config::SynthConfig;
 use super::dataset::{Frame, FrameTruth, SequenceConfig};
 use crate::error::{Result, require};
 use crate::files;
-use crate::vision::image::RgbImage;
+use crate::image::RgbImage;
 
 /// Version of the format of `truth.json`.
 pub const FORMAT_VERSION: u32 = 2;

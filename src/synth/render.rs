@@ -15,8 +15,8 @@ use super::scene::Scene;
 use super::view::{Ellipse, View};
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
+use crate::image::RgbImage;
 use crate::vision::camera::{BallCircle, Camera, Pixel};
-use crate::vision::image::RgbImage;
 
 /// Maximum number of instants of an exposure.
 const MAX_INSTANTS: usize = 24;

@@ -11,7 +11,7 @@ use super::compression::Compression;
 use super::config::SynthConfig;
 use super::random::{between, between_f32, log_between};
 use crate::error::Result;
-use crate::vision::image::RgbImage;
+use crate::image::RgbImage;
 
 /// How a camera encodes its signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

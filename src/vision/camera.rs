@@ -36,6 +36,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2};
 
 use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
+use crate::image::Roi;
 use crate::recognize::{DotUncertainty, ObservedDot};
 
 /// Depth below which a dot's covariance grows no further: nearer to the limb the derivative has a
@@ -92,6 +93,25 @@ impl BallCircle {
     /// Whether it is no circle.
     pub fn is_ellipse(&self) -> bool {
         !is_zero(&self.eccentricity)
+    }
+
+    /// The square of pixels that reaches so many radii from the center, cut at the borders of
+    /// an image of this size; `None` where nothing is left.
+    pub fn region(&self, reach: f64, width: usize, height: usize) -> Option<Roi> {
+        let reach = reach * self.radius;
+        let side = |center: f64, pixels: usize| {
+            let from = (center - reach).floor().max(0.0);
+            let to = (center + reach).ceil().min(pixels as f64 - 1.0);
+            (from <= to).then(|| (from as usize, (to - from) as usize + 1))
+        };
+        let (left, width) = side(self.center.u, width)?;
+        let (top, height) = side(self.center.v, height)?;
+        Some(Roi {
+            left,
+            top,
+            width,
+            height,
+        })
     }
 }
 

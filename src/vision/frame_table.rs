@@ -10,10 +10,10 @@ use std::path::{Component, Path, PathBuf};
 
 use super::camera::{BallCircle, Pixel};
 use super::estimator::OutlinePrior;
-use super::input::stem;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::files::csv::{Columns, Table, TableRow, shown};
+use crate::source::files::stem;
 
 static TIMES: Columns<2> = Columns {
     names: ["frame", "time_s"],
@@ -132,7 +132,7 @@ fn read<T, const N: usize>(
 }
 
 impl<T: Copy> FrameTable<T> {
-    /// What the table says of each frame; frames by [`InputFrame::path`](super::input::InputFrame::path).
+    /// What the table says of each frame; frames by [`Frame::path`](crate::source::Frame::path).
     ///
     /// # Errors
     /// [`Error::Input`] for a frame that no row names, or two alike, and for a row that names two

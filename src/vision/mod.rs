@@ -1,13 +1,11 @@
 //! The estimator on images: from pixels to dots, and from dots to the ball's orientation.
 //!
-//!
-//! The pipeline: [`input`] reads a frame and [`image`] decodes it to gray. [`circle`] fits the
-//! ball's outline. [`patch`] cuts the ball out at one scale and one brightness, whatever the
-//! camera. A detector finds the dots ([`detect`]): the trained [`net`] or the classical [`blob`],
-//! chosen by name in [`detector`]. [`camera`] projects the dots onto the sphere with their
-//! uncertainty. The recognizer identifies them, and the orientation is refined on the dots that it
-//! accepts. [`estimator`] runs these stages for a frame and uses the frames of a sequence as hints
-//! for each other, or follows a camera's frames as they come; [`pipe`] reads those of a pipe.
+//! The pipeline: a [`source`](crate::source) hands out frames. [`circle`] fits the ball's outline. [`patch`] cuts the
+//! ball out at one scale and one brightness, whatever the camera. A detector finds the dots ([`detect`]): the trained
+//! [`net`] or the classical [`blob`], chosen by name in [`detector`]. [`camera`] projects the dots onto the sphere with
+//! their uncertainty. The recognizer identifies them, and the orientation is refined on the dots that it accepts.
+//! [`estimator`] runs these stages for a frame and uses the frames of a sequence as hints for each other, or follows a
+//! camera's frames as they come.
 //!
 //! The renderer `synth` draws frames with a known truth. `python/train` trains the
 //! net on them.
@@ -23,17 +21,10 @@ pub mod detect;
 pub mod detector;
 pub mod estimator;
 pub mod frame_table;
-pub mod grab;
-pub mod image;
-pub mod input;
+mod grid;
 pub mod net;
 pub mod patch;
-pub mod picture;
-pub mod pipe;
-pub mod raw;
-pub mod roi;
 pub mod verdict;
-pub mod video;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
@@ -43,8 +34,5 @@ pub use detector::{DetectorName, NamedDetector};
 pub use estimator::{
     Budget, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, OutlinePrior, Pose, Prior,
 };
-pub use image::{GrayImage, RgbImage};
 pub use net::CnnDetector;
 pub use patch::Patch;
-pub use raw::{RawImage, RawPixel};
-pub use roi::Roi;

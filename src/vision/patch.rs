@@ -8,7 +8,7 @@
 //! information about dots.
 
 use super::camera::{BallCircle, Pixel};
-use super::image::GrayImage;
+use crate::image::GrayImage;
 
 /// Side of a patch.
 pub const SIZE: usize = 64;

@@ -2,8 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spindoe::vision::RgbImage;
-use spindoe::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
+use spindoe::image::{DEFAULT_MAX_PIXELS, Picture, RgbImage};
 use spindoe::{Error, Result};
 
 /// All files of a folder that are pictures, by name.

@@ -6,6 +6,7 @@ use std::path::Path;
 use crate::common::{done, random_pattern, spindoe};
 use nalgebra::Quaternion;
 use spindoe::geometry::{Rotation, Vec3, angle_between};
+use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::synth::background::Background;
 use spindoe::synth::compression::Compression;
@@ -15,7 +16,6 @@ use spindoe::synth::light::Light;
 use spindoe::synth::pen::Spot;
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::{Rendering, Scene, SynthConfig, SynthKind};
-use spindoe::vision::image::RgbImage;
 use spindoe::vision::{BallCircle, Camera, Intrinsics, Pixel};
 
 /// A ball of 60 px radius before black, evenly lit, at rest, through a perfect camera, with dots of 12 degrees.

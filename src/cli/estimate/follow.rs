@@ -11,9 +11,11 @@ use super::{Arguments, output};
 use crate::ball::Ball;
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
+use crate::image::RawPixel;
+use crate::source::grab::{Grabber, WhenFull};
+use crate::source::pipe::{PipeFormat, PipeReader};
+use crate::source::{Frame, FrameSource};
 use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
-use crate::vision::grab::{Grabbed, Grabber, WhenFull};
-use crate::vision::pipe::{PipeFormat, PipeReader, RawPixel};
 
 /// Parses `WxH,PIXEL`.
 pub(super) fn raw(text: &str) -> std::result::Result<PipeFormat, String> {
@@ -57,27 +59,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         let problem = "expected for a file: its frames do not arrive at their times";
         return Err(Error::argument("--fps", problem));
     }
-    let reader = PipeReader::new(input.reader, &input.name, format)?;
+    let reader = PipeReader::new(input.reader, &input.name, format, arguments.max_pixels)?;
     let when_full = fps.map_or(WhenFull::DropOldest, |_| WhenFull::Wait);
     let mut grabber = Grabber::start(reader, when_full)?;
     let mut stdout = std::io::stdout().lock();
-    let (mut followed, mut identified, mut begun) = (0u64, 0u64, None);
-    while let Some(grabbed) = grabber.next_frame()? {
-        let Grabbed {
-            number,
-            arrived,
-            image,
-        } = grabbed;
-        let time_s = match fps {
-            Some(rate) => number as f64 / rate,
-            None => arrived
-                .duration_since(*begun.get_or_insert(arrived))
-                .as_secs_f64(),
-        };
-        let state = tracker.update(image, time_s, outline.as_ref())?;
+    let (mut followed, mut identified) = (0u64, 0u64);
+    let mut frame = Frame::default();
+    while grabber.next_frame(&mut frame)? {
+        let number = frame.number;
+        let rate_s = fps.map(|rate| number as f64 / rate);
+        let time_s = rate_s.or(frame.time_s).unwrap_or_default();
+        let picture = frame.picture.as_ref().map_err(|e| e.to_string());
+        let picture = picture.map_err(Error::Internal)?;
+        let state = tracker.update(picture.view()?, time_s, outline.as_ref())?;
         followed += 1;
         identified += u64::from(state.frame.pose().is_some());
-        let line = line(shown_in, number, time_s, &state, arrived);
+        let line = line(shown_in, number, time_s, &state, frame.arrived);
         writeln!(stdout, "{line}")
             .and_then(|()| stdout.flush())
             .map_err(crate::cli::stdout_error)?;

@@ -7,6 +7,8 @@ mod overlay;
 #[cfg(feature = "plot")]
 mod page;
 mod verdict;
+#[cfg(feature = "plot")]
+mod video;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -20,12 +22,12 @@ use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::CameraFrame;
+use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
+use crate::source::pipe::PipeFormat;
 use crate::vision::estimator::{
     Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
 };
-use crate::vision::picture::DEFAULT_MAX_PIXELS;
-use crate::vision::pipe::PipeFormat;
-use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector, RgbImage};
+use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 use output::Report;
 use verdict::Judgment;
 

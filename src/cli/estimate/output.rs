@@ -10,6 +10,7 @@ use crate::cli::spin::LISTED_BEYOND;
 use crate::cli::spin_summary;
 use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
+use crate::source::video::VideoClock;
 use crate::spin::SpinRejection;
 use crate::spin::alias::AliasConfig;
 use crate::spin::orientations::Orientations;
@@ -20,7 +21,6 @@ use crate::vision::estimator::{
     Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, TimeSource, orientations,
     turned_covariance,
 };
-use crate::vision::input::VideoClock;
 
 /// Skipped files that are named.
 const MAX_NAMED: usize = 5;

@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use super::video::VideoWriter;
 use super::{Picture, output};
 use crate::error::Result;
 use crate::files;
+use crate::image::RgbImage;
 use crate::plot::{self, OverlayFrame};
 use crate::vision::estimator::{Batch, BatchFrame, TimeSource};
-use crate::vision::video::VideoWriter;
-use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel, RgbImage};
+use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
 const WHOLE: usize = 320;

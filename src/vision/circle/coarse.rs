@@ -21,7 +21,7 @@
 use super::edges::Unrolled;
 use super::vote::{Center, MAX, MIN, Votes};
 use super::{BallCircle, GrayImage, Pixel, Polarity};
-use crate::vision::roi::Grid;
+use crate::vision::grid::Grid;
 
 /// Maximum longer side of the first size that is searched, values.
 const SIDE: usize = 320;

@@ -23,8 +23,8 @@ mod vote;
 use nalgebra::{Matrix3, Vector3};
 
 use super::camera::{BallCircle, Pixel};
-use super::image::{GrayImage, RgbImage};
-use super::roi::Grid;
+use crate::image::{GrayImage, RgbImage};
+use crate::vision::grid::Grid;
 use edges::Unrolled;
 use vote::{Center, Votes};
 

@@ -12,16 +12,14 @@ use std::time::{Duration, Instant};
 
 use super::frame::Standing;
 use super::search::{is_evident, promise};
-use super::{
-    Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection, PROMISING,
-    is_mirrored,
-};
+use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, PROMISING, is_mirrored};
+use crate::image::{ImageView, Roi};
 use crate::recognize::Hint;
 use crate::vision::camera::BallCircle;
 use crate::vision::circle::NoBall;
 use crate::vision::circle::coarse::{self, MAX_CIRCLES};
 use crate::vision::detect::DotDetector;
-use crate::vision::roi::Roi;
+use crate::vision::grid::Grid;
 
 /// Largest radius of the coarse search, as a part of the longer side.
 const MAX_COARSE: f64 = 0.4;
@@ -80,8 +78,8 @@ impl Hunt {
     }
 
     /// For a ball that was seen with this outline, within so many radii; `None` outside the image.
-    pub fn nearby(circle: &BallCircle, reach: f64, image: &FrameImage<'_>) -> Option<Self> {
-        let part = Roi::around(circle, reach, image.width(), image.height())?;
+    pub fn nearby(circle: &BallCircle, reach: f64, image: &ImageView<'_>) -> Option<Self> {
+        let part = circle.region(reach, image.width(), image.height())?;
         let mut level = 0;
         while circle.radius / f64::from(2u32 << level) >= 1.4 * MIN_COARSE {
             level += 1;
@@ -105,7 +103,7 @@ impl<D: DotDetector> Estimator<D> {
     /// the best of the circles, if there is any; a fine hunt keeps that of the coarser one before.
     pub(super) fn acquire(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         hunt: &Hunt,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -155,7 +153,7 @@ impl<D: DotDetector> Estimator<D> {
             if stage != Stage::First && circles.is_empty() {
                 continue;
             }
-            let place = part.grid(0);
+            let place = Grid::of(&part, 0);
             for rough in &mut circles {
                 rough.circle = place.circle_to_image(&rough.circle);
             }
@@ -190,7 +188,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Else `out` is what it was.
     fn look_closer(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         before: &mut FrameEstimate,
@@ -216,7 +214,7 @@ impl<D: DotDetector> Estimator<D> {
     #[allow(clippy::too_many_arguments)]
     pub(super) fn try_circles<'a>(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         circles: impl Iterator<Item = (&'a BallCircle, Standing)>,
         mut searched: Duration,
         hint: Option<&Hint>,

@@ -8,22 +8,22 @@
 
 use std::num::NonZero;
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError, mpsc};
+use std::sync::{Mutex, PoisonError};
 
 use super::shrunk::MAX_THOROUGH;
 use super::{
-    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameInDoubt, FrameRejection,
+    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameInDoubt, FrameRejection,
     OutlinePrior, Prior, SequenceConfig, SequenceSummary, estimate_spin, second_pass,
 };
 use crate::error::{Error, Result};
+use crate::image::{DEFAULT_MAX_PIXELS, ImageView, Picture, RgbImage, Roi};
 use crate::pipeline::{Sink, map_ordered_within};
+use crate::source::files::{self, SkippedFiles, Source};
+use crate::source::video::VideoClock;
+use crate::source::{Frame, FrameSource, SourceEnd};
 use crate::spin::{Fit, SpinRejection};
 use crate::vision::detect::DotDetector;
 use crate::vision::frame_table::{FrameCircles, FrameTimes};
-use crate::vision::image::RgbImage;
-use crate::vision::input::{self, InputFrame, SkippedFiles, Source, SourceTimes, VideoClock};
-use crate::vision::picture::{DEFAULT_MAX_PIXELS, Picture};
-use crate::vision::roi::Roi;
 
 /// Pictures that wait, beyond one a thread.
 const WAITING: usize = 2;
@@ -253,7 +253,7 @@ where
     D: DotDetector + Sync,
     O: BatchObserver,
 {
-    let listed = input::list_sources(inputs)?;
+    let listed = files::list_sources(inputs)?;
     let job = FrameJob {
         estimator,
         config,
@@ -267,7 +267,7 @@ where
         observer,
     };
     let work = |_, frame, ws: &mut EstimatorWorkspace<D::Workspace>| job.run(frame, ws);
-    let read = job.read_all(&sources, |_| true, work, &mut collected)?;
+    let read = job.read_all(&sources, work, &mut collected)?;
     let Collected {
         mut frames,
         first_error,
@@ -280,13 +280,17 @@ where
     }
     let (mut clocks, mut cut_short) = (Vec::new(), Vec::new());
     let mut first = 0;
-    for (source, (count, times)) in sources.iter().zip(&read) {
-        for (frame, time) in frames[first..].iter_mut().zip(&times.times_s) {
-            frame.time_s = *time;
+    for (source, (count, end)) in sources.iter().zip(&read) {
+        let scale = end.clock.map_or(1.0, |clock| clock.time_scale());
+        for time in frames[first..][..*count]
+            .iter_mut()
+            .flat_map(|f| &mut f.time_s)
+        {
+            *time *= scale;
         }
         first += count;
-        clocks.extend(times.clock);
-        if let (Source::Video(path), Some(why)) = (source, &times.cut_short) {
+        clocks.extend(end.clock);
+        if let (Source::Video(path), Some(why)) = (source, &end.cut_short) {
             cut_short.push((path.clone(), why.clone()));
         }
     }
@@ -316,61 +320,37 @@ struct FrameJob<'a, D, O> {
 type Estimated<K> = Result<(BatchFrame<K>, Option<Error>)>;
 
 impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
-    /// Hands the wanted frames of the sources, by their number over all of them, to `work` on all cores; for each source, how
-    /// many frames it has and what it says of their times. The reader decodes meanwhile; it waits where the threads do not
-    /// keep up.
+    /// Hands the frames of the sources, by their number over all of them, to `work` on all cores, while others are read; for
+    /// each source, how many frames it has and what it knows at its end.
     fn read_all<T: Send>(
         &self,
         sources: &[&Source],
-        is_wanted: impl Fn(usize) -> bool + Sync,
-        work: impl Fn(usize, InputFrame, &mut EstimatorWorkspace<D::Workspace>) -> Result<T> + Sync,
+        work: impl Fn(usize, Frame, &mut EstimatorWorkspace<D::Workspace>) -> Result<T> + Sync,
         sink: &mut impl Sink<Result<T>, Error = Error>,
-    ) -> Result<Vec<(usize, SourceTimes)>> {
+    ) -> Result<Vec<(usize, SourceEnd)>> {
         let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
         let limit = NonZero::new(threads.get() + WAITING).unwrap_or(threads);
-        let (sender, receiver) = mpsc::sync_channel::<Result<(usize, InputFrame)>>(0);
-        let (is_wanted, max_pixels) = (&is_wanted, self.config.max_pixels);
-        std::thread::scope(|scope| {
-            let reader = scope.spawn(move || {
-                let mut all = Vec::new();
-                let mut number = 0;
-                for source in sources {
-                    let first = number;
-                    let read = input::read_frames(source, max_pixels, &mut |frame| {
-                        number += 1;
-                        if !is_wanted(number - 1) {
-                            return Ok(());
-                        }
-                        // Nobody listens after an error.
-                        let gone = |_| Error::Internal("the estimation has ended".into());
-                        sender.send(Ok((number - 1, frame))).map_err(gone)
-                    });
-                    match read {
-                        Ok(times) => all.push((number - first, times)),
-                        Err(error) => {
-                            let _ = sender.send(Err(error));
-                            return all;
-                        }
-                    }
-                }
-                all
-            });
-            let outcome = map_ordered_within(
-                limit,
-                receiver.into_iter(),
-                threads,
-                || self.estimator.workspace(),
-                |workspace, (number, frame)| work(number, frame, workspace),
-                sink,
-            );
-            let read = reader.join().unwrap_or_default();
-            outcome.map(|()| read)
-        })
+        let mut sources = Sources {
+            left: sources.iter(),
+            open: None,
+            max_pixels: self.config.max_pixels,
+            ends: Vec::new(),
+        };
+        let frames = sources.frames().enumerate();
+        map_ordered_within(
+            limit,
+            frames.map(|(number, frame)| frame.map(|frame| (number, frame))),
+            threads,
+            || self.estimator.workspace(),
+            |workspace, (number, frame)| work(number, frame, workspace),
+            sink,
+        )?;
+        Ok(sources.ends)
     }
 
     fn run(
         &self,
-        frame: InputFrame,
+        frame: Frame,
         workspace: &mut EstimatorWorkspace<D::Workspace>,
     ) -> Estimated<O::Kept> {
         let mut done = BatchFrame {
@@ -406,23 +386,13 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         workspace: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> Result<O::Kept> {
-        let is_large = picture.width() * picture.height() > MAX_THOROUGH;
-        if let Some(bytes) = picture.bytes().filter(|_| is_large) {
-            self.answer(bytes.into(), outline, workspace, out)?;
-            if !self.observer.wants_images() {
-                return Ok(O::Kept::default());
-            }
-            let _alone = self.large.lock().unwrap_or_else(PoisonError::into_inner);
-            return self.keep(&*picture.to_rgb()?, out);
-        }
-        let rgb = picture.to_rgb()?;
-        self.answer((&*rgb).into(), outline, workspace, out)?;
-        self.keep(&rgb, out)
+        self.answer(picture.view()?, outline, workspace, out)?;
+        self.keep(picture, out)
     }
 
     fn answer(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         outline: Option<OutlinePrior>,
         workspace: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
@@ -498,20 +468,21 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
             let found = doubts.binary_search_by_key(number, |d| d.frame);
             found.ok().map(|k| &doubts[k])
         };
-        let work = |at, frame: InputFrame, ws: &mut EstimatorWorkspace<D::Workspace>| {
+        let work = |at, frame: Frame, ws: &mut EstimatorWorkspace<D::Workspace>| {
             let (Some(doubt), Ok(picture)) = (doubt_of(at), frame.picture) else {
                 return Ok(None);
             };
-            let rgb = self.upright(picture)?;
-            let rgb = rgb.to_rgb()?;
+            let picture = self.upright(picture)?;
             let before = &estimates[doubt.frame];
-            let again = self.estimator.estimate_again(&*rgb, doubt, before, ws);
+            let again = self
+                .estimator
+                .estimate_again(picture.view()?, doubt, before, ws);
             let Some(again) = again else { return Ok(None) };
-            let kept = self.keep(&rgb, &again)?;
+            let kept = self.keep(&picture, &again)?;
             Ok(Some((doubt.frame, again, kept)))
         };
         let mut settled = Settled(Vec::new());
-        self.read_all(&read, |at| doubt_of(at).is_some(), work, &mut settled)?;
+        self.read_all(&read, work, &mut settled)?;
         let done = settled.0.into_iter().flatten();
         Ok(done
             .map(|(k, again, kept)| {
@@ -529,10 +500,44 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         }
     }
 
-    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<O::Kept> {
-        match self.observer.wants_images() {
-            true => self.observer.keep(image, estimate),
-            false => Ok(O::Kept::default()),
+    fn keep(&self, picture: &Picture, estimate: &FrameEstimate) -> Result<O::Kept> {
+        if !self.observer.wants_images() {
+            return Ok(O::Kept::default());
+        }
+        let image = picture.view()?;
+        let is_large = image.width() * image.height() > MAX_THOROUGH;
+        let alone = || self.large.lock().unwrap_or_else(PoisonError::into_inner);
+        let _alone = is_large.then(alone);
+        self.observer.keep(&*picture.to_rgb()?, estimate)
+    }
+}
+
+/// The frames of all sources, one after another.
+struct Sources<'a> {
+    left: std::slice::Iter<'a, &'a Source>,
+    /// The source that is read, and how many frames it has handed out.
+    open: Option<(Box<dyn FrameSource + Send>, usize)>,
+    max_pixels: u64,
+    /// How many frames each source had, and what it knew at its end.
+    ends: Vec<(usize, SourceEnd)>,
+}
+
+impl FrameSource for Sources<'_> {
+    fn next_frame(&mut self, frame: &mut Frame) -> Result<bool> {
+        loop {
+            if let Some((source, count)) = &mut self.open {
+                if source.next_frame(frame)? {
+                    *count += 1;
+                    return Ok(true);
+                }
+                self.ends.push((*count, source.end()));
+            }
+            let next = self.left.next();
+            let opened = next.map(|source| files::open(source, self.max_pixels));
+            self.open = opened.transpose()?.map(|source| (source, 0));
+            if self.open.is_none() {
+                return Ok(false);
+            }
         }
     }
 }

@@ -10,11 +10,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::Outline;
 use super::config::OutlineMethod;
-use super::{FrameImage, Outline};
+use crate::image::{GrayImage, ImageView};
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity};
-use crate::vision::image::GrayImage;
 use crate::vision::net::outline::{NetOutline, OutlineNet, OutlineWorkspace};
 
 /// An outline of the edges with this support and this part of it in the image needs no judge.
@@ -98,7 +98,7 @@ impl Locator {
     pub fn find(
         &mut self,
         gray: &GrayImage,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         net: Option<&OutlineNet>,
     ) -> Result<Candidate, NoBall> {
         self.last = inscribed(gray);
@@ -108,8 +108,8 @@ impl Locator {
         let near = (longer <= CROP).then(|| self.finder.find_near(gray, None, &self.last));
         let found = match (near, image) {
             (Some(Ok(fit)), _) if is_ball(&fit) => Ok(fit),
-            (_, FrameImage::Color(color)) => self.finder.find_in_color(gray, color),
-            (_, FrameImage::Gray(_) | FrameImage::Raw(_)) => self.finder.find(gray),
+            (_, ImageView::Color(color)) => self.finder.find_in_color(gray, color),
+            (_, ImageView::Gray(_) | ImageView::Raw(_)) => self.finder.find(gray),
         };
         self.choose(gray, found, net)
     }
@@ -118,14 +118,14 @@ impl Locator {
     pub fn find_near(
         &mut self,
         gray: &GrayImage,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         rough: &BallCircle,
         net: Option<&OutlineNet>,
     ) -> Result<Candidate, NoBall> {
         self.last = *rough;
         let color = match image {
-            FrameImage::Color(color) => Some(color),
-            FrameImage::Gray(_) | FrameImage::Raw(_) => None,
+            ImageView::Color(color) => Some(color),
+            ImageView::Gray(_) | ImageView::Raw(_) => None,
         };
         let found = self.finder.find_near(gray, color, rough);
         self.choose(gray, found, net)
@@ -135,7 +135,7 @@ impl Locator {
     pub fn outlines(
         &mut self,
         gray: &GrayImage,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         net: Option<&OutlineNet>,
         out: &mut Vec<BallCircle>,
     ) -> Result<(), NoBall> {

@@ -59,7 +59,7 @@ pub use batch::{
     estimate_inputs,
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
-pub use frame::{FrameEstimate, FrameImage, FrameRejection, Outline, OutlineSource, Pose, Timings};
+pub use frame::{FrameEstimate, FrameRejection, Outline, OutlineSource, Pose, Timings};
 use frame::{Hypothesis, Standing};
 pub use orientations::{NamedFrame, orientations, turned_covariance};
 pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};

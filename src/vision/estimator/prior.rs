@@ -6,9 +6,9 @@
 use std::time::{Duration, Instant};
 
 use super::Outline;
+use crate::image::Roi;
 use crate::recognize::Hint;
 use crate::vision::camera::BallCircle;
-use crate::vision::roi::Roi;
 use nalgebra::Matrix3;
 
 /// An outline known to this part of its radius is believed; any other is only where to look.

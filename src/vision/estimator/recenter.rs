@@ -27,10 +27,10 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
 
 use super::{FrameEstimate, Outline, OutlineSource};
 use crate::geometry::{Rotation, Vec3};
+use crate::image::GrayImage;
 use crate::vision::camera::{BallCircle, Intrinsics, Pixel, ray};
 use crate::vision::circle::{BallFinder, BallFit, CircleConfig, Polarity};
 use crate::vision::detect::DotDetection;
-use crate::vision::image::GrayImage;
 
 /// Balls farther off the optical axis than this are recentered: one degree, where the axes of the
 /// outline differ by 1 part in 6000.

@@ -17,15 +17,15 @@ use super::locate::{Candidate, Shape};
 use super::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth, Spending};
 use super::shrunk::MAX_THOROUGH;
 use super::{
-    CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
-    Outline, OutlineSource, PROMISING, Pose, is_mirrored,
+    CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, Outline,
+    OutlineSource, PROMISING, Pose, is_mirrored,
 };
+use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::NoBall;
 use crate::vision::detect::DotDetector;
-use crate::vision::image::{GrayImage, RgbImage};
-use crate::vision::roi::{Grid, Roi};
+use crate::vision::grid::Grid;
 
 /// A ball that is not where it is expected is looked for within so many radii, if it may be so far off.
 pub(super) const NEARBY: f64 = 4.5;
@@ -59,7 +59,7 @@ pub(super) struct Images {
 /// A part of a frame, converted.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View<'a> {
-    pub image: FrameImage<'a>,
+    pub image: ImageView<'a>,
     pub gray: &'a GrayImage,
     /// Where its pixels lie in the frame.
     pub grid: Grid,
@@ -101,7 +101,7 @@ impl<D: DotDetector> Estimator<D> {
     /// A region of the prior that lies beyond the image is cut; where nothing of it is left, there is no ball.
     pub fn estimate<'a>(
         &self,
-        image: impl Into<FrameImage<'a>>,
+        image: impl Into<ImageView<'a>>,
         prior: &Prior,
         budget: &Budget,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -142,7 +142,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Finds the ball, unless its outline is given, and the dots on it.
     pub fn detect<'a>(
         &self,
-        image: impl Into<FrameImage<'a>>,
+        image: impl Into<ImageView<'a>>,
         outline: Option<&OutlinePrior>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
@@ -169,7 +169,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Estimates a frame whose outline is known.
     fn estimate_known(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         outline: &Outline,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -177,7 +177,7 @@ impl<D: DotDetector> Estimator<D> {
     ) {
         let (width, height) = (image.width(), image.height());
         let part = match image {
-            FrameImage::Raw(_) => Roi::around(&outline.circle, SURROUNDINGS, width, height),
+            ImageView::Raw(_) => outline.circle.region(SURROUNDINGS, width, height),
             _ => None,
         };
         let part = part.unwrap_or(Roi::whole(width, height));
@@ -190,7 +190,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Estimates a frame whose ball is expected near a circle: there, then as far around as it may be.
     fn estimate_expected(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         expected: &OutlinePrior,
         region: Option<&Roi>,
         hint: Option<&Hint>,
@@ -222,7 +222,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Estimates a frame with the ball somewhere in a part of it.
     fn estimate_region(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         part: &Roi,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -259,7 +259,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Estimates a frame by the surroundings of a circle: it is right to some tenth of the radius.
     pub(super) fn search_near(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         circle: &BallCircle,
         standing: Standing,
         hint: Option<&Hint>,
@@ -268,7 +268,7 @@ impl<D: DotDetector> Estimator<D> {
     ) {
         let (width, height) = (image.width(), image.height());
         let level = level_of(circle.radius, MAX_NEAR);
-        let part = Roi::around(circle, SURROUNDINGS, width, height);
+        let part = circle.region(SURROUNDINGS, width, height);
         let is_wide = |part: &Roi| part.width.min(part.height) >> level >= self.min_side();
         let Some(part) = part.filter(is_wide) else {
             out.clear();
@@ -283,7 +283,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Hands a part of a frame to `work`, converted. The workspace's images are away meanwhile.
     fn viewed(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         part: &Roi,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         work: impl FnOnce(View<'_>, &mut EstimatorWorkspace<D::Workspace>),
@@ -294,7 +294,7 @@ impl<D: DotDetector> Estimator<D> {
     /// As [`Estimator::viewed`], of an image that is halved so often.
     pub(super) fn viewed_at(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         part: &Roi,
         level: u32,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -305,19 +305,19 @@ impl<D: DotDetector> Estimator<D> {
         let (gray, color) = (&mut images.part_gray, &mut images.part_color);
         let seen = match image {
             _ if level > 0 => image.shrunk(part, level, gray, color),
-            FrameImage::Gray(_) | FrameImage::Color(_) if is_whole => image,
+            ImageView::Gray(_) | ImageView::Color(_) if is_whole => image,
             _ => image.part(part, gray, color),
         };
-        if let FrameImage::Color(color) = seen {
+        if let ImageView::Color(color) = seen {
             color.to_gray_into(&mut images.gray);
         }
         let view = View {
             image: seen,
             gray: match seen {
-                FrameImage::Gray(gray) => gray,
+                ImageView::Gray(gray) => gray,
                 _ => &images.gray,
             },
-            grid: part.grid(level),
+            grid: Grid::of(&part, level),
             size: [image.width(), image.height()],
         };
         work(view, ws);

@@ -18,11 +18,12 @@ use super::orientations::{NamedFrame, orientations};
 use super::path::{MAX_SCATTER, NEIGHBORS, expected_outline, off};
 use super::search::is_evident;
 use super::{
-    Budget, DISAGREEMENT, Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection,
+    Budget, DISAGREEMENT, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection,
     OutlinePrior, OutlineSource, Prior,
 };
 use crate::concurrency;
 use crate::geometry::CameraFrame;
+use crate::image::ImageView;
 use crate::recognize::Hint;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::{Fit, Measurement, SpinRejection};
@@ -207,7 +208,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Estimates a frame in doubt again, by its neighbors; `None` where `before` stands.
     pub fn estimate_again<'a>(
         &self,
-        image: impl Into<FrameImage<'a>>,
+        image: impl Into<ImageView<'a>>,
         doubt: &FrameInDoubt,
         before: &FrameEstimate,
         ws: &mut EstimatorWorkspace<D::Workspace>,
@@ -264,7 +265,7 @@ pub fn estimate_sequence<D>(
     estimator: &Estimator<D>,
     config: &SequenceConfig,
     times_s: &[f64],
-    images: &[FrameImage<'_>],
+    images: &[ImageView<'_>],
 ) -> (Vec<FrameEstimate>, SequenceSummary)
 where
     D: DotDetector + Sync,
@@ -272,7 +273,7 @@ where
     let chunks: Vec<_> = images.chunks(CHUNK).collect();
     let alone = concurrency::map(&chunks, |chunk| {
         let mut ws = estimator.workspace();
-        let one = |image: &FrameImage<'_>| {
+        let one = |image: &ImageView<'_>| {
             let mut out = FrameEstimate::default();
             let (prior, budget) = (Prior::default(), Budget::default());
             estimator.estimate(*image, &prior, &budget, &mut ws, &mut out);

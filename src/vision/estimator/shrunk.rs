@@ -13,10 +13,10 @@ use std::time::Instant;
 
 use super::frame::Standing;
 use super::search::level_of;
-use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameImage, FrameRejection};
+use super::{Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection};
+use crate::image::{ImageView, Roi};
 use crate::recognize::Hint;
 use crate::vision::detect::DotDetector;
-use crate::vision::roi::Roi;
 
 /// Images of more pixels are searched at a smaller scale.
 pub(super) const MAX_THOROUGH: usize = 4_000_000;
@@ -27,7 +27,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Estimates a frame with the ball somewhere in a part of it that is too large to be searched thoroughly.
     pub(super) fn estimate_shrunk(
         &self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         part: &Roi,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,

@@ -29,17 +29,17 @@ use super::path::OutlineMotion;
 use super::search::{NEARBY, WHOLE};
 use super::sequence::predict;
 use super::{
-    Budget, CameraDistance, Estimator, EstimatorWorkspace, Follows, FrameEstimate, FrameImage,
-    OutlinePrior, Prior, SearchDepth, SequenceConfig, SequenceView,
+    Budget, CameraDistance, Estimator, EstimatorWorkspace, Follows, FrameEstimate, OutlinePrior,
+    Prior, SearchDepth, SequenceConfig, SequenceView,
 };
 use crate::error::{Error, Result, require};
+use crate::image::{ImageView, Roi};
 use crate::recognize::Hint;
 use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
 use crate::vision::camera::BallCircle;
 use crate::vision::detect::DotDetector;
-use crate::vision::roi::Roi;
 
 /// After so many frames without a pose the ball is looked for in the whole frame.
 const PATIENCE: usize = 3;
@@ -192,7 +192,7 @@ impl<D: DotDetector> Tracker<D> {
     /// tracker then stays as it was.
     pub fn update<'a>(
         &mut self,
-        image: impl Into<FrameImage<'a>>,
+        image: impl Into<ImageView<'a>>,
         time_s: f64,
         outline: Option<&OutlinePrior>,
     ) -> Result<TrackerState<'_>> {
@@ -238,7 +238,7 @@ impl<D: DotDetector> Tracker<D> {
     /// Estimates the frame by what is expected of it.
     fn find(
         &mut self,
-        image: FrameImage<'_>,
+        image: ImageView<'_>,
         part: &Roi,
         time_s: f64,
         given: Option<&OutlinePrior>,

@@ -17,8 +17,8 @@ use super::graph::{CELLS, Head, OutlineChannel};
 use super::network::{Activations, Network};
 use super::weights::Weights;
 use crate::error::{Error, Result};
+use crate::image::GrayImage;
 use crate::vision::camera::{BallCircle, Pixel};
-use crate::vision::image::GrayImage;
 use crate::vision::net::detector::cell_center;
 use crate::vision::patch::{Framing, MIDDLE, Patch};
 

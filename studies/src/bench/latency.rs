@@ -17,13 +17,13 @@ use cpu_time::ThreadTime;
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 use spindoe::geometry::Rotation;
+use spindoe::image::{RawImage, RawPixel, RgbImage};
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{FrameTruth, Sequence, SequenceConfig, independent_frame};
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-    RawImage, RawPixel, RgbImage,
 };
 
 const SIZE: [usize; 2] = [1280, 1024];

@@ -12,14 +12,13 @@ use std::error::Error;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spindoe::image::{GrayImage, ImageView, RgbImage};
 use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::Proportion;
-use spindoe::vision::estimator::FrameImage;
 use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, NamedDetector,
-    Prior, RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };
 use spindoe_studies::noise::NoiseField;
 
@@ -73,8 +72,8 @@ fn line(name: &str, out: &FrameEstimate) -> String {
 fn estimate(estimator: &Estimator<NamedDetector>, picture: &Picture) -> (f64, String, bool) {
     let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
     let (name, image) = match picture {
-        Picture::Gray(name, image) => (name, FrameImage::from(image)),
-        Picture::Color(name, image) => (name, FrameImage::from(image)),
+        Picture::Gray(name, image) => (name, ImageView::from(image)),
+        Picture::Color(name, image) => (name, ImageView::from(image)),
     };
     estimator.estimate(
         image,

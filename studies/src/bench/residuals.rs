@@ -15,10 +15,11 @@ use std::path::PathBuf;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 use spindoe::Pattern;
+use spindoe::image::RgbImage;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior, RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };
 use spindoe_studies::pictures::pictures;
 

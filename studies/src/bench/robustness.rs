@@ -17,14 +17,13 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 use spindoe::geometry::Rotation;
+use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::OutlineMethod;
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior, RgbImage,
-};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 const FAILURE_DEG: f64 = 20.0;
 

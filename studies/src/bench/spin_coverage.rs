@@ -15,6 +15,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spindoe::geometry::{CameraFrame, Rotation};
+use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::{Fit, SpinRejection};
@@ -22,8 +23,7 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
 use spindoe::validate::Proportion;
 use spindoe::vision::estimator::{
-    FrameImage, NamedFrame, SequenceConfig, SequenceView, estimate_sequence, estimate_spin,
-    orientations,
+    NamedFrame, SequenceConfig, SequenceView, estimate_sequence, estimate_spin, orientations,
 };
 use spindoe::vision::{
     BallCircle, BallView, Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector,
@@ -69,7 +69,7 @@ fn outcomes(
     let rendered = (0..frames).map(|k| sequence.frame(k));
     let rendered = rendered.collect::<spindoe::Result<Vec<_>>>()?;
     let times: Vec<f64> = rendered.iter().filter_map(|f| f.truth.time_s).collect();
-    let images: Vec<FrameImage<'_>> = rendered.iter().map(|f| (&f.image).into()).collect();
+    let images: Vec<ImageView<'_>> = rendered.iter().map(|f| (&f.image).into()).collect();
     let config = SequenceConfig::default();
     let (mut estimates, _) = estimate_sequence(estimator, &config, &times, &images);
     let Some(view) = SequenceView::of_frames(estimates.iter()) else {

@@ -3,7 +3,8 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3};
-use spindoe::vision::{BallCircle, BallView, Camera, GrayImage, Pixel};
+use spindoe::image::GrayImage;
+use spindoe::vision::{BallCircle, BallView, Camera, Pixel};
 
 /// A ball to draw.
 #[derive(Debug, Clone)]

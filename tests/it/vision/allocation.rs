@@ -1,10 +1,11 @@
 //! The estimator's promise: after the first frames of a size it allocates nothing.
 
+use spindoe::image::{GrayImage, RgbImage};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
     Budget, CnnDetector, DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate,
-    GrayImage, Patch, Prior, RgbImage,
+    Patch, Prior,
 };
 
 /// Frames of one size: bright and dark, with logos, some without a whole outline.

@@ -4,7 +4,8 @@ use crate::common::ball::Scene;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Vec3, random_rotation};
-use spindoe::vision::{CircleConfig, GrayImage, NoBall, find_ball};
+use spindoe::image::GrayImage;
+use spindoe::vision::{CircleConfig, NoBall, find_ball};
 
 /// Errors of center and radius, pixels; infinite where no ball is found.
 fn errors(scene: &Scene, rng: &mut ChaCha8Rng) -> [f64; 2] {

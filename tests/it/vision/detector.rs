@@ -83,7 +83,7 @@ fn a_black_ball_and_plain_noise_show_no_dots() {
     let (mut ws, mut found) = (detector.workspace(), Vec::new());
     let circle = frames(&easy(), 1)[0].circle;
     for level in [0.0, 0.5, 1.0] {
-        let image = spindoe::vision::GrayImage::from_fn(70, 70, |_, _| level);
+        let image = spindoe::image::GrayImage::from_fn(70, 70, |_, _| level);
         detector.detect_into(&Patch::cut(&image, &circle), &mut ws, &mut found);
         let likely = found.iter().filter(|d| d.confidence >= 0.5).count();
         assert_eq!(likely, 0, "{level}: {found:?}");

@@ -7,12 +7,14 @@ use image::{DynamicImage, ImageBuffer, Luma, LumaA, Rgba};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
+use spindoe::image::{GrayImage, ImageView};
 use spindoe::pattern::Pattern;
+use spindoe::source::FrameSource;
+use spindoe::source::files::{natural_order, time_of_stem};
 use spindoe::spin::orientations::Orientations;
-use spindoe::vision::estimator::{FrameImage, SequenceConfig, estimate_sequence, estimate_spin};
-use spindoe::vision::input::{natural_order, time_of_stem};
+use spindoe::vision::estimator::{SequenceConfig, estimate_sequence, estimate_spin};
 use spindoe::vision::{
-    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Intrinsics,
+    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Intrinsics,
     NamedDetector, Prior, find_ball,
 };
 
@@ -119,7 +121,7 @@ fn frames_of_a_flight_help_each_other() {
         .enumerate()
         .map(|frame| render(frame, &mut rng));
     let images: Vec<_> = images.collect();
-    let images: Vec<FrameImage<'_>> = images.iter().map(FrameImage::from).collect();
+    let images: Vec<ImageView<'_>> = images.iter().map(ImageView::from).collect();
     let config = SequenceConfig::default();
     let (frames, summary) = estimate_sequence(&estimator, &config, &times, &images);
     assert!(summary.alone == 11 && summary.together == 12, "{summary:?}");
@@ -436,11 +438,14 @@ fn published_frames_are_explained_by_one_spin() {
     };
     let estimator = estimator(&pattern, Camera::Orthographic);
     let mut ws = estimator.workspace();
-    let sources = spindoe::vision::input::sources(&[folder]).expect("a folder");
+    let sources = spindoe::source::files::sources(&[folder]).expect("a folder");
     let (mut times, mut frames) = (Vec::new(), Vec::new());
     for source in &sources {
-        let mut visit = |frame: spindoe::vision::input::InputFrame| {
-            let gray: GrayImage = frame.picture?.to_rgb()?.to_gray();
+        let mut source = spindoe::source::files::open(source, 1 << 20).expect("a file");
+        for frame in source.frames() {
+            let frame = frame.expect("it reads");
+            let picture = frame.picture.expect("an image");
+            let gray: GrayImage = picture.to_rgb().expect("colors").to_gray();
             let mut out = FrameEstimate::default();
             estimator.estimate(
                 &gray,
@@ -456,9 +461,7 @@ fn published_frames_are_explained_by_one_spin() {
             );
             times.push(frame.time_s.expect("a time"));
             frames.push(out);
-            Ok(())
-        };
-        spindoe::vision::input::read_frames(source, 1 << 20, &mut visit).expect("it reads");
+        }
     }
     let alone = frames.iter().filter(|f| f.pose().is_some()).count();
     let fit = estimate_spin(&SequenceConfig::default(), &times, &frames).expect("a spin");

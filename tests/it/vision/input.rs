@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage as Buffer};
-use spindoe::vision::RgbImage;
+use spindoe::image::{DEFAULT_MAX_PIXELS, RgbImage};
+use spindoe::source::files::{Source, open, sources};
+use spindoe::source::{Frame, FrameSource, SourceEnd};
 use spindoe::vision::frame_table::{FrameCircles, read_circles, read_times};
-use spindoe::vision::input::{Source, read_frames, sources};
-use spindoe::vision::picture::DEFAULT_MAX_PIXELS;
 
 /// The times of `frames` by the table `text`, or what is said of it.
 fn times(text: &str, frames: &[&str]) -> Result<Vec<f64>, String> {
@@ -190,23 +190,22 @@ fn deep_videos_and_names_with_a_colon_are_read() {
             .output()
             .unwrap();
         assert!(made.status.success(), "{made:?}");
-        let mut seen = Vec::new();
-        let mut visit = |frame: spindoe::vision::input::InputFrame| {
-            seen.push((
-                frame.path.clone(),
-                frame.picture.as_ref().unwrap().width(),
-                frame.picture.as_ref().unwrap().height(),
-            ));
-            Ok(())
-        };
-        let source = Source::Video(path.clone());
-        let read = read_frames(&source, DEFAULT_MAX_PIXELS, &mut visit).unwrap();
-        assert_eq!(read.times_s.len(), 3, "{name}");
-        let clock = read.clock.unwrap();
+        let (frames, end) = read(&path);
+        assert_eq!(frames.len(), 3, "{name}");
+        let clock = end.clock.unwrap();
         assert!((clock.stored_fps - 100.0).abs() < 1.0 && clock.capture_fps.is_none());
         let stem = name.strip_suffix(".mkv").unwrap();
-        assert_eq!(seen[1], (dir.path().join(format!("{stem}_000002")), 32, 16));
+        assert_eq!(frames[1].path, dir.path().join(format!("{stem}_000002")));
+        let image = frames[1].picture.as_ref().unwrap().view().unwrap();
+        assert_eq!((image.width(), image.height()), (32, 16));
     }
+}
+
+/// The frames of a video, and what is known at its end.
+fn read(path: &Path) -> (Vec<Frame>, SourceEnd) {
+    let mut source = open(&Source::Video(path.to_path_buf()), DEFAULT_MAX_PIXELS).unwrap();
+    let frames: spindoe::Result<Vec<Frame>> = source.frames().collect();
+    (frames.unwrap(), source.end())
 }
 
 #[test]
@@ -230,7 +229,9 @@ fn slow_motion_and_uneven_frames_keep_their_times() {
             .output()
             .unwrap();
         assert!(made.status.success(), "{made:?}");
-        read_frames(&Source::Video(path), DEFAULT_MAX_PIXELS, &mut |_| Ok(())).unwrap()
+        let (frames, end) = read(&path);
+        let times: Vec<f64> = frames.iter().map(|f| f.time_s.unwrap()).collect();
+        (times, end.clock.unwrap())
     };
     // As phones write it: 240 frames a second, stored at 30.
     let android = [
@@ -239,17 +240,16 @@ fn slow_motion_and_uneven_frames_keep_their_times() {
         "-metadata",
         "com.android.capture.fps=240",
     ];
-    let read = make("slow.mp4", &[&android[..], &["-c:v", "mpeg4"]].concat());
-    let clock = read.clock.unwrap();
+    let (times, clock) = make("slow.mp4", &[&android[..], &["-c:v", "mpeg4"]].concat());
     assert_eq!(clock.capture_fps, Some(240.0));
     assert!(
         !clock.is_variable && (clock.stored_fps - 30.0).abs() < 0.1,
         "{clock:?}"
     );
-    let step = read.times_s[1].unwrap() - read.times_s[0].unwrap();
+    let step = clock.time_scale() * (times[1] - times[0]);
     assert!((step - 1.0 / 240.0).abs() < 1e-4, "{step}");
     // Every third frame is missing.
-    let read = make(
+    let (times, clock) = make(
         "uneven.mkv",
         &[
             "-vf",
@@ -260,16 +260,11 @@ fn slow_motion_and_uneven_frames_keep_their_times() {
             "ffv1",
         ],
     );
-    let clock = read.clock.unwrap();
     assert!(
         clock.is_variable && clock.capture_fps.is_none(),
         "{clock:?}"
     );
-    let steps: Vec<f64> = read
-        .times_s
-        .windows(2)
-        .map(|w| w[1].unwrap() - w[0].unwrap())
-        .collect();
+    let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
     assert!(
         steps.iter().any(|s| (s - 1.0 / 30.0).abs() < 2e-3),
         "{steps:?}"

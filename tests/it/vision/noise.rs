@@ -2,12 +2,10 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use spindoe::image::{GrayImage, ImageView};
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
-use spindoe::vision::estimator::FrameImage;
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage, Prior,
-};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 use crate::common::ball::blur;
 
@@ -66,7 +64,7 @@ fn estimator() -> Estimator<spindoe::vision::NamedDetector> {
 }
 
 /// Confidences of the answers given.
-fn answers<'a>(images: impl Iterator<Item = FrameImage<'a>>) -> (usize, Vec<f64>) {
+fn answers<'a>(images: impl Iterator<Item = ImageView<'a>>) -> (usize, Vec<f64>) {
     let estimator = estimator();
     let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
     let (mut all, mut answered) = (0, Vec::new());
@@ -101,7 +99,7 @@ fn noise_is_refused() {
             images.extend((0..6).map(|_| noise(side, spectrum, &mut rng)));
         }
     }
-    let (all, answered) = answers(images.iter().map(FrameImage::from));
+    let (all, answered) = answers(images.iter().map(ImageView::from));
     assert_eq!(all, 120);
     assert!(answered.len() <= 1, "{answered:?}");
 }
@@ -116,7 +114,7 @@ fn rendered_noise_is_refused() {
     let frames: Vec<_> = (0..100)
         .map(|k| independent_frame(&pattern, &config, 151, k).expect("a frame"))
         .collect();
-    let (_, answered) = answers(frames.iter().map(|f| FrameImage::from(&f.image)));
+    let (_, answered) = answers(frames.iter().map(|f| ImageView::from(&f.image)));
     assert!(answered.len() <= 1, "{answered:?}");
     assert!(answered.iter().all(|c| *c < 0.9), "{answered:?}");
 }

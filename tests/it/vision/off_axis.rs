@@ -4,10 +4,11 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
+use spindoe::image::GrayImage;
 use spindoe::pattern::Pattern;
 use spindoe::vision::estimator::CameraModel;
 use spindoe::vision::{
-    BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, GrayImage,
+    BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior,
 };
 

@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+use spindoe::image::{DEFAULT_MAX_PIXELS, GrayImage, ImageView, Picture, RawPixel, RgbImage};
+use spindoe::source::grab::{Grabber, QUEUE, WhenFull, queue};
+use spindoe::source::pipe::{PipeFormat, PipeReader};
+use spindoe::source::{Frame, FrameSource};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig};
-use spindoe::vision::estimator::FrameImage;
-use spindoe::vision::grab::{Grabber, QUEUE, WhenFull};
-use spindoe::vision::pipe::{PipeFormat, PipeReader, RawPixel};
-use spindoe::vision::{GrayImage, RgbImage};
 
 fn images() -> Vec<RgbImage> {
     let pattern = crate::common::random_pattern(20, 5);
@@ -50,18 +50,19 @@ fn encoded(image: &RgbImage, format: image::ImageFormat) -> Vec<u8> {
     bytes.into_inner()
 }
 
-fn color(frame: Option<FrameImage<'_>>) -> RgbImage {
-    match frame {
-        Some(FrameImage::Color(color)) => color.clone(),
-        Some(FrameImage::Raw(raw)) if raw.pixel() != RawPixel::Gray => raw.to_rgb(),
+fn color(frame: Option<spindoe::Result<Frame>>) -> RgbImage {
+    let picture = frame.expect("a frame").unwrap().picture.unwrap();
+    match picture.view().unwrap() {
+        ImageView::Color(color) => color.clone(),
+        ImageView::Raw(raw) if raw.pixel() != RawPixel::Gray => raw.to_rgb(),
         other => panic!("expected a color image, found {other:?}"),
     }
 }
 
-fn gray(frame: Option<FrameImage<'_>>) -> GrayImage {
-    match frame {
-        Some(FrameImage::Gray(gray)) => gray.clone(),
-        Some(FrameImage::Raw(raw)) if raw.pixel() == RawPixel::Gray => raw.to_gray(),
+fn gray(frame: &Frame) -> GrayImage {
+    match frame.picture.as_ref().unwrap().view().unwrap() {
+        ImageView::Gray(gray) => gray.clone(),
+        ImageView::Raw(raw) if raw.pixel() == RawPixel::Gray => raw.to_gray(),
         other => panic!("expected a gray image, found {other:?}"),
     }
 }
@@ -75,17 +76,17 @@ fn image_files_follow_each_other() {
     for (image, format) in images.iter().zip(formats) {
         bytes.extend(encoded(image, format));
     }
-    let mut reader = PipeReader::new(&bytes[..], "pipe", PipeFormat::Images).unwrap();
+    let mut reader =
+        PipeReader::new(&bytes[..], "pipe", PipeFormat::Images, DEFAULT_MAX_PIXELS).unwrap();
     for (image, format) in images.iter().zip(formats) {
-        let found = color(reader.next_frame().unwrap());
+        let found = color(reader.frames().next());
         let expected = RgbImage::decode("x".as_ref(), &encoded(image, format)).unwrap();
         assert_eq!(found, expected);
         if format != Jpeg {
             assert_eq!(found, rounded(image));
         }
     }
-    assert!(reader.next_frame().unwrap().is_none());
-    assert_eq!(reader.frames(), 8);
+    assert!(reader.frames().next().is_none());
 }
 
 #[test]
@@ -97,35 +98,39 @@ fn raw_video_has_its_channels() {
         height: image.height(),
         pixel,
     };
-    let mut reader = PipeReader::new(&bytes[..], "pipe", raw(RawPixel::Rgb)).unwrap();
-    assert_eq!(color(reader.next_frame().unwrap()), rounded(image));
+    let mut reader =
+        PipeReader::new(&bytes[..], "pipe", raw(RawPixel::Rgb), DEFAULT_MAX_PIXELS).unwrap();
+    assert_eq!(color(reader.frames().next()), rounded(image));
     let swapped: Vec<u8> = bytes
         .chunks_exact(3)
         .flat_map(|c| [c[2], c[1], c[0]])
         .collect();
-    let mut reader = PipeReader::new(&swapped[..], "pipe", raw(RawPixel::Bgr)).unwrap();
-    assert_eq!(color(reader.next_frame().unwrap()), rounded(image));
-    let mut reader = PipeReader::new(&bytes[..], "pipe", raw(RawPixel::Gray)).unwrap();
+    let mut reader =
+        PipeReader::new(&swapped[..], "pipe", raw(RawPixel::Bgr), DEFAULT_MAX_PIXELS).unwrap();
+    assert_eq!(color(reader.frames().next()), rounded(image));
+    let mut reader =
+        PipeReader::new(&bytes[..], "pipe", raw(RawPixel::Gray), DEFAULT_MAX_PIXELS).unwrap();
     // Three times as many gray frames as colored ones.
     for third in bytes.chunks_exact(bytes.len() / 3) {
-        let found = gray(reader.next_frame().unwrap());
+        let found = gray(&reader.frames().next().expect("a frame").unwrap());
         for (value, byte) in found.values().iter().zip(third) {
             assert!((value - f32::from(*byte) / 255.0).abs() < 1e-6);
         }
     }
-    assert!(reader.next_frame().unwrap().is_none());
+    assert!(reader.frames().next().is_none());
 }
 
 #[test]
 fn pgm_of_both_depths() {
     let bytes = b"P5\n# a comment\n3 2\n255\n\x00\x33\xff\x80\x01\x02P5 2 1 1000\n\x03\xe8\x01\xf4";
-    let mut reader = PipeReader::new(&bytes[..], "pipe", PipeFormat::Images).unwrap();
-    let first = gray(reader.next_frame().unwrap());
+    let mut reader =
+        PipeReader::new(&bytes[..], "pipe", PipeFormat::Images, DEFAULT_MAX_PIXELS).unwrap();
+    let first = gray(&reader.frames().next().expect("a frame").unwrap());
     assert_eq!((first.width(), first.height()), (3, 2));
     assert!((first.values()[1] - 0.2).abs() < 1e-6);
-    let second = gray(reader.next_frame().unwrap());
+    let second = gray(&reader.frames().next().expect("a frame").unwrap());
     assert!((second.values()[0] - 1.0).abs() < 1e-6 && (second.values()[1] - 0.5).abs() < 1e-6);
-    assert!(reader.next_frame().unwrap().is_none());
+    assert!(reader.frames().next().is_none());
 }
 
 #[test]
@@ -140,9 +145,14 @@ fn broken_streams_are_errors() {
         for cut in [1, 5, 12, whole.len() / 2, whole.len() - 1] {
             let mut bytes = whole.clone();
             bytes.extend(&whole[..cut]);
-            let mut reader = PipeReader::new(&bytes[..], "pipe", PipeFormat::Images).unwrap();
-            assert!(reader.next_frame().unwrap().is_some());
-            let error = reader.next_frame().unwrap_err().to_string();
+            let mut reader =
+                PipeReader::new(&bytes[..], "pipe", PipeFormat::Images, DEFAULT_MAX_PIXELS)
+                    .unwrap();
+            assert!(reader.frames().next().unwrap().is_ok());
+            let error = reader
+                .next_frame(&mut Frame::default())
+                .unwrap_err()
+                .to_string();
             assert!(error.starts_with("pipe: frame 1: "), "{error}");
         }
     }
@@ -155,15 +165,16 @@ fn broken_streams_are_errors() {
         b"\x89PNG\r\n\x1a\n\xff\xff\xff\xffIHDR",
     ];
     for bytes in refused {
-        let mut reader = PipeReader::new(bytes, "pipe", PipeFormat::Images).unwrap();
-        assert!(reader.next_frame().is_err(), "{bytes:?}");
+        let mut reader =
+            PipeReader::new(bytes, "pipe", PipeFormat::Images, DEFAULT_MAX_PIXELS).unwrap();
+        assert!(reader.frames().all(|frame| frame.is_err()), "{bytes:?}");
     }
     let none = PipeFormat::Raw {
         width: 0,
         height: 4,
         pixel: RawPixel::Gray,
     };
-    assert!(PipeReader::new(&b""[..], "pipe", none).is_err());
+    assert!(PipeReader::new(&b""[..], "pipe", none, DEFAULT_MAX_PIXELS).is_err());
 }
 
 /// Every frame is answered before the next one is sent.
@@ -275,12 +286,13 @@ fn grabber(ms: u64, frames: u8, when_full: WhenFull) -> (Grabber, Arc<Mutex<Vec<
         sent: Vec::new(),
         done: Arc::clone(&done),
     };
-    let reader = PipeReader::new(BufReader::new(camera), "camera", SMALL).unwrap();
+    let reader =
+        PipeReader::new(BufReader::new(camera), "camera", SMALL, DEFAULT_MAX_PIXELS).unwrap();
     (Grabber::start(reader, when_full).unwrap(), done)
 }
 
-fn number_in(image: FrameImage<'_>) -> u64 {
-    let value = gray(Some(image)).values()[0];
+fn number_in(frame: &Frame) -> u64 {
+    let value = gray(frame).values()[0];
     (255.0 * value).round() as u64
 }
 
@@ -288,8 +300,9 @@ fn number_in(image: FrameImage<'_>) -> u64 {
 fn frames_have_the_time_of_their_arrival_however_slowly_they_are_looked_at() {
     let (mut grabber, done) = grabber(4, 60, WhenFull::DropOldest);
     let (mut stamps, mut last) = (Vec::new(), None);
-    while let Some(frame) = grabber.next_frame().unwrap() {
-        assert_eq!(number_in(frame.image), frame.number);
+    let mut frame = Frame::default();
+    while grabber.next_frame(&mut frame).unwrap() {
+        assert_eq!(number_in(&frame), frame.number);
         assert!(last.is_none_or(|last| last < frame.number));
         last = Some(frame.number);
         stamps.push((frame.number, frame.arrived));
@@ -319,8 +332,8 @@ fn frames_have_the_time_of_their_arrival_however_slowly_they_are_looked_at() {
 fn a_camera_that_waits_loses_no_frame() {
     let (mut grabber, done) = grabber(0, 40, WhenFull::Wait);
     for expected in 0..40 {
-        let frame = grabber.next_frame().unwrap().expect("a frame");
-        assert_eq!((frame.number, number_in(frame.image)), (expected, expected));
+        let frame = grabber.frames().next().expect("a frame").unwrap();
+        assert_eq!((frame.number, number_in(&frame)), (expected, expected));
         if expected == 20 {
             std::thread::sleep(Duration::from_millis(50));
             // The queue, the frame in hand, one before the queue, and what the reader has in advance.
@@ -329,25 +342,67 @@ fn a_camera_that_waits_loses_no_frame() {
             assert!(ahead <= 21 + QUEUE + 2 + advance, "{ahead}");
         }
     }
-    assert!(grabber.next_frame().unwrap().is_none());
-    assert!(grabber.next_frame().unwrap().is_none());
+    assert!(grabber.frames().next().is_none());
+    assert!(grabber.frames().next().is_none());
     assert_eq!(grabber.dropped(), 0);
 }
 
 #[test]
 fn what_came_before_a_broken_frame_is_handed_out() {
     let bytes = std::io::Cursor::new(vec![7u8; 2 * PIXELS + 3]);
-    let reader = PipeReader::new(bytes, "camera", SMALL).unwrap();
+    let reader = PipeReader::new(bytes, "camera", SMALL, DEFAULT_MAX_PIXELS).unwrap();
     let mut grabber = Grabber::start(reader, WhenFull::Wait).unwrap();
     for _ in 0..2 {
-        assert_eq!(
-            number_in(grabber.next_frame().unwrap().expect("a frame").image),
-            7
-        );
+        let frame = grabber.frames().next().expect("a frame").unwrap();
+        assert_eq!(number_in(&frame), 7);
     }
-    let error = grabber.next_frame().unwrap_err().to_string();
+    let error = grabber
+        .next_frame(&mut Frame::default())
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("camera: frame 2"), "{error}");
-    assert!(grabber.next_frame().unwrap().is_none());
+    assert!(grabber.frames().next().is_none());
+}
+
+#[test]
+fn a_camera_that_calls_back_pushes_its_frames() {
+    let (mut pusher, mut grabber) = queue(WhenFull::DropOldest);
+    let camera = std::thread::spawn(move || {
+        for value in 0..20u8 {
+            let heard = pusher.push(|picture| {
+                *picture = Picture::Bytes {
+                    width: 2,
+                    height: 1,
+                    pixel: RawPixel::Gray,
+                    values: vec![value; 2],
+                };
+            });
+            assert!(heard);
+        }
+        pusher
+    });
+    let mut pusher = camera.join().unwrap();
+    // Nobody looked: the newest are left.
+    let frames: Vec<Frame> = grabber.frames().take(QUEUE).map(Result::unwrap).collect();
+    assert_eq!(grabber.dropped(), 20 - QUEUE as u64);
+    for (frame, expected) in frames.iter().zip(20 - QUEUE as u64..) {
+        assert_eq!((frame.number, number_in(frame)), (expected, expected));
+    }
+    let times: Vec<f64> = frames.iter().map(|f| f.time_s.unwrap()).collect();
+    assert!(times[0] > 0.0 && times.is_sorted());
+    // A picture that was not written is one without pixels, and no ball is in it.
+    assert!(pusher.push(|picture| *picture = Picture::default()));
+    let empty = grabber.frames().next().unwrap().unwrap();
+    assert_eq!(gray(&empty).values().len(), 0);
+    drop(grabber);
+    assert!(!pusher.push(|_| ()));
+}
+
+#[test]
+fn the_end_of_a_camera_is_the_end_of_its_frames() {
+    let (pusher, mut grabber) = queue(WhenFull::Wait);
+    drop(pusher);
+    assert!(grabber.frames().next().is_none());
 }
 
 /// Frames every 20 ms, without a rate: the spin follows from when they came.

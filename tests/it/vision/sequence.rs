@@ -5,14 +5,15 @@ use nalgebra::{Matrix2, Matrix3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
+use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::recognize::Hint;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence, independent_frame};
 use spindoe::vision::detect::DotDetection;
 use spindoe::vision::estimator::{
-    FrameImage, Outline, Pose, SequenceConfig, SequenceView, estimate_sequence, estimate_spin,
-    frames_in_doubt, second_pass,
+    Outline, Pose, SequenceConfig, SequenceView, estimate_sequence, estimate_spin, frames_in_doubt,
+    second_pass,
 };
 use spindoe::vision::{
     BallCircle, BallView, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
@@ -234,7 +235,7 @@ fn the_spin_is_as_well_known_as_its_covariance_says() {
         let rendered = (0..8).map(|k| sequence.frame(k).expect("a frame"));
         let rendered: Vec<_> = rendered.collect();
         let times: Vec<f64> = rendered.iter().filter_map(|f| f.truth.time_s).collect();
-        let images: Vec<FrameImage<'_>> = rendered.iter().map(|f| (&f.image).into()).collect();
+        let images: Vec<ImageView<'_>> = rendered.iter().map(|f| (&f.image).into()).collect();
         let (frames, _) = estimate_sequence(&estimator, &config, &times, &images);
         let Ok(fit) = estimate_spin(&config, &times, &frames) else {
             continue;
@@ -283,7 +284,7 @@ fn the_spin_of_a_ball_that_crosses_the_picture_is_as_well_known_as_its_covarianc
             .map(|k| sequence.frame(k).expect("a frame"))
             .collect();
         let times: Vec<f64> = rendered.iter().filter_map(|f| f.truth.time_s).collect();
-        let images: Vec<FrameImage<'_>> = rendered.iter().map(|f| (&f.image).into()).collect();
+        let images: Vec<ImageView<'_>> = rendered.iter().map(|f| (&f.image).into()).collect();
         let (frames, _) = estimate_sequence(&estimator, &config, &times, &images);
         let Ok(fit) = estimate_spin(&config, &times, &frames) else {
             continue;

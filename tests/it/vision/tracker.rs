@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use spindoe::geometry::{Vec3, rotation_angle};
+use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::spin::robust::RobustEstimator;
 use spindoe::spin::shared::SharedError;
@@ -10,7 +11,7 @@ use spindoe::spin::{Measurement, SpinRejection};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig};
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
-use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector, RgbImage};
+use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector};
 
 const SPIN: Vec3 = Vec3::new(40.0, 150.0, -60.0);
 

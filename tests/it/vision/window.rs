@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use spindoe::geometry::Rotation;
+use spindoe::image::{RawImage, RawPixel, RgbImage, Roi};
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{FrameTruth, Sequence, SequenceConfig as SynthSequence};
@@ -12,8 +13,7 @@ use spindoe::vision::estimator::{
 };
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    FrameRejection, Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior, RawImage, RawPixel,
-    RgbImage, Roi,
+    FrameRejection, Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior,
 };
 
 const SIZE: [usize; 2] = [800, 600];
@@ -283,7 +283,7 @@ fn a_region_gives_the_frames_pixels_and_is_within_the_frame() {
     let known = Estimator::new(&clip.pattern, settings, detector).unwrap();
     for estimator in [estimator(&clip.pattern), known] {
         let (mut ws, mut part) = (estimator.workspace(), FrameEstimate::default());
-        let roi = Roi::around(&outline(truth), 2.5, SIZE[0], SIZE[1]).unwrap();
+        let roi = outline(truth).region(2.5, SIZE[0], SIZE[1]).unwrap();
         let within = Prior {
             region: Some(roi),
             ..Prior::default()
@@ -562,7 +562,7 @@ fn the_command_looks_where_it_is_asked_to() {
         serde_json::from_str(&text).unwrap()
     };
     let truth = outline(&clip.frames[0].1);
-    let roi = Roi::around(&truth, 2.5, SIZE[0], SIZE[1]).unwrap();
+    let roi = truth.region(2.5, SIZE[0], SIZE[1]).unwrap();
     let roi = format!("{},{},{},{}", roi.left, roi.top, roi.width, roi.height);
     let found = json(&["--roi", &roi, "--outline", "edges"]);
     for (frame, (_, truth)) in found["frames"].as_array().unwrap().iter().zip(&clip.frames) {

@@ -6,8 +6,8 @@
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use super::{CORRELATED, Edge, LAST_REACH, RAYS, TUKEY, Unrolled};
+use crate::image::GrayImage;
 use crate::vision::circle::{BallFit, Polarity};
-use crate::vision::image::GrayImage;
 
 /// Reach of Tukey's biweight in the successive fits, in radii.
 const REACH: [f64; 3] = [0.16, 0.08, 0.05];

@@ -13,13 +13,14 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spindoe::Result;
 use spindoe::geometry::Rotation;
+use spindoe::image::RgbImage;
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion};
 use spindoe::vision::estimator::{PoseEvidence, TrustMap};
 use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior, RgbImage,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };
 use spindoe_studies::noise::NoiseField;
 use spindoe_studies::pictures::pictures;

@@ -3,12 +3,24 @@
 //! Gray is the luma of ITU-R BT.709, `0.2126 R + 0.7152 G + 0.0722 B`, of the values as stored
 //! (without undoing the gamma curve: the detector is trained on what cameras store). Transparent
 //! pixels are laid on black.
+//!
+//! Four shapes: [`GrayImage`] and [`RgbImage`] have values in [0, 1]; [`RawImage`] is a view of a camera's
+//! bytes; [`Picture`] owns what was read, and [`ImageView`] is any of them.
+
+mod picture;
+mod raw;
+mod roi;
+mod view;
 
 use std::path::Path;
 
-use image::{ImageFormat, imageops};
+use ::image::{ImageFormat, imageops};
 
-use super::picture::{DEFAULT_MAX_PIXELS, Picture};
+pub use picture::{DEFAULT_MAX_PIXELS, Picture};
+pub use raw::{RawImage, RawPixel};
+pub use roi::Roi;
+pub use view::ImageView;
+
 use crate::error::{Error, Result};
 use crate::files;
 
@@ -281,8 +293,8 @@ impl RgbImage {
         Self::new(width, height, values.collect())
     }
 
-    fn to_buffer(&self) -> Result<image::RgbImage> {
-        image::RgbImage::from_raw(self.width as u32, self.height as u32, self.to_bytes())
+    fn to_buffer(&self) -> Result<::image::RgbImage> {
+        ::image::RgbImage::from_raw(self.width as u32, self.height as u32, self.to_bytes())
             .ok_or_else(|| Error::Internal("an image lacks pixels".into()))
     }
 

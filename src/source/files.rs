@@ -1,19 +1,19 @@
-//! Images from files, folders and videos, in the order in which they were taken.
+//! The files that hold frames: images, folders of them and videos, in the order in which they were taken.
 //!
 //! Folders are read for files with the extension of an image. Names are sorted by number and not by
 //! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images
 //! and videos whose metadata says that the camera was rotated are rotated upright. Times: a file's
 //! stem as an integer is nanoseconds (SpinDOE's convention); a video's frames have the container's
-//! own time stamps, even or not; [`frame_table`](super::frame_table) reads others from a table.
+//! own time stamps, even or not; [`frame_table`](crate::vision::frame_table) reads others from a table.
 //! [`video`](super::video) reads the frames of videos.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
-use super::picture::Picture;
-pub use super::video::VideoClock;
-use super::video::read_video;
+use super::video::VideoSource;
+use super::{Frame, FrameSource};
 use crate::error::{Error, Result};
+use crate::image::Picture;
 
 /// Endings of image files, lower case.
 const IMAGES: [&str; 10] = [
@@ -95,30 +95,6 @@ pub enum Source {
     Image(PathBuf),
     /// A video.
     Video(PathBuf),
-}
-
-/// A frame as read.
-#[derive(Debug)]
-pub struct InputFrame {
-    /// The file's stem, or the video's with the frame's number.
-    pub name: String,
-    /// The file; a video's frame is named as if it were a file beside the video.
-    pub path: PathBuf,
-    /// Seconds, where the name says it.
-    pub time_s: Option<f64>,
-    /// The picture, or why the file is none.
-    pub picture: Result<Picture>,
-}
-
-/// The times of a source's frames.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct SourceTimes {
-    /// One a frame, seconds; empty for an image.
-    pub times_s: Vec<Option<f64>>,
-    /// The clock of a video.
-    pub clock: Option<VideoClock>,
-    /// Why a video ends early, where it does.
-    pub cut_short: Option<String>,
 }
 
 /// Files in a folder that are no images, which are passed over.
@@ -215,33 +191,47 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
     ending.is_some_and(|e| endings.contains(&e.as_str()))
 }
 
-pub(super) fn stem(path: &Path) -> String {
+pub(crate) fn stem(path: &Path) -> String {
     path.file_stem()
         .map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
-/// Passes the frames of a source on one by one, pictures of up to `max_pixels` pixels. A file that
-/// is no image comes as a frame with the reason. A video's times are known at its end only: they
-/// are returned.
+/// The frames of a source, pictures of up to `max_pixels` pixels. A file that is no image comes as a frame with the
+/// reason.
 ///
 /// # Errors
-/// Those of reading a video, and of `visit`.
-pub fn read_frames(
-    source: &Source,
+/// [`Error::Input`] where a video cannot be decoded since `ffmpeg` is not there.
+pub fn open(source: &Source, max_pixels: u64) -> Result<Box<dyn FrameSource + Send>> {
+    Ok(match source {
+        Source::Image(path) => Box::new(ImageFile {
+            path: path.clone(),
+            max_pixels,
+            is_read: false,
+        }),
+        Source::Video(path) => Box::new(VideoSource::open(path, max_pixels)?),
+    })
+}
+
+/// One image.
+struct ImageFile {
+    path: PathBuf,
     max_pixels: u64,
-    visit: &mut dyn FnMut(InputFrame) -> Result<()>,
-) -> Result<SourceTimes> {
-    match source {
-        Source::Image(path) => {
-            let name = stem(path);
-            visit(InputFrame {
-                time_s: time_of_stem(&name),
-                name,
-                path: path.clone(),
-                picture: Picture::read(path, max_pixels),
-            })?;
-            Ok(SourceTimes::default())
+    is_read: bool,
+}
+
+impl FrameSource for ImageFile {
+    fn next_frame(&mut self, frame: &mut Frame) -> Result<bool> {
+        if std::mem::replace(&mut self.is_read, true) {
+            return Ok(false);
         }
-        Source::Video(path) => read_video(path, max_pixels, visit),
+        let name = stem(&self.path);
+        *frame = Frame {
+            time_s: time_of_stem(&name),
+            name,
+            path: self.path.clone(),
+            picture: Picture::read(&self.path, self.max_pixels),
+            ..Frame::default()
+        };
+        Ok(true)
     }
 }

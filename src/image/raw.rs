@@ -3,8 +3,7 @@
 //! A frame of 1280 x 1024 has 1.3 million pixels, a ball of 60 px some 3 thousand. A [`RawImage`] is a
 //! view of the bytes: whoever knows where the ball is converts its surroundings and nothing else.
 
-use super::image::{GrayImage, RgbImage, luma};
-use super::roi::Roi;
+use super::{GrayImage, RgbImage, Roi, luma};
 use crate::error::{Error, Result};
 
 /// The bytes of a raw pixel.
@@ -117,7 +116,7 @@ impl<'a> RawImage<'a> {
     }
 
     /// The luma of a part of the image.
-    pub(super) fn gray_into(&self, part: &Roi, out: &mut GrayImage) {
+    pub(crate) fn gray_into(&self, part: &Roi, out: &mut GrayImage) {
         out.fill_rows(part.width, part.height, |v, values| {
             let row = self.row(part.top + v, part.left, part.width);
             match self.pixel {
@@ -128,7 +127,7 @@ impl<'a> RawImage<'a> {
     }
 
     /// The colors of a part of the image.
-    pub(super) fn color_into(&self, part: &Roi, out: &mut RgbImage) {
+    pub(crate) fn color_into(&self, part: &Roi, out: &mut RgbImage) {
         out.fill_rows(part.width, part.height, |v, values| {
             let row = self.row(part.top + v, part.left, part.width);
             match self.pixel {
@@ -139,7 +138,7 @@ impl<'a> RawImage<'a> {
     }
 
     /// The color of a pixel.
-    pub(super) fn color_at(&self, u: usize, v: usize) -> [f32; 3] {
+    pub(crate) fn color_at(&self, u: usize, v: usize) -> [f32; 3] {
         let bytes = self.row(v, u, 1);
         match self.pixel {
             RawPixel::Gray => [unit(bytes[0]); 3],
@@ -156,7 +155,7 @@ impl<'a> RawImage<'a> {
     }
 
     /// Adds the luma of a row's pixels, from the column `left`, to the cells of `1 << level` pixels.
-    pub(super) fn add_row(&self, v: usize, left: usize, level: u32, sums: &mut [f32]) {
+    pub(crate) fn add_row(&self, v: usize, left: usize, level: u32, sums: &mut [f32]) {
         let side = 1 << level;
         let row = self.row(v, left, sums.len() * side);
         match self.pixel {

@@ -1,5 +1,5 @@
-//! Pictures as they wait to be estimated: 8 bits a color where the file has no more, a quarter of
-//! what the estimator works on.
+//! Images that own their memory: 8 bits a channel where the file has no more, a quarter of what the
+//! estimator works on.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -7,50 +7,37 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
-use super::image::RgbImage;
-use super::raw::{RawImage, RawPixel};
+use super::{GrayImage, ImageView, RawImage, RawPixel, RgbImage};
 use crate::error::{Error, Result};
 use crate::files;
 
 /// Maximum number of pixels of a picture by default: more than any camera's but a few phones'.
 pub const DEFAULT_MAX_PIXELS: u64 = 64_000_000;
 
-/// A picture.
+/// An image that owns its memory.
 #[derive(Debug, Clone)]
 pub enum Picture {
-    /// 8 bits a color.
-    Bytes(RgbBytes),
-    /// More, or transparent.
-    Deep(RgbImage),
+    /// 8 bits a channel.
+    Bytes {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// What the bytes of a pixel mean.
+        pixel: RawPixel,
+        /// Row after row from the top, without gaps.
+        values: Vec<u8>,
+    },
+    /// More than 8 bits, gray.
+    Gray(GrayImage),
+    /// More than 8 bits, or transparent.
+    Color(RgbImage),
 }
 
-/// A picture of 8 bits a color: red, green, blue, row after row from the top.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct RgbBytes {
-    width: usize,
-    height: usize,
-    values: Vec<u8>,
-}
-
-impl RgbBytes {
-    /// A picture of the given bytes.
-    ///
-    /// # Errors
-    /// [`Error::Argument`] where there are not `3 width height` bytes, or none.
-    pub fn new(width: usize, height: usize, values: Vec<u8>) -> Result<Self> {
-        let expected = width.checked_mul(height).and_then(|n| n.checked_mul(3));
-        if width == 0 || height == 0 || Some(values.len()) != expected {
-            let problem = format!(
-                "expected 3 x {width} x {height} bytes, at least one color, found {}",
-                values.len()
-            );
-            return Err(Error::argument("image", problem));
-        }
-        Ok(Self {
-            width,
-            height,
-            values,
-        })
+impl Default for Picture {
+    /// A picture without pixels.
+    fn default() -> Self {
+        Self::Gray(GrayImage::default())
     }
 }
 
@@ -118,57 +105,57 @@ impl Picture {
         decoded.apply_orientation(orientation);
         let size = [decoded.width() as usize, decoded.height() as usize];
         match decoded {
-            DynamicImage::ImageRgb8(image) => Self::of_bytes(size, image.into_raw()),
-            DynamicImage::ImageLuma8(image) => {
-                let values = image.into_raw().into_iter().flat_map(|l| [l; 3]);
-                Self::of_bytes(size, values.collect())
-            }
-            deep => deep_image(&deep).map(Self::Deep),
+            DynamicImage::ImageRgb8(image) => Self::of(size, RawPixel::Rgb, image.into_raw()),
+            DynamicImage::ImageLuma8(image) => Self::of(size, RawPixel::Gray, image.into_raw()),
+            deep => deep_image(&deep).map(Self::Color),
         }
         .map_err(|e| reject(e.to_string()))
     }
 
-    fn of_bytes([width, height]: [usize; 2], values: Vec<u8>) -> Result<Self> {
-        RgbBytes::new(width, height, values).map(Self::Bytes)
+    fn of([width, height]: [usize; 2], pixel: RawPixel, values: Vec<u8>) -> Result<Self> {
+        RawImage::new(width, height, pixel, &values)?;
+        Ok(Self::Bytes {
+            width,
+            height,
+            pixel,
+            values,
+        })
     }
 
-    /// Columns.
-    pub fn width(&self) -> usize {
-        match self {
-            Self::Bytes(bytes) => bytes.width,
-            Self::Deep(image) => image.width(),
-        }
-    }
-
-    /// Rows.
-    pub fn height(&self) -> usize {
-        match self {
-            Self::Bytes(bytes) => bytes.height,
-            Self::Deep(image) => image.height(),
-        }
-    }
-
-    /// The bytes, where the picture has no more than 8 bits a color.
-    pub fn bytes(&self) -> Option<RawImage<'_>> {
-        match self {
-            Self::Bytes(b) => RawImage::new(b.width, b.height, RawPixel::Rgb, &b.values).ok(),
-            Self::Deep(_) => None,
-        }
-    }
-
-    /// The colors, as the estimator takes them.
+    /// The image.
     ///
     /// # Errors
-    /// [`Error::Internal`] where a picture lacks colors.
-    pub fn to_rgb(&self) -> Result<Cow<'_, RgbImage>> {
+    /// [`Error::Argument`] where there are not as many bytes as the pixels have, or none.
+    pub fn view(&self) -> Result<ImageView<'_>> {
         match self {
-            Self::Deep(image) => Ok(Cow::Borrowed(image)),
-            Self::Bytes(bytes) => {
-                let colors = bytes.values.chunks_exact(3);
-                let colors = colors.map(|c| [c[0], c[1], c[2]].map(|x| f32::from(x) / 255.0));
-                RgbImage::new(bytes.width, bytes.height, colors.collect()).map(Cow::Owned)
-            }
+            Self::Bytes {
+                width,
+                height,
+                pixel,
+                values,
+            } => RawImage::new(*width, *height, *pixel, values).map(ImageView::Raw),
+            Self::Gray(image) => Ok(ImageView::Gray(image)),
+            Self::Color(image) => Ok(ImageView::Color(image)),
         }
+    }
+
+    /// The colors; where it has none, its gray thrice.
+    ///
+    /// # Errors
+    /// As [`Picture::view`].
+    pub fn to_rgb(&self) -> Result<Cow<'_, RgbImage>> {
+        Ok(match self.view()? {
+            ImageView::Raw(image) => Cow::Owned(image.to_rgb()),
+            ImageView::Gray(image) => {
+                let colors = image.values().iter().map(|gray| [*gray; 3]);
+                Cow::Owned(RgbImage::new(
+                    image.width(),
+                    image.height(),
+                    colors.collect(),
+                )?)
+            }
+            ImageView::Color(image) => Cow::Borrowed(image),
+        })
     }
 
     /// The picture as a mirror shows it: left and right exchanged.
@@ -177,21 +164,36 @@ impl Picture {
     /// [`Error::Internal`] where a picture lacks colors.
     pub fn mirrored(mut self) -> Result<Self> {
         match &mut self {
-            Self::Bytes(bytes) => {
-                for row in bytes.values.chunks_exact_mut(3 * bytes.width) {
-                    for (left, right) in (0..bytes.width / 2).map(|u| (u, bytes.width - 1 - u)) {
-                        (0..3).for_each(|c| row.swap(3 * left + c, 3 * right + c));
+            Self::Bytes {
+                width,
+                pixel,
+                values,
+                ..
+            } => {
+                let bytes = pixel.bytes();
+                for row in values.chunks_exact_mut((bytes * *width).max(1)) {
+                    for (left, right) in (0..*width / 2).map(|u| (u, *width - 1 - u)) {
+                        (0..bytes).for_each(|c| row.swap(bytes * left + c, bytes * right + c));
                     }
                 }
                 Ok(self)
             }
-            Self::Deep(image) => {
-                let rows = image.values().chunks_exact(image.width());
-                let values = rows.flat_map(|row| row.iter().rev().copied()).collect();
-                RgbImage::new(image.width(), image.height(), values).map(Self::Deep)
+            Self::Gray(image) => {
+                let values = reversed(image.values(), image.width());
+                GrayImage::new(image.width(), image.height(), values).map(Self::Gray)
+            }
+            Self::Color(image) => {
+                let values = reversed(image.values(), image.width());
+                RgbImage::new(image.width(), image.height(), values).map(Self::Color)
             }
         }
     }
+}
+
+/// Rows from right to left.
+fn reversed<T: Copy>(values: &[T], width: usize) -> Vec<T> {
+    let rows = values.chunks_exact(width.max(1));
+    rows.flat_map(|row| row.iter().rev().copied()).collect()
 }
 
 /// Colors of any depth; transparent ones lie on black.
@@ -212,19 +214,28 @@ mod tests {
 
     fn picture() -> Picture {
         let values = (0..18).map(|x| x * 10).collect();
-        Picture::Bytes(RgbBytes::new(3, 2, values).unwrap())
+        Picture::of([3, 2], RawPixel::Rgb, values).unwrap()
     }
 
     #[test]
     fn bytes_and_colors_agree() {
         let rgb = picture().to_rgb().unwrap().into_owned();
         assert_eq!(rgb.values()[1], [30.0, 40.0, 50.0].map(|x| x / 255.0));
-        assert_eq!(picture().bytes().unwrap().to_rgb(), rgb);
-        let deep = Picture::Deep(rgb).mirrored().unwrap();
+        let deep = Picture::Color(rgb).mirrored().unwrap();
         let bytes = picture().mirrored().unwrap();
         assert_eq!(deep.to_rgb().unwrap(), bytes.to_rgb().unwrap());
         let values = bytes.to_rgb().unwrap().values().to_vec();
         assert_eq!(values[0], [60.0, 70.0, 80.0].map(|x| x / 255.0));
+    }
+
+    #[test]
+    fn gray_of_any_depth_agrees() {
+        let bytes = Picture::of([3, 2], RawPixel::Gray, (0..6).map(|x| x * 51).collect()).unwrap();
+        let values = (0..6u8).map(|x| f32::from(x * 51) / 255.0).collect();
+        let deep = Picture::Gray(GrayImage::new(3, 2, values).unwrap());
+        assert_eq!(bytes.to_rgb().unwrap(), deep.to_rgb().unwrap());
+        let (bytes, deep) = (bytes.mirrored().unwrap(), deep.mirrored().unwrap());
+        assert_eq!(bytes.to_rgb().unwrap(), deep.to_rgb().unwrap());
     }
 
     #[test]
@@ -234,7 +245,7 @@ mod tests {
         let path = dir.path().join("a.png");
         rgb.write_png(&path).unwrap();
         let read = Picture::read(&path, 6).unwrap();
-        assert!(matches!(read, Picture::Bytes(_)));
+        assert!(matches!(read, Picture::Bytes { .. }));
         assert_eq!(*read.to_rgb().unwrap(), RgbImage::read(&path).unwrap());
         let error = Picture::read(&path, 5).unwrap_err().to_string();
         assert!(error.contains("at most 5 pixels, found 3 x 2"), "{error}");

@@ -1,0 +1,150 @@
+//! An image as it is there: gray, in colors, or the bytes of a camera.
+
+use super::{GrayImage, RawImage, RawPixel, RgbImage, Roi, luma};
+
+/// A frame as it comes from the camera.
+#[derive(Debug, Clone, Copy)]
+pub enum ImageView<'a> {
+    /// Brightness alone.
+    Gray(&'a GrayImage),
+    /// Colors: where brightness does not show the ball's outline, they may.
+    Color(&'a RgbImage),
+    /// Bytes as they came: what is not looked at is not converted.
+    Raw(RawImage<'a>),
+}
+
+impl ImageView<'_> {
+    /// Columns.
+    pub fn width(&self) -> usize {
+        match self {
+            Self::Gray(image) => image.width(),
+            Self::Color(image) => image.width(),
+            Self::Raw(image) => image.width(),
+        }
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        match self {
+            Self::Gray(image) => image.height(),
+            Self::Color(image) => image.height(),
+            Self::Raw(image) => image.height(),
+        }
+    }
+
+    /// A part of it, in colors where it has some, copied into the memory at hand.
+    pub(crate) fn part<'b>(
+        &self,
+        part: &Roi,
+        gray: &'b mut GrayImage,
+        color: &'b mut RgbImage,
+    ) -> ImageView<'b> {
+        let Roi {
+            left,
+            top,
+            width,
+            height,
+        } = *part;
+        match self {
+            Self::Gray(image) => gray.fill_rows(width, height, |v, values| {
+                values.extend_from_slice(image.row(top + v, left, width));
+            }),
+            Self::Color(image) => {
+                color.fill_rows(width, height, |v, values| {
+                    values.extend_from_slice(image.row(top + v, left, width));
+                });
+                return ImageView::Color(color);
+            }
+            Self::Raw(image) if image.pixel() == RawPixel::Gray => image.gray_into(part, gray),
+            Self::Raw(image) => {
+                image.color_into(part, color);
+                return ImageView::Color(color);
+            }
+        }
+        ImageView::Gray(gray)
+    }
+
+    /// A part of it in gray, each value the mean of a square of `2^level` pixels; what does not fill a square at the
+    /// right and at the bottom is left out.
+    pub(crate) fn shrink_into(&self, part: &Roi, level: u32, out: &mut GrayImage) {
+        let side = 1usize << level;
+        let (width, height) = (part.width >> level, part.height >> level);
+        let area = 1.0 / (side * side) as f32;
+        out.fill_rows(width, height, |v, values| {
+            let from = values.len();
+            values.resize(from + width, 0.0);
+            let sums = &mut values[from..];
+            for k in 0..side {
+                let row = part.top + side * v + k;
+                match self {
+                    Self::Gray(image) => {
+                        let row = image.row(row, part.left, width * side);
+                        for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
+                            *sum += cell.iter().sum::<f32>();
+                        }
+                    }
+                    Self::Color(image) => {
+                        let row = image.row(row, part.left, width * side);
+                        for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
+                            *sum += cell.iter().map(|c| luma(*c)).sum::<f32>();
+                        }
+                    }
+                    Self::Raw(image) => image.add_row(row, part.left, level, sums),
+                }
+            }
+            sums.iter_mut().for_each(|sum| *sum *= area);
+        });
+    }
+
+    /// A part of it, each value the mean of a square of `2^level` pixels, in colors where it has some, written into the
+    /// memory at hand.
+    pub(crate) fn shrunk<'b>(
+        &self,
+        part: &Roi,
+        level: u32,
+        gray: &'b mut GrayImage,
+        color: &'b mut RgbImage,
+    ) -> ImageView<'b> {
+        let side = 1usize << level;
+        let area = 1.0 / (side * side) as f32;
+        let color_at: &dyn Fn(usize, usize) -> [f32; 3] = match self {
+            Self::Color(image) => &|u, v| image.row(v, u, 1)[0],
+            Self::Raw(image) if image.pixel() != RawPixel::Gray => &|u, v| image.color_at(u, v),
+            Self::Raw(_) | Self::Gray(_) => {
+                self.shrink_into(part, level, gray);
+                return ImageView::Gray(gray);
+            }
+        };
+        let (width, height) = (part.width >> level, part.height >> level);
+        color.fill_rows(width, height, |v, values| {
+            values.extend((0..width).map(|u| {
+                let mut sum = [0.0; 3];
+                for cell in 0..side * side {
+                    let left = part.left + side * u + cell % side;
+                    let found = color_at(left, part.top + side * v + cell / side);
+                    (0..3).for_each(|c| sum[c] += found[c]);
+                }
+                sum.map(|s| s * area)
+            }));
+        });
+        ImageView::Color(color)
+    }
+}
+
+impl<'a> From<RawImage<'a>> for ImageView<'a> {
+    fn from(image: RawImage<'a>) -> Self {
+        Self::Raw(image)
+    }
+}
+
+impl<'a> From<&'a GrayImage> for ImageView<'a> {
+    fn from(image: &'a GrayImage) -> Self {
+        Self::Gray(image)
+    }
+}
+
+impl<'a> From<&'a RgbImage> for ImageView<'a> {
+    fn from(image: &'a RgbImage) -> Self {
+        Self::Color(image)
+    }
+}
