@@ -83,6 +83,7 @@ fn estimate(path: &Path) {
             path: PathBuf::new(),
             time_s: Some(k as f64 / 350.0),
             estimate,
+            size: None,
             unreadable: None,
             kept: (),
         }

@@ -1,5 +1,7 @@
 //! The output of `spindoe estimate`.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Matrix3;
 use serde_json::{Value, json};
 
@@ -161,6 +163,27 @@ impl<'a> Report<'a> {
         json
     }
 
+    /// The frames of another size than most: one camera's have all the same.
+    fn size_words(&self) -> Option<String> {
+        let mut counts = BTreeMap::new();
+        for size in self.batch.frames.iter().filter_map(|f| f.size) {
+            *counts.entry(size).or_insert(0) += 1;
+        }
+        let usual = *counts.iter().max_by_key(|(_, count)| **count)?.0;
+        let is_other = |f: &&BatchFrame<_>| f.size.is_some_and(|size| size != usual);
+        let others: Vec<_> = self.batch.frames.iter().filter(is_other).collect();
+        let [first, ..] = others[..] else {
+            return None;
+        };
+        let ([width, height], [columns, rows]) = (first.size?, usual);
+        Some(format!(
+            "warning: {} of {} frames are not of {columns} x {rows} pixels as most are, the first of them {} ({width} x {height})",
+            others.len(),
+            self.batch.frames.len(),
+            shown(&first.name),
+        ))
+    }
+
     /// Where the times came from, and what is to be done where they are missing or doubtful.
     fn times_words(&self) -> Option<String> {
         let count = self.batch.frames.len();
@@ -264,6 +287,9 @@ impl<'a> Report<'a> {
                 path.display(),
                 shown(why)
             );
+        }
+        if let Some(words) = self.size_words() {
+            errln!("{words}");
         }
         for shown in &self.batch.frames {
             if let Some(why) = &shown.unreadable {

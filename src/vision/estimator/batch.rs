@@ -158,6 +158,8 @@ pub struct BatchFrame<K> {
     pub time_s: Option<f64>,
     /// What was estimated.
     pub estimate: FrameEstimate,
+    /// Columns and rows of its picture; none where the file cannot be read.
+    pub size: Option<[usize; 2]>,
     /// Why the file cannot be read, where it cannot: one line that names it.
     pub unreadable: Option<String>,
     /// What the observer kept.
@@ -358,6 +360,7 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
             path: frame.path,
             time_s: frame.time_s,
             estimate: FrameEstimate::default(),
+            size: None,
             unreadable: None,
             kept: O::Kept::default(),
         };
@@ -370,6 +373,8 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
             }
         };
         let picture = self.upright(picture)?;
+        let image = picture.view()?;
+        done.size = Some([image.width(), image.height()]);
         let outline = match &self.config.circles {
             Some(circles) => circles.of_frame(&done.path)?,
             None => None,

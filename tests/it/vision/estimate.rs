@@ -494,6 +494,31 @@ fn clip(dir: &Path, pattern: &Pattern, frames: u32, seed: u64) {
 }
 
 #[test]
+fn a_frame_of_an_odd_size_is_said() {
+    let (dir, image) = folder();
+    let at = |name: &str| dir.path().join(name);
+    std::fs::create_dir(at("in")).expect("a folder");
+    for k in 1..4 {
+        save(bytes(&image), &at(&format!("in/{k}000000.png")));
+    }
+    let run = ["estimate", "--table", "pattern.csv", "in"];
+    let words = |output: std::process::Output| String::from_utf8_lossy(&output.stderr).into_owned();
+    let same = words(crate::common::spindoe(dir.path(), &run));
+    assert!(!same.contains("warning"), "{same}");
+    save(
+        bytes(&GrayImage::from_fn(90, 70, |_, _| 0.5)),
+        &at("in/2500000.png"),
+    );
+    let odd = words(crate::common::spindoe(dir.path(), &run));
+    let expected = format!(
+        "1 of 4 frames are not of {} x {} pixels as most are, the first of them 2500000 (90 x 70)",
+        image.width(),
+        image.height()
+    );
+    assert!(odd.contains(&expected), "{odd}");
+}
+
+#[test]
 fn a_file_that_cannot_be_read_is_one_rejected_frame() {
     let (dir, image) = folder();
     let at = |name: &str| dir.path().join(name);
