@@ -317,7 +317,7 @@ impl<D: DotDetector> Estimator<D> {
                 ImageView::Gray(gray) => gray,
                 _ => &images.gray,
             },
-            grid: Grid::of(&part, level),
+            grid: Grid::of(part, level),
             size: [image.width(), image.height()],
         };
         work(view, ws);
