@@ -1,0 +1,415 @@
+//! Dots to a pose: which dot is which, under which distance of the camera, and how sure that is.
+//!
+//! Likely detections come first, doubtful ones after them, each under the camera's distances, the likeliest first, until a
+//! pose is clear. Its probability is the recognizer's, weighed by what else the frame shows ([`TrustMap`]). An expected
+//! orientation is weighed with the dots where these leave doubt or show another one.
+
+use std::time::Instant;
+
+use nalgebra::Matrix2;
+
+use super::frame::Hypothesis;
+use super::prior::Spending;
+use super::refine;
+use super::search::LIKELY_DOT;
+use super::{
+    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, Outline, Pose,
+    PoseEvidence, Standing, TrustMap,
+};
+use crate::geometry::Rotation;
+use crate::recognize::{Hint, Recognizer, RecognizerRejection};
+use crate::view::DotUncertainty;
+use crate::vision::camera::{BallView, Camera};
+use crate::vision::detect::{DotDetection, DotDetector};
+
+/// Poses likelier than this are compared with those of the mirrored view.
+const MIRROR_DOUBT: f64 = 0.3;
+/// An orientation farther off the expected one than this, radians, is weighed with it: 25 deg.
+pub(super) const DISAGREEMENT: f64 = 0.436;
+/// An outline that stands in doubt is looked at again where its best pose is likelier than this.
+pub(super) const PROMISING: f64 = 0.05;
+/// Without a pose likelier than this, doubtful detections are tried as well.
+pub(super) const CLEAR: f64 = 0.9;
+/// Dots of the pattern beyond this z are seen in nearly every frame.
+const FACING: f64 = 0.35;
+/// The rejection of a mirrored frame.
+const MIRRORED: FrameRejection = FrameRejection::Recognizer(RecognizerRejection::Mirrored);
+
+/// A recognizer's answer in terms of detections.
+#[derive(Debug, Clone, Copy)]
+struct PoseHypothesis {
+    /// Pattern to view frame.
+    rotation: Rotation,
+    /// The camera under which the dots were identified.
+    camera: Camera,
+    confidence: f64,
+    pose_confidence: f64,
+    evidence: PoseEvidence,
+}
+
+impl PoseHypothesis {
+    /// The best of several attempts has more chances to be good by accident: its odds are divided by their number.
+    fn discounted(self, attempts: usize) -> Self {
+        let less = |p: f64| p / (p + (1.0 - p) * attempts.max(1) as f64);
+        Self {
+            confidence: less(self.confidence),
+            pose_confidence: less(self.pose_confidence),
+            ..self
+        }
+    }
+
+    /// The probability by all that is known of the pose, after so many attempts.
+    fn weighed(self, map: &TrustMap, attempts: usize) -> Self {
+        let evidence = PoseEvidence {
+            pose_confidence: self.pose_confidence,
+            attempts,
+            ..self.evidence
+        };
+        let pose_confidence = map.probability(&evidence);
+        let share = pose_confidence / self.pose_confidence.max(f64::MIN_POSITIVE);
+        Self {
+            confidence: (self.confidence * share).min(pose_confidence),
+            pose_confidence,
+            evidence,
+            ..self
+        }
+    }
+}
+
+/// One run of the recognizer.
+#[derive(Debug, Clone, Copy)]
+struct Look {
+    /// 0: the likely detections; 1: all.
+    pass: usize,
+    camera: Camera,
+    mirrored: Mirrored,
+}
+
+/// When a run looks at the mirrored view, which costs as much again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mirrored {
+    /// Always: a mirrored ball ends the search for other outlines.
+    Sought,
+    /// Where the pose is likelier than [`MIRROR_DOUBT`]: its mirror image may explain the dots as well.
+    Compared,
+}
+
+/// The probability of the best pose so far.
+fn promise_of(found: &std::result::Result<PoseHypothesis, FrameRejection>) -> f64 {
+    found.as_ref().map_or(0.0, |f| f.pose_confidence)
+}
+
+impl<D: DotDetector> Estimator<D> {
+    /// Estimates the orientation from the detected dots of a frame, without its pixels: those that another detector found, or
+    /// those of another estimator. The answer depends on the detections and the outline as found alone.
+    pub fn identify_detections(
+        &self,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        ws.spending = Spending::of(Budget {
+            spent: out.earlier_attempts,
+            ..Budget::default()
+        });
+        self.identify(ws, out);
+    }
+
+    /// The same within what may be spent on the frame in hand.
+    pub(super) fn identify(
+        &self,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let Some(outline) = out.outline else {
+            return;
+        };
+        let begun = Instant::now();
+        out.earlier_attempts = ws.spending.runs;
+        out.outcome = self.identify_dots(&outline, None, ws, out);
+        if out.outcome.is_err() {
+            out.circle = Some(outline.circle);
+            out.assignment.fill(None);
+        }
+        if let (Err(rejection), Some(fit)) = (&mut out.outcome, &out.fit) {
+            let edge_width = fit.edge_width / outline.circle.radius;
+            if edge_width > self.config.max_blur {
+                *rejection = FrameRejection::TooBlurred { edge_width };
+            }
+        }
+        out.timings.identify = begun.elapsed();
+    }
+
+    /// Weighs the dots with an expected orientation, where alone they have none or another one. An orientation that they
+    /// keep against it stays theirs.
+    pub(super) fn identify_expected(
+        &self,
+        hint: &Hint,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
+        let alone = out.outcome;
+        let agrees = |pose: &Pose| pose.rotation.angle_to(&hint.rotation) < DISAGREEMENT;
+        let Some(outline) = out.outline.filter(|_| !is_mirrored(out)) else {
+            return;
+        };
+        if out.pose().is_some_and(agrees) {
+            return;
+        }
+        let begun = Instant::now();
+        let hypothesis = out.hypothesis;
+        out.outcome = self.identify_dots(&outline, Some(hint), ws, out);
+        match (&mut out.outcome, alone) {
+            (Ok(pose), Ok(alone)) => {
+                pose.hinted = pose.rotation.angle_to(&alone.rotation) >= DISAGREEMENT;
+            }
+            (Ok(_), Err(_)) => {}
+            (outcome @ Err(_), alone) => {
+                // Why the dots alone give no pose says more.
+                if alone.is_err() {
+                    *outcome = alone;
+                    out.hypothesis = hypothesis;
+                }
+                out.circle = Some(outline.circle);
+                out.assignment.fill(None);
+            }
+        }
+        out.timings.identify += begun.elapsed();
+    }
+
+    /// Identifies under each hypothesis of the camera's distance, at first the likely detections, then all, until a pose is clear.
+    fn identify_dots(
+        &self,
+        outline: &Outline,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<Pose, FrameRejection> {
+        let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
+            Err(FrameRejection::NotProcessed);
+        let mut attempts = ws.spending.runs;
+        let begun = attempts;
+        out.hypothesis = None;
+        'search: for pass in 0..self.recognizers.len() {
+            // An expected orientation may be told by doubtful detections alone.
+            let is_hopeless = hint.is_none() && promise_of(&best) < PROMISING;
+            if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
+                break;
+            }
+            for camera in self.config.camera.hypotheses() {
+                if attempts > begun && ws.spending.is_late() {
+                    break 'search;
+                }
+                let Ok(view) = BallView::new(&camera, outline.circle) else {
+                    return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
+                };
+                let hint = hint.map(|h| in_view(h, &view));
+                attempts += 1;
+                let mirrored = match attempts == begun + 1 {
+                    true => Mirrored::Sought,
+                    false => Mirrored::Compared,
+                };
+                let look = Look {
+                    pass,
+                    camera,
+                    mirrored,
+                };
+                let found = self.recognize(&look, &view, hint.as_ref(), ws, &out.dots);
+                // What the mirror explains beyond doubt, other dots or another distance may still
+                // explain by accident.
+                if let Err(MIRRORED) = found {
+                    out.attempts = attempts;
+                    ws.spending.runs = attempts;
+                    return Err(MIRRORED);
+                }
+                let better = match (&best, &found) {
+                    (Err(_), _) => true,
+                    (Ok(best), Ok(found)) => found.pose_confidence > best.pose_confidence,
+                    (Ok(_), Err(_)) => false,
+                };
+                if better {
+                    out.assignment.fill(None);
+                    for (&i, name) in ws
+                        .indices
+                        .iter()
+                        .zip(&ws.recognizer.explanations().best().assignment)
+                    {
+                        out.assignment[i] = found.is_ok().then_some(*name).flatten();
+                    }
+                    best = found;
+                }
+                if best.is_ok_and(|b| b.pose_confidence >= CLEAR) {
+                    break 'search;
+                }
+            }
+        }
+        out.attempts = attempts;
+        ws.spending.runs = attempts;
+        // What is expected was not chosen among many: only the runs that weigh it count.
+        let mut best = best?.discounted(match hint {
+            Some(_) => attempts - begun,
+            None => attempts,
+        });
+        if hint.is_none() {
+            best = best.weighed(&self.config.trust, attempts);
+            let view = BallView::new(&best.camera, outline.circle);
+            out.hypothesis = view.ok().map(|view| Hypothesis {
+                rotation: view.to_camera() * best.rotation,
+                evidence: best.evidence,
+            });
+        }
+        if best.pose_confidence < self.config.min_confidence {
+            let pose_confidence = best.pose_confidence;
+            return Err(FrameRejection::Ambiguous { pose_confidence });
+        }
+        self.refine(&best, outline, hint.is_some(), ws, out)
+    }
+
+    /// One run of the recognizer over the detections that are likely enough for this pass.
+    fn recognize(
+        &self,
+        look: &Look,
+        view: &BallView,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        dots: &[DotDetection],
+    ) -> std::result::Result<PoseHypothesis, FrameRejection> {
+        let min_depth = self
+            .config
+            .recognizer
+            .view
+            .visibility_limit
+            .max(view.horizon());
+        let hand = Matrix2::from_diagonal_element(self.placement_variance);
+        ws.observed.clear();
+        ws.indices.clear();
+        for (i, dot) in dots.iter().enumerate() {
+            if dot.confidence < self.config.dot_confidence[look.pass] {
+                continue;
+            }
+            let Some(mut seen) = view.back_project(dot.pixel, &dot.covariance) else {
+                continue;
+            };
+            if seen.direction.z < min_depth {
+                continue;
+            }
+            if let DotUncertainty::Tangent { covariance } = &mut seen.uncertainty {
+                *covariance += hand;
+            }
+            ws.observed.push(seen);
+            ws.indices.push(i);
+        }
+        let recognizer = &self.recognizers[look.pass];
+        let (dots_seen, seen) = (&ws.observed, &mut ws.recognizer);
+        let is_sought = look.mirrored == Mirrored::Sought;
+        let mut explained = match is_sought {
+            true => recognizer.explain(dots_seen, hint, seen).map(|_| ()),
+            false => recognizer
+                .explain_directly(dots_seen, hint, seen)
+                .map(|_| ()),
+        };
+        let is_likely = || seen.explanations().best().pose_confidence >= MIRROR_DOUBT;
+        if !is_sought && explained.is_ok() && is_likely() {
+            explained = recognizer.explain(dots_seen, hint, seen).map(|_| ());
+        }
+        explained.map_err(|rejection| match rejection {
+            RecognizerRejection::TooFewDots { found, needed } => {
+                FrameRejection::TooFewDots { found, needed }
+            }
+            rejection => FrameRejection::Recognizer(rejection),
+        })?;
+        let found = ws.recognizer.explanations().best();
+        Ok(PoseHypothesis {
+            rotation: found.rotation,
+            camera: look.camera,
+            confidence: found.confidence,
+            pose_confidence: found.pose_confidence,
+            evidence: self.evidence(dots, ws),
+        })
+    }
+
+    /// What the recognizer's last answer shows beside its odds.
+    fn evidence(
+        &self,
+        dots: &[DotDetection],
+        ws: &EstimatorWorkspace<D::Workspace>,
+    ) -> PoseEvidence {
+        let found = ws.recognizer.explanations().best();
+        let (mut named, mut unnamed, mut doubt, mut squares) = (0, 0, 0.0, 0.0);
+        let observed = ws.indices.iter().zip(&ws.observed);
+        for ((&i, seen), name) in observed.zip(&found.assignment) {
+            match name {
+                Some(name) => {
+                    named += 1;
+                    doubt -= dots[i].confidence.max(f64::MIN_POSITIVE).ln();
+                    let expected = found.rotation * self.ball.pattern().dots()[usize::from(*name)];
+                    squares += seen.squared_deviations(&expected);
+                }
+                None => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
+            }
+        }
+        let facing = self.ball.pattern().dots().iter();
+        let facing = facing.filter(|d| (found.rotation * *d).z > FACING).count();
+        PoseEvidence {
+            named,
+            unnamed,
+            missing: facing.saturating_sub(named),
+            doubt: self
+                .detector
+                .usual_doubt()
+                .unwrap_or(doubt / named.max(1) as f64),
+            misfit: (0.5 * squares / named.max(1) as f64).sqrt(),
+            ..PoseEvidence::default()
+        }
+    }
+
+    fn refine(
+        &self,
+        hypothesis: &PoseHypothesis,
+        outline: &Outline,
+        hinted: bool,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<Pose, FrameRejection> {
+        let prior = refine::Prior {
+            outline: (outline.circle, outline.covariance),
+            camera: self.config.camera,
+            start: hypothesis.camera,
+        };
+        let names = self.ball.pattern().dots();
+        let refined = self
+            .refiner
+            .refine(names, &prior, &hypothesis.rotation, out, &mut ws.matches)
+            .ok_or(FrameRejection::Recognizer(RecognizerRejection::Degenerate))?;
+        out.circle = Some(*refined.view.circle());
+        let turn = refined.view.to_camera();
+        let matrix = turn.to_rotation_matrix();
+        let matrix = matrix.matrix();
+        Ok(Pose {
+            rotation: turn * refined.rotation,
+            covariance: matrix * refined.covariance * matrix.transpose(),
+            confidence: hypothesis.confidence,
+            pose_confidence: hypothesis.pose_confidence,
+            residual_rad: refined.residual_rad,
+            residual_px: refined.residual_px,
+            distance: refined.distance,
+            hinted,
+        })
+    }
+}
+
+/// Whether the dots are those of the mirrored pattern: no other outline makes up for that.
+pub(super) fn is_mirrored(frame: &FrameEstimate) -> bool {
+    matches!(frame.outcome, Err(MIRRORED))
+}
+
+/// A hint in the camera's frame, in the view frame.
+fn in_view(hint: &Hint, view: &BallView) -> Hint {
+    let back = view.to_camera().inverse();
+    let matrix = back.to_rotation_matrix();
+    let matrix = matrix.matrix();
+    Hint {
+        rotation: back * hint.rotation,
+        covariance: matrix * hint.covariance * matrix.transpose(),
+        wrong: hint.wrong,
+    }
+}
