@@ -52,6 +52,7 @@ mod simulate;
 mod spin;
 #[cfg(feature = "plot")]
 mod spin_plot;
+mod spin_stretches;
 mod spin_summary;
 mod stencil;
 #[cfg(feature = "vision")]

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::output::one_of;
 use super::precession::Precession;
+use super::spin_stretches::{self as stretches, Holding};
 use super::spin_summary;
 use crate::error::{Error, Result};
 use crate::geometry::CameraFrame;
@@ -17,7 +18,6 @@ use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
 use crate::spin::summary::SpinSummary;
-use crate::spin::windows::constant_stretches;
 #[cfg(feature = "plot")]
 use crate::spin::windows::spin_over_time;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
@@ -26,8 +26,6 @@ use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 pub(super) const LISTED_BEYOND: f64 = 2.0;
 /// Standard deviation of a prior magnitude where none is given, as a fraction of the magnitude.
 const PRIOR_SPREAD: f64 = 0.2;
-/// Stretches of constant spin that a rejection names.
-const NAMED_STRETCHES: usize = 3;
 /// Ratio of the residuals to the expected ones above which a warning is printed.
 const SUSPICIOUS_NOISE: f64 = 3.0;
 
@@ -79,11 +77,15 @@ pub struct Arguments {
     /// without it the constant spin.
     #[arg(long, conflicts_with = "decay")]
     precession: bool,
+    /// Write where one constant spin holds, also where none holds over the whole file, as CSV:
+    /// from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg (rad/s).
+    #[arg(long, value_name = "FILE")]
+    stretches: Option<PathBuf>,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Orientations in a run, within which the spin is taken as constant; for --decay and --plot.
+    /// Orientations in a run, within which the spin is taken as constant; for --decay, --plot and --stretches.
     #[arg(long, default_value_t = 10)]
     window: usize,
     /// Diameter of the ball in millimeters, for the theoretical decay.
@@ -178,10 +180,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(fps) => Orientations::read_at_rate(&input.name, input.reader, fps)?,
     };
     let measurements = file.measurements();
+    let config = arguments.config(&file);
+    let frame = file.camera_frame.unwrap_or_default();
+    let written = arguments.frame.unwrap_or(frame).of_view(frame.is_view());
+    let turn = written.turn() * frame.turn();
+    let held = Holding::new(&measurements, &config);
+    if let Some(path) = &arguments.stretches {
+        let held = held.stretches().map_err(|r| r.in_file(&input.name))?;
+        stretches::write(path, &measurements, held, &turn)?;
+    }
     let rejected = |r: SpinRejection| match r {
         SpinRejection::NoConsensus { .. } => Error::NoAnswer {
             path: input.name.clone(),
-            reason: format!("{r}{}", holding(&measurements, &arguments.config(&file))),
+            reason: format!("{r}{}", held.words()),
         },
         SpinRejection::TooFewFrames { .. } if !file.rows.is_empty() && measurements.is_empty() => {
             Error::NoAnswer {
@@ -194,7 +205,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         _ => r.in_file(&input.name),
     };
-    let config = arguments.config(&file);
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * arguments.max_spin_rps,
         sigma_rad: config.sigma_rad,
@@ -225,12 +235,20 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             shared: file.shared_error(),
             ..config
         };
-        let fitted = arguments.fit(&measurements, config);
-        SpinSummary::new(&measurements, &fitted.map_err(rejected)?, &listed, frames)
+        let fit = arguments.fit(&measurements, config).map_err(rejected)?;
+        if held.contradicts(&fit) {
+            let reason = format!(
+                "no constant spin holds over the {} orientations (best: {}){}",
+                measurements.len(),
+                fit.inliers,
+                held.words()
+            );
+            let path = input.name.clone();
+            return Err(Error::NoAnswer { path, reason });
+        }
+        SpinSummary::new(&measurements, &fit, &listed, frames)
     };
     let fit = summary.fit;
-    let frame = file.camera_frame.unwrap_or_default();
-    let written = arguments.frame.unwrap_or(frame).of_view(frame.is_view());
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
     let expected = arguments
         .sigma_deg
@@ -247,7 +265,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let found = Found {
         method: arguments.method,
-        summary: summary.turned(&(written.turn() * frame.turn())),
+        summary: summary.turned(&turn),
         camera_frame: written,
         decay: decay.map(|d| Decay::new(d, arguments)),
         precession,
@@ -262,34 +280,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     found.print();
     Ok(())
-}
-
-/// Where one constant spin holds, if not over all measurements: the longest stretches, in words.
-fn holding(measurements: &[Measurement], config: &SpinConfig) -> String {
-    let Ok(mut stretches) = constant_stretches(measurements, config) else {
-        return String::new();
-    };
-    if stretches.is_empty() {
-        return String::new();
-    }
-    let count = stretches.len();
-    let held: usize = stretches.iter().map(|s| s.orientations.len()).sum();
-    stretches.sort_by_key(|s| std::cmp::Reverse(s.orientations.len()));
-    let named = stretches.iter().take(NAMED_STRETCHES).map(|s| {
-        let [first, last] = [s.orientations.start, s.orientations.end - 1];
-        format!(
-            "{:.3} to {:.3} s at {:.2} rps",
-            measurements[first].time_s,
-            measurements[last].time_s,
-            s.fit.motion.rps()
-        )
-    });
-    let named: Vec<String> = named.collect();
-    format!(
-        "; constant spins hold over {count} stretches with {held} of {} orientations, the longest: {}",
-        measurements.len(),
-        named.join(", ")
-    )
 }
 
 /// The estimated decay, and the theoretical one, 1/s.

@@ -70,7 +70,7 @@ pub(super) fn lines(summary: &SpinSummary, frame: CameraFrame) -> Vec<String> {
         ));
     }
     lines.push(format!(
-        "  {} frames, {} with an orientation, {} of them agree to {:.2} deg",
+        "  {} frames, {} with an orientation, {} of them follow it, {:.2} deg off (rms)",
         summary.frames,
         summary.orientations,
         fit.inliers,

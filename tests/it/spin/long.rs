@@ -1,6 +1,7 @@
 //! Long recordings: all rows count, and where no one spin holds, the stretches are named.
 
 use std::f64::consts::TAU;
+use std::path::{Path, PathBuf};
 
 use spindoe::geometry::Vec3;
 use spindoe::spin::decay::fit_decay;
@@ -97,4 +98,66 @@ fn where_no_one_spin_holds_the_stretches_do() {
         let error = stretch.fit.motion.rps() - rps;
         assert!(error.abs() < 0.1, "{stretch:?}");
     }
+}
+
+/// A file of the measurements, as `spindoe estimate` writes it.
+fn file(dir: &Path, measurements: &[Measurement]) -> PathBuf {
+    let mut text = String::from("frame,time_s,qw,qx,qy,qz\n");
+    for (k, m) in measurements.iter().enumerate() {
+        let [w, x, y, z] = spindoe::geometry::to_wxyz(&m.orientation);
+        text += &format!("{k},{},{w},{x},{y},{z}\n", m.time_s);
+    }
+    let path = dir.join("orientations.csv");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn the_command_says_that_a_decaying_spin_holds_and_writes_the_stretches() {
+    let dir = tempfile::tempdir().unwrap();
+    // From 30 to 1 rps.
+    let sequence = recording(0.05, 2);
+    file(dir.path(), &sequence.measurements);
+    let run = |flags: &[&str]| {
+        let arguments = [&["spin", "orientations.csv"], flags].concat();
+        let output = crate::common::spindoe(dir.path(), &arguments);
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), words)
+    };
+    let (code, words) = run(&["--stretches", "s.csv"]);
+    assert_eq!(code, Some(3), "{words}");
+    assert!(
+        words.contains("no constant spin holds") || words.contains("no spin up to"),
+        "{words}"
+    );
+    assert!(words.contains("a decaying spin holds (--decay)"), "{words}");
+    assert_eq!(words.trim().lines().count(), 1, "{words}");
+    // The stretches follow the decay.
+    let text = std::fs::read_to_string(dir.path().join("s.csv")).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    assert_eq!(
+        header,
+        "from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg"
+    );
+    let (mut held, mut last) = (0, f64::NEG_INFINITY);
+    for row in rows.lines() {
+        let values: Vec<f64> = row.split(',').map(|v| v.parse().unwrap()).collect();
+        let [from, to, orientations, _, rps, x, y, z, _] = values[..] else {
+            panic!("{row}");
+        };
+        assert!(from > last && to > from);
+        last = to;
+        held += orientations as usize;
+        assert!((rps * TAU - x.hypot(y).hypot(z)).abs() < 1e-9 * rps * TAU);
+        let fastest = 30.0 * (-0.05 * from).exp();
+        let slowest = 30.0 * (-0.05 * to).exp();
+        assert!(
+            rps < 1.02 * fastest + 0.05 && rps > 0.98 * slowest - 0.05,
+            "{row}"
+        );
+    }
+    assert!(held as f64 > 0.9 * FRAMES as f64, "{held}");
+    // The model that holds.
+    let (code, words) = run(&["--decay"]);
+    assert_eq!(code, Some(0), "{words}");
 }

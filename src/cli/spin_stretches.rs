@@ -1,0 +1,114 @@
+//! Where one constant spin holds within a sequence: in words, and as a table.
+
+use std::cell::OnceCell;
+use std::fmt::Write;
+use std::path::Path;
+
+use crate::error::Result;
+use crate::files;
+use crate::geometry::Rotation;
+use crate::spin::decay::{DecayOutcome, fit_decay};
+use crate::spin::robust::SpinConfig;
+use crate::spin::windows::{Stretch, constant_stretches};
+use crate::spin::{Fit, Measurement, SpinRejection};
+
+/// Stretches that are named in words, the longest.
+const NAMED: usize = 3;
+
+/// The stretches of a sequence, found once they are asked for.
+pub(super) struct Holding<'a> {
+    measurements: &'a [Measurement],
+    config: &'a SpinConfig,
+    found: OnceCell<std::result::Result<Vec<Stretch>, SpinRejection>>,
+}
+
+impl<'a> Holding<'a> {
+    pub fn new(measurements: &'a [Measurement], config: &'a SpinConfig) -> Self {
+        Self {
+            measurements,
+            config,
+            found: OnceCell::new(),
+        }
+    }
+
+    /// The stretches in the order of time.
+    pub fn stretches(&self) -> std::result::Result<&[Stretch], SpinRejection> {
+        let find = || constant_stretches(self.measurements, self.config);
+        match self.found.get_or_init(find) {
+            Ok(stretches) => Ok(stretches),
+            Err(rejection) => Err(*rejection),
+        }
+    }
+
+    /// Orientations within the stretches.
+    fn held(&self) -> usize {
+        let stretches = self.stretches().unwrap_or_default();
+        stretches.iter().map(|s| s.orientations.len()).sum()
+    }
+
+    /// Whether several spins, one after another, hold where this one is that of a minority.
+    pub fn contradicts(&self, fit: &Fit) -> bool {
+        2 * fit.inliers < self.measurements.len() && self.held() > fit.inliers
+    }
+
+    /// What holds instead of one constant spin, the beginning of a reason's end; nothing where nothing does.
+    pub fn words(&self) -> String {
+        let mut words = String::new();
+        if let Ok(DecayOutcome::Found { .. }) = fit_decay(self.measurements, self.config) {
+            words += "; a decaying spin holds (--decay)";
+        }
+        let mut stretches = self.stretches().unwrap_or_default().to_vec();
+        if stretches.is_empty() {
+            return words;
+        }
+        stretches.sort_by_key(|s| std::cmp::Reverse(s.orientations.len()));
+        let named = stretches.iter().take(NAMED).map(|s| {
+            let (from, to) = times_s(self.measurements, s);
+            format!("{from:.3} to {to:.3} s at {:.2} rps", s.fit.motion.rps())
+        });
+        let named: Vec<String> = named.collect();
+        words
+            + &format!(
+                "; constant spins hold over {} stretches with {} of {} orientations (--stretches), the longest: {}",
+                stretches.len(),
+                self.held(),
+                self.measurements.len(),
+                named.join(", ")
+            )
+    }
+}
+
+/// Writes stretches as a table; the spins turned.
+pub(super) fn write(
+    path: &Path,
+    measurements: &[Measurement],
+    stretches: &[Stretch],
+    turn: &Rotation,
+) -> Result<()> {
+    let mut text = String::from("from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg\n");
+    for stretch in stretches {
+        let (from, to) = times_s(measurements, stretch);
+        let fit = stretch.fit.turned(turn);
+        let spin = fit.motion.spin;
+        let sigma = fit.sigma_rad.map(|s| s.to_degrees().to_string());
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{from},{to},{},{},{},{},{},{},{}",
+            stretch.orientations.len(),
+            fit.inliers,
+            fit.motion.rps(),
+            spin.x,
+            spin.y,
+            spin.z,
+            sigma.unwrap_or_default()
+        );
+    }
+    files::write_bytes(path, text.as_bytes())
+}
+
+/// The times of the first and the last orientation of a stretch, seconds.
+fn times_s(measurements: &[Measurement], stretch: &Stretch) -> (f64, f64) {
+    let [first, last] = [stretch.orientations.start, stretch.orientations.end - 1];
+    (measurements[first].time_s, measurements[last].time_s)
+}
