@@ -22,7 +22,7 @@ fn main() -> spindoe::Result<()> {
         match &frame.estimate.outcome {
             Ok(pose) => {
                 let [w, x, y, z] = spindoe::geometry::to_wxyz(&pose.rotation);
-                let p = pose.pose_confidence;
+                let p = pose.confidence;
                 println!("{}: {w:.4} {x:.4} {y:.4} {z:.4}, p = {p:.3}", frame.name);
             }
             Err(rejection) => println!("{}: {rejection}", frame.name),

@@ -112,7 +112,7 @@ let mut estimate = FrameEstimate::default();
 let frame = independent_frame(&pattern, &SynthConfig::good(), 1, 0)?;
 estimator.estimate(&frame.image, &Prior::default(), &Budget::default(), &mut workspace, &mut estimate);
 match &estimate.outcome {
-    Ok(pose) => println!("{} with probability {}", pose.rotation, pose.pose_confidence),
+    Ok(pose) => println!("{} with probability {}", pose.rotation, pose.confidence),
     Err(rejection) => println!("no answer: {rejection}"),
 }
 # Ok(())

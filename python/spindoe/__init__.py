@@ -18,7 +18,7 @@ Bad input raises `ValueError`, what the system refuses `OSError`, both with one 
 from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
-from ._native import __version__
+from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import HashTable, Pattern, PatternSummary
 from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
 from ._spin import Alias, Spin, fit_spin
@@ -64,6 +64,8 @@ __all__ = [
     "TrackerState",
     "Truth",
     "Validation",
+    "MIN_CONFIDENCE_DOTS",
+    "MIN_CONFIDENCE_IMAGES",
     "__version__",
     "fit_spin",
     "merge",

@@ -44,6 +44,8 @@ _Calibrated = tuple[
 _Camera = tuple[str, list[float]]
 
 __version__: str
+MIN_CONFIDENCE_DOTS: float
+MIN_CONFIDENCE_IMAGES: float
 
 def command(arguments: list[str]) -> int: ...
 def fit_spin(

@@ -47,7 +47,7 @@ class Rival:
 
     quaternion_wxyz: Floats
     """Pattern to camera, scalar first, w >= 0."""
-    pose_confidence: float
+    confidence: float
     """Probability that this is the right one."""
 
     def as_rotation(self) -> Rotation:
@@ -65,9 +65,9 @@ class Identification:
     """For each observed dot the pattern's dot that it is, -1 for a false one; shape (n,)."""
     residual_rad: float
     """Root mean square angle between the matched dots and the rotated pattern, radians."""
-    confidence: float
+    dots_confidence: float
     """Probability that every dot is identified correctly."""
-    pose_confidence: float
+    confidence: float
     """Probability that the orientation is correct, whatever single dots are."""
     rivals: tuple[Rival, ...] = ()
     """Other poses that explain the dots, the most probable first."""
@@ -102,7 +102,7 @@ class Identification:
         w, x, y, z = self.quaternion_wxyz
         return (
             f"<Identification wxyz [{w:.4f} {x:.4f} {y:.4f} {z:.4f}], {self.matched} of "
-            f"{len(self.assignment)} dots, p = {self.pose_confidence:.4f}>"
+            f"{len(self.assignment)} dots, p = {self.confidence:.4f}>"
         )
 
 
@@ -118,9 +118,9 @@ class Identifications(Sequence[Identification | Rejection]):
     """Frame ``i`` has the dots from ``offsets[i]`` to ``offsets[i + 1]``; shape (frames + 1,)."""
     residual_rad: Floats
     """Shape (frames,)."""
-    confidence: Floats
+    dots_confidence: Floats
     """Shape (frames,)."""
-    pose_confidence: Floats
+    confidence: Floats
     """Shape (frames,)."""
     reasons: dict[int, str]
     """Why a frame has no answer."""
@@ -128,14 +128,14 @@ class Identifications(Sequence[Identification | Rejection]):
     @property
     def identified(self) -> NDArray[np.bool_]:
         """Which frames have an answer, shape (frames,)."""
-        return ~np.isnan(self.confidence)
+        return ~np.isnan(self.dots_confidence)
 
     def as_rotations(self) -> Rotation:
         """SciPy's rotations of the frames that have one."""
         return to_scipy(self.quaternions_wxyz[self.identified])
 
     def __len__(self) -> int:
-        return len(self.confidence)
+        return len(self.dots_confidence)
 
     @overload
     def __getitem__(self, index: int) -> Identification | Rejection: ...
@@ -155,8 +155,8 @@ class Identifications(Sequence[Identification | Rejection]):
             self.quaternions_wxyz[i],
             self.assignment[self.offsets[i] : self.offsets[i + 1]],
             float(self.residual_rad[i]),
+            float(self.dots_confidence[i]),
             float(self.confidence[i]),
-            float(self.pose_confidence[i]),
         )
 
     def __iter__(self) -> Iterator[Identification | Rejection]:
@@ -165,9 +165,6 @@ class Identifications(Sequence[Identification | Rejection]):
     def __repr__(self) -> str:
         return f"<Identifications: {int(self.identified.sum())} of {len(self)} frames identified>"
 
-
-_MIN_CONFIDENCE = 0.5
-"""Minimum probability of an orientation: likelier correct than wrong."""
 
 
 class Recognizer:
@@ -212,7 +209,7 @@ class Recognizer:
         native = self.table._handle
         if recognizer == "robust":
             given = settings_json(settings)
-            least = _MIN_CONFIDENCE if min_confidence is None else min_confidence
+            least = _native.MIN_CONFIDENCE_DOTS if min_confidence is None else min_confidence
             self._handle = _native.Recognizer.robust(native, expect, given, sigma_rad, least)
         elif recognizer == "paper":
             if expect is not None:
@@ -281,13 +278,13 @@ class Recognizer:
         )
         if isinstance(found, str):
             return Rejection(found)
-        quaternion, assignment, residual_rad, confidence, pose_confidence, rivals = found
+        quaternion, assignment, residual_rad, dots_confidence, confidence, rivals = found
         return Identification(
             quaternion,
             assignment,
             residual_rad,
+            dots_confidence,
             confidence,
-            pose_confidence,
             tuple(Rival(*rival) for rival in rivals),
         )
 
@@ -328,9 +325,9 @@ class Recognizer:
             None if sigma_rad is None else floats("sigma_rad", sigma_rad),
             None if covariances is None else floats("covariances", covariances),
         )
-        quaternions, assignment, residual, confidence, pose_confidence, reasons = columns
+        quaternions, assignment, residual, dots_confidence, confidence, reasons = columns
         return Identifications(
-            quaternions, assignment, ends, residual, confidence, pose_confidence, reasons
+            quaternions, assignment, ends, residual, dots_confidence, confidence, reasons
         )
 
     def __repr__(self) -> str:

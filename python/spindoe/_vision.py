@@ -145,9 +145,9 @@ class Pose:
     """Pattern to camera, scalar first, w >= 0; shape (4,); in `frame`."""
     covariance: Floats
     """Covariance of the small rotation vector, in `frame`, that leads to the true orientation, rad^2; shape (3, 3)."""
-    confidence: float
+    dots_confidence: float
     """Probability that every dot is identified correctly."""
-    pose_confidence: float
+    confidence: float
     """Probability that the orientation is correct."""
     residual_rad: float
     """Root mean square angle between the matched dots and the rotated pattern, radians."""
@@ -181,7 +181,7 @@ class Pose:
 
     def __repr__(self) -> str:
         w, x, y, z = self.quaternion_wxyz
-        return f"<Pose wxyz [{w:.4f} {x:.4f} {y:.4f} {z:.4f}], p = {self.pose_confidence:.4f}>"
+        return f"<Pose wxyz [{w:.4f} {x:.4f} {y:.4f} {z:.4f}], p = {self.confidence:.4f}>"
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -239,7 +239,7 @@ class SequenceEstimate:
     @property
     def confidences(self) -> Floats:
         """Probability of each orientation, 0 where there is none; shape (frames,)."""
-        return np.array([f.pose.pose_confidence if f.pose else 0.0 for f in self.frames])
+        return np.array([f.pose.confidence if f.pose else 0.0 for f in self.frames])
 
     @property
     def residuals_rad(self) -> Floats:

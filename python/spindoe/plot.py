@@ -117,7 +117,7 @@ def identification(
         ring: dict[str, Any] = {"s": 110, "facecolors": "none", "linewidths": 1.2}
         ax.scatter(*points[is_matched].T, edgecolors=MATCHED, **ring)
         ax.scatter(*points[~is_matched].T, edgecolors=LEFT_OUT, **ring)
-    ax.set_title(f"p = {found.pose_confidence:.4f}, {found.matched} dots", fontsize=9)
+    ax.set_title(f"p = {found.confidence:.4f}, {found.matched} dots", fontsize=9)
     return ax
 
 
@@ -136,7 +136,7 @@ def frame(
     ax.scatter(*found.dots[~is_matched, :2].T, edgecolors=LEFT_OUT, **ring)
     for dot, index in zip(found.dots[is_matched], found.assignment[is_matched], strict=True):
         ax.annotate(str(index), dot[:2], color=MATCHED, xytext=(6, 6), textcoords="offset points")
-    words = f"p = {found.pose.pose_confidence:.3f}" if found.pose else found.pose.reason
+    words = f"p = {found.pose.confidence:.3f}" if found.pose else found.pose.reason
     ax.set_title(words, fontsize=9)
     ax.axis("off")
     return ax

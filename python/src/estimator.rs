@@ -70,8 +70,8 @@ fn pose_tuple<'py>(py: Python<'py>, pose: &Pose) -> PoseTuple<'py> {
     (
         quaternion(py, &pose.rotation),
         square(py, &pose.covariance),
+        pose.dots_confidence,
         pose.confidence,
-        pose.pose_confidence,
         pose.residual_rad,
         pose.residual_px,
         pose.distance.map(|d| (d.inverse_distance, d.sigma)),

@@ -327,7 +327,7 @@ impl Recognizer {
         ws: &'w mut Workspace,
     ) -> Result<&'w Explanations, NoAnswer> {
         let found = self.recognize(hint, ws).map_err(NoAnswer::Rejected)?;
-        match found.best().pose_confidence {
+        match found.best().confidence {
             p if p < self.min_confidence => Err(NoAnswer::Ambiguous(p)),
             _ => Ok(found),
         }
@@ -373,15 +373,15 @@ fn answer<'py>(
 ) -> Found<'py> {
     let best = explanations.best();
     let rivals = explanations.rivals().iter().take(max_rivals);
-    let rivals = rivals.take_while(|r| r.pose_confidence >= min_confidence);
+    let rivals = rivals.take_while(|r| r.confidence >= min_confidence);
     (
         quaternion(py, &best.rotation),
         assignment(py, &best.assignment),
         best.residual_rad,
+        best.dots_confidence,
         best.confidence,
-        best.pose_confidence,
         rivals
-            .map(|r| (quaternion(py, &r.rotation), r.pose_confidence))
+            .map(|r| (quaternion(py, &r.rotation), r.confidence))
             .collect(),
     )
 }
@@ -520,7 +520,7 @@ impl Recognizer {
         let frames = ends.len().saturating_sub(1);
         let mut quaternions = Array2::from_elem((frames, 4), f64::NAN);
         let mut assigned = Array1::from_elem(all.len(), -1);
-        let [mut residual, mut confidence, mut pose_confidence] =
+        let [mut residual, mut dots_confidence, mut confidence] =
             [(); 3].map(|()| Array1::from_elem(frames, f64::NAN));
         let reasons = PyDict::new(py);
         for first in (0..frames).step_by(FRAMES_AT_ONCE) {
@@ -537,8 +537,8 @@ impl Recognizer {
                             assigned[ends[i] + k] = dot.map_or(-1, i64::from);
                         }
                         residual[i] = found.residual_rad;
+                        dots_confidence[i] = found.dots_confidence;
                         confidence[i] = found.confidence;
-                        pose_confidence[i] = found.pose_confidence;
                     }
                     Err(rejection) => reasons.set_item(i, rejection.to_string())?,
                 }
@@ -548,8 +548,8 @@ impl Recognizer {
             quaternions.into_pyarray(py),
             assigned.into_pyarray(py),
             residual.into_pyarray(py),
+            dots_confidence.into_pyarray(py),
             confidence.into_pyarray(py),
-            pose_confidence.into_pyarray(py),
             reasons,
         ))
     }

@@ -64,8 +64,8 @@ def test_the_same_identifications(command, table, protocol, recognizer, tmp_path
             continue
         assert np.abs(found.quaternion_wxyz - their["orientation_wxyz"]).max() <= TOLERANCE
         assert [None if j < 0 else j for j in found.assignment] == their["assignment"]
+        assert found.dots_confidence == pytest.approx(their["dots_confidence"], abs=TOLERANCE)
         assert found.confidence == pytest.approx(their["confidence"], abs=TOLERANCE)
-        assert found.pose_confidence == pytest.approx(their["pose_confidence"], abs=TOLERANCE)
 
 
 def _frames(folder, table, command):

@@ -32,7 +32,7 @@ def test_dots_get_their_names_and_the_ball_its_orientation(pattern, recognizer):
         assert found and np.array_equal(found.assignment, index)
         assert (found.as_rotation() * truth.inv()).magnitude() < 0.05
         assert found.matched == len(index)
-        assert 0.9 < found.confidence <= found.pose_confidence <= 1.0
+        assert 0.9 < found.dots_confidence <= found.confidence <= 1.0
 
 
 def test_a_false_dot_gets_no_name(pattern, recognizer):
@@ -64,11 +64,11 @@ def test_ambiguous_orientations_are_rejected(table, pattern):
     least = 0.7
     strict = spindoe.Recognizer(table, min_confidence=least)
     found = [(every.identify(view), strict.identify(view)) for view in views]
-    doubtful = [bool(a) and a.pose_confidence < least for a, _ in found]
+    doubtful = [bool(a) and a.confidence < least for a, _ in found]
     assert 0 < sum(doubtful) < len(views)
     for (a, b), is_doubtful in zip(found, doubtful, strict=True):
         if is_doubtful:
-            assert b.reason == f"ambiguous: the best pose has a probability of {a.pose_confidence:.2f}"
+            assert b.reason == f"ambiguous: the best pose has a probability of {a.confidence:.2f}"
         elif a:
             assert b and np.array_equal(a.quaternion_wxyz, b.quaternion_wxyz)
     batch = strict.identify_batch(views)
@@ -86,9 +86,9 @@ def test_the_same_uncertainty_said_in_three_ways(view, recognizer):
     flat = recognizer.identify(view, np.tile(sigma**2 * np.eye(2), (len(view), 1, 1)))
     space = recognizer.identify(view, np.tile(sigma**2 * np.eye(3), (len(view), 1, 1)))
     assert plain and each and flat and space
-    assert each.confidence == plain.confidence
+    assert each.dots_confidence == plain.dots_confidence
     for other in (flat, space):
-        assert other.confidence == pytest.approx(plain.confidence, rel=1e-9)
+        assert other.dots_confidence == pytest.approx(plain.dots_confidence, rel=1e-9)
         assert np.allclose(other.quaternion_wxyz, plain.quaternion_wxyz, atol=1e-12)
 
 
@@ -106,7 +106,7 @@ def test_image_axes_point_outward_and_across(pattern):
     a, b = recognizer.identify(dots, in_image), recognizer.identify(dots, in_space)
     assert a and b
     assert np.allclose(a.quaternion_wxyz, b.quaternion_wxyz, atol=1e-9)
-    assert a.confidence == pytest.approx(b.confidence, abs=1e-9)
+    assert a.dots_confidence == pytest.approx(b.dots_confidence, abs=1e-9)
 
 
 def test_a_hint_helps_two_dots(table, pattern):
@@ -153,12 +153,12 @@ def test_batches_answer_as_single_views_do(pattern, recognizer):
         if single:
             assert np.array_equal(single.quaternion_wxyz, found.quaternion_wxyz)
             assert np.array_equal(single.assignment, found.assignment)
-            assert single.confidence == found.confidence
+            assert single.dots_confidence == found.dots_confidence
         else:
             assert single == found
     flat = recognizer.identify_batch(np.concatenate(frames), batch.offsets)
     assert np.array_equal(flat.assignment, batch.assignment)
-    assert batch[-1].confidence == batch[199].confidence and len(batch[3:5]) == 2
+    assert batch[-1].dots_confidence == batch[199].dots_confidence and len(batch[3:5]) == 2
     assert len(batch.as_rotations()) == batch.identified.sum()
     assert len(recognizer.identify_batch([])) == 0
     with pytest.raises(IndexError):

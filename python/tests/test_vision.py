@@ -102,11 +102,11 @@ def test_a_trackers_covariance_counts_shared_errors(clip, estimator):
     for image, truth in clip:
         state = tracker.update(image, truth.time_s, color="rgb")
         pose = state.frame.pose
-        if pose and not pose.hinted and pose.pose_confidence >= 0.8:
+        if pose and not pose.hinted and pose.confidence >= 0.8:
             times.append(truth.time_s)
             poses.append(pose)
     window = poses[-8:]
-    given = {"confidences": [pose.pose_confidence for pose in window]}
+    given = {"confidences": [pose.confidence for pose in window]}
     quaternions = np.array([pose.quaternion_wxyz for pose in window])
     plain = spindoe.fit_spin(times[-8:], quaternions, **given)
     shared = spindoe.fit_spin(

@@ -206,7 +206,7 @@ impl<'a> Rounds<'a> {
         frame.matched() >= MIN_MATCHED
             && frame
                 .pose()
-                .is_some_and(|p| p.pose_confidence >= self.config.trusted)
+                .is_some_and(|p| p.confidence >= self.config.trusted)
     }
 
     fn check_frames(&self) -> Outcome<()> {

@@ -257,7 +257,7 @@ impl Arguments {
 /// The sum of the poses' probabilities: the expected number of frames identified correctly.
 fn trust(frames: &[FrameEstimate]) -> f64 {
     let poses = frames.iter().filter_map(FrameEstimate::pose);
-    poses.map(|p| p.pose_confidence).sum()
+    poses.map(|p| p.confidence).sum()
 }
 
 /// Summarizes the calibration.

@@ -20,7 +20,9 @@ use crate::recognize::robust::{RobustConfig, RobustRecognizer};
 use crate::recognize::stream::{
     FrameAnswer, LearnedView, LearningConfig, LearningOrder, identify_frames, identify_learning,
 };
-use crate::recognize::{Identification, PaperRecognizer, RecognizerName, RecognizerRejection};
+use crate::recognize::{
+    self, Identification, PaperRecognizer, RecognizerName, RecognizerRejection,
+};
 use crate::spin::orientations::{OrientationRow, OrientationWriter};
 use crate::view::{Detection, FalseDots, ProtocolName, ViewModel};
 
@@ -95,8 +97,6 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Minimum probability of an orientation that is reported: likelier correct than wrong.
-const MIN_CONFIDENCE: f64 = 0.5;
 /// Minimum ratio of a rival's probability to the best one's that counts as a tie.
 const TIE: f64 = 0.5;
 /// Bytes per write.
@@ -176,7 +176,7 @@ impl Arguments {
 
     fn min_confidence(&self) -> f64 {
         self.min_confidence.unwrap_or(match self.recognizer {
-            RecognizerName::Robust => MIN_CONFIDENCE,
+            RecognizerName::Robust => recognize::MIN_CONFIDENCE,
             // A share of votes is no probability.
             RecognizerName::Paper => 0.0,
         })
@@ -331,7 +331,7 @@ impl Sink<FrameAnswer> for Outputs<'_> {
     type Error = Error;
 
     fn take(&mut self, mut answer: FrameAnswer) -> Result<()> {
-        let confidence = answer.identification().map(|found| found.pose_confidence);
+        let confidence = answer.identification().map(|found| found.confidence);
         // Also of an answer that is rejected for it.
         let is_tied = is_tied(&answer);
         let doubtful = confidence.filter(|c| *c < self.arguments.min_confidence());
@@ -413,8 +413,8 @@ impl JsonFrames {
 
 /// Whether another pose is about as probable as the answer's.
 fn is_tied(answer: &FrameAnswer) -> bool {
-    let best = answer.identification().map(|found| found.pose_confidence);
-    let rival = answer.rivals().first().map(|r| r.pose_confidence);
+    let best = answer.identification().map(|found| found.confidence);
+    let rival = answer.rivals().first().map(|r| r.confidence);
     matches!((best, rival), (Some(b), Some(r)) if r >= TIE * b)
 }
 
@@ -428,7 +428,7 @@ fn row(answer: &FrameAnswer) -> OrientationRow {
         dots: Some(answer.frame.dots.len()),
         matched: Some(found.map_or(0, Identification::matched)),
         residual_rad: found.map(|f| f.residual_rad),
-        confidence: found.map(|f| f.pose_confidence),
+        confidence: found.map(|f| f.confidence),
         covariance: None,
         turn: None,
     }
@@ -487,12 +487,12 @@ fn to_json(answer: &FrameAnswer) -> serde_json::Value {
             json["assignment"] = json!(found.assignment);
             json["matched"] = found.matched().into();
             json["residual_deg"] = found.residual_rad.to_degrees().into();
+            json["dots_confidence"] = found.dots_confidence.into();
             json["confidence"] = found.confidence.into();
-            json["pose_confidence"] = found.pose_confidence.into();
             let rival = |r: &Identification| {
                 json!({
                     "orientation_wxyz": to_wxyz(&r.rotation),
-                    "pose_confidence": r.pose_confidence,
+                    "confidence": r.confidence,
                 })
             };
             json["rivals"] = explanations.rivals().iter().map(rival).collect();

@@ -38,6 +38,10 @@ pub use paper::{PaperConfig, PaperRecognizer};
 /// Orientation errors of this value or more are failures, radians (20 degrees, SpinDOE Sec. IV).
 pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
+/// Orientations from dots with a smaller confidence are rejected, where nothing else is asked for: the likelier answer is that
+/// they are wrong.
+pub const MIN_CONFIDENCE: f64 = 0.5;
+
 /// A recognizer's answer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identification {
@@ -47,11 +51,11 @@ pub struct Identification {
     pub assignment: Vec<Option<u16>>,
     /// Root mean square angle between the matched observed dots and the rotated pattern, radians.
     pub residual_rad: f64,
-    /// Probability that the identification is correct, in [0, 1].
-    pub confidence: f64,
+    /// Probability that every dot is named correctly, in [0, 1].
+    pub dots_confidence: f64,
     /// Probability that the rotation is correct, its error less than [`ORIENTATION_FAILURE_RAD`],
-    /// regardless of single dots, in [0, 1]. Never below the confidence.
-    pub pose_confidence: f64,
+    /// regardless of single dots, in [0, 1]. Never below the dots'.
+    pub confidence: f64,
 }
 
 impl Default for Identification {
@@ -61,8 +65,8 @@ impl Default for Identification {
             rotation: Rotation::identity(),
             assignment: Vec::new(),
             residual_rad: 0.0,
+            dots_confidence: 0.0,
             confidence: 0.0,
-            pose_confidence: 0.0,
         }
     }
 }

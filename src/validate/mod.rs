@@ -99,9 +99,9 @@ pub enum TrialResult {
         /// Orientation error, radians; infinite where the recognizer rejected the view.
         error_rad: f64,
         /// The recognizer's own probability of being correct; 0 where it rejected the view.
-        confidence: f64,
+        dots_confidence: f64,
         /// The recognizer's own probability that the rotation is correct.
-        pose_confidence: f64,
+        confidence: f64,
         /// Time of the identification, nanoseconds.
         nanoseconds: u64,
     },
@@ -185,15 +185,15 @@ impl<'p> Trials<'p> {
             Ok(answer) => TrialResult::Judged {
                 identity: answer.assignment == trial.truth,
                 error_rad: rotation_angle(&answer.rotation, &trial.rotation),
+                dots_confidence: answer.dots_confidence,
                 confidence: answer.confidence,
-                pose_confidence: answer.pose_confidence,
                 nanoseconds,
             },
             Err(_) => TrialResult::Judged {
                 identity: false,
                 error_rad: f64::INFINITY,
+                dots_confidence: 0.0,
                 confidence: 0.0,
-                pose_confidence: 0.0,
                 nanoseconds,
             },
         }

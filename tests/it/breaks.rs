@@ -159,7 +159,7 @@ fn observed_dots() {
         let mut workspace = recognizer.workspace();
         for frame in ObservedReader::new(Path::new("d.csv"), bytes, 0.03)? {
             if let Ok(found) = recognizer.identify(&frame?.dots, &mut workspace) {
-                assert!(found.confidence >= 0.0 && found.pose_confidence <= 1.0 + 1e-9);
+                assert!(found.dots_confidence >= 0.0 && found.confidence <= 1.0 + 1e-9);
                 assert!(found.rotation.coords.iter().all(|x| x.is_finite()));
             }
         }

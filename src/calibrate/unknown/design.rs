@@ -42,8 +42,8 @@ pub fn matching_design(built: &Pattern, designs: &[Pattern]) -> Result<Option<us
             continue;
         };
         let larger = design.len().max(built.len());
-        let agrees = found.pose_confidence >= PLACED
-            && found.matched() as f64 >= MIN_AGREEING * larger as f64;
+        let agrees =
+            found.confidence >= PLACED && found.matched() as f64 >= MIN_AGREEING * larger as f64;
         if agrees && found.matched() > best.0 {
             best = (found.matched(), Some(k));
         }

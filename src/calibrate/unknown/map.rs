@@ -237,14 +237,14 @@ impl<'a> Map<'a> {
         for (hint, least) in self.hints(k) {
             if let Ok(explanations) = recognizer.explain(&observed, Some(&hint), &mut workspace) {
                 let found = explanations.best();
-                if found.matched() >= least && found.pose_confidence >= PLACED {
+                if found.matched() >= least && found.confidence >= PLACED {
                     return Some(placed(found));
                 }
             }
         }
         let alone = recognizer.explain(&observed, None, &mut workspace).ok()?;
         let found = alone.best();
-        let sure = found.matched() > MIN_MATCHED && found.pose_confidence >= PLACED_ALONE;
+        let sure = found.matched() > MIN_MATCHED && found.confidence >= PLACED_ALONE;
         sure.then(|| placed(found))
     }
 

@@ -89,7 +89,7 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
     match &frame.outcome {
         Ok(pose) => format!(
             "p = {:.2}, {} of {} dots, {:.1} deg, {:.2} px{}{second}",
-            pose.pose_confidence,
+            pose.confidence,
             frame.matched(),
             frame.dots.len(),
             pose.residual_rad.to_degrees(),
@@ -371,8 +371,8 @@ pub(super) fn add_pose(shown_in: CameraFrame, frame: &FrameEstimate, json: &mut 
             json["matched"] = frame.matched().into();
             json["residual_deg"] = pose.residual_rad.to_degrees().into();
             json["residual_px"] = pose.residual_px.into();
+            json["dots_confidence"] = pose.dots_confidence.into();
             json["confidence"] = pose.confidence.into();
-            json["pose_confidence"] = pose.pose_confidence.into();
             json["hinted"] = pose.hinted.into();
             if let Some(distance) = pose.distance {
                 json["inverse_distance"] = distance.inverse_distance.into();

@@ -230,7 +230,7 @@ fn hypothesis(
                         .time_s
                         .zip(estimate.pose())
                         .map(|(time_s, pose)| Measurement {
-                            confidence: pose.pose_confidence,
+                            confidence: pose.confidence,
                             ..Measurement::new(time_s, pose.rotation)
                         });
                 (score, measured)

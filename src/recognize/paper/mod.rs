@@ -288,8 +288,8 @@ impl Recognizer for PaperRecognizer {
         out.assignment.clear();
         out.assignment.extend(ws.best.iter().map(|&t| Some(t)));
         out.residual_rad = best.error_rad;
+        out.dots_confidence = confidence;
         out.confidence = confidence;
-        out.pose_confidence = confidence;
         Ok(&ws.explanations)
     }
 

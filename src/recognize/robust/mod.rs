@@ -417,8 +417,8 @@ impl RobustRecognizer {
         }
         out.rotation = to_rotation(&rotation);
         out.residual_rad = (squared / matched.max(1) as f64).sqrt();
-        out.confidence = confidence.identity;
-        out.pose_confidence = confidence.pose;
+        out.dots_confidence = confidence.identity;
+        out.confidence = confidence.pose;
     }
 }
 

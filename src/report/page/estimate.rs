@@ -164,7 +164,7 @@ impl PageFrame {
             name: shown.name.clone(),
             time_s: shown.time_s,
             orientation_wxyz: pose.map(|p| to_wxyz(&p.rotation)),
-            confidence: pose.map(|p| rounded(p.pose_confidence)),
+            confidence: pose.map(|p| rounded(p.confidence)),
             residual_deg: pose.map(|p| rounded(p.residual_rad.to_degrees())),
             dots: frame.dots.len(),
             matched: frame.matched(),

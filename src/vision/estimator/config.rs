@@ -118,6 +118,10 @@ impl std::str::FromStr for OutlineMethod {
     }
 }
 
+/// Poses from images with a smaller confidence are rejected, where nothing else is asked for: with less, several in a hundred
+/// images of other balls and things are answered (docs/measurements/trust.md).
+pub const MIN_CONFIDENCE: f64 = 0.85;
+
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct EstimatorConfig {
@@ -146,9 +150,8 @@ pub struct EstimatorConfig {
 
 impl Default for EstimatorConfig {
     /// A camera at an unknown distance; dots from z = 0.2, 85 % of them detected, one false dot a frame (a logo); drawn to
-    /// 1.2 deg; detections likelier dots than not, then those down to 0.15, with 1.5 false dots more. A pose is accepted
-    /// from a probability of 0.85 on: with less, several in a hundred images of other balls and things are
-    /// answered (docs/measurements/trust.md).
+    /// 1.2 deg; detections likelier dots than not, then those down to 0.15, with 1.5 false dots more; poses from
+    /// [`MIN_CONFIDENCE`] on.
     fn default() -> Self {
         Self {
             camera: CameraModel::default(),
@@ -171,7 +174,7 @@ impl Default for EstimatorConfig {
             dot_confidence: [0.5, 0.15],
             doubtful_false_dots: 1.5,
             trust: TrustMap::default(),
-            min_confidence: 0.85,
+            min_confidence: MIN_CONFIDENCE,
             max_blur: 0.6,
         }
     }

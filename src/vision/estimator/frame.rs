@@ -21,10 +21,10 @@ pub struct Pose {
     pub rotation: Rotation,
     /// Covariance of the rotation vector that leads from it to the true one, in the same frame, rad^2.
     pub covariance: Matrix3<f64>,
-    /// Probability that every dot is identified correctly.
-    pub confidence: f64,
+    /// Probability that every dot is named correctly.
+    pub dots_confidence: f64,
     /// Probability that the rotation is correct, whatever single dots are.
-    pub pose_confidence: f64,
+    pub confidence: f64,
     /// Root mean square angle between the named dots and the rotated pattern, radians.
     pub residual_rad: f64,
     /// Root mean square distance of the named dots from the projected pattern, pixels.
@@ -58,7 +58,7 @@ pub enum FrameRejection {
     /// The best pose is not likely enough.
     Ambiguous {
         /// Its probability.
-        pose_confidence: f64,
+        confidence: f64,
     },
     /// The time for a frame ended before a pose was clear.
     OutOfTime,
@@ -83,9 +83,9 @@ impl std::fmt::Display for FrameRejection {
             Self::TooFewDots { found, needed } => {
                 write!(f, "too few dots: {found}, needed {needed}")
             }
-            Self::Ambiguous { pose_confidence } => write!(
+            Self::Ambiguous { confidence } => write!(
                 f,
-                "ambiguous: the best pose has a probability of {pose_confidence:.2}"
+                "ambiguous: the best pose has a probability of {confidence:.2}"
             ),
             Self::OutOfTime => f.write_str("the time for a frame ended"),
             Self::Recognizer(refusal) => refusal.fmt(f),
@@ -305,7 +305,7 @@ impl FrameEstimate {
     pub(super) fn reject_pose(&mut self) {
         if let Ok(pose) = self.outcome {
             self.outcome = Err(FrameRejection::Ambiguous {
-                pose_confidence: pose.pose_confidence,
+                confidence: pose.confidence,
             });
             self.circle = self.outline.map(|o| o.circle);
             self.assignment.fill(None);

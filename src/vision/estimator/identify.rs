@@ -42,8 +42,8 @@ struct PoseHypothesis {
     rotation: Rotation,
     /// The camera under which the dots were identified.
     camera: Camera,
+    dots_confidence: f64,
     confidence: f64,
-    pose_confidence: f64,
     evidence: PoseEvidence,
 }
 
@@ -52,8 +52,8 @@ impl PoseHypothesis {
     fn discounted(self, attempts: usize) -> Self {
         let less = |p: f64| p / (p + (1.0 - p) * attempts.max(1) as f64);
         Self {
+            dots_confidence: less(self.dots_confidence),
             confidence: less(self.confidence),
-            pose_confidence: less(self.pose_confidence),
             ..self
         }
     }
@@ -61,15 +61,15 @@ impl PoseHypothesis {
     /// The probability by all that is known of the pose, after so many attempts.
     fn weighed(self, map: &TrustMap, attempts: usize) -> Self {
         let evidence = PoseEvidence {
-            pose_confidence: self.pose_confidence,
+            confidence: self.confidence,
             attempts,
             ..self.evidence
         };
-        let pose_confidence = map.probability(&evidence);
-        let share = pose_confidence / self.pose_confidence.max(f64::MIN_POSITIVE);
+        let confidence = map.probability(&evidence);
+        let share = confidence / self.confidence.max(f64::MIN_POSITIVE);
         Self {
-            confidence: (self.confidence * share).min(pose_confidence),
-            pose_confidence,
+            dots_confidence: (self.dots_confidence * share).min(confidence),
+            confidence,
             evidence,
             ..self
         }
@@ -96,7 +96,7 @@ enum Mirrored {
 
 /// The probability of the best pose so far.
 fn promise_of(found: &std::result::Result<PoseHypothesis, FrameRejection>) -> f64 {
-    found.as_ref().map_or(0.0, |f| f.pose_confidence)
+    found.as_ref().map_or(0.0, |f| f.confidence)
 }
 
 impl<D: DotDetector> Estimator<D> {
@@ -223,7 +223,7 @@ impl<D: DotDetector> Estimator<D> {
                 }
                 let better = match (&best, &found) {
                     (Err(_), _) => true,
-                    (Ok(best), Ok(found)) => found.pose_confidence > best.pose_confidence,
+                    (Ok(best), Ok(found)) => found.confidence > best.confidence,
                     (Ok(_), Err(_)) => false,
                 };
                 if better {
@@ -237,7 +237,7 @@ impl<D: DotDetector> Estimator<D> {
                     }
                     best = found;
                 }
-                if best.is_ok_and(|b| b.pose_confidence >= CLEAR) {
+                if best.is_ok_and(|b| b.confidence >= CLEAR) {
                     break 'search;
                 }
             }
@@ -257,9 +257,9 @@ impl<D: DotDetector> Estimator<D> {
                 evidence: best.evidence,
             });
         }
-        if best.pose_confidence < self.config.min_confidence {
-            let pose_confidence = best.pose_confidence;
-            return Err(FrameRejection::Ambiguous { pose_confidence });
+        if best.confidence < self.config.min_confidence {
+            let confidence = best.confidence;
+            return Err(FrameRejection::Ambiguous { confidence });
         }
         self.refine(&best, outline, hint.is_some(), ws, out)
     }
@@ -307,7 +307,7 @@ impl<D: DotDetector> Estimator<D> {
                 .explain_directly(dots_seen, hint, seen)
                 .map(|_| ()),
         };
-        let is_likely = || seen.explanations().best().pose_confidence >= MIRROR_DOUBT;
+        let is_likely = || seen.explanations().best().confidence >= MIRROR_DOUBT;
         if !is_sought && explained.is_ok() && is_likely() {
             explained = recognizer.explain(dots_seen, hint, seen).map(|_| ());
         }
@@ -321,8 +321,8 @@ impl<D: DotDetector> Estimator<D> {
         Ok(PoseHypothesis {
             rotation: found.rotation,
             camera: look.camera,
+            dots_confidence: found.dots_confidence,
             confidence: found.confidence,
-            pose_confidence: found.pose_confidence,
             evidence: self.evidence(dots, ws),
         })
     }
@@ -387,8 +387,8 @@ impl<D: DotDetector> Estimator<D> {
         Ok(Pose {
             rotation: turn * refined.rotation,
             covariance: matrix * refined.covariance * matrix.transpose(),
+            dots_confidence: hypothesis.dots_confidence,
             confidence: hypothesis.confidence,
-            pose_confidence: hypothesis.pose_confidence,
             residual_rad: refined.residual_rad,
             residual_px: refined.residual_px,
             distance: refined.distance,

@@ -61,7 +61,7 @@ pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
     estimate_inputs,
 };
-pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
+pub use config::{CameraDistance, CameraModel, EstimatorConfig, MIN_CONFIDENCE, OutlineMethod};
 use frame::Standing;
 pub use frame::{FrameEstimate, FrameRejection, Outline, OutlineSource, Pose, Timings};
 pub use orientations::{NamedFrame, orientations, turned_covariance};

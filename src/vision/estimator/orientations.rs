@@ -39,7 +39,7 @@ pub fn orientations(
             dots: Some(estimate.dots.len()),
             matched: Some(estimate.matched()),
             residual_rad: pose.map(|p| p.residual_rad),
-            confidence: pose.map(|p| p.pose_confidence),
+            confidence: pose.map(|p| p.confidence),
             covariance: pose.map(|p| turned_covariance(&turned, &p.covariance)),
             turn: turn.map(|turn| turn.in_axes(frame)),
         }

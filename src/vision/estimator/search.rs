@@ -546,8 +546,8 @@ impl<D: DotDetector> Estimator<D> {
 /// which leaves it to [`TrustMap`](super::TrustMap) what an accepted pose is worth.
 pub(super) fn is_evident(frame: &FrameEstimate) -> bool {
     let of_dots = |pose: &Pose| match frame.evidence() {
-        Some(evidence) => evidence.pose_confidence,
-        None => pose.pose_confidence,
+        Some(evidence) => evidence.confidence,
+        None => pose.confidence,
     };
     let is_clear = frame.pose().is_some_and(|pose| of_dots(pose) >= CLEAR);
     is_clear && likely_dots(frame) >= MIN_LIKELY_DOTS
@@ -557,10 +557,10 @@ pub(super) fn is_evident(frame: &FrameEstimate) -> bool {
 /// where both are all but certain, by how well the dots fit.
 fn is_better(a: &FrameEstimate, b: &FrameEstimate) -> bool {
     match (a.pose(), b.pose()) {
-        (Some(a), Some(b)) if a.pose_confidence.min(b.pose_confidence) >= CERTAIN => {
+        (Some(a), Some(b)) if a.confidence.min(b.confidence) >= CERTAIN => {
             a.residual_rad < b.residual_rad
         }
-        (Some(a), Some(b)) => a.pose_confidence > b.pose_confidence,
+        (Some(a), Some(b)) => a.confidence > b.confidence,
         (a, _) => a.is_some(),
     }
 }
@@ -568,8 +568,8 @@ fn is_better(a: &FrameEstimate, b: &FrameEstimate) -> bool {
 /// The probability of a frame's pose, accepted or not.
 pub(super) fn promise(frame: &FrameEstimate) -> f64 {
     match &frame.outcome {
-        Ok(pose) => pose.pose_confidence,
-        Err(FrameRejection::Ambiguous { pose_confidence }) => *pose_confidence,
+        Ok(pose) => pose.confidence,
+        Err(FrameRejection::Ambiguous { confidence }) => *confidence,
         Err(_) => 0.0,
     }
 }

@@ -94,10 +94,10 @@ struct Neighbor {
 impl Neighbor {
     fn of(frame: usize, time_s: f64, estimate: &FrameEstimate, trusted: f64) -> Option<Self> {
         let pose = estimate.pose()?;
-        (!pose.hinted && pose.pose_confidence >= trusted).then_some(Self {
+        (!pose.hinted && pose.confidence >= trusted).then_some(Self {
             frame,
             circle: estimate.circle?,
-            measurement: measurement(time_s, pose.rotation, pose.pose_confidence),
+            measurement: measurement(time_s, pose.rotation, pose.confidence),
         })
     }
 }

@@ -292,10 +292,10 @@ impl<D: DotDetector> Tracker<D> {
     /// The frame's pose, if it is evidence.
     fn trusted_pose(&self, time_s: f64) -> Option<Seen> {
         let pose = self.frame.pose()?;
-        let is_trusted = !pose.hinted && pose.pose_confidence >= self.config.sequence.trusted;
+        let is_trusted = !pose.hinted && pose.confidence >= self.config.sequence.trusted;
         is_trusted.then_some(Seen {
             measurement: Measurement {
-                confidence: pose.pose_confidence,
+                confidence: pose.confidence,
                 ..Measurement::new(time_s, pose.rotation)
             },
             residual_rad: pose.residual_rad,

@@ -30,7 +30,7 @@ const MAX_MISFIT: f64 = 6.0;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PoseEvidence {
     /// The recognizer's probability.
-    pub pose_confidence: f64,
+    pub confidence: f64,
     /// Dots that have a name.
     pub named: usize,
     /// Detections that are likelier dots than not, without a name.
@@ -48,7 +48,7 @@ pub struct PoseEvidence {
 impl PoseEvidence {
     /// The features of the map, beside the constant 1.
     pub fn features(&self) -> [f64; FEATURES] {
-        let p = self.pose_confidence;
+        let p = self.confidence;
         let ln_odds = (p / (1.0 - p).max(f64::MIN_POSITIVE)).ln();
         [
             ln_odds.clamp(LN_ODDS[0], LN_ODDS[1]),
@@ -96,7 +96,7 @@ impl TrustMap {
     /// The probability that the pose is correct.
     pub fn probability(&self, evidence: &PoseEvidence) -> f64 {
         if *self == Self::IDENTITY {
-            return evidence.pose_confidence;
+            return evidence.confidence;
         }
         let features = evidence.features();
         let terms = self.weights.iter().zip(features).map(|(w, f)| w * f);
@@ -117,22 +117,22 @@ mod tests {
 
     #[test]
     fn the_identity_keeps_every_probability() {
-        for pose_confidence in [0.0, 1e-9, 0.3, 0.999_999, 1.0] {
+        for confidence in [0.0, 1e-9, 0.3, 0.999_999, 1.0] {
             let evidence = PoseEvidence {
-                pose_confidence,
+                confidence,
                 named: 7,
                 ..PoseEvidence::default()
             };
             let found = TrustMap::IDENTITY.probability(&evidence);
-            assert_eq!(found, pose_confidence);
+            assert_eq!(found, confidence);
         }
     }
 
     #[test]
     fn probabilities_stay_within_their_domain() {
-        for pose_confidence in [0.0, 0.5, 1.0] {
+        for confidence in [0.0, 0.5, 1.0] {
             let evidence = PoseEvidence {
-                pose_confidence,
+                confidence,
                 unnamed: 1000,
                 ..PoseEvidence::default()
             };
@@ -144,7 +144,7 @@ mod tests {
     #[test]
     fn what_speaks_against_a_pose_makes_it_less_likely() {
         let clear = PoseEvidence {
-            pose_confidence: 0.9,
+            confidence: 0.9,
             named: 7,
             attempts: 1,
             ..PoseEvidence::default()

@@ -130,7 +130,7 @@ fn evaluate(frame: &Frame, out: &FrameEstimate) -> Outcome {
             .filter(|d| truth.dots.iter().all(|t| off(d, t) >= NEAR))
             .count(),
         error_deg: pose.map(|p| p.rotation.angle_to(&rotation).to_degrees()),
-        confidence: pose.map_or(0.0, |p| p.pose_confidence),
+        confidence: pose.map_or(0.0, |p| p.confidence),
         rejection: out.outcome.as_ref().err().copied(),
         circle_off: out.circle.map_or(f64::NAN, |c| {
             (c.center.u - truth.center.u).hypot(c.center.v - truth.center.v) / truth.radius_px

@@ -54,7 +54,7 @@ fn picture(group: &str, seed: u64, k: u64, pattern: &Pattern) -> spindoe::Result
 }
 
 fn line(name: &str, out: &FrameEstimate) -> String {
-    let pose = out.pose().map_or(0.0, |p| p.pose_confidence);
+    let pose = out.pose().map_or(0.0, |p| p.confidence);
     let fit = out.fit.map_or_else(String::new, |f| {
         format!(
             "radius {:.0} support {:.2} visible {:.2} {:?} contrast {:.3} edge {:.2} rivals {}",
@@ -82,7 +82,7 @@ fn estimate(estimator: &Estimator<NamedDetector>, picture: &Picture) -> (f64, St
         &mut ws,
         &mut out,
     );
-    let confidence = out.pose().map_or(0.0, |p| p.pose_confidence);
+    let confidence = out.pose().map_or(0.0, |p| p.confidence);
     (confidence, line(name, &out), out.circle.is_some())
 }
 

@@ -108,7 +108,7 @@ fn measured(dots: usize, index: usize, frames: u64) -> Outcome<Row> {
         found.outline.is_some().then(|| {
             let outcome = FrameOutcome::of(found, &rendering.rotation);
             let failure = match found.pose() {
-                Some(pose) if outcome.is_right() => 1.0 - pose.pose_confidence,
+                Some(pose) if outcome.is_right() => 1.0 - pose.confidence,
                 _ => 1.0,
             };
             let likely = found.dots.iter().filter(|d| d.confidence >= 0.5).count();

@@ -240,7 +240,7 @@ fn a_symmetric_pattern_has_tied_poses() {
     let found: Value = serde_json::from_str(&json).unwrap();
     let frame = &found["frames"][0];
     // The cube turns into itself in 24 ways.
-    assert!(frame["pose_confidence"].as_f64().unwrap() < 0.06, "{frame}");
+    assert!(frame["confidence"].as_f64().unwrap() < 0.06, "{frame}");
     assert!(frame["rivals"].as_array().unwrap().len() >= 23, "{frame}");
     let arguments = [
         "identify",

@@ -67,8 +67,8 @@ fn dumped_trials_get_the_answers_that_validation_got() {
                 Ok(answer) => {
                     let assignment = serde_json::to_value(&answer.assignment).unwrap();
                     assert_eq!(frame["assignment"], assignment);
-                    let confidence = frame["confidence"].as_f64().unwrap();
-                    assert!((confidence - answer.confidence).abs() < 1e-6);
+                    let confidence = frame["dots_confidence"].as_f64().unwrap();
+                    assert!((confidence - answer.dots_confidence).abs() < 1e-6);
                     right += u64::from(answer.assignment == trial.truth);
                 }
                 Err(refusal) => assert_eq!(frame["refusal"], refusal.to_string()),

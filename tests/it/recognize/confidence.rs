@@ -138,7 +138,7 @@ fn confidences_are_shares_of_all_explanations() {
             continue;
         };
         // Views in doubt tell most.
-        if found.best().pose_confidence > 0.95 {
+        if found.best().confidence > 0.95 {
             continue;
         }
         let best = found.best();
@@ -179,8 +179,8 @@ fn confidences_are_shares_of_all_explanations() {
         }
         views += 1;
         for (off, (claimed, exact)) in off.iter_mut().zip([
-            (best.pose_confidence, pose / all),
-            (best.confidence, names / all),
+            (best.confidence, pose / all),
+            (best.dots_confidence, names / all),
         ]) {
             println!("{index}: claimed {claimed:.3}, exact {exact:.3}");
             *off += (claimed - exact).abs();
@@ -269,7 +269,7 @@ fn exchange(uncertainty: DotUncertainty, offsets: [[f64; 2]; 2], placement_deg: 
         other => panic!("the two dots are named {other:?}"),
     };
     let exact = weight(answered) / (weight(0) + weight(1));
-    [found.confidence, exact]
+    [found.dots_confidence, exact]
 }
 
 #[test]
@@ -356,7 +356,7 @@ fn claims_add_up_where_some_views_show_something_else() {
         let Ok(found) = recognizer.identify(&trial.dots, &mut ws) else {
             continue;
         };
-        let p = found.pose_confidence;
+        let p = found.confidence;
         let off = rotation_angle(&found.rotation, &trial.rotation);
         claimed += p;
         variance += p * (1.0 - p);
@@ -425,10 +425,7 @@ fn the_share_of_other_frames_is_learned() {
     );
     let share = learned.unwrap().view.foreign_share;
     assert!((share - 0.4).abs() < 0.08, "{share}");
-    let sure = |a: &&FrameAnswer| {
-        a.identification()
-            .is_some_and(|f| f.pose_confidence >= 0.99)
-    };
+    let sure = |a: &&FrameAnswer| a.identification().is_some_and(|f| f.confidence >= 0.99);
     let random = answers.0.iter().enumerate().filter(|(k, _)| k % 5 < 2);
     assert_eq!(random.filter(|(_, a)| sure(a)).count(), 0);
 }

@@ -78,7 +78,7 @@ fn rate(ball: &Ball, config: PaperConfig, sigma: f64, given: usize, trials: usiz
         count += 1;
         if let Ok(found) = recognizer.identify(&dots, &mut ws) {
             assert_eq!(found.matched(), dots.len());
-            assert!((0.0..=1.0).contains(&found.confidence));
+            assert!((0.0..=1.0).contains(&found.dots_confidence));
             let same = found
                 .assignment
                 .iter()

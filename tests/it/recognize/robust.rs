@@ -137,14 +137,14 @@ fn sure_answers_are_right_and_random_dots_are_doubted() {
         for result in trials.run(&robust, &|_| {}).unwrap() {
             if let TrialResult::Judged {
                 identity,
+                dots_confidence,
                 confidence,
-                pose_confidence,
                 ..
             } = result
             {
-                assert!(pose_confidence >= confidence);
-                sure += u32::from(confidence >= 0.99);
-                wrong += u32::from(confidence >= 0.99 && !identity);
+                assert!(confidence >= dots_confidence);
+                sure += u32::from(dots_confidence >= 0.99);
+                wrong += u32::from(dots_confidence >= 0.99 && !identity);
             }
         }
         let mut ws = robust.workspace();
@@ -154,7 +154,7 @@ fn sure_answers_are_right_and_random_dots_are_doubted() {
                 .map(|d| dot(Vec3::new(d.x, d.y, d.z.abs()), 0.03))
                 .collect();
             if let Ok(found) = robust.identify(&dots, &mut ws) {
-                sure_of_nothing += u32::from(found.confidence >= 0.99);
+                sure_of_nothing += u32::from(found.dots_confidence >= 0.99);
             }
         }
     }
@@ -248,9 +248,9 @@ fn the_search_finds_what_brute_force_finds() {
 fn tied(robust: &RobustRecognizer, dots: &[ObservedDot]) -> (f64, usize) {
     let mut ws = robust.workspace();
     let found = robust.explain(dots, None, &mut ws).unwrap();
-    let best = found.best().pose_confidence;
+    let best = found.best().confidence;
     let rivals = found.rivals().iter();
-    let as_good = rivals.take_while(|r| r.pose_confidence > 0.5 * best);
+    let as_good = rivals.take_while(|r| r.confidence > 0.5 * best);
     (best, 1 + as_good.count())
 }
 
@@ -282,7 +282,7 @@ fn absurd_uncertainties_are_refused_without_a_panic() {
                     "{a} {mixed} {b}"
                 );
             } else if let Ok(found) = answer {
-                assert!((0.0..=1.0).contains(&found.confidence), "{found:?}");
+                assert!((0.0..=1.0).contains(&found.dots_confidence), "{found:?}");
             }
             dots[0] = dot(dots[0].direction, a);
             let _ = robust.identify(&dots, &mut ws);
@@ -518,7 +518,7 @@ fn covariances_are_used_as_they_are() {
             continue;
         };
         assert_eq!(a.assignment, b.assignment);
-        assert!((a.confidence - b.confidence).abs() < 1e-6);
+        assert!((a.dots_confidence - b.dots_confidence).abs() < 1e-6);
     }
 }
 

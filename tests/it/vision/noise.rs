@@ -77,7 +77,7 @@ fn answers<'a>(images: impl Iterator<Item = ImageView<'a>>) -> (usize, Vec<f64>)
             &mut out,
         );
         all += 1;
-        answered.extend(out.pose().map(|p| p.pose_confidence));
+        answered.extend(out.pose().map(|p| p.confidence));
     }
     println!("{} of {all} answered: {answered:.4?}", answered.len());
     (all, answered)

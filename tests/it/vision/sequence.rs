@@ -138,8 +138,8 @@ fn hinted(rotation: Rotation) -> Pose {
     Pose {
         rotation,
         covariance: Matrix3::from_diagonal_element(1e-4),
+        dots_confidence: 0.97,
         confidence: 0.97,
-        pose_confidence: 0.97,
         residual_rad: 0.01,
         residual_px: 0.3,
         distance: None,

@@ -99,10 +99,10 @@ fn the_covariance_counts_the_errors_that_frames_share() {
         let pose = state
             .frame
             .pose()
-            .filter(|pose| !pose.hinted && pose.pose_confidence >= config.sequence.trusted);
+            .filter(|pose| !pose.hinted && pose.confidence >= config.sequence.trusted);
         trusted.extend(pose.map(|pose| {
             let measurement = Measurement {
-                confidence: pose.pose_confidence,
+                confidence: pose.confidence,
                 ..Measurement::new(*time_s, pose.rotation)
             };
             (measurement, pose.residual_rad)

@@ -43,7 +43,7 @@ class Settings:
     """Focal lengths and principal point ``fx, fy, cx, cy``, pixels; without them the ball's position is
     not known, and is published as the origin."""
     ball_radius_m: float = 0.02
-    min_confidence: float = 0.5
+    min_confidence: float = spindoe.MIN_CONFIDENCE_IMAGES
     window: int = 12
     memory_s: float = 0.25
     max_rps: float = 175.0
@@ -57,7 +57,7 @@ class Answer:
     """Ball's center; None without intrinsics."""
     quaternion_xyzw: NDArray[np.float64] | None
     """Pattern to frame; None where the image has no answer."""
-    pose_confidence: float
+    confidence: float
     spin_rad_s: NDArray[np.float64] | None
     """None where no spin is known."""
     spin_covariance: NDArray[np.float64] | None
@@ -133,7 +133,7 @@ class SpinCore:
         return Answer(
             self._position(state.frame.circle),
             self._quaternion(pose) if pose else None,
-            pose.pose_confidence if pose else 0.0,
+            pose.confidence if pose else 0.0,
             vector,
             covariance,
             "; ".join(reasons),

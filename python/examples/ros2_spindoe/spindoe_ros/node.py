@@ -26,7 +26,7 @@ class SpinNode(Node):  # type: ignore[misc]
             frame=value("frame", "optical", "optical (REP 103) or ours (z towards the camera)"),
             intrinsics=tuple(intrinsics) if any(intrinsics) else None,
             ball_radius_m=value("ball_radius_m", 0.02, "radius of the ball, m"),
-            min_confidence=value("min_confidence", 0.5, "minimum probability of a published pose"),
+            min_confidence=value("min_confidence", Settings.min_confidence, "minimum probability of a published pose"),
             window=value("window", 12, "poses that the spin is fitted to"),
             memory_s=value("memory_s", 0.25, "age at which poses are forgotten, s"),
             max_rps=value("max_rps", 175.0, "largest spin considered, revolutions per second"),

@@ -54,16 +54,16 @@ impl Claims {
             TrialResult::Judged {
                 identity,
                 error_rad,
+                dots_confidence,
                 confidence,
-                pose_confidence,
                 ..
             } => Some(Self {
                 pose: Claim {
-                    confidence: pose_confidence,
+                    confidence,
                     is_right: error_rad < ORIENTATION_FAILURE_RAD,
                 },
                 names: Claim {
-                    confidence,
+                    confidence: dots_confidence,
                     is_right: identity,
                 },
             }),
@@ -250,13 +250,13 @@ fn claims(answer: &FrameAnswer, truth: Option<&Trial>) -> Claims {
     };
     Claims {
         pose: Claim {
-            confidence: found.map_or(0.0, |f| f.pose_confidence),
+            confidence: found.map_or(0.0, |f| f.confidence),
             is_right: is_right(&|found, truth| {
                 rotation_angle(&found.rotation, &truth.rotation) < ORIENTATION_FAILURE_RAD
             }),
         },
         names: Claim {
-            confidence: found.map_or(0.0, |f| f.confidence),
+            confidence: found.map_or(0.0, |f| f.dots_confidence),
             is_right: is_right(&|found, truth| found.assignment == truth.truth),
         },
     }

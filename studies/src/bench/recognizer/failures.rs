@@ -147,7 +147,7 @@ fn about_pose(
         trial.truth.len() - real,
         rotation_angle(&answer.rotation, &trial.rotation).to_degrees(),
         answer.matched(),
-        answer.confidence
+        answer.dots_confidence
     )
 }
 
@@ -182,6 +182,6 @@ fn about_dots(bench: &Bench, trial: &Trial, answer: &Identification) -> String {
     format!(
         "correct pose, but {} (confidence {:.2}).",
         parts.join(", and "),
-        answer.confidence
+        answer.dots_confidence
     )
 }

@@ -24,7 +24,7 @@ const FILES: [usize; 3] = [1, 10, 200];
 struct Judged {
     identity: bool,
     orientation: bool,
-    pose_confidence: f64,
+    confidence: f64,
 }
 
 fn judge(found: Option<&Identification>, trial: &Trial) -> Judged {
@@ -32,12 +32,12 @@ fn judge(found: Option<&Identification>, trial: &Trial) -> Judged {
         Some(found) => Judged {
             identity: found.assignment == trial.truth,
             orientation: found.rotation.angle_to(&trial.rotation) < ORIENTATION_FAILURE_RAD,
-            pose_confidence: found.pose_confidence,
+            confidence: found.confidence,
         },
         None => Judged {
             identity: false,
             orientation: false,
-            pose_confidence: 0.0,
+            confidence: 0.0,
         },
     }
 }
@@ -133,9 +133,9 @@ const BINS: [(f64, f64); 3] = [(0.5, 0.9), (0.9, 0.99), (0.99, 1.1)];
 fn row(name: &str, judged: &[Judged]) {
     // For each bin what was claimed on average, and how often it was so.
     let bins = BINS.map(|(from, to)| {
-        let of = |j: &&Judged| (from..to).contains(&j.pose_confidence);
+        let of = |j: &&Judged| (from..to).contains(&j.confidence);
         let within: Vec<Judged> = judged.iter().filter(of).copied().collect();
-        let claimed: f64 = within.iter().map(|j| j.pose_confidence).sum();
+        let claimed: f64 = within.iter().map(|j| j.confidence).sum();
         let claimed = 100.0 * claimed / within.len().max(1) as f64;
         format!("{claimed:.2}: {}", percent(&within, |j| j.orientation))
     });

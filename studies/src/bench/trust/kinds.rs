@@ -166,7 +166,7 @@ pub struct Answer {
     /// What speaks for its best pose, accepted or not.
     pub evidence: PoseEvidence,
     /// The probability reported; `None` where there is no answer.
-    pub pose_confidence: Option<f64>,
+    pub confidence: Option<f64>,
     /// Whether the best pose, accepted or not, is the ball's.
     pub is_correct: bool,
     /// Whether the image shows the ball.
@@ -192,7 +192,7 @@ fn answer(
     let off = truth.zip(rotation).map(|(t, r)| t.angle_to(&r));
     Some(Answer {
         evidence: *out.evidence()?,
-        pose_confidence: pose.map(|p| p.pose_confidence),
+        confidence: pose.map(|p| p.confidence),
         is_correct: off.is_some_and(|o| o < ORIENTATION_FAILURE_RAD),
         is_ball: truth.is_some(),
     })
@@ -233,14 +233,9 @@ pub fn print(images: u64, seed: u64, wanted: &[String]) -> Result<()> {
             continue;
         }
         let found = answers(&estimator, &sources, kind, 0..images, seed)?;
-        let answered = || {
-            found
-                .iter()
-                .flatten()
-                .filter(|a| a.pose_confidence.is_some())
-        };
+        let answered = || found.iter().flatten().filter(|a| a.confidence.is_some());
         let above = |limit: f64| {
-            let sure = answered().filter(|a| a.pose_confidence.is_some_and(|p| p > limit));
+            let sure = answered().filter(|a| a.confidence.is_some_and(|p| p > limit));
             Proportion::new(sure.count() as u64, images)
         };
         println!(
@@ -256,7 +251,7 @@ pub fn print(images: u64, seed: u64, wanted: &[String]) -> Result<()> {
         }
         if is_shown {
             for a in answered() {
-                let (p, e) = (a.pose_confidence.unwrap_or_default(), a.evidence);
+                let (p, e) = (a.confidence.unwrap_or_default(), a.evidence);
                 eprintln!(
                     "{name}|{}|{p:.6}|{:?}",
                     u8::from(a.is_correct),
@@ -289,7 +284,7 @@ pub fn fitting_answers(trust: TrustMap, images: u64, seed: u64) -> Result<Vec<An
     };
     let all = FITTED.map(|own| mixture(own, config, images, seed));
     let all: Vec<Answer> = all.into_iter().collect::<Result<Vec<_>>>()?.concat();
-    let is_plausible = |a: &Answer| a.evidence.pose_confidence >= MIN_CONFIDENCE;
+    let is_plausible = |a: &Answer| a.evidence.confidence >= MIN_CONFIDENCE;
     Ok(all.into_iter().filter(is_plausible).collect())
 }
 
