@@ -20,7 +20,7 @@ SPIN = np.array([30.0, 100.0, -40.0])
 OPTICAL = np.diag([1.0, -1.0, -1.0])
 PARAMETERS = {
     "table": "", "frame": "optical", "intrinsics": [0.0] * 4, "ball_radius_m": 0.02,
-    "min_confidence": 0.5, "window": 12, "memory_s": 0.25, "max_rps": 175.0,
+    "min_confidence": spindoe.MIN_CONFIDENCE_IMAGES, "window": 12, "memory_s": 0.25, "max_rps": 175.0,
 }
 
 
