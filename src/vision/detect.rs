@@ -3,6 +3,7 @@
 use nalgebra::Matrix2;
 
 use super::camera::Pixel;
+use super::dense::Heat;
 use super::patch::Patch;
 
 /// A dot found in an image.
@@ -28,15 +29,19 @@ pub trait DotDetector: Sync {
     /// answer too; a detector that exists cannot fail.
     fn detect_into(&self, patch: &Patch, ws: &mut Self::Workspace, out: &mut Vec<DotDetection>);
 
-    /// Looks again at a patch that the dots of [`DotDetector::detect_into`] leave in doubt, by slower means. False, and
-    /// `out` as it was, for a detector that has none.
+    /// Whether there are slower means for a patch that the dots of [`DotDetector::detect_into`] leave in doubt.
+    fn looks_again(&self) -> bool {
+        false
+    }
+
+    /// Finds the dots by those means, and how likely each cell shows one. Without them, all stays as it was.
     fn look_again_into(
         &self,
         _patch: &Patch,
         _ws: &mut Self::Workspace,
         _out: &mut Vec<DotDetection>,
-    ) -> bool {
-        false
+        _heat: &mut Heat,
+    ) {
     }
 
     /// Where the confidences are no probabilities that were fitted on images: the mean of `-ln p` to take for every

@@ -1,6 +1,7 @@
 //! The detectors by name, as chosen on the command line.
 
 use super::blob::{BlobConfig, BlobDetector, BlobWorkspace};
+use super::dense::Heat;
 use super::detect::{DotDetection, DotDetector};
 use super::net::{CnnDetector, CnnWorkspace};
 use super::patch::Patch;
@@ -90,18 +91,23 @@ impl DotDetector for NamedDetector {
         }
     }
 
+    fn looks_again(&self) -> bool {
+        match self {
+            Self::Cnn(detector) => detector.looks_again(),
+            Self::Blob(detector) => detector.looks_again(),
+        }
+    }
+
     fn look_again_into(
         &self,
         patch: &Patch,
         ws: &mut NamedWorkspace,
         out: &mut Vec<DotDetection>,
-    ) -> bool {
-        match self {
-            Self::Cnn(detector) => {
-                let ws = ws.cnn.get_or_insert_with(|| detector.workspace());
-                detector.look_again_into(patch, ws, out)
-            }
-            Self::Blob(_) => false,
+        heat: &mut Heat,
+    ) {
+        if let Self::Cnn(detector) = self {
+            let ws = ws.cnn.get_or_insert_with(|| detector.workspace());
+            detector.look_again_into(patch, ws, out, heat);
         }
     }
 

@@ -16,6 +16,7 @@
 pub mod blob;
 pub mod camera;
 pub mod circle;
+pub mod dense;
 pub mod derived;
 pub mod detect;
 pub mod detector;

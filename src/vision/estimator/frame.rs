@@ -162,8 +162,8 @@ pub struct FrameEstimate {
     pub(super) attempts: usize,
     /// What the outline was worth before its dots were seen.
     pub(super) standing: Standing,
-    /// The best pose of this outline, accepted or not.
-    pub(super) hypothesis: Option<Hypothesis>,
+    /// The best pose of this outline by its detections, and where these leave doubt by all places where dots may be.
+    pub(super) hypotheses: [Option<Hypothesis>; 2],
 }
 
 /// What an outline is worth before the dots within it are seen.
@@ -178,9 +178,10 @@ pub(super) enum Standing {
 
 /// A pose that may be accepted or not.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Hypothesis {
-    /// Pattern to camera frame.
+pub struct Hypothesis {
+    /// Pattern to camera frame, before it is refined.
     pub rotation: Rotation,
+    /// What speaks for it and against it.
     pub evidence: PoseEvidence,
 }
 
@@ -199,7 +200,7 @@ impl Default for FrameEstimate {
             earlier_attempts: 0,
             attempts: 0,
             standing: Standing::default(),
-            hypothesis: None,
+            hypotheses: [None; 2],
         }
     }
 }
@@ -260,14 +261,10 @@ impl FrameEstimate {
         self.attempts
     }
 
-    /// What speaks for the frame's best pose, accepted or not; `None` where no dots were identified.
-    pub fn evidence(&self) -> Option<&PoseEvidence> {
-        self.hypothesis.as_ref().map(|h| &h.evidence)
-    }
-
-    /// The rotation of that pose before it is refined, pattern to camera frame.
-    pub fn unrefined_rotation(&self) -> Option<Rotation> {
-        self.hypothesis.map(|h| h.rotation)
+    /// What the frame's outline suggests, accepted or not: by its detections, then by all places where dots may be, which
+    /// are weighed where the detections leave doubt. An accepted pose is the last one's.
+    pub fn hypotheses(&self) -> impl DoubleEndedIterator<Item = &Hypothesis> {
+        self.hypotheses.iter().flatten()
     }
 
     /// The outline and the camera's distance of a pose in the view frame.
@@ -297,7 +294,7 @@ impl FrameEstimate {
         self.outcome = Err(FrameRejection::NotProcessed);
         self.timings = Timings::default();
         (self.earlier_attempts, self.attempts) = (0, 0);
-        self.hypothesis = None;
+        self.hypotheses = [None; 2];
         self.standing = Standing::Likely;
     }
 

@@ -37,14 +37,14 @@ const MIRRORED: FrameRejection = FrameRejection::Recognizer(RecognizerRejection:
 
 /// A recognizer's answer in terms of detections.
 #[derive(Debug, Clone, Copy)]
-struct PoseHypothesis {
+pub(super) struct PoseHypothesis {
     /// Pattern to view frame.
-    rotation: Rotation,
+    pub(super) rotation: Rotation,
     /// The camera under which the dots were identified.
-    camera: Camera,
-    dots_confidence: f64,
-    confidence: f64,
-    evidence: PoseEvidence,
+    pub(super) camera: Camera,
+    pub(super) dots_confidence: f64,
+    pub(super) confidence: f64,
+    pub(super) evidence: PoseEvidence,
 }
 
 impl PoseHypothesis {
@@ -58,11 +58,10 @@ impl PoseHypothesis {
         }
     }
 
-    /// The probability by all that is known of the pose, after so many attempts.
-    fn weighed(self, map: &TrustMap, attempts: usize) -> Self {
+    /// The probability by all that is known of the pose.
+    fn weighed(self, map: &TrustMap) -> Self {
         let evidence = PoseEvidence {
             confidence: self.confidence,
-            attempts,
             ..self.evidence
         };
         let confidence = map.probability(&evidence);
@@ -83,6 +82,15 @@ struct Look {
     pass: usize,
     camera: Camera,
     mirrored: Mirrored,
+}
+
+/// The detections that are tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Detections {
+    /// Those that are likelier dots than not.
+    Likely,
+    /// Those, then the doubtful ones too.
+    All,
 }
 
 /// When a run looks at the mirrored view, which costs as much again.
@@ -111,12 +119,13 @@ impl<D: DotDetector> Estimator<D> {
             spent: out.earlier_attempts,
             ..Budget::default()
         });
-        self.identify(ws, out);
+        self.identify(Detections::All, ws, out);
     }
 
     /// The same within what may be spent on the frame in hand.
     pub(super) fn identify(
         &self,
+        detections: Detections,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
@@ -125,7 +134,7 @@ impl<D: DotDetector> Estimator<D> {
         };
         let begun = Instant::now();
         out.earlier_attempts = ws.spending.runs;
-        out.outcome = self.identify_dots(&outline, None, ws, out);
+        out.outcome = self.identify_dots(&outline, detections, None, ws, out);
         if out.outcome.is_err() {
             out.circle = Some(outline.circle);
             out.assignment.fill(None);
@@ -156,8 +165,8 @@ impl<D: DotDetector> Estimator<D> {
             return;
         }
         let begun = Instant::now();
-        let hypothesis = out.hypothesis;
-        out.outcome = self.identify_dots(&outline, Some(hint), ws, out);
+        let hypotheses = out.hypotheses;
+        out.outcome = self.identify_dots(&outline, Detections::All, Some(hint), ws, out);
         match (&mut out.outcome, alone) {
             (Ok(pose), Ok(alone)) => {
                 pose.hinted = pose.rotation.angle_to(&alone.rotation) >= DISAGREEMENT;
@@ -167,7 +176,7 @@ impl<D: DotDetector> Estimator<D> {
                 // Why the dots alone give no pose says more.
                 if alone.is_err() {
                     *outcome = alone;
-                    out.hypothesis = hypothesis;
+                    out.hypotheses = hypotheses;
                 }
                 out.circle = Some(outline.circle);
                 out.assignment.fill(None);
@@ -180,6 +189,7 @@ impl<D: DotDetector> Estimator<D> {
     fn identify_dots(
         &self,
         outline: &Outline,
+        detections: Detections,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
@@ -188,8 +198,12 @@ impl<D: DotDetector> Estimator<D> {
             Err(FrameRejection::NotProcessed);
         let mut attempts = ws.spending.runs;
         let begun = attempts;
-        out.hypothesis = None;
-        'search: for pass in 0..self.recognizers.len() {
+        out.hypotheses = [None; 2];
+        let passes = match detections {
+            Detections::Likely => 1,
+            Detections::All => self.recognizers.len(),
+        };
+        'search: for pass in 0..passes {
             // An expected orientation may be told by doubtful detections alone.
             let is_hopeless = hint.is_none() && promise_of(&best) < PROMISING;
             if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
@@ -250,9 +264,9 @@ impl<D: DotDetector> Estimator<D> {
             None => attempts,
         });
         if hint.is_none() {
-            best = best.weighed(&self.config.trust, attempts);
+            best = best.weighed(&self.config.trust);
             let view = BallView::new(&best.camera, outline.circle);
-            out.hypothesis = view.ok().map(|view| Hypothesis {
+            out.hypotheses[0] = view.ok().map(|view| Hypothesis {
                 rotation: view.to_camera() * best.rotation,
                 evidence: best.evidence,
             });
@@ -273,31 +287,7 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         dots: &[DotDetection],
     ) -> std::result::Result<PoseHypothesis, FrameRejection> {
-        let min_depth = self
-            .config
-            .recognizer
-            .view
-            .visibility_limit
-            .max(view.horizon());
-        let hand = Matrix2::from_diagonal_element(self.placement_variance);
-        ws.observed.clear();
-        ws.indices.clear();
-        for (i, dot) in dots.iter().enumerate() {
-            if dot.confidence < self.config.dot_confidence[look.pass] {
-                continue;
-            }
-            let Some(mut seen) = view.back_project(dot.pixel, &dot.covariance) else {
-                continue;
-            };
-            if seen.direction.z < min_depth {
-                continue;
-            }
-            if let DotUncertainty::Tangent { covariance } = &mut seen.uncertainty {
-                *covariance += hand;
-            }
-            ws.observed.push(seen);
-            ws.indices.push(i);
-        }
+        self.observe(self.config.dot_confidence[look.pass], view, ws, dots);
         let recognizer = &self.recognizers[look.pass];
         let (dots_seen, seen) = (&ws.observed, &mut ws.recognizer);
         let is_sought = look.mirrored == Mirrored::Sought;
@@ -323,32 +313,68 @@ impl<D: DotDetector> Estimator<D> {
             camera: look.camera,
             dots_confidence: found.dots_confidence,
             confidence: found.confidence,
-            evidence: self.evidence(dots, ws),
+            evidence: self.evidence(&found.rotation, dots, ws, |k| found.assignment[k]),
         })
     }
 
-    /// What the recognizer's last answer shows beside its odds.
-    fn evidence(
+    /// The detections that are at least so likely, on the sphere.
+    pub(super) fn observe(
         &self,
+        min_confidence: f64,
+        view: &BallView,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        dots: &[DotDetection],
+    ) {
+        let min_depth = self
+            .config
+            .recognizer
+            .view
+            .visibility_limit
+            .max(view.horizon());
+        let hand = Matrix2::from_diagonal_element(self.placement_variance);
+        ws.observed.clear();
+        ws.indices.clear();
+        for (i, dot) in dots.iter().enumerate() {
+            if dot.confidence < min_confidence {
+                continue;
+            }
+            let Some(mut seen) = view.back_project(dot.pixel, &dot.covariance) else {
+                continue;
+            };
+            if seen.direction.z < min_depth {
+                continue;
+            }
+            if let DotUncertainty::Tangent { covariance } = &mut seen.uncertainty {
+                *covariance += hand;
+            }
+            ws.observed.push(seen);
+            ws.indices.push(i);
+        }
+    }
+
+    /// What a pose shows beside its odds, with the names of the dots in hand.
+    pub(super) fn evidence(
+        &self,
+        rotation: &Rotation,
         dots: &[DotDetection],
         ws: &EstimatorWorkspace<D::Workspace>,
+        name: impl Fn(usize) -> Option<u16>,
     ) -> PoseEvidence {
-        let found = ws.recognizer.explanations().best();
         let (mut named, mut unnamed, mut doubt, mut squares) = (0, 0, 0.0, 0.0);
         let observed = ws.indices.iter().zip(&ws.observed);
-        for ((&i, seen), name) in observed.zip(&found.assignment) {
-            match name {
+        for (k, (&i, seen)) in observed.enumerate() {
+            match name(k) {
                 Some(name) => {
                     named += 1;
                     doubt -= dots[i].confidence.max(f64::MIN_POSITIVE).ln();
-                    let expected = found.rotation * self.ball.pattern().dots()[usize::from(*name)];
+                    let expected = rotation * self.ball.pattern().dots()[usize::from(name)];
                     squares += seen.squared_deviations(&expected);
                 }
                 None => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
             }
         }
         let facing = self.ball.pattern().dots().iter();
-        let facing = facing.filter(|d| (found.rotation * *d).z > FACING).count();
+        let facing = facing.filter(|d| (rotation * *d).z > FACING).count();
         PoseEvidence {
             named,
             unnamed,
@@ -362,7 +388,7 @@ impl<D: DotDetector> Estimator<D> {
         }
     }
 
-    fn refine(
+    pub(super) fn refine(
         &self,
         hypothesis: &PoseHypothesis,
         outline: &Outline,

@@ -16,10 +16,11 @@
 //! dots     off the axis of a known camera: the view straight at the ball
 //!          Patch -> DotDetector -> BallView: directions and covariances
 //!                          |   in doubt: five likely dots, or the next outline
-//! names    likely dots, then doubtful ones too; camera distances, the likeliest first
+//! names    likely dots under the camera's distances, the likeliest first,
 //!          once with the mirrored view; until a pose is clear
 //!                          |   in doubt: a promising pose, or the next outline
-//!          no clear pose: the detector's second look, names again
+//!          no clear pose: the detector's second look, likely and doubtful dots;
+//!          none by these: the pattern matched with all places where dots may be
 //!          a rotation expected, and none or another found: the dots weighed with it
 //!                          |
 //! pose     probability by all evidence (TrustMap); refined on the dots in the image,
@@ -42,6 +43,7 @@
 mod acquire;
 mod batch;
 mod config;
+mod dense;
 mod frame;
 mod identify;
 mod locate;
@@ -63,7 +65,7 @@ pub use batch::{
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, MIN_CONFIDENCE, OutlineMethod};
 use frame::Standing;
-pub use frame::{FrameEstimate, FrameRejection, Outline, OutlineSource, Pose, Timings};
+pub use frame::{FrameEstimate, FrameRejection, Hypothesis, Outline, OutlineSource, Pose, Timings};
 pub use orientations::{NamedFrame, orientations, turned_covariance};
 pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
 pub use sequence::{
@@ -72,12 +74,15 @@ pub use sequence::{
 };
 pub use sequence_view::SequenceView;
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
-pub use trust::{FEATURES, PoseEvidence, TrustMap};
+pub use trust::{DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap};
+
+use std::sync::OnceLock;
 
 use nalgebra::Matrix3;
 
 use super::camera::{BallCircle, BallView, Camera, Intrinsics};
 use super::circle::coarse::{CoarseSearch, RoughCircle};
+use super::dense::{DenseMatcher, DenseWorkspace, Heat};
 use super::detect::DotDetector;
 use super::net::OutlineNet;
 use super::patch::Patch;
@@ -103,6 +108,8 @@ pub struct Estimator<D> {
     /// For the likely detections, and for all.
     recognizers: [RobustRecognizer; 2],
     refiner: Refiner,
+    /// Made when a frame first asks for it.
+    dense: OnceLock<DenseMatcher>,
     /// Where the method uses it.
     outline_net: Option<OutlineNet>,
     /// Variance per tangent axis of the drawn dots' places that every observed dot is given, rad^2.
@@ -138,6 +145,8 @@ pub struct EstimatorWorkspace<W> {
     patch: Patch,
     detector: W,
     recognizer: RobustWorkspace,
+    dense: DenseWorkspace,
+    heat: Heat,
     /// The dots handed to the recognizer, and their detections.
     observed: Vec<ObservedDot>,
     indices: Vec<usize>,
@@ -214,6 +223,7 @@ impl<D: DotDetector> Estimator<D> {
                 RobustRecognizer::for_ball(ball, doubtful)?,
             ],
             refiner,
+            dense: OnceLock::new(),
             outline_net,
             placement_variance,
             config,
@@ -266,6 +276,8 @@ impl<D: DotDetector> Estimator<D> {
             patch: Patch::default(),
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
+            dense: DenseWorkspace::default(),
+            heat: Heat::default(),
             observed: Vec::with_capacity(EXPECTED_DOTS),
             indices: Vec::with_capacity(EXPECTED_DOTS),
             matches: Vec::with_capacity(EXPECTED_DOTS),

@@ -13,6 +13,7 @@ use std::time::Instant;
 
 use super::acquire::Hunt;
 use super::frame::Standing;
+use super::identify::Detections;
 use super::locate::{Candidate, Shape};
 use super::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth, Spending};
 use super::shrunk::MAX_THOROUGH;
@@ -388,7 +389,7 @@ impl<D: DotDetector> Estimator<D> {
         other.timings.locate = first.timings.locate;
         self.find_dots(view, candidate.shape, ws, other);
         if first.pose().is_some() {
-            self.identify(ws, other);
+            self.identify(Detections::All, ws, other);
         } else {
             self.identify_looking_again(view, hint, ws, other);
         }
@@ -410,31 +411,35 @@ impl<D: DotDetector> Estimator<D> {
             out.outcome = Err(FrameRejection::TooFewDots { found, needed });
             return;
         }
-        self.identify(ws, out);
-        let is_hopeless = is_doubtful && promise(out) < PROMISING;
-        let is_open = !out.is_settled() && !is_hopeless && !ws.spending.is_late();
-        if is_open && self.look_again(view, ws, out) {
-            let before = out.timings.identify;
-            self.identify(ws, out);
-            out.timings.identify += before;
+        if !self.detector.looks_again() {
+            self.identify(Detections::All, ws, out);
+        } else {
+            self.identify(Detections::Likely, ws, out);
+            let is_hopeless = is_doubtful && promise(out) < PROMISING;
+            if !(out.is_settled() || is_hopeless || ws.spending.is_late()) {
+                self.look_again(view, ws, out);
+                let before = out.timings.identify;
+                self.identify(Detections::All, ws, out);
+                out.timings.identify += before;
+                self.identify_densely(ws, out);
+            }
         }
         if let Some(hint) = hint.filter(|_| !is_doubtful && !ws.spending.is_late()) {
             self.identify_expected(hint, ws, out);
         }
     }
 
-    /// Finds the dots of the last patch anew, by the detector's second look; false where it has none.
+    /// Finds the dots of the last patch anew, by the detector's second look.
     fn look_again(
         &self,
         view: View<'_>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
-    ) -> bool {
+    ) {
         let begun = Instant::now();
-        let (detector, dots) = (&mut ws.detector, &mut out.dots);
-        if !self.detector.look_again_into(&ws.patch, detector, dots) {
-            return false;
-        }
+        let (dots, heat) = (&mut out.dots, &mut ws.heat);
+        self.detector
+            .look_again_into(&ws.patch, &mut ws.detector, dots, heat);
         if let Some(ball) = &ws.recentered {
             ball.camera.dots_to_image(dots);
         }
@@ -442,7 +447,6 @@ impl<D: DotDetector> Estimator<D> {
         out.assignment.clear();
         out.assignment.resize(out.dots.len(), None);
         out.timings.detect += begun.elapsed();
-        true
     }
 
     /// Finds the ball in a view, unless its outline is given, and the dots on it.
@@ -543,10 +547,13 @@ impl<D: DotDetector> Estimator<D> {
 }
 
 /// Whether the dots alone are evidence of a ball, where the circle is none: by the recognizer's own probability,
-/// which leaves it to [`TrustMap`](super::TrustMap) what an accepted pose is worth.
+/// which leaves it to [`TrustMap`](super::TrustMap) what an accepted pose is worth; where all places were
+/// weighed, there is no other than the map's.
 pub(super) fn is_evident(frame: &FrameEstimate) -> bool {
-    let of_dots = |pose: &Pose| match frame.evidence() {
-        Some(evidence) => evidence.confidence,
+    let last = frame.hypotheses().next_back().map(|h| &h.evidence);
+    let of_dots = |pose: &Pose| match last {
+        Some(evidence) if evidence.dense.is_none() => evidence.confidence,
+        Some(_) => pose.confidence,
         None => pose.confidence,
     };
     let is_clear = frame.pose().is_some_and(|pose| of_dots(pose) >= CLEAR);

@@ -131,6 +131,8 @@ impl<D: DotDetector> Tracker<D> {
     /// [`Error::Argument`] for a setting outside its domain.
     pub fn new(estimator: Arc<Estimator<D>>, config: TrackerConfig) -> Result<Self> {
         config.check()?;
+        // Not while frames come in.
+        estimator.dense_matcher();
         Ok(Self {
             workspace: estimator.workspace(),
             estimator,

@@ -3,12 +3,15 @@
 //! The recognizer weighs a pose against dots that lie anywhere, independently of each other. Other
 //! balls, fruit and clutter do not keep to that: their dots stand apart as dots of a pattern do, or
 //! in rows and rings. What sets such poses apart shows beside the model's odds: likely dots without a
-//! name, dots of the pattern that should be seen and are not, how many have a name, and how many attempts it
-//! took. A logistic map weighs these:
+//! name, dots of the pattern that should be seen and are not, and how many have a name. (The
+//! recognizer's own probability is already divided by the number of attempts.) A logistic map weighs these:
 //!
 //! ```text
 //! ln odds' = w_0 + sum_i w_i f_i
 //! ```
+//!
+//! Poses that were not found by their detections but by all places where dots may be ([`crate::vision::dense`]) have weights of
+//! their own, for what those places say beside that.
 //!
 //! `bench derive` in `studies/` fits the weights, on images of which every second shows the ball, and begins with
 //! the recognizer's own probability; `bench confidence` compares claims with the truth on other images. Claims are therefore those of someone who
@@ -17,7 +20,9 @@
 use crate::vision::derived;
 
 /// Number of features.
-pub const FEATURES: usize = 7;
+pub const FEATURES: usize = 6;
+/// Number of features of poses that were found by all places where dots may be.
+pub const DENSE_FEATURES: usize = 5;
 
 /// Bounds of the model's ln odds.
 const LN_ODDS: [f64; 2] = [-5.0, 25.0];
@@ -29,7 +34,7 @@ const MAX_MISFIT: f64 = 6.0;
 /// What speaks for a pose and against it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PoseEvidence {
-    /// The recognizer's probability.
+    /// The recognizer's probability; 0 where it has found another pose.
     pub confidence: f64,
     /// Dots that have a name.
     pub named: usize,
@@ -37,28 +42,52 @@ pub struct PoseEvidence {
     pub unnamed: usize,
     /// The pattern's dots that face the camera and are not named.
     pub missing: usize,
-    /// Runs of the recognizer.
-    pub attempts: usize,
     /// How much the detector doubts the named dots: the mean of `-ln p`.
     pub doubt: f64,
+    /// Where the pose was found by all places where dots may be: what these say.
+    pub dense: Option<DenseEvidence>,
     /// How far the named dots are off, in standard deviations per axis: the root of the mean square.
     pub misfit: f64,
 }
 
+/// What the cells of the detector's map say of a pose ([`crate::vision::dense`]).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DenseEvidence {
+    /// The sum of its terms.
+    pub score: f64,
+    /// By how much that exceeds the sum of any other orientation.
+    pub margin: f64,
+}
+
 impl PoseEvidence {
-    /// The features of the map, beside the constant 1.
+    /// The features of a pose that its detections gave, beside the constant 1.
     pub fn features(&self) -> [f64; FEATURES] {
-        let p = self.confidence;
-        let ln_odds = (p / (1.0 - p).max(f64::MIN_POSITIVE)).ln();
         [
-            ln_odds.clamp(LN_ODDS[0], LN_ODDS[1]),
+            self.ln_odds(),
             self.named as f64,
             self.unnamed as f64,
             self.missing as f64,
-            (self.attempts.max(1) as f64).ln(),
             self.doubt.min(MAX_DOUBT),
             self.misfit.min(MAX_MISFIT),
         ]
+    }
+
+    /// The features of a pose that was found by all places where dots may be; `None` for others.
+    pub fn dense_features(&self) -> Option<[f64; DENSE_FEATURES]> {
+        let DenseEvidence { score, margin } = self.dense?;
+        Some([
+            self.ln_odds(),
+            self.unnamed as f64,
+            self.missing as f64,
+            margin,
+            score,
+        ])
+    }
+
+    fn ln_odds(&self) -> f64 {
+        let p = self.confidence;
+        let ln_odds = (p / (1.0 - p).max(f64::MIN_POSITIVE)).ln();
+        ln_odds.clamp(LN_ODDS[0], LN_ODDS[1])
     }
 }
 
@@ -69,13 +98,16 @@ pub struct TrustMap {
     pub constant: f64,
     /// The weights of [`PoseEvidence::features`].
     pub weights: [f64; FEATURES],
+    /// Constant and weights of [`PoseEvidence::dense_features`], for poses that have these.
+    pub dense: [f64; DENSE_FEATURES + 1],
 }
 
 impl TrustMap {
     /// The recognizer's own probability.
     pub const IDENTITY: Self = Self {
         constant: 0.0,
-        weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        dense: [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
     };
 
     /// For dots that may be off by more than the default placement: fitted without the detector's doubt and the
@@ -86,10 +118,11 @@ impl TrustMap {
     pub const DEFAULT: Self = Self::derived(&derived::TRUST_MAP);
 
     /// Of the constant and the weights.
-    const fn derived(&[constant, w0, w1, w2, w3, w4, w5, w6]: &[f64; FEATURES + 1]) -> Self {
+    const fn derived(&[constant, w0, w1, w2, w3, w4, w5]: &[f64; FEATURES + 1]) -> Self {
         Self {
             constant,
-            weights: [w0, w1, w2, w3, w4, w5, w6],
+            weights: [w0, w1, w2, w3, w4, w5],
+            dense: derived::DENSE_MAP,
         }
     }
 
@@ -98,9 +131,14 @@ impl TrustMap {
         if *self == Self::IDENTITY {
             return evidence.confidence;
         }
-        let features = evidence.features();
-        let terms = self.weights.iter().zip(features).map(|(w, f)| w * f);
-        let ln_odds: f64 = self.constant + terms.sum::<f64>();
+        let sum = |constant: f64, weights: &[f64], features: &[f64]| {
+            let terms = weights.iter().zip(features).map(|(w, f)| w * f);
+            constant + terms.sum::<f64>()
+        };
+        let ln_odds = match evidence.dense_features() {
+            Some(features) => sum(self.dense[0], &self.dense[1..], &features),
+            None => sum(self.constant, &self.weights, &evidence.features()),
+        };
         1.0 / (1.0 + (-ln_odds).exp())
     }
 }
@@ -146,7 +184,6 @@ mod tests {
         let clear = PoseEvidence {
             confidence: 0.9,
             named: 7,
-            attempts: 1,
             ..PoseEvidence::default()
         };
         let map = TrustMap::default();
@@ -158,10 +195,6 @@ mod tests {
             },
             PoseEvidence {
                 missing: 3,
-                ..clear
-            },
-            PoseEvidence {
-                attempts: 4,
                 ..clear
             },
         ];

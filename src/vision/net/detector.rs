@@ -10,6 +10,7 @@ use super::graph::{CELLS, CHANNELS, Channel, Head};
 use super::network::{Activations, Network};
 use super::weights::{Calibration, Weights};
 use crate::error::{Error, Result};
+use crate::vision::dense::Heat;
 use crate::vision::detect::{DotDetection, DotDetector};
 use crate::vision::patch::Patch;
 
@@ -108,14 +109,14 @@ impl CnnDetector {
         self.first.network.forward(patch, &mut ws.first)
     }
 
-    fn read(
+    fn read<'w>(
         &self,
         net: &CalibratedNet,
         patch: &Patch,
-        activations: &mut Activations,
+        activations: &'w mut Activations,
         peaks: &mut Vec<Peak>,
         out: &mut Vec<DotDetection>,
-    ) {
+    ) -> &'w [f32] {
         let cells = net.network.forward(patch, activations);
         find_peaks(cells, &net.calibration, self.config.min_confidence, peaks);
         let area = patch.step() * patch.step();
@@ -125,6 +126,7 @@ impl CnnDetector {
             covariance: peak.covariance * area,
             confidence: peak.confidence,
         }));
+        cells
     }
 }
 
@@ -144,19 +146,25 @@ impl DotDetector for CnnDetector {
         self.read(&self.first, patch, &mut ws.first, &mut ws.peaks, out);
     }
 
+    fn looks_again(&self) -> bool {
+        self.second.is_some()
+    }
+
     fn look_again_into(
         &self,
         patch: &Patch,
         ws: &mut CnnWorkspace,
         out: &mut Vec<DotDetection>,
-    ) -> bool {
+        heat: &mut Heat,
+    ) {
         let Some(net) = &self.second else {
-            return false;
+            return;
         };
         let head = net.network.head();
         let activations = ws.second.get_or_insert_with(|| Activations::new(head));
-        self.read(net, patch, activations, &mut ws.peaks, out);
-        true
+        let cells = self.read(net, patch, activations, &mut ws.peaks, out);
+        let heats = cells[Channel::Heat as usize * CELLS * CELLS..].iter();
+        heat.fill(heats.map(|&h| net.calibration.probability(f64::from(h)) as f32));
     }
 }
 
@@ -245,6 +253,6 @@ fn read_peak(cells: &[f32], row: usize, column: usize, calibration: &Calibration
         row: cell_center(row) + f64::from(value(Channel::Row)),
         covariance: inverse * inverse.transpose() * calibration.covariance_factor,
         heat,
-        confidence: 1.0 / (1.0 + (-calibration.slope * heat - calibration.offset).exp()),
+        confidence: calibration.probability(heat),
     }
 }

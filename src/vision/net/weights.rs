@@ -59,6 +59,11 @@ pub struct Calibration {
 }
 
 impl Calibration {
+    /// The probability of a dot where the net gives this heat.
+    pub fn probability(&self, heat: f64) -> f64 {
+        1.0 / (1.0 + (-self.slope * heat - self.offset).exp())
+    }
+
     /// Checks that probabilities and covariances can come of it.
     fn check(&self) -> Checked<()> {
         for (name, value, inside, expected) in [

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use spindoe::files;
 use spindoe::vision::estimator::TrustMap;
 
-use crate::trust::kinds::{self, Answer};
+use crate::trust::kinds::{self, Judged};
 use crate::trust::logistic;
 
 /// Files that all numbers here depend on.
@@ -94,7 +94,7 @@ type Derived = (&'static str, &'static str, serde_json::Value);
 
 fn derive(settings: &Settings) -> Result<Vec<Derived>, Box<dyn Error>> {
     let mut map = TrustMap::IDENTITY;
-    let mut answers: Vec<Answer> = Vec::new();
+    let mut answers: Vec<Judged> = Vec::new();
     for round in 1..=settings.rounds {
         answers = kinds::fitting_answers(map, settings.images, settings.seed)?;
         map = logistic::fit(&answers, &[]);
@@ -105,12 +105,17 @@ fn derive(settings: &Settings) -> Result<Vec<Derived>, Box<dyn Error>> {
         (
             "trust_map",
             "weights of a pose's evidence in its ln odds, the constant first",
-            rounded(&map),
+            rounded(std::iter::once(map.constant).chain(map.weights)),
+        ),
+        (
+            "dense_map",
+            "weights of the evidence of a pose by all places where dots may be, the constant first",
+            rounded(map.dense),
         ),
         (
             "trust_map_wide",
             "the same without the detector's doubt and the misfit",
-            rounded(&wide),
+            rounded(std::iter::once(wide.constant).chain(wide.weights)),
         ),
         (
             "usual_doubt",
@@ -121,8 +126,8 @@ fn derive(settings: &Settings) -> Result<Vec<Derived>, Box<dyn Error>> {
 }
 
 /// The constant and the weights, to four places.
-fn rounded(map: &TrustMap) -> serde_json::Value {
-    let all = std::iter::once(map.constant).chain(map.weights);
+fn rounded(all: impl IntoIterator<Item = f64>) -> serde_json::Value {
+    let all = all.into_iter();
     serde_json::json!(all.map(|w| to_places(w, 4)).collect::<Vec<f64>>())
 }
 
@@ -132,8 +137,10 @@ fn to_places(value: f64, places: i32) -> f64 {
     (value * unit).round() / unit + 0.0
 }
 
-fn usual_doubt(answers: &[Answer]) -> f64 {
-    let correct = answers.iter().filter(|a| a.is_correct);
+fn usual_doubt(answers: &[Judged]) -> f64 {
+    let correct = answers
+        .iter()
+        .filter(|a| a.is_correct && a.evidence.dense.is_none());
     let mut doubts: Vec<f64> = correct.map(|a| a.evidence.doubt).collect();
     doubts.sort_by(f64::total_cmp);
     doubts.get(doubts.len() / 2).copied().unwrap_or_default()

@@ -18,7 +18,7 @@ use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion};
-use spindoe::vision::estimator::{PoseEvidence, TrustMap};
+use spindoe::vision::estimator::{Hypothesis, PoseEvidence, TrustMap};
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };
@@ -165,12 +165,23 @@ fn crop(photographs: &[RgbImage], rng: &mut ChaCha8Rng) -> Result<RgbImage> {
 pub struct Answer {
     /// What speaks for its best pose, accepted or not.
     pub evidence: PoseEvidence,
+    /// The same of the pose of its detections and whether that is the ball's, where another was looked for.
+    pub earlier: Option<Judged>,
     /// The probability reported; `None` where there is no answer.
     pub confidence: Option<f64>,
     /// Whether the best pose, accepted or not, is the ball's.
     pub is_correct: bool,
     /// Whether the image shows the ball.
     pub is_ball: bool,
+}
+
+/// A pose that was not accepted.
+#[derive(Debug, Clone, Copy)]
+pub struct Judged {
+    /// What speaks for it.
+    pub evidence: PoseEvidence,
+    /// Whether it is the ball's.
+    pub is_correct: bool,
 }
 
 /// Estimates an image; `truth` where it shows the ball. `None` where no dots were identified.
@@ -187,13 +198,22 @@ fn answer(
         &mut ws,
         &mut out,
     );
+    let is_correct = |found: Option<Rotation>| {
+        let off = truth.zip(found).map(|(t, r)| t.angle_to(&r));
+        off.is_some_and(|o| o < ORIENTATION_FAILURE_RAD)
+    };
+    let judged = |h: &Hypothesis| Judged {
+        evidence: h.evidence,
+        is_correct: is_correct(Some(h.rotation)),
+    };
+    let mut hypotheses = out.hypotheses().map(judged);
+    let (last, earlier) = (hypotheses.next_back()?, hypotheses.next());
     let pose = out.pose();
-    let rotation = pose.map(|p| p.rotation).or(out.unrefined_rotation());
-    let off = truth.zip(rotation).map(|(t, r)| t.angle_to(&r));
     Some(Answer {
-        evidence: *out.evidence()?,
+        evidence: last.evidence,
+        earlier,
         confidence: pose.map(|p| p.confidence),
-        is_correct: off.is_some_and(|o| o < ORIENTATION_FAILURE_RAD),
+        is_correct: pose.map_or(last.is_correct, |p| is_correct(Some(p.rotation))),
         is_ball: truth.is_some(),
     })
 }
@@ -272,20 +292,32 @@ const BINS: [[f64; 2]; 6] = [
     [0.99, 0.999],
     [0.999, 1.1],
 ];
-/// Least probability of the recognizer for poses that the map is fitted on.
+/// Least probability of the recognizer for poses of detections that the map is fitted on.
 const MIN_CONFIDENCE: f64 = 0.2;
 /// The plausible poses of images of which every second shows the ball, for balls of few and of many dots, estimated
 /// with a map of confidences: what is in doubt is re-examined, and the map decides what is. Accepted poses and
 /// rejected ones both count.
-pub fn fitting_answers(trust: TrustMap, images: u64, seed: u64) -> Result<Vec<Answer>> {
+pub fn fitting_answers(trust: TrustMap, images: u64, seed: u64) -> Result<Vec<Judged>> {
     let config = EstimatorConfig {
         trust,
         ..EstimatorConfig::default()
     };
     let all = FITTED.map(|own| mixture(own, config, images, seed));
     let all: Vec<Answer> = all.into_iter().collect::<Result<Vec<_>>>()?.concat();
-    let is_plausible = |a: &Answer| a.evidence.confidence >= MIN_CONFIDENCE;
-    Ok(all.into_iter().filter(is_plausible).collect())
+    let both = |a: Answer| {
+        let last = Judged {
+            evidence: a.evidence,
+            is_correct: a.is_correct,
+        };
+        a.earlier.into_iter().chain([last])
+    };
+    let is_plausible =
+        |a: &Judged| a.evidence.dense.is_some() || a.evidence.confidence >= MIN_CONFIDENCE;
+    Ok(all
+        .into_iter()
+        .flat_map(both)
+        .filter(is_plausible)
+        .collect())
 }
 
 /// Compares the claims of the shipped map with the truth, on images that it was not fitted on.

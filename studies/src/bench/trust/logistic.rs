@@ -1,11 +1,10 @@
 //! Logistic regression by Newton's method.
 
 use nalgebra::{SMatrix, SVector};
-use spindoe::vision::estimator::{FEATURES, TrustMap};
+use spindoe::vision::estimator::{DENSE_FEATURES, FEATURES, PoseEvidence, TrustMap};
 
-use super::kinds::Answer;
+use super::kinds::Judged;
 
-const SIZE: usize = FEATURES + 1;
 /// Weight of a prior that keeps what the answers do not settle near 0.
 const RIDGE: f64 = 0.1;
 /// Steps; it settles in some ten.
@@ -14,18 +13,37 @@ const STEPS: usize = 50;
 /// The detector's doubt and the misfit, by their place among the features.
 pub const DOUBT_AND_MISFIT: [usize; 2] = [FEATURES - 2, FEATURES - 1];
 
-/// The map that makes the answers likeliest, without these features.
-pub fn fit(answers: &[Answer], without: &[usize]) -> TrustMap {
-    let rows: Vec<(SVector<f64, SIZE>, f64)> = answers
-        .iter()
-        .map(|a| {
-            let mut x = SVector::<f64, SIZE>::repeat(1.0);
-            let mut features = a.evidence.features();
-            without.iter().for_each(|&k| features[k] = 0.0);
-            x.fixed_rows_mut::<FEATURES>(1).copy_from_slice(&features);
-            (x, f64::from(u8::from(a.is_correct)))
-        })
-        .collect();
+/// The map that makes the answers likeliest, without these features of detections.
+pub fn fit(answers: &[Judged], without: &[usize]) -> TrustMap {
+    let by_detections = weights::<{ FEATURES + 1 }>(answers, |evidence| {
+        let mut features = evidence.features();
+        without.iter().for_each(|&k| features[k] = 0.0);
+        evidence.dense.is_none().then_some(features.to_vec())
+    });
+    let dense = weights::<{ DENSE_FEATURES + 1 }>(answers, |evidence| {
+        evidence.dense_features().map(|f| f.to_vec())
+    });
+    let mut weights = [0.0; FEATURES];
+    weights.copy_from_slice(&by_detections[1..]);
+    TrustMap {
+        constant: by_detections[0],
+        weights,
+        dense,
+    }
+}
+
+/// Constant and weights for the answers that have these features.
+fn weights<const SIZE: usize>(
+    answers: &[Judged],
+    features: impl Fn(&PoseEvidence) -> Option<Vec<f64>>,
+) -> [f64; SIZE] {
+    let row = |answer: &Judged| {
+        let features = features(&answer.evidence)?;
+        let all = std::iter::once(1.0).chain(features);
+        let x = SVector::<f64, SIZE>::from_iterator(all);
+        Some((x, f64::from(u8::from(answer.is_correct))))
+    };
+    let rows: Vec<_> = answers.iter().filter_map(row).collect();
     let mut w = SVector::<f64, SIZE>::zeros();
     for _ in 0..STEPS {
         let mut hessian = SMatrix::<f64, SIZE, SIZE>::identity() * RIDGE;
@@ -40,10 +58,5 @@ pub fn fit(answers: &[Answer], without: &[usize]) -> TrustMap {
         };
         w += step;
     }
-    let mut weights = [0.0; FEATURES];
-    weights.copy_from_slice(&w.as_slice()[1..]);
-    TrustMap {
-        constant: w[0],
-        weights,
-    }
+    w.into()
 }
