@@ -164,17 +164,17 @@ class Pose:
         the camera; axes x right, y up, z towards the camera."""
         return "camera" if self.distance is None else "view"
 
-    def as_rotation(self, frame: Literal["ours", "optical"] = "ours") -> Rotation:
-        """SciPy's rotation, pattern to camera: x right, y up, z towards the camera for ``"ours"``; x
+    def as_rotation(self, frame: Literal["camera", "optical"] = "camera") -> Rotation:
+        """SciPy's rotation, pattern to camera: x right, y up, z towards the camera for ``"camera"``; x
         right, y down, z forward (REP 103) for ``"optical"``."""
         from scipy.spatial.transform import Rotation
 
         rotation = to_scipy(self.quaternion_wxyz)
-        if frame == "ours":
+        if frame == "camera":
             return rotation
         if frame == "optical":
             return Rotation.from_quat([1.0, 0.0, 0.0, 0.0]) * rotation
-        raise ValueError(f"frame: expected ours or optical, found {frame!r}")
+        raise ValueError(f"frame: expected camera or optical, found {frame!r}")
 
     def __bool__(self) -> Literal[True]:
         return True

@@ -98,7 +98,7 @@ def test_a_bag_is_answered(recorded, tmp_path):
 
 
 def test_the_same_bag_again_is_a_new_beginning(recorded, tmp_path):
-    core = SpinCore(Settings(TABLE, frame="ours"))
+    core = SpinCore(Settings(TABLE, frame="camera"))
     first = bag.process(recorded[0], tmp_path / "1", core)
     second = bag.process(recorded[0], tmp_path / "2", core)
     assert np.array_equal(first[-1].spin_rad_s, second[-1].spin_rad_s)

@@ -107,7 +107,7 @@ def test_it_answers_images(rclpy, clip, monkeypatch):
 
 def test_parameters_reach_the_core(rclpy, clip, monkeypatch):
     monkeypatch.setattr(
-        ros.Node, "overrides", {"table": TABLE, "frame": "ours", "min_confidence": 1.0, "window": 5}
+        ros.Node, "overrides", {"table": TABLE, "frame": "camera", "min_confidence": 1.0, "window": 5}
     )
     node = rclpy.module.SpinNode()
     assert [level for level, _ in node.logger.lines] == ["warning"]

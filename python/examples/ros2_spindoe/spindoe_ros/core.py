@@ -38,7 +38,7 @@ class Settings:
 
     table: str
     """The pattern's table, ``.npz``, or the pattern, ``.csv``."""
-    frame: Literal["optical", "ours"] = "optical"
+    frame: Literal["optical", "camera"] = "optical"
     intrinsics: tuple[float, float, float, float] | None = None
     """Focal lengths and principal point ``fx, fy, cx, cy``, pixels; without them the ball's position is
     not known, and is published as the origin."""
@@ -101,8 +101,8 @@ class SpinCore:
     """Follows one ball through the images of a topic."""
 
     def __init__(self, settings: Settings) -> None:
-        if settings.frame not in ("optical", "ours"):
-            raise ValueError(f"frame: expected optical or ours, found {settings.frame!r}")
+        if settings.frame not in ("optical", "camera"):
+            raise ValueError(f"frame: expected optical or camera, found {settings.frame!r}")
         self.settings = settings
         k = settings.intrinsics
         self.camera = spindoe.Camera.unknown() if k is None else spindoe.Camera.pinhole(*k)

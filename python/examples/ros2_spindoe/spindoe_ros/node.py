@@ -23,7 +23,7 @@ class SpinNode(Node):  # type: ignore[misc]
         intrinsics = value("intrinsics", [0.0, 0.0, 0.0, 0.0], "fx, fy, cx, cy in pixels; zeros: unknown")
         settings = Settings(
             table=value("table", "", "the pattern's table, .npz, or pattern, .csv"),
-            frame=value("frame", "optical", "optical (REP 103) or ours (z towards the camera)"),
+            frame=value("frame", "optical", "optical (REP 103) or camera (z towards the camera)"),
             intrinsics=tuple(intrinsics) if any(intrinsics) else None,
             ball_radius_m=value("ball_radius_m", 0.02, "radius of the ball, m"),
             min_confidence=value("min_confidence", Settings.min_confidence, "minimum probability of a published pose"),
