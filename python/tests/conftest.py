@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
@@ -79,3 +80,21 @@ def run(command: list[str], *arguments: object) -> str:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """A test that is skipped fails where all are required."""
+    report = yield
+    if report.skipped and os.environ.get("SPINDOE_REQUIRE_ALL"):
+        report.outcome = "failed"
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """So does a module that is skipped."""
+    report = yield
+    if report.skipped and os.environ.get("SPINDOE_REQUIRE_ALL"):
+        report.outcome = "failed"
+    return report

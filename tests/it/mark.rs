@@ -322,10 +322,8 @@ fn python_reads() -> bool {
 #[test]
 fn other_readers_find_every_dot_in_its_place() {
     if !python_reads() {
-        eprintln!(
-            "SKIPPED: python3 with numpy, svgpathtools, pdfplumber and ezdxf reads the files"
-        );
-        return;
+        let readers = "numpy, svgpathtools, pdfplumber and ezdxf";
+        return crate::common::skipped(&format!("python3 with {readers} is not installed"));
     }
     let dir = tempfile::tempdir().unwrap();
     pattern(20)

@@ -13,10 +13,13 @@ use spindoe::Proportion;
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::pattern::Pattern;
 
-/// Says that a test is skipped, past the harness, which keeps what passing tests print to itself.
+/// Says that a test is skipped, past the harness, which keeps what passing tests print to itself. With `SPINDOE_REQUIRE_ALL` set, it
+/// fails instead.
 #[allow(dead_code)]
 pub fn skipped(why: &str) {
     use std::io::Write;
+    let is_required = std::env::var_os("SPINDOE_REQUIRE_ALL").is_some();
+    assert!(!is_required, "SPINDOE_REQUIRE_ALL is set: {why}");
     let _ = writeln!(std::io::stderr(), "SKIPPED: {why}");
 }
 

@@ -433,7 +433,7 @@ fn the_command_knows_when_frames_came() {
     let mut input = child.stdin.take().unwrap();
     let mut sent = Vec::new();
     for image in &images {
-        std::thread::sleep(Duration::from_millis(20));
+        std::thread::sleep(Duration::from_millis(60));
         input.write_all(&image.to_bytes()).unwrap();
         input.flush().unwrap();
         sent.push(Instant::now());
@@ -459,5 +459,5 @@ fn the_command_knows_when_frames_came() {
         .collect();
     off.sort_by(f64::total_cmp);
     // Half a frame.
-    assert!(off[off.len() / 2] < 10e-3, "{off:?}");
+    assert!(off[off.len() / 2] < 30e-3, "{off:?}");
 }
