@@ -119,6 +119,8 @@ class Trainer:
         self.settings = settings
         self.net = Net(settings.head)
         self.net.randomize(torch.Generator().manual_seed(settings.seed))
+        # The order of the values in memory in which convolutions are fastest.
+        self.net.to(memory_format=torch.channels_last)
         self.optimizer = torch.optim.AdamW(
             self.net.parameters(), weight_decay=settings.weight_decay, fused=True
         )

@@ -1,4 +1,4 @@
-//! The background: surfaces, lines, people, lamps, other balls.
+//! The background: surfaces, lines, people, lamps, other balls, the ground.
 //!
 //! Positions and lengths are in ball radii about a fixed pixel, so that textures keep their scale
 //! against the ball in crops and whole frames alike, and stand still while the ball moves.
@@ -9,110 +9,9 @@ use rand::{Rng, RngExt};
 
 use super::color::{Color, mix, scaled};
 use super::config::{SynthConfig, SynthKind};
-use super::noise::{hash, turbulence, value};
+use super::ground::Ground;
+use super::texture::{Material, Texture, hue};
 use crate::vision::camera::Pixel;
-
-/// The texture of a surface: how far its second color shows.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Texture {
-    /// One color.
-    Plain,
-    /// Waves: waves per ball radius.
-    Waves {
-        /// Waves per ball radius.
-        frequency: f32,
-    },
-    /// Grain of wood: rings per ball radius.
-    Wood {
-        /// Rings per ball radius.
-        frequency: f32,
-    },
-    /// Threads that cross.
-    Fabric {
-        /// Threads per ball radius.
-        frequency: f32,
-    },
-    /// Blobs of many colors: people, leaves, a shelf.
-    Crowd {
-        /// Blobs per ball radius.
-        frequency: f32,
-    },
-    /// Lines on a floor or a table.
-    Lines {
-        /// Distance of the lines, ball radii.
-        spacing: f32,
-        /// Half their width, ball radii.
-        half_width: f32,
-    },
-    /// Clouds: shades without a form.
-    Clouds {
-        /// Size, ball radii.
-        size: f32,
-    },
-    /// Another gray at every cell.
-    Noise {
-        /// Side of a cell, ball radii.
-        cell: f32,
-    },
-}
-
-impl Texture {
-    fn random<R: Rng + ?Sized>(rng: &mut R) -> Self {
-        match rng.random_range(0..7) {
-            0 => Self::Waves {
-                frequency: rng.random_range(0.3..4.0),
-            },
-            1 => Self::Wood {
-                frequency: rng.random_range(0.5..5.0),
-            },
-            2 => Self::Fabric {
-                frequency: rng.random_range(2.0..15.0),
-            },
-            3 => Self::Crowd {
-                frequency: rng.random_range(0.4..4.0),
-            },
-            4 | 5 => Self::Lines {
-                spacing: rng.random_range(1.0..10.0),
-                half_width: rng.random_range(0.03..0.3),
-            },
-            _ => Self::Clouds {
-                size: rng.random_range(0.3..3.0),
-            },
-        }
-    }
-
-    /// The share of the second color at a point, in [0, 1].
-    fn at(self, [x, y]: [f32; 2], seed: u32) -> f32 {
-        match self {
-            Self::Plain => 0.0,
-            Self::Waves { frequency } => 0.5 + 0.5 * (TAU * frequency * x).sin(),
-            Self::Wood { frequency } => {
-                let bend = 1.5 * turbulence(0.25 * x, 0.7 * y, seed);
-                let ring = 0.5 + 0.5 * (TAU * (frequency * y + bend)).sin();
-                let fiber = value(0.7 * x, 9.0 * frequency * y, seed ^ 7);
-                0.6 * ring + 0.4 * fiber
-            }
-            Self::Fabric { frequency } => {
-                let (a, b) = ((TAU * frequency * x).sin(), (TAU * frequency * y).sin());
-                0.5 + 0.35 * a * b + 0.3 * (turbulence(x, y, seed) - 0.5)
-            }
-            Self::Crowd { .. } => 0.0,
-            Self::Lines {
-                spacing,
-                half_width,
-            } => {
-                let off = (x / spacing - (x / spacing).round()).abs() * spacing;
-                let edge = 0.02 + 0.1 * half_width;
-                let line = ((half_width - off) / edge + 0.5).clamp(0.0, 1.0);
-                line.max(0.25 * turbulence(2.0 * x, 2.0 * y, seed))
-            }
-            Self::Clouds { size } => turbulence(x / size, y / size, seed),
-            Self::Noise { cell } => {
-                hash((x / cell).floor() as i32, (y / cell).floor() as i32, seed)
-            }
-        }
-    }
-}
 
 /// Something round in the background.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,14 +35,12 @@ pub struct Background {
     pub origin: Pixel,
     /// A ball radius, pixels.
     pub radius_px: f64,
-    /// First and second color, linear light.
-    pub colors: [Color; 2],
+    /// What is behind everything.
+    pub wall: Material,
     /// Change of brightness per ball radius, along u and v.
     pub slope: [f32; 2],
-    /// Texture, and the angle by which it is turned, radians.
-    pub texture: (Texture, f32),
-    /// Seed of the texture.
-    pub seed: u32,
+    /// What the ball lies or flies above, before the wall.
+    pub ground: Option<Ground>,
     /// Things in it.
     pub discs: Vec<Disc>,
 }
@@ -154,10 +51,9 @@ impl Background {
         Self {
             origin: Pixel::default(),
             radius_px: 1.0,
-            colors: [color; 2],
+            wall: Material::plain(color),
             slope: [0.0; 2],
-            texture: (Texture::Plain, 0.0),
-            seed: 0,
+            ground: None,
             discs: Vec::new(),
         }
     }
@@ -208,10 +104,14 @@ impl Background {
         Self {
             origin: Pixel::default(),
             radius_px: 1.0,
-            colors: [first, second],
             slope: [0, 1].map(|_| rng.random_range(-0.25..0.25) / reach.max(1.0)),
-            texture: (texture, rng.random_range(0.0..TAU)),
-            seed: rng.random(),
+            wall: Material {
+                colors: [first, second],
+                texture,
+                angle_rad: rng.random_range(0.0..TAU),
+                seed: rng.random(),
+            },
+            ground: None,
             discs: (0..count)
                 .map(|_| Disc::random(brightest, level, reach, config, rng))
                 .collect(),
@@ -223,49 +123,14 @@ impl Background {
         let x = ((u as f64 - self.origin.u) / self.radius_px) as f32;
         let y = ((v as f64 - self.origin.v) / self.radius_px) as f32;
         let tilt = 1.0 + self.slope[0] * x + self.slope[1] * y;
-        let (texture, angle) = self.texture;
-        let mut color = match texture {
-            Texture::Plain => self.colors[0],
-            _ => {
-                let (s, c) = angle.sin_cos();
-                self.textured([c * x + s * y, c * y - s * x])
-            }
-        };
+        let mut color = self.wall.at([x, y]);
         for disc in &self.discs {
             color = disc.over(color, [x, y]);
         }
+        if let Some(ground) = &self.ground {
+            color = ground.over(color, [x, y]);
+        }
         color.map(|c| (c * tilt).max(0.0))
-    }
-
-    fn textured(&self, p: [f32; 2]) -> Color {
-        let [first, second] = self.colors;
-        if let Texture::Crowd { frequency } = self.texture.0 {
-            return self.crowd(p.map(|x| frequency * x));
-        }
-        mix(first, second, self.texture.0.at(p, self.seed))
-    }
-
-    /// The color of the nearest of scattered points (S. Worley, SIGGRAPH 1996).
-    fn crowd(&self, [x, y]: [f32; 2]) -> Color {
-        let (i, j) = (x.floor() as i32, y.floor() as i32);
-        let (mut nearest, mut cell) = (f32::INFINITY, [0; 2]);
-        for dj in -1..=1 {
-            for di in -1..=1 {
-                let (a, b) = (i.wrapping_add(di), j.wrapping_add(dj));
-                let dx = a as f32 + hash(a, b, self.seed) - x;
-                let dy = b as f32 + hash(a, b, self.seed ^ 5) - y;
-                let away = dx * dx + dy * dy;
-                if away < nearest {
-                    (nearest, cell) = (away, [a, b]);
-                }
-            }
-        }
-        let [a, b] = cell;
-        let share = hash(a, b, self.seed ^ 11);
-        let color = mix(self.colors[0], self.colors[1], share);
-        let hues = [12, 13, 14].map(|k| 0.6 + 0.8 * hash(a, b, self.seed ^ k));
-        let round = 1.0 - 0.5 * nearest.min(1.0);
-        [0, 1, 2].map(|k| color[k] * hues[k] * round)
     }
 }
 
@@ -325,17 +190,4 @@ impl Disc {
         };
         mix(behind, scaled(self.color, shade), covered)
     }
-}
-
-/// Gray, wood, skin, grass, a blue or a red wall: a color of brightness about 1.
-fn hue<R: Rng + ?Sized>(rng: &mut R) -> Color {
-    let base: Color = match rng.random_range(0..8) {
-        0 => [0.4, 1.0, 0.6],
-        1 => [0.5, 0.7, 1.0],
-        2 => [1.0, 0.6, 0.3],
-        3 => [1.0, 0.4, 0.35],
-        4 => [0.2, 0.35, 0.9],
-        _ => [1.0; 3],
-    };
-    base.map(|c| c * rng.random_range(0.75..1.25f32))
 }

@@ -103,7 +103,7 @@ pub struct SynthConfig {
     pub kind: SynthKind,
 
     // The image.
-    /// Side of the square crop, pixels, log-uniform. Default: 40 to 200.
+    /// Side of the square crop, pixels, log-uniform. Default: 32 to 240.
     pub size_px: [usize; 2],
     /// The ball's diameter over the crop's side. Default: 0.6 to 1.
     pub fill: [f64; 2],
@@ -124,12 +124,12 @@ pub struct SynthConfig {
     pub mirrored: bool,
 
     // The camera.
-    /// Distance of the camera from the ball's center in ball radii, log-uniform. Default: 6 to 60.
+    /// Distance of the camera from the ball's center in ball radii, log-uniform. Default: 4 to 60.
     pub camera_distance_radii: [f64; 2],
     /// Share of the frames taken along parallel rays. Default: 0.05.
     pub parallel_share: f64,
     /// Maximum angle between the optical axis and the ray to the ball's center, radians.
-    /// Default: 0.35 (20 degrees).
+    /// Default: 0.6 (34 degrees).
     pub max_off_axis_rad: f64,
 
     // The ball.
@@ -162,9 +162,9 @@ pub struct SynthConfig {
     // Motion.
     /// Spin, revolutions per second. Default: 0 to 150.
     pub rps: [f64; 2],
-    /// Maximum angle that the ball turns during the exposure, radians. Default: 0.3.
+    /// Maximum angle that the ball turns during the exposure, radians. Default: 0.45.
     pub max_arc_rad: f64,
-    /// Maximum displacement of the ball during the exposure, pixels of a crop of 60. Default: 6.
+    /// Maximum displacement of the ball during the exposure, pixels of a crop of 60. Default: 8.
     pub max_shift_px: f64,
 
     // Light.
@@ -187,8 +187,14 @@ pub struct SynthConfig {
     pub texture_share: f64,
     /// Share of the frames with discs, lamps or other balls in the background. Default: 0.4.
     pub clutter_share: f64,
+    /// Share of the frames with ground below the ball, most of them with its shadow there. Default: 0.25.
+    pub ground_share: f64,
     /// Share of the frames in which something hides a part of the ball. Default: 0.2.
     pub occlusion_share: f64,
+    /// Share of the frames in which cords or a net cross the whole ball. Default: 0.05.
+    pub cords_share: f64,
+    /// Share of the occluders that cast a shadow on the ball. Default: 0.5.
+    pub occluder_shadow_share: f64,
     /// Maximum depth, over the diameter, to which a hand or a bat covers the ball. Default: 0.45.
     pub max_occlusion: f64,
 
@@ -223,7 +229,7 @@ impl Default for SynthConfig {
     fn default() -> Self {
         Self {
             kind: SynthKind::Dotted,
-            size_px: [40, 200],
+            size_px: [32, 240],
             fill: [0.6, 1.0],
             ball_px: None,
             image_px: None,
@@ -231,9 +237,9 @@ impl Default for SynthConfig {
             cut_share: 0.1,
             max_cut: 0.35,
             mirrored: false,
-            camera_distance_radii: [6.0, 60.0],
+            camera_distance_radii: [4.0, 60.0],
             parallel_share: 0.05,
-            max_off_axis_rad: 0.35,
+            max_off_axis_rad: 0.6,
             dot_radius_rad: [0.040, 0.130],
             dot_radius_spread: [0.02, 0.2],
             placement_sigma_rad: [0.004, 0.030],
@@ -247,8 +253,8 @@ impl Default for SynthConfig {
             seam_probability: 0.35,
             stains: true,
             rps: [0.0, 150.0],
-            max_arc_rad: 0.3,
-            max_shift_px: 6.0,
+            max_arc_rad: 0.45,
+            max_shift_px: 8.0,
             ambient: [0.08, 0.9],
             second_lamp_share: 0.4,
             shadow_share: 0.15,
@@ -257,7 +263,10 @@ impl Default for SynthConfig {
             max_background: 1.3,
             texture_share: 0.5,
             clutter_share: 0.4,
+            ground_share: 0.25,
             occlusion_share: 0.2,
+            cords_share: 0.05,
+            occluder_shadow_share: 0.5,
             max_occlusion: 0.45,
             defocus_px: [0.2, 1.6],
             max_noise: 12.0,
@@ -298,7 +307,9 @@ impl SynthConfig {
             max_gloss: 0.4,
             max_background: 0.3,
             clutter_share: 0.1,
+            ground_share: 0.1,
             occlusion_share: 0.0,
+            cords_share: 0.0,
             defocus_px: [0.2, 0.8],
             max_noise: 3.0,
             bad_exposure: 0.0,
@@ -409,7 +420,10 @@ impl SynthConfig {
             ("shadow_share", self.shadow_share),
             ("texture_share", self.texture_share),
             ("clutter_share", self.clutter_share),
+            ("ground_share", self.ground_share),
             ("occlusion_share", self.occlusion_share),
+            ("cords_share", self.cords_share),
+            ("occluder_shadow_share", self.occluder_shadow_share),
             ("bad_exposure", self.bad_exposure),
             ("gamma_share", self.gamma_share),
             ("mosaic_share", self.mosaic_share),

@@ -13,7 +13,7 @@
 //! sensor's encoding.
 //!
 //! Guaranteed: the truth is exact for the scene. Not modeled: lens distortion, rolling shutters,
-//! shadows of the surroundings' own shapes, motion compensation of video, a spin that is not
+//! shadows of the background's things, motion compensation of video, a spin that is not
 //! constant.
 //!
 //! ```
@@ -37,6 +37,7 @@ pub mod compression;
 pub mod config;
 pub mod dataset;
 pub mod folder;
+pub mod ground;
 pub mod light;
 pub mod logo;
 mod noise;
@@ -48,6 +49,7 @@ pub mod scene;
 pub mod sensor;
 pub mod signal;
 pub mod surface;
+pub mod texture;
 pub mod training;
 pub mod view;
 

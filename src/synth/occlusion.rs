@@ -1,8 +1,8 @@
-//! Occluders: fingers, a hand, a bat or a net before the ball.
+//! Occluders: fingers, a hand, a bat, a net or cords before the ball, and their shadow on it.
 //!
 //! Shapes are signed distances in the image, in ball radii about the outline's center, x right and
-//! y down. A finger, hand or bat comes from one side to a given depth; a net lies before the whole
-//! ball.
+//! y down. A finger, hand or bat comes from one side to a given depth; a net lies below its tape;
+//! cords cross the whole ball.
 
 use std::f32::consts::TAU;
 
@@ -25,6 +25,8 @@ pub enum OccluderKind {
     Bat,
     /// A net with its tape.
     Net,
+    /// Cords, or a net without a tape, across the whole ball.
+    Cords,
 }
 
 /// Something before the ball.
@@ -35,6 +37,15 @@ pub struct Occluder {
     /// Its color, linear light.
     pub color: Color,
     shapes: Vec<Shape>,
+    shadow: Option<OccluderShadow>,
+}
+
+/// The shadow of an occluder: its shape, moved and with a soft edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct OccluderShadow {
+    offset: [f32; 2],
+    softness: f32,
+    depth: f32,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -161,24 +172,85 @@ impl Occluder {
             kind,
             color: scaled(color, brightness),
             shapes,
+            shadow: rng
+                .random_bool(config.occluder_shadow_share)
+                .then(|| OccluderShadow::random(rng)),
         }
+    }
+
+    /// Random cords.
+    pub(super) fn cords<R: Rng + ?Sized>(rng: &mut R) -> Self {
+        let color = near([rng.random_range(0.02..0.9f32); 3], 0.15, rng);
+        let angle = rng.random_range(0.0..TAU);
+        let shapes = if rng.random_bool(0.5) {
+            let (s, c) = angle.sin_cos();
+            let spacing = rng.random_range(0.25..1.5);
+            vec![Shape::Net {
+                along: [c, s],
+                spacing,
+                half_width: spacing * rng.random_range(0.02..0.1),
+                tape: [f32::NEG_INFINITY; 2],
+            }]
+        } else {
+            let count = rng.random_range(1..=4);
+            let spread = rng.random_range(0.05..0.8);
+            (0..count)
+                .map(|_| {
+                    let (s, c) = (angle + spread * rng.random_range(-1.0..1.0f32)).sin_cos();
+                    let across = rng.random_range(-1.0..1.0f32);
+                    let place = |along: f32| [along * c - across * s, along * s + across * c];
+                    Shape::Capsule {
+                        from: place(-20.0),
+                        to: place(20.0),
+                        half_width: 0.01 * 12f32.powf(rng.random::<f32>()),
+                    }
+                })
+                .collect()
+        };
+        Self {
+            kind: OccluderKind::Cords,
+            color,
+            shapes,
+            shadow: None,
+        }
+    }
+
+    fn distance(&self, point: [f32; 2]) -> f32 {
+        let distances = self.shapes.iter().map(|s| s.distance(point));
+        distances.fold(f32::INFINITY, f32::min)
+    }
+
+    /// Share of the light that its shadow leaves at a point of the ball.
+    pub(super) fn leaves(&self, [x, y]: [f32; 2]) -> f32 {
+        self.shadow.map_or(1.0, |s| {
+            let inside = -self.distance([x - s.offset[0], y - s.offset[1]]) / s.softness;
+            1.0 - s.depth * (0.5 + inside).clamp(0.0, 1.0)
+        })
     }
 
     /// How much of a pixel of the given side (ball radii) about a point is hidden, in [0, 1], and
     /// the light that is seen instead.
     pub fn at(&self, point: [f32; 2], pixel: f32) -> (f32, Color) {
-        let nearest = self
-            .shapes
-            .iter()
-            .map(|s| s.distance(point))
-            .fold(f32::INFINITY, f32::min);
+        let nearest = self.distance(point);
         let covered = (0.5 - nearest / pixel).clamp(0.0, 1.0);
         // Round things are darker at their edge.
         let shade = match self.kind {
             OccluderKind::Finger | OccluderKind::Hand => 0.55 + (-2.0 * nearest).clamp(0.0, 0.45),
-            OccluderKind::Bat | OccluderKind::Net => 1.0,
+            OccluderKind::Bat | OccluderKind::Net | OccluderKind::Cords => 1.0,
         };
         (covered, scaled(self.color, shade))
+    }
+}
+
+impl OccluderShadow {
+    fn random<R: Rng + ?Sized>(rng: &mut R) -> Self {
+        let (s, c) = rng.random_range(0.0..TAU).sin_cos();
+        let away = rng.random_range(0.0..0.6f32);
+        Self {
+            offset: [away * c, away * s],
+            softness: rng.random_range(0.02..0.5),
+            depth: rng.random_range(0.2..0.9),
+        }
     }
 }
 

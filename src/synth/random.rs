@@ -21,6 +21,8 @@ pub(super) enum Stream {
     Occlusion,
     Sensor,
     Noise,
+    Ground,
+    Cords,
 }
 
 /// The streams of a frame.

@@ -9,7 +9,7 @@
 //! moved ball is that of mid-exposure.
 
 use super::canvas::{Canvas, Exposure};
-use super::color::{Color, luma, mix};
+use super::color::{Color, luma, mix, scaled};
 use super::config::SynthKind;
 use super::scene::Scene;
 use super::view::{Ellipse, View};
@@ -156,6 +156,12 @@ impl Scene {
         for (i, (light, covered)) in light.iter_mut().zip(&mut covered).enumerate() {
             let (u, v) = (i % width, i / width);
             *covered = covered.min(1.0);
+            if *covered > 0.0
+                && let Some(occluder) = &self.occluder
+            {
+                let left = occluder.leaves(self.about_ball(u as f64, v as f64));
+                *light = scaled(*light, left);
+            }
             if *covered < 1.0 {
                 let behind = self.background.at(u, v);
                 for (l, b) in light.iter_mut().zip(behind) {
@@ -195,9 +201,13 @@ impl Scene {
         let Some(occluder) = &self.occluder else {
             return (0.0, [0.0; 3]);
         };
+        occluder.at(self.about_ball(u, v), (1.0 / self.circle.radius) as f32)
+    }
+
+    /// A pixel about the ball's center, ball radii.
+    fn about_ball(&self, u: f64, v: f64) -> [f32; 2] {
         let BallCircle { center, radius, .. } = self.circle;
-        let point = [(u - center.u) / radius, (v - center.v) / radius];
-        occluder.at(point.map(|x| x as f32), (1.0 / radius) as f32)
+        [(u - center.u) / radius, (v - center.v) / radius].map(|x| x as f32)
     }
 
     /// Whether a point of the image lies within it, and whether it is hidden.

@@ -8,6 +8,7 @@ use rand_distr::StandardNormal;
 use super::background::Background;
 use super::color::luma;
 use super::config::{SynthConfig, SynthKind};
+use super::ground::Ground;
 use super::light::Light;
 use super::occlusion::Occluder;
 use super::random::{Stream, Streams, between, log_between};
@@ -103,11 +104,20 @@ impl Scene {
             config,
             &mut streams.of(Stream::Background),
         );
+        let ground = &mut streams.of(Stream::Ground);
+        if ground.random_bool(config.ground_share) {
+            background.ground = Some(Ground::random(brightest, config, ground));
+        }
         background.origin = circle.center;
         background.radius_px = circle.radius;
         let occlusion = &mut streams.of(Stream::Occlusion);
         let is_hidden = occlusion.random_bool(config.occlusion_share);
-        let occluder = is_hidden.then(|| Occluder::random(config, occlusion));
+        let cords = &mut streams.of(Stream::Cords);
+        let occluder = if cords.random_bool(config.cords_share) {
+            Some(Occluder::cords(cords))
+        } else {
+            is_hidden.then(|| Occluder::random(config, occlusion))
+        };
         Ok(Self {
             kind: config.kind,
             size,
