@@ -33,8 +33,6 @@ fn blurred(side: usize, sigma: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
 /// An image of noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoiseField {
-    /// Its spectrum, side and deviation in words.
-    pub name: String,
     /// Its side, pixels.
     pub side: usize,
     /// Its gray values in [0, 1], row after row.
@@ -46,8 +44,8 @@ impl NoiseField {
     pub fn random(rng: &mut ChaCha8Rng, k: u64) -> Self {
         let side = (40.0 * 5f64.powf(rng.random())) as usize;
         let deviation = rng.random_range(0.02..0.3);
-        let (spectrum, values) = match BLURS.get((k % 5) as usize) {
-            Some(sigma) => (format!("blur {sigma}"), blurred(side, *sigma, rng)),
+        let values = match BLURS.get((k % 5) as usize) {
+            Some(sigma) => blurred(side, *sigma, rng),
             None => {
                 let mut sum = vec![0.0; side * side];
                 for sigma in OCTAVES {
@@ -56,12 +54,11 @@ impl NoiseField {
                 }
                 let root = (OCTAVES.len() as f64).sqrt();
                 sum.iter_mut().for_each(|s| *s /= root);
-                ("pink".to_owned(), sum)
+                sum
             }
         };
         let gray = |x: &f64| (0.5 + deviation * x).clamp(0.0, 1.0) as f32;
         Self {
-            name: format!("{spectrum}, {side} px, {deviation:.2}"),
             side,
             values: values.iter().map(gray).collect(),
         }

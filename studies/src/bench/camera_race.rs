@@ -7,8 +7,6 @@
 //! Camera 0 is the default one, camera 1 the same in any surroundings; the others are random: balls of 25 to
 //! 150 pixels, exposures of 0.05 to 0.5 ms, spins up to 20 to 150 rps.
 
-use std::error::Error;
-
 use rand::RngExt;
 use spindoe::camera::{
     CameraConditions, CameraTrials, DotSize, FrameRates, RaceConfig, Racer, Surroundings,
@@ -16,11 +14,12 @@ use spindoe::camera::{
 };
 use spindoe::pattern::shipped_designs;
 use spindoe::synth::dataset::frame_rng;
+use spindoe_studies::table::{Cell, Table, figure, interval};
+use spindoe_studies::{Outcome, row};
 
 /// Diameter of a table tennis ball, mm.
 const BALL_MM: f64 = 40.0;
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Frames of a design that the race is compared with.
@@ -35,25 +34,11 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
-        let Args {
-            frames,
-            seed,
-            cameras,
-        } = *self;
+    pub fn run(&self) -> Outcome {
+        let (frames, seed, cameras) = (self.frames, self.seed, self.cameras);
         let designs = shipped_designs()?;
         for camera in 0..cameras {
             let conditions = random_conditions(seed, camera);
-            println!(
-                "\ncamera {camera}: {:.0} px, {:.2} ms, {:?}\n",
-                conditions.ball_px,
-                1e3 * conditions.exposure_s,
-                conditions.surroundings
-            );
             let size = DotSize::LargestHole { ball_mm: BALL_MM };
             let racers = designs.iter().map(|named| {
                 Ok(Racer {
@@ -62,42 +47,47 @@ impl Args {
                 })
             });
             let racers = racers.collect::<spindoe::Result<Vec<_>>>()?;
-            let mut read = 0;
             let trials = CameraTrials::new(conditions, seed);
             let standings = race_patterns(&trials, &racers, &RaceConfig::default(), &|_| ())?;
+            let read: usize = standings.iter().map(|s| s.outcomes.len()).sum();
             println!(
-                "| design | race: frames | error, deg | {frames} frames: error, deg | right | wrong |"
+                "{}Balls of {:.0} px, {:.2} ms, surroundings: {}; frames in the race: {read}, beside it {frames} a \
+                 design.",
+                if camera == 0 { "" } else { "\n" },
+                conditions.ball_px,
+                1e3 * conditions.exposure_s,
+                conditions.surroundings.as_str()
             );
-            println!("|---|---|---|---|---|---|");
+            let table = Table::new([
+                "design",
+                "frames in the race",
+                "error in it",
+                "error",
+                "right",
+                "wrong",
+            ]);
             for standing in &standings {
                 let racer = &racers[standing.entry];
                 let raced = FrameRates::of(&standing.outcomes, seed);
-                read += raced.right.trials;
                 let many = CameraTrials::new(conditions, seed + 1)
                     .with_dot_diameter(racer.dot_diameter)
                     .frames(racer.pattern, 0..frames, &|_| ())?;
                 let many = FrameRates::of(&many, seed + 1);
-                println!(
-                    "| {} | {} | {} | {} | {} | {} |",
-                    designs[standing.entry].name,
-                    raced.right.trials,
-                    error(&raced),
-                    error(&many),
-                    many.right,
-                    many.wrong
+                row!(
+                    table; &designs[standing.entry].name, raced.right.trials,
+                    error(&raced), error(&many), many.right, many.wrong
                 );
             }
-            println!("\n{read} frames in the race");
         }
         Ok(())
     }
 }
 
-fn error(rates: &FrameRates) -> String {
+fn error(rates: &FrameRates) -> Cell {
     let value = rates.effective_error_deg;
     match rates.effective_error_interval_deg {
-        Some([low, high]) => format!("{value:.3} [{low:.3}, {high:.3}]"),
-        None => format!("{value:.3}"),
+        Some(ends) => interval(value, ends, 3, "deg"),
+        None => figure(value, 3, "deg"),
     }
 }
 

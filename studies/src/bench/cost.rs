@@ -5,18 +5,23 @@
 //!
 //!     cargo run --release -p spindoe-studies -- cost --help
 
-use std::error::Error;
-
 use cpu_time::ThreadTime;
-use nalgebra::{Quaternion, UnitQuaternion};
+use spindoe::camera::FrameOutcome;
 use spindoe::pattern::Pattern;
-use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::frames;
-use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
+use spindoe::synth::dataset::{Frame, frames};
+use spindoe::vision::{Budget, FrameEstimate, Prior};
+use spindoe_studies::frames::{DOTS20, all_conditions, estimator, good_conditions, outcome};
+use spindoe_studies::score::mean;
+use spindoe_studies::table::{Table, figure};
+use spindoe_studies::{Outcome, row};
 
-const FAILURE_DEG: f64 = 20.0;
+/// A frame's cost.
+struct Spent {
+    ms: f64,
+    runs: f64,
+    outcome: FrameOutcome,
+}
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Frames of each kind.
@@ -31,58 +36,54 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+    pub fn run(&self) -> Outcome {
         let (count, seed) = (self.frames, self.seed);
         let runs = match self.runs.as_slice() {
             [] => vec![Budget::default().runs],
             runs => runs.to_vec(),
         };
-        let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
-        let detector = DetectorName::Cnn.build()?;
-        let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
+        let pattern = Pattern::read_csv(DOTS20.as_ref())?;
+        let estimator = estimator(&pattern)?;
         let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-        println!("{count} frames of each kind, seed {seed}\n");
-        println!(
-            "| frames | runs | answered | wrong | mean, ms | not answered | mean, ms | runs made | all, ms |"
-        );
-        println!("|---|---|---|---|---|---|---|---|---|");
-        for (name, config) in [
-            ("all conditions", SynthConfig::default()),
-            ("good conditions", SynthConfig::good()),
-        ] {
-            let frames = frames(&pattern, &config, seed, count)?;
+        println!("{count} frames of each kind, seed {seed}; CPU time of one thread");
+        let table = Table::new([
+            "frames",
+            "at most runs",
+            "answered",
+            "wrong",
+            "mean, ms",
+            "not answered",
+            "runs made",
+            "mean, ms",
+            "all, ms",
+        ]);
+        for set in [all_conditions(), good_conditions()] {
+            let frames = frames(&pattern, &set.config, seed, count)?;
             for &runs in &runs {
                 let budget = Budget {
                     runs,
                     ..Budget::default()
                 };
-                let (mut counts, mut spent, mut made, mut wrong) = ([0usize; 2], [0.0; 2], 0, 0);
-                for frame in &frames {
+                let mut cost = |frame: &Frame| {
                     let begun = ThreadTime::now();
                     estimator.estimate(&frame.image, &Prior::default(), &budget, &mut ws, &mut out);
-                    let ms = 1e3 * begun.elapsed().as_secs_f64();
-                    let kind = usize::from(out.pose().is_none());
-                    counts[kind] += 1;
-                    spent[kind] += ms;
-                    made += kind * out.attempts();
-                    let [w, x, y, z] = frame.truth.quaternion_wxyz;
-                    let truth = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
-                    let off = out.pose().map(|p| p.rotation.angle_to(&truth).to_degrees());
-                    wrong += usize::from(off.is_some_and(|off| off > FAILURE_DEG));
-                }
-                let mean = |kind: usize| spent[kind] / counts[kind].max(1) as f64;
-                println!(
-                    "| {name} | {runs} | {} | {wrong} | {:.2} | {} | {:.2} | {:.1} | {:.2} |",
-                    counts[0],
-                    mean(0),
-                    counts[1],
-                    mean(1),
-                    made as f64 / counts[1].max(1) as f64,
-                    (spent[0] + spent[1]) / frames.len() as f64,
+                    Spent {
+                        ms: 1e3 * begun.elapsed().as_secs_f64(),
+                        runs: out.attempts() as f64,
+                        outcome: outcome(&out, &frame.truth),
+                    }
+                };
+                let (open, answered): (Vec<Spent>, Vec<Spent>) = frames
+                    .iter()
+                    .map(&mut cost)
+                    .partition(|s| s.outcome == FrameOutcome::Unanswered);
+                let wrong = answered.iter().filter(|s| s.outcome.is_wrong()).count();
+                let ms = |some: &[Spent]| mean(some, |s| s.ms);
+                let all: f64 = answered.iter().chain(&open).map(|s| s.ms).sum();
+                row!(
+                    table; set.name, runs, answered.len(), wrong, figure(ms(&answered), 2, ""),
+                    open.len(), figure(mean(&open, |s| s.runs), 1, ""), figure(ms(&open), 2, ""),
+                    figure(all / count as f64, 2, "")
                 );
             }
         }

@@ -5,12 +5,13 @@
 //! the shipped map, so that it can be derived from nothing but the nets.
 
 use std::collections::BTreeMap;
-use std::error::Error;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spindoe::files;
 use spindoe::vision::estimator::TrustMap;
+use spindoe_studies::Outcome;
+use spindoe_studies::score::median;
 
 use crate::trust::kinds::{self, Judged};
 use crate::trust::logistic;
@@ -25,25 +26,24 @@ const INPUTS: [&str; 6] = [
     "designs/dots32/pattern.csv",
 ];
 
-/// What the numbers are derived from, besides the files.
-#[derive(Debug, Clone, Copy)]
-pub struct Settings {
+/// What the numbers are derived from besides the files, and where they go.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The file of derived numbers, read and written.
+    #[arg(long, default_value = "models/derived.json")]
+    out: PathBuf,
     /// Images for each of the designs.
-    pub images: u64,
-    /// Rounds of the fit.
-    pub rounds: u64,
+    #[arg(long, default_value_t = 3_000)]
+    images: u64,
+    /// Rounds of the fit; each estimates with the map of the one before, the first with none.
+    #[arg(long, default_value_t = 2)]
+    rounds: u64,
     /// Seed of the images.
-    pub seed: u64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            images: 3_000,
-            rounds: 2,
-            seed: 14_220_001,
-        }
-    }
+    #[arg(long, default_value_t = 14_220_001)]
+    seed: u64,
+    /// Derive what is up to date, too.
+    #[arg(long)]
+    force: bool,
 }
 
 /// A derived number, or several.
@@ -55,74 +55,78 @@ struct Entry {
     inputs: BTreeMap<String, String>,
 }
 
-/// Derives what is not up to date, and writes the file.
-pub fn run(out: &Path, settings: &Settings, force: bool) -> Result<(), Box<dyn Error>> {
-    let mut inputs = BTreeMap::new();
-    for path in INPUTS {
-        let bytes = files::read_bytes(Path::new(path))?;
-        inputs.insert(path.to_owned(), files::sha256_hex(&bytes));
-    }
-    let command = format!(
-        "bench derive --images {} --rounds {} --seed {}",
-        settings.images, settings.rounds, settings.seed
-    );
-    let mut entries: BTreeMap<String, Entry> = match out.exists() {
-        true => serde_json::from_slice(&files::read_bytes(out)?)?,
-        false => BTreeMap::new(),
-    };
-    let is_kept = |e: &Entry| e.command == command && e.inputs == inputs;
-    if !force && !entries.is_empty() && entries.values().all(is_kept) {
-        eprintln!("{}: up to date", out.display());
-        return Ok(());
-    }
-    entries.clear();
-    for (name, meaning, value) in derive(settings)? {
-        let entry = Entry {
-            meaning: meaning.to_owned(),
-            value,
-            command: command.clone(),
-            inputs: inputs.clone(),
-        };
-        entries.insert(name.to_owned(), entry);
-    }
-    let text = serde_json::to_string_pretty(&entries)? + "\n";
-    files::write_bytes(out, text.as_bytes())?;
-    Ok(())
-}
-
+/// Name, meaning and value.
 type Derived = (&'static str, &'static str, serde_json::Value);
 
-fn derive(settings: &Settings) -> Result<Vec<Derived>, Box<dyn Error>> {
-    let mut map = TrustMap::IDENTITY;
-    let mut answers: Vec<Judged> = Vec::new();
-    for round in 1..=settings.rounds {
-        answers = kinds::fitting_answers(map, settings.images, settings.seed)?;
-        map = logistic::fit(&answers, &[]);
-        eprintln!("round {round}: {} poses, {map:?}", answers.len());
+impl Args {
+    /// Derives what is not up to date, and writes the file.
+    pub fn run(&self) -> Outcome {
+        let out = self.out.as_path();
+        let mut inputs = BTreeMap::new();
+        for path in INPUTS {
+            let bytes = files::read_bytes(Path::new(path))?;
+            inputs.insert(path.to_owned(), files::sha256_hex(&bytes));
+        }
+        let command = format!(
+            "bench derive --images {} --rounds {} --seed {}",
+            self.images, self.rounds, self.seed
+        );
+        let mut entries: BTreeMap<String, Entry> = match out.exists() {
+            true => serde_json::from_slice(&files::read_bytes(out)?)?,
+            false => BTreeMap::new(),
+        };
+        let is_kept = |e: &Entry| e.command == command && e.inputs == inputs;
+        if !self.force && !entries.is_empty() && entries.values().all(is_kept) {
+            eprintln!("{}: up to date", out.display());
+            return Ok(());
+        }
+        entries.clear();
+        for (name, meaning, value) in self.derive()? {
+            let entry = Entry {
+                meaning: meaning.to_owned(),
+                value,
+                command: command.clone(),
+                inputs: inputs.clone(),
+            };
+            entries.insert(name.to_owned(), entry);
+        }
+        let text = serde_json::to_string_pretty(&entries)? + "\n";
+        files::write_bytes(out, text.as_bytes())?;
+        Ok(())
     }
-    let wide = logistic::fit(&answers, &logistic::DOUBT_AND_MISFIT);
-    Ok(vec![
-        (
-            "trust_map",
-            "weights of a pose's evidence in its ln odds, the constant first",
-            rounded(std::iter::once(map.constant).chain(map.weights)),
-        ),
-        (
-            "dense_map",
-            "weights of the evidence of a pose by all places where dots may be, the constant first",
-            rounded(map.dense),
-        ),
-        (
-            "trust_map_wide",
-            "the same without the detector's doubt and the misfit",
-            rounded(std::iter::once(wide.constant).chain(wide.weights)),
-        ),
-        (
-            "usual_doubt",
-            "median of the detector's doubt of the dots of correct poses: mean of -ln p",
-            serde_json::json!(to_places(usual_doubt(&answers), 3)),
-        ),
-    ])
+
+    fn derive(&self) -> Outcome<Vec<Derived>> {
+        let mut map = TrustMap::IDENTITY;
+        let mut answers: Vec<Judged> = Vec::new();
+        for round in 1..=self.rounds {
+            answers = kinds::fitting_answers(map, self.images, self.seed)?;
+            map = logistic::fit(&answers, &[]);
+            eprintln!("round {round}: {} poses, {map:?}", answers.len());
+        }
+        let wide = logistic::fit(&answers, &logistic::DOUBT_AND_MISFIT);
+        Ok(vec![
+            (
+                "trust_map",
+                "weights of a pose's evidence in its ln odds, the constant first",
+                rounded(std::iter::once(map.constant).chain(map.weights)),
+            ),
+            (
+                "dense_map",
+                "weights of the evidence of a pose by all places where dots may be, the constant first",
+                rounded(map.dense),
+            ),
+            (
+                "trust_map_wide",
+                "the same without the detector's doubt and the misfit",
+                rounded(std::iter::once(wide.constant).chain(wide.weights)),
+            ),
+            (
+                "usual_doubt",
+                "median of the detector's doubt of the dots of correct poses: mean of -ln p",
+                serde_json::json!(to_places(usual_doubt(&answers), 3)),
+            ),
+        ])
+    }
 }
 
 /// The constant and the weights, to four places.
@@ -141,7 +145,9 @@ fn usual_doubt(answers: &[Judged]) -> f64 {
     let correct = answers
         .iter()
         .filter(|a| a.is_correct && a.evidence.dense.is_none());
-    let mut doubts: Vec<f64> = correct.map(|a| a.evidence.doubt).collect();
-    doubts.sort_by(f64::total_cmp);
-    doubts.get(doubts.len() / 2).copied().unwrap_or_default()
+    let correct: Vec<&Judged> = correct.collect();
+    match correct.is_empty() {
+        true => 0.0,
+        false => median(&correct, |a| a.evidence.doubt),
+    }
 }

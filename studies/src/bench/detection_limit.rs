@@ -8,7 +8,6 @@
 //! `1 / sqrt(1 + 4 b^2)` for a blur of `b` dot radii (a disc of radius `r` has the deviation `r / 2` along each axis).
 //! Print, seams and the codec are not in it. The oracle's dots and outline are off by one percent of the ball's radius.
 
-use std::error::Error;
 use std::path::PathBuf;
 
 use nalgebra::{Matrix2, Matrix3};
@@ -17,28 +16,27 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 use spindoe::Pattern;
 use spindoe::camera::FrameOutcome;
-use spindoe::stats::Proportion;
+use spindoe::synth::Scene;
 use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::signal::BallSignal;
-use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::estimator::Outline;
-use spindoe::vision::{
-    BallCircle, Budget, DetectorName, DotDetection, Estimator, EstimatorConfig, FrameEstimate,
-    Pixel, Prior,
-};
+use spindoe::vision::{BallCircle, DotDetection, FrameEstimate, Pixel};
+use spindoe_studies::frames::{DOTS20, Workspace, all_conditions, alone, estimator};
+use spindoe_studies::score::{bins, share};
+use spindoe_studies::table::Table;
+use spindoe_studies::{Outcome, row};
 
 /// Error of what the oracle is given, ball radii.
 const ORACLE: f64 = 0.01;
 /// The least numbers of clear dots of the table's rows.
-const ROWS: [usize; 6] = [0, 3, 4, 5, 7, 9];
+const ROWS: [f64; 6] = [0.0, 3.0, 4.0, 5.0, 7.0, 9.0];
 
 /// A frame's clear dots, and the outcome of the estimator and of the oracle.
-struct Row {
+struct Seen {
     clear: usize,
     outcomes: [FrameOutcome; 2],
 }
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Frames.
@@ -51,62 +49,53 @@ pub struct Args {
     #[arg(long, default_value_t = 8.0)]
     signal: f64,
     /// Pattern of the ball.
-    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    #[arg(long, default_value = DOTS20)]
     pattern: PathBuf,
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+    pub fn run(&self) -> Outcome {
         let (count, seed, signal, path) = (self.frames, self.seed, self.signal, &self.pattern);
         let pattern = Pattern::read_csv(path)?;
-        let detector = DetectorName::Cnn.build()?;
-        let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-        let rows: Vec<spindoe::Result<Row>> = (0..count)
-            .into_par_iter()
-            .map_init(
-                || estimator.workspace(),
-                |ws, k| {
-                    let mut rng = frame_rng(seed, k);
-                    let scene = Scene::random(&pattern, &SynthConfig::default(), &mut rng)?;
-                    let ball = scene.signal()?;
-                    let mut found = FrameEstimate::default();
-                    estimator.estimate(
-                        &scene.render()?.image,
-                        &Prior::default(),
-                        &Budget::default(),
-                        ws,
-                        &mut found,
-                    );
-                    let mut given = oracle(&ball, signal, || rng.sample(StandardNormal));
-                    estimator.identify_detections(ws, &mut given);
-                    Ok(Row {
-                        clear: given.dots.len(),
-                        outcomes: [&found, &given].map(|f| FrameOutcome::of(f, &ball.rotation)),
-                    })
-                },
-            )
-            .collect();
-        let rows = rows.into_iter().collect::<spindoe::Result<Vec<_>>>()?;
+        let estimator = estimator(&pattern)?;
+        let set = all_conditions();
+        let one = |ws: &mut Workspace, k: u64| {
+            let mut rng = frame_rng(seed, k);
+            let scene = Scene::random(&pattern, &set.config, &mut rng)?;
+            let ball = scene.signal()?;
+            let found = alone(&estimator, &scene.render()?.image, ws);
+            let mut given = oracle(&ball, signal, || rng.sample(StandardNormal));
+            estimator.identify_detections(ws, &mut given);
+            Ok(Seen {
+                clear: given.dots.len(),
+                outcomes: [&found, &given].map(|f| FrameOutcome::of(f, &ball.rotation)),
+            })
+        };
+        let seen = (0..count).into_par_iter().map_init(|| estimator.workspace(), one);
+        let seen: Vec<Seen> = seen.collect::<spindoe::Result<_>>()?;
         println!(
-            "{count} frames in all conditions, seed {seed}, {}, clear from {signal} times the noise on\n",
+            "{count} frames in {}, seed {seed}, {}, clear from {signal} times the noise on",
+            set.name,
             path.display()
         );
-        println!("| clear dots | frames | estimator: right | wrong | oracle: right | wrong |");
-        println!("|---|---|---|---|---|---|");
-        for (i, from) in ROWS.into_iter().enumerate() {
-            let to = ROWS.get(i + 1).copied().unwrap_or(usize::MAX);
-            let name = if to == usize::MAX {
-                format!("{from} or more")
-            } else {
-                format!("{from} to {}", to - 1)
-            };
-            line(&name, rows.iter().filter(|r| (from..to).contains(&r.clear)));
+        let table = Table::new([
+            "clear dots",
+            "frames",
+            "estimator: right",
+            "wrong",
+            "oracle: right",
+            "wrong",
+        ]);
+        let line = |name: &str, some: &[&Seen]| {
+            let rate = |k: usize, of: fn(FrameOutcome) -> bool| share(some, |s| of(s.outcomes[k]));
+            let both = [0, 1].map(|k| [FrameOutcome::is_right, FrameOutcome::is_wrong].map(|of| rate(k, of)));
+            row!(table; name, some.len(); both.concat());
+        };
+        for bin in bins(&ROWS) {
+            let some = seen.iter().filter(|s| bin.holds(s.clear as f64));
+            line(&bin.counts(""), &some.collect::<Vec<_>>());
         }
-        line("all", rows.iter());
+        line("all", &seen.iter().collect::<Vec<_>>());
         Ok(())
     }
 }
@@ -140,20 +129,4 @@ fn oracle(ball: &BallSignal, signal: f64, mut normal: impl FnMut() -> f64) -> Fr
     });
     let dots = dots.collect();
     FrameEstimate::from_detections(outline, dots)
-}
-
-fn line<'a>(name: &str, rows: impl Iterator<Item = &'a Row>) {
-    let rows: Vec<&Row> = rows.collect();
-    let rate = |which: usize, of: fn(FrameOutcome) -> bool| {
-        let hits = rows.iter().filter(|r| of(r.outcomes[which])).count();
-        Proportion::new(hits as u64, rows.len() as u64)
-    };
-    println!(
-        "| {name} | {} | {} | {} | {} | {} |",
-        rows.len(),
-        rate(0, FrameOutcome::is_right),
-        rate(0, FrameOutcome::is_wrong),
-        rate(1, FrameOutcome::is_right),
-        rate(1, FrameOutcome::is_wrong)
-    );
 }

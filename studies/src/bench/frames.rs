@@ -1,51 +1,43 @@
-//! Accuracy of the estimator on synthetic frames: dots found and false, orientations correct, wrong
-//! and rejected, errors, confidences, latencies; both detectors, by size and by blur. The tables of
-//! docs/measurements/detector.md come from here.
+//! Accuracy of the estimator on synthetic frames: dots found and false, answers right, wrong and missing, errors,
+//! confidences; both detectors, by size and by blur.
 //!
 //!     cargo run --release -p spindoe-studies -- frames --help
 //!
 //! The frames' seed is used by no training; the pattern occurs in no training.
 
 use std::collections::BTreeMap;
-use std::error::Error;
 use std::path::PathBuf;
 
-use nalgebra::{Quaternion, UnitQuaternion};
-use rayon::prelude::*;
+use spindoe::camera::FrameOutcome;
 use spindoe::pattern::Pattern;
-use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Frame, frames};
-use spindoe::validate::Proportion;
-use spindoe::vision::estimator::Timings;
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, Prior,
-};
+use spindoe::synth::dataset::{DotTruth, Frame};
+use spindoe::vision::{DetectorName, DotDetection, Estimator, EstimatorConfig, FrameEstimate};
+use spindoe_studies::frames::{DOTS20, all_conditions, each, good_conditions, outcome};
+use spindoe_studies::score::{Claim, RATES, bins, claimed, mean, median, rates};
+use spindoe_studies::table::{Table, figure};
+use spindoe_studies::{Outcome, row};
 
 /// Maximum distance of a detection from its dot, ball radii.
 const NEAR: f64 = 0.12;
-/// The paper's failure threshold.
-const FAILURE_DEG: f64 = 20.0;
-/// Frames drawn at once.
+/// Frames of a seed; the next ones have the next seeds.
 const AT_ONCE: usize = 500;
 
-/// The outcome of a frame.
-#[derive(Clone, Copy)]
-struct Outcome {
+/// What became of a frame.
+#[derive(Clone)]
+struct Seen {
     side: usize,
     blur: f64,
     has_logo: bool,
     visible: usize,
     found: usize,
     false_dots: usize,
-    error_deg: Option<f64>,
+    outcome: FrameOutcome,
     confidence: f64,
-    /// The reason for a rejection.
-    rejection: Option<FrameRejection>,
+    /// The reason for a rejection, without its values.
+    rejection: Option<String>,
     circle_off: f64,
-    timings: Timings,
 }
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Frames of each of the two sets.
@@ -55,175 +47,111 @@ pub struct Args {
     #[arg(long, default_value_t = 20_261_121)]
     seed: u64,
     /// Pattern of the ball.
-    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    #[arg(long, default_value = DOTS20)]
     pattern: PathBuf,
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+    pub fn run(&self) -> Outcome {
         let (count, seed, path) = (self.frames, self.seed, &self.pattern);
         let pattern = Pattern::read_csv(path)?;
-        println!("{count} frames, seed {seed}, {}\n", path.display());
-        for (name, config) in [
-            ("all conditions", SynthConfig::default()),
-            ("good conditions at 60 px", SynthConfig::good()),
-        ] {
-            println!("# {name}\n");
-            let mut outcomes: Vec<Vec<Outcome>> = vec![Vec::new(); DetectorName::ALL.len()];
+        let [one, other] = DetectorName::ALL.map(|detector| {
+            Estimator::new(&pattern, EstimatorConfig::default(), detector.build()?)
+        });
+        let estimators = [one?, other?];
+        println!("{count} frames, seed {seed}, {}", path.display());
+        for set in [good_conditions(), all_conditions()] {
+            let mut seen = Vec::new();
             for start in (0..count).step_by(AT_ONCE) {
                 let some = AT_ONCE.min(count - start);
-                let frames = frames(&pattern, &config, seed + start as u64, some)?;
-                for (outcomes, detector) in outcomes.iter_mut().zip(DetectorName::ALL) {
-                    outcomes.extend(run(&pattern, detector, &frames)?);
-                }
+                let judge = |frame: &Frame, found: [FrameEstimate; 2]| {
+                    found.map(|found| evaluate(frame, &found))
+                };
+                seen.extend(each(&estimators, &set.config, seed + start as u64, some, judge)?);
             }
-            for (outcomes, detector) in outcomes.iter().zip(DetectorName::ALL) {
-                println!("## {detector}\n");
-                tables(outcomes);
+            for (k, detector) in DetectorName::ALL.into_iter().enumerate() {
+                println!("\n### {}, `{detector}`", set.name);
+                tables(&seen.iter().map(|both| both[k].clone()).collect::<Vec<_>>());
             }
         }
         Ok(())
     }
 }
 
-fn run(
-    pattern: &Pattern,
-    detector: DetectorName,
-    frames: &[Frame],
-) -> Result<Vec<Outcome>, Box<dyn Error>> {
-    let estimator = Estimator::new(pattern, EstimatorConfig::default(), detector.build()?)?;
-    Ok(frames
-        .par_iter()
-        .map_init(
-            || (estimator.workspace(), FrameEstimate::default()),
-            |(ws, out), frame| {
-                estimator.estimate(&frame.image, &Prior::default(), &Budget::default(), ws, out);
-                evaluate(frame, out)
-            },
-        )
-        .collect())
-}
-
-fn evaluate(frame: &Frame, out: &FrameEstimate) -> Outcome {
+fn evaluate(frame: &Frame, out: &FrameEstimate) -> Seen {
     let truth = &frame.truth;
-    let [w, x, y, z] = truth.quaternion_wxyz;
-    let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
     let likely = || out.dots.iter().filter(|d| d.confidence >= 0.5);
-    let off = |d: &spindoe::vision::DotDetection, t: &spindoe::synth::dataset::DotTruth| {
+    let off = |d: &DotDetection, t: &DotTruth| {
         (d.pixel.u - t.pixel.u).hypot(d.pixel.v - t.pixel.v) / truth.radius_px
     };
     let visible = || truth.dots.iter().filter(|t| t.visible);
-    let pose = out.pose();
-    Outcome {
+    let is_found = |t: &&DotTruth| likely().any(|d| off(d, t) < NEAR);
+    let is_false = |d: &&DotDetection| truth.dots.iter().all(|t| off(d, t) >= NEAR);
+    let words = |reason: String| {
+        let words = reason.split(|c: char| c.is_ascii_digit()).next();
+        words.unwrap_or_default().trim_end().to_owned()
+    };
+    Seen {
         side: truth.size[0],
         blur: truth.blur_px / truth.radius_px,
         has_logo: truth.logo.is_some(),
         visible: visible().count(),
-        found: visible()
-            .filter(|t| likely().any(|d| off(d, t) < NEAR))
-            .count(),
-        false_dots: likely()
-            .filter(|d| truth.dots.iter().all(|t| off(d, t) >= NEAR))
-            .count(),
-        error_deg: pose.map(|p| p.rotation.angle_to(&rotation).to_degrees()),
-        confidence: pose.map_or(0.0, |p| p.confidence),
-        rejection: out.outcome.as_ref().err().copied(),
+        found: visible().filter(is_found).count(),
+        false_dots: likely().filter(is_false).count(),
+        outcome: outcome(out, truth),
+        confidence: out.pose().map_or(0.0, |p| p.confidence),
+        rejection: out.outcome.as_ref().err().map(|r| words(r.to_string())),
         circle_off: out.circle.map_or(f64::NAN, |c| {
             (c.center.u - truth.center.u).hypot(c.center.v - truth.center.v) / truth.radius_px
         }),
-        timings: out.timings,
     }
 }
 
-fn tables(outcomes: &[Outcome]) {
-    println!(
-        "| frames | dots found | false per frame | correct | wrong | rejected | mean error | median |"
-    );
-    println!("|---|---|---|---|---|---|---|---|");
-    line("all", outcomes, |_| true);
-    for [low, high] in [[40, 60], [60, 80], [80, 120], [120, 201]] {
-        line(&format!("{low} to {} px", high - 1), outcomes, |j| {
-            (low..high).contains(&j.side)
-        });
-    }
-    for [low, high] in [[0.0, 0.03], [0.03, 0.06], [0.06, 0.12], [0.12, 1.0]] {
-        let name = format!(
-            "blur {:.0} to {:.0} % of the radius",
-            100.0 * low,
-            100.0 * high
+fn tables(all: &[Seen]) {
+    let headings = ["frames", "number", "dots found", "false a frame"];
+    let table = Table::new(headings.into_iter().chain(RATES));
+    let line = |name: &str, is: &dyn Fn(&Seen) -> bool| {
+        let some: Vec<Seen> = all.iter().filter(|j| is(j)).cloned().collect();
+        if some.is_empty() {
+            return;
+        }
+        let found = mean(&some, |j| j.found as f64) / mean(&some, |j| j.visible as f64);
+        let outcomes: Vec<FrameOutcome> = some.iter().map(|j| j.outcome).collect();
+        row!(
+            table; name, some.len(), figure(100.0 * found, 2, "%"),
+            figure(mean(&some, |j| j.false_dots as f64), 3, "");
+            rates(&outcomes)
         );
-        line(&name, outcomes, |j| j.blur >= low && j.blur < high);
-    }
-    line("with a logo", outcomes, |j| j.has_logo);
-    line("without", outcomes, |j| !j.has_logo);
-    let mut reasons = BTreeMap::<String, usize>::new();
-    for rejection in outcomes.iter().filter_map(|j| j.rejection) {
-        let words = rejection.to_string();
-        // Without the values, so that equal reasons count together.
-        let words = words
-            .split(|c: char| c.is_ascii_digit())
-            .next()
-            .unwrap_or_default();
-        *reasons.entry(words.to_owned()).or_default() += 1;
-    }
-    println!("\nRejected: {reasons:?}");
-    println!("\n| confidence | frames | correct |\n|---|---|---|");
-    for [low, high] in [[0.5, 0.7], [0.7, 0.9], [0.9, 0.99], [0.99, 1.01]] {
-        let estimated: Vec<_> = outcomes
-            .iter()
-            .filter_map(|j| Some((j.error_deg?, j.confidence)))
-            .filter(|(_, c)| *c >= low && *c < high)
-            .collect();
-        let correct = estimated.iter().filter(|(e, _)| *e < FAILURE_DEG).count() as u64;
-        let rate = Proportion::new(correct, estimated.len() as u64);
-        println!("| {low} to {high:.2} | {} | {rate} |", estimated.len());
-    }
-    let median = |value: &dyn Fn(&Outcome) -> f64| {
-        let mut values: Vec<f64> = outcomes
-            .iter()
-            .map(value)
-            .filter(|x| x.is_finite())
-            .collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
     };
-    let ms = |d: std::time::Duration| 1e3 * d.as_secs_f64();
-    println!(
-        "\nMedians: circle off by {:.2} % of the radius; {:.3} ms to locate, {:.3} ms to detect, {:.3} ms to identify\n",
-        100.0 * median(&|j| j.circle_off),
-        median(&|j| ms(j.timings.locate)),
-        median(&|j| ms(j.timings.detect)),
-        median(&|j| ms(j.timings.identify)),
-    );
-}
-
-fn line(name: &str, outcomes: &[Outcome], choose: impl Fn(&Outcome) -> bool) {
-    let some: Vec<&Outcome> = outcomes.iter().filter(|j| choose(j)).collect();
-    if some.is_empty() {
-        return;
+    line("all", &|_| true);
+    for bin in bins(&[40.0, 60.0, 80.0, 120.0]) {
+        line(&bin.counts("px"), &|j| bin.holds(j.side as f64));
     }
-    let n = some.len() as u64;
-    let sum = |value: fn(&Outcome) -> usize| some.iter().map(|j| value(j)).sum::<usize>();
-    let mut errors: Vec<f64> = some
-        .iter()
-        .filter_map(|j| j.error_deg)
-        .filter(|e| *e < FAILURE_DEG)
-        .collect();
-    errors.sort_by(f64::total_cmp);
-    let estimated = some.iter().filter(|j| j.error_deg.is_some()).count() as u64;
-    let correct = errors.len() as u64;
-    println!(
-        "| {name}: {n} | {:.2} % | {:.3} | {} | {} | {} | {:.2} deg | {:.2} deg |",
-        100.0 * sum(|j| j.found) as f64 / sum(|j| j.visible).max(1) as f64,
-        sum(|j| j.false_dots) as f64 / n as f64,
-        Proportion::new(correct, n),
-        Proportion::new(estimated - correct, n),
-        Proportion::new(n - estimated, n),
-        errors.iter().sum::<f64>() / correct.max(1) as f64,
-        errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN),
-    );
+    for bin in bins(&[0.0, 3.0, 6.0, 12.0]) {
+        let name = format!("blur of {} of the radius", bin.named("%"));
+        line(&name, &|j| bin.holds(100.0 * j.blur));
+    }
+    line("with a logo", &|j| j.has_logo);
+    line("without", &|j| !j.has_logo);
+    let table = Table::new(["confidence", "frames", "right"]);
+    let answered = all.iter().filter(|j| j.rejection.is_none());
+    let claims = answered.map(|j| Claim {
+        confidence: j.confidence,
+        is_right: j.outcome.is_right(),
+    });
+    let claims: Vec<Claim> = claims.collect();
+    for bin in bins(&[0.5, 0.7, 0.9, 0.99]) {
+        let (_, right) = claimed(&claims, bin);
+        row!(table; bin.named(""), right.trials, right);
+    }
+    let mut reasons = BTreeMap::<&String, usize>::new();
+    for reason in all.iter().filter_map(|j| j.rejection.as_ref()) {
+        *reasons.entry(reason).or_default() += 1;
+    }
+    if !reasons.is_empty() {
+        let table = Table::new(["why there is no answer", "frames"]);
+        reasons.into_iter().for_each(|(why, count)| row!(table; why, count));
+    }
+    let circle_off = figure(100.0 * median(all, |j| j.circle_off), 2, "%");
+    println!("\nThe outline is off by {circle_off} of the radius in the median.");
 }

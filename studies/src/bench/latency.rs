@@ -4,27 +4,28 @@
 //! Each thread follows a camera of its own: its own clip, its own tracker. *Tracked* are the frames
 //! after the first ones; *acquired* are frames before which the tracker was reset, so that the ball
 //! may be anywhere, and the same frames are searched thoroughly, without a coarse search. With `--disc`, a white disc stands still in every clip. Times are given by the clock on
-//! the wall, which needs an idle machine, and by that of the thread's own work. An answer is correct
-//! within 20 degrees. With `--list`, every frame is written on standard error.
+//! the wall, which needs an idle machine, and by that of the thread's own work.
 //!
 //!     cargo run --release -p spindoe-studies -- latency --help
 
-use std::error::Error;
 use std::sync::Arc;
 use std::time::Instant;
 
 use cpu_time::ThreadTime;
-use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
+use spindoe::camera::FrameOutcome;
 use spindoe::geometry::Rotation;
 use spindoe::image::{RawImage, RawPixel, RgbImage};
 use spindoe::pattern::Pattern;
+use spindoe::stats::quantile;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{FrameTruth, Sequence, SequenceConfig, independent_frame};
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::FrameEstimate;
+use spindoe_studies::frames::{DOTS20, alone, estimator, good_conditions, orientation};
+use spindoe_studies::score::median;
+use spindoe_studies::table::{Table, figure};
+use spindoe_studies::{Outcome, row};
 
 const SIZE: [usize; 2] = [1280, 1024];
 const BALL_PX: f64 = 60.0;
@@ -35,19 +36,18 @@ const DRIFT_PX: [f64; 2] = [420.0, -140.0];
 const DISC: f64 = 38.0;
 /// Frames of a clip before the tracker counts as warm.
 const WARMUP: usize = 5;
-const FAILURE_DEG: f64 = 20.0;
 const CROPS: usize = 300;
 
 struct Clip {
     frames: Vec<(Vec<u8>, f64, Rotation)>,
 }
 
-/// A frame's time, and its error where it has an answer.
+/// A frame's time, and what became of it.
 #[derive(Clone, Copy)]
 struct Sample {
     wall_ms: f64,
     cpu_ms: f64,
-    error_deg: Option<f64>,
+    outcome: FrameOutcome,
 }
 
 /// Both clocks.
@@ -58,18 +58,13 @@ impl Stopwatch {
         Self(Instant::now(), ThreadTime::now())
     }
 
-    fn stop(&self, error_rad: Option<f64>) -> Sample {
+    fn stop(&self, found: &FrameEstimate, truth: &Rotation) -> Sample {
         Sample {
             wall_ms: 1e3 * self.0.elapsed().as_secs_f64(),
             cpu_ms: 1e3 * self.1.elapsed().as_secs_f64(),
-            error_deg: error_rad.map(f64::to_degrees),
+            outcome: FrameOutcome::of(found, truth),
         }
     }
-}
-
-fn rotation(truth: &FrameTruth) -> Rotation {
-    let [w, x, y, z] = truth.quaternion_wxyz;
-    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
 }
 
 fn bytes(image: &RgbImage, disc: Option<[f64; 2]>) -> Vec<u8> {
@@ -94,7 +89,7 @@ fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Resu
         image_px: Some(SIZE),
         ball_px: Some([BALL_PX; 2]),
         parallel_share: 0.0,
-        ..SynthConfig::good()
+        ..good_conditions().config
     };
     let sequence = SequenceConfig {
         fps: FPS,
@@ -117,7 +112,7 @@ fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Resu
                 let frame = sequence.frame(k)?;
                 let time_s = frame.truth.time_s.unwrap_or_default();
                 let bytes = bytes(&frame.image, disc.then_some(place));
-                Ok((bytes, time_s, rotation(&frame.truth)))
+                Ok((bytes, time_s, orientation(&frame.truth)))
             };
             let frames = (0..count).into_par_iter().map(frame);
             return Ok(Clip {
@@ -126,11 +121,6 @@ fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Resu
         }
     }
     Err(spindoe::Error::Internal("no clip".into()))
-}
-
-fn estimator(pattern: &Pattern) -> spindoe::Result<Estimator<NamedDetector>> {
-    let detector = DetectorName::Cnn.build()?;
-    Estimator::new(pattern, EstimatorConfig::default(), detector)
 }
 
 /// Frames that are searched thoroughly, without a tracker and without a coarse search before.
@@ -143,13 +133,13 @@ fn search(pattern: &Pattern, clip: &Clip) -> spindoe::Result<Vec<Sample>> {
         let watch = Stopwatch::start();
         estimator.detect(raw, None, &mut ws, &mut out);
         estimator.identify_detections(&mut ws, &mut out);
-        samples.push(watch.stop(out.pose().map(|p| p.rotation.angle_to(truth))));
+        samples.push(watch.stop(&out, truth));
     }
     Ok(samples)
 }
 
 /// Tracked frames, acquired ones, and those that are searched thoroughly.
-fn follow(pattern: &Pattern, clip: &Clip, list: bool) -> spindoe::Result<[Vec<Sample>; 3]> {
+fn follow(pattern: &Pattern, clip: &Clip) -> spindoe::Result<[Vec<Sample>; 3]> {
     let estimator = Arc::new(estimator(pattern)?);
     let mut samples = [Vec::new(), Vec::new(), search(pattern, clip)?];
     for (kind, samples) in samples.iter_mut().take(2).enumerate() {
@@ -161,13 +151,7 @@ fn follow(pattern: &Pattern, clip: &Clip, list: bool) -> spindoe::Result<[Vec<Sa
             }
             let watch = Stopwatch::start();
             let state = tracker.update(raw, *time_s, None)?;
-            let sample = watch.stop(state.frame.pose().map(|p| p.rotation.angle_to(truth)));
-            if list {
-                let (kind, ms) = (["tracked", "acquired"][kind], sample.cpu_ms);
-                let circle = state.frame.outline.map(|o| o.circle);
-                let (error, why) = (sample.error_deg, state.frame.outcome.err());
-                eprintln!("{kind} {k}: {ms:.2} ms, {circle:?}, {error:.2?} deg, {why:?}");
-            }
+            let sample = watch.stop(&state.frame, truth);
             if kind == 1 || k >= WARMUP {
                 samples.push(sample);
             }
@@ -176,59 +160,39 @@ fn follow(pattern: &Pattern, clip: &Clip, list: bool) -> spindoe::Result<[Vec<Sa
     Ok(samples)
 }
 
-fn crops(pattern: &Pattern, seed: u64) -> spindoe::Result<(Vec<Sample>, [Vec<f64>; 3])> {
+fn crops(pattern: &Pattern, seed: u64) -> spindoe::Result<(Vec<Sample>, Vec<[f64; 3]>)> {
     let estimator = estimator(pattern)?;
-    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-    let config = SynthConfig::good();
-    let (mut samples, mut stages) = (Vec::new(), [const { Vec::new() }; 3]);
+    let mut ws = estimator.workspace();
+    let set = good_conditions();
+    let (mut samples, mut stages) = (Vec::new(), Vec::new());
     for k in 0..CROPS {
-        let frame = independent_frame(pattern, &config, seed, k)?;
+        let frame = independent_frame(pattern, &set.config, seed, k)?;
         let (width, height) = (frame.image.width(), frame.image.height());
         let bytes = bytes(&frame.image, None);
         let raw = RawImage::new(width, height, RawPixel::Gray, &bytes)?;
         let watch = Stopwatch::start();
-        estimator.estimate(
-            raw,
-            &Prior::default(),
-            &Budget::default(),
-            &mut ws,
-            &mut out,
-        );
-        let truth = rotation(&frame.truth);
-        let sample = watch.stop(out.pose().map(|p| p.rotation.angle_to(&truth)));
+        let out = alone(&estimator, raw, &mut ws);
+        let sample = watch.stop(&out, &orientation(&frame.truth));
         if k >= WARMUP {
             samples.push(sample);
             let t = out.timings;
-            for (stage, time) in stages.iter_mut().zip([t.locate, t.detect, t.identify]) {
-                stage.push(1e3 * time.as_secs_f64());
-            }
+            stages.push([t.locate, t.detect, t.identify].map(|time| 1e3 * time.as_secs_f64()));
         }
     }
     Ok((samples, stages))
 }
 
-fn quantile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[((values.len() - 1) as f64 * share).round() as usize]
-}
-
-fn row(name: &str, samples: &[Sample]) {
-    let n = samples.len();
-    let count = |is: fn(f64) -> bool| {
-        let are = samples.iter().filter(|s| s.error_deg.is_some_and(is));
-        are.count()
-    };
-    let (correct, wrong) = (count(|e| e < FAILURE_DEG), count(|e| e >= FAILURE_DEG));
-    print!("| {name} | {n} ");
-    for ms in [|s: &Sample| s.wall_ms, |s: &Sample| s.cpu_ms] {
+fn line(table: &Table, name: &str, samples: &[Sample]) {
+    let count = |is: fn(FrameOutcome) -> bool| samples.iter().filter(|s| is(s.outcome)).count();
+    let times = [|s: &Sample| s.wall_ms, |s: &Sample| s.cpu_ms].map(|ms| {
         let mut ms: Vec<f64> = samples.iter().map(ms).collect();
-        let (middle, high) = (quantile(&mut ms, 0.5), quantile(&mut ms, 0.99));
-        print!("| {middle:.2} | {high:.2} ");
-    }
-    println!("| {correct} | {wrong} |");
+        ms.sort_by(f64::total_cmp);
+        [0.5, 0.99].map(|share| figure(quantile(&ms, share), 2, ""))
+    });
+    let counts = [count(FrameOutcome::is_right), count(FrameOutcome::is_wrong)];
+    row!(table; name, samples.len(); times.concat(); counts);
 }
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Frames of a clip.
@@ -243,54 +207,46 @@ pub struct Args {
     /// A white disc stands still in every clip.
     #[arg(long)]
     disc: bool,
-    /// Write every frame on standard error.
-    #[arg(long)]
-    list: bool,
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
-        let Args {
-            frames: count,
-            seed,
-            threads,
-            disc,
-            list,
-        } = *self;
-        let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
+    pub fn run(&self) -> Outcome {
+        let (count, seed, threads, disc) = (self.frames, self.seed, self.threads, self.disc);
+        let pattern = Pattern::read_csv(DOTS20.as_ref())?;
         let clips: Vec<Clip> = (0..threads)
             .map(|k| clip(&pattern, seed + 1000 * k, count, disc))
             .collect::<spindoe::Result<_>>()?;
-        println!(
-            "| frames | number | p50, ms | p99, ms | p50, ms of CPU | p99, ms of CPU | correct | wrong |"
-        );
-        println!("|---|---|---|---|---|---|---|---|");
         let results = std::thread::scope(|scope| {
-            let followed = clips
-                .iter()
-                .map(|clip| scope.spawn(|| follow(&pattern, clip, list)));
+            let followed = clips.iter().map(|clip| scope.spawn(|| follow(&pattern, clip)));
             let followed: Vec<_> = followed.collect();
             let joined = followed.into_iter().map(|f| f.join());
             joined
                 .map(|f| f.map_err(|_| spindoe::Error::Internal("a thread failed".into()))?)
                 .collect::<spindoe::Result<Vec<_>>>()
         })?;
-        let all =
-            |kind: usize| -> Vec<Sample> { results.iter().flat_map(|r| r[kind].clone()).collect() };
-        row("tracked, 1280 x 1024", &all(0));
-        row("acquired, 1280 x 1024", &all(1));
-        row("searched thoroughly, 1280 x 1024", &all(2));
+        println!("Clips of {count} frames, seeds from {seed}, threads: {threads}");
+        let table = Table::new([
+            "frames",
+            "number",
+            "p50, ms",
+            "p99, ms",
+            "p50, ms of CPU",
+            "p99, ms of CPU",
+            "right",
+            "wrong",
+        ]);
+        let kinds = ["tracked", "acquired", "searched thoroughly"];
+        for (kind, name) in kinds.into_iter().enumerate() {
+            let all: Vec<Sample> = results.iter().flat_map(|r| r[kind].clone()).collect();
+            line(&table, &format!("{name}, 1280 x 1024"), &all);
+        }
         if threads == 1 && !disc {
-            let (samples, mut stages) = crops(&pattern, seed)?;
-            row("crop of 60 px", &samples);
-            let medians = [0, 1, 2].map(|k| quantile(&mut stages[k], 0.5));
+            let (samples, stages) = crops(&pattern, seed)?;
+            line(&table, "crop of 60 px", &samples);
+            let [locate, detect, identify] =
+                [0, 1, 2].map(|k: usize| figure(median(&stages, |s| s[k]), 2, "ms"));
             println!(
-                "\nCrops, medians: outline {:.2} ms, dots {:.2} ms, identification {:.2} ms.",
-                medians[0], medians[1], medians[2]
+                "\nCrops, medians: outline {locate}, dots {detect}, identification {identify}."
             );
         }
         Ok(())

@@ -2,93 +2,59 @@
 //!
 //!     cargo run --release -p spindoe-studies -- mirror --help
 //!
-//! Flipped images of a ball are images of a ball with the pattern's mirror image. Its scenes before
-//! the default camera are rendered, and read by the estimator of the pattern itself. A flipped view is told apart where that gives no pose; where it gives one, the
-//! view is taken for one of the pattern. Frames without an outline are left out.
-
-use std::error::Error;
-use std::path::PathBuf;
+//! Flipped images of a ball are images of a ball with the pattern's mirror image. Its scenes before the default camera
+//! are rendered, and read by the estimator of the pattern itself. A flipped view is told apart where that gives no
+//! pose; where it gives one, the view is taken for one of the pattern. Frames without an outline are left out.
 
 use rayon::prelude::*;
-use spindoe::Pattern;
 use spindoe::camera::{CameraConditions, CameraTrials};
 use spindoe::recognize::RecognizerRejection;
-use spindoe::stats::Proportion;
 use spindoe::vision::verdict::mirrored_pattern;
-use spindoe::vision::{Budget, DetectorName, Estimator, FrameEstimate, FrameRejection, Prior};
-
-type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
+use spindoe::vision::{DetectorName, Estimator, FrameRejection};
+use spindoe_studies::frames::{Patterns, Workspace, alone};
+use spindoe_studies::score::share;
+use spindoe_studies::table::Table;
+use spindoe_studies::{Outcome, row};
 
 /// Seed of the scenes.
 const SEED: u64 = 15_600_001;
 
-/// The patterns that are measured by default.
-const DESIGNS: [&str; 6] = [
-    "designs/dots12/pattern.csv",
-    "designs/dots16/pattern.csv",
-    "designs/dots20/pattern.csv",
-    "designs/dots20-paper/pattern.csv",
-    "designs/dots24/pattern.csv",
-    "designs/dots32/pattern.csv",
-];
-
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Frames of a pattern.
     #[arg(long, default_value_t = 3000)]
     frames: u64,
-    /// Patterns.
-    #[arg(default_values = DESIGNS, value_name = "PATTERN.csv")]
-    patterns: Vec<PathBuf>,
+    #[command(flatten)]
+    patterns: Patterns,
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Outcome<()> {
+    pub fn run(&self) -> Outcome {
         let frames = self.frames;
         let trials = CameraTrials::new(CameraConditions::default(), SEED);
-        println!("| pattern | dots | named mirrored | taken for the pattern |");
-        println!("|---|---|---|---|");
-        for path in &self.patterns {
-            let pattern = Pattern::read_csv(path)?;
+        println!("{frames} frames a pattern, seed {SEED}");
+        let table = Table::new([
+            "pattern",
+            "dots",
+            "frames with an outline",
+            "named mirrored",
+            "taken for the pattern",
+        ]);
+        for (name, pattern) in self.patterns.read()? {
             let mirrored = mirrored_pattern(&pattern)?;
             let estimator = Estimator::new(&pattern, trials.estimator, DetectorName::Cnn.build()?)?;
-            let counts: Result<Vec<[u64; 3]>, spindoe::Error> = (0..frames)
-                .into_par_iter()
-                .map_init(
-                    || estimator.workspace(),
-                    |ws, k| {
-                        let image = trials.conditions.scene(&mirrored, SEED, k)?.render()?.image;
-                        let mut found = FrameEstimate::default();
-                        estimator.estimate(
-                            &image,
-                            &Prior::default(),
-                            &Budget::default(),
-                            ws,
-                            &mut found,
-                        );
-                        let is_named = matches!(
-                            found.outcome,
-                            Err(FrameRejection::Recognizer(RecognizerRejection::Mirrored))
-                        );
-                        let seen = [found.outline.is_some(), is_named, found.pose().is_some()];
-                        Ok(seen.map(u64::from))
-                    },
-                )
-                .collect();
-            let [all, named, taken] = counts?
-                .into_iter()
-                .fold([0; 3], |sum, own| std::array::from_fn(|i| sum[i] + own[i]));
-            println!(
-                "| {} | {} | {} of {all} | {} of {all} |",
-                path.display(),
-                pattern.len(),
-                Proportion::new(named, all),
-                Proportion::new(taken, all),
+            let one = |ws: &mut Workspace, k: u64| {
+                let scene = trials.conditions.scene(&mirrored, SEED, k)?;
+                Ok(alone(&estimator, &scene.render()?.image, ws))
+            };
+            let found = (0..frames).into_par_iter();
+            let found = found.map_init(|| estimator.workspace(), one);
+            let mut found: Vec<_> = found.collect::<spindoe::Result<_>>()?;
+            found.retain(|f| f.outline.is_some());
+            let mirrored = Err(FrameRejection::Recognizer(RecognizerRejection::Mirrored));
+            row!(
+                table; name, pattern.len(), found.len(), share(&found, |f| f.outcome == mirrored),
+                share(&found, |f| f.pose().is_some())
             );
         }
         Ok(())

@@ -6,9 +6,7 @@
 //! Patterns of 20 dots in three groups: random ones; random ones after a few descent steps on an
 //! objective that takes turns (good patterns are what a search must distinguish); and, among the
 //! last, those below the median failure rate. For each group the rank correlation (Spearman) of
-//! each value with the measured failures of the `sparse` protocol, and a scatter plot. 95 %
-//! intervals are Fisher's, with the variance 1.06 / (n - 3) of rank correlations (E. C. Fieller, H.
-//! O. Hartley, E. S. Pearson, "Tests for rank correlation coefficients I", Biometrika 44, 1957).
+//! each value with the measured failures of the `sparse` protocol, and a scatter plot.
 
 use std::path::PathBuf;
 
@@ -24,7 +22,10 @@ use spindoe::plot::{LinePlot, LineSeries, scatter_plot};
 use spindoe::recognize::RecognizerName;
 use spindoe::validate::ValidationConfig;
 use spindoe::view::{Protocol, ProtocolName};
-use spindoe_studies::ranks::spearman;
+use spindoe_studies::ranks::correlation;
+use spindoe_studies::score::median;
+use spindoe_studies::table::Table;
+use spindoe_studies::{Outcome, row};
 
 /// Seeds: of the patterns, and of the trials. Neither is used by any design.
 const PATTERN_SEED: u64 = 2_026_001;
@@ -86,19 +87,6 @@ fn row(index: usize, trials: u64) -> Result<Row> {
     })
 }
 
-fn report(name: &str, rows: &[&Row]) {
-    let failures: Vec<f64> = rows.iter().map(|r| r.failures).collect();
-    println!("{name}: {} patterns", rows.len());
-    for (k, value) in NAMES.iter().enumerate() {
-        let values: Vec<f64> = rows.iter().map(|r| r.values[k]).collect();
-        let r = spearman(&values, &failures);
-        let half = 1.96 * (1.06 / (rows.len() as f64 - 3.0)).sqrt();
-        let (low, high) = ((r.atanh() - half).tanh(), (r.atanh() + half).tanh());
-        println!("  {value:<17} {r:+.3} [{low:+.3}, {high:+.3}]");
-    }
-}
-
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder of the plots.
@@ -113,33 +101,31 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<()> {
+    pub fn run(&self) -> Outcome {
         let (dir, count, trials) = (&self.out, self.patterns, self.trials);
         let rows: Result<Vec<Row>> = (0..count)
             .into_par_iter()
             .map(|index| row(index, trials as u64))
             .collect();
         let rows = rows?;
-        println!(
-            "{count} patterns (seed {PATTERN_SEED}), {trials} trials each (seed {TRIAL_SEED})"
-        );
-        let of = |keep: &dyn Fn(&Row) -> bool| -> Vec<&Row> {
-            rows.iter().filter(|r| keep(r)).collect()
+        println!("{count} patterns (seed {PATTERN_SEED}), {trials} trials each (seed {TRIAL_SEED})");
+        let headings = ["patterns", "number"].into_iter().chain(NAMES);
+        let table = Table::new(headings);
+        let report = |name: &str, is: &dyn Fn(&Row) -> bool| {
+            let some: Vec<&Row> = rows.iter().filter(|r| is(r)).collect();
+            let failures: Vec<f64> = some.iter().map(|r| r.failures).collect();
+            let cells = [0, 1, 2, 3].map(|k: usize| {
+                let values: Vec<f64> = some.iter().map(|r| r.values[k]).collect();
+                correlation(&values, &failures)
+            });
+            row!(table; name, some.len(); cells);
         };
-        report("all", &of(&|_| true));
-        report("random", &of(&|r| !r.descended));
-        let descended = of(&|r| r.descended);
-        report("descended", &descended);
-        let mut failures: Vec<f64> = descended.iter().map(|r| r.failures).collect();
-        let median = spindoe::stats::median(&mut failures);
-        report(
-            "descended, better half",
-            &of(&|r| r.descended && r.failures < median),
-        );
+        report("all", &|_| true);
+        report("random", &|r| !r.descended);
+        report("descended", &|r| r.descended);
+        let descended: Vec<&Row> = rows.iter().filter(|r| r.descended).collect();
+        let middle = median(&descended, |r| r.failures);
+        report("descended, better half", &|r| r.descended && r.failures < middle);
         for (k, value) in NAMES.iter().enumerate() {
             let series =
                 [("random", false), ("after some descent", true)].map(|(name, kind)| LineSeries {

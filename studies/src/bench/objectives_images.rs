@@ -13,13 +13,12 @@
 //! correlation of the quantity with itself on the other half of the frames, which bounds it.
 //! Measurements are kept in OUT_DIR and read from there if present.
 
-use std::error::Error;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
 use spindoe::Pattern;
 use spindoe::camera::{CameraConditions, CameraTrials, FrameOutcome, coverage};
 use spindoe::design::constraints::max_separation;
@@ -31,31 +30,29 @@ use spindoe::pattern::random_pattern;
 use spindoe::view::ProtocolName;
 use spindoe::vision::Camera;
 use spindoe::vision::estimator::CameraModel;
-use spindoe_studies::ranks::spearman;
-
-type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
+use spindoe_studies::ranks::{correlation, spearman};
+use spindoe_studies::score::mean;
+use spindoe_studies::table::{Cell, Table, figure};
+use spindoe_studies::{Outcome, row};
 
 /// Seeds: of the patterns, and of the scenes.
 const PATTERN_SEED: u64 = 15_400_001;
 const SCENE_SEED: u64 = 15_400_002;
 /// Distance of the camera, ball radii.
 const DISTANCE: f64 = 20.0;
-/// Numbers of detected dots are counted up to this one.
-const MAX_COUNT: usize = 24;
 /// Objectives that patterns descend on, in turn.
 const DESCENTS: [ObjectiveName; 2] = [ObjectiveName::MeanNn, ObjectiveName::WhitenedNn];
 
 /// A pattern with what was measured on the two halves of the frames.
+#[derive(Serialize, Deserialize)]
 struct Row {
-    dots: Vec<Vec3>,
+    dots: Vec<[f64; 3]>,
     descended: bool,
     failures: [f64; 2],
     /// Share of the frames with a wrong or no answer.
     failed: f64,
     /// Mean number of detected dots.
     detected: f64,
-    /// Frames, and the sum of their failures, by number of detected dots.
-    by_count: Vec<[f64; 2]>,
 }
 
 /// A camera so hard that some percent of the frames fail.
@@ -116,13 +113,10 @@ fn measured(dots: usize, index: usize, frames: u64) -> Outcome<Row> {
         })
     })?;
     let (mut sums, mut counts, mut failed, mut detected) = ([0.0; 2], [0.0; 2], 0.0, 0.0);
-    let mut by_count = vec![[0.0; 2]; MAX_COUNT + 1];
     for (k, frame) in seen.into_iter().enumerate() {
         let Some((is_right, failure, likely)) = frame else {
             continue;
         };
-        let of_count = &mut by_count[likely.min(MAX_COUNT)];
-        *of_count = [of_count[0] + 1.0, of_count[1] + failure];
         sums[k % 2] += failure;
         counts[k % 2] += 1.0;
         detected += likely as f64;
@@ -130,65 +124,14 @@ fn measured(dots: usize, index: usize, frames: u64) -> Outcome<Row> {
     }
     let count: f64 = counts.iter().sum();
     Ok(Row {
-        dots: pattern.dots().to_vec(),
+        dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
         descended,
         failures: [sums[0] / counts[0], sums[1] / counts[1]],
         failed: failed / count,
         detected: detected / count,
-        by_count,
     })
 }
 
-fn to_json(rows: &[Row]) -> Value {
-    rows.iter()
-        .map(|r| {
-            json!({
-                "dots": r.dots.iter().map(|d| [d.x, d.y, d.z]).collect::<Vec<_>>(),
-                "descended": r.descended, "failures": r.failures, "failed": r.failed,
-                "detected": r.detected, "by_count": r.by_count,
-            })
-        })
-        .collect()
-}
-
-fn from_json(path: &Path) -> Outcome<Vec<Row>> {
-    let rows: Vec<Value> = serde_json::from_slice(&std::fs::read(path)?)?;
-    rows.iter()
-        .map(|r| {
-            let dots: Vec<[f64; 3]> = serde_json::from_value(r["dots"].clone())?;
-            Ok(Row {
-                dots: dots.into_iter().map(Vec3::from).collect(),
-                descended: serde_json::from_value(r["descended"].clone())?,
-                failures: serde_json::from_value(r["failures"].clone())?,
-                failed: serde_json::from_value(r["failed"].clone())?,
-                detected: serde_json::from_value(r["detected"].clone())?,
-                by_count: serde_json::from_value(r["by_count"].clone()).unwrap_or_default(),
-            })
-        })
-        .collect()
-}
-
-fn report(name: &str, rows: &[&Row], values: &[(String, Vec<f64>)], indices: &[usize]) {
-    let half = |k: usize| -> Vec<f64> { rows.iter().map(|r| r.failures[k]).collect() };
-    let both: Vec<f64> = rows.iter().map(|r| r.failures.iter().sum()).collect();
-    let halves = spearman(&half(0), &half(1));
-    // Spearman and Brown: of the whole from that of its halves; no predictor exceeds its root.
-    let reliability = (2.0 * halves / (1.0 + halves)).max(0.0);
-    println!(
-        "  {name} {}: halves {halves:.3}, at most {:.3}",
-        rows.len(),
-        reliability.sqrt()
-    );
-    for (objective, all) in values {
-        let own: Vec<f64> = indices.iter().map(|&i| all[i]).collect();
-        let r = spearman(&own, &both);
-        let half = 1.96 * (1.06 / (rows.len() as f64 - 3.0)).sqrt();
-        let (low, high) = ((r.atanh() - half).tanh(), (r.atanh() + half).tanh());
-        println!("    {objective:<26} {r:+.3} [{low:+.3}, {high:+.3}]");
-    }
-}
-
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder in which measurements are kept, and read from if present.
@@ -206,67 +149,71 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Outcome<()> {
+    pub fn run(&self) -> Outcome {
         let (dir, count, frames) = (&self.out, self.patterns, self.frames);
-        std::fs::create_dir_all(dir)?;
+        spindoe::files::create_dir(dir)?;
+        println!("{count} patterns for each number of dots, {frames} frames a pattern");
+        let table = Table::new(["dots", "values", "all", "random", "descended"]);
         for &dots in &self.dots {
             let path = dir.join(format!("dots{dots}.json"));
-            let rows = if path.exists() {
-                from_json(&path)?
+            let rows: Vec<Row> = if path.exists() {
+                serde_json::from_slice(&spindoe::files::read_bytes(&path)?)?
             } else {
-                let rows: Outcome<Vec<Row>> = (0..count)
-                    .into_par_iter()
-                    .map(|index| measured(dots, index, frames))
-                    .collect();
+                let indices = (0..count).into_par_iter();
+                let rows: Outcome<Vec<Row>> =
+                    indices.map(|index| measured(dots, index, frames)).collect();
                 let rows = rows?;
-                std::fs::write(&path, serde_json::to_vec(&to_json(&rows))?)?;
+                spindoe::files::write_bytes(&path, &serde_json::to_vec(&rows)?)?;
                 rows
             };
-            let mean =
-                |f: &dyn Fn(&Row) -> f64| rows.iter().map(f).sum::<f64>() / rows.len() as f64;
-            println!(
-                "{dots} dots: mean failure {:.2} %, wrong or missing {:.2} %, {:.1} dots detected",
-                100.0 * mean(&|r| 0.5 * (r.failures[0] + r.failures[1])),
-                100.0 * mean(&|r| r.failed),
-                mean(&|r| r.detected)
-            );
+            let groups = [|_: &Row| true, |r: &Row| !r.descended, |r: &Row| r.descended];
+            let groups = groups.map(|is| (0..rows.len()).filter(|&i| is(&rows[i])).collect());
+            let line = |what: &str, cell: &dyn Fn(&Vec<usize>) -> Cell| {
+                row!(table; dots, what; groups.each_ref().map(cell));
+            };
+            let percent = |of: fn(&Row) -> f64| {
+                let rows = &rows;
+                move |group: &Vec<usize>| figure(100.0 * mean(group, |&i| of(&rows[i])), 2, "%")
+            };
+            line("failure", &percent(|r| 0.5 * (r.failures[0] + r.failures[1])));
+            line("wrong or missing", &percent(|r| r.failed));
+            line("dots detected", &|group| figure(mean(group, |&i| rows[i].detected), 1, ""));
             let view = ProtocolName::Image.view();
+            let places: Vec<Vec<Vec3>> = rows
+                .iter()
+                .map(|r| r.dots.iter().copied().map(Vec3::from).collect())
+                .collect();
             let mut values = Vec::new();
             for name in ObjectiveName::ALL.into_iter().filter(|n| n.suits(dots)) {
                 let objective = Objective::for_view(name, &view);
-                let all: Result<Vec<f64>, _> = rows
-                    .par_iter()
-                    .map(|r| Ok::<_, spindoe::Error>(objective.evaluate_at(&r.dots)?.value))
-                    .collect();
-                values.push((name.to_string(), all?));
+                let all = places.par_iter().map(|dots| Ok(objective.evaluate_at(dots)?.value));
+                values.push((format!("`{name}`"), all.collect::<spindoe::Result<Vec<f64>>>()?));
             }
             let camera = coverage(&conditions(dots), dots, &|_| ())?;
-            println!("{camera:?}");
-            for (label, o) in [
-                ("of the camera", camera),
-                (
-                    "without crowds",
-                    Coverage {
-                        crowding: 0.0,
-                        ..camera
-                    },
-                ),
-            ] {
-                let all = rows.par_iter().map(|r| o.evaluate(&r.dots).value).collect();
-                values.push((format!("coverage {label}"), all));
-            }
-            let group = |name: &str, keep: &dyn Fn(&Row) -> bool| {
-                let indices: Vec<usize> = (0..rows.len()).filter(|&i| keep(&rows[i])).collect();
-                let kept: Vec<&Row> = indices.iter().map(|&i| &rows[i]).collect();
-                report(name, &kept, &values, &indices);
+            let without = Coverage {
+                crowding: 0.0,
+                ..camera
             };
-            group("all", &|_| true);
-            group("random", &|r| !r.descended);
-            group("descended", &|r| r.descended);
+            for (name, o) in [("of the camera", camera), ("without crowds", without)] {
+                let all = places.par_iter().map(|dots| o.evaluate(dots).value);
+                values.push((format!("`coverage` {name}"), all.collect()));
+            }
+            let failures = |group: &[usize], of: &dyn Fn(&Row) -> f64| -> Vec<f64> {
+                group.iter().map(|&i| of(&rows[i])).collect()
+            };
+            for (objective, all) in &values {
+                line(objective, &|group| {
+                    let own: Vec<f64> = group.iter().map(|&i| all[i]).collect();
+                    correlation(&own, &failures(group, &|r| r.failures.iter().sum()))
+                });
+            }
+            line("at most", &|group| {
+                let [a, b] = [0, 1].map(|k: usize| failures(group, &|r| r.failures[k]));
+                let halves = spearman(&a, &b);
+                // Spearman and Brown: of the whole from that of its halves; no predictor exceeds its root.
+                let reliability = (2.0 * halves / (1.0 + halves)).max(0.0);
+                figure(reliability.sqrt(), 3, "")
+            });
         }
         Ok(())
     }

@@ -1,43 +1,42 @@
 //! How near to the truth is the outline, and how much do failures of the outline cost?
 //!
-//! Each frame is estimated as a user would, and again with the true outline. The first table gives
-//! the share of outlines within 1, 2 and 5 % of the radius (the larger of the center's and the
-//! radius' error), over all frames and over those of which at least 60 % of the rim shows; the
-//! second gives correct, wrong and rejected frames (20 degrees).
+//! Each frame is estimated as a user would, and again with the true outline. The first table gives the share of
+//! outlines within 1, 2 and 5 % of the radius (the larger of the center's and the radius' error), over all frames and
+//! over those of which at least 60 % of the rim shows; the second what both give.
 //!
 //!     cargo run --release -p spindoe-studies -- outlines --help
 
-use std::error::Error;
 use std::path::PathBuf;
 
-use nalgebra::{Quaternion, UnitQuaternion};
-use rayon::prelude::*;
+use spindoe::camera::FrameOutcome;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{FrameTruth, independent_frame};
-use spindoe::validate::Proportion;
-use spindoe::vision::camera::BallCircle;
+use spindoe::synth::dataset::{Frame, FrameTruth};
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::{
-    Budget, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector,
-    OutlinePrior, Prior,
+    BallCircle, Budget, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
+    NamedDetector, OutlinePrior, Prior,
 };
+use spindoe_studies::frames::{
+    DOTS20, FrameSet, all_conditions, each, good_conditions, outcome,
+};
+use spindoe_studies::score::{RATES, rates, share};
+use spindoe_studies::table::Table;
+use spindoe_studies::{Outcome, row};
 
 /// Outline errors that are counted, parts of the radius.
 const WITHIN: [f64; 3] = [0.01, 0.02, 0.05];
 /// Share of the rim that must show for the second group.
 const MIN_RIM: f64 = 0.6;
-const FAILURE_DEG: f64 = 20.0;
 
 /// A frame's result.
-struct Outcome {
+struct Seen {
     rim: f64,
     /// Of the outline that the pose was found on, part of the radius; infinite where there is none.
     outline_error: f64,
-    error_deg: Option<f64>,
-    given_error_deg: Option<f64>,
-    line: String,
+    /// With the outline that is found, and with the true one.
+    outcomes: [FrameOutcome; 2],
 }
 
 fn off(circle: Option<BallCircle>, truth: &FrameTruth) -> f64 {
@@ -49,97 +48,24 @@ fn off(circle: Option<BallCircle>, truth: &FrameTruth) -> f64 {
 
 fn measure(
     estimator: &Estimator<NamedDetector>,
-    pattern: &Pattern,
-    config: &SynthConfig,
-    seed: u64,
-    k: usize,
-) -> spindoe::Result<Outcome> {
-    let frame = independent_frame(pattern, config, seed, k)?;
+    frame: &Frame,
+    [found]: [FrameEstimate; 1],
+) -> Seen {
     let truth = &frame.truth;
-    let [w, x, y, z] = truth.quaternion_wxyz;
-    let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
-    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-    let error = |out: &FrameEstimate| {
-        out.pose()
-            .map(|p| p.rotation.angle_to(&rotation).to_degrees())
-    };
-    estimator.estimate(
-        &frame.image,
-        &Prior::default(),
-        &Budget::default(),
-        &mut ws,
-        &mut out,
-    );
-    let error_deg = error(&out);
-    let outline_error = off(out.outline.map(|o| o.circle), truth);
-    let found = out.fit.map_or_else(String::new, |f| {
-        format!(
-            "support {:.2} visible {:.2} {:?} contrast {:.3}",
-            f.support, f.visible, f.polarity, f.contrast
-        )
-    });
-    let why = out
-        .outcome
-        .as_ref()
-        .err()
-        .map_or(String::new(), ToString::to_string);
     let circle = BallCircle::new(truth.center, truth.radius_px);
-    estimator.estimate(
-        &frame.image,
-        &Prior {
-            outline: Some(OutlinePrior::given(circle)),
-            ..Prior::default()
-        },
-        &Budget::default(),
-        &mut ws,
-        &mut out,
-    );
-    let given_error_deg = error(&out);
-    let line = format!(
-        "{k}: radius {:.1} of {:?}, rim {:.2}, outline off {:.3} ({found}), error {error_deg:.1?}, with the true outline {given_error_deg:.1?}; {why}; occluder {:?} {:?}",
-        truth.radius_px, truth.size, truth.rim_visible, outline_error, truth.occluder, truth.sensor
-    );
-    Ok(Outcome {
-        rim: truth.rim_visible,
-        outline_error,
-        error_deg,
-        given_error_deg,
-        line,
-    })
-}
-
-fn table(name: &str, outcomes: &[&Outcome]) {
-    let n = outcomes.len() as u64;
-    let share = |is: &dyn Fn(&Outcome) -> bool| {
-        Proportion::new(outcomes.iter().filter(|o| is(o)).count() as u64, n)
+    let prior = Prior {
+        outline: Some(OutlinePrior::given(circle)),
+        ..Prior::default()
     };
-    print!("| {name}: {n} ");
-    for within in WITHIN {
-        print!("| {} ", share(&|o| o.outline_error <= within));
+    let (mut ws, mut given) = (estimator.workspace(), FrameEstimate::default());
+    estimator.estimate(&frame.image, &prior, &Budget::default(), &mut ws, &mut given);
+    Seen {
+        rim: truth.rim_visible,
+        outline_error: off(found.outline.map(|o| o.circle), truth),
+        outcomes: [&found, &given].map(|f| outcome(f, truth)),
     }
-    for given in [false, true] {
-        let error = |o: &Outcome| {
-            if given {
-                o.given_error_deg
-            } else {
-                o.error_deg
-            }
-        };
-        let correct = share(&|o| error(o).is_some_and(|e| e < FAILURE_DEG));
-        let wrong = share(&|o| error(o).is_some_and(|e| e >= FAILURE_DEG));
-        let mut errors: Vec<f64> = outcomes
-            .iter()
-            .filter_map(|o| error(o).filter(|e| *e < FAILURE_DEG))
-            .collect();
-        errors.sort_by(f64::total_cmp);
-        let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
-        let median = errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN);
-        print!("| {correct} | {wrong} | {mean:.2} | {median:.2} ");
-    }
-    println!("|");
 }
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Frames of a line.
@@ -151,18 +77,11 @@ pub struct Args {
     /// Weights of the detector instead of the built-in ones.
     #[arg(long)]
     weights: Option<PathBuf>,
-    /// List the outlines that are off.
-    #[arg(long)]
-    list: bool,
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
-        let (count, seed, is_listing) = (self.frames, self.seed, self.list);
+    pub fn run(&self) -> Outcome {
+        let (count, seed) = (self.frames, self.seed);
         let detector = match &self.weights {
             Some(path) => {
                 let weights = Weights::read(path)?;
@@ -170,36 +89,39 @@ impl Args {
             }
             None => DetectorName::Cnn.build()?,
         };
-        let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
-        let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-        println!("{count} frames a line, seed {seed}; errors in degrees\n");
-        println!(
-            "| frames | outline within 1 % | 2 % | 5 % | correct | wrong | mean | median \
-         | true outline: correct | wrong | mean | median |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
-        );
-        let sixty = SynthConfig {
-            ball_px: Some([60.0, 60.0]),
-            ..SynthConfig::default()
+        let pattern = Pattern::read_csv(DOTS20.as_ref())?;
+        let estimator = [Estimator::new(&pattern, EstimatorConfig::default(), detector)?];
+        let sixty = FrameSet {
+            name: "all conditions, 60 px",
+            config: SynthConfig {
+                ball_px: Some([60.0; 2]),
+                ..SynthConfig::default()
+            },
         };
-        for (name, config) in [
-            ("all conditions", SynthConfig::default()),
-            ("all conditions, 60 px", sixty),
-            ("good conditions", SynthConfig::good()),
-        ] {
-            let outcomes: spindoe::Result<Vec<Outcome>> = (0..count)
-                .into_par_iter()
-                .map(|k| measure(&estimator, &pattern, &config, seed, k))
-                .collect();
-            let outcomes = outcomes?;
-            table(name, &outcomes.iter().collect::<Vec<_>>());
-            let clear: Vec<&Outcome> = outcomes.iter().filter(|o| o.rim >= MIN_RIM).collect();
-            table(&format!("{name}, rim 60 % or more"), &clear);
-            if is_listing {
-                for outcome in outcomes.iter().filter(|o| {
-                    o.outline_error > WITHIN[1] || o.error_deg.is_none_or(|e| e > FAILURE_DEG)
-                }) {
-                    println!("{}", outcome.line);
-                }
+        let mut sets = Vec::new();
+        for set in [all_conditions(), sixty, good_conditions()] {
+            let seen = each(&estimator, &set.config, seed, count, |frame, found| {
+                measure(&estimator[0], frame, found)
+            })?;
+            sets.push((set.name, seen));
+        }
+        println!("{count} frames a line, seed {seed}");
+        let within = WITHIN.map(|w| format!("outline within {} %", 100.0 * w));
+        let headings = ["frames".to_owned(), "number".to_owned()];
+        let table = Table::new(headings.into_iter().chain(within));
+        for (name, seen) in &sets {
+            let clear = seen.iter().filter(|s| s.rim >= MIN_RIM).collect::<Vec<_>>();
+            let clear_name = format!("{name}, rim 60 % or more");
+            for (name, some) in [(*name, seen.iter().collect()), (&clear_name, clear)] {
+                let near = WITHIN.map(|w| share(&some, |s| s.outline_error <= w));
+                row!(table; name, some.len(); near);
+            }
+        }
+        let table = Table::new(["frames", "outline"].into_iter().chain(RATES));
+        for (name, seen) in &sets {
+            for (k, outline) in ["found", "true"].into_iter().enumerate() {
+                let outcomes: Vec<FrameOutcome> = seen.iter().map(|s| s.outcomes[k]).collect();
+                row!(table; *name, outline; rates(&outcomes));
             }
         }
         Ok(())

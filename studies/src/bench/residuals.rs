@@ -9,40 +9,34 @@
 //! pixels, parallel rays), a frame's value is the sum of `e^T (C + ...)^-1 e` over twice the number of dots less
 //! three. The outline's and the camera's corrections, which have priors of their own, are not counted.
 
-use std::error::Error;
 use std::path::PathBuf;
 
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 use spindoe::Pattern;
-use spindoe::image::RgbImage;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::independent_frame;
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe_studies::frames::{DOTS20, alone, each, good_conditions};
 use spindoe_studies::pictures::pictures;
+use spindoe_studies::score::{median, ratio, share};
+use spindoe_studies::table::{Table, figure};
+use spindoe_studies::{Outcome, row};
 
 /// Standard deviations of the placement, degrees, with which the frames are estimated and judged.
 const STATED_DEG: [f64; 3] = [0.05, 1.2, 2.0];
 
 /// A frame's sum of squares, and its degrees of freedom.
+type Squares = Option<[f64; 2]>;
+
 fn squares(
     estimator: &Estimator<NamedDetector>,
-    image: &RgbImage,
-    sigma_rad: f64,
-) -> Option<[f64; 2]> {
-    let (mut ws, mut found) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate(
-        image,
-        &Prior::default(),
-        &Budget::default(),
-        &mut ws,
-        &mut found,
-    );
+    found: &FrameEstimate,
+    stated_deg: f64,
+) -> Squares {
+    let sigma_rad = stated_deg.to_radians();
     found.pose()?;
     let circle = found.circle?;
-    let expected = estimator.expected_dots(&found);
+    let expected = estimator.expected_dots(found);
     let (mut sum, mut count) = (0.0, 0.0);
     for (dot, name) in found.dots.iter().zip(&found.assignment) {
         let Some(name) = name else { continue };
@@ -59,33 +53,32 @@ fn squares(
     Some([sum, count - 3.0])
 }
 
-/// Prints the line of some frames.
-fn line(name: &str, sigma_deg: f64, found: &[[f64; 2]], frames: usize) {
-    let total = found
-        .iter()
-        .fold([0.0; 2], |t, f| [t[0] + f[0], t[1] + f[1]]);
-    let mut each: Vec<f64> = found.iter().map(|f| f[0] / f[1].max(1.0)).collect();
-    each.sort_by(f64::total_cmp);
-    let median = each.get(each.len() / 2).copied().unwrap_or(f64::NAN);
-    println!(
-        "| {name} | {sigma_deg} | {} of {frames} | {:.2} | {median:.2} |",
-        found.len(),
-        total[0] / total[1]
-    );
-}
-
-fn estimator(
-    pattern: &Pattern,
-    sigma_deg: f64,
-) -> Result<Estimator<NamedDetector>, Box<dyn Error>> {
-    let config = EstimatorConfig {
-        placement_sigma_rad: sigma_deg.to_radians(),
-        ..EstimatorConfig::default()
+/// An estimator for each of [`STATED_DEG`].
+fn estimators(pattern: &Pattern) -> spindoe::Result<[Estimator<NamedDetector>; 3]> {
+    let detector = DetectorName::Cnn.build()?;
+    let estimator = |stated_deg: f64| {
+        let config = EstimatorConfig {
+            placement_sigma_rad: stated_deg.to_radians(),
+            ..EstimatorConfig::default()
+        };
+        Estimator::new(pattern, config, detector.clone())
     };
-    Ok(Estimator::new(pattern, config, DetectorName::Cnn.build()?)?)
+    let [a, b, c] = STATED_DEG.map(estimator);
+    Ok([a?, b?, c?])
 }
 
-/// What is asked for.
+/// Prints the lines of some frames, one for each of [`STATED_DEG`].
+fn lines(table: &Table, name: &str, frames: &[[Squares; 3]]) {
+    for (k, stated_deg) in STATED_DEG.into_iter().enumerate() {
+        let found: Vec<[f64; 2]> = frames.iter().filter_map(|f| f[k]).collect();
+        row!(
+            table; name, stated_deg, share(frames, |f| f[k].is_some()),
+            figure(ratio(&found).0, 2, ""),
+            figure(median(&found, |f| f[0] / f[1].max(1.0)), 2, "")
+        );
+    }
+}
+
 #[derive(clap::Args)]
 pub struct Args {
     /// Frames of a line.
@@ -103,58 +96,36 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
-        let Args { frames, seed, .. } = *self;
-        let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref())?;
-        println!("{frames} frames a line, seed {seed}\n");
-        println!(
-            "| frames | placement stated, deg | with a pose | reduced chi-square | of the median frame |"
-        );
-        println!("|---|---|---|---|---|");
+    pub fn run(&self) -> Outcome {
+        let (frames, seed, set) = (self.frames, self.seed, good_conditions());
+        let own = estimators(&Pattern::read_csv(DOTS20.as_ref())?)?;
+        println!("{frames} frames a line, {}, seed {seed}", set.name);
+        let table = Table::new([
+            "frames",
+            "placement stated, deg",
+            "with a pose",
+            "reduced chi-square",
+            "of the median frame",
+        ]);
+        let all = |estimators: &[Estimator<NamedDetector>; 3], found: [FrameEstimate; 3]| {
+            std::array::from_fn(|k| squares(&estimators[k], &found[k], STATED_DEG[k]))
+        };
         for drawn_deg in [0.0, 1.0, 2.0f64] {
             let config = SynthConfig {
                 placement_sigma_rad: [drawn_deg.to_radians(); 2],
-                ..SynthConfig::good()
+                ..set.config.clone()
             };
-            for sigma_deg in STATED_DEG {
-                let estimator = estimator(&pattern, sigma_deg)?;
-                let found: Result<Vec<Option<[f64; 2]>>, spindoe::Error> = (0..frames)
-                    .into_par_iter()
-                    .map(|k| {
-                        let frame = independent_frame(&pattern, &config, seed, k)?;
-                        Ok(squares(&estimator, &frame.image, sigma_deg.to_radians()))
-                    })
-                    .collect();
-                let found: Vec<[f64; 2]> = found?.into_iter().flatten().collect();
-                line(
-                    &format!("drawn to {drawn_deg} deg"),
-                    sigma_deg,
-                    &found,
-                    frames,
-                );
-            }
+            let found = each(&own, &config, seed, frames, |_, found| all(&own, found))?;
+            lines(&table, &format!("drawn to {drawn_deg} deg"), &found);
         }
-        let [Some(folder), Some(pattern)] = [&self.folder, &self.real_pattern] else {
-            return Ok(());
-        };
-        let pattern = Pattern::read_csv(pattern)?;
-        let images = pictures(folder)?;
-        for sigma_deg in STATED_DEG {
-            let estimator = estimator(&pattern, sigma_deg)?;
-            let found = images.iter();
-            let found: Vec<[f64; 2]> = found
-                .filter_map(|image| squares(&estimator, image, sigma_deg.to_radians()))
-                .collect();
-            line(
-                &folder.display().to_string(),
-                sigma_deg,
-                &found,
-                images.len(),
-            );
+        if let (Some(folder), Some(pattern)) = (&self.folder, &self.real_pattern) {
+            let real = estimators(&Pattern::read_csv(pattern)?)?;
+            let images = pictures(folder)?;
+            let found = images.par_iter().map(|image| {
+                let found = real.each_ref().map(|e| alone(e, image, &mut e.workspace()));
+                all(&real, found)
+            });
+            lines(&table, &folder.display().to_string(), &found.collect::<Vec<_>>());
         }
         Ok(())
     }

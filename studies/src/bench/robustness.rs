@@ -5,9 +5,7 @@
 //! correct within 20 degrees.
 //!
 //!     cargo run --release -p spindoe-studies -- robustness --help
-//!         [--count N] [--seed N] [--outline edges|net]
 
-use std::error::Error;
 use std::path::PathBuf;
 
 use image::ImageEncoder;
@@ -16,19 +14,21 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
-use spindoe::geometry::Rotation;
+use spindoe::camera::FrameOutcome;
+use spindoe::geometry::{Rotation, Vec3};
 use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
-use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
-use spindoe::validate::Proportion;
 use spindoe::vision::estimator::OutlineMethod;
-use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
-
-const FAILURE_DEG: f64 = 20.0;
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
+use spindoe_studies::frames::{DOTS20, alone, good_conditions, orientation};
+use spindoe_studies::pictures::pictures;
+use spindoe_studies::score::{RATES, rates};
+use spindoe_studies::table::Table;
+use spindoe_studies::{Outcome, row};
 
 /// A way to spoil an image.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 enum Degradation {
     None,
     Scale(f64),
@@ -71,6 +71,25 @@ const ALL: [Degradation; 18] = [
     Degradation::Bright(0.5),
 ];
 
+impl Degradation {
+    fn name(self) -> String {
+        match self {
+            Self::None => "nothing".into(),
+            Self::Scale(share) => format!("{share} times the size"),
+            Self::Jpeg(quality) => format!("JPEG, quality {quality}"),
+            Self::Noise(deviation) => format!("noise, deviation {deviation} of 255"),
+            Self::Gamma(gamma) => format!("gamma {gamma}"),
+            Self::Occluded(share) => format!("a bar over {} % of the width", 100.0 * share),
+            Self::Cut(share) => format!("cut by {} %", 100.0 * share),
+            Self::Clutter => "discs in the corners".into(),
+            Self::Blur(width) => format!("smear of {width} px"),
+            Self::Quarter => "turned by 90 deg".into(),
+            Self::Half => "turned by 180 deg".into(),
+            Self::Bright(level) => format!("background lifted to {level}"),
+        }
+    }
+}
+
 type Color = [f32; 3];
 
 fn from_fn(
@@ -82,7 +101,7 @@ fn from_fn(
     RgbImage::new(width, height, values.collect())
 }
 
-fn jpeg(image: &RgbImage, quality: u8) -> Result<RgbImage, Box<dyn Error + Send + Sync>> {
+fn jpeg(image: &RgbImage, quality: u8) -> Outcome<RgbImage> {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, quality).write_image(
         &image.to_bytes(),
@@ -98,7 +117,7 @@ fn degrade(
     image: &RgbImage,
     how: Degradation,
     rng: &mut ChaCha8Rng,
-) -> Result<(RgbImage, f64), Box<dyn Error + Send + Sync>> {
+) -> Outcome<(RgbImage, f64)> {
     let (width, height) = (image.width(), image.height());
     let at = |u: usize, v: usize| image.values()[v * width + u];
     let each = |f: &mut dyn FnMut(f32) -> f32| {
@@ -182,29 +201,13 @@ struct Item {
     rotation: Rotation,
 }
 
-fn estimate(
-    estimator: &Estimator<spindoe::vision::NamedDetector>,
-    image: &RgbImage,
-) -> Option<Rotation> {
-    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate(
-        image,
-        &Prior::default(),
-        &Budget::default(),
-        &mut ws,
-        &mut out,
-    );
-    out.pose().map(|p| p.rotation)
-}
-
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder of frames to degrade instead of synthetic ones.
     #[arg(long)]
     folder: Option<PathBuf>,
     /// Pattern of the ball.
-    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    #[arg(long, default_value = DOTS20)]
     pattern: PathBuf,
     /// Synthetic frames.
     #[arg(long, default_value_t = 150)]
@@ -218,87 +221,58 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error + Send + Sync>> {
-        let (folder, path) = (&self.folder, &self.pattern);
-        let (count, seed, outline) = (self.frames, self.seed, self.outline);
-        let pattern = Pattern::read_csv(path)?;
+    pub fn run(&self) -> Outcome {
+        let (count, seed) = (self.frames, self.seed);
+        let pattern = Pattern::read_csv(&self.pattern)?;
         let config = EstimatorConfig {
-            outline,
+            outline: self.outline,
             ..EstimatorConfig::default()
         };
         let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
-        let items: Vec<Item> = match &folder {
+        let found = |image: &RgbImage| {
+            let found = alone(&estimator, image, &mut estimator.workspace());
+            found.pose().map(|p| p.rotation)
+        };
+        let items: Vec<Item> = match &self.folder {
             Some(folder) => {
-                let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)?
-                    .filter_map(|e| Some(e.ok()?.path()))
-                    .filter(|p| p.extension().is_some_and(|e| e == "png"))
-                    .collect();
-                paths.sort();
-                let read = |p: &PathBuf| -> spindoe::Result<Option<Item>> {
-                    let image = RgbImage::read(p)?;
-                    let rotation = estimate(&estimator, &image);
-                    Ok(rotation.map(|rotation| Item { image, rotation }))
-                };
-                let all: spindoe::Result<Vec<_>> = paths.par_iter().map(read).collect();
-                println!("{} frames of {}", paths.len(), folder.display());
-                all?.into_iter().flatten().collect()
+                let images = pictures(folder)?;
+                println!("{} frames of {}", images.len(), folder.display());
+                let images = images.into_par_iter();
+                let items = images.filter_map(|image| {
+                    found(&image).map(|rotation| Item { image, rotation })
+                });
+                items.collect()
             }
             None => {
-                let made = |k: usize| -> spindoe::Result<Item> {
-                    let frame = independent_frame(&pattern, &SynthConfig::good(), seed, k)?;
-                    let [w, x, y, z] = frame.truth.quaternion_wxyz;
-                    let rotation = Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+                let set = good_conditions();
+                println!("{count} synthetic frames, {}, seed {seed}", set.name);
+                let made = |k: usize| {
+                    let frame = independent_frame(&pattern, &set.config, seed, k)?;
                     Ok(Item {
+                        rotation: orientation(&frame.truth),
                         image: frame.image,
-                        rotation,
                     })
                 };
-                let all: spindoe::Result<Vec<Item>> =
-                    (0..count).into_par_iter().map(made).collect();
-                println!("{count} synthetic frames, good conditions, seed {seed}");
-                all?
+                let items = (0..count).into_par_iter().map(made);
+                items.collect::<spindoe::Result<_>>()?
             }
         };
-        println!(
-            "\n| degraded by | correct | wrong | rejected | median error |\n|---|---|---|---|---|"
-        );
+        let table = Table::new(["degraded by"].into_iter().chain(RATES));
         for how in ALL {
-            let errors: Result<Vec<Option<f64>>, _> = items
-                .par_iter()
-                .enumerate()
-                .map(|(k, item)| {
-                    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-                    rng.set_stream(k as u64);
-                    let (image, turn) = degrade(&item.image, how, &mut rng)?;
-                    let turn = Rotation::from_scaled_axis(spindoe::geometry::Vec3::z() * turn);
-                    let found = estimate(&estimator, &image);
-                    Ok::<_, Box<dyn Error + Send + Sync>>(
-                        found.map(|r| r.angle_to(&(turn * item.rotation)).to_degrees()),
-                    )
+            let one = |(k, item): (usize, &Item)| -> Outcome<FrameOutcome> {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                rng.set_stream(k as u64);
+                let (image, turn) = degrade(&item.image, how, &mut rng)?;
+                let truth = Rotation::from_scaled_axis(Vec3::z() * turn) * item.rotation;
+                Ok(match found(&image) {
+                    Some(rotation) => FrameOutcome::Answered {
+                        error_rad: rotation.angle_to(&truth),
+                    },
+                    None => FrameOutcome::Unanswered,
                 })
-                .collect();
-            let errors = errors?;
-            let n = errors.len() as u64;
-            let mut correct: Vec<f64> = errors
-                .iter()
-                .flatten()
-                .copied()
-                .filter(|e| *e < FAILURE_DEG)
-                .collect();
-            correct.sort_by(f64::total_cmp);
-            let answered = errors.iter().flatten().count();
-            let share = |k: usize| Proportion::new(k as u64, n);
-            println!(
-                "| {how:?} | {} | {} | {} | {:.2} deg |",
-                share(correct.len()),
-                share(answered - correct.len()),
-                share(errors.len() - answered),
-                correct.get(correct.len() / 2).copied().unwrap_or(f64::NAN)
-            );
+            };
+            let outcomes: Outcome<Vec<_>> = items.par_iter().enumerate().map(one).collect();
+            row!(table; how.name(); rates(&outcomes?));
         }
         Ok(())
     }

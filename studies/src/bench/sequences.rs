@@ -6,33 +6,26 @@
 //!
 //!     cargo run --release -p spindoe-studies -- sequences --help
 
-use std::error::Error;
-
-use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
+use spindoe::camera::FrameOutcome;
 use spindoe::geometry::Rotation;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
-use spindoe::validate::Proportion;
 use spindoe::vision::estimator::{SequenceConfig, second_pass};
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+use spindoe::vision::{Estimator, FrameEstimate, NamedDetector};
+use spindoe_studies::frames::{
+    DOTS20, all_conditions, alone, estimator, good_conditions, orientation,
 };
+use spindoe_studies::score::{RATES, rates};
+use spindoe_studies::table::Table;
+use spindoe_studies::{Outcome, row};
 
 const FPS: f64 = 350.0;
-const FAILURE_DEG: f64 = 20.0;
 const WAYS: [&str; 2] = ["each alone", "two passes"];
 
-/// Frames that are correct and wrong after each pass.
-#[derive(Default, Clone, Copy)]
-struct Counts {
-    frames: usize,
-    /// Estimates of the second pass.
-    again: usize,
-    correct: [usize; 2],
-    wrong: [usize; 2],
-}
+/// What became of a clip's frames after each pass, and how many were estimated again.
+type Passes = ([Vec<FrameOutcome>; 2], usize);
 
 fn clip(
     estimator: &Estimator<NamedDetector>,
@@ -40,40 +33,31 @@ fn clip(
     drift_px: Option<[f64; 2]>,
     seed: u64,
     count: usize,
-) -> spindoe::Result<Counts> {
+) -> spindoe::Result<Passes> {
     let sequence = SynthSequence {
         fps: FPS,
         drift_px,
         ..SynthSequence::default()
     };
     let sequence = Sequence::random(estimator.pattern(), config, &sequence, seed, count)?;
-    let settings = SequenceConfig::default();
     let mut ws = estimator.workspace();
     let (mut images, mut truths) = (Vec::new(), Vec::new());
     let (mut times_s, mut frames) = (Vec::new(), Vec::new());
     for k in 0..count {
         let frame = sequence.frame(k)?;
-        let mut out = FrameEstimate::default();
-        estimator.estimate(
-            &frame.image,
-            &Prior::default(),
-            &Budget::default(),
-            &mut ws,
-            &mut out,
-        );
-        let [w, x, y, z] = frame.truth.quaternion_wxyz;
-        truths.push(UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z)));
+        frames.push(alone(estimator, &frame.image, &mut ws));
+        truths.push(orientation(&frame.truth));
         times_s.push(frame.truth.time_s.unwrap_or_default());
         images.push(frame.image);
-        frames.push(out);
     }
-    let mut counts = Counts {
-        frames: count,
-        ..Counts::default()
+    let outcomes = |frames: &[FrameEstimate], truths: &[Rotation]| {
+        let each = frames.iter().zip(truths);
+        each.map(|(frame, truth)| FrameOutcome::of(frame, truth)).collect()
     };
-    count_answers(&frames, &truths, 0, &mut counts);
-    second_pass(&settings, &times_s, &mut frames, |doubts, frames| {
-        counts.again += doubts.len();
+    let first = outcomes(&frames, &truths);
+    let mut again = 0;
+    second_pass(&SequenceConfig::default(), &times_s, &mut frames, |doubts, frames| {
+        again += doubts.len();
         let settled = doubts.iter().filter_map(|d| {
             let (image, before) = (&images[d.frame], &frames[d.frame]);
             let again = estimator.estimate_again(image, d, before, &mut ws)?;
@@ -81,24 +65,9 @@ fn clip(
         });
         Ok::<_, spindoe::Error>(settled.collect())
     })?;
-    count_answers(&frames, &truths, 1, &mut counts);
-    Ok(counts)
+    Ok(([first, outcomes(&frames, &truths)], again))
 }
 
-fn count_answers(frames: &[FrameEstimate], truths: &[Rotation], way: usize, counts: &mut Counts) {
-    for (frame, truth) in frames.iter().zip(truths) {
-        let Some(pose) = frame.pose() else { continue };
-        let is_correct = pose.rotation.angle_to(truth).to_degrees() < FAILURE_DEG;
-        let all = if is_correct {
-            &mut counts.correct
-        } else {
-            &mut counts.wrong
-        };
-        all[way] += 1;
-    }
-}
-
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Clips of a kind.
@@ -113,56 +82,33 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
-        let Args {
-            clips,
-            frames: count,
-            seed,
-        } = *self;
-        let pattern = Pattern::read_csv(std::path::Path::new("designs/dots20/pattern.csv"))?;
-        let detector = DetectorName::Cnn.build()?;
-        let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-        let whole = |config: SynthConfig| SynthConfig {
+    pub fn run(&self) -> Outcome {
+        let (clips, count, seed) = (self.clips, self.frames, self.seed);
+        let pattern = Pattern::read_csv(DOTS20.as_ref())?;
+        let estimator = estimator(&pattern)?;
+        let whole = SynthConfig {
             image_px: Some([640, 480]),
             ball_px: Some([60.0; 2]),
-            ..config
+            ..all_conditions().config
         };
         let sets = [
-            ("good, crops", SynthConfig::good(), None),
-            ("all, crops", SynthConfig::default(), None),
-            (
-                "all, 640 x 480",
-                whole(SynthConfig::default()),
-                Some([160.0, -60.0]),
-            ),
+            ("good conditions, crops", good_conditions().config, None),
+            ("all conditions, crops", all_conditions().config, None),
+            ("all conditions, 640 x 480", whole, Some([160.0, -60.0])),
         ];
-        println!("| clips | way | correct | wrong | unanswered |");
-        println!("|---|---|---|---|---|");
+        println!("{clips} clips of {count} frames of a kind, from seed {seed}");
+        let headings = ["clips", "way", "estimated again"];
+        let table = Table::new(headings.into_iter().chain(RATES));
         for (name, config, drift_px) in sets {
-            let counts = (0..clips)
+            let passes = (0..clips)
                 .into_par_iter()
                 .map(|k| clip(&estimator, &config, drift_px, seed + k, count))
-                .collect::<spindoe::Result<Vec<_>>>()?;
-            let sum = |f: &dyn Fn(&Counts) -> usize| counts.iter().map(f).sum::<usize>() as u64;
-            let frames = sum(&|c| c.frames);
-            for (way, words) in WAYS.iter().enumerate() {
-                let (correct, wrong) = (sum(&|c| c.correct[way]), sum(&|c| c.wrong[way]));
-                let share = |n: u64| Proportion::new(n, frames);
-                println!(
-                    "| {name} | {words} | {} | {} | {} |",
-                    share(correct),
-                    share(wrong),
-                    share(frames - correct - wrong)
-                );
+                .collect::<spindoe::Result<Vec<Passes>>>()?;
+            for (way, words) in WAYS.into_iter().enumerate() {
+                let outcomes: Vec<_> = passes.iter().flat_map(|p| p.0[way].clone()).collect();
+                let again = (way == 1).then(|| passes.iter().map(|p| p.1).sum::<usize>());
+                row!(table; name, words, again; rates(&outcomes));
             }
-            println!(
-                "\n{name}: {clips} clips of {count} frames from seed {seed}; {} estimated again.\n",
-                sum(&|c| c.again)
-            );
         }
         Ok(())
     }

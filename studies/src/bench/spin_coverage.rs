@@ -7,7 +7,6 @@
 //!
 //!     cargo run --release -p spindoe-studies -- spin-coverage --help
 
-use std::error::Error;
 use std::f64::consts::TAU;
 use std::path::PathBuf;
 
@@ -21,20 +20,21 @@ use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::{Fit, SpinRejection};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
-use spindoe::validate::Proportion;
 use spindoe::vision::estimator::{
     NamedFrame, SequenceConfig, SequenceView, estimate_sequence, estimate_spin, orientations,
 };
-use spindoe::vision::{
-    BallCircle, BallView, Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector,
-};
+use spindoe::vision::{BallCircle, BallView, Camera, Estimator, NamedDetector};
+use spindoe_studies::frames::{DOTS20, estimator, good_conditions};
+use spindoe_studies::score::{mean, median, share};
+use spindoe_studies::table::{Table, figure};
+use spindoe_studies::{Outcome, row};
 
 /// Quantiles of chi-square with three degrees of freedom (SciPy's `chi2(3).ppf`).
 const QUANTILES: [(f64, f64); 4] = [(0.68, 3.506), (0.9, 6.251), (0.95, 7.815), (0.99, 11.345)];
 
-/// What came of a sequence.
+/// What became of a sequence.
 #[derive(Clone, Copy)]
-struct Outcome {
+struct Judged {
     distance2: f64,
     error_rad_s: f64,
     deviation_rad_s: f64,
@@ -47,11 +47,11 @@ fn outcomes(
     seed: u64,
     frames: usize,
     crosses: bool,
-) -> spindoe::Result<[Option<Outcome>; 3]> {
+) -> spindoe::Result<[Option<Judged>; 3]> {
     let mut config = SynthConfig {
         max_off_axis_rad: 0.0,
         rps: [5.0, 80.0],
-        ..SynthConfig::good()
+        ..good_conditions().config
     };
     let mut timing = SynthSequence {
         fps: 400.0,
@@ -89,7 +89,7 @@ fn outcomes(
         let fit = fit.ok()?;
         let off = fit.motion.spin - spin;
         let covariance = fit.spin_covariance?;
-        Some(Outcome {
+        Some(Judged {
             distance2: off.dot(&(covariance.try_inverse()? * off)),
             error_rad_s: off.norm(),
             deviation_rad_s: covariance.trace().sqrt(),
@@ -121,7 +121,6 @@ fn outcomes(
     Ok([turned, by_residuals, plain])
 }
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Sequences.
@@ -134,34 +133,27 @@ pub struct Args {
     #[arg(long, default_value_t = 7000)]
     seed: u64,
     /// Pattern of the ball.
-    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    #[arg(long, default_value = DOTS20)]
     pattern: PathBuf,
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+    pub fn run(&self) -> Outcome {
         let (count, frames, seed, path) = (self.sequences, self.frames, self.seed, &self.pattern);
         let pattern = Pattern::read_csv(path)?;
-        let config = EstimatorConfig::default();
-        let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
+        let estimator = estimator(&pattern)?;
         println!(
-            "{count} sequences of {frames} frames, seeds from {seed}, {}\n",
+            "{count} sequences of {frames} frames, seeds from {seed}, {}",
             path.display()
         );
-        println!(
-            "| ball | answered | median | mean | error, rad/s | deviation, rad/s | within 68 % | 90 % | 95 % | 99 % |"
-        );
-        println!("|---|---|---|---|---|---|---|---|---|---|");
+        let headings = ["ball", "answered", "median", "mean", "error, rad/s", "deviation, rad/s"];
+        let within = QUANTILES.map(|(share, _)| format!("within {} %", 100.0 * share));
+        let table = Table::new(headings.map(String::from).into_iter().chain(within));
         for crosses in [false, true] {
-            let found: spindoe::Result<Vec<[Option<Outcome>; 3]>> = (0..count)
+            let found: Vec<[Option<Judged>; 3]> = (0..count)
                 .into_par_iter()
                 .map(|k| outcomes(&pattern, &estimator, seed + k, frames, crosses))
-                .collect();
-            let found = found?;
+                .collect::<spindoe::Result<_>>()?;
             let ways = match crosses {
                 false => &["on the axis", "the same, weights by residuals"][..],
                 true => &[
@@ -171,33 +163,18 @@ impl Args {
                 ],
             };
             for (k, words) in ways.iter().enumerate() {
-                print(words, found.iter().map(|ways| ways[k]));
+                let answered = share(&found, |ways| ways[k].is_some());
+                let judged: Vec<Judged> = found.iter().filter_map(|ways| ways[k]).collect();
+                let figures = [
+                    median(&judged, |o| o.distance2),
+                    mean(&judged, |o| o.distance2),
+                    median(&judged, |o| o.error_rad_s),
+                    median(&judged, |o| o.deviation_rad_s),
+                ];
+                let inside = QUANTILES.map(|(_, bound)| share(&judged, |o| o.distance2 < bound));
+                row!(table; *words, answered; figures.map(|x| figure(x, 2, "")); inside);
             }
         }
         Ok(())
     }
-}
-
-fn print(words: &str, outcomes: impl ExactSizeIterator<Item = Option<Outcome>>) {
-    let count = outcomes.len() as u64;
-    let outcomes: Vec<Outcome> = outcomes.flatten().collect();
-    let n = outcomes.len() as u64;
-    let median = |value: fn(&Outcome) -> f64| {
-        let mut values: Vec<f64> = outcomes.iter().map(value).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-    };
-    let inside = QUANTILES.map(|(_, bound)| {
-        let inside = outcomes.iter().filter(|o| o.distance2 < bound).count() as u64;
-        Proportion::new(inside, n).to_string()
-    });
-    println!(
-        "| {words} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {} |",
-        Proportion::new(n, count),
-        median(|o| o.distance2),
-        outcomes.iter().map(|o| o.distance2).sum::<f64>() / n as f64,
-        median(|o| o.error_rad_s),
-        median(|o| o.deviation_rad_s),
-        inside.join(" | "),
-    );
 }

@@ -12,7 +12,9 @@ use spindoe::spin::SpinRejection;
 use spindoe::spin::decay::{DecayFit, DecayOutcome, fit_decay};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::spin::simulate::Scenario;
-use spindoe::validate::Proportion;
+use spindoe_studies::score::{mean, share};
+use spindoe_studies::table::{Table, figure};
+use spindoe_studies::{Outcome, row};
 
 /// Spins, revolutions per second.
 const SPINS_RPS: [f64; 11] = [0.0, 0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0, 80.0, 140.0, 170.0];
@@ -32,52 +34,6 @@ fn answers(scenario: &Scenario, rps: f64, (seed, line): (u64, u64), trials: u64)
     (0..trials).into_par_iter().map(answer).collect()
 }
 
-/// A share with its Wilson 95 % interval, percent.
-fn percent(count: usize, of: usize) -> String {
-    if of == 0 {
-        return "-".into();
-    }
-    let p = Proportion::new(count as u64, of as u64);
-    format!(
-        "{:.1} [{:.1}, {:.1}]",
-        100.0 * p.rate,
-        100.0 * p.low,
-        100.0 * p.high
-    )
-}
-
-fn row(decay: f64, answers: &[Answer]) -> String {
-    let total = answers.len();
-    let given = || answers.iter().flatten();
-    let decaying = given().filter(|a| a.found().is_some());
-    let intervals: Vec<_> = given()
-        .filter_map(DecayOutcome::determined)
-        .map(DecayFit::interval_per_s)
-        .collect();
-    let inside = intervals
-        .iter()
-        .filter(|i| i.low <= decay && decay <= i.high);
-    let widths = intervals.iter().map(|i| 0.5 * (i.high - i.low));
-    let half_width = widths.sum::<f64>() / intervals.len().max(1) as f64;
-    let open = given().count() - intervals.len();
-    format!(
-        "{} | {} | {} | {} | {}",
-        percent(inside.count(), intervals.len()),
-        half_width_text(half_width, intervals.len()),
-        percent(decaying.count(), total),
-        percent(open, total),
-        percent(total - given().count(), total),
-    )
-}
-
-fn half_width_text(half_width: f64, intervals: usize) -> String {
-    match intervals {
-        0 => "-".into(),
-        _ => format!("{half_width:.4}"),
-    }
-}
-
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Sequences of a line.
@@ -89,14 +45,18 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    pub fn run(&self) {
-        let Args { trials, seed } = *self;
-        println!("{trials} sequences a line, seed {seed}; percent with Wilson 95 % intervals\n");
-        println!(
-            "| decay, 1/s | spin, rps | interval holds the truth | half width, 1/s | decay found | left open | rejected |"
-        );
-        println!("|---|---|---|---|---|---|---|");
+    pub fn run(&self) -> Outcome {
+        let (trials, seed) = (self.trials, self.seed);
+        println!("{trials} sequences a line, seed {seed}");
+        let table = Table::new([
+            "decay, 1/s",
+            "spin, rps",
+            "interval holds the truth",
+            "half width, 1/s",
+            "decay found",
+            "left open",
+            "rejected",
+        ]);
         let mut line = 0;
         for decay_per_s in DECAYS_PER_S {
             let scenario = Scenario {
@@ -107,10 +67,23 @@ impl Args {
             for rps in SPINS_RPS {
                 let answers = answers(&scenario, rps, (seed, line), trials);
                 line += 1;
-                println!("| {decay_per_s} | {rps} | {} |", row(decay_per_s, &answers));
+                let given = answers.iter().flatten();
+                let intervals: Vec<_> = given
+                    .filter_map(DecayOutcome::determined)
+                    .map(DecayFit::interval_per_s)
+                    .collect();
+                let is = |of: fn(&DecayOutcome) -> bool| share(&answers, |a| a.as_ref().is_ok_and(of));
+                row!(
+                    table; decay_per_s, rps,
+                    share(&intervals, |i| (i.low..=i.high).contains(&decay_per_s)),
+                    figure(mean(&intervals, |i| 0.5 * (i.high - i.low)), 4, ""),
+                    is(|a| a.found().is_some()), is(|a| a.determined().is_none()),
+                    share(&answers, Result::is_err)
+                );
             }
         }
-        println!("\nOnly outliers:\n\n| frames | answered |\n|---|---|");
+        println!("\nOnly outliers:");
+        let table = Table::new(["frames", "answered"]);
         for frames in [10, 20, 30, 60, 120] {
             let scenario = Scenario {
                 frames,
@@ -119,8 +92,8 @@ impl Args {
             };
             let answers = answers(&scenario, 80.0, (seed, line), trials);
             line += 1;
-            let answered = answers.iter().flatten().count();
-            println!("| {frames} | {} |", percent(answered, answers.len()));
+            row!(table; frames, share(&answers, Result::is_ok));
         }
+        Ok(())
     }
 }

@@ -5,8 +5,6 @@
 //!
 //! Rates have Wilson's 95 % interval, other values 1.96 standard errors of their mean.
 
-use std::time::Instant;
-
 use rayon::prelude::*;
 use spindoe::geometry::Vec3;
 use spindoe::spin::alias::{AliasConfig, Alternative, alternatives};
@@ -14,7 +12,10 @@ use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::simulate::{Drops, Scenario, Sequence};
 use spindoe::spin::{Fit, SpinRejection};
-use spindoe::validate::{Proportion, median};
+use spindoe::stats::Proportion;
+use spindoe_studies::score::share;
+use spindoe_studies::table::{Cell, Table, figure, interval};
+use spindoe_studies::{Outcome, row};
 
 #[path = "../../../tests/it/spin/bound.rs"]
 mod bound;
@@ -22,8 +23,6 @@ use bound::SpinBound;
 
 /// A spin is correct within this fraction of its magnitude.
 const CORRECT: f64 = 0.2;
-/// Half-width of a 95 % interval in standard errors.
-const Z95: f64 = 1.96;
 
 /// One line of the table.
 struct Line {
@@ -47,7 +46,7 @@ struct Answer {
 }
 
 /// One sequence's answers and its bound.
-struct Outcome {
+struct Judged {
     robust: Answer,
     quatera: Answer,
     /// Expected squared error at the bound, (rad/s)^2; none where the correct frames do not
@@ -57,7 +56,6 @@ struct Outcome {
     allowed: f64,
 }
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Sequences of a line.
@@ -69,21 +67,47 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    pub fn run(&self) {
-        let Args { sequences, seed } = *self;
-        println!("{sequences} sequences a line, seed {seed}; vector or magnitude within 20 %");
-        for line in lines() {
-            let outcomes = measure(&line, seed, sequences);
-            print(&line, &outcomes);
+    pub fn run(&self) -> Outcome {
+        let (sequences, seed) = (self.sequences, self.seed);
+        println!("{sequences} sequences a line, seed {seed}; right within 20 %");
+        let rates = Table::new([
+            "sequences",
+            "method",
+            "vector right",
+            "the bound allows",
+            "magnitude right",
+            "median error of the magnitude",
+            "rejected",
+        ]);
+        let measured = lines().into_iter().map(|line| (measure(&line, seed, sequences), line));
+        let measured: Vec<(Vec<Judged>, Line)> = measured.collect();
+        for (judged, line) in &measured {
+            print_rates(&rates, line.name, judged);
         }
+        println!("\nErrors of the right answers of `robust`:");
+        let errors = Table::new([
+            "sequences",
+            "RMS error over the bound",
+            "variance of the normalized errors",
+        ]);
+        for (judged, line) in &measured {
+            print_errors(&errors, line.name, judged);
+        }
+        println!("\nSpins of 200 to 300 rps at 350 frames per second, searched up to 350 rps:");
+        let table = Table::new([
+            "times off the even grid, intervals",
+            "right",
+            "right, or listed as an equal",
+        ]);
         for jitter in [0.0, 0.05, 0.1, 0.2] {
-            measure_aliases(jitter, seed, sequences);
+            row!(table; jitter; aliases(jitter, seed, sequences));
         }
+        println!("\nOnly random orientations:");
+        let table = Table::new(["frames", "a spin is reported"]);
         for frames in [3, 4, 5, 7, 10, 20, 50] {
-            measure_strays(frames, seed, sequences);
+            row!(table; frames, strays(frames, seed, sequences));
         }
-        time(seed);
+        Ok(())
     }
 }
 
@@ -140,7 +164,7 @@ fn lines() -> Vec<Line> {
     lines
 }
 
-fn measure(line: &Line, seed: u64, sequences: u64) -> Vec<Outcome> {
+fn measure(line: &Line, seed: u64, sequences: u64) -> Vec<Judged> {
     let estimators = || {
         (
             RobustEstimator::new(SpinConfig::default()),
@@ -155,7 +179,7 @@ fn measure(line: &Line, seed: u64, sequences: u64) -> Vec<Outcome> {
             let sigma = line.scenario.sigma_rad;
             let correct = |k: usize| !sequence.outlier[k];
             let bound = SpinBound::of(&truth, &sequence.measurements, sigma, correct);
-            Outcome {
+            Judged {
                 robust: evaluate(robust.fit(&sequence.measurements), &sequence),
                 quatera: evaluate(quatera.fit(&sequence.measurements), &sequence),
                 bound: bound.map(|b| b.mean_square()),
@@ -187,60 +211,50 @@ fn evaluate(fit: Result<Fit, SpinRejection>, sequence: &Sequence) -> Answer {
     }
 }
 
-/// Mean and its 95 % half-width.
+/// Mean and half the width of its 95 % interval.
 fn mean(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let n = values.clone().count() as f64;
     let mean = values.clone().sum::<f64>() / n;
     let variance = values.map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (mean, Z95 * (variance / n).sqrt())
+    (mean, 1.96 * (variance / n).sqrt())
 }
 
-fn print(line: &Line, outcomes: &[Outcome]) {
-    println!("{}", line.name);
-    for (method, answer) in [
-        ("quatera", (|o| o.quatera) as fn(&Outcome) -> Answer),
-        ("robust ", |o| o.robust),
-    ] {
-        let rate = |error: fn(&Answer) -> f64| {
-            let correct = outcomes
-                .iter()
-                .filter(|o| error(&answer(o)) < CORRECT)
-                .count();
-            Proportion::new(correct as u64, outcomes.len() as u64)
-        };
-        let mut magnitudes: Vec<f64> = outcomes.iter().map(|o| answer(o).magnitude).collect();
-        let rejected = magnitudes.iter().filter(|m| m.is_infinite()).count();
-        println!(
-            "  {method}  vector {}  magnitude {}  median magnitude error {:.3} %  rejected {rejected}",
-            rate(|a| a.vector),
+/// A value with the interval of this half width.
+fn within((value, half): (f64, f64), decimals: usize, unit: &str) -> Cell {
+    interval(value, [value - half, value + half], decimals, unit)
+}
+
+fn print_rates(table: &Table, name: &str, judged: &[Judged]) {
+    let (allowed, half) = mean(judged.iter().map(|o| 100.0 * o.allowed));
+    let methods: [(&str, fn(&Judged) -> Answer); 2] =
+        [("`quatera`", |o| o.quatera), ("`robust`", |o| o.robust)];
+    for (method, answer) in methods {
+        let rate = |error: fn(Answer) -> f64| share(judged, |o| error(answer(o)) < CORRECT);
+        // A rejection counts as the largest error.
+        let mut magnitudes: Vec<f64> = judged.iter().map(|o| answer(o).magnitude).collect();
+        row!(
+            table; name, method, rate(|a| a.vector), within((allowed, half), 2, "%"),
             rate(|a| a.magnitude),
-            100.0 * median(&mut magnitudes),
+            figure(100.0 * spindoe::stats::median(&mut magnitudes), 3, "%"),
+            share(judged, |o| answer(o).magnitude.is_infinite())
         );
     }
-    let (allowed, half) = mean(outcomes.iter().map(|o| o.allowed));
-    println!(
-        "  bound    vector {:.2} % +- {:.2}",
-        100.0 * allowed,
-        100.0 * half
-    );
-    let good = || {
-        let correct = outcomes.iter().filter(|o| o.robust.vector < CORRECT);
-        correct.filter_map(|o| Some((o.robust, o.bound?)))
-    };
-    let (square, half) = mean(good().map(|(a, _)| a.square));
-    let (bound, _) = mean(good().map(|(_, b)| b));
+}
+
+fn print_errors(table: &Table, name: &str, judged: &[Judged]) {
+    let right = judged.iter().filter(|o| o.robust.vector < CORRECT);
+    let right = right.filter_map(|o| Some((o.robust, o.bound?)));
+    let (square, half) = mean(right.clone().map(|(a, _)| a.square));
+    let (bound, _) = mean(right.clone().map(|(_, b)| b));
     let ratio = (square / bound).sqrt();
-    let (variance, spread) = mean(good().filter_map(|(a, _)| a.normalized));
-    println!(
-        "  robust, correct ones: RMS error / bound {ratio:.3} +- {:.3}, variance of normalized errors \
-         {variance:.3} +- {spread:.3}",
-        0.5 * ratio * half / square,
-    );
+    let normalized = mean(right.filter_map(|(a, _)| a.normalized));
+    let ratio = (ratio, 0.5 * ratio * half / square);
+    row!(table; name, within(ratio, 3, ""), within(normalized, 3, ""));
 }
 
 /// Spins of 200 to 300 rps at 350 frames per second, searched up to 350 rps: how often the estimate
 /// is correct, and how often the truth is the estimate or listed as its equal.
-fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
+fn aliases(jitter: f64, seed: u64, sequences: u64) -> [Proportion; 2] {
     let scenario = Scenario {
         jitter,
         ..Scenario::default()
@@ -267,20 +281,11 @@ fn measure_aliases(jitter: f64, seed: u64, sequences: u64) {
             },
         )
         .collect();
-    let rate = |pick: fn(&(bool, bool)) -> bool| {
-        let successes = found.iter().filter(|f| pick(f)).count();
-        Proportion::new(successes as u64, sequences)
-    };
-    println!(
-        "200-300 rps, searched to 350, times off the even grid by {jitter} intervals: correct {}, correct or \
-         reported as a tie {}",
-        rate(|f| f.0),
-        rate(|f| f.1)
-    );
+    [share(&found, |f| f.0), share(&found, |f| f.1)]
 }
 
 /// How often random orientations yield a spin.
-fn measure_strays(frames: usize, seed: u64, sequences: u64) {
+fn strays(frames: usize, seed: u64, sequences: u64) -> Proportion {
     let scenario = Scenario {
         frames,
         outliers: 1.0,
@@ -296,37 +301,5 @@ fn measure_strays(frames: usize, seed: u64, sequences: u64) {
             },
         )
         .sum();
-    let rate = Proportion::new(accepted, sequences);
-    println!("{frames} random orientations pass for a spin: {rate}");
-}
-
-/// Median times of a fit on one thread, over the standard scenario's whole range.
-fn time(seed: u64) {
-    let scenario = Scenario::default();
-    let sequences: Vec<Sequence> = (0..2000)
-        .map(|i| scenario.sequence((1.0, 170.0), seed, i))
-        .collect();
-    let mut robust = RobustEstimator::new(SpinConfig::default());
-    let mut quatera = QuateraEstimator::new(QuateraConfig::default());
-    let mut medians = [0.0; 2];
-    for (slot, median_us) in medians.iter_mut().enumerate() {
-        let mut times: Vec<f64> = sequences
-            .iter()
-            .map(|s| {
-                let start = Instant::now();
-                let fit = match slot {
-                    0 => robust.fit(&s.measurements),
-                    _ => quatera.fit(&s.measurements),
-                };
-                let spent = start.elapsed();
-                std::hint::black_box(fit).ok();
-                1e6 * spent.as_secs_f64()
-            })
-            .collect();
-        *median_us = median(&mut times);
-    }
-    println!(
-        "ten frames, one thread: robust median {:.1} us, quatera median {:.1} us",
-        medians[0], medians[1]
-    );
+    Proportion::new(accepted, sequences)
 }

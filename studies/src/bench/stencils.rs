@@ -13,6 +13,7 @@ use spindoe::geometry::{Vec3, angle_between, random_direction};
 use spindoe::pattern::{KeepOut, Pattern};
 use spindoe::stencil::{Closure, Stencil, StencilConfig};
 use spindoe::{Error, Result};
+use spindoe_studies::Outcome;
 
 /// `n` dots, each the one of `tries` random directions that is farthest from those before it: one
 /// try gives a uniform pattern, many an even one.
@@ -72,7 +73,6 @@ fn random_config(rng: &mut impl Rng) -> StencilConfig {
     }
 }
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Patterns.
@@ -85,11 +85,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<()> {
+    pub fn run(&self) -> Outcome {
         let (count, first) = (self.count, self.seed);
         let dir = self.dir.as_path();
         spindoe::files::create_dir(dir)?;
@@ -136,6 +132,7 @@ impl Args {
                 "{seed},{dots},{tries},{ball:.2},{hole:.2},{screw},{seconds:.2},{outcome},{detail}"
             );
         }
-        spindoe::files::write_bytes(&dir.join("survey.csv"), table.as_bytes())
+        spindoe::files::write_bytes(&dir.join("survey.csv"), table.as_bytes())?;
+        Ok(())
     }
 }

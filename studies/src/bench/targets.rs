@@ -3,7 +3,7 @@
 //!
 //!     cargo run --release -p spindoe-studies -- targets --help
 //!
-//! Beside the own and the published pattern it makes, and writes to `OUT_DIR`:
+//! Beside the patterns that are given and the own one it makes:
 //!
 //! - `random.csv`: directions uniform on the sphere, with any separation,
 //! - `spread.csv`: twenty charges in equilibrium (the Thomson problem), the best of eight,
@@ -14,7 +14,7 @@
 //! ratio of paired proportions on a logarithmic scale, with variance `(b + c) / (f g)` for `f` and
 //! `g` failures of which `b` and `c` are one pattern's alone.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -26,10 +26,12 @@ use spindoe::design::search::feasible::Charges;
 use spindoe::design::{Constraints, Objective, OrientationBound};
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::recognize::RecognizerName;
-use spindoe::stats::Proportion;
 use spindoe::validate::{TrialResult, ValidationConfig};
 use spindoe::view::{Protocol, ProtocolName};
 use spindoe::{Error, Result};
+use spindoe_studies::frames::{DOTS20, name_of};
+use spindoe_studies::table::{Cell, Table, figure, interval};
+use spindoe_studies::{Outcome, row};
 
 /// Seeds: of the patterns, and of the trials. Neither is used by any design.
 const PATTERN_SEED: u64 = 2_026_003;
@@ -132,7 +134,7 @@ fn failed(result: &TrialResult) -> bool {
 }
 
 /// Failures of the first for each of the second, with the 95 % interval.
-fn ratio(first: &[TrialResult], second: &[TrialResult]) -> String {
+fn ratio(first: &[TrialResult], second: &[TrialResult]) -> Cell {
     let count = |which: &dyn Fn(bool, bool) -> bool| {
         let pairs = first.iter().zip(second);
         pairs.filter(|(a, b)| which(failed(a), failed(b))).count() as f64
@@ -140,65 +142,47 @@ fn ratio(first: &[TrialResult], second: &[TrialResult]) -> String {
     let (f, g) = (count(&|a, _| a), count(&|_, b| b));
     let one_only = count(&|a, b| a != b);
     let (middle, half) = (f / g, 1.96 * (one_only / (f * g)).sqrt());
-    let (low, high) = (middle * (-half).exp(), middle * half.exp());
-    format!("{middle:.2} [{low:.2}, {high:.2}]")
+    interval(middle, [-half, half].map(|h| middle * h.exp()), 2, "")
 }
 
-fn percent(p: &Proportion) -> String {
-    format!(
-        "{:.2} [{:.2}, {:.2}]",
-        100.0 * p.rate,
-        100.0 * p.low,
-        100.0 * p.high
-    )
-}
-
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder that the patterns are written to.
-    out: PathBuf,
-    /// The own pattern.
-    ours: PathBuf,
-    /// The published pattern.
-    published: Option<PathBuf>,
+    /// Folder that the patterns that are made are written to.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Patterns before those that are made, such as the published one.
+    #[arg(value_name = "PATTERN.csv")]
+    patterns: Vec<PathBuf>,
     /// Trials of a column.
     #[arg(long, default_value_t = 20_000)]
     trials: u64,
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<()> {
-        let (dir, ours, trials) = (&self.out, &self.ours, self.trials);
-        std::fs::create_dir_all(dir).map_err(|e| Error::argument("OUT_DIR", e.to_string()))?;
-        let mut patterns = Vec::new();
-        if let Some(published) = &self.published {
-            patterns.push(("published", Pattern::read_csv(Path::new(published))?));
-        }
+    pub fn run(&self) -> Outcome {
+        let trials = self.trials;
+        let given = |path: &PathBuf| Ok((name_of(path), Pattern::read_csv(path)?));
+        let mut patterns = self.patterns.iter().map(given).collect::<Result<Vec<_>>>()?;
         for (name, pattern) in made()? {
-            pattern.write_csv(&dir.join(format!("{name}.csv")))?;
-            patterns.push((name, pattern));
+            if let Some(dir) = &self.out {
+                spindoe::files::create_dir(dir)?;
+                pattern.write_csv(&dir.join(format!("{name}.csv")))?;
+            }
+            patterns.push((name.to_owned(), pattern));
         }
-        patterns.push(("ours", Pattern::read_csv(ours)?));
+        patterns.push(("dots20".into(), Pattern::read_csv(DOTS20.as_ref())?));
         let columns = columns();
-        println!("{trials} trials a column, seed {TRIAL_SEED}; % with 95 % intervals\n");
-        let titles: Vec<&str> = columns.iter().map(|c| c.title).collect();
-        println!(
-            "| pattern | {} | `sparse` failures for one of the first | bound, mean | worst |",
-            titles.join(" | ")
-        );
-        println!("|{}", "---|".repeat(columns.len() + 4));
+        println!("{trials} trials a column, seed {TRIAL_SEED}");
+        let titles = columns.iter().map(|c| c.title);
+        let last = ["`sparse` failures for one of the first", "bound, mean", "worst"];
+        let table = Table::new(["pattern"].into_iter().chain(titles).chain(last));
         let mut first: Option<Vec<TrialResult>> = None;
         for (name, pattern) in patterns {
             let bound = OrientationBound::default().summary(pattern.dots());
             let ball = Ball::new(pattern);
             let mut cells = Vec::new();
-            let mut failures = String::new();
-            for (k, column) in columns.iter().enumerate() {
+            let mut failures = None;
+            for column in &columns {
                 let config = ValidationConfig {
                     recognizer: column.recognizer,
                     protocol: column.protocol,
@@ -207,22 +191,18 @@ impl Args {
                 };
                 let results = config.results(&ball, &|_| {})?;
                 let found = config.summary(&ball, &results).validation;
-                cells.push(percent(if column.orientation {
-                    &found.orientation
+                cells.push(if column.orientation {
+                    found.orientation
                 } else {
-                    &found.identity
-                }));
-                if k == 0 {
-                    let first = first.get_or_insert_with(|| results.clone());
-                    failures = ratio(&results, first);
+                    found.identity
+                });
+                // Of the first column, which is `sparse`.
+                if failures.is_none() {
+                    failures = Some(ratio(&results, first.get_or_insert_with(|| results.clone())));
                 }
             }
-            println!(
-                "| {name} | {} | {failures} | {:.3} | {:.3} |",
-                cells.join(" | "),
-                bound.mean,
-                bound.worst
-            );
+            let bounds = [bound.mean, bound.worst].map(|b| figure(b, 3, ""));
+            row!(table; name; cells; failures; bounds);
         }
         Ok(())
     }

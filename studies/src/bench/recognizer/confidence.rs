@@ -5,24 +5,25 @@
 //! four mixtures that draw noise, misses and false dots anew for each file. Files of dots at random
 //! have no right answer.
 
-use std::num::NonZero;
-
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spindoe::geometry::{random_direction_above, rotation_angle};
 use spindoe::plot::{RatePoint, RateSeries, ReliabilityPlot, reliability_plot};
 use spindoe::recognize::observed::ObservedFrame;
-use spindoe::recognize::robust::RobustConfig;
-use spindoe::recognize::stream::{FrameAnswer, LearningConfig, identify_learning};
-use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, TrialResult, Trials};
+use spindoe::recognize::stream::{FrameAnswer, LearningOrder};
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, TrialResult, Trials};
 use spindoe::view::{
     Detection, DotUncertainty, FalseDots, ObservedDot, ProtocolName, Trial, ViewModel,
 };
+use spindoe_studies::row;
+use spindoe_studies::score::{Bin, Claim, bins, claimed, share};
+use spindoe_studies::table::Table;
 
 use super::{Bench, SEED};
+use crate::trust::conditions::answers;
 
-/// Ends of the bins of claims; the last one is open.
+/// Edges of the bins of claims.
 const EDGES: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.999];
 /// Points of the plot from fewer answers are left out.
 const MIN: u64 = 30;
@@ -32,13 +33,6 @@ const ANSWERED: f64 = 0.5;
 const FILE: usize = 200;
 /// Dots of a frame of dots at random.
 const RANDOM_DOTS: usize = 8;
-
-/// A claim, and whether it was right.
-#[derive(Clone, Copy)]
-struct Claim {
-    confidence: f64,
-    is_right: bool,
-}
 
 /// The two claims of an answer.
 #[derive(Clone, Copy)]
@@ -210,35 +204,12 @@ fn random_dots(rng: &mut ChaCha8Rng) -> Vec<ObservedDot> {
     (0..RANDOM_DOTS).map(dot).collect()
 }
 
-/// Keeps the answers.
-#[derive(Default)]
-struct Answers(Vec<FrameAnswer>);
-
-impl spindoe::pipeline::Sink<FrameAnswer> for Answers {
-    type Error = spindoe::Error;
-
-    fn take(&mut self, answer: FrameAnswer) -> spindoe::Result<()> {
-        self.0.push(answer);
-        Ok(())
-    }
-}
-
 /// The claims on one file, whose conditions are learned.
 fn learned(bench: &Bench, files: Files, number: u64) -> spindoe::Result<Vec<Claims>> {
     let (frames, truths) = files.draw(bench, number);
-    let mut answers = Answers::default();
-    identify_learning(
-        &bench.ball,
-        &RobustConfig::default(),
-        &LearningConfig::default(),
-        frames.into_iter().map(Ok),
-        NonZero::<usize>::MIN,
-        &mut answers,
-    )?;
-    let each = answers.0.iter().zip(&truths);
-    Ok(each
-        .map(|(answer, truth)| claims(answer, truth.as_ref()))
-        .collect())
+    let answers = answers(&bench.ball, frames, LearningOrder::InAdvance)?;
+    let each = answers.iter().zip(&truths);
+    Ok(each.map(|(answer, truth)| claims(answer, truth.as_ref())).collect())
 }
 
 fn claims(answer: &FrameAnswer, truth: Option<&Trial>) -> Claims {
@@ -263,13 +234,15 @@ fn claims(answer: &FrameAnswer, truth: Option<&Trial>) -> Claims {
 }
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
-    println!("## Confidence: claimed and right, in %\n");
-    println!("Bold: the mean claim lies outside the 95 % interval.\n");
-    let mut head = String::from("| views | of | answers | right at 0.5 | answered |");
-    for edge in EDGES.windows(2) {
-        head += &format!(" {}-{} |", edge[0], edge[1]);
-    }
-    println!("{head} more |\n|{}", "---|".repeat(EDGES.len() + 5));
+    println!("### Confidence: claimed and right\n");
+    println!("Bold: the mean claim lies outside the 95 % interval.");
+    let ranges = bins(&EDGES).map(|bin| bin.named(""));
+    let headings = ["views", "of", "answers", "right at 0.5", "answered"].map(String::from);
+    let table = Table::new(headings.into_iter().chain(ranges));
+    let rows = |views: &str, claims: &[Claims]| {
+        row(&table, views, "pose", &poses(claims));
+        row(&table, views, "names", &names(claims));
+    };
     let mut stated = Vec::new();
     for name in ProtocolName::ALL {
         let view = name.view();
@@ -291,9 +264,6 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
         rows(&format!("{}, learned", files.name()), &claims);
         all.extend(claims);
     }
-    println!();
-    let poses = |claims: &[Claims]| claims.iter().map(|c| c.pose).collect::<Vec<_>>();
-    let names = |claims: &[Claims]| claims.iter().map(|c| c.names).collect::<Vec<_>>();
     reliability_plot(
         &bench.out.join("reliability.png"),
         &ReliabilityPlot {
@@ -310,70 +280,45 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
     )
 }
 
-fn rows(views: &str, claims: &[Claims]) {
-    row(views, "pose", claims.iter().map(|c| c.pose));
-    row(views, "names", claims.iter().map(|c| c.names));
+fn poses(claims: &[Claims]) -> Vec<Claim> {
+    claims.iter().map(|c| c.pose).collect()
 }
 
-fn row(views: &str, of: &str, claims: impl Iterator<Item = Claim>) {
-    let claims: Vec<Claim> = claims.collect();
-    let share = |is: &dyn Fn(&Claim) -> bool| {
-        let count = claims.iter().filter(|c| is(c)).count() as u64;
-        100.0 * Proportion::new(count, claims.len() as u64).rate
-    };
-    let mut line = format!(
-        "| {views} | {of} | {} | {:.2} | {:.2} |",
-        claims.len(),
-        share(&|c| c.is_right && c.confidence >= ANSWERED),
-        share(&|c| c.confidence >= ANSWERED),
+fn names(claims: &[Claims]) -> Vec<Claim> {
+    claims.iter().map(|c| c.names).collect()
+}
+
+fn row(table: &Table, views: &str, of: &str, claims: &[Claim]) {
+    let is_answered = |c: &Claim| c.confidence >= ANSWERED;
+    let cells = bins(&EDGES).map(|bin| {
+        let (mean, right) = claimed(claims, bin);
+        let is_inside = (right.low..=right.high).contains(&mean);
+        let mark = if is_inside { "" } else { "**" };
+        let [claim, rate] = [mean, right.rate].map(|x| 100.0 * x);
+        let cell = format!("{mark}{claim:.1}: {rate:.1}{mark} of {}", right.trials);
+        (right.trials > 0).then_some(cell)
+    });
+    row!(
+        table; views, of, claims.len(), share(claims, |c| c.is_right && is_answered(c)),
+        share(claims, is_answered); cells
     );
-    let ends = EDGES.windows(2).map(|e| [e[0], e[1]]);
-    for [from, to] in ends.chain([[EDGES[EDGES.len() - 1], f64::INFINITY]]) {
-        line += &match bin(&claims, from, to) {
-            None => " - |".to_owned(),
-            Some(point) => {
-                let is_inside = (point.low..=point.high).contains(&point.x);
-                let mark = if is_inside { "" } else { "**" };
-                let n = claims
-                    .iter()
-                    .filter(|c| (from..to).contains(&c.confidence))
-                    .count();
-                format!(
-                    " {mark}{:.1}: {:.1}{mark} of {n} |",
-                    100.0 * point.x,
-                    100.0 * point.rate
-                )
-            }
-        };
-    }
-    println!("{line}");
-}
-
-/// The mean claim between two ends, with the share that is right.
-fn bin(claims: &[Claim], from: f64, to: f64) -> Option<RatePoint> {
-    let inside = || claims.iter().filter(|c| (from..to).contains(&c.confidence));
-    let count = inside().count() as u64;
-    let right = inside().filter(|c| c.is_right).count() as u64;
-    let rate = Proportion::new(right, count);
-    (count > 0).then(|| RatePoint {
-        x: inside().map(|c| c.confidence).sum::<f64>() / count as f64,
-        rate: rate.rate,
-        low: rate.low,
-        high: rate.high,
-    })
 }
 
 fn curve(name: &str, claims: &[Claim]) -> RateSeries {
-    let ends: Vec<f64> = (0..=10).map(|k| f64::from(k) / 10.0).collect();
-    let enough = |e: &&[f64]| {
-        let inside = |c: &&Claim| (e[0]..e[1]).contains(&c.confidence);
-        claims.iter().filter(inside).count() as u64 >= MIN
-    };
-    let points = ends.windows(2).filter(enough);
+    let points = (0..10).map(|k| [k, k + 1].map(|end| f64::from(end) / 10.0));
+    let points = points.filter_map(|[from, to]| {
+        // A claim of 1 belongs to the last of them.
+        let to = if to < 1.0 { to } else { f64::INFINITY };
+        let (x, right) = claimed(claims, Bin { from, to });
+        (right.trials >= MIN).then_some(RatePoint {
+            x,
+            rate: right.rate,
+            low: right.low,
+            high: right.high,
+        })
+    });
     RateSeries {
         name: name.into(),
-        points: points
-            .filter_map(|e| bin(claims, e[0], e[1] + 1e-9))
-            .collect(),
+        points: points.collect(),
     }
 }

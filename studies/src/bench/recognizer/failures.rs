@@ -6,6 +6,8 @@ use spindoe::recognize::robust::{RobustRecognizer, RobustWorkspace};
 use spindoe::recognize::{Identification, Recognizer};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
 use spindoe::view::{ProtocolName, Trial, ViewModel};
+use spindoe_studies::row;
+use spindoe_studies::table::Table;
 
 use super::{Bench, degrees};
 
@@ -34,7 +36,14 @@ struct Blame {
 }
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
-    println!("## What fails still\n");
+    println!("### What fails still");
+    let table = Table::new([
+        "protocol",
+        "trials",
+        "wrong pose, answer explains the dots better",
+        "wrong pose, search missed the truth",
+        "correct pose, single dots wrong",
+    ]);
     let [paper, sparse, clutter, image] = ProtocolName::ALL;
     let all = [
         ("paper", paper.view()),
@@ -43,26 +52,24 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
         ("clutter", clutter.view()),
         ("image", image.view()),
     ];
+    let mut sentences = String::new();
     for (name, view) in all {
         let (failures, blame, trials) = examine(bench, view)?;
         let sigma = view.noise.sigma_rad().to_degrees();
-        println!("### {name} ({sigma:.1} deg)\n");
-        println!(
-            "Of {trials} trials, wrong pose: {} where the answer explains the dots better than the \
-             truth, {} where the search missed the better truth; correct pose, single dots wrong: {}.\n",
-            blame.likelihood, blame.search, blame.dots
-        );
+        let title = format!("{} ({sigma:.1} deg)", name.replace('_', " "));
+        row!(table; &title, trials, blame.likelihood, blame.search, blame.dots);
         for (k, failure) in failures.iter().enumerate() {
-            println!("{}. {}", k + 1, failure.sentence);
+            let head = if k == 0 { format!("\n#### {title}\n\n") } else { String::new() };
+            sentences += &format!("{head}{}. {}\n", k + 1, failure.sentence);
         }
-        println!();
         let views: Vec<_> = failures.into_iter().map(|f| f.view).collect();
         if !views.is_empty() {
-            let title = format!("Failing views: {name}, {sigma:.1} deg");
             let path = bench.out.join(format!("failures_{name}.png"));
+            let title = format!("Failing views: {title}");
             recognition_views(&path, &title, bench.pattern(), &views)?;
         }
     }
+    print!("{sentences}");
     Ok(())
 }
 

@@ -1,16 +1,16 @@
 //! The gain from each dot's own uncertainty, and the effect of a hint.
 
-use std::time::Instant;
-
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spindoe::geometry::{Rotation, Vec3, random_rotation, rotation_angle};
 use spindoe::recognize::robust::{RobustRecognizer, RobustWorkspace};
 use spindoe::recognize::{Explanations, Hint, Recognizer, RecognizerRejection};
-use spindoe::stats::median;
-use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, Trials, Validation};
+use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion, TrialResult, Trials, Validation};
 use spindoe::view::{Detection, DotUncertainty, ObservedDot, ProtocolName, Trial, ViewModel};
+use spindoe_studies::row;
+use spindoe_studies::score::share;
+use spindoe_studies::table::{Table, figure};
 
 use super::{Bench, SEED, doubting};
 
@@ -55,29 +55,23 @@ impl Recognizer for Alike {
 }
 
 fn uncertainty(bench: &Bench) -> spindoe::Result<()> {
-    println!("## Uncertainty per dot, protocol `image`\n");
-    println!("| given | identity % | orientation % | mean error deg |");
-    println!("|---|---|---|---|");
+    println!("### Uncertainty per dot, protocol `image`");
+    let table = Table::new(["given", "identity", "orientation", "mean error"]);
     let name = ProtocolName::Image;
     let (robust, trials) = (bench.robust(name.view())?, bench.trials(name.view()));
-    let print = |given: &str, v: &Validation| {
-        println!(
-            "| {given} | {} | {} | {:.3} |",
-            v.identity, v.orientation, v.mean_error_deg
-        );
+    let print = |given: &str, found: &[TrialResult]| {
+        let v = Validation::of(found, name, &trials);
+        row!(table; given, v.identity, v.orientation, figure(v.mean_error_deg, 3, "deg"));
     };
-    let own = Validation::of(&trials.run(&robust, &|_| {})?, name, &trials);
-    print("each dot's 2x2 covariance", &own);
+    print("each dot's 2x2 covariance", &trials.run(&robust, &|_| {})?);
     for factor in [1.0, 1.5, 2.0, 3.0] {
         let alike = Alike {
             robust: robust.clone(),
             sigma_rad: factor * trials.view.noise.sigma_rad(),
         };
-        let v = Validation::of(&trials.run(&alike, &|_| {})?, name, &trials);
         let given = format!("{factor} px over the radius for all dots");
-        print(&given, &v);
+        print(&given, &trials.run(&alike, &|_| {})?);
     }
-    println!();
     Ok(())
 }
 
@@ -92,9 +86,8 @@ enum PoseHypothesis {
 }
 
 fn hints(bench: &Bench) -> spindoe::Result<()> {
-    println!("## Hints\n");
-    println!("| protocol | hint | orientation % | median us | mean us |");
-    println!("|---|---|---|---|---|");
+    println!("\n### Hints");
+    let table = Table::new(["protocol", "hint", "orientation"]);
     let [paper, sparse, clutter, _] = ProtocolName::ALL.map(ProtocolName::view);
     let dots = |n| ViewModel {
         detection: Detection::Given { dots: n },
@@ -122,24 +115,18 @@ fn hints(bench: &Bench) -> spindoe::Result<()> {
             if view.min_dots == 2 && matches!(given, PoseHypothesis::Nothing) {
                 continue;
             }
-            hinted_row(bench, (name, hint), view, given)?;
+            row!(table; name, hint, hinted(bench, view, given)?);
         }
     }
-    println!();
     Ok(())
 }
 
-fn hinted_row(
-    bench: &Bench,
-    (name, hint): (&str, &str),
-    view: ViewModel,
-    given: PoseHypothesis,
-) -> spindoe::Result<()> {
+fn hinted(bench: &Bench, view: ViewModel, given: PoseHypothesis) -> spindoe::Result<Proportion> {
     let (robust, trials) = (bench.robust(view)?, bench.trials(view));
     let mut generator = trials.generator();
     let mut rng = ChaCha8Rng::seed_from_u64(SEED ^ 0x0041_1171);
     let (mut trial, mut ws) = (Trial::default(), robust.workspace());
-    let (mut correct, mut times) = (0, Vec::new());
+    let mut is_right = Vec::new();
     for index in trials.range {
         generator.generate(index, &mut trial);
         let hint = match given {
@@ -156,27 +143,17 @@ fn hinted_row(
         if trial.dots.len() < view.min_dots {
             continue;
         }
-        let start = Instant::now();
         let found = robust.explain(&trial.dots, hint.as_ref(), &mut ws);
-        times.push(start.elapsed().as_nanos() as f64 / 1000.0);
-        let is_correct = found.is_ok_and(|f| {
+        is_right.push(found.is_ok_and(|f| {
             rotation_angle(&f.best().rotation, &trial.rotation) < ORIENTATION_FAILURE_RAD
-        });
-        correct += u64::from(is_correct);
+        }));
     }
-    let rate = Proportion::new(correct, times.len() as u64);
-    let mean = times.iter().sum::<f64>() / times.len() as f64;
-    println!(
-        "| {name} | {hint} | {rate} | {:.1} | {mean:.1} |",
-        median(&mut times)
-    );
-    Ok(())
+    Ok(share(&is_right, |r| *r))
 }
 
 fn mirrored(bench: &Bench) -> spindoe::Result<()> {
-    println!("## Mirrored views\n");
-    println!("| protocol | said to be mirrored: mirrored views % | views as they are % |");
-    println!("|---|---|---|");
+    println!("\n### Views said to be mirrored");
+    let table = Table::new(["protocol", "mirrored views", "views as they are"]);
     for name in ProtocolName::ALL {
         let view = doubting(name);
         let robust = bench.robust(view)?;
@@ -198,10 +175,8 @@ fn mirrored(bench: &Bench) -> spindoe::Result<()> {
                 *said += u64::from(outcome == Err(RecognizerRejection::Mirrored));
             }
         }
-        let [flipped, straight] = said.map(|n| Proportion::new(n, views));
-        println!("| {name} | {flipped} | {straight} |");
+        row!(table; name.to_string(); said.map(|n| Proportion::new(n, views)));
     }
-    println!();
     Ok(())
 }
 

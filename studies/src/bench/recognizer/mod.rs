@@ -1,4 +1,4 @@
-//! Measurement of the recognizers: rates, orientation errors against the bound, calibration, the
+//! Measurement of the recognizers: rates, orientation errors against the bound, confidences, the
 //! gain of single features, and the remaining failures.
 //!
 //!     cargo run --release -p spindoe-studies -- recognizer --help
@@ -18,6 +18,8 @@ use spindoe::pattern::Pattern;
 use spindoe::recognize::robust::RobustRecognizer;
 use spindoe::validate::Trials;
 use spindoe::view::{Detection, FalseDots, ProtocolName, ViewModel};
+use spindoe_studies::Outcome;
+use spindoe_studies::frames::DOTS20;
 
 /// Seed of all trials.
 const SEED: u64 = 20_261_121;
@@ -94,11 +96,10 @@ const PARTS: [(&str, Part); 4] = [
     ("failures", failures::print),
 ];
 
-/// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
     /// Pattern of the ball.
-    #[arg(long, default_value = "designs/dots20/pattern.csv")]
+    #[arg(long, default_value = DOTS20)]
     pattern: PathBuf,
     /// Folder of the plots.
     #[arg(long, default_value = "docs/recognizer")]
@@ -112,11 +113,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> spindoe::Result<()> {
+    pub fn run(&self) -> Outcome {
         let bench = Bench {
             ball: Ball::new(Pattern::read_csv(&self.pattern)?),
             out: self.out.clone(),
@@ -124,9 +121,12 @@ impl Args {
         };
         spindoe::files::create_writable_dir(&bench.out)?;
         let is_asked = |name: &str| self.parts.is_empty() || self.parts.iter().any(|a| a == name);
-        PARTS
-            .iter()
-            .filter(|(name, _)| is_asked(name))
-            .try_for_each(|(_, print)| print(&bench))
+        let (trials, path) = (self.trials, self.pattern.display());
+        println!("{trials} trials a row, seed {SEED}, {path}");
+        for (_, print) in PARTS.iter().filter(|(name, _)| is_asked(name)) {
+            println!();
+            print(&bench)?;
+        }
+        Ok(())
     }
 }

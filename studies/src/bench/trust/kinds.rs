@@ -1,13 +1,11 @@
 //! Single images that do not show the ball: how often are they answered?
 //!
 //! Each kind is estimated with the table of `dots20` or of another design, each image alone, as `estimate`
-//! does it. Half of the rendered images are taken in good conditions, half in all. Photographs come from a folder
-//! (`SPINDOE_PHOTOGRAPHS`): crops of all sizes, none of them used in training. With `SPINDOE_SHOWN` set,
-//! every answer is listed on standard error.
+//! does it. Half of the rendered images are taken in good conditions, half in all. Photographs come from a folder:
+//! crops of all sizes, none of them used in training.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use nalgebra::Quaternion;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -17,19 +15,23 @@ use spindoe::image::RgbImage;
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
-use spindoe::validate::{ORIENTATION_FAILURE_RAD, Proportion};
+use spindoe::validate::ORIENTATION_FAILURE_RAD;
 use spindoe::vision::estimator::{Hypothesis, PoseEvidence, TrustMap};
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, NamedDetector};
+use spindoe_studies::frames::{alone, all_conditions, estimator, good_conditions, orientation};
 use spindoe_studies::noise::NoiseField;
 use spindoe_studies::pictures::pictures;
+use spindoe_studies::score::{Claim, bins, claimed, share};
+use spindoe_studies::table::{Table, figure};
+use spindoe_studies::{Outcome, row};
 
-use super::tables::{DESIGNS, PUBLISHED};
+use super::verdicts::DESIGNS;
 
 /// The design whose table is used, and those on which the map of confidences is fitted and shown.
 const OWN: &str = "dots20";
 const FITTED: [&str; 3] = ["dots12", "dots20", "dots32"];
+/// The published pattern, where it is here.
+const PUBLISHED: &str = "../shared/data/spindoe2023/ref_pattern.csv";
 /// Minimum angle between random dots, radians: that of dots of 40 mm balls that hardly touch.
 const MIN_SEPARATION_RAD: f64 = 0.25;
 /// Sides of a photograph's crop, pixels.
@@ -77,7 +79,8 @@ struct Sources {
 }
 
 impl Sources {
-    fn new(own: &str) -> Result<Self> {
+    /// The other designs, the published pattern where it is here, and the photographs of a folder.
+    fn new(own: &str, photographs: Option<&Path>) -> Result<Self> {
         let design = |name: &str| Pattern::read_csv(format!("designs/{name}/pattern.csv").as_ref());
         let others = DESIGNS.iter().filter(|d| **d != own);
         let mut others: Vec<Pattern> = others.map(|d| design(d)).collect::<Result<_>>()?;
@@ -87,15 +90,15 @@ impl Sources {
         Ok(Self {
             own: design(own)?,
             others,
-            photographs: photographs()?,
+            photographs: photographs.map_or(Ok(Vec::new()), pictures)?,
         })
     }
 
     /// An image, and the orientation where it shows the ball.
     fn image(&self, kind: Kind, seed: u64, k: u64) -> Result<(RgbImage, Option<Rotation>)> {
         let config = match k % 2 {
-            0 => SynthConfig::good(),
-            _ => SynthConfig::default(),
+            0 => good_conditions().config,
+            _ => all_conditions().config,
         };
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(k);
@@ -105,9 +108,7 @@ impl Sources {
         let image = match kind {
             Kind::Ball => {
                 let frame = independent_frame(&self.own, &config, seed, k as usize)?;
-                let [w, x, y, z] = frame.truth.quaternion_wxyz;
-                let truth = Rotation::from_quaternion(Quaternion::new(w, x, y, z));
-                return Ok((frame.image, Some(truth)));
+                return Ok((frame.image, Some(orientation(&frame.truth))));
             }
             Kind::Mirrored => mirrored(&render(&self.own, &config)?),
             Kind::OtherDesign => {
@@ -134,14 +135,6 @@ fn mirrored(image: &RgbImage) -> Result<RgbImage> {
     let rows = image.values().chunks_exact(image.width());
     let values = rows.flat_map(|row| row.iter().rev().copied()).collect();
     RgbImage::new(image.width(), image.height(), values)
-}
-
-fn photographs() -> Result<Vec<RgbImage>> {
-    let Some(folder) = std::env::var_os("SPINDOE_PHOTOGRAPHS") else {
-        eprintln!("photographs: skipped, SPINDOE_PHOTOGRAPHS names no folder");
-        return Ok(Vec::new());
-    };
-    pictures(Path::new(&folder))
 }
 
 /// A square of a photograph, of any size and place, at its own scale or made smaller.
@@ -190,14 +183,7 @@ fn answer(
     image: &RgbImage,
     truth: Option<Rotation>,
 ) -> Option<Answer> {
-    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate(
-        image,
-        &Prior::default(),
-        &Budget::default(),
-        &mut ws,
-        &mut out,
-    );
+    let out = alone(estimator, image, &mut estimator.workspace());
     let is_correct = |found: Option<Rotation>| {
         let off = truth.zip(found).map(|(t, r)| t.angle_to(&r));
         off.is_some_and(|o| o < ORIENTATION_FAILURE_RAD)
@@ -235,63 +221,52 @@ fn answers(
         .collect()
 }
 
-/// The shares that are answered, and at which confidence; `wanted` are kinds, all of them by default, and
-/// the design whose table is used.
-pub fn print(images: u64, seed: u64, wanted: &[String]) -> Result<()> {
-    let is_shown = std::env::var_os("SPINDOE_SHOWN").is_some();
-    let is_design = |word: &&String| DESIGNS.contains(&word.as_str());
-    let own = wanted.iter().find(is_design).map_or(OWN, String::as_str);
-    let wanted: Vec<&String> = wanted.iter().filter(|w| !is_design(w)).collect();
-    let sources = Sources::new(own)?;
-    let detector = DetectorName::Cnn.build()?;
-    let estimator = Estimator::new(&sources.own, EstimatorConfig::default(), detector)?;
-    println!("{images} images a kind, seed {seed}, table of {own}\n");
-    println!("| images | answered | above 0.9 | above 0.99 |\n|---|---|---|---|");
-    for (name, kind) in kinds() {
-        let is_wanted = wanted.is_empty() || wanted.iter().any(|w| name.starts_with(w.as_str()));
-        if !is_wanted || (kind == Kind::Photograph && sources.photographs.is_empty()) {
-            continue;
-        }
-        let found = answers(&estimator, &sources, kind, 0..images, seed)?;
-        let answered = || found.iter().flatten().filter(|a| a.confidence.is_some());
-        let above = |limit: f64| {
-            let sure = answered().filter(|a| a.confidence.is_some_and(|p| p > limit));
-            Proportion::new(sure.count() as u64, images)
-        };
-        println!(
-            "| {name} | {} | {} | {} |",
-            above(0.0),
-            above(0.9),
-            above(0.99)
-        );
-        if kind == Kind::Ball {
-            let right = answered().filter(|a| a.is_correct).count() as u64;
-            let all = answered().count() as u64;
-            println!("| of these correct | {} | | |", Proportion::new(right, all));
-        }
-        if is_shown {
-            for a in answered() {
-                let (p, e) = (a.confidence.unwrap_or_default(), a.evidence);
-                eprintln!(
-                    "{name}|{}|{p:.6}|{:?}",
-                    u8::from(a.is_correct),
-                    e.features()
-                );
-            }
-        }
-    }
-    Ok(())
+#[derive(clap::Args)]
+pub struct Args {
+    /// Images of a kind.
+    #[arg(long, default_value_t = 3_000)]
+    images: u64,
+    /// Seed of the images.
+    #[arg(long, default_value_t = crate::TRUST_SEED)]
+    seed: u64,
+    /// The design of the table.
+    #[arg(long, default_value = OWN)]
+    design: String,
+    /// Folder of photographs that show no ball.
+    #[arg(long)]
+    photographs: Option<PathBuf>,
+    /// Beginnings of the kinds' names; all kinds by default.
+    kinds: Vec<String>,
 }
 
-/// Bounds of the bins in which claims are compared with the truth.
-const BINS: [[f64; 2]; 6] = [
-    [0.2, 0.5],
-    [0.5, 0.7],
-    [0.7, 0.9],
-    [0.9, 0.99],
-    [0.99, 0.999],
-    [0.999, 1.1],
-];
+impl Args {
+    pub fn run(&self) -> Outcome {
+        let (images, seed, own) = (self.images, self.seed, &self.design);
+        let sources = Sources::new(own, self.photographs.as_deref())?;
+        let estimator = estimator(&sources.own)?;
+        println!("{images} images a kind, seed {seed}, table of {own}");
+        let headings = ["images", "answered", "above 0.9", "above 0.99", "of the answers right"];
+        let table = Table::new(headings);
+        for (name, kind) in kinds() {
+            let is_wanted = self.kinds.is_empty() || self.kinds.iter().any(|w| name.starts_with(w));
+            if !is_wanted || (kind == Kind::Photograph && sources.photographs.is_empty()) {
+                continue;
+            }
+            let found = answers(&estimator, &sources, kind, 0..images, seed)?;
+            let confidence = |a: &Option<Answer>| a.as_ref().and_then(|a| a.confidence);
+            let above = [0.0, 0.9, 0.99]
+                .map(|limit| share(&found, |a| confidence(a).is_some_and(|p| p > limit)));
+            let answered = found.iter().flatten().filter(|a| a.confidence.is_some());
+            let answered: Vec<&Answer> = answered.collect();
+            let right = (kind == Kind::Ball).then(|| share(&answered, |a| a.is_correct));
+            row!(table; name; above; [right]);
+        }
+        Ok(())
+    }
+}
+
+/// Edges of the bins in which claims are compared with the truth.
+const EDGES: [f64; 6] = [0.2, 0.5, 0.7, 0.9, 0.99, 0.999];
 /// Least probability of the recognizer for poses of detections that the map is fitted on.
 const MIN_CONFIDENCE: f64 = 0.2;
 /// The plausible poses of images of which every second shows the ball, for balls of few and of many dots, estimated
@@ -321,25 +296,49 @@ pub fn fitting_answers(trust: TrustMap, images: u64, seed: u64) -> Result<Vec<Ju
 }
 
 /// Compares the claims of the shipped map with the truth, on images that it was not fitted on.
-pub fn confidence(images: u64, seed: u64) -> Result<()> {
-    let shipped = EstimatorConfig::default();
-    println!("{images} images of each of {FITTED:?}, seed {seed}\n");
-    println!("| table | claimed | poses | mean claim % | correct % |\n|---|---|---|---|---|");
-    let mut all = Vec::new();
-    for own in FITTED {
-        let shown = mixture(own, shipped, images, seed)?;
-        print_bins(own, &shown, &shipped.trust);
-        all.extend(shown);
+#[derive(clap::Args)]
+pub struct ConfidenceArgs {
+    /// Images for each of the designs.
+    #[arg(long, default_value_t = 12_000)]
+    images: u64,
+    /// Seed of the images.
+    #[arg(long, default_value_t = crate::TRUST_SEED)]
+    seed: u64,
+}
+
+impl ConfidenceArgs {
+    pub fn run(&self) -> Outcome {
+        let (images, seed, shipped) = (self.images, self.seed, EstimatorConfig::default());
+        println!("{images} images for each of {}, seed {seed}", FITTED.join(", "));
+        let table = Table::new(["images", "claimed", "poses", "mean claim", "right"]);
+        let print = |label: &str, shown: &[&Answer]| {
+            let claims = shown.iter().map(|a| Claim {
+                confidence: shipped.trust.probability(&a.evidence),
+                is_right: a.is_correct,
+            });
+            let claims: Vec<Claim> = claims.collect();
+            for bin in bins(&EDGES) {
+                let (mean, right) = claimed(&claims, bin);
+                let mean = figure(100.0 * mean, 2, "%");
+                row!(table; label, bin.named(""), right.trials, mean, right);
+            }
+        };
+        let mut all = Vec::new();
+        for own in FITTED {
+            let shown = mixture(own, shipped, images, seed)?;
+            print(own, &shown.iter().collect::<Vec<_>>());
+            all.extend(shown);
+        }
+        print("all", &all.iter().collect::<Vec<_>>());
+        let balls: Vec<&Answer> = all.iter().filter(|a| a.is_ball).collect();
+        print("images of the ball alone", &balls);
+        Ok(())
     }
-    print_bins("all", &all, &shipped.trust);
-    let balls: Vec<Answer> = all.into_iter().filter(|a| a.is_ball).collect();
-    print_bins("images of the ball alone", &balls, &shipped.trust);
-    Ok(())
 }
 
 /// The best poses of images of which every second shows the ball.
 fn mixture(own: &str, config: EstimatorConfig, images: u64, seed: u64) -> Result<Vec<Answer>> {
-    let sources = Sources::new(own)?;
+    let sources = Sources::new(own, None)?;
     let detector = DetectorName::Cnn.build()?;
     let estimator = Estimator::new(&sources.own, config, detector)?;
     let mut others: Vec<Kind> = kinds().into_iter().map(|(_, kind)| kind).collect();
@@ -351,24 +350,4 @@ fn mixture(own: &str, config: EstimatorConfig, images: u64, seed: u64) -> Result
         all.extend(answers(&estimator, &sources, kind, 0..each, seed)?);
     }
     Ok(all.into_iter().flatten().collect())
-}
-
-/// A map's claims beside the truth.
-fn print_bins(label: &str, shown: &[Answer], map: &TrustMap) {
-    let claim = |a: &Answer| map.probability(&a.evidence);
-    for [from, to] in BINS {
-        let bin: Vec<&Answer> = shown
-            .iter()
-            .filter(|a| (from..to).contains(&claim(a)))
-            .collect();
-        let claimed: f64 = bin.iter().map(|a| claim(a)).sum();
-        let right = bin.iter().filter(|a| a.is_correct).count() as u64;
-        println!(
-            "| {label} | {from} to {} | {} | {:.2} | {} |",
-            to.min(1.0),
-            bin.len(),
-            100.0 * claimed / bin.len().max(1) as f64,
-            Proportion::new(right, bin.len() as u64)
-        );
-    }
 }

@@ -9,8 +9,11 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 use spindoe::geometry::{random_direction, random_rotation};
 use spindoe::spin::robust::RobustEstimator;
-use spindoe::validate::Proportion;
-use spindoe::{Measurement, Result, Rotation, SpinConfig, Vec3};
+use spindoe::stats::Proportion;
+use spindoe::{Measurement, Rotation, SpinConfig, Vec3};
+use spindoe_studies::score::share;
+use spindoe_studies::table::Table;
+use spindoe_studies::{Outcome, row};
 
 /// Orientations of a file.
 const FRAMES: u32 = 10;
@@ -47,28 +50,39 @@ fn deviation(seed: u64, file: u64, fps: f64, confidence: f64) -> Option<f64> {
     Some(variance.sqrt() / std::f64::consts::TAU)
 }
 
-pub fn print(files: u64, seed: u64) -> Result<()> {
-    println!("{files} files of {FRAMES} random orientations a row, seed {seed}\n");
-    println!(
-        "| frames a second | claimed confidence | a spin is reported | with a deviation below 1 rps |"
-    );
-    println!("|---|---|---|---|");
-    for fps in RATES {
-        for confidence in CONFIDENCES {
-            let found: Vec<Option<f64>> = (0..files)
-                .into_par_iter()
-                .map(|file| deviation(seed, file, fps, confidence))
-                .collect();
-            let reported = found.iter().flatten().count() as u64;
-            let small = found.iter().flatten().filter(|s| **s < 1.0).count() as u64;
-            println!(
-                "| {fps} | {confidence} | {reported}: {} | {small}: {} |",
-                Proportion::new(reported, files),
-                Proportion::new(small, files)
-            );
+#[derive(clap::Args)]
+pub struct Args {
+    /// Files.
+    #[arg(long, default_value_t = 10_000)]
+    files: u64,
+    /// Seed of the files.
+    #[arg(long, default_value_t = crate::TRUST_SEED)]
+    seed: u64,
+}
+
+impl Args {
+    pub fn run(&self) -> Outcome {
+        let (files, seed) = (self.files, self.seed);
+        println!("{files} files of {FRAMES} random orientations a row, seed {seed}");
+        let table = Table::new([
+            "frames a second",
+            "claimed confidence",
+            "a spin is reported",
+            "with a deviation below 1 rps",
+        ]);
+        for fps in RATES {
+            for confidence in CONFIDENCES {
+                let found: Vec<Option<f64>> = (0..files)
+                    .into_par_iter()
+                    .map(|file| deviation(seed, file, fps, confidence))
+                    .collect();
+                let reported = share(&found, Option::is_some);
+                row!(table; fps, confidence, reported, share(&found, |d| d.is_some_and(|d| d < 1.0)));
+            }
         }
+        thresholds(files, seed);
+        Ok(())
     }
-    thresholds(files, seed)
 }
 
 /// Orientations of a ball of which `correct` frames follow one motion and the others are random; and the
@@ -97,35 +111,33 @@ fn sequence(seed: u64, file: u64, correct: u32, fps: f64) -> (Vec<Measurement>, 
 }
 
 /// What each threshold refuses and accepts.
-fn thresholds(files: u64, seed: u64) -> Result<()> {
+fn thresholds(files: u64, seed: u64) {
     let fps = 120.0;
-    println!(
-        "\n{files} files of {FRAMES} orientations a field at {fps} frames a second, claimed 0.5\n"
-    );
-    let correct = CORRECT.map(|c| format!("{c} of {FRAMES} correct: reported, and correct"));
-    println!(
-        "| false alarms allowed | {} |\n|---|---|---|---|---|",
-        correct.join(" | ")
-    );
+    println!("\n{files} files of {FRAMES} orientations a row at {fps} frames a second, claimed 0.5");
+    let table = Table::new([
+        "false alarms allowed",
+        "correct orientations",
+        "a spin is reported",
+        "and correct",
+    ]);
     for false_alarms in THRESHOLDS {
         let config = SpinConfig {
             false_alarms,
             ..SpinConfig::default()
         };
-        let fields = CORRECT.map(|correct| {
-            let found: Vec<bool> = (0..files)
-                .into_par_iter()
-                .filter_map(|file| {
-                    let (measurements, spin) = sequence(seed, file, correct, fps);
-                    let fit = RobustEstimator::new(config).fit(&measurements).ok()?;
-                    Some((fit.motion.spin - spin).norm() < NEAR_RPS * TAU)
-                })
-                .collect();
-            let right = found.iter().filter(|f| **f).count() as u64;
-            let reported = Proportion::new(found.len() as u64, files);
-            format!("{reported}, {}", Proportion::new(right, files))
-        });
-        println!("| {false_alarms} | {} |", fields.join(" | "));
+        for correct in CORRECT {
+            let one = |file| {
+                let (measurements, spin) = sequence(seed, file, correct, fps);
+                let fit = RobustEstimator::new(config).fit(&measurements).ok()?;
+                Some((fit.motion.spin - spin).norm() < NEAR_RPS * TAU)
+            };
+            let found: Vec<bool> = (0..files).into_par_iter().filter_map(one).collect();
+            let right = share(&found, |f| *f).successes;
+            let of_files = |n: u64| Proportion::new(n, files);
+            row!(
+                table; false_alarms, format!("{correct} of {FRAMES}"),
+                of_files(found.len() as u64), of_files(right)
+            );
+        }
     }
-    Ok(())
 }
