@@ -1,5 +1,5 @@
 //! Accuracy of the estimator on synthetic frames: dots found and false, orientations correct, wrong
-//! and rejected, errors, confidences, latencies; both detectors, by size and by blur. The tables of
+//! and rejected, errors, confidences; both detectors, by size and by blur. The tables of
 //! docs/measurements/detector.md come from here.
 //!
 //!     cargo run --release -p spindoe-studies -- frames --help
@@ -12,11 +12,11 @@ use std::path::PathBuf;
 
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
+use spindoe::files;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, frames};
 use spindoe::validate::Proportion;
-use spindoe::vision::estimator::Timings;
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, Prior,
 };
@@ -27,6 +27,9 @@ const NEAR: f64 = 0.12;
 const FAILURE_DEG: f64 = 20.0;
 /// Frames drawn at once.
 const AT_ONCE: usize = 500;
+const HEADING: &str = "\
+| frames | dots found | false a frame | correct | wrong | rejected | mean error | median |
+|---|---|---|---|---|---|---|---|";
 
 /// The outcome of a frame.
 #[derive(Clone, Copy)]
@@ -42,7 +45,6 @@ struct Outcome {
     /// The reason for a rejection.
     rejection: Option<FrameRejection>,
     circle_off: f64,
-    timings: Timings,
 }
 
 /// What is asked for.
@@ -57,6 +59,9 @@ pub struct Args {
     /// Pattern of the ball.
     #[arg(long, default_value = "designs/dots20/pattern.csv")]
     pattern: PathBuf,
+    /// Frames drawn from the ranges in this JSON instead of both sets; what it leaves out is as in all conditions.
+    #[arg(long)]
+    config: Option<PathBuf>,
 }
 
 impl Args {
@@ -67,12 +72,18 @@ impl Args {
     pub fn run(&self) -> Result<(), Box<dyn Error>> {
         let (count, seed, path) = (self.frames, self.seed, &self.pattern);
         let pattern = Pattern::read_csv(path)?;
-        println!("{count} frames, seed {seed}, {}\n", path.display());
-        for (name, config) in [
-            ("all conditions", SynthConfig::default()),
-            ("good conditions at 60 px", SynthConfig::good()),
-        ] {
-            println!("# {name}\n");
+        println!("{count} frames a table, seed {seed}, {}.", path.display());
+        let sets = match &self.config {
+            Some(path) => {
+                let config = serde_json::from_slice(&files::read_bytes(path)?)?;
+                vec![("The ranges of the file", config)]
+            }
+            None => vec![
+                ("Good conditions, 60 px", SynthConfig::good()),
+                ("All conditions", SynthConfig::default()),
+            ],
+        };
+        for (name, config) in sets {
             let mut outcomes: Vec<Vec<Outcome>> = vec![Vec::new(); DetectorName::ALL.len()];
             for start in (0..count).step_by(AT_ONCE) {
                 let some = AT_ONCE.min(count - start);
@@ -81,9 +92,15 @@ impl Args {
                     outcomes.extend(run(&pattern, detector, &frames)?);
                 }
             }
+            println!("\n### {name}\n");
             for (outcomes, detector) in outcomes.iter().zip(DetectorName::ALL) {
-                println!("## {detector}\n");
-                tables(outcomes);
+                match detector {
+                    DetectorName::Cnn => tables(outcomes),
+                    DetectorName::Blob => {
+                        println!("\nWith `--detector {detector}`:\n\n{HEADING}");
+                        line("all", outcomes, |_| true);
+                    }
+                }
             }
         }
         Ok(())
@@ -135,17 +152,20 @@ fn evaluate(frame: &Frame, out: &FrameEstimate) -> Outcome {
         circle_off: out.circle.map_or(f64::NAN, |c| {
             (c.center.u - truth.center.u).hypot(c.center.v - truth.center.v) / truth.radius_px
         }),
-        timings: out.timings,
     }
 }
 
 fn tables(outcomes: &[Outcome]) {
-    println!(
-        "| frames | dots found | false per frame | correct | wrong | rejected | mean error | median |"
-    );
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("{HEADING}");
     line("all", outcomes, |_| true);
-    for [low, high] in [[40, 60], [60, 80], [80, 120], [120, 201]] {
+    for [low, high] in [
+        [0, 40],
+        [40, 60],
+        [60, 80],
+        [80, 120],
+        [120, 201],
+        [201, 241],
+    ] {
         line(&format!("{low} to {} px", high - 1), outcomes, |j| {
             (low..high).contains(&j.side)
         });
@@ -164,23 +184,21 @@ fn tables(outcomes: &[Outcome]) {
     for rejection in outcomes.iter().filter_map(|j| j.rejection) {
         let words = rejection.to_string();
         // Without the values, so that equal reasons count together.
-        let words = words
-            .split(|c: char| c.is_ascii_digit())
-            .next()
-            .unwrap_or_default();
-        *reasons.entry(words.to_owned()).or_default() += 1;
+        let words = words.split([':', '(']).next().unwrap_or_default();
+        *reasons.entry(words.trim().to_owned()).or_default() += 1;
     }
-    println!("\nRejected: {reasons:?}");
     println!("\n| confidence | frames | correct |\n|---|---|---|");
-    for [low, high] in [[0.5, 0.7], [0.7, 0.9], [0.9, 0.99], [0.99, 1.01]] {
+    for [low, high] in [[0.85, 0.9], [0.9, 0.99], [0.99, 1.0]] {
         let estimated: Vec<_> = outcomes
             .iter()
             .filter_map(|j| Some((j.error_deg?, j.confidence)))
-            .filter(|(_, c)| *c >= low && *c < high)
+            .filter(|(_, c)| *c >= low && (*c < high || high == 1.0))
             .collect();
         let correct = estimated.iter().filter(|(e, _)| *e < FAILURE_DEG).count() as u64;
         let rate = Proportion::new(correct, estimated.len() as u64);
-        println!("| {low} to {high:.2} | {} | {rate} |", estimated.len());
+        if !estimated.is_empty() {
+            println!("| {low} to {high} | {} | {rate} |", estimated.len());
+        }
     }
     let median = |value: &dyn Fn(&Outcome) -> f64| {
         let mut values: Vec<f64> = outcomes
@@ -191,14 +209,12 @@ fn tables(outcomes: &[Outcome]) {
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
     };
-    let ms = |d: std::time::Duration| 1e3 * d.as_secs_f64();
     println!(
-        "\nMedians: circle off by {:.2} % of the radius; {:.3} ms to locate, {:.3} ms to detect, {:.3} ms to identify\n",
+        "\nThe outline is off by {:.2} % of the radius in the median.",
         100.0 * median(&|j| j.circle_off),
-        median(&|j| ms(j.timings.locate)),
-        median(&|j| ms(j.timings.detect)),
-        median(&|j| ms(j.timings.identify)),
     );
+    let reasons = reasons.iter().map(|(why, n)| format!("{n} {why}"));
+    println!("Rejected: {}.", reasons.collect::<Vec<_>>().join(", "));
 }
 
 fn line(name: &str, outcomes: &[Outcome], choose: impl Fn(&Outcome) -> bool) {

@@ -17,6 +17,7 @@ mod noise;
 mod objectives;
 mod objectives_images;
 mod outlines;
+mod rebuild;
 mod recognizer;
 mod residuals;
 mod robustness;
@@ -25,6 +26,7 @@ mod spin_coverage;
 mod spin_decay;
 mod spin_rates;
 mod stencils;
+mod tables;
 mod targets;
 mod trust;
 
@@ -112,6 +114,10 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Make anew what follows from the synthetic world: nets, derived numbers, tables.
+    Rebuild(rebuild::Args),
+    /// Make anew the tables that stand in docs/.
+    Tables(tables::Args),
     /// Files of frames that are told nothing, against the same told the protocol.
     Conditions {
         /// Trials a row.
@@ -151,7 +157,7 @@ enum Command {
         kinds: Vec<String>,
     },
     /// Verdicts over clips on the right, a wrong and a mirrored table.
-    Tables {
+    Verdicts {
         /// Frames.
         #[arg(long, default_value_t = 1_000)]
         frames: u64,
@@ -200,6 +206,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             };
             derive::run(&out, &settings, force)?;
         }
+        Command::Rebuild(args) => args.run()?,
+        Command::Tables(args) => args.run()?,
         Command::Conditions { trials, seed } => trust::conditions::print(trials, seed)?,
         Command::Spins { files, seed } => trust::spins::print(files, seed)?,
         Command::Confidence { images, seed } => trust::kinds::confidence(images, seed)?,
@@ -208,7 +216,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             seed,
             kinds,
         } => trust::kinds::print(images, seed, &kinds)?,
-        Command::Tables { frames, seed } => trust::tables::print(frames, seed)?,
+        Command::Verdicts { frames, seed } => trust::verdicts::print(frames, seed)?,
     }
     Ok(())
 }

@@ -5,4 +5,4 @@ pub mod conditions;
 pub mod kinds;
 pub mod logistic;
 pub mod spins;
-pub mod tables;
+pub mod verdicts;
