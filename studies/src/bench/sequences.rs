@@ -132,16 +132,17 @@ impl Args {
             ..config
         };
         let sets = [
-            ("good, crops", SynthConfig::good(), None),
-            ("all, crops", SynthConfig::default(), None),
+            ("good conditions, crops", SynthConfig::good(), None),
+            ("all conditions, crops", SynthConfig::default(), None),
             (
-                "all, 640 x 480",
+                "all conditions, 640 x 480",
                 whole(SynthConfig::default()),
                 Some([160.0, -60.0]),
             ),
         ];
-        println!("| clips | way | correct | wrong | unanswered |");
-        println!("|---|---|---|---|---|");
+        println!("{clips} clips of {count} frames of each kind, seeds from {seed}.\n");
+        println!("| clips | frames | way | correct | wrong | unanswered |");
+        println!("|---|---|---|---|---|---|");
         for (name, config, drift_px) in sets {
             let counts = (0..clips)
                 .into_par_iter()
@@ -152,17 +153,14 @@ impl Args {
             for (way, words) in WAYS.iter().enumerate() {
                 let (correct, wrong) = (sum(&|c| c.correct[way]), sum(&|c| c.wrong[way]));
                 let share = |n: u64| Proportion::new(n, frames);
+                let looked_at = if way == 0 { frames } else { sum(&|c| c.again) };
                 println!(
-                    "| {name} | {words} | {} | {} | {} |",
+                    "| {name} | {looked_at} | {words} | {} | {} | {} |",
                     share(correct),
                     share(wrong),
                     share(frames - correct - wrong)
                 );
             }
-            println!(
-                "\n{name}: {clips} clips of {count} frames from seed {seed}; {} estimated again.\n",
-                sum(&|c| c.again)
-            );
         }
         Ok(())
     }

@@ -25,7 +25,7 @@ use spindoe::vision::{
 use spindoe_studies::noise::NoiseField;
 use spindoe_studies::pictures::pictures;
 
-use super::tables::{DESIGNS, PUBLISHED};
+use super::verdicts::{DESIGNS, PUBLISHED};
 
 /// The design whose table is used, and those on which the map of confidences is fitted and shown.
 const OWN: &str = "dots20";
@@ -323,7 +323,10 @@ pub fn fitting_answers(trust: TrustMap, images: u64, seed: u64) -> Result<Vec<Ju
 /// Compares the claims of the shipped map with the truth, on images that it was not fitted on.
 pub fn confidence(images: u64, seed: u64) -> Result<()> {
     let shipped = EstimatorConfig::default();
-    println!("{images} images of each of {FITTED:?}, seed {seed}\n");
+    println!(
+        "{images} images of each of {}, seed {seed}.\n",
+        FITTED.join(", ")
+    );
     println!("| table | claimed | poses | mean claim % | correct % |\n|---|---|---|---|---|");
     let mut all = Vec::new();
     for own in FITTED {
@@ -361,13 +364,16 @@ fn print_bins(label: &str, shown: &[Answer], map: &TrustMap) {
             .iter()
             .filter(|a| (from..to).contains(&claim(a)))
             .collect();
+        if bin.is_empty() {
+            continue;
+        }
         let claimed: f64 = bin.iter().map(|a| claim(a)).sum();
         let right = bin.iter().filter(|a| a.is_correct).count() as u64;
         println!(
             "| {label} | {from} to {} | {} | {:.2} | {} |",
             to.min(1.0),
             bin.len(),
-            100.0 * claimed / bin.len().max(1) as f64,
+            100.0 * claimed / bin.len() as f64,
             Proportion::new(right, bin.len() as u64)
         );
     }
