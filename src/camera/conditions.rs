@@ -12,7 +12,7 @@ use crate::synth::dataset::frame_rng;
 use crate::synth::{Scene, SynthConfig};
 
 /// Distances of the camera from the ball, ball radii, where none is stated.
-pub const DISTANCE_RADII: [f64; 2] = [6.0, 60.0];
+const DISTANCE_RADII: [f64; 2] = [6.0, 60.0];
 
 /// What surrounds the ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -57,7 +57,7 @@ pub struct CameraConditions {
     pub fps: f64,
     /// Exposure, s. Default: 0.1 ms.
     pub exposure_s: f64,
-    /// Distance of the camera from the ball's center, ball radii. Default: none, [`DISTANCE_RADII`].
+    /// Distance of the camera from the ball's center, ball radii. Default: none, 6 to 60.
     pub distance_radii: Option<f64>,
     /// Standard deviation of the lens' blur, pixels. Default: none, that of the surroundings.
     pub defocus_px: Option<f64>,
