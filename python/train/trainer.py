@@ -37,6 +37,8 @@ FORMAT_VERSION = 1
 CHECKPOINT = "checkpoint.pt"
 #: Batches that are drawn ahead of the net.
 AHEAD = 4
+#: Nets whose convolutions are computed in bfloat16, in half the time.
+HALF_PRECISION = ("dots-large",)
 #: Steps between reports.
 REPORT_EVERY = 20
 
@@ -143,7 +145,10 @@ class Trainer:
         for group in self.optimizer.param_groups:
             group["lr"] = self.settings.rate(self.step)
         self.optimizer.zero_grad(set_to_none=True)
-        value = loss(self.settings.head, self.net(patches), targets)
+        is_half = self.settings.head in HALF_PRECISION
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=is_half):
+            cells = self.net(patches)
+        value = loss(self.settings.head, cells.float(), targets)
         value.backward()  # type: ignore[no-untyped-call]
         self.optimizer.step()
         self.step += 1

@@ -11,6 +11,9 @@ use crate::pattern::Pattern;
 use crate::synth::dataset::frame_rng;
 use crate::synth::{Scene, SynthConfig};
 
+/// Distances of the camera from the ball, ball radii, where none is stated.
+const DISTANCE_RADII: [f64; 2] = [6.0, 60.0];
+
 /// What surrounds the ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -150,6 +153,7 @@ impl CameraConditions {
             ball_px: Some([self.ball_px; 2]),
             dot_radius_rad: [self.dot_diameter; 2],
             rps: self.rps,
+            camera_distance_radii: DISTANCE_RADII,
             ..base
         };
         if let Some(distance) = self.distance_radii {

@@ -91,7 +91,7 @@ pub struct Arguments {
     /// a random direction.
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "U,V", requires = "sequence")]
     drift_px: Option<[f64; 2]>,
-    /// Side of all crops, pixels [default: 40 to 200, small ones more likely].
+    /// Side of all crops, pixels [default: 32 to 240, small ones more likely].
     #[arg(long, value_name = "PX", conflicts_with_all = ["min_size", "max_size"])]
     size: Option<usize>,
     /// Minimum side of the crops, pixels.

@@ -285,14 +285,15 @@ impl Default for SynthConfig {
 
 impl SynthConfig {
     /// Good conditions, as a user arranges them: a ball of 60 pixels, sharp and well lit, short
-    /// exposures, clear ink, a background darker than the ball, no occluders. Cameras are as near
-    /// as by default.
+    /// exposures, clear ink, a background darker than the ball, no occluders. Cameras are 6 to 60
+    /// radii away.
     pub fn good() -> Self {
         Self {
             ball_px: Some([60.0, 60.0]),
             fill: [0.75, 0.92],
             off_center: 0.05,
             cut_share: 0.0,
+            camera_distance_radii: [6.0, 60.0],
             max_off_axis_rad: 0.09,
             dot_radius_rad: [0.07, 0.11],
             dot_radius_spread: [0.02, 0.1],
@@ -307,7 +308,7 @@ impl SynthConfig {
             max_gloss: 0.4,
             max_background: 0.3,
             clutter_share: 0.1,
-            ground_share: 0.1,
+            ground_share: 0.0,
             occlusion_share: 0.0,
             cords_share: 0.0,
             defocus_px: [0.2, 0.8],

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
+use spindoe::Result;
 use spindoe::camera::FrameOutcome;
 use spindoe::geometry::Rotation;
 use spindoe::image::ImageView;
@@ -15,7 +16,6 @@ use spindoe::vision::{
     Budget, DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate, NamedDetector,
     Prior,
 };
-use spindoe::Result;
 
 /// The pattern that most is measured with; it occurs in no training.
 pub const DOTS20: &str = "designs/dots20/pattern.csv";
@@ -32,7 +32,7 @@ pub struct FrameSet {
 /// What the nets are trained for.
 pub fn all_conditions() -> FrameSet {
     FrameSet {
-        name: "all conditions",
+        name: "All conditions",
         config: SynthConfig::default(),
     }
 }
@@ -40,7 +40,7 @@ pub fn all_conditions() -> FrameSet {
 /// What a user would arrange; balls of 60 px.
 pub fn good_conditions() -> FrameSet {
     FrameSet {
-        name: "good conditions",
+        name: "Good conditions, 60 px",
         config: SynthConfig::good(),
     }
 }
@@ -97,7 +97,10 @@ pub fn each<T: Send, const N: usize>(
         let found = std::array::from_fn(|i| alone(&estimators[i], &frame.image, &mut ws[i]));
         Ok(judge(&frame, found))
     };
-    (0..count).into_par_iter().map_init(workspaces, one).collect()
+    (0..count)
+        .into_par_iter()
+        .map_init(workspaces, one)
+        .collect()
 }
 
 /// Patterns that a table compares, on the command line.
@@ -117,7 +120,10 @@ impl Patterns {
     /// # Errors
     /// A file that is no pattern.
     pub fn read(&self) -> Result<Vec<(String, Pattern)>> {
-        let given = self.given.iter().map(|path| Ok((name_of(path), Pattern::read_csv(path)?)));
+        let given = self
+            .given
+            .iter()
+            .map(|path| Ok((name_of(path), Pattern::read_csv(path)?)));
         let mut all = given.collect::<Result<Vec<_>>>()?;
         if !self.only {
             let shipped = shipped_designs()?.into_iter();

@@ -98,7 +98,10 @@ pub struct Claim {
 pub fn claimed(claims: &[Claim], bin: Bin) -> (f64, Proportion) {
     let within = claims.iter().filter(|c| bin.holds(c.confidence));
     let within: Vec<Claim> = within.copied().collect();
-    (mean(&within, |c| c.confidence), share(&within, |c| c.is_right))
+    (
+        mean(&within, |c| c.confidence),
+        share(&within, |c| c.is_right),
+    )
 }
 
 /// The ratio of the sums of pairs, with its 95 % interval by linear propagation: the pairs are the sample.
@@ -119,7 +122,10 @@ mod tests {
         let named = |edges: &[f64], unit| -> Vec<String> {
             bins(edges).map(|bin| bin.counts(unit)).collect()
         };
-        assert_eq!(named(&[0.0, 3.0, 4.0], "px"), ["0 to 2 px", "3 px", "4 px or more"]);
+        assert_eq!(
+            named(&[0.0, 3.0, 4.0], "px"),
+            ["0 to 2 px", "3 px", "4 px or more"]
+        );
         let bin = Bin { from: 0.5, to: 0.7 };
         assert_eq!(bin.named(""), "0.5 to 0.7");
         assert!(bin.holds(0.5) && !bin.holds(0.7));

@@ -104,7 +104,9 @@ impl Table {
 }
 
 fn line(cells: &[Cell]) -> String {
-    cells.iter().fold("|".into(), |line, cell| format!("{line} {cell} |"))
+    cells
+        .iter()
+        .fold("|".into(), |line, cell| format!("{line} {cell} |"))
 }
 
 /// Prints a row of a table: `row!(table; name, count; more_cells)`.
@@ -130,7 +132,10 @@ mod tests {
         assert_eq!(said(figure(-0.5, 1, "")), "-0.5");
         assert_eq!(said(Proportion::new(0, 0).into()), "-");
         assert_eq!(said(interval(1.0, [f64::NAN, 2.0], 1, "")), "1.0");
-        assert_eq!(said(interval(1.0, [-0.01, 2.0], 1, "ms")), "1.0 ms [0.0, 2.0]");
+        assert_eq!(
+            said(interval(1.0, [-0.01, 2.0], 1, "ms")),
+            "1.0 ms [0.0, 2.0]"
+        );
         assert_eq!(said(signed(f64::NAN, [f64::NAN; 2], 1)), "-");
         assert_eq!(line(&["a".into(), 1.5.into()]), "| a | 1.5 |");
     }

@@ -538,6 +538,7 @@ fn truth_agrees_with_rays_cast_by_hand() {
         parallel_share: 0.0,
         cut_share: 0.0,
         occlusion_share: 0.0,
+        cords_share: 0.0,
         camera_distance_radii: [3.0, 30.0],
         max_off_axis_rad: 0.6,
         ..SynthConfig::default()
@@ -674,6 +675,7 @@ fn what_hides_the_ball_is_counted() {
     let pattern = random_pattern(20, 3);
     let open = SynthConfig {
         occlusion_share: 0.0,
+        cords_share: 0.0,
         cut_share: 0.0,
         ..SynthConfig::default()
     };

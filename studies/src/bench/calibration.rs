@@ -11,7 +11,6 @@
 //! cameras from 6 ball radii). Dots on a logo or a seam are counted apart: what is seen there need not be
 //! the dot.
 
-use std::error::Error;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -28,10 +27,13 @@ use spindoe::geometry::{
 };
 use spindoe::synth::surface::{Mark, Surface};
 use spindoe::synth::{Rendering, Scene, SynthConfig};
-use spindoe::validate::Proportion;
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };
+use spindoe_studies::frames::{DOTS20, estimator};
+use spindoe_studies::score::{mean, median, ratio, share};
+use spindoe_studies::table::{Table, figure, interval};
+use spindoe_studies::{Outcome, row};
 
 /// Fresh frames of each ball.
 const FRESH: usize = 20;
@@ -58,12 +60,6 @@ struct Ball {
     numbers: Vec<usize>,
     missing: Vec<usize>,
     scene: Scene,
-}
-
-/// What became of a ball.
-struct Outcome {
-    /// `None` where the clip was rejected.
-    calibrated: Option<Measured>,
 }
 
 /// A measured dot.
@@ -108,7 +104,7 @@ pub struct Args {
     /// Seed of the balls.
     #[arg(long, default_value_t = 20_261_121)]
     seed: u64,
-    /// Radius of the ball, pixels.
+    /// Radius of the balls, pixels.
     #[arg(long, default_value_t = 60.0)]
     px: f64,
     /// Frames of a clip.
@@ -123,25 +119,16 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+    pub fn run(&self) -> Outcome {
         let (balls, seed, px, frames) = (self.balls, self.seed, self.px, self.frames);
         let sigma = self.placement_deg.to_radians();
-        let text = include_bytes!("../../../designs/dots20/pattern.csv");
-        let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
-        let estimator = Estimator::new(
-            &nominal,
-            EstimatorConfig::default(),
-            DetectorName::Cnn.build()?,
-        )?;
+        let nominal = Pattern::read_csv(DOTS20.as_ref())?;
+        let estimator = estimator(&nominal)?;
         println!(
-            "{balls} balls of {px} px, {frames} frames, placement error {:.1} deg per axis, seed {seed}\n",
+            "{balls} balls of {px} px, {frames} frames, placement error {:.1} deg per axis, seed {seed}",
             sigma.to_degrees()
         );
-        let outcomes: Result<Vec<Outcome>, String> = (0..balls)
+        let outcomes: Result<Vec<Option<Measured>>, String> = (0..balls)
             .into_par_iter()
             .map(|k| {
                 let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -159,23 +146,18 @@ impl Args {
 }
 
 /// A line for each dot of each calibrated ball.
-fn dots_csv(outcomes: &[Outcome]) -> String {
+fn dots_csv(outcomes: &[Option<Measured>]) -> String {
     let mut text = "ball,dot,drawn,state,error_deg,stated_deg,offset_deg,confidence,views,expected,facing,seen,on_print\n"
         .to_string();
     for (ball, outcome) in outcomes.iter().enumerate() {
-        for line in outcome.calibrated.iter().flat_map(|m| &m.lines) {
+        for line in outcome.iter().flat_map(|m| &m.lines) {
             let _ = writeln!(text, "{ball},{line}");
         }
     }
     text
 }
 
-fn ball<R: Rng>(
-    nominal: &Pattern,
-    px: f64,
-    sigma: f64,
-    rng: &mut R,
-) -> Result<Ball, Box<dyn Error>> {
+fn ball<R: Rng>(nominal: &Pattern, px: f64, sigma: f64, rng: &mut R) -> Outcome<Ball> {
     let count = rng.random_range(0..3);
     let missing = sample(rng, nominal.len(), count).into_vec();
     let numbers: Vec<usize> = (0..nominal.len())
@@ -204,12 +186,7 @@ fn ball<R: Rng>(
 }
 
 /// A frame of the ball, turned by hand.
-fn frame<R: Rng>(
-    ball: &Ball,
-    rotation: Rotation,
-    spin: Vec3,
-    rng: &mut R,
-) -> Result<Rendering, Box<dyn Error>> {
+fn frame<R: Rng>(ball: &Ball, rotation: Rotation, spin: Vec3, rng: &mut R) -> Outcome<Rendering> {
     let mut scene = ball.scene.clone();
     scene.rotation = rotation;
     scene.spin = spin;
@@ -226,7 +203,7 @@ fn one(
     frames: usize,
     sigma: f64,
     rng: &mut ChaCha8Rng,
-) -> Result<Outcome, Box<dyn Error>> {
+) -> Outcome<Option<Measured>> {
     let ball = ball(nominal, px, sigma, rng)?;
     let mut workspace = estimator.workspace();
     let mut rotation = random_rotation(rng);
@@ -267,7 +244,7 @@ fn one(
         Ok(calibration) => calibration,
         Err(rejection) => {
             eprintln!("rejected: {rejection}");
-            return Ok(Outcome { calibrated: None });
+            return Ok(None);
         }
     };
     let seen = |j: usize| {
@@ -323,22 +300,20 @@ fn one(
     };
     let lines = calibration.dots.iter().enumerate().map(line).collect();
     let errors = fresh(nominal, estimator, &ball, &calibration, turn, rng)?;
-    Ok(Outcome {
-        calibrated: Some(Measured {
-            lines,
-            dots: dots.collect(),
-            missing: missing.collect(),
-            false_alarms,
-            noise_scale: calibration.noise_scale,
-            doubtful: ball
-                .numbers
-                .iter()
-                .filter(|j| calibration.dots[**j].state == DotState::Doubtful)
-                .count(),
-            marks: calibration.marks.len(),
-            errors,
-        }),
-    })
+    Ok(Some(Measured {
+        lines,
+        dots: dots.collect(),
+        missing: missing.collect(),
+        false_alarms,
+        noise_scale: calibration.noise_scale,
+        doubtful: ball
+            .numbers
+            .iter()
+            .filter(|j| calibration.dots[**j].state == DotState::Doubtful)
+            .count(),
+        marks: calibration.marks.len(),
+        errors,
+    }))
 }
 
 /// Whether a dot at this place is drawn on a logo or a seam, or within half its radius of them.
@@ -373,7 +348,7 @@ fn fresh(
     calibration: &Calibration,
     to_calibrated: Rotation,
     rng: &mut ChaCha8Rng,
-) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
+) -> Outcome<[Vec<f64>; 3]> {
     let known = EstimatorConfig {
         placement_sigma_rad: KNOWN_SIGMA_RAD,
         ..EstimatorConfig::default()
@@ -422,93 +397,56 @@ fn fresh(
     Ok(errors)
 }
 
-fn report(outcomes: &[Outcome]) {
-    let measured: Vec<&Measured> = outcomes
-        .iter()
-        .filter_map(|o| o.calibrated.as_ref())
-        .collect();
-    let n = measured.len() as u64;
-    println!("calibrated: {}", Proportion::new(n, outcomes.len() as u64));
-    if measured.is_empty() {
-        return;
+fn report(outcomes: &[Option<Measured>]) {
+    let measured: Vec<&Measured> = outcomes.iter().flatten().collect();
+    let table = Table::new(["balls", "share or value"]);
+    row!(table; "calibrated", share(outcomes, Option::is_some));
+    let missing: Vec<Missing> = measured.iter().flat_map(|m| m.missing.clone()).collect();
+    for (what, words) in [
+        (Missing::Named, "missing dots named"),
+        (Missing::Doubtful, "missing dots called doubtful"),
+        (Missing::Taken, "missing dots taken for seen ones"),
+        (
+            Missing::OutOfView,
+            "missing dots that never faced the camera",
+        ),
+    ] {
+        row!(table; words, share(&missing, |m| *m == what));
     }
-    report_dots(&measured);
-    let count = |test: &dyn Fn(&Measured) -> bool| {
-        Proportion::new(measured.iter().filter(|m| test(m)).count() as u64, n)
-    };
-    let said = |what: Missing| {
-        let all = measured.iter().flat_map(|m| &m.missing);
-        all.filter(|m| **m == what).count()
-    };
-    println!(
-        "missing dots: {} named, {} doubtful, {} taken for seen, {} never faced the camera",
-        said(Missing::Named),
-        said(Missing::Doubtful),
-        said(Missing::Taken),
-        said(Missing::OutOfView)
-    );
     let named = |m: &Missing| matches!(m, Missing::Named | Missing::OutOfView);
-    println!(
-        "all missing dots in view named: {}",
-        count(&|m| m.missing.iter().all(named))
-    );
-    println!(
-        "none of them taken for a dot without doubt: {}",
-        count(&|m| !m.missing.contains(&Missing::Taken))
-    );
-    println!(
-        "no dot called missing that can be seen: {}",
-        count(&|m| m.false_alarms == 0)
-    );
-    let mean = |value: &dyn Fn(&Measured) -> f64| {
-        measured.iter().map(|m| value(m)).sum::<f64>() / n as f64
+    row!(table; "balls of which all missing dots in view are named", share(&measured, |m| m.missing.iter().all(named)));
+    row!(table; "balls without a missing dot taken for a sure one", share(&measured, |m| !m.missing.contains(&Missing::Taken)));
+    row!(table; "balls without a seen dot called missing", share(&measured, |m| m.false_alarms == 0));
+    let per_ball = |value: fn(&Measured) -> f64, words: &str| {
+        row!(table; words, figure(mean(&measured, |m| value(m)), 2, ""));
     };
-    println!(
-        "noise over the detector's own: {:.2}; marks beside the pattern: {:.2} a ball",
-        mean(&|m| m.noise_scale),
-        mean(&|m| m.marks as f64)
-    );
-    println!(
-        "drawn dots called doubtful: {:.2} a ball",
-        mean(&|m| m.doubtful as f64)
-    );
-    let all: Vec<Vec<f64>> = (0..3)
-        .map(|k| {
-            measured
-                .iter()
-                .flat_map(|m| m.errors[k].iter().copied())
-                .collect()
-        })
-        .collect();
-    println!(
-        "\norientation error of {} fresh frames, deg: mean, rms, median",
-        all[0].len()
-    );
-    for (name, errors) in ["nominal", "calibrated", "true"].iter().zip(&all) {
-        let mut sorted = errors.clone();
-        sorted.sort_by(f64::total_cmp);
-        let count = errors.len() as f64;
-        println!(
-            "{name}: {:.3} {:.3} {:.3}",
-            errors.iter().sum::<f64>() / count,
-            (errors.iter().map(|e| e * e).sum::<f64>() / count).sqrt(),
-            sorted[sorted.len() / 2]
-        );
+    per_ball(|m| m.noise_scale, "noise over the detector's own");
+    per_ball(|m| m.marks as f64, "marks beside the pattern, a ball");
+    per_ball(|m| m.doubtful as f64, "drawn dots called doubtful, a ball");
+    report_dots(&measured);
+    report_errors(&measured);
+}
+
+/// Orientation errors of fresh frames.
+fn report_errors(measured: &[&Measured]) {
+    let table = Table::new(["pattern", "fresh frames", "mean error", "rms", "median"]);
+    for (k, name) in ["nominal", "calibrated", "true"].into_iter().enumerate() {
+        let errors: Vec<f64> = measured.iter().flat_map(|m| m.errors[k].clone()).collect();
+        let deg = |error: f64| figure(error, 3, "deg");
+        let rms = mean(&errors, |e| e * e).sqrt();
+        row!(table; name, errors.len(), deg(mean(&errors, |e| *e)), deg(rms), deg(median(&errors, |e| *e)));
     }
-    println!("calibrated over true, mean: {}", ratio(&measured));
+    let sums = |m: &&Measured| [1, 2].map(|k: usize| m.errors[k].iter().sum::<f64>());
+    let (over, ends) = ratio(&measured.iter().map(sums).collect::<Vec<_>>());
+    row!(table; "calibrated over true, mean", None::<&str>, interval(over, ends, 3, ""));
 }
 
 /// Whether a dot is of a kind.
 type DotTest = fn(&Dot) -> bool;
 
 fn report_dots(measured: &[&Measured]) {
-    let mut per_ball: Vec<f64> = measured.iter().map(|m| rms(m.dots.iter())).collect();
-    per_ball.sort_by(f64::total_cmp);
-    println!(
-        "balls: rms of a ball's dots {:.3} deg in the median, {:.3} in the worst tenth",
-        per_ball[per_ball.len() / 2],
-        per_ball[per_ball.len() * 9 / 10]
-    );
+    let deg = |square: f64| square.max(0.0).sqrt().to_degrees();
+    let table = Table::new(["dots", "number", "rms error", "predicted"]);
     let kinds: [(&str, DotTest); 3] = [
         ("all", |_| true),
         ("clear of print and seams", |d| !d.on_print),
@@ -523,39 +461,19 @@ fn report_dots(measured: &[&Measured]) {
             })
         };
         let sums: Vec<[f64; 3]> = measured.iter().map(of_ball).collect();
-        let [error, stated, n] = [0, 1, 2].map(|i: usize| sums.iter().map(|s| s[i]).sum::<f64>());
-        if n == 0.0 {
-            continue;
-        }
-        let mean = error / n;
-        let spread: f64 = sums.iter().map(|s| (s[0] - mean * s[2]).powi(2)).sum();
-        let half = 1.96 * spread.sqrt() / n;
-        let deg = |square: f64| square.max(0.0).sqrt().to_degrees();
-        println!(
-            "dots {name}: {n} of them, {:.3} deg rms [{:.3}, {:.3}], predicted {:.3} deg",
-            deg(mean),
-            deg(mean - half),
-            deg(mean + half),
-            deg(stated / n)
+        let [number, stated] = [2, 1].map(|k: usize| sums.iter().map(|s| s[k]).sum::<f64>());
+        let (square, ends) = ratio(&sums.iter().map(|s| [s[0], s[2]]).collect::<Vec<_>>());
+        row!(
+            table; name, number, interval(deg(square), ends.map(deg), 3, "deg"),
+            figure(deg(stated / number), 3, "deg")
         );
     }
-}
-
-/// Root mean square error, degrees.
-fn rms<'a>(dots: impl Iterator<Item = &'a Dot>) -> f64 {
-    let (sum, n) = dots.fold((0.0, 0.0), |(sum, n), d| (sum + d.squared_error, n + 1.0));
-    (sum / n).sqrt().to_degrees()
-}
-
-/// Ratio of the mean errors, with the interval of the balls' spread (delta method).
-fn ratio(measured: &[&Measured]) -> String {
-    let sums: Vec<[f64; 2]> = measured
+    let mut per_ball: Vec<f64> = measured
         .iter()
-        .map(|m| [1, 2].map(|k: usize| m.errors[k].iter().sum::<f64>()))
+        .map(|m| deg(mean(&m.dots, |d| d.squared_error)))
         .collect();
-    let total = [0, 1].map(|k: usize| sums.iter().map(|s| s[k]).sum::<f64>());
-    let ratio = total[0] / total[1];
-    let variance: f64 = sums.iter().map(|s| (s[0] - ratio * s[1]).powi(2)).sum();
-    let half = 1.96 * variance.sqrt() / total[1];
-    format!("{ratio:.3} [{:.3}, {:.3}]", ratio - half, ratio + half)
+    per_ball.sort_by(f64::total_cmp);
+    let tenth = per_ball.get(per_ball.len() * 9 / 10).copied();
+    row!(table; "the median ball's", None::<&str>, figure(median(&per_ball, |e| *e), 3, "deg"));
+    row!(table; "the worst tenth of the balls' from", None::<&str>, tenth.map(|e| figure(e, 3, "deg")));
 }

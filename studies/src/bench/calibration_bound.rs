@@ -10,8 +10,6 @@
 //! code with the calibration. A bias of the model and a covariance that is too small are told apart by
 //! REPEATS of the noise on one ball and one motion: the scatter of the repeats, and their mean's error.
 
-use std::error::Error;
-
 use nalgebra::{DMatrix, Matrix2, Matrix3, SMatrix};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -31,6 +29,10 @@ use spindoe::vision::{
 use spindoe::{
     Ball, DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel,
 };
+use spindoe_studies::frames::DOTS20;
+use spindoe_studies::score::{mean, ratio};
+use spindoe_studies::table::{Table, figure, interval};
+use spindoe_studies::{Outcome, row};
 
 const RADIUS: f64 = 30.0;
 const DISTANCE: f64 = 12.0;
@@ -40,7 +42,7 @@ const MISSED: f64 = 0.08;
 const TURNS: f64 = 3.0;
 
 /// Pixels from the ball's center, for a radius of 1, of a direction.
-fn unit_view() -> Result<View, Box<dyn Error>> {
+fn unit_view() -> Outcome<View> {
     let focal = 1.0 / (1.0 / DISTANCE).asin().tan();
     let camera = Camera::Perspective(Intrinsics {
         fx: focal,
@@ -215,19 +217,14 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+    pub fn run(&self) -> Outcome {
         let Args {
             balls,
             seed,
             frames,
             repeats,
         } = *self;
-        let text = include_bytes!("../../../designs/dots20/pattern.csv");
-        let nominal = Pattern::from_csv("designs/dots20/pattern.csv".as_ref(), text)?;
+        let nominal = Pattern::read_csv(DOTS20.as_ref())?;
         println!("{balls} balls, {frames} frames, seed {seed}");
         for knowledge in [Knowledge::Camera, Knowledge::Motion] {
             let each: Result<Vec<Option<Sums>>, String> = (0..balls)
@@ -240,7 +237,7 @@ impl Args {
             let each: Vec<Sums> = each?.into_iter().flatten().collect();
             report(knowledge, &each);
             println!(
-                "  left out, a dot at the limb only: {} balls",
+                "Left out, a dot at the limb only: {} balls",
                 balls as usize - each.len()
             );
             scatter(&nominal, seed, repeats, frames, knowledge)?;
@@ -261,43 +258,28 @@ impl Args {
 }
 
 fn report(knowledge: Knowledge, each: &[Sums]) {
-    let sum = |value: &dyn Fn(&Sums) -> f64| each.iter().map(value).sum::<f64>();
-    let dots = sum(&|e| e.dots as f64);
-    let rms = |sum: f64| (sum / dots).sqrt().to_degrees();
-    let (error, limit, stated) = (
-        sum(&|e| e.squared_error),
-        sum(&|e| e.bound),
-        sum(&|e| e.stated),
-    );
+    let dots = each.iter().map(|e| e.dots as f64).sum::<f64>();
+    let deg = |value: fn(&Sums) -> f64| {
+        let sum = each.iter().map(value).sum::<f64>();
+        figure((sum / dots).sqrt().to_degrees(), 4, "deg")
+    };
+    // The root of the ratio of the squared errors to a limit; the balls are the sample.
+    let over = |limit: fn(&Sums) -> f64| {
+        let pairs: Vec<_> = each.iter().map(|e| [e.squared_error, limit(e)]).collect();
+        let (square, ends) = ratio(&pairs);
+        interval(square.sqrt(), ends.map(f64::sqrt), 3, "")
+    };
+    let table = Table::new([&format!("{knowledge:?} known"), "rms", "error over it"]);
+    row!(table; "error", deg(|e| e.squared_error));
+    row!(table; "stated", deg(|e| e.stated), over(|e| e.stated));
+    row!(table; "bound, without motion", deg(|e| e.bound), over(|e| e.bound));
+    let normalized = || each.iter().map(|e| e.normalized);
     println!(
-        "\n{knowledge:?} known: {:.4} deg rms, stated {:.4} deg, bound (without motion) {:.4} deg",
-        rms(error),
-        rms(stated),
-        rms(limit)
+        "\nSquared errors over stated variances: mean {:.3}, clips {:.2} to {:.2}.",
+        mean(each, |e| e.normalized),
+        normalized().fold(f64::INFINITY, f64::min),
+        normalized().fold(0.0, f64::max)
     );
-    println!("  error over bound {}", root_ratio(each, |e| e.bound));
-    println!("  error over stated {}", root_ratio(each, |e| e.stated));
-    let mut normalized: Vec<f64> = each.iter().map(|e| e.normalized).collect();
-    normalized.sort_by(f64::total_cmp);
-    println!(
-        "  squared errors over stated variances: mean {:.3}, clips {:.2} to {:.2}",
-        normalized.iter().sum::<f64>() / each.len() as f64,
-        normalized[0],
-        normalized[normalized.len() - 1]
-    );
-}
-
-/// The root of the ratio of the squared errors to `limit`, with the interval of the balls' spread.
-fn root_ratio(each: &[Sums], limit: impl Fn(&Sums) -> f64) -> String {
-    let total: f64 = each.iter().map(&limit).sum();
-    let square = each.iter().map(|e| e.squared_error).sum::<f64>() / total;
-    let spread: f64 = each
-        .iter()
-        .map(|e| (e.squared_error - square * limit(e)).powi(2))
-        .sum();
-    let ratio = square.sqrt();
-    let half = 1.96 * spread.sqrt() / total / (2.0 * ratio);
-    format!("{ratio:.3} [{:.3}, {:.3}]", ratio - half, ratio + half)
 }
 
 /// One ball and one motion under repeated noise: how far the dots scatter, and how far their means lie off.
@@ -307,7 +289,7 @@ fn scatter(
     repeats: u64,
     frames: usize,
     knowledge: Knowledge,
-) -> Result<(), Box<dyn Error>> {
+) -> Outcome {
     let each: Result<Vec<Option<Judged>>, String> = (0..repeats)
         .into_par_iter()
         .map(|r| judge(nominal, seed, 0, r, frames, knowledge).map_err(|e| e.to_string()))
@@ -329,7 +311,7 @@ fn scatter(
     let stated = each.iter().map(|e| e.0.stated).sum::<f64>() / n;
     let rms = |sum: f64| (sum.max(0.0) / dots as f64).sqrt().to_degrees();
     println!(
-        "  {n} repeats of the noise on one clip: scatter {:.4} deg, stated {:.4} deg, bias {:.4} deg",
+        "{n} repeats of the noise on one clip: scatter {:.4} deg, stated {:.4} deg, bias {:.4} deg",
         rms(scatter),
         rms(stated),
         rms(bias)
@@ -346,7 +328,7 @@ fn judge(
     r: u64,
     frames: usize,
     knowledge: Knowledge,
-) -> Result<Option<Judged>, Box<dyn Error>> {
+) -> Outcome<Option<Judged>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(k);
     let mut noise = ChaCha8Rng::seed_from_u64(seed ^ 0xa5);
@@ -401,7 +383,7 @@ fn judge(
 }
 
 /// Whether a random pattern is built from its clip alone, and its worst dot, degrees.
-fn build(seed: u64, k: u64, frames: usize) -> Result<(bool, f64), Box<dyn Error>> {
+fn build(seed: u64, k: u64, frames: usize) -> Outcome<(bool, f64)> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x55);
     rng.set_stream(k);
     let dots = rng.random_range(12..=24);

@@ -6,8 +6,6 @@
 //! With PLAIN = 1 there is nothing else on it; otherwise logos, seams and stains as in `SynthConfig::good`,
 //! which nothing tells from dots but their looks.
 
-use std::error::Error;
-
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -17,8 +15,9 @@ use spindoe::geometry::{
 };
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::validate::Proportion;
-use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
+use spindoe_studies::Outcome;
+use spindoe_studies::frames::{alone, estimator};
 
 /// Revolutions of the ball in a clip, and frames per second.
 const TURNS: f64 = 4.0;
@@ -55,7 +54,7 @@ pub struct Args {
     /// Seed of the balls.
     #[arg(long, default_value_t = 17)]
     seed: u64,
-    /// Radius of the ball, pixels.
+    /// Radius of the balls, pixels.
     #[arg(long, default_value_t = 60.0)]
     px: f64,
     /// Frames of a clip.
@@ -67,11 +66,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Measures and prints.
-    ///
-    /// # Errors
-    /// What hinders the measurement.
-    pub fn run(&self) -> Result<(), Box<dyn Error>> {
+    pub fn run(&self) -> Outcome {
         let (balls, seed, px, frames) = (self.balls, self.seed, self.px, self.frames);
         let looks = match self.plain {
             false => SynthConfig::good(),
@@ -114,13 +109,7 @@ impl Args {
     }
 }
 
-fn one(
-    looks: &SynthConfig,
-    seed: u64,
-    k: u64,
-    px: f64,
-    frames: usize,
-) -> Result<Built, Box<dyn Error>> {
+fn one(looks: &SynthConfig, seed: u64, k: u64, px: f64, frames: usize) -> Outcome<Built> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(k);
     let count = rng.random_range(12..=24);
@@ -139,8 +128,7 @@ fn one(
         ..looks.clone()
     };
     let scene = Scene::random(&truth, &config, &mut rng)?;
-    let detector = DetectorName::Cnn.build()?;
-    let estimator = Estimator::new(&truth, EstimatorConfig::default(), detector)?;
+    let estimator = estimator(&truth)?;
     let mut workspace = estimator.workspace();
     let (mut rotation, mut axis) = (random_rotation(&mut rng), random_direction(&mut rng));
     let about = tangent_frame(&axis)[0];
@@ -155,20 +143,12 @@ fn one(
         view.exposure_s = 1e-3;
         view.shift_px = [0.0; 2];
         view.noise_seed = rng.random();
-        let mut estimate = FrameEstimate::default();
         let seen = view.render()?;
         for dot in seen.dots.iter().filter(|d| d.facing > FACING) {
             views[dot.index][0] += 1;
             views[dot.index][1] += usize::from(dot.is_visible());
         }
-        estimator.estimate(
-            &seen.image,
-            &Prior::default(),
-            &Budget::default(),
-            &mut workspace,
-            &mut estimate,
-        );
-        estimates.push(estimate);
+        estimates.push(alone(&estimator, &seen.image, &mut workspace));
         rotation = Rotation::from_scaled_axis(axis * step) * rotation;
         axis = wander * axis;
     }
@@ -183,7 +163,7 @@ fn one(
 }
 
 /// The built dots, named by the true ones.
-fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Result<Built, Box<dyn Error>> {
+fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Outcome<Built> {
     let view = ViewModel {
         visibility_limit: -0.99,
         ..ViewModel::default()

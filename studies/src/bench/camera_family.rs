@@ -6,7 +6,9 @@
 //! The camera is the default one of `spindoe advise`, before SURROUNDINGS (dark or any). Differences are
 //! against the first pattern, on the same scenes.
 
-use spindoe::camera::{CameraConditions, CameraTrials, DotSize, FrameOutcome, Surroundings, paired};
+use spindoe::camera::{
+    CameraConditions, CameraTrials, DotSize, FrameOutcome, Surroundings, paired,
+};
 use spindoe_studies::frames::Patterns;
 use spindoe_studies::score::{RATES, rates, ratio};
 use spindoe_studies::table::{Cell, Table, figure, interval, signed};
@@ -59,7 +61,10 @@ impl Args {
             let against = first.as_ref().map(|first| {
                 let more = paired(first, &outcomes);
                 let [more, low, high] = [more.difference, more.low, more.high].map(|x| 100.0 * x);
-                [signed(more, [low, high], 2), error_less_by(first, &outcomes)]
+                [
+                    signed(more, [low, high], 2),
+                    error_less_by(first, &outcomes),
+                ]
             });
             let diameter = figure(100.0 * dot_diameter, 1, "%");
             row!(

@@ -71,7 +71,9 @@ impl Args {
                 outcomes: [&found, &given].map(|f| FrameOutcome::of(f, &ball.rotation)),
             })
         };
-        let seen = (0..count).into_par_iter().map_init(|| estimator.workspace(), one);
+        let seen = (0..count)
+            .into_par_iter()
+            .map_init(|| estimator.workspace(), one);
         let seen: Vec<Seen> = seen.collect::<spindoe::Result<_>>()?;
         println!(
             "{count} frames in {}, seed {seed}, {}, clear from {signal} times the noise on",
@@ -88,7 +90,8 @@ impl Args {
         ]);
         let line = |name: &str, some: &[&Seen]| {
             let rate = |k: usize, of: fn(FrameOutcome) -> bool| share(some, |s| of(s.outcomes[k]));
-            let both = [0, 1].map(|k| [FrameOutcome::is_right, FrameOutcome::is_wrong].map(|of| rate(k, of)));
+            let both = [0, 1]
+                .map(|k| [FrameOutcome::is_right, FrameOutcome::is_wrong].map(|of| rate(k, of)));
             row!(table; name, some.len(); both.concat());
         };
         for bin in bins(&ROWS) {

@@ -9,10 +9,11 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use spindoe::camera::FrameOutcome;
+use spindoe::files;
 use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::{DotTruth, Frame};
 use spindoe::vision::{DetectorName, DotDetection, Estimator, EstimatorConfig, FrameEstimate};
-use spindoe_studies::frames::{DOTS20, all_conditions, each, good_conditions, outcome};
+use spindoe_studies::frames::{DOTS20, FrameSet, all_conditions, each, good_conditions, outcome};
 use spindoe_studies::score::{Claim, RATES, bins, claimed, mean, median, rates};
 use spindoe_studies::table::{Table, figure};
 use spindoe_studies::{Outcome, row};
@@ -49,30 +50,48 @@ pub struct Args {
     /// Pattern of the ball.
     #[arg(long, default_value = DOTS20)]
     pattern: PathBuf,
+    /// Frames drawn from the ranges in this JSON instead of both sets; what it leaves out is as in all conditions.
+    #[arg(long)]
+    config: Option<PathBuf>,
 }
 
 impl Args {
     pub fn run(&self) -> Outcome {
         let (count, seed, path) = (self.frames, self.seed, &self.pattern);
         let pattern = Pattern::read_csv(path)?;
-        let [one, other] = DetectorName::ALL.map(|detector| {
+        let [one, other] = [DetectorName::Cnn, DetectorName::Blob].map(|detector| {
             Estimator::new(&pattern, EstimatorConfig::default(), detector.build()?)
         });
         let estimators = [one?, other?];
-        println!("{count} frames, seed {seed}, {}", path.display());
-        for set in [good_conditions(), all_conditions()] {
+        println!("{count} frames a table, seed {seed}, {}.", path.display());
+        let sets = match &self.config {
+            Some(path) => vec![FrameSet {
+                name: "The ranges of the file",
+                config: serde_json::from_slice(&files::read_bytes(path)?)?,
+            }],
+            None => vec![good_conditions(), all_conditions()],
+        };
+        for set in sets {
             let mut seen = Vec::new();
             for start in (0..count).step_by(AT_ONCE) {
                 let some = AT_ONCE.min(count - start);
                 let judge = |frame: &Frame, found: [FrameEstimate; 2]| {
                     found.map(|found| evaluate(frame, &found))
                 };
-                seen.extend(each(&estimators, &set.config, seed + start as u64, some, judge)?);
+                seen.extend(each(
+                    &estimators,
+                    &set.config,
+                    seed + start as u64,
+                    some,
+                    judge,
+                )?);
             }
-            for (k, detector) in DetectorName::ALL.into_iter().enumerate() {
-                println!("\n### {}, `{detector}`", set.name);
-                tables(&seen.iter().map(|both| both[k].clone()).collect::<Vec<_>>());
-            }
+            println!("\n### {}", set.name);
+            let [cnn, blob]: [Vec<Seen>; 2] =
+                [0, 1].map(|k| seen.iter().map(|both| both[k].clone()).collect());
+            tables(&cnn);
+            println!("\nWith `--detector {}`:", DetectorName::Blob);
+            line(&table(), "all", &blob, &|_| true);
         }
         Ok(())
     }
@@ -88,7 +107,7 @@ fn evaluate(frame: &Frame, out: &FrameEstimate) -> Seen {
     let is_found = |t: &&DotTruth| likely().any(|d| off(d, t) < NEAR);
     let is_false = |d: &&DotDetection| truth.dots.iter().all(|t| off(d, t) >= NEAR);
     let words = |reason: String| {
-        let words = reason.split(|c: char| c.is_ascii_digit()).next();
+        let words = reason.split([':', '(']).next();
         words.unwrap_or_default().trim_end().to_owned()
     };
     Seen {
@@ -107,24 +126,31 @@ fn evaluate(frame: &Frame, out: &FrameEstimate) -> Seen {
     }
 }
 
-fn tables(all: &[Seen]) {
+fn table() -> Table {
     let headings = ["frames", "number", "dots found", "false a frame"];
-    let table = Table::new(headings.into_iter().chain(RATES));
-    let line = |name: &str, is: &dyn Fn(&Seen) -> bool| {
-        let some: Vec<Seen> = all.iter().filter(|j| is(j)).cloned().collect();
-        if some.is_empty() {
-            return;
-        }
-        let found = mean(&some, |j| j.found as f64) / mean(&some, |j| j.visible as f64);
-        let outcomes: Vec<FrameOutcome> = some.iter().map(|j| j.outcome).collect();
-        row!(
-            table; name, some.len(), figure(100.0 * found, 2, "%"),
-            figure(mean(&some, |j| j.false_dots as f64), 3, "");
-            rates(&outcomes)
-        );
-    };
+    Table::new(headings.into_iter().chain(RATES))
+}
+
+/// The row of some of the frames, where there are any.
+fn line(table: &Table, name: &str, all: &[Seen], is: &dyn Fn(&Seen) -> bool) {
+    let some: Vec<Seen> = all.iter().filter(|j| is(j)).cloned().collect();
+    if some.is_empty() {
+        return;
+    }
+    let found = mean(&some, |j| j.found as f64) / mean(&some, |j| j.visible as f64);
+    let outcomes: Vec<FrameOutcome> = some.iter().map(|j| j.outcome).collect();
+    row!(
+        table; name, some.len(), figure(100.0 * found, 2, "%"),
+        figure(mean(&some, |j| j.false_dots as f64), 3, "");
+        rates(&outcomes)
+    );
+}
+
+fn tables(all: &[Seen]) {
+    let rows = table();
+    let line = |name: &str, is: &dyn Fn(&Seen) -> bool| line(&rows, name, all, is);
     line("all", &|_| true);
-    for bin in bins(&[40.0, 60.0, 80.0, 120.0]) {
+    for bin in bins(&[32.0, 40.0, 60.0, 80.0, 120.0, 200.0]) {
         line(&bin.counts("px"), &|j| bin.holds(j.side as f64));
     }
     for bin in bins(&[0.0, 3.0, 6.0, 12.0]) {
@@ -140,7 +166,7 @@ fn tables(all: &[Seen]) {
         is_right: j.outcome.is_right(),
     });
     let claims: Vec<Claim> = claims.collect();
-    for bin in bins(&[0.5, 0.7, 0.9, 0.99]) {
+    for bin in bins(&[0.85, 0.9, 0.99]) {
         let (_, right) = claimed(&claims, bin);
         row!(table; bin.named(""), right.trials, right);
     }
@@ -150,7 +176,9 @@ fn tables(all: &[Seen]) {
     }
     if !reasons.is_empty() {
         let table = Table::new(["why there is no answer", "frames"]);
-        reasons.into_iter().for_each(|(why, count)| row!(table; why, count));
+        reasons
+            .into_iter()
+            .for_each(|(why, count)| row!(table; why, count));
     }
     let circle_off = figure(100.0 * median(all, |j| j.circle_off), 2, "%");
     println!("\nThe outline is off by {circle_off} of the radius in the median.");

@@ -20,8 +20,8 @@ use spindoe::pattern::Pattern;
 use spindoe::stats::quantile;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{FrameTruth, Sequence, SequenceConfig, independent_frame};
-use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe::vision::FrameEstimate;
+use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe_studies::frames::{DOTS20, alone, estimator, good_conditions, orientation};
 use spindoe_studies::score::median;
 use spindoe_studies::table::{Table, figure};
@@ -151,7 +151,7 @@ fn follow(pattern: &Pattern, clip: &Clip) -> spindoe::Result<[Vec<Sample>; 3]> {
             }
             let watch = Stopwatch::start();
             let state = tracker.update(raw, *time_s, None)?;
-            let sample = watch.stop(&state.frame, truth);
+            let sample = watch.stop(state.frame, truth);
             if kind == 1 || k >= WARMUP {
                 samples.push(sample);
             }
@@ -217,7 +217,9 @@ impl Args {
             .map(|k| clip(&pattern, seed + 1000 * k, count, disc))
             .collect::<spindoe::Result<_>>()?;
         let results = std::thread::scope(|scope| {
-            let followed = clips.iter().map(|clip| scope.spawn(|| follow(&pattern, clip)));
+            let followed = clips
+                .iter()
+                .map(|clip| scope.spawn(|| follow(&pattern, clip)));
             let followed: Vec<_> = followed.collect();
             let joined = followed.into_iter().map(|f| f.join());
             joined

@@ -17,6 +17,7 @@ mod noise;
 mod objectives;
 mod objectives_images;
 mod outlines;
+mod rebuild;
 mod recognizer;
 mod residuals;
 mod robustness;
@@ -25,13 +26,12 @@ mod spin_coverage;
 mod spin_decay;
 mod spin_rates;
 mod stencils;
+mod tables;
 mod targets;
 mod trust;
 
-use std::error::Error;
-use std::path::PathBuf;
-
 use clap::{Parser, Subcommand};
+use spindoe_studies::Outcome;
 
 /// Seed of all trials on which answers' trust is shown; no parameter was tuned on them.
 const TRUST_SEED: u64 = 14_140_001;
@@ -95,120 +95,55 @@ enum Command {
     /// Stencils of many random patterns, for `tests/python/check_stencils.py`.
     Stencils(stencils::Args),
     /// Derive the numbers that follow from nets and synthetic world, where their inputs have changed.
-    Derive {
-        /// The file of derived numbers, read and written.
-        #[arg(long, default_value = "models/derived.json")]
-        out: PathBuf,
-        /// Images for each of the designs.
-        #[arg(long, default_value_t = derive::Settings::default().images)]
-        images: u64,
-        /// Rounds of the fit; each estimates with the map of the one before, the first with none.
-        #[arg(long, default_value_t = derive::Settings::default().rounds)]
-        rounds: u64,
-        /// Seed of the images.
-        #[arg(long, default_value_t = derive::Settings::default().seed)]
-        seed: u64,
-        /// Derive what is up to date, too.
-        #[arg(long)]
-        force: bool,
-    },
+    Derive(derive::Args),
+    /// Make anew what follows from the synthetic world: nets, derived numbers, tables.
+    Rebuild(rebuild::Args),
+    /// Make anew the tables that stand in docs/.
+    Tables(tables::Args),
     /// Files of frames that are told nothing, against the same told the protocol.
-    Conditions {
-        /// Trials a row.
-        #[arg(long, default_value_t = 10_000)]
-        trials: u64,
-        /// Seed of the trials.
-        #[arg(long, default_value_t = TRUST_SEED)]
-        seed: u64,
-    },
+    Conditions(trust::conditions::Args),
     /// Spins reported of random orientations.
-    Spins {
-        /// Files.
-        #[arg(long, default_value_t = 10_000)]
-        files: u64,
-        /// Seed of the files.
-        #[arg(long, default_value_t = TRUST_SEED)]
-        seed: u64,
-    },
+    Spins(trust::spins::Args),
     /// The confidences that are claimed, compared with the truth.
-    Confidence {
-        /// Images for each of the designs.
-        #[arg(long, default_value_t = 12_000)]
-        images: u64,
-        /// Seed of the images.
-        #[arg(long, default_value_t = TRUST_SEED)]
-        seed: u64,
-    },
+    Confidence(trust::kinds::ConfidenceArgs),
     /// Single images that do not show the ball.
-    Kinds {
-        /// Images of a kind.
-        #[arg(long, default_value_t = 3_000)]
-        images: u64,
-        /// Seed of the images.
-        #[arg(long, default_value_t = TRUST_SEED)]
-        seed: u64,
-        /// Beginnings of the kinds' names, or the design of the table; all kinds and dots20 by default.
-        kinds: Vec<String>,
-    },
+    Kinds(trust::kinds::Args),
     /// Verdicts over clips on the right, a wrong and a mirrored table.
-    Tables {
-        /// Frames.
-        #[arg(long, default_value_t = 1_000)]
-        frames: u64,
-        /// Seed of the frames.
-        #[arg(long, default_value_t = TRUST_SEED)]
-        seed: u64,
-    },
+    Verdicts(trust::verdicts::Args),
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Outcome {
     match Arguments::parse().command {
-        Command::Recognizer(args) => args.run()?,
-        Command::Frames(args) => args.run()?,
-        Command::Outlines(args) => args.run()?,
-        Command::DetectionLimit(args) => args.run()?,
-        Command::Residuals(args) => args.run()?,
-        Command::Robustness(args) => args.run().map_err(|e| e as Box<dyn Error>)?,
-        Command::Noise(args) => args.run()?,
-        Command::Mirror(args) => args.run().map_err(|e| e as Box<dyn Error>)?,
-        Command::Sequences(args) => args.run()?,
-        Command::Cost(args) => args.run()?,
-        Command::Latency(args) => args.run()?,
-        Command::SpinCoverage(args) => args.run()?,
+        Command::Recognizer(args) => args.run(),
+        Command::Frames(args) => args.run(),
+        Command::Outlines(args) => args.run(),
+        Command::DetectionLimit(args) => args.run(),
+        Command::Residuals(args) => args.run(),
+        Command::Robustness(args) => args.run(),
+        Command::Noise(args) => args.run(),
+        Command::Mirror(args) => args.run(),
+        Command::Sequences(args) => args.run(),
+        Command::Cost(args) => args.run(),
+        Command::Latency(args) => args.run(),
+        Command::SpinCoverage(args) => args.run(),
         Command::SpinRates(args) => args.run(),
         Command::SpinDecay(args) => args.run(),
-        Command::CameraFamily(args) => args.run()?,
-        Command::CameraRace(args) => args.run()?,
-        Command::Objectives(args) => args.run()?,
-        Command::ObjectivesImages(args) => args.run().map_err(|e| e as Box<dyn Error>)?,
-        Command::Targets(args) => args.run()?,
-        Command::Calibration(args) => args.run()?,
-        Command::CalibrationBound(args) => args.run()?,
-        Command::CalibrationUnknown(args) => args.run()?,
-        Command::Stencils(args) => args.run()?,
-        Command::Derive {
-            out,
-            images,
-            rounds,
-            seed,
-            force,
-        } => {
-            let settings = derive::Settings {
-                images,
-                rounds,
-                seed,
-            };
-            derive::run(&out, &settings, force)?;
-        }
-        Command::Conditions { trials, seed } => trust::conditions::print(trials, seed)?,
-        Command::Spins { files, seed } => trust::spins::print(files, seed)?,
-        Command::Confidence { images, seed } => trust::kinds::confidence(images, seed)?,
-        Command::Kinds {
-            images,
-            seed,
-            kinds,
-        } => trust::kinds::print(images, seed, &kinds)?,
-        Command::Tables { frames, seed } => trust::tables::print(frames, seed)?,
+        Command::CameraFamily(args) => args.run(),
+        Command::CameraRace(args) => args.run(),
+        Command::Objectives(args) => args.run(),
+        Command::ObjectivesImages(args) => args.run(),
+        Command::Targets(args) => args.run(),
+        Command::Calibration(args) => args.run(),
+        Command::CalibrationBound(args) => args.run(),
+        Command::CalibrationUnknown(args) => args.run(),
+        Command::Stencils(args) => args.run(),
+        Command::Derive(args) => args.run(),
+        Command::Rebuild(args) => args.run(),
+        Command::Tables(args) => args.run(),
+        Command::Conditions(args) => args.run(),
+        Command::Spins(args) => args.run(),
+        Command::Confidence(args) => args.run(),
+        Command::Kinds(args) => args.run(),
+        Command::Verdicts(args) => args.run(),
     }
-    Ok(())
 }

@@ -39,7 +39,10 @@ impl Args {
         let table = Table::new(["images", "outline found", "answered at 0.5", "at 0.9"]);
         // Whether an outline is found, and the confidence of the answer.
         let seen = |found: &FrameEstimate| {
-            (found.circle.is_some(), found.pose().map_or(0.0, |p| p.confidence))
+            (
+                found.circle.is_some(),
+                found.pose().map_or(0.0, |p| p.confidence),
+            )
         };
         let line = |name: &str, seen: &[(bool, f64)]| {
             let above = [0.5, 0.9].map(|limit| share(seen, |s| s.1 >= limit));
@@ -50,7 +53,11 @@ impl Args {
             rng.set_stream(k as u64);
             let field = NoiseField::random(&mut rng, k as u64);
             let image = GrayImage::new(field.side, field.side, field.values)?;
-            Ok(seen(&alone(&estimator[0], &image, &mut estimator[0].workspace())))
+            Ok(seen(&alone(
+                &estimator[0],
+                &image,
+                &mut estimator[0].workspace(),
+            )))
         };
         let fields = (0..count).into_par_iter().map(field);
         line("noise", &fields.collect::<spindoe::Result<Vec<_>>>()?);
@@ -62,7 +69,9 @@ impl Args {
             },
         };
         for set in [rendered, all_conditions(), good_conditions()] {
-            let found = each(&estimator, &set.config, seed, count, |_, [found]| seen(&found))?;
+            let found = each(&estimator, &set.config, seed, count, |_, [found]| {
+                seen(&found)
+            })?;
             let balls = format!("balls, {}", set.name);
             let is_noise = set.config.kind == SynthKind::Noise;
             line(if is_noise { set.name } else { &balls }, &found);

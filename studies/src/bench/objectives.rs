@@ -108,7 +108,9 @@ impl Args {
             .map(|index| row(index, trials as u64))
             .collect();
         let rows = rows?;
-        println!("{count} patterns (seed {PATTERN_SEED}), {trials} trials each (seed {TRIAL_SEED})");
+        println!(
+            "{count} patterns (seed {PATTERN_SEED}), {trials} trials each (seed {TRIAL_SEED})"
+        );
         let headings = ["patterns", "number"].into_iter().chain(NAMES);
         let table = Table::new(headings);
         let report = |name: &str, is: &dyn Fn(&Row) -> bool| {
@@ -125,7 +127,9 @@ impl Args {
         report("descended", &|r| r.descended);
         let descended: Vec<&Row> = rows.iter().filter(|r| r.descended).collect();
         let middle = median(&descended, |r| r.failures);
-        report("descended, better half", &|r| r.descended && r.failures < middle);
+        report("descended, better half", &|r| {
+            r.descended && r.failures < middle
+        });
         for (k, value) in NAMES.iter().enumerate() {
             let series =
                 [("random", false), ("after some descent", true)].map(|(name, kind)| LineSeries {

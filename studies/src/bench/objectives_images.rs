@@ -166,7 +166,11 @@ impl Args {
                 spindoe::files::write_bytes(&path, &serde_json::to_vec(&rows)?)?;
                 rows
             };
-            let groups = [|_: &Row| true, |r: &Row| !r.descended, |r: &Row| r.descended];
+            let groups = [
+                |_: &Row| true,
+                |r: &Row| !r.descended,
+                |r: &Row| r.descended,
+            ];
             let groups = groups.map(|is| (0..rows.len()).filter(|&i| is(&rows[i])).collect());
             let line = |what: &str, cell: &dyn Fn(&Vec<usize>) -> Cell| {
                 row!(table; dots, what; groups.each_ref().map(cell));
@@ -175,9 +179,14 @@ impl Args {
                 let rows = &rows;
                 move |group: &Vec<usize>| figure(100.0 * mean(group, |&i| of(&rows[i])), 2, "%")
             };
-            line("failure", &percent(|r| 0.5 * (r.failures[0] + r.failures[1])));
+            line(
+                "failure",
+                &percent(|r| 0.5 * (r.failures[0] + r.failures[1])),
+            );
             line("wrong or missing", &percent(|r| r.failed));
-            line("dots detected", &|group| figure(mean(group, |&i| rows[i].detected), 1, ""));
+            line("dots detected", &|group| {
+                figure(mean(group, |&i| rows[i].detected), 1, "")
+            });
             let view = ProtocolName::Image.view();
             let places: Vec<Vec<Vec3>> = rows
                 .iter()
@@ -186,8 +195,13 @@ impl Args {
             let mut values = Vec::new();
             for name in ObjectiveName::ALL.into_iter().filter(|n| n.suits(dots)) {
                 let objective = Objective::for_view(name, &view);
-                let all = places.par_iter().map(|dots| Ok(objective.evaluate_at(dots)?.value));
-                values.push((format!("`{name}`"), all.collect::<spindoe::Result<Vec<f64>>>()?));
+                let all = places
+                    .par_iter()
+                    .map(|dots| Ok(objective.evaluate_at(dots)?.value));
+                values.push((
+                    format!("`{name}`"),
+                    all.collect::<spindoe::Result<Vec<f64>>>()?,
+                ));
             }
             let camera = coverage(&conditions(dots), dots, &|_| ())?;
             let without = Coverage {

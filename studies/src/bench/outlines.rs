@@ -18,9 +18,7 @@ use spindoe::vision::{
     BallCircle, Budget, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     NamedDetector, OutlinePrior, Prior,
 };
-use spindoe_studies::frames::{
-    DOTS20, FrameSet, all_conditions, each, good_conditions, outcome,
-};
+use spindoe_studies::frames::{DOTS20, FrameSet, all_conditions, each, good_conditions, outcome};
 use spindoe_studies::score::{RATES, rates, share};
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
@@ -58,7 +56,13 @@ fn measure(
         ..Prior::default()
     };
     let (mut ws, mut given) = (estimator.workspace(), FrameEstimate::default());
-    estimator.estimate(&frame.image, &prior, &Budget::default(), &mut ws, &mut given);
+    estimator.estimate(
+        &frame.image,
+        &prior,
+        &Budget::default(),
+        &mut ws,
+        &mut given,
+    );
     Seen {
         rim: truth.rim_visible,
         outline_error: off(found.outline.map(|o| o.circle), truth),
@@ -90,7 +94,11 @@ impl Args {
             None => DetectorName::Cnn.build()?,
         };
         let pattern = Pattern::read_csv(DOTS20.as_ref())?;
-        let estimator = [Estimator::new(&pattern, EstimatorConfig::default(), detector)?];
+        let estimator = [Estimator::new(
+            &pattern,
+            EstimatorConfig::default(),
+            detector,
+        )?];
         let sixty = FrameSet {
             name: "all conditions, 60 px",
             config: SynthConfig {

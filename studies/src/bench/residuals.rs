@@ -125,7 +125,11 @@ impl Args {
                 let found = real.each_ref().map(|e| alone(e, image, &mut e.workspace()));
                 all(&real, found)
             });
-            lines(&table, &folder.display().to_string(), &found.collect::<Vec<_>>());
+            lines(
+                &table,
+                &folder.display().to_string(),
+                &found.collect::<Vec<_>>(),
+            );
         }
         Ok(())
     }

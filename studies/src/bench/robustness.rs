@@ -113,11 +113,7 @@ fn jpeg(image: &RgbImage, quality: u8) -> Outcome<RgbImage> {
 }
 
 /// The degraded image, and the turn of the camera frame (counterclockwise as seen, radians).
-fn degrade(
-    image: &RgbImage,
-    how: Degradation,
-    rng: &mut ChaCha8Rng,
-) -> Outcome<(RgbImage, f64)> {
+fn degrade(image: &RgbImage, how: Degradation, rng: &mut ChaCha8Rng) -> Outcome<(RgbImage, f64)> {
     let (width, height) = (image.width(), image.height());
     let at = |u: usize, v: usize| image.values()[v * width + u];
     let each = |f: &mut dyn FnMut(f32) -> f32| {
@@ -238,9 +234,8 @@ impl Args {
                 let images = pictures(folder)?;
                 println!("{} frames of {}", images.len(), folder.display());
                 let images = images.into_par_iter();
-                let items = images.filter_map(|image| {
-                    found(&image).map(|rotation| Item { image, rotation })
-                });
+                let items = images
+                    .filter_map(|image| found(&image).map(|rotation| Item { image, rotation }));
                 items.collect()
             }
             None => {

@@ -52,19 +52,25 @@ fn clip(
     }
     let outcomes = |frames: &[FrameEstimate], truths: &[Rotation]| {
         let each = frames.iter().zip(truths);
-        each.map(|(frame, truth)| FrameOutcome::of(frame, truth)).collect()
+        each.map(|(frame, truth)| FrameOutcome::of(frame, truth))
+            .collect()
     };
     let first = outcomes(&frames, &truths);
     let mut again = 0;
-    second_pass(&SequenceConfig::default(), &times_s, &mut frames, |doubts, frames| {
-        again += doubts.len();
-        let settled = doubts.iter().filter_map(|d| {
-            let (image, before) = (&images[d.frame], &frames[d.frame]);
-            let again = estimator.estimate_again(image, d, before, &mut ws)?;
-            Some((d.frame, again))
-        });
-        Ok::<_, spindoe::Error>(settled.collect())
-    })?;
+    second_pass(
+        &SequenceConfig::default(),
+        &times_s,
+        &mut frames,
+        |doubts, frames| {
+            again += doubts.len();
+            let settled = doubts.iter().filter_map(|d| {
+                let (image, before) = (&images[d.frame], &frames[d.frame]);
+                let again = estimator.estimate_again(image, d, before, &mut ws)?;
+                Some((d.frame, again))
+            });
+            Ok::<_, spindoe::Error>(settled.collect())
+        },
+    )?;
     Ok(([first, outcomes(&frames, &truths)], again))
 }
 

@@ -146,7 +146,14 @@ impl Args {
             "{count} sequences of {frames} frames, seeds from {seed}, {}",
             path.display()
         );
-        let headings = ["ball", "answered", "median", "mean", "error, rad/s", "deviation, rad/s"];
+        let headings = [
+            "ball",
+            "answered",
+            "median",
+            "mean",
+            "error, rad/s",
+            "deviation, rad/s",
+        ];
         let within = QUANTILES.map(|(share, _)| format!("within {} %", 100.0 * share));
         let table = Table::new(headings.map(String::from).into_iter().chain(within));
         for crosses in [false, true] {

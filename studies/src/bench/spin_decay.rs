@@ -72,7 +72,8 @@ impl Args {
                     .filter_map(DecayOutcome::determined)
                     .map(DecayFit::interval_per_s)
                     .collect();
-                let is = |of: fn(&DecayOutcome) -> bool| share(&answers, |a| a.as_ref().is_ok_and(of));
+                let is =
+                    |of: fn(&DecayOutcome) -> bool| share(&answers, |a| a.as_ref().is_ok_and(of));
                 row!(
                     table; decay_per_s, rps,
                     share(&intervals, |i| (i.low..=i.high).contains(&decay_per_s)),

@@ -79,7 +79,9 @@ impl Args {
             "median error of the magnitude",
             "rejected",
         ]);
-        let measured = lines().into_iter().map(|line| (measure(&line, seed, sequences), line));
+        let measured = lines()
+            .into_iter()
+            .map(|line| (measure(&line, seed, sequences), line));
         let measured: Vec<(Vec<Judged>, Line)> = measured.collect();
         for (judged, line) in &measured {
             print_rates(&rates, line.name, judged);
@@ -224,11 +226,13 @@ fn within((value, half): (f64, f64), decimals: usize, unit: &str) -> Cell {
     interval(value, [value - half, value + half], decimals, unit)
 }
 
+/// What a method answered.
+type Answered = fn(&Judged) -> Answer;
+const METHODS: [(&str, Answered); 2] = [("`quatera`", |o| o.quatera), ("`robust`", |o| o.robust)];
+
 fn print_rates(table: &Table, name: &str, judged: &[Judged]) {
     let (allowed, half) = mean(judged.iter().map(|o| 100.0 * o.allowed));
-    let methods: [(&str, fn(&Judged) -> Answer); 2] =
-        [("`quatera`", |o| o.quatera), ("`robust`", |o| o.robust)];
-    for (method, answer) in methods {
+    for (method, answer) in METHODS {
         let rate = |error: fn(Answer) -> f64| share(judged, |o| error(answer(o)) < CORRECT);
         // A rejection counts as the largest error.
         let mut magnitudes: Vec<f64> = judged.iter().map(|o| answer(o).magnitude).collect();

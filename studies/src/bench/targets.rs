@@ -162,7 +162,11 @@ impl Args {
     pub fn run(&self) -> Outcome {
         let trials = self.trials;
         let given = |path: &PathBuf| Ok((name_of(path), Pattern::read_csv(path)?));
-        let mut patterns = self.patterns.iter().map(given).collect::<Result<Vec<_>>>()?;
+        let mut patterns = self
+            .patterns
+            .iter()
+            .map(given)
+            .collect::<Result<Vec<_>>>()?;
         for (name, pattern) in made()? {
             if let Some(dir) = &self.out {
                 spindoe::files::create_dir(dir)?;
@@ -174,7 +178,11 @@ impl Args {
         let columns = columns();
         println!("{trials} trials a column, seed {TRIAL_SEED}");
         let titles = columns.iter().map(|c| c.title);
-        let last = ["`sparse` failures for one of the first", "bound, mean", "worst"];
+        let last = [
+            "`sparse` failures for one of the first",
+            "bound, mean",
+            "worst",
+        ];
         let table = Table::new(["pattern"].into_iter().chain(titles).chain(last));
         let mut first: Option<Vec<TrialResult>> = None;
         for (name, pattern) in patterns {
@@ -198,7 +206,10 @@ impl Args {
                 });
                 // Of the first column, which is `sparse`.
                 if failures.is_none() {
-                    failures = Some(ratio(&results, first.get_or_insert_with(|| results.clone())));
+                    failures = Some(ratio(
+                        &results,
+                        first.get_or_insert_with(|| results.clone()),
+                    ));
                 }
             }
             let bounds = [bound.mean, bound.worst].map(|b| figure(b, 3, ""));

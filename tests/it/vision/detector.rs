@@ -147,7 +147,19 @@ fn a_second_look_answers_frames_in_doubt() {
     let both = estimator(CnnDetector::built_in().unwrap());
     let (mut first, mut second) = (alone.workspace(), both.workspace());
     let (mut a, mut b) = (FrameEstimate::default(), FrameEstimate::default());
-    let frames = frames(&SynthConfig::default(), 300);
+    // Where four of five frames have an answer; a circle is no outline of a ball far off the axis.
+    let config = SynthConfig {
+        ground_share: 0.0,
+        cords_share: 0.0,
+        occluder_shadow_share: 0.0,
+        size_px: [40, 200],
+        max_arc_rad: 0.3,
+        max_shift_px: 6.0,
+        max_off_axis_rad: 0.35,
+        camera_distance_radii: [6.0, 60.0],
+        ..SynthConfig::default()
+    };
+    let frames = frames(&config, 300);
     for is_given in [false, true] {
         let (mut right, mut wrong, mut lost) = ([0, 0], [0, 0], 0);
         for frame in &frames {
@@ -181,7 +193,7 @@ fn a_second_look_answers_frames_in_doubt() {
             lost += usize::from(a.pose().is_some() && b.pose().is_none());
         }
         // What the small net's doubtful dots settle, the large net's do, but for one frame in a hundred.
-        assert!(lost <= frames.len() / 100, "{is_given}: {lost}");
+        assert!(lost <= frames.len() / 100, "{is_given}: {lost}, {right:?}");
         // 3 to 4 points of all frames in the measurements.
         assert!(right[1] >= right[0] + 3, "{is_given}: {right:?}");
         assert!(wrong[1] <= wrong[0] + 1, "{is_given}: {wrong:?}");

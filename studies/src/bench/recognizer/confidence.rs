@@ -209,7 +209,9 @@ fn learned(bench: &Bench, files: Files, number: u64) -> spindoe::Result<Vec<Clai
     let (frames, truths) = files.draw(bench, number);
     let answers = answers(&bench.ball, frames, LearningOrder::InAdvance)?;
     let each = answers.iter().zip(&truths);
-    Ok(each.map(|(answer, truth)| claims(answer, truth.as_ref())).collect())
+    Ok(each
+        .map(|(answer, truth)| claims(answer, truth.as_ref()))
+        .collect())
 }
 
 fn claims(answer: &FrameAnswer, truth: Option<&Trial>) -> Claims {

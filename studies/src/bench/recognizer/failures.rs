@@ -59,7 +59,11 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
         let title = format!("{} ({sigma:.1} deg)", name.replace('_', " "));
         row!(table; &title, trials, blame.likelihood, blame.search, blame.dots);
         for (k, failure) in failures.iter().enumerate() {
-            let head = if k == 0 { format!("\n#### {title}\n\n") } else { String::new() };
+            let head = if k == 0 {
+                format!("\n#### {title}\n\n")
+            } else {
+                String::new()
+            };
             sentences += &format!("{head}{}. {}\n", k + 1, failure.sentence);
         }
         let views: Vec<_> = failures.into_iter().map(|f| f.view).collect();

@@ -2,7 +2,7 @@
 
 use spindoe::recognize::{NamedRecognizer, RecognizerName};
 use spindoe::validate::{ORIENTATION_FAILURE_RAD, TrialResult, Validation};
-use spindoe::view::{FalseDots, ProtocolName, Trial, ViewModel};
+use spindoe::view::{FalseDots, Trial, ViewModel};
 use spindoe_studies::orientation_bound::expected_error;
 use spindoe_studies::row;
 use spindoe_studies::score::{mean, ratio};
@@ -12,7 +12,13 @@ use super::{Bench, views};
 
 pub fn print(bench: &Bench) -> spindoe::Result<()> {
     println!("### Rates");
-    let table = Table::new(["protocol", "recognizer", "identity", "orientation", "skipped"]);
+    let table = Table::new([
+        "protocol",
+        "recognizer",
+        "identity",
+        "orientation",
+        "skipped",
+    ]);
     for (name, protocol, view) in views() {
         let trials = bench.trials(view);
         let row = |recognizer: &str, found: &[TrialResult]| {
@@ -27,7 +33,10 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
             false_dots: FalseDots::Poisson(view.false_dots.mean()),
             ..view
         })?;
-        row("robust, given the mean only", &trials.run(&told_the_mean, &|_| {})?);
+        row(
+            "robust, given the mean only",
+            &trials.run(&told_the_mean, &|_| {})?,
+        );
     }
     println!("\n### Orientation error of the right answers against the bound");
     let table = Table::new(["protocol", "mean error, deg", "bound, deg", "ratio"]);
@@ -38,12 +47,7 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
 }
 
 /// Mean error over the orientation successes, and the mean bound of the same views' real dots.
-fn against_bound(
-    table: &Table,
-    bench: &Bench,
-    name: &str,
-    view: ViewModel,
-) -> spindoe::Result<()> {
+fn against_bound(table: &Table, bench: &Bench, name: &str, view: ViewModel) -> spindoe::Result<()> {
     let trials = bench.trials(view);
     let found = trials.run(&bench.robust(view)?, &|_| {})?;
     let mut generator = trials.generator();

@@ -30,9 +30,8 @@ struct Judged {
 }
 
 fn judge(found: Option<&Identification>, trial: &Trial) -> Judged {
-    let is_right = |f: &Identification| {
-        f.rotation.angle_to(&trial.rotation) < ORIENTATION_FAILURE_RAD
-    };
+    let is_right =
+        |f: &Identification| f.rotation.angle_to(&trial.rotation) < ORIENTATION_FAILURE_RAD;
     Judged {
         identity: found.is_some_and(|f| f.assignment == trial.truth),
         orientation: found.is_some_and(is_right),
@@ -84,7 +83,14 @@ pub fn answers(
     };
     let (base, frames) = (RobustConfig::default(), frames.into_iter().map(Ok));
     let mut sink = Answers::default();
-    identify_learning(ball, &base, &learning, frames, NonZero::<usize>::MIN, &mut sink)?;
+    identify_learning(
+        ball,
+        &base,
+        &learning,
+        frames,
+        NonZero::<usize>::MIN,
+        &mut sink,
+    )?;
     Ok(sink.0)
 }
 
@@ -125,12 +131,7 @@ impl Args {
     pub fn run(&self) -> Outcome {
         let (trials, seed) = (self.trials, self.seed);
         println!("{trials} trials a row, seed {seed}");
-        let table = Table::new([
-            "pattern, protocol",
-            "told",
-            "identity",
-            "orientation",
-        ]);
+        let table = Table::new(["pattern, protocol", "told", "identity", "orientation"]);
         let mut views: Vec<(String, ViewModel)> = ProtocolName::ALL
             .map(|name| (name.to_string(), name.view()))
             .into();
@@ -154,14 +155,18 @@ impl Args {
                     Ok(())
                 };
                 print("the protocol", 200, &|f| fixed(&pattern, f, (*view).into()))?;
-                print("the defaults", 200, &|f| fixed(&pattern, f, RobustConfig::default()))?;
+                print("the defaults", 200, &|f| {
+                    fixed(&pattern, f, RobustConfig::default())
+                })?;
                 for frames in FILES {
                     let told = format!("nothing, learned, frames a file: {frames}");
                     let order = LearningOrder::InAdvance;
                     print(&told, frames, &|f| learned(&pattern, f, order))?;
                 }
                 let told = "nothing, learned as they come, frames a file: 200";
-                print(told, 200, &|f| learned(&pattern, f, LearningOrder::AsTheyCome))?;
+                print(told, 200, &|f| {
+                    learned(&pattern, f, LearningOrder::AsTheyCome)
+                })?;
             }
         }
         Ok(())

@@ -18,7 +18,7 @@ use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
 use spindoe::vision::estimator::{Hypothesis, PoseEvidence, TrustMap};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, NamedDetector};
-use spindoe_studies::frames::{alone, all_conditions, estimator, good_conditions, orientation};
+use spindoe_studies::frames::{all_conditions, alone, estimator, good_conditions, orientation};
 use spindoe_studies::noise::NoiseField;
 use spindoe_studies::pictures::pictures;
 use spindoe_studies::score::{Claim, bins, claimed, share};
@@ -245,7 +245,13 @@ impl Args {
         let sources = Sources::new(own, self.photographs.as_deref())?;
         let estimator = estimator(&sources.own)?;
         println!("{images} images a kind, seed {seed}, table of {own}");
-        let headings = ["images", "answered", "above 0.9", "above 0.99", "of the answers right"];
+        let headings = [
+            "images",
+            "answered",
+            "above 0.9",
+            "above 0.99",
+            "of the answers right",
+        ];
         let table = Table::new(headings);
         for (name, kind) in kinds() {
             let is_wanted = self.kinds.is_empty() || self.kinds.iter().any(|w| name.starts_with(w));
@@ -309,7 +315,10 @@ pub struct ConfidenceArgs {
 impl ConfidenceArgs {
     pub fn run(&self) -> Outcome {
         let (images, seed, shipped) = (self.images, self.seed, EstimatorConfig::default());
-        println!("{images} images for each of {}, seed {seed}", FITTED.join(", "));
+        println!(
+            "{images} images for each of {}, seed {seed}",
+            FITTED.join(", ")
+        );
         let table = Table::new(["images", "claimed", "poses", "mean claim", "right"]);
         let print = |label: &str, shown: &[&Answer]| {
             let claims = shown.iter().map(|a| Claim {
@@ -319,6 +328,9 @@ impl ConfidenceArgs {
             let claims: Vec<Claim> = claims.collect();
             for bin in bins(&EDGES) {
                 let (mean, right) = claimed(&claims, bin);
+                if right.trials == 0 {
+                    continue;
+                }
                 let mean = figure(100.0 * mean, 2, "%");
                 row!(table; label, bin.named(""), right.trials, mean, right);
             }

@@ -113,7 +113,9 @@ fn sequence(seed: u64, file: u64, correct: u32, fps: f64) -> (Vec<Measurement>, 
 /// What each threshold refuses and accepts.
 fn thresholds(files: u64, seed: u64) {
     let fps = 120.0;
-    println!("\n{files} files of {FRAMES} orientations a row at {fps} frames a second, claimed 0.5");
+    println!(
+        "\n{files} files of {FRAMES} orientations a row at {fps} frames a second, claimed 0.5"
+    );
     let table = Table::new([
         "false alarms allowed",
         "correct orientations",

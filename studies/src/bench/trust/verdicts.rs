@@ -99,7 +99,9 @@ impl Args {
         let (frames, seed) = (self.frames, self.seed);
         let designs = DESIGNS.map(|d| PathBuf::from(format!("designs/{d}/pattern.csv")));
         let paths = designs.into_iter().chain(self.patterns.iter().cloned());
-        let tables: Vec<_> = paths.map(CandidateTable::read).collect::<spindoe::Result<_>>()?;
+        let tables: Vec<_> = paths
+            .map(CandidateTable::read)
+            .collect::<spindoe::Result<_>>()?;
         println!(
             "{frames} frames a ball in good conditions, each its own, seed {seed}; no motion helps"
         );
@@ -117,7 +119,10 @@ impl Args {
                 let row = |what: &str, p: Proportion| {
                     row!(table; &tables[ball].name, length, what, p);
                 };
-                row("the right table: it fits", share(&clips, |c| fits(c, &[ball], false)));
+                row(
+                    "the right table: it fits",
+                    share(&clips, |c| fits(c, &[ball], false)),
+                );
                 row(
                     "the right table, mirrored images: named as such",
                     share(&clips, |c| fits(c, &[ball], true)),
