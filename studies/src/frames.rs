@@ -32,7 +32,7 @@ pub struct FrameSet {
 /// What the nets are trained for.
 pub fn all_conditions() -> FrameSet {
     FrameSet {
-        name: "All conditions",
+        name: "all conditions",
         config: SynthConfig::default(),
     }
 }
@@ -40,7 +40,7 @@ pub fn all_conditions() -> FrameSet {
 /// What a user would arrange; balls of 60 px.
 pub fn good_conditions() -> FrameSet {
     FrameSet {
-        name: "Good conditions, 60 px",
+        name: "good conditions, 60 px",
         config: SynthConfig::good(),
     }
 }

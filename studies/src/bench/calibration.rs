@@ -445,7 +445,7 @@ fn report_errors(measured: &[&Measured]) {
 type DotTest = fn(&Dot) -> bool;
 
 fn report_dots(measured: &[&Measured]) {
-    let deg = |square: f64| square.max(0.0).sqrt().to_degrees();
+    let deg = |square: f64| square.sqrt().to_degrees();
     let table = Table::new(["dots", "number", "rms error", "predicted"]);
     let kinds: [(&str, DotTest); 3] = [
         ("all", |_| true),

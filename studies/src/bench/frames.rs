@@ -66,7 +66,7 @@ impl Args {
         println!("{count} frames a table, seed {seed}, {}.", path.display());
         let sets = match &self.config {
             Some(path) => vec![FrameSet {
-                name: "The ranges of the file",
+                name: "the ranges of the file",
                 config: serde_json::from_slice(&files::read_bytes(path)?)?,
             }],
             None => vec![good_conditions(), all_conditions()],
@@ -86,7 +86,7 @@ impl Args {
                     judge,
                 )?);
             }
-            println!("\n### {}", set.name);
+            println!("\n### In {}", set.name);
             let [cnn, blob]: [Vec<Seen>; 2] =
                 [0, 1].map(|k| seen.iter().map(|both| both[k].clone()).collect());
             tables(&cnn);
