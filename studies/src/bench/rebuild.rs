@@ -19,6 +19,9 @@ pub struct Args {
     /// The Python that has PyTorch, and the package of this clone.
     #[arg(long, default_value = "python3")]
     python: PathBuf,
+    /// From nothing: what is up to date, too.
+    #[arg(long)]
+    force: bool,
 }
 
 impl Args {
@@ -36,17 +39,20 @@ impl Args {
             )
             .into());
         }
+        let force = self.force.then_some("--force");
         let status = command()
             .args(["-m", "train", "--out", "../models"])
+            .args(force)
             .status()?;
         if !status.success() {
             return Err(format!("python -m train: {status}").into());
         }
         // The nets are part of the program: what runs from here on is built with the new ones.
-        for step in [&["derive"][..], &["tables", TABLES[0], TABLES[1]]] {
+        let derive = ["derive"].into_iter().chain(force).collect();
+        for step in [derive, vec!["tables", TABLES[0], TABLES[1]]] {
             let status = Command::new(env!("CARGO"))
                 .args(["run", "--release", "-p", "spindoe-studies", "--"])
-                .args(step)
+                .args(&step)
                 .status()?;
             if !status.success() {
                 return Err(format!("bench {}: {status}", step.join(" ")).into());
