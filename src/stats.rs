@@ -171,6 +171,12 @@ pub fn normal_cdf(x: f64) -> f64 {
     0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
 }
 
+/// The density of N(0, 1) at `x`.
+pub fn normal_density(x: f64) -> f64 {
+    use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_SQRT_PI};
+    0.5 * FRAC_2_SQRT_PI * FRAC_1_SQRT_2 * (-0.5 * x * x).exp()
+}
+
 /// The quantile `q` in [0, 1] of values in ascending order, interpolated between neighbors
 /// (definition 7 of R. J. Hyndman, Y. Fan, "Sample quantiles in statistical packages", Am. Stat.
 /// 50, 1996, which NumPy uses too); 0 for none.

@@ -342,6 +342,18 @@ impl BallView {
         Some(seen * self.circle.radius)
     }
 
+    /// The same ball a little farther off the axis, along u and along v.
+    pub(super) fn off_axis(&self, by: f64) -> [Option<Self>; 2] {
+        [Vector2::x(), Vector2::y()].map(|axis| {
+            let mut circle = self.circle;
+            circle.eccentricity += axis * by;
+            let camera = Camera::Near {
+                inverse_distance: self.horizon(),
+            };
+            Self::new(&camera, circle).ok()
+        })
+    }
+
     /// d(pixel of a direction)/d(outline's center u, v and radius): the shift moves all dots alike, the
     /// growth moves them away from the center. The camera's distance stays as it is.
     pub fn by_outline(&self, direction: &Vec3) -> Matrix2x3<f64> {
@@ -431,6 +443,12 @@ impl BallView {
                 covariance: 0.5 * (covariance + covariance.transpose()),
             },
         })
+    }
+
+    /// d(direction)/d(pixel), 3 x 2, along the sphere; `None` at the limb, where a pixel is no direction.
+    pub(super) fn by_pixel(&self, direction: &Vec3) -> Option<Matrix3x2<f64>> {
+        let tangents = Matrix3x2::from_columns(&tangent_frame(direction));
+        Some(tangents * (self.jacobian(direction) * tangents).try_inverse()?)
     }
 
     /// d(pixel)/d(direction), 2 x 3.

@@ -15,6 +15,7 @@
 
 pub mod blob;
 pub mod camera;
+mod cap;
 pub mod circle;
 pub mod dense;
 pub mod derived;

@@ -75,6 +75,12 @@ pub fn orientation(truth: &FrameTruth) -> Rotation {
     UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
 }
 
+/// The true orientation, pattern to camera frame.
+pub fn camera_orientation(truth: &FrameTruth) -> Rotation {
+    let [w, x, y, z] = truth.camera_quaternion_wxyz;
+    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
+}
+
 /// What became of a frame.
 pub fn outcome(found: &FrameEstimate, truth: &FrameTruth) -> FrameOutcome {
     FrameOutcome::of(found, &orientation(truth))

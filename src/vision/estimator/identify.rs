@@ -10,7 +10,7 @@ use nalgebra::Matrix2;
 
 use super::frame::Hypothesis;
 use super::prior::Spending;
-use super::refine;
+use super::refine::{self, Drawn, Refined};
 use super::search::LIKELY_DOT;
 use super::{
     Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, Outline, Pose,
@@ -388,6 +388,7 @@ impl<D: DotDetector> Estimator<D> {
         }
     }
 
+    /// Refines an accepted pose on the detections.
     pub(super) fn refine(
         &self,
         hypothesis: &PoseHypothesis,
@@ -396,30 +397,35 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> std::result::Result<Pose, FrameRejection> {
+        let PoseHypothesis {
+            rotation, camera, ..
+        } = hypothesis;
+        let refined = self
+            .refined(rotation, *camera, outline, Drawn::AsStated, ws, out)
+            .ok_or(FrameRejection::Recognizer(RecognizerRejection::Degenerate))?;
+        out.circle = Some(*refined.view.circle());
+        Ok(refined.pose(hypothesis.dots_confidence, hypothesis.confidence, hinted))
+    }
+
+    /// The orientation (from one in the view frame on) that fits the named dots of a frame best.
+    pub(super) fn refined(
+        &self,
+        rotation: &Rotation,
+        start: Camera,
+        outline: &Outline,
+        drawn: Drawn,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> Option<Refined> {
         let prior = refine::Prior {
             outline: (outline.circle, outline.covariance),
             camera: self.config.camera,
-            start: hypothesis.camera,
+            start,
+            drawn,
         };
         let names = self.ball.pattern().dots();
-        let refined = self
-            .refiner
-            .refine(names, &prior, &hypothesis.rotation, out, &mut ws.matches)
-            .ok_or(FrameRejection::Recognizer(RecognizerRejection::Degenerate))?;
-        out.circle = Some(*refined.view.circle());
-        let turn = refined.view.to_camera();
-        let matrix = turn.to_rotation_matrix();
-        let matrix = matrix.matrix();
-        Ok(Pose {
-            rotation: turn * refined.rotation,
-            covariance: matrix * refined.covariance * matrix.transpose(),
-            dots_confidence: hypothesis.dots_confidence,
-            confidence: hypothesis.confidence,
-            residual_rad: refined.residual_rad,
-            residual_px: refined.residual_px,
-            distance: refined.distance,
-            hinted,
-        })
+        self.refiner
+            .refine(names, &prior, rotation, out, &mut ws.matches)
     }
 }
 

@@ -27,6 +27,8 @@
 //!          which decide to which side of an unknown camera's axis an ellipse lies
 //!                          |
 //!          clear: the answer        else: the next outline, until the budget ends
+//!                 |
+//! pixels   each named dot as a cap in the image itself, and the pose refined on these
 //! ```
 //!
 //! [`circle`](super::circle) finds outlines, [`Patch`] cuts the ball out, a [`DotDetector`] finds dots, [`BallView`] lays them
@@ -55,6 +57,7 @@ mod refine;
 mod search;
 mod sequence;
 mod sequence_view;
+mod sharpen;
 mod shrunk;
 mod tracker;
 mod trust;
@@ -81,9 +84,10 @@ use std::sync::OnceLock;
 use nalgebra::Matrix3;
 
 use super::camera::{BallCircle, BallView, Camera, Intrinsics};
+use super::cap::CapFitter;
 use super::circle::coarse::{CoarseSearch, RoughCircle};
 use super::dense::{DenseMatcher, DenseWorkspace, Heat};
-use super::detect::DotDetector;
+use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
 use super::patch::Patch;
 use crate::ball::Ball;
@@ -151,6 +155,10 @@ pub struct EstimatorWorkspace<W> {
     observed: Vec<ObservedDot>,
     indices: Vec<usize>,
     matches: Vec<Match>,
+    caps: CapFitter,
+    /// The dots of a pose and their names, before they are sharpened.
+    detected: Vec<DotDetection>,
+    named: Vec<Option<u16>>,
 }
 
 /// Standard deviation per tangent axis of what a measured dot's middle does beyond its covariance, radians:
@@ -281,6 +289,9 @@ impl<D: DotDetector> Estimator<D> {
             observed: Vec::with_capacity(EXPECTED_DOTS),
             indices: Vec::with_capacity(EXPECTED_DOTS),
             matches: Vec::with_capacity(EXPECTED_DOTS),
+            caps: CapFitter::default(),
+            detected: Vec::with_capacity(EXPECTED_DOTS),
+            named: Vec::with_capacity(EXPECTED_DOTS),
         }
     }
 

@@ -9,10 +9,22 @@
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2};
 
 use super::config::{CameraDistance, CameraModel};
+use super::frame::Pose;
 use super::{EstimatorConfig, FrameEstimate};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::vision::camera::{BallCircle, BallView, Camera, Pixel};
 
+/// Of the turn, the outline, the distance and the axis.
+const PARAMETERS: usize = 9;
+/// Standard deviation of the eccentricity along either axis of the image, where the outline is a circle and where an ellipse was
+/// fitted: a ball 5 degrees off the axis has 0.087.
+const ECCENTRICITY: [f64; 2] = [0.08, 0.05];
+/// One that stays as it is.
+const FIXED: f64 = 1e-6;
+/// That of a ball far outside any camera's view.
+const MAX_ECCENTRICITY: f64 = 0.9;
+/// Step of the finite differences by the eccentricity.
+const DIFFERENCE: f64 = 1e-4;
 /// Maximum number of steps.
 const STEPS: usize = 12;
 /// A shorter step, radians, ends the iteration.
@@ -23,6 +35,10 @@ const DEGREES: f64 = 5.0;
 const TAKEN_UP: f64 = 3.0;
 /// One farther off than this loses it.
 const DROPPED: f64 = 5.0;
+/// Residuals beyond the fitted parameters from which on a placement is estimated.
+const LEAST_FREE: f64 = 3.0;
+/// The least variance of the placement over the stated one: none that is seen.
+const LEAST_PLACEMENT: f64 = 1e-6;
 /// Minimum number of named dots that fix an orientation.
 const MIN_MATCHES: usize = 2;
 
@@ -44,6 +60,30 @@ pub(super) struct Refined {
     pub residual_px: f64,
 }
 
+impl Refined {
+    /// The pose, in the camera's frame.
+    pub fn pose(&self, dots_confidence: f64, confidence: f64, hinted: bool) -> Pose {
+        let turn = self.view.to_camera();
+        let matrix = turn.to_rotation_matrix();
+        let matrix = matrix.matrix();
+        Pose {
+            rotation: turn * self.rotation,
+            covariance: matrix * self.covariance * matrix.transpose(),
+            dots_confidence,
+            confidence,
+            residual_rad: self.residual_rad,
+            residual_px: self.residual_px,
+            distance: self.distance,
+            hinted,
+        }
+    }
+
+    /// The same pose, refined.
+    pub fn of(&self, pose: &Pose) -> Pose {
+        self.pose(pose.dots_confidence, pose.confidence, pose.hinted)
+    }
+}
+
 /// The refinement's settings.
 #[derive(Debug, Clone)]
 pub(super) struct Refiner {
@@ -56,7 +96,9 @@ pub(super) struct Refiner {
 struct State {
     view: BallView,
     rotation: Rotation,
-    information: SMatrix<f64, 7, 7>,
+    information: SMatrix<f64, PARAMETERS, PARAMETERS>,
+    /// Variance of the placement over the stated one.
+    placement: f64,
     /// Minus two log-likelihoods of all that is fitted.
     cost: f64,
 }
@@ -70,6 +112,16 @@ pub(super) struct Prior {
     pub camera: CameraModel,
     /// Where the search for the distance starts: the camera under which the dots are identified.
     pub start: Camera,
+    pub drawn: Drawn,
+}
+
+/// How far the dots of a ball are believed to lie from where its placement has them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Drawn {
+    /// As far as it states.
+    AsStated,
+    /// As far as they are seen to, at most as it states.
+    AsSeen,
 }
 
 /// How far the drawn dots may lie from the pattern's.
@@ -208,11 +260,13 @@ impl Refiner {
             view: BallView::new(&camera, *circle).ok()?,
             rotation: *rotation,
             information: SMatrix::zeros(),
+            placement: 1.0,
             cost: f64::INFINITY,
         };
         for _ in 0..STEPS {
-            let mut information = SMatrix::<f64, 7, 7>::zeros();
-            let mut gradient = SVector::<f64, 7>::zeros();
+            let mut spread = Spread::default();
+            let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+            let mut gradient = SVector::<f64, PARAMETERS>::zeros();
             information
                 .fixed_view_mut::<3, 3>(3, 3)
                 .copy_from(&of_outline);
@@ -229,19 +283,32 @@ impl Refiner {
                     let away = known.inverse_distance - state.view.horizon();
                     gradient[6] = away / known.sigma.powi(2);
                     cost += (away / known.sigma).powi(2);
+                    // Dots that may lie anywhere about their places say nothing of the axis.
+                    let sigma = match prior.drawn {
+                        Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
+                        Drawn::AsStated => FIXED,
+                    };
+                    let away = circle.eccentricity - now.eccentricity;
+                    for k in 0..2 {
+                        information[(7 + k, 7 + k)] = sigma.powi(-2);
+                        gradient[7 + k] = away[k] / sigma.powi(2);
+                    }
+                    cost += away.norm_squared() / sigma.powi(2);
                 }
-                // No dot depends on it: it stays where it is.
-                CameraModel::Known(_) => information[(6, 6)] = 1.0,
+                // No dot depends on these: they stay where they are.
+                CameraModel::Known(_) => (6..PARAMETERS).for_each(|k| information[(k, k)] = 1.0),
             }
+            let known = information;
             for m in matches {
                 let dot = &frame.dots[m.detection];
                 let name = usize::from(m.name);
                 let expected = state.rotation * names[name];
                 let hand = self.placement.covariance(name, &state.rotation, &expected);
+                let hand = hand * state.placement;
                 let (mut by_parameters, inverse, residual) =
                     residual(&state.view, &expected, dot.pixel, &dot.covariance, &hand)?;
                 if matches!(prior.camera, CameraModel::Known(_)) {
-                    by_parameters.column_mut(6).fill(0.0);
+                    by_parameters.fixed_columns_mut::<3>(6).fill(0.0);
                 }
                 let distance = residual.dot(&(inverse * residual));
                 let weight = (DEGREES + 2.0) / (DEGREES + distance);
@@ -249,8 +316,18 @@ impl Refiner {
                 let weighted = by_parameters.transpose() * inverse * weight;
                 information += weighted * by_parameters;
                 gradient += weighted * residual;
+                if prior.drawn == Drawn::AsSeen {
+                    let by_direction = state.view.jacobian(&expected);
+                    let hand = by_direction * hand * by_direction.transpose();
+                    spread.add(&(inverse * hand), &(inverse * residual), &hand, weight);
+                }
             }
-            let step = information.cholesky()?.solve(&gradient);
+            let factor = information.cholesky()?;
+            let step = factor.solve(&gradient);
+            if prior.drawn == Drawn::AsSeen {
+                let held = (factor.inverse() * known).trace();
+                state.placement = spread.scaled(state.placement, PARAMETERS as f64 - held);
+            }
             let turn = step.fixed_rows::<3>(0).into_owned();
             let turned = Rotation::from_scaled_axis(turn) * state.rotation;
             state.rotation = Rotation::new_normalize(turned.into_inner());
@@ -260,7 +337,7 @@ impl Refiner {
                     v: now.center.v + step[4],
                 },
                 radius: now.radius + step[5],
-                ..now
+                eccentricity: bounded(now.eccentricity + step.fixed_rows::<2>(7)),
             };
             if let CameraModel::Unknown(_) = prior.camera {
                 let at = state.view.horizon() + step[6];
@@ -289,6 +366,7 @@ impl Refiner {
             let dot = &frame.dots[detection];
             let expected = state.rotation * names[name];
             let hand = self.placement.covariance(name, &state.rotation, &expected);
+            let hand = hand * state.placement;
             match residual(&state.view, &expected, dot.pixel, &dot.covariance, &hand) {
                 Some((_, inverse, residual)) => residual.dot(&(inverse * residual)),
                 None => f64::INFINITY,
@@ -323,6 +401,42 @@ impl Refiner {
     }
 }
 
+/// What the residuals say of the placement's variance `t`, by the restricted likelihood's fixed point
+/// `t -> t sum e^T S^-1 P S^-1 e / sum tr(S^-1 P)` (D. Harville, JASA 72, 1977), `P` its part of the dots' covariances `S`.
+#[derive(Debug, Clone, Copy, Default)]
+struct Spread {
+    seen: f64,
+    expected: f64,
+    residuals: f64,
+}
+
+impl Spread {
+    /// A dot: `S^-1 P`, `S^-1 e`, `P` and its weight.
+    fn add(
+        &mut self,
+        share: &Matrix2<f64>,
+        pull: &Vector2<f64>,
+        placement: &Matrix2<f64>,
+        weight: f64,
+    ) {
+        self.seen += weight * pull.dot(&(placement * pull));
+        self.expected += share.trace();
+        self.residuals += 2.0;
+    }
+
+    /// The variance over the stated one, from the one in use and the number of fitted parameters: its mean where its
+    /// logarithm may be anything, at most the stated one.
+    fn scaled(&self, now: f64, fitted: f64) -> f64 {
+        let free = self.residuals - fitted;
+        if free <= LEAST_FREE {
+            return 1.0;
+        }
+        let expected = self.expected * free / self.residuals;
+        let mean = free / (free - 2.0);
+        (now * mean * self.seen / expected).clamp(LEAST_PLACEMENT, 1.0)
+    }
+}
+
 /// Derivative by (turn, outline, inverse distance), inverse covariance, and residual of a dot
 /// whose place has the covariance `placement` (view frame).
 fn residual(
@@ -331,13 +445,13 @@ fn residual(
     pixel: Pixel,
     covariance: &Matrix2<f64>,
     placement: &Matrix3<f64>,
-) -> Option<(SMatrix<f64, 2, 7>, Matrix2<f64>, Vector2<f64>)> {
+) -> Option<(SMatrix<f64, 2, PARAMETERS>, Matrix2<f64>, Vector2<f64>)> {
     let by_direction: Matrix2x3<f64> = view.jacobian(expected);
     let hand = by_direction * placement * by_direction.transpose();
     let inverse = (covariance + hand).try_inverse()?;
     let at = view.project(expected);
     let BallCircle { center, radius, .. } = *view.circle();
-    let mut by_parameters = SMatrix::<f64, 2, 7>::zeros();
+    let mut by_parameters = SMatrix::<f64, 2, PARAMETERS>::zeros();
     // d(R d) = x cross R d.
     by_parameters
         .fixed_view_mut::<2, 3>(0, 0)
@@ -350,8 +464,20 @@ fn residual(
         .copy_from(&(offset(at, center) / radius));
     if let Some(rate) = view.by_inverse_distance(expected) {
         by_parameters.fixed_view_mut::<2, 1>(0, 6).copy_from(&rate);
+        for (k, moved) in view.off_axis(DIFFERENCE).iter().enumerate() {
+            let rate = offset(moved.as_ref()?.project(expected), at) / DIFFERENCE;
+            by_parameters
+                .fixed_view_mut::<2, 1>(0, 7 + k)
+                .copy_from(&rate);
+        }
     }
     Some((by_parameters, inverse, offset(pixel, at)))
+}
+
+/// An eccentricity that an outline can have.
+fn bounded(eccentricity: Vector2<f64>) -> Vector2<f64> {
+    let length = eccentricity.norm();
+    eccentricity * (MAX_ECCENTRICITY / length.max(MAX_ECCENTRICITY))
 }
 
 /// From `b` to `a`, pixels.

@@ -54,7 +54,7 @@ pub(super) struct Images {
     part_gray: GrayImage,
     part_color: RgbImage,
     /// Gray of a part in colors.
-    gray: GrayImage,
+    pub gray: GrayImage,
 }
 
 /// A part of a frame, converted.
@@ -138,6 +138,7 @@ impl<D: DotDetector> Estimator<D> {
         if out.outcome.is_err() && !is_mirrored(out) && ws.spending.is_late() {
             out.outcome = Err(FrameRejection::OutOfTime);
         }
+        self.sharpen(image, ws, out);
     }
 
     /// Finds the ball, unless its outline is given, and the dots on it.

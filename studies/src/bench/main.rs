@@ -12,6 +12,7 @@ mod derive;
 mod detection_limit;
 mod frames;
 mod latency;
+mod limit;
 mod mirror;
 mod noise;
 mod objectives;
@@ -60,6 +61,8 @@ enum Command {
     Residuals(residuals::Args),
     /// What degraded images cost.
     Robustness(robustness::Args),
+    /// How near orientations come to what the pixels hold.
+    Limit(limit::Args),
     /// How often images that show no ball are answered.
     Noise(noise::Args),
     /// How often a flipped camera is told apart.
@@ -120,6 +123,7 @@ fn main() -> Outcome {
         Command::DetectionLimit(args) => args.run(),
         Command::Residuals(args) => args.run(),
         Command::Robustness(args) => args.run(),
+        Command::Limit(args) => args.run(),
         Command::Noise(args) => args.run(),
         Command::Mirror(args) => args.run(),
         Command::Sequences(args) => args.run(),
