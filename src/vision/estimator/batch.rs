@@ -10,7 +10,7 @@ use std::num::NonZero;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use super::shrunk::MAX_THOROUGH;
+use super::propose::MAX_THOROUGH;
 use super::{
     Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameInDoubt, FrameRejection,
     OutlinePrior, Prior, SequenceConfig, SequenceSummary, estimate_spin, second_pass,

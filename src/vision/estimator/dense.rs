@@ -41,7 +41,7 @@ impl<D: DotDetector> Estimator<D> {
             out.circle = out.outline.map(|o| o.circle);
             out.assignment.fill(None);
         }
-        out.timings.identify += begun.elapsed();
+        ws.spending.timings.identify += begun.elapsed();
     }
 
     fn match_densely(
@@ -68,7 +68,6 @@ impl<D: DotDetector> Estimator<D> {
         self.name_dots(&view, &found.rotation, &out.dots, &mut out.assignment);
         self.observe(self.config.dot_confidence[1], &view, ws, &out.dots);
         ws.spending.runs += 1;
-        out.attempts = ws.spending.runs;
         let rotation = view.to_camera() * found.rotation;
         let agrees = |h: &Hypothesis| h.rotation.angle_to(&rotation) < DISAGREEMENT;
         let recognized = out.hypotheses[0].filter(agrees);

@@ -154,7 +154,7 @@ pub struct FrameEstimate {
     pub assignment: Vec<Option<u16>>,
     /// The orientation, or why there is none.
     pub outcome: std::result::Result<Pose, FrameRejection>,
-    /// Time taken.
+    /// Time taken, for all outlines that were tried.
     pub timings: Timings,
     /// Runs of the recognizer on other outlines of this frame.
     pub(super) earlier_attempts: usize,
@@ -169,9 +169,12 @@ pub struct FrameEstimate {
 /// What an outline is worth before the dots within it are seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum Standing {
-    /// It is given, or the likeliest of a thorough search.
+    /// It is given, or the likeliest of a thorough search: any pose of its dots is the ball's.
     #[default]
     Likely,
+    /// One of many that may be anything, whose dots came near to an answer: other outlines about it are tried, too. It is the
+    /// ball's where the dots make that evident.
+    Promising,
     /// One of many that may be anything: it is the ball's where its dots make that evident.
     Doubtful,
 }

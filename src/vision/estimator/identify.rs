@@ -120,6 +120,7 @@ impl<D: DotDetector> Estimator<D> {
             ..Budget::default()
         });
         self.identify(Detections::All, ws, out);
+        (out.attempts, out.timings) = (ws.spending.runs, ws.spending.timings);
     }
 
     /// The same within what may be spent on the frame in hand.
@@ -145,7 +146,7 @@ impl<D: DotDetector> Estimator<D> {
                 *rejection = FrameRejection::TooBlurred { edge_width };
             }
         }
-        out.timings.identify = begun.elapsed();
+        ws.spending.timings.identify += begun.elapsed();
     }
 
     /// Weighs the dots with an expected orientation, where alone they have none or another one. An orientation that they
@@ -182,7 +183,7 @@ impl<D: DotDetector> Estimator<D> {
                 out.assignment.fill(None);
             }
         }
-        out.timings.identify += begun.elapsed();
+        ws.spending.timings.identify += begun.elapsed();
     }
 
     /// Identifies under each hypothesis of the camera's distance, at first the likely detections, then all, until a pose is clear.
@@ -231,7 +232,6 @@ impl<D: DotDetector> Estimator<D> {
                 // What the mirror explains beyond doubt, other dots or another distance may still
                 // explain by accident.
                 if let Err(MIRRORED) = found {
-                    out.attempts = attempts;
                     ws.spending.runs = attempts;
                     return Err(MIRRORED);
                 }
@@ -256,7 +256,6 @@ impl<D: DotDetector> Estimator<D> {
                 }
             }
         }
-        out.attempts = attempts;
         ws.spending.runs = attempts;
         // What is expected was not chosen among many: only the runs that weigh it count.
         let mut best = best?.discounted(match hint {

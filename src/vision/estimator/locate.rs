@@ -12,9 +12,12 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Outline;
 use super::config::OutlineMethod;
-use crate::image::{GrayImage, ImageView};
+use super::propose::Place;
+use super::search::Crop;
+use crate::image::{GrayImage, ImageView, RgbImage};
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity};
+use crate::vision::grid::Grid;
 use crate::vision::net::outline::{NetOutline, OutlineNet, OutlineWorkspace};
 
 /// An outline of the edges with this support and this part of it in the image needs no judge.
@@ -55,6 +58,20 @@ pub(super) struct Candidate {
     pub shape: Shape,
 }
 
+impl Candidate {
+    /// An outline of the frame's pixels that is known.
+    fn given(outline: &Outline, grid: &Grid) -> Self {
+        Self {
+            outline: Outline {
+                circle: grid.circle_to_part(&outline.circle),
+                covariance: outline.covariance / (grid.side * grid.side),
+            },
+            fit: None,
+            shape: Shape::Free,
+        }
+    }
+}
+
 impl From<BallFit> for Candidate {
     fn from(fit: BallFit) -> Self {
         Self {
@@ -65,15 +82,18 @@ impl From<BallFit> for Candidate {
     }
 }
 
-/// Finds the ball; keeps its memory from image to image.
+/// Finds the ball's outline at a place, and others that it may be; keeps its memory from image to image.
 #[derive(Debug)]
 pub(super) struct Locator {
     finder: BallFinder,
     net: OutlineWorkspace,
     /// All that were given out.
     candidates: Vec<Candidate>,
-    /// The edges' own outline, where the net contradicts it, and the circle in its place, where it is an ellipse.
-    contested: [Option<Candidate>; 2],
+    /// Those that come next whatever the dots show: the likeliest, or the circle in the place of an ellipse; the edges' own
+    /// outline, where the net contradicts it; the circle, where that is an ellipse.
+    waiting: [Option<Candidate>; 3],
+    /// Circles of the edges that were looked at, once as the net sees them and once as they are.
+    tried: usize,
     /// The circle that is tried after all others: that of a crop, or the rough one.
     last: BallCircle,
 }
@@ -84,7 +104,8 @@ impl Locator {
             finder: BallFinder::new(config),
             net: OutlineWorkspace::default(),
             candidates: Vec::with_capacity(MAX_CANDIDATES),
-            contested: [None; 2],
+            waiting: [None; 3],
+            tried: 0,
             last: BallCircle::new(Pixel::default(), 0.0),
         }
     }
@@ -94,60 +115,51 @@ impl Locator {
         self.finder.color_contrast()
     }
 
-    /// The likeliest outline; others follow by [`Locator::other`].
-    pub fn find(
+    /// Looks for outlines at a place in a crop of the frame: [`Locator::next`] has them.
+    pub fn begin(
         &mut self,
-        gray: &GrayImage,
-        image: ImageView<'_>,
+        crop: &Crop<'_>,
+        place: &Place,
         net: Option<&OutlineNet>,
-    ) -> Result<Candidate, NoBall> {
-        self.last = inscribed(gray);
+    ) -> Result<(), NoBall> {
+        self.candidates.clear();
+        self.waiting = [None; 3];
+        self.tried = 0;
+        let gray = crop.gray;
+        let color = match crop.image {
+            ImageView::Color(color) => Some(color),
+            ImageView::Gray(_) | ImageView::Raw(_) => None,
+        };
+        let found = match place {
+            Place::Known(outline) => {
+                self.waiting[0] = Some(Candidate::given(outline, &crop.grid));
+                self.tried = TRIES;
+                return Ok(());
+            }
+            Place::Near(circle) => {
+                self.last = crop.grid.circle_to_part(circle);
+                self.finder.find_near(gray, color, &self.last)
+            }
+            Place::Within(_) => {
+                self.last = inscribed(gray);
+                self.find(gray, color)
+            }
+        };
+        self.waiting[0] = Some(self.choose(gray, found, net)?);
+        Ok(())
+    }
+
+    /// The edges' outline of a ball anywhere.
+    fn find(&mut self, gray: &GrayImage, color: Option<&RgbImage>) -> Result<BallFit, NoBall> {
         // A crop that the ball fills has no room for another: where its edges show it whole, they are not searched for.
         let longer = gray.width().max(gray.height());
         let is_ball = |fit: &BallFit| is_whole(fit) && fit.circle.radius >= FILLED * longer as f64;
         let near = (longer <= CROP).then(|| self.finder.find_near(gray, None, &self.last));
-        let found = match (near, image) {
+        match (near, color) {
             (Some(Ok(fit)), _) if is_ball(&fit) => Ok(fit),
-            (_, ImageView::Color(color)) => self.finder.find_in_color(gray, color),
-            (_, ImageView::Gray(_) | ImageView::Raw(_)) => self.finder.find(gray),
-        };
-        self.choose(gray, found, net)
-    }
-
-    /// The likeliest outline of a ball near a circle; others follow by [`Locator::other`].
-    pub fn find_near(
-        &mut self,
-        gray: &GrayImage,
-        image: ImageView<'_>,
-        rough: &BallCircle,
-        net: Option<&OutlineNet>,
-    ) -> Result<Candidate, NoBall> {
-        self.last = *rough;
-        let color = match image {
-            ImageView::Color(color) => Some(color),
-            ImageView::Gray(_) | ImageView::Raw(_) => None,
-        };
-        let found = self.finder.find_near(gray, color, rough);
-        self.choose(gray, found, net)
-    }
-
-    /// All outlines that are worth trying, the likeliest first.
-    pub fn outlines(
-        &mut self,
-        gray: &GrayImage,
-        image: ImageView<'_>,
-        net: Option<&OutlineNet>,
-        out: &mut Vec<BallCircle>,
-    ) -> Result<(), NoBall> {
-        out.reserve(MAX_CANDIDATES);
-        let first = self.find(gray, image, net);
-        out.extend(first.iter().map(|c| c.outline.circle));
-        out.extend(std::iter::from_fn(|| self.contested()).map(|c| c.outline.circle));
-        let mut start = 0;
-        while let Some(candidate) = self.other(gray, net, &mut start) {
-            out.push(candidate.outline.circle);
+            (_, Some(color)) => self.finder.find_in_color(gray, color),
+            (_, None) => self.finder.find(gray),
         }
-        first.map(|_| ())
     }
 
     /// The first outline to try: the edges' where they show it whole, else the net's.
@@ -157,13 +169,11 @@ impl Locator {
         found: Result<BallFit, NoBall>,
         net: Option<&OutlineNet>,
     ) -> Result<Candidate, NoBall> {
-        self.candidates.clear();
-        self.contested = [None; 2];
         if let Ok(fit) = found
             && fit.circle.is_ellipse()
         {
             let circle = self.finder.circle_at(&fit.circle);
-            self.contested[1] = circle.map(|fit| Candidate {
+            self.waiting[2] = circle.map(|fit| Candidate {
                 shape: Shape::Circle,
                 ..Candidate::from(fit)
             });
@@ -176,36 +186,41 @@ impl Locator {
         // A crop shows the ball in its middle.
         let last = self.last;
         let candidate = candidate.or_else(|| self.see(gray, &last, net?));
-        let candidate = candidate.ok_or(match found {
+        candidate.ok_or(match found {
             Err(why) => why,
             Ok(fit) => NoBall::NoCircle {
                 support: fit.support,
             },
-        })?;
-        self.candidates.push(candidate);
-        Ok(candidate)
+        })
     }
 
-    /// The edges' own outline, where the net contradicts it or sees nothing, then the circle in the place of an ellipse: the
-    /// dots tell whether it is the ball's.
-    pub fn contested(&mut self) -> Option<Candidate> {
-        let candidate = self.contested.iter_mut().find_map(Option::take)?;
-        self.candidates.push(candidate);
-        Some(candidate)
+    /// The circle in the place of the ellipse that the last outline became: it comes next.
+    pub fn add_circle(&mut self, circle: Candidate) {
+        self.waiting[0] = Some(circle);
     }
 
-    /// The next outline that is worth trying where those before show no dots that can be identified;
-    /// `start` counts the circles that were looked at and moves on.
-    pub fn other(
+    /// The next outline to try. Those that are worth it only where all before show no dots that can be identified come
+    /// where `is_open`.
+    pub fn next(
         &mut self,
         gray: &GrayImage,
         net: Option<&OutlineNet>,
-        start: &mut usize,
+        is_open: bool,
     ) -> Option<Candidate> {
-        while *start < TRIES {
-            let (k, is_judged) = (*start / 2, start.is_multiple_of(2));
-            *start += 1;
-            // After all circles comes the one that a crop suggests.
+        let waiting = self.waiting.iter_mut().find_map(Option::take);
+        let candidate = match waiting {
+            None if is_open => self.other(gray, net),
+            waiting => waiting,
+        };
+        self.candidates.extend(candidate);
+        candidate
+    }
+
+    /// One of the other circles of the edges, as the net sees it or as it is; after all circles the one that a crop suggests.
+    fn other(&mut self, gray: &GrayImage, net: Option<&OutlineNet>) -> Option<Candidate> {
+        while self.tried < TRIES {
+            let (k, is_judged) = (self.tried / 2, self.tried.is_multiple_of(2));
+            self.tried += 1;
             let fit = match k < BallFinder::MAX_OTHERS {
                 true => self.finder.others().nth(k),
                 false => None,
@@ -214,7 +229,7 @@ impl Locator {
                 (Some(fit), Some(net)) if is_judged => self.see(gray, &fit.circle, net),
                 (Some(fit), _) => Some(fit.into()),
                 (None, Some(net)) => {
-                    *start = TRIES;
+                    self.tried = TRIES;
                     let last = self.last;
                     self.see(gray, &last, net)
                 }
@@ -222,7 +237,6 @@ impl Locator {
             };
             let is_new = |c: &Candidate| self.candidates.iter().all(|known| !is_same(known, c));
             if let Some(candidate) = candidate.filter(is_new) {
-                self.candidates.push(candidate);
                 return Some(candidate);
             }
         }
@@ -234,7 +248,7 @@ impl Locator {
         let own = Candidate::from(*fit);
         let seen = self.see(gray, &fit.circle, net);
         if seen.is_none_or(|seen| !is_same(&own, &seen)) {
-            self.contested[0] = Some(own);
+            self.waiting[1] = Some(own);
         }
         seen
     }

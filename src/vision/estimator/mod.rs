@@ -42,7 +42,6 @@
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
 
-mod acquire;
 mod batch;
 mod config;
 mod dense;
@@ -52,13 +51,13 @@ mod locate;
 mod orientations;
 mod path;
 mod prior;
+mod propose;
 mod recenter;
 mod refine;
 mod search;
 mod sequence;
 mod sequence_view;
 mod sharpen;
-mod shrunk;
 mod tracker;
 mod trust;
 
@@ -83,9 +82,8 @@ use std::sync::OnceLock;
 
 use nalgebra::Matrix3;
 
-use super::camera::{BallCircle, BallView, Camera, Intrinsics};
+use super::camera::{BallView, Camera, Intrinsics};
 use super::cap::CapFitter;
-use super::circle::coarse::{CoarseSearch, RoughCircle};
 use super::dense::{DenseMatcher, DenseWorkspace, Heat};
 use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
@@ -98,8 +96,9 @@ use crate::recognize::Recognizer;
 use crate::recognize::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
 use crate::view::{FalseDots, ObservedDot, ViewModel};
 use identify::{CLEAR, DISAGREEMENT, PROMISING, is_mirrored};
-use locate::{Candidate, Locator};
+use locate::Locator;
 use prior::Spending;
+use propose::Places;
 use recenter::{Recentered, Recentering};
 use refine::{Match, Placement, Refiner};
 use search::Images;
@@ -125,25 +124,15 @@ pub struct Estimator<D> {
 #[derive(Debug)]
 pub struct EstimatorWorkspace<W> {
     images: Images,
-    coarse: CoarseSearch,
-    /// For smaller balls.
-    fine: CoarseSearch,
-    /// The circles of the coarse search.
-    rough: Vec<RoughCircle>,
-    /// Circles of a picture that was searched at a smaller scale.
-    shrunk: Vec<BallCircle>,
-    /// The first of several circles, none of which is a ball by its dots.
-    best: FrameEstimate,
-    /// An estimate for another outline.
-    other: FrameEstimate,
-    /// One farther from where the ball is expected.
-    farther: FrameEstimate,
+    places: Places,
+    /// The estimate at a place.
+    there: FrameEstimate,
+    /// That for an outline there.
+    within: FrameEstimate,
     spending: Spending,
     locator: Locator,
     /// Only where the camera's intrinsics are known.
     recentering: Recentering,
-    /// The last outline as a circle, where it became an ellipse.
-    round: Option<Candidate>,
     /// How the ball of the last patch was recentered.
     recentered: Option<Recentered>,
     patch: Patch,
@@ -269,17 +258,12 @@ impl<D: DotDetector> Estimator<D> {
     pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
         EstimatorWorkspace {
             images: Images::default(),
-            coarse: CoarseSearch::default(),
-            fine: CoarseSearch::default(),
-            rough: Vec::new(),
-            shrunk: Vec::new(),
-            best: FrameEstimate::with_capacity(),
-            other: FrameEstimate::with_capacity(),
-            farther: FrameEstimate::with_capacity(),
+            places: Places::default(),
+            there: FrameEstimate::with_capacity(),
+            within: FrameEstimate::with_capacity(),
             spending: Spending::default(),
             locator: Locator::new(self.config.circle),
             recentering: Recentering::new(self.config.circle),
-            round: None,
             recentered: None,
             patch: Patch::default(),
             detector: self.detector.workspace(),

@@ -5,7 +5,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::Outline;
+use super::{Outline, Timings};
 use crate::image::Roi;
 use crate::recognize::Hint;
 use crate::vision::camera::BallCircle;
@@ -128,6 +128,7 @@ pub(super) struct Spending {
     pub budget: Budget,
     /// Runs of the recognizer, those before included.
     pub runs: usize,
+    pub timings: Timings,
 }
 
 impl Default for Spending {
@@ -141,6 +142,7 @@ impl Spending {
         Self {
             runs: budget.spent,
             budget,
+            timings: Timings::default(),
         }
     }
 

@@ -1,51 +1,33 @@
-//! A frame's way from pixels to an answer: outlines are tried, the likeliest first, until the dots are
-//! clear.
-//!
-//! The ball may be looked for in a whole image, in a part of it, or near a circle that is known roughly:
-//! then its surroundings are cut out and nothing else is looked at. In a large image [rough circles](super::acquire)
-//! are tried first; the thorough search follows only where none of
-//! them is a ball by its dots, in very large images [at a smaller scale](super::shrunk).
+//! A frame's way from pixels to an answer: [places](super::propose) are tried, and [outlines](super::locate) at each, the likeliest
+//! first, until the dots are clear or the budget is spent.
 //!
 //! Guarantees: outlines and dots are given in the pixels of the whole image, whatever part of it was
 //! looked at. An outline beside the first needs a clear pose by dots that are likely ones.
 
 use std::time::Instant;
 
-use super::acquire::Hunt;
 use super::frame::Standing;
 use super::identify::Detections;
 use super::locate::{Candidate, Shape};
-use super::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth, Spending};
-use super::shrunk::MAX_THOROUGH;
+use super::prior::{Budget, OutlinePrior, Prior, Spending};
+use super::propose::{Place, Proposal};
 use super::{
-    CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, Outline,
+    CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection,
     OutlineSource, PROMISING, Pose, is_mirrored,
 };
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
-use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::camera::Pixel;
 use crate::vision::circle::NoBall;
 use crate::vision::detect::DotDetector;
 use crate::vision::grid::Grid;
 
-/// A ball that is not where it is expected is looked for within so many radii, if it may be so far off.
-pub(super) const NEARBY: f64 = 4.5;
-/// An outline with this support of the edges is a ball's.
-pub(super) const WHOLE: f64 = 0.9;
 /// Confidence of a detection that is more likely a dot than not.
 pub(super) const LIKELY_DOT: f64 = 0.5;
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
 const MIN_LIKELY_DOTS: usize = 5;
 /// Poses from here on are all but certain.
 const CERTAIN: f64 = 0.99;
-/// What is cut out around a rough circle, in radii: what the net for outlines sees, and a rough circle's error.
-const SURROUNDINGS: f64 = 1.8;
-/// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.
-const MAX_NEAR: f64 = 250.0;
-/// Images with a longer side beyond this, pixels, are searched at a coarse scale first.
-pub(super) const LARGE: usize = 240;
-/// How much finer a very large image is searched: for balls of 40 pixels in one of 3840 x 2160.
-const HALVINGS: u32 = 2;
 
 /// The images that a frame is converted into; their memory is reused.
 #[derive(Debug, Default)]
@@ -59,7 +41,7 @@ pub(super) struct Images {
 
 /// A part of a frame, converted.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct View<'a> {
+pub(super) struct Crop<'a> {
     pub image: ImageView<'a>,
     pub gray: &'a GrayImage,
     /// Where its pixels lie in the frame.
@@ -68,8 +50,8 @@ pub(super) struct View<'a> {
     pub size: [usize; 2],
 }
 
-impl View<'_> {
-    /// The middle of the frame, in pixels of the view.
+impl Crop<'_> {
+    /// The middle of the frame, in pixels of the crop.
     fn middle(&self) -> Pixel {
         let [width, height] = self.size.map(|s| 0.5 * (s as f64 - 1.0));
         self.grid.pixel_to_part(Pixel {
@@ -77,22 +59,6 @@ impl View<'_> {
             v: height,
         })
     }
-}
-
-/// How often a length is halved until it is no more than another.
-pub(super) fn level_of(length: f64, most: f64) -> u32 {
-    (length / most).log2().ceil().max(0.0) as u32
-}
-
-/// Where the outline is looked for.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Place<'a> {
-    /// It is known, in the frame's pixels.
-    Known(&'a Outline),
-    /// It is near a circle, in the frame's pixels.
-    Near(&'a BallCircle),
-    /// It is anywhere in the view.
-    Anywhere,
 }
 
 impl<D: DotDetector> Estimator<D> {
@@ -110,38 +76,45 @@ impl<D: DotDetector> Estimator<D> {
     ) {
         let image = image.into();
         ws.spending = Spending::of(*budget);
-        if prior.follows == Follows::Nothing {
-            ws.coarse.forget();
-            ws.fine.forget();
+        out.clear();
+        let (width, height) = (image.width(), image.height());
+        let region = prior.region.unwrap_or(Roi::whole(width, height));
+        let region = region.cut(width, height);
+        let is_wide = |r: &Roi| r.width.min(r.height) >= self.min_side();
+        if prior.outline.is_none() && !region.is_some_and(|r| is_wide(&r)) {
+            let (width, height) = region.map_or((0, 0), |r| (r.width, r.height));
+            out.outcome = Err(FrameRejection::NoBall(NoBall::TooSmall { width, height }));
+            return;
         }
-        let hint = prior.rotation.as_ref();
-        let outline = prior.outline.as_ref();
-        let region = match prior.region {
-            Some(region) => region.cut(image.width(), image.height()),
-            None => Roi::whole(image.width(), image.height()).cut(image.width(), image.height()),
-        };
-        match (outline.map(|o| (o, o.believed())), region) {
-            (Some((_, Some(known))), _) => self.estimate_known(image, &known, hint, ws, out),
-            (Some((expected, None)), region) => {
-                self.estimate_expected(image, expected, region.as_ref(), hint, ws, out);
-            }
-            (None, Some(region)) if region.width.min(region.height) >= self.min_side() => {
-                self.estimate_region(image, &region, hint, ws, out);
-            }
-            (None, region) => {
-                out.clear();
-                let (width, height) = region.map_or((0, 0), |r| (r.width, r.height));
-                out.outcome = Err(FrameRejection::NoBall(NoBall::TooSmall { width, height }));
+        let mut places = std::mem::take(&mut ws.places);
+        let mut there = std::mem::take(&mut ws.there);
+        places.plan(&image, region.filter(is_wide), prior, budget);
+        let mut is_answered = false;
+        while !is_answered && let Some(proposal) = self.next_place(&image, out, &mut places, ws) {
+            self.try_place(image, &proposal, prior.rotation.as_ref(), ws, &mut there);
+            places.learn(&proposal, &there);
+            is_answered = is_answer(&there, proposal.standing);
+            // What is expected, or else the likeliest place, says why there is no answer.
+            let is_open = out.outline.is_none() || prior.outline.is_none();
+            if is_answered || (is_open && is_nearer(&there, out, proposal.standing)) {
+                std::mem::swap(&mut there, out);
             }
         }
-        out.attempts = ws.spending.runs;
+        if !is_answered {
+            // A pose that the dots do not make evident is no answer.
+            out.reject_pose();
+        }
+        (ws.places, ws.there) = (places, there);
+        (out.attempts, out.timings) = (ws.spending.runs, ws.spending.timings);
         if out.outcome.is_err() && !is_mirrored(out) && ws.spending.is_late() {
             out.outcome = Err(FrameRejection::OutOfTime);
+        } else if out.outcome == Err(FrameRejection::NotProcessed) {
+            out.outcome = Err(FrameRejection::NoBall(NoBall::NoCircle { support: 0.0 }));
         }
         self.sharpen(image, ws, out);
     }
 
-    /// Finds the ball, unless its outline is given, and the dots on it.
+    /// Finds the ball, unless its outline is given, and the dots on it; identifies none.
     pub fn detect<'a>(
         &self,
         image: impl Into<ImageView<'a>>,
@@ -151,16 +124,18 @@ impl<D: DotDetector> Estimator<D> {
     ) {
         let image = image.into();
         ws.spending = Spending::default();
-        let known = outline.and_then(OutlinePrior::believed);
-        let place = match (&known, outline) {
-            (Some(known), _) => Place::Known(known),
-            (None, Some(expected)) => Place::Near(&expected.circle),
-            (None, None) => Place::Anywhere,
-        };
         let whole = Roi::whole(image.width(), image.height());
-        self.viewed(image, &whole, ws, |view, ws| {
-            self.detect_in(view, place, Standing::Likely, ws, out);
+        let place = outline.map_or(Place::Within(whole), |o| match o.believed() {
+            Some(known) => Place::Known(known),
+            None => Place::Near(o.circle),
         });
+        self.viewed(image, &whole, 0, ws, |crop, ws| {
+            out.clear();
+            if let Some(first) = self.begin_outlines(&crop, &place, ws, out) {
+                self.find_dots(&crop, &first, ws, out);
+            }
+        });
+        out.timings = ws.spending.timings;
     }
 
     /// The smallest side, pixels, of an image that is searched.
@@ -168,139 +143,14 @@ impl<D: DotDetector> Estimator<D> {
         (self.config.circle.min_radius_px as usize).max(1)
     }
 
-    /// Estimates a frame whose outline is known.
-    fn estimate_known(
-        &self,
-        image: ImageView<'_>,
-        outline: &Outline,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
-        let (width, height) = (image.width(), image.height());
-        let part = match image {
-            ImageView::Raw(_) => outline.circle.region(SURROUNDINGS, width, height),
-            _ => None,
-        };
-        let part = part.unwrap_or(Roi::whole(width, height));
-        self.viewed(image, &part, ws, |view, ws| {
-            self.detect_in(view, Place::Known(outline), Standing::Likely, ws, out);
-            self.identify_looking_again(view, hint, ws, out);
-        });
-    }
-
-    /// Estimates a frame whose ball is expected near a circle: there, then as far around as it may be.
-    fn estimate_expected(
-        &self,
-        image: ImageView<'_>,
-        expected: &OutlinePrior,
-        region: Option<&Roi>,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
-        self.search_near(image, &expected.circle, Standing::Likely, hint, ws, out);
-        let is_lost = expected.reach() == f64::INFINITY;
-        // A ball whose rim is seen there is not elsewhere.
-        let is_there = out.fit.is_some_and(|f| f.support >= WHOLE) && !is_lost;
-        if out.pose().is_some() || is_there || expected.reach() < SURROUNDINGS {
-            return;
-        }
-        let mut farther = std::mem::take(&mut ws.farther);
-        let hunt = Hunt::nearby(&expected.circle, expected.reach().min(NEARBY), &image);
-        ws.coarse.forget();
-        if hunt.is_some_and(|hunt| self.acquire(image, &hunt, hint, ws, &mut farther)) {
-            std::mem::swap(&mut farther, out);
-        } else if let Some(region) = region.filter(|_| is_lost) {
-            ws.coarse.forget();
-            self.estimate_region(image, region, hint, ws, &mut farther);
-            if farther.pose().is_some() || out.outline.is_none() {
-                std::mem::swap(&mut farther, out);
-            }
-        }
-        ws.farther = farther;
-    }
-
-    /// Estimates a frame with the ball somewhere in a part of it.
-    fn estimate_region(
-        &self,
-        image: ImageView<'_>,
-        part: &Roi,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
-        let is_large = part.width.max(part.height) > LARGE;
-        if is_large && self.acquire(image, &Hunt::everywhere(*part), hint, ws, out) {
-            return;
-        }
-        let is_thorough = ws.spending.budget.search == SearchDepth::Thorough;
-        let halvings = match part.width * part.height > MAX_THOROUGH {
-            _ if !is_large => 0,
-            _ if !is_thorough => 1,
-            true => HALVINGS,
-            false => 0,
-        };
-        for halvings in 1..=halvings {
-            let hunt = Hunt::finer(*part, halvings);
-            if ws.spending.is_late() || self.acquire(image, &hunt, hint, ws, out) {
-                return;
-            }
-        }
-        if is_large && (!is_thorough || ws.spending.is_late()) {
-            return;
-        }
-        if part.width * part.height > MAX_THOROUGH {
-            return self.estimate_shrunk(image, part, hint, ws, out);
-        }
-        self.viewed(image, part, ws, |view, ws| {
-            self.try_outlines(view, Place::Anywhere, Standing::Likely, hint, ws, out);
-        });
-    }
-
-    /// Estimates a frame by the surroundings of a circle: it is right to some tenth of the radius.
-    pub(super) fn search_near(
-        &self,
-        image: ImageView<'_>,
-        circle: &BallCircle,
-        standing: Standing,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
-        let (width, height) = (image.width(), image.height());
-        let level = level_of(circle.radius, MAX_NEAR);
-        let part = circle.region(SURROUNDINGS, width, height);
-        let is_wide = |part: &Roi| part.width.min(part.height) >> level >= self.min_side();
-        let Some(part) = part.filter(is_wide) else {
-            out.clear();
-            out.outcome = Err(FrameRejection::NoBall(NoBall::TooSmall { width, height }));
-            return;
-        };
-        self.viewed_at(image, &part, level, ws, |view, ws| {
-            self.try_outlines(view, Place::Near(circle), standing, hint, ws, out);
-        });
-    }
-
-    /// Hands a part of a frame to `work`, converted. The workspace's images are away meanwhile.
-    fn viewed(
-        &self,
-        image: ImageView<'_>,
-        part: &Roi,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        work: impl FnOnce(View<'_>, &mut EstimatorWorkspace<D::Workspace>),
-    ) {
-        self.viewed_at(image, part, 0, ws, work);
-    }
-
-    /// As [`Estimator::viewed`], of an image that is halved so often.
-    pub(super) fn viewed_at(
+    /// Hands a part of a frame, halved so often, to `work`, converted. The workspace's images are away meanwhile.
+    pub(super) fn viewed(
         &self,
         image: ImageView<'_>,
         part: &Roi,
         level: u32,
         ws: &mut EstimatorWorkspace<D::Workspace>,
-        work: impl FnOnce(View<'_>, &mut EstimatorWorkspace<D::Workspace>),
+        work: impl FnOnce(Crop<'_>, &mut EstimatorWorkspace<D::Workspace>),
     ) {
         let mut images = std::mem::take(&mut ws.images);
         let is_whole = *part == Roi::whole(image.width(), image.height());
@@ -313,7 +163,7 @@ impl<D: DotDetector> Estimator<D> {
         if let ImageView::Color(color) = seen {
             color.to_gray_into(&mut images.gray);
         }
-        let view = View {
+        let crop = Crop {
             image: seen,
             gray: match seen {
                 ImageView::Gray(gray) => gray,
@@ -322,93 +172,102 @@ impl<D: DotDetector> Estimator<D> {
             grid: Grid::of(part, level),
             size: [image.width(), image.height()],
         };
-        work(view, ws);
+        work(crop, ws);
         ws.images = images;
     }
 
-    /// Tries outlines, the likeliest first.
-    fn try_outlines(
+    /// Tries the outlines at a place, the likeliest first, until the dots are clear.
+    fn try_place(
         &self,
-        view: View<'_>,
-        place: Place<'_>,
-        standing: Standing,
+        image: ImageView<'_>,
+        proposal: &Proposal,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
-        self.detect_in(view, place, standing, ws, out);
-        self.identify_looking_again(view, hint, ws, out);
-        let mut other = std::mem::take(&mut ws.other);
-        // Motion, shadows and hands draw circles out, too: the dots decide.
-        let round = ws.round.take().filter(|_| !is_mirrored(out));
-        if let Some(candidate) = round.filter(|_| !ws.spending.is_over()) {
-            self.try_outline(&candidate, view, hint, ws, out, &mut other);
-            if is_better(&other, out) {
-                std::mem::swap(&mut other, out);
+        out.clear();
+        let Proposal { place, standing } = proposal;
+        let is_wide = |(part, level): &(Roi, u32)| {
+            matches!(place, Place::Known(_))
+                || part.width.min(part.height) >> level >= self.min_side()
+        };
+        let Some((part, level)) = place.part(&image).filter(is_wide) else {
+            let (width, height) = (image.width(), image.height());
+            out.outcome = Err(FrameRejection::NoBall(NoBall::TooSmall { width, height }));
+            return;
+        };
+        self.viewed(image, &part, level, ws, |crop, ws| {
+            if let Some(first) = self.begin_outlines(&crop, place, ws, out) {
+                out.standing = *standing;
+                self.try_outline(&crop, &first, hint, ws, out);
             }
-        }
-        while !(ws.spending.is_over() || is_mirrored(out)) {
-            let Some(candidate) = ws.locator.contested() else {
-                break;
-            };
-            self.try_outline(&candidate, view, hint, ws, out, &mut other);
-            let is_pose = is_better(&other, out) && (out.pose().is_some() || is_evident(&other));
-            if is_pose || is_mirrored(&other) {
-                std::mem::swap(&mut other, out);
-            }
-        }
-        let is_open = |out: &FrameEstimate| out.pose().is_none() && !is_mirrored(out);
-        let mut start = 0;
-        while standing == Standing::Likely && is_open(out) && !ws.spending.is_over() {
+            let mut other = std::mem::take(&mut ws.within);
             let net = self.outline_net.as_ref();
-            let Some(candidate) = ws.locator.other(view.gray, net, &mut start) else {
-                break;
-            };
-            self.try_outline(&candidate, view, hint, ws, out, &mut other);
-            if is_evident(&other) || is_mirrored(&other) {
-                std::mem::swap(&mut other, out);
+            while !(ws.spending.is_over() || is_mirrored(out)) {
+                // Motion, shadows and hands draw circles out, too: the dots decide.
+                let is_open = *standing != Standing::Doubtful && out.pose().is_none();
+                let Some(candidate) = ws.locator.next(crop.gray, net, is_open) else {
+                    break;
+                };
+                other.clear();
+                other.standing = Standing::Doubtful;
+                match out.pose() {
+                    Some(_) => {
+                        self.find_dots(&crop, &candidate, ws, &mut other);
+                        self.identify(Detections::All, ws, &mut other);
+                    }
+                    None => self.try_outline(&crop, &candidate, hint, ws, &mut other),
+                }
+                let is_pose =
+                    is_better(&other, out) && (out.pose().is_some() || is_evident(&other));
+                if is_pose || is_mirrored(&other) {
+                    std::mem::swap(&mut other, out);
+                }
             }
-        }
-        out.attempts = ws.spending.runs;
-        ws.other = other;
+            ws.within = other;
+        });
     }
 
-    /// Estimates a frame on another outline than that of `first`, into `other`.
+    /// Looks for outlines at a place; the likeliest, or why there is none.
+    fn begin_outlines(
+        &self,
+        crop: &Crop<'_>,
+        place: &Place,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) -> Option<Candidate> {
+        let begun = Instant::now();
+        let net = self.outline_net.as_ref();
+        let found = ws.locator.begin(crop, place, net);
+        let first = match found {
+            Ok(()) => ws.locator.next(crop.gray, net, false),
+            Err(why) => {
+                out.outcome = Err(FrameRejection::NoBall(why));
+                None
+            }
+        };
+        if matches!(place, Place::Known(_)) {
+            out.outline_source = OutlineSource::Given;
+        }
+        ws.spending.timings.locate += begun.elapsed();
+        first
+    }
+
+    /// Estimates a frame on an outline. Where the dots leave doubt, the detector looks again; where that leaves doubt too, or the dots
+    /// of a likely outline show another orientation than is expected, they are weighed with what is expected.
     fn try_outline(
         &self,
+        crop: &Crop<'_>,
         candidate: &Candidate,
-        view: View<'_>,
-        hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        first: &FrameEstimate,
-        other: &mut FrameEstimate,
-    ) {
-        other.clear();
-        other.outline = Some(candidate.outline);
-        (other.circle, other.fit) = (Some(candidate.outline.circle), candidate.fit);
-        other.standing = Standing::Doubtful;
-        other.timings.locate = first.timings.locate;
-        self.find_dots(view, candidate.shape, ws, other);
-        if first.pose().is_some() {
-            self.identify(Detections::All, ws, other);
-        } else {
-            self.identify_looking_again(view, hint, ws, other);
-        }
-    }
-
-    /// Identifies the dots; where they leave doubt, the detector looks again; where that leaves doubt too, or the dots of a likely
-    /// outline show another orientation than is expected, they are weighed with what is expected.
-    fn identify_looking_again(
-        &self,
-        view: View<'_>,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
+        self.find_dots(crop, candidate, ws, out);
         let found = out.dots.iter().filter(|d| d.confidence >= LIKELY_DOT);
         let (found, needed) = (found.count(), MIN_LIKELY_DOTS);
         let is_doubtful = out.standing == Standing::Doubtful;
-        if is_doubtful && out.outline.is_some() && found < needed {
+        if is_doubtful && found < needed {
             out.outcome = Err(FrameRejection::TooFewDots { found, needed });
             return;
         }
@@ -418,10 +277,8 @@ impl<D: DotDetector> Estimator<D> {
             self.identify(Detections::Likely, ws, out);
             let is_hopeless = is_doubtful && promise(out) < PROMISING;
             if !(out.is_settled() || is_hopeless || ws.spending.is_late()) {
-                self.look_again(view, ws, out);
-                let before = out.timings.identify;
+                self.look_again(crop, ws, out);
                 self.identify(Detections::All, ws, out);
-                out.timings.identify += before;
                 self.identify_densely(ws, out);
             }
         }
@@ -433,7 +290,7 @@ impl<D: DotDetector> Estimator<D> {
     /// Finds the dots of the last patch anew, by the detector's second look.
     fn look_again(
         &self,
-        view: View<'_>,
+        crop: &Crop<'_>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
@@ -444,107 +301,73 @@ impl<D: DotDetector> Estimator<D> {
         if let Some(ball) = &ws.recentered {
             ball.camera.dots_to_image(dots);
         }
-        out.place_dots(&view.grid);
+        out.place_dots(&crop.grid);
         out.assignment.clear();
         out.assignment.resize(out.dots.len(), None);
-        out.timings.detect += begun.elapsed();
+        ws.spending.timings.detect += begun.elapsed();
     }
 
-    /// Finds the ball in a view, unless its outline is given, and the dots on it.
-    fn detect_in(
+    /// Finds the dots within an outline; then all that was found is given in the frame's pixels.
+    fn find_dots(
         &self,
-        view: View<'_>,
-        place: Place<'_>,
-        standing: Standing,
+        crop: &Crop<'_>,
+        candidate: &Candidate,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
-        out.clear();
-        out.standing = standing;
-        let grid = view.grid;
-        let net = self.outline_net.as_ref();
-        let found = match place {
-            Place::Known(outline) => {
-                out.outline_source = OutlineSource::Given;
-                out.outline = Some(Outline {
-                    circle: grid.circle_to_part(&outline.circle),
-                    covariance: outline.covariance / (grid.side * grid.side),
-                });
-                None
-            }
-            Place::Anywhere => Some(ws.locator.find(view.gray, view.image, net)),
-            Place::Near(circle) => {
-                let rough = grid.circle_to_part(circle);
-                Some(ws.locator.find_near(view.gray, view.image, &rough, net))
-            }
-        };
-        match found {
-            Some(Ok(found)) => {
-                out.outline = Some(found.outline);
-                out.fit = found.fit;
-            }
-            Some(Err(why)) => out.outcome = Err(FrameRejection::NoBall(why)),
-            None => {}
-        }
-        out.circle = out.outline.map(|o| o.circle);
-        out.timings.locate = begun.elapsed();
-        self.find_dots(view, Shape::Free, ws, out);
-    }
-
-    /// Finds the dots within the outline; then all that was found is given in the frame's pixels.
-    fn find_dots(
-        &self,
-        view: View<'_>,
-        shape: Shape,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
         out.dots.clear();
         out.dots.reserve(EXPECTED_DOTS);
         out.assignment.clear();
         out.assignment.reserve(EXPECTED_DOTS);
-        ws.round = None;
-        if let Some(outline) = out.outline {
-            let begun = Instant::now();
-            let fit = out.fit;
-            let contrast = ws.locator.color_contrast();
-            ws.recentered = match self.intrinsics() {
-                Some(k) => {
-                    let k = view.grid.intrinsics_to_part(&k);
-                    ws.recentering.recenter(&k, view.gray, contrast, out)
-                }
-                None if shape == Shape::Circle => None,
-                None => {
-                    let middle = view.middle();
-                    let found = ws
-                        .recentering
-                        .recenter_ellipse(middle, view.gray, contrast, out);
-                    let is_round = !outline.circle.is_ellipse();
-                    let circle = Candidate {
-                        outline,
-                        fit,
+        (out.outline, out.fit) = (Some(candidate.outline), candidate.fit);
+        let contrast = ws.locator.color_contrast();
+        ws.recentered = match self.intrinsics() {
+            Some(k) => {
+                let k = crop.grid.intrinsics_to_part(&k);
+                ws.recentering.recenter(&k, crop.gray, contrast, out)
+            }
+            None if candidate.shape == Shape::Circle => None,
+            None => {
+                let middle = crop.middle();
+                let found = ws
+                    .recentering
+                    .recenter_ellipse(middle, crop.gray, contrast, out);
+                if found.is_some() && !candidate.outline.circle.is_ellipse() {
+                    ws.locator.add_circle(Candidate {
                         shape: Shape::Circle,
-                    };
-                    ws.round = (found.is_some() && is_round).then_some(circle);
-                    found
+                        ..*candidate
+                    });
                 }
-            };
-            match ws.recentered {
-                Some(ball) => ws.patch.cut_into(ws.recentering.image(), &ball.circle),
-                None => ws.patch.cut_into(view.gray, &outline.circle),
+                found
             }
-            self.detector
-                .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
-            if let Some(ball) = &ws.recentered {
-                ball.camera.dots_to_image(&mut out.dots);
-            }
-            out.circle = out.outline.map(|o| o.circle);
-            out.timings.detect = begun.elapsed();
+        };
+        match ws.recentered {
+            Some(ball) => ws.patch.cut_into(ws.recentering.image(), &ball.circle),
+            None => ws.patch.cut_into(crop.gray, &candidate.outline.circle),
         }
-        out.place(&view.grid);
+        self.detector
+            .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
+        if let Some(ball) = &ws.recentered {
+            ball.camera.dots_to_image(&mut out.dots);
+        }
+        out.circle = out.outline.map(|o| o.circle);
+        out.place(&crop.grid);
         out.assignment.resize(out.dots.len(), None);
+        ws.spending.timings.detect += begun.elapsed();
     }
+}
+
+/// Whether what was found at a place is the answer: a pose of a likely outline, one that the dots make evident, or a mirrored ball.
+fn is_answer(frame: &FrameEstimate, standing: Standing) -> bool {
+    let is_likely = standing == Standing::Likely && frame.pose().is_some();
+    is_likely || is_evident(frame) || is_mirrored(frame)
+}
+
+/// Whether the dots at a place, which are no answer, came nearer to one than those of the places before.
+fn is_nearer(there: &FrameEstimate, so_far: &FrameEstimate, standing: Standing) -> bool {
+    let (a, b) = (promise(there), promise(so_far));
+    so_far.outline.is_none() || a > b || (standing == Standing::Likely && a >= b)
 }
 
 /// Whether the dots alone are evidence of a ball, where the circle is none: by the recognizer's own probability,

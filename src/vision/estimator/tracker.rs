@@ -26,7 +26,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::path::OutlineMotion;
-use super::search::{NEARBY, WHOLE};
+use super::propose::{NEARBY, WHOLE};
 use super::sequence::predict;
 use super::{
     Budget, CameraDistance, Estimator, EstimatorWorkspace, Follows, FrameEstimate, OutlinePrior,
@@ -179,8 +179,7 @@ impl<D: DotDetector> Tracker<D> {
     pub fn reset(&mut self) {
         self.window.clear();
         self.motion.clear();
-        self.workspace.coarse.forget();
-        self.workspace.fine.forget();
+        self.workspace.places.forget();
         self.missed = 0;
         self.spin = Err(NOTHING_SEEN);
         self.last_s = None;

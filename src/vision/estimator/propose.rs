@@ -1,0 +1,399 @@
+//! Where a frame's ball may be: the places that are tried one after the other, the likeliest first.
+//!
+//! What is known of the frame ([`Prior`]) and the search that its budget allows make a plan of steps; each is carried out when those
+//! before have given no answer:
+//!
+//! - the outline that is given, or the surroundings of the one that is expected, then what lies farther around it;
+//! - in a large image, rough circles from a [coarse search](crate::vision::circle::coarse): those whose rim is nearly whole, and
+//!   moving ones; then what they outshone, and all others (beside a lamp or a white disc most of the others are made of its
+//!   edges, and to refuse one of these takes as long as to find the ball); then the circles of the image without nets, cords and other
+//!   thin things; last the surroundings of the circle whose dots came nearest to an answer, by all edges;
+//! - in a very large image the same for smaller balls;
+//! - the whole image by all its edges. That search keeps some sixty bytes a pixel: of images beyond [`MAX_THOROUGH`] pixels the circles of
+//!   a smaller scale are tried in their surroundings.
+//!
+//! Not promised: at 3840 x 2160 faint balls of less than 64 pixels.
+
+use std::time::Instant;
+
+use super::frame::Standing;
+use super::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
+use super::search::promise;
+use super::{Estimator, EstimatorWorkspace, FrameEstimate, Outline, PROMISING};
+use crate::image::{ImageView, Roi};
+use crate::vision::camera::BallCircle;
+use crate::vision::circle::coarse::{self, CoarseSearch, MAX_CIRCLES};
+use crate::vision::detect::DotDetector;
+use crate::vision::grid::Grid;
+
+/// A ball that is not where it is expected is looked for within so many radii, if it may be so far off.
+pub(super) const NEARBY: f64 = 4.5;
+/// An outline with this support of the edges is a ball's.
+pub(super) const WHOLE: f64 = 0.9;
+/// What is cut out around a circle, in radii: what the net for outlines sees, and a rough circle's error.
+const SURROUNDINGS: f64 = 1.8;
+/// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.
+const MAX_NEAR: f64 = 250.0;
+/// Images with a longer side beyond this, pixels, are searched at a coarse scale first.
+pub(super) const LARGE: usize = 240;
+/// Images of more pixels are searched by all edges at a smaller scale: they are halved until they have no more than the second.
+pub(super) const MAX_THOROUGH: usize = 4_000_000;
+const MAX_SHRUNK: f64 = 1_100_000.0;
+/// How much finer a very large image is searched: for balls of 40 pixels in one of 3840 x 2160.
+const HALVINGS: u32 = 2;
+/// Largest radius of the coarse search, as a part of the longer side.
+const MAX_COARSE: f64 = 0.4;
+/// Smallest radius that the coarse search is sure to see, values of the first size that it searches.
+const MIN_COARSE: f64 = 5.0;
+/// A strip that is thinner than this at the first size shows no arc of a ball.
+const MIN_STRIP: usize = 4;
+/// Steps of the longest plan: the expected place, and four steps for each of four hunts.
+const MAX_STEPS: usize = 24;
+
+/// Where an outline is looked for, in the frame's pixels.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Place {
+    /// It is known.
+    Known(Outline),
+    /// It is near a circle.
+    Near(BallCircle),
+    /// It is anywhere in a part.
+    Within(Roi),
+}
+
+impl Place {
+    /// The part of the image that is converted, and how often it is halved; `None` where nothing of it can be seen.
+    pub fn part(&self, image: &ImageView<'_>) -> Option<(Roi, u32)> {
+        let (width, height) = (image.width(), image.height());
+        match self {
+            Self::Known(outline) => {
+                let part = outline.circle.region(SURROUNDINGS, width, height);
+                Some((part.unwrap_or(Roi::whole(width, height)), 0))
+            }
+            Self::Near(circle) => {
+                let level = level_of(circle.radius, MAX_NEAR);
+                Some((circle.region(SURROUNDINGS, width, height)?, level))
+            }
+            Self::Within(part) => Some((*part, 0)),
+        }
+    }
+}
+
+/// A place, and what an outline there is worth before its dots are seen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Proposal {
+    pub place: Place,
+    pub standing: Standing,
+}
+
+impl Proposal {
+    fn likely(place: Place) -> Self {
+        let standing = Standing::Likely;
+        Self { place, standing }
+    }
+}
+
+/// A part of a frame and the sizes of balls that are looked for in it at a coarse scale.
+#[derive(Debug, Clone, Copy)]
+struct Hunt {
+    part: Roi,
+    /// The first size that is searched: so often halved.
+    level: u32,
+    /// Radii, pixels.
+    radii: (f64, f64),
+    /// Whether it goes on where a coarser one has found nothing.
+    is_fine: bool,
+    /// Whether the image before was hunted in the same way.
+    is_continued: bool,
+}
+
+/// The circles of a hunt that are tried one after the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// Those that stand out.
+    First,
+    /// What these outshone, and the others.
+    Beyond,
+    /// Those of the image without what is thin.
+    Plain,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Step {
+    At(Proposal),
+    /// A ball whose rim was seen where it is expected is not elsewhere.
+    EndIfSeen,
+    Coarse(Hunt, Stage),
+    /// Other outlines about the circle whose dots came nearest to an answer.
+    Closer,
+    /// All edges of a part that is too large for that, at a smaller scale.
+    Shrunk(Roi),
+}
+
+impl Hunt {
+    /// For balls of any size from 5 pixels of radius at the coarse scale on.
+    fn everywhere(part: Roi, is_continued: bool) -> Self {
+        let level = coarse::level(part.width, part.height);
+        let longer = part.width.max(part.height) as f64;
+        Self {
+            part,
+            level,
+            radii: (smallest(level), MAX_COARSE * longer),
+            is_fine: false,
+            is_continued,
+        }
+    }
+
+    /// For balls up to `halvings` times half as large as the smallest of [`Hunt::everywhere`], and not those of fewer.
+    fn finer(part: Roi, halvings: u32, is_continued: bool) -> Self {
+        let level = coarse::level(part.width, part.height).saturating_sub(halvings);
+        Self {
+            part,
+            level,
+            radii: (smallest(level), 1.2 * smallest(level + 1)),
+            is_fine: true,
+            is_continued,
+        }
+    }
+
+    /// For a ball that is expected with this outline; `None` outside the image.
+    fn nearby(expected: &OutlinePrior, image: &ImageView<'_>) -> Option<Self> {
+        let circle = &expected.circle;
+        let reach = expected.reach().min(NEARBY);
+        let part = circle.region(reach, image.width(), image.height())?;
+        let mut level = 0;
+        while circle.radius / f64::from(2u32 << level) >= 1.4 * MIN_COARSE {
+            level += 1;
+        }
+        Some(Self {
+            part,
+            level,
+            radii: (0.7 * circle.radius, 1.4 * circle.radius),
+            is_fine: false,
+            is_continued: false,
+        })
+    }
+
+    fn is_strip(&self) -> bool {
+        self.part.width.min(self.part.height) >> self.level < MIN_STRIP
+    }
+}
+
+/// The smallest radius, pixels, that is seen in an image that was halved so often.
+fn smallest(level: u32) -> f64 {
+    MIN_COARSE * f64::from(1u32 << level)
+}
+
+/// How often a length is halved until it is no more than another.
+fn level_of(length: f64, most: f64) -> u32 {
+    (length / most).log2().ceil().max(0.0) as u32
+}
+
+/// The plan for a frame, and how far it has been carried out. Its memory is reused.
+#[derive(Debug, Default)]
+pub(super) struct Places {
+    steps: Vec<Step>,
+    begun: usize,
+    /// Those of the step in hand.
+    proposals: Vec<Proposal>,
+    tried: usize,
+    /// How many circles of the hunt in hand stood out.
+    stood_out: usize,
+    /// The rough circle whose dots came nearest to an answer, and the probability of its pose.
+    nearest: Option<(BallCircle, f64)>,
+    /// That probability when it was last looked at closer.
+    looked: f64,
+    /// For smaller balls the second.
+    searches: [CoarseSearch; 2],
+}
+
+impl Places {
+    /// The image before is not the one before the next.
+    pub fn forget(&mut self) {
+        self.searches.iter_mut().for_each(CoarseSearch::forget);
+    }
+
+    /// Makes the plan for a frame. `region` is the part of it where the ball is.
+    pub fn plan(
+        &mut self,
+        image: &ImageView<'_>,
+        region: Option<Roi>,
+        prior: &Prior,
+        budget: &Budget,
+    ) {
+        self.steps.clear();
+        self.steps.reserve(MAX_STEPS);
+        self.proposals.clear();
+        self.proposals.reserve(2 * MAX_CIRCLES);
+        (self.begun, self.tried) = (0, 0);
+        (self.nearest, self.looked) = (None, 0.0);
+        let is_continued = prior.follows == Follows::LastImage && prior.outline.is_none();
+        let Some(expected) = prior.outline else {
+            if let Some(region) = region {
+                self.plan_region(region, is_continued, budget.search);
+            }
+            return;
+        };
+        let place = match expected.believed() {
+            Some(known) => Place::Known(known),
+            None => Place::Near(expected.circle),
+        };
+        self.steps.push(Step::At(Proposal::likely(place)));
+        if matches!(place, Place::Known(_)) || expected.reach() < SURROUNDINGS {
+            return;
+        }
+        let is_lost = expected.reach() == f64::INFINITY;
+        if !is_lost {
+            self.steps.push(Step::EndIfSeen);
+        }
+        if let Some(hunt) = Hunt::nearby(&expected, image) {
+            self.plan_hunt(hunt);
+        }
+        if let Some(region) = region.filter(|_| is_lost) {
+            self.plan_region(region, is_continued, budget.search);
+        }
+    }
+
+    /// A ball anywhere in a part.
+    fn plan_region(&mut self, part: Roi, is_continued: bool, search: SearchDepth) {
+        let is_very_large = part.width * part.height > MAX_THOROUGH;
+        let is_thorough = search == SearchDepth::Thorough;
+        let all = Step::At(Proposal::likely(Place::Within(part)));
+        if part.width.max(part.height) <= LARGE {
+            return self.steps.push(all);
+        }
+        self.plan_hunt(Hunt::everywhere(part, is_continued));
+        let halvings = match (is_thorough, is_very_large) {
+            (false, _) => 1,
+            (true, true) => HALVINGS,
+            (true, false) => 0,
+        };
+        for halvings in 1..=halvings {
+            self.plan_hunt(Hunt::finer(part, halvings, is_continued));
+        }
+        if is_thorough {
+            self.steps.push(match is_very_large {
+                true => Step::Shrunk(part),
+                false => all,
+            });
+        }
+    }
+
+    fn plan_hunt(&mut self, hunt: Hunt) {
+        if !hunt.is_strip() {
+            let stages = [Stage::First, Stage::Beyond, Stage::Plain];
+            self.steps.extend(stages.map(|s| Step::Coarse(hunt, s)));
+            self.steps.push(Step::Closer);
+        }
+    }
+
+    /// What was found at a place.
+    pub fn learn(&mut self, place: &Proposal, found: &FrameEstimate) {
+        let promise = promise(found);
+        let known = self.nearest.map_or(0.0, |n| n.1);
+        let is_nearer = place.standing == Standing::Doubtful && promise > known;
+        if let Some(outline) = found.outline.filter(|_| is_nearer) {
+            self.nearest = Some((outline.circle, promise));
+        }
+    }
+
+    /// Other outlines about the nearest circle, unless it was looked at so before.
+    fn look_closer(&mut self) {
+        if let Some((circle, promise)) = self.nearest
+            && promise > self.looked
+            && promise >= PROMISING
+        {
+            self.looked = promise;
+            self.proposals.push(Proposal {
+                place: Place::Near(circle),
+                standing: Standing::Promising,
+            });
+        }
+    }
+
+    /// The circles of a stage of a hunt.
+    fn hunt(&mut self, image: &ImageView<'_>, hunt: &Hunt, stage: Stage, min_radius: f64) {
+        let Hunt { part, level, .. } = *hunt;
+        let radii = (hunt.radii.0.max(min_radius), hunt.radii.1);
+        let search = &mut self.searches[usize::from(hunt.is_fine)];
+        let found = match stage {
+            Stage::First => {
+                if !hunt.is_continued {
+                    search.forget();
+                }
+                let found = search.search(level, radii, |out| image.shrink_into(&part, level, out));
+                self.stood_out = coarse::standing_out(found);
+                &found[..self.stood_out]
+            }
+            Stage::Beyond => search.search_beyond(self.stood_out, level, radii),
+            Stage::Plain => search.search_plain(level, radii),
+        };
+        let grid = Grid::of(&part, 0);
+        self.proposals.extend(found.iter().map(|rough| Proposal {
+            place: Place::Near(grid.circle_to_image(&rough.circle)),
+            standing: Standing::Doubtful,
+        }));
+    }
+}
+
+impl<D: DotDetector> Estimator<D> {
+    /// The next place to try; `so_far` is the best of those before.
+    pub(super) fn next_place(
+        &self,
+        image: &ImageView<'_>,
+        so_far: &FrameEstimate,
+        places: &mut Places,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+    ) -> Option<Proposal> {
+        while !ws.spending.is_over() {
+            if let Some(proposal) = places.proposals.get(places.tried) {
+                places.tried += 1;
+                return Some(*proposal);
+            }
+            places.proposals.clear();
+            places.tried = 0;
+            let step = *places.steps.get(places.begun)?;
+            places.begun += 1;
+            let begun = Instant::now();
+            match step {
+                Step::At(proposal) => places.proposals.push(proposal),
+                Step::EndIfSeen if so_far.fit.is_some_and(|f| f.support >= WHOLE) => return None,
+                Step::EndIfSeen => {}
+                Step::Coarse(hunt, stage) => {
+                    places.hunt(image, &hunt, stage, self.config.circle.min_radius_px);
+                }
+                Step::Closer => places.look_closer(),
+                Step::Shrunk(part) => self.outlines_shrunk(image, &part, places, ws),
+            }
+            ws.spending.timings.locate += begun.elapsed();
+        }
+        None
+    }
+
+    /// The outlines of a part by all edges at a smaller scale: the first is the likeliest, the others need more evidence.
+    fn outlines_shrunk(
+        &self,
+        image: &ImageView<'_>,
+        part: &Roi,
+        places: &mut Places,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+    ) {
+        let pixels = (part.width * part.height) as f64;
+        let level = level_of(pixels.sqrt(), MAX_SHRUNK.sqrt());
+        let net = self.outline_net.as_ref();
+        self.viewed(*image, part, level, ws, |crop, ws| {
+            let mut standing = match ws.locator.begin(&crop, &Place::Within(*part), net) {
+                Ok(()) => Standing::Likely,
+                Err(_) => Standing::Doubtful,
+            };
+            while let Some(candidate) = ws.locator.next(crop.gray, net, true) {
+                let circle = crop.grid.circle_to_image(&candidate.outline.circle);
+                places.proposals.push(Proposal {
+                    place: Place::Near(circle),
+                    standing,
+                });
+                standing = Standing::Doubtful;
+            }
+        });
+    }
+}
