@@ -41,7 +41,7 @@ def synth(spindoe, aside):
 
 
 def marking(spindoe, _):
-    run(sys.executable, "python/draw_marks.py", spindoe, PATTERN, "docs/marking")
+    run(sys.executable, "tests/python/draw_marks.py", spindoe, PATTERN, "docs/marking")
 
 
 def report(spindoe, aside):

@@ -29,6 +29,8 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::Vec3;
 use crate::npz::{Archive, ArrayReader, Checked, Problem, add_array, one_line, open, read_array};
+#[cfg(feature = "native")]
+use crate::pattern::shipped_design;
 use crate::pattern::{KeepOut, LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
 
 /// Version of the file format of a ball whose dots are where the pattern has them.
@@ -158,7 +160,8 @@ impl Ball {
     }
 
     /// Reads a ball from its `.npz`, from a pattern's CSV with the zones beside it, or from a folder
-    /// that holds either as `table.npz` or `pattern.csv`, as those of designs and calibrations do.
+    /// that holds either as `table.npz` or `pattern.csv`, as those of designs and calibrations do. Where there is no such file, the
+    /// name of a [shipped design](crate::pattern::shipped_designs) will do.
     ///
     /// # Errors
     /// As [`Ball::read_npz`] and [`Pattern::read_csv`].
@@ -174,6 +177,11 @@ impl Ball {
                     "expected one with table.npz or pattern.csv",
                 )),
             };
+        }
+        if !path.exists()
+            && let Some(shipped) = path.to_str().and_then(shipped_design)
+        {
+            return Ok(Self::new(shipped?));
         }
         let bytes = files::read_at_most(path, MAX_BYTES)?;
         // A NumPy archive starts with "PK", as every ZIP does.

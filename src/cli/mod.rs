@@ -128,8 +128,6 @@ enum Command {
     /// ball.
     #[cfg(feature = "vision")]
     Synth(Box<synth::Arguments>),
-    /// Say where the dot detector is trained: in a separate program.
-    #[cfg(feature = "vision")]
     /// Write the dot detector's net as an ONNX file, for estimators in other languages.
     #[cfg(feature = "vision")]
     Export(export::Arguments),
@@ -187,7 +185,6 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Simulate(arguments) => simulate::run(&arguments),
         #[cfg(feature = "vision")]
         Command::Synth(arguments) => synth::run(&arguments),
-        #[cfg(feature = "vision")]
         #[cfg(feature = "vision")]
         Command::Export(arguments) => export::run(&arguments),
         #[cfg(feature = "vision")]
@@ -298,12 +295,18 @@ fn report_usage(error: &clap::Error) -> u8 {
     2
 }
 
-/// The error in the arguments in one line: its first paragraph; usage and tips follow.
+/// The error in the arguments in one line: its first paragraph, and what clap takes to be meant; usage follows.
 fn usage_line(error: &clap::Error) -> String {
     let text = error.to_string();
-    let first = text.split("\n\n").next().unwrap_or_default();
-    let line = first.split_whitespace().collect::<Vec<_>>().join(" ");
-    crate::error::on_one_line(line.strip_prefix("error: ").unwrap_or(&line).to_owned())
+    let mut paragraphs = text.split("\n\n");
+    let first = paragraphs.next().unwrap_or_default();
+    let tips = paragraphs.flat_map(str::lines);
+    let tips = tips.filter_map(|line| line.trim().strip_prefix("tip: "));
+    let words = std::iter::once(first).chain(tips).map(|words| {
+        let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+        words.strip_prefix("error: ").unwrap_or(&words).to_owned()
+    });
+    crate::error::on_one_line(words.collect::<Vec<_>>().join("; "))
 }
 
 /// An input that is read piece by piece: a file, or standard input for `-`.

@@ -117,19 +117,20 @@ impl MarkConfig {
             &format!("0.2 to {max_dot} mm"),
             dot,
         )?;
-        for (i, a) in pattern.dots().iter().enumerate() {
-            for (j, b) in pattern.dots()[..i].iter().enumerate() {
-                let angle = angle_between(a, b);
-                if angle <= 2.0 * self.dot_angle_rad() {
-                    let fits = (10.0 * ball * (0.5 * angle).sin()).floor() / 10.0;
-                    let problem = format!(
-                        "dots {j} and {i} ({:.1} degrees apart) would touch, found {dot}; at most \
-                         {fits} mm fit",
-                        angle.to_degrees()
-                    );
-                    return Err(Error::argument("dot_diameter_mm", problem));
-                }
-            }
+        let dots = pattern.dots();
+        let pairs = (0..dots.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
+        let apart = pairs.map(|(j, i)| (angle_between(&dots[j], &dots[i]), j, i));
+        let nearest = apart.min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((angle, j, i)) = nearest
+            && angle <= 2.0 * self.dot_angle_rad()
+        {
+            let fits = (10.0 * ball * (0.5 * angle).sin()).floor() / 10.0;
+            let problem = format!(
+                "dots {j} and {i} ({:.1} degrees apart) would touch, found {dot}; at most \
+                 {fits} mm fit",
+                angle.to_degrees()
+            );
+            return Err(Error::argument("dot_diameter_mm", problem));
         }
         Ok(())
     }

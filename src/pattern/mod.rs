@@ -23,6 +23,8 @@ use crate::files::csv::{Format, Row, Rows};
 use crate::geometry::{Vec3, angle_between, random_direction};
 
 pub use keep_out::{KeepOut, zones_path};
+#[cfg(feature = "native")]
+pub(crate) use shipped::shipped_design;
 pub use shipped::{NamedPattern, shipped_designs};
 
 /// Minimum number of dots of a pattern.

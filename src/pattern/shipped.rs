@@ -32,15 +32,22 @@ pub struct NamedPattern {
 /// # Errors
 /// [`Error::Internal`] where one cannot be read.
 pub fn shipped_designs() -> Result<Vec<NamedPattern>> {
-    SHIPPED
-        .iter()
-        .map(|(name, csv)| {
-            let pattern = Pattern::from_csv(name.as_ref(), csv.as_bytes())
-                .map_err(|e| Error::Internal(e.to_string()))?;
-            Ok(NamedPattern {
-                name: (*name).to_owned(),
-                pattern,
-            })
+    let named = |(name, csv): &(&str, &str)| {
+        Ok(NamedPattern {
+            name: (*name).to_owned(),
+            pattern: read(name, csv)?,
         })
-        .collect()
+    };
+    SHIPPED.iter().map(named).collect()
+}
+
+/// The design that the crate ships under this name, if there is one.
+#[cfg(feature = "native")]
+pub(crate) fn shipped_design(name: &str) -> Option<Result<Pattern>> {
+    let found = SHIPPED.iter().find(|(shipped, _)| *shipped == name);
+    found.map(|(name, csv)| read(name, csv))
+}
+
+fn read(name: &str, csv: &str) -> Result<Pattern> {
+    Pattern::from_csv(name.as_ref(), csv.as_bytes()).map_err(|e| Error::Internal(e.to_string()))
 }

@@ -25,6 +25,7 @@ pub mod estimator;
 pub mod frame_table;
 mod grid;
 pub mod net;
+pub mod outline;
 pub mod patch;
 pub mod verdict;
 
@@ -37,4 +38,5 @@ pub use estimator::{
     Budget, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, OutlinePrior, Pose, Prior,
 };
 pub use net::CnnDetector;
+pub use outline::{Outline, OutlineSource};
 pub use patch::Patch;

@@ -42,8 +42,8 @@ frames that cannot be estimated independently (--no-sequence turns this off).
 
 Orientations: CSV, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence; scalar first; the fields are
 empty where a frame is rejected. The confidence is the probability that the orientation is correct. The
-quaternion maps the pattern's frame to the camera's. --frame ours: x right, y up, z towards the camera.
---frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_ours; the spin's vector is rotated
+quaternion maps the pattern's frame to the camera's. --frame camera: x right, y up, z towards the camera.
+--frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_camera; the spin's vector is rotated
 likewise. The last column, camera_frame, says which it is.
 
 All frames together decide whether the table fits these images, which of several tables it is, and whether the

@@ -94,9 +94,9 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
             frame.dots.len(),
             pose.residual_rad.to_degrees(),
             pose.residual_px,
-            match (pose.hinted, frame.outline_source) {
-                (true, OutlineSource::Neighbors) => ", hinted, outline by its neighbors",
-                (false, OutlineSource::Neighbors) => ", outline by its neighbors",
+            match (pose.hinted, frame.outline.map(|o| o.source)) {
+                (true, Some(OutlineSource::Neighbors)) => ", hinted, outline by its neighbors",
+                (false, Some(OutlineSource::Neighbors)) => ", outline by its neighbors",
                 (true, _) => ", hinted",
                 (false, _) => "",
             },
@@ -240,7 +240,7 @@ impl<'a> Report<'a> {
             "circle": frame.circle.map(|c| json!({
                 "u": c.center.u, "v": c.center.v, "radius": c.radius,
             })),
-            "outline_source": frame.outline_source,
+            "outline_source": frame.outline.map(|o| o.source),
             "dots": dots.len(),
             "detections": dots,
             "milliseconds": {

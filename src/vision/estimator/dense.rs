@@ -146,5 +146,6 @@ fn moved(outline: &Outline, found: &DenseMatch) -> Outline {
     Outline {
         circle,
         covariance: outline.covariance + Matrix3::from_diagonal_element((MOVED * radius).powi(2)),
+        ..*outline
     }
 }

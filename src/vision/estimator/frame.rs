@@ -13,6 +13,7 @@ use crate::vision::camera::BallCircle;
 use crate::vision::circle::{BallFit, NoBall};
 use crate::vision::detect::DotDetection;
 use crate::vision::grid::Grid;
+use crate::vision::outline::Outline;
 
 /// An accepted orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,37 +96,6 @@ impl std::fmt::Display for FrameRejection {
     }
 }
 
-/// The ball's outline before the dots correct it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outline {
-    /// The circle.
-    pub circle: BallCircle,
-    /// Covariance of the center's u and v and the radius, px^2.
-    pub covariance: Matrix3<f64>,
-}
-
-impl From<&BallFit> for Outline {
-    fn from(fit: &BallFit) -> Self {
-        Self {
-            circle: fit.circle,
-            covariance: fit.covariance,
-        }
-    }
-}
-
-/// Where an outline comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum OutlineSource {
-    /// It was found in the frame alone.
-    #[default]
-    Detected,
-    /// It was given.
-    Given,
-    /// It was found where the frames before and after expected it.
-    Neighbors,
-}
-
 /// How long the stages of a frame took.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Timings {
@@ -142,8 +112,6 @@ pub struct Timings {
 pub struct FrameEstimate {
     /// The ball's outline as given or found; `None` where there is no ball.
     pub outline: Option<Outline>,
-    /// Where the outline comes from.
-    pub outline_source: OutlineSource,
     /// That outline, corrected by the dots where the frame has a pose.
     pub circle: Option<BallCircle>,
     /// The outline as fitted; `None` where it was given or there is none.
@@ -193,7 +161,6 @@ impl Default for FrameEstimate {
     fn default() -> Self {
         Self {
             outline: None,
-            outline_source: OutlineSource::default(),
             circle: None,
             fit: None,
             dots: Vec::new(),
@@ -213,7 +180,6 @@ impl FrameEstimate {
     pub fn from_detections(outline: Outline, dots: Vec<DotDetection>) -> Self {
         Self {
             outline: Some(outline),
-            outline_source: OutlineSource::Given,
             circle: Some(outline.circle),
             assignment: vec![None; dots.len()],
             dots,
@@ -283,17 +249,17 @@ impl FrameEstimate {
     /// Not processed, with the memory for what is found.
     pub(super) fn with_capacity() -> Self {
         let mut this = Self::default();
-        this.dots.reserve(EXPECTED_DOTS);
-        this.assignment.reserve(EXPECTED_DOTS);
+        this.clear();
         this
     }
 
-    /// Nothing is known; memory stays.
+    /// Nothing is known; there is memory for what will be.
     pub(super) fn clear(&mut self) {
         (self.outline, self.circle, self.fit) = (None, None, None);
-        self.outline_source = OutlineSource::Detected;
         self.dots.clear();
+        self.dots.reserve(EXPECTED_DOTS);
         self.assignment.clear();
+        self.assignment.reserve(EXPECTED_DOTS);
         self.outcome = Err(FrameRejection::NotProcessed);
         self.timings = Timings::default();
         (self.earlier_attempts, self.attempts) = (0, 0);

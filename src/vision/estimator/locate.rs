@@ -18,7 +18,7 @@ use crate::image::{GrayImage, ImageView, RgbImage};
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity};
 use crate::vision::grid::Grid;
-use crate::vision::net::outline::{NetOutline, OutlineNet, OutlineWorkspace};
+use crate::vision::net::outline::{OutlineNet, OutlineWorkspace};
 
 /// An outline of the edges with this support and this part of it in the image needs no judge.
 const WHOLE: f64 = 0.9;
@@ -65,6 +65,7 @@ impl Candidate {
             outline: Outline {
                 circle: grid.circle_to_part(&outline.circle),
                 covariance: outline.covariance / (grid.side * grid.side),
+                ..*outline
             },
             fit: None,
             shape: Shape::Free,
@@ -255,41 +256,33 @@ impl Locator {
 
     /// The net's outline near a circle, made precise by the edges that agree with it.
     fn see(&mut self, gray: &GrayImage, rough: &BallCircle, net: &OutlineNet) -> Option<Candidate> {
-        let seen = net.find_near(gray, rough, &mut self.net)?;
+        let mut seen = net.find_near(gray, rough, &mut self.net)?;
         let radius = seen.circle.radius;
-        let floor = Matrix3::from_diagonal_element((SYSTEMATIC * radius).powi(2));
-        let covariance = seen.covariance + floor;
         let sigma = seen.covariance.diagonal().max().sqrt();
         let is_sure = sigma < MAX_SIGMA * radius;
         if !is_sure {
             return None;
         }
+        seen.covariance += Matrix3::from_diagonal_element((SYSTEMATIC * radius).powi(2));
         let edges = [Polarity::Brighter, Polarity::Darker]
             .into_iter()
             .filter_map(|p| self.finder.fit_near(gray, &seen.circle, p))
             .filter(|fit| fit.support >= MIN_SUPPORT)
             .max_by(|a, b| a.support.total_cmp(&b.support));
-        let alone = Candidate {
-            outline: Outline {
-                circle: seen.circle,
-                covariance,
-            },
-            fit: None,
+        let combined = edges.and_then(|fit| Some((combine(&seen, &fit)?, fit)));
+        Some(Candidate {
+            outline: combined.map_or(seen, |(outline, _)| outline),
+            fit: combined.map(|(_, fit)| fit),
             shape: Shape::Free,
-        };
-        Some(
-            edges
-                .and_then(|fit| combine(&seen, &covariance, &fit))
-                .unwrap_or(alone),
-        )
+        })
     }
 }
 
 /// The net's outline and that of edges which agree with it.
-fn combine(seen: &NetOutline, covariance: &Matrix3<f64>, fit: &BallFit) -> Option<Candidate> {
+fn combine(seen: &Outline, fit: &BallFit) -> Option<Outline> {
     let vector = |c: &BallCircle| Vector3::new(c.center.u, c.center.v, c.radius);
     let (a, b) = (vector(&seen.circle), vector(&fit.circle));
-    let between = (covariance + fit.covariance).try_inverse()?;
+    let between = (seen.covariance + fit.covariance).try_inverse()?;
     let off = a - b;
     if off.dot(&(between * off)) > AGREES * AGREES {
         return None;
@@ -297,24 +290,19 @@ fn combine(seen: &NetOutline, covariance: &Matrix3<f64>, fit: &BallFit) -> Optio
     // Of edges that are not seen all around, as many as are missing may be another thing's.
     let doubt = (1.0 / fit.support).powi(4);
     let (of_net, of_edges) = (
-        covariance.try_inverse()?,
+        seen.covariance.try_inverse()?,
         (fit.covariance * doubt).try_inverse()?,
     );
-    let together = (of_net + of_edges).try_inverse()?;
-    let mean = together * (of_net * a + of_edges * b);
-    Some(Candidate {
-        outline: Outline {
-            circle: BallCircle::new(
-                Pixel {
-                    u: mean.x,
-                    v: mean.y,
-                },
-                mean.z,
-            ),
-            covariance: together,
-        },
-        fit: Some(*fit),
-        shape: Shape::Free,
+    let covariance = (of_net + of_edges).try_inverse()?;
+    let mean = covariance * (of_net * a + of_edges * b);
+    let center = Pixel {
+        u: mean.x,
+        v: mean.y,
+    };
+    Some(Outline {
+        circle: BallCircle::new(center, mean.z),
+        covariance,
+        ..*seen
     })
 }
 

@@ -4,31 +4,28 @@
 //!
 //! ```text
 //! Prior: region, outline +- sigma, rotation          Budget: runs, deadline, depth of the search
-//!        |
-//!        |  outline believed   expected near        nothing known
-//!        |        |                |                     |
-//! outlines,       |        edges near it, net      up to 240 px: all edges, net
-//! the likeliest   |        then rough circles      beyond: rough circles, what these outshone, those without
-//! first           |        as far as it may be     thin things, smaller balls, all edges (halved where very large)
-//!        |        |                |                     |
-//!        +--------+--------+-------+---------------------+
-//!                          |
-//! dots     off the axis of a known camera: the view straight at the ball
-//!          Patch -> DotDetector -> BallView: directions and covariances
-//!                          |   in doubt: five likely dots, or the next outline
-//! names    likely dots under the camera's distances, the likeliest first,
-//!          once with the mirrored view; until a pose is clear
-//!                          |   in doubt: a promising pose, or the next outline
-//!          no clear pose: the detector's second look, likely and doubtful dots;
-//!          none by these: the pattern matched with all places where dots may be
-//!          a rotation expected, and none or another found: the dots weighed with it
-//!                          |
-//! pose     probability by all evidence (TrustMap); refined on the dots in the image,
-//!          which decide to which side of an unknown camera's axis an ellipse lies
-//!                          |
-//!          clear: the answer        else: the next outline, until the budget ends
-//!                 |
-//! pixels   each named dot as a cap in the image itself, and the pose refined on these
+//!        |                                                  |
+//!        +------------------------+-------------------------+
+//!                                 |
+//! places    a plan (propose.rs): the outline that is believed | near the expected one, then farther around | the region
+//!           of large regions first rough circles at a coarse scale: what stands out, what that outshone, without thin things,
+//!           closer about the most promising; of very large ones smaller balls; last all edges
+//!                                 |   one after the other, until one gives the answer or the budget ends
+//! outlines  at a place (locate.rs): edges and net together, the edges' own where the net contradicts them, a circle
+//!           for an ellipse; without a pose all other circles of the edges
+//!                                 |   one after the other, until the dots are clear
+//! dots      off the axis of a known camera: the view straight at the ball
+//!           Patch -> DotDetector -> BallView: directions and covariances
+//!                                 |   of a doubtful outline: five likely dots, or the next outline
+//! names     likely dots under the camera's distances, the likeliest first, once with the mirrored view
+//!           no clear pose: the detector's second look, likely and doubtful dots;
+//!           none by these: the pattern matched with all places where dots may be
+//!           a rotation expected, and none or another found: the dots weighed with it
+//!                                 |
+//! pose      probability by all evidence (TrustMap); refined on the dots in the image,
+//!           which decide to which side of an unknown camera's axis an ellipse lies
+//!                                 |   the answer: any pose of a likely outline, one that the dots make evident of another
+//! pixels    each named dot as a cap in the image itself, and the pose refined on these
 //! ```
 //!
 //! [`circle`](super::circle) finds outlines, [`Patch`] cuts the ball out, a [`DotDetector`] finds dots, [`BallView`] lays them
@@ -61,13 +58,14 @@ mod sharpen;
 mod tracker;
 mod trust;
 
+pub use super::outline::{Outline, OutlineSource};
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
     estimate_inputs,
 };
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, MIN_CONFIDENCE, OutlineMethod};
 use frame::Standing;
-pub use frame::{FrameEstimate, FrameRejection, Hypothesis, Outline, OutlineSource, Pose, Timings};
+pub use frame::{FrameEstimate, FrameRejection, Hypothesis, Pose, Timings};
 pub use orientations::{NamedFrame, orientations, turned_covariance};
 pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
 pub use sequence::{

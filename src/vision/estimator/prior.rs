@@ -65,10 +65,8 @@ impl OutlinePrior {
     /// The outline, where it is known well enough to be one.
     pub(super) fn believed(&self) -> Option<Outline> {
         let is_believed = self.sigma_px <= BELIEVED * self.circle.radius;
-        is_believed.then_some(Outline {
-            circle: self.circle,
-            covariance: Matrix3::from_diagonal_element(self.sigma_px.powi(2)),
-        })
+        let covariance = Matrix3::from_diagonal_element(self.sigma_px.powi(2));
+        is_believed.then_some(Outline::given(self.circle, covariance))
     }
 
     /// How far around the circle the ball may be, radii.

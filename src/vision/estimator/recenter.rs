@@ -25,7 +25,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
 
-use super::{FrameEstimate, Outline, OutlineSource};
+use super::{FrameEstimate, Outline};
 use crate::geometry::{Rotation, Vec3};
 use crate::image::GrayImage;
 use crate::vision::camera::{BallCircle, Intrinsics, Pixel, ray};
@@ -246,7 +246,7 @@ impl Recentering {
         frame: &mut FrameEstimate,
     ) -> Option<Recentered> {
         let outline = frame.outline?;
-        if frame.outline_source == OutlineSource::Given {
+        if outline.is_given() {
             return None;
         }
         let polarity = frame.fit.map_or(Polarity::Mixed, |f| f.polarity);
@@ -299,11 +299,9 @@ impl Recentering {
         frame: &mut FrameEstimate,
     ) -> Option<Recentered> {
         let outline = frame.outline?;
-        let rough = match frame.outline_source {
-            OutlineSource::Given => outline,
-            OutlineSource::Detected | OutlineSource::Neighbors => {
-                outline_of_fit(intrinsics, &outline)
-            }
+        let rough = match outline.is_given() {
+            true => outline,
+            false => outline_of_fit(intrinsics, &outline),
         };
         let Some(fit) = frame.fit else {
             let camera = VirtualCamera::new(intrinsics, &rough.circle)?;
@@ -321,10 +319,7 @@ impl Recentering {
         let circle = match fitted {
             Some(fitted) => {
                 let mapped = camera.fit_to_image(&fitted);
-                frame.outline = Some(Outline {
-                    circle: mapped.circle,
-                    covariance: mapped.covariance,
-                });
+                frame.outline = Some(Outline::from(&mapped));
                 frame.fit = Some(mapped);
                 fitted.circle
             }
@@ -389,6 +384,7 @@ fn outline_of_fit(k: &Intrinsics, fitted: &Outline) -> Outline {
     Outline {
         circle,
         covariance: fitted.covariance + Matrix3::from_diagonal_element(stretch * stretch),
+        ..*fitted
     }
 }
 
@@ -400,6 +396,7 @@ fn mean_focal(k: &Intrinsics) -> f64 {
 mod tests {
     use super::*;
     use crate::vision::camera::{BallView, Camera};
+    use crate::vision::outline::OutlineSource;
 
     const INTRINSICS: Intrinsics = Intrinsics {
         fx: 420.0,
@@ -453,22 +450,21 @@ mod tests {
         for (off_axis, half) in [(0.44f64, 0.125f64), (0.17, 0.125), (0.44, 0.033)] {
             let (near, far) = ((off_axis - half).tan(), (off_axis + half).tan());
             let across = half.sin() / (half.cos().powi(2) - off_axis.sin().powi(2)).sqrt();
-            let fitted = Outline {
-                circle: BallCircle::new(
+            let fitted = Outline::given(
+                BallCircle::new(
                     Pixel {
                         u: 150.0 * (near + far),
                         v: 0.0,
                     },
                     300.0 * (0.25 * (far - near) + 0.5 * across),
                 ),
-                covariance: Matrix3::identity(),
-            };
+                Matrix3::identity(),
+            );
             let found = outline_of_fit(&k, &fitted).circle;
             // The same of an outline that no edges show, unless someone has given it.
             for source in [OutlineSource::Detected, OutlineSource::Given] {
                 let mut frame = FrameEstimate {
-                    outline: Some(fitted),
-                    outline_source: source,
+                    outline: Some(Outline { source, ..fitted }),
                     ..FrameEstimate::default()
                 };
                 let mut gray = GrayImage::default();

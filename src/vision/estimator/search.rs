@@ -12,8 +12,8 @@ use super::locate::{Candidate, Shape};
 use super::prior::{Budget, OutlinePrior, Prior, Spending};
 use super::propose::{Place, Proposal};
 use super::{
-    CLEAR, EXPECTED_DOTS, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection,
-    OutlineSource, PROMISING, Pose, is_mirrored,
+    CLEAR, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, PROMISING,
+    Pose, is_mirrored,
 };
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
@@ -246,9 +246,6 @@ impl<D: DotDetector> Estimator<D> {
                 None
             }
         };
-        if matches!(place, Place::Known(_)) {
-            out.outline_source = OutlineSource::Given;
-        }
         ws.spending.timings.locate += begun.elapsed();
         first
     }
@@ -316,10 +313,6 @@ impl<D: DotDetector> Estimator<D> {
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
-        out.dots.clear();
-        out.dots.reserve(EXPECTED_DOTS);
-        out.assignment.clear();
-        out.assignment.reserve(EXPECTED_DOTS);
         (out.outline, out.fit) = (Some(candidate.outline), candidate.fit);
         let contrast = ws.locator.color_contrast();
         ws.recentered = match self.intrinsics() {

@@ -139,7 +139,7 @@ fn in_doubt(
     hint: Option<Hint>,
     expected: Option<BallCircle>,
 ) -> Option<FrameInDoubt> {
-    let is_given = frame.outline_source == OutlineSource::Given;
+    let is_given = frame.outline.is_some_and(|o| o.is_given());
     let expected = expected.filter(|_| !is_given);
     let is_off_path = expected.is_some_and(|e| frame.circle.is_none_or(|c| off(&c, &e) > OFF_PATH));
     let is_doubtful = match (frame.pose(), &hint) {
@@ -219,8 +219,8 @@ impl<D: DotDetector> Estimator<D> {
             ..Budget::default()
         };
         self.estimate(image, &doubt.prior, &budget, ws, &mut again);
-        if again.outline_source == OutlineSource::Detected {
-            again.outline_source = OutlineSource::Neighbors;
+        if let Some(outline) = again.outline.as_mut().filter(|o| !o.is_given()) {
+            outline.source = OutlineSource::Neighbors;
         }
         doubt.is_settled_by(before, &again).then_some(again)
     }

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::frame::Pose;
 use super::refine::Drawn;
-use super::{Camera, CameraModel, Estimator, EstimatorWorkspace, FrameEstimate, OutlineSource};
+use super::{Camera, CameraModel, Estimator, EstimatorWorkspace, FrameEstimate};
 use crate::image::ImageView;
 use crate::vision::camera::Pixel;
 use crate::vision::detect::{DotDetection, DotDetector};
@@ -88,7 +88,7 @@ impl<D: DotDetector> Estimator<D> {
         out: &mut FrameEstimate,
     ) -> Option<()> {
         let (mut outline, view) = (out.outline?, self.view(out)?);
-        if out.outline_source != OutlineSource::Given {
+        if !outline.is_given() {
             outline.covariance[(2, 2)] += RADIUS_PX * RADIUS_PX;
         }
         let camera = match self.config.camera {

@@ -20,6 +20,7 @@ use crate::error::{Error, Result};
 use crate::image::GrayImage;
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::net::detector::cell_center;
+use crate::vision::outline::{Outline, OutlineSource};
 use crate::vision::patch::{Framing, MIDDLE, Patch};
 
 /// The unit of distances, in the patch's values.
@@ -38,15 +39,6 @@ const PATCHES: usize = 4;
 const CONVERGED: f64 = 0.02;
 /// Cells that must be near the outline.
 const MIN_CELLS: usize = 24;
-
-/// An outline as the net sees it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NetOutline {
-    /// The circle.
-    pub circle: BallCircle,
-    /// Covariance of the center's u and v and the radius, px^2.
-    pub covariance: Matrix3<f64>,
-}
 
 /// The net for outlines.
 #[derive(Debug, Clone)]
@@ -102,7 +94,7 @@ impl OutlineNet {
         image: &GrayImage,
         rough: &BallCircle,
         ws: &mut OutlineWorkspace,
-    ) -> Option<NetOutline> {
+    ) -> Option<Outline> {
         let mut circle = *rough;
         let mut found = None;
         for _ in 0..PATCHES {
@@ -118,9 +110,10 @@ impl OutlineNet {
             let moved = (next.center.u - circle.center.u)
                 .hypot(next.center.v - circle.center.v)
                 .max((next.radius - circle.radius).abs());
-            found = Some(NetOutline {
+            found = Some(Outline {
                 circle: next,
                 covariance: fit.covariance * (step * step * self.covariance_factor),
+                source: OutlineSource::Detected,
             });
             circle = next;
             if moved < CONVERGED * circle.radius {

@@ -104,10 +104,7 @@ fn clip<R: Rng>(dots: &[Vec3], frames: usize, view: &View, motion: &mut R, rng: 
                 });
             }
         }
-        let outline = Outline {
-            circle: outline,
-            covariance: Matrix3::identity() * OUTLINE_PX.powi(2),
-        };
+        let outline = Outline::given(outline, Matrix3::identity() * OUTLINE_PX.powi(2));
         clip.frames
             .push(FrameEstimate::from_detections(outline, found));
         clip.rotations.push(rotation);

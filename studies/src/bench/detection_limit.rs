@@ -108,16 +108,16 @@ fn oracle(ball: &BallSignal, signal: f64, mut normal: impl FnMut() -> f64) -> Fr
     let BallCircle { center, radius, .. } = ball.circle;
     let sigma = ORACLE * radius;
     let mut off = || sigma * normal();
-    let outline = Outline {
-        circle: BallCircle::new(
+    let outline = Outline::given(
+        BallCircle::new(
             Pixel {
                 u: center.u + off(),
                 v: center.v + off(),
             },
             radius + off(),
         ),
-        covariance: Matrix3::from_diagonal_element(sigma * sigma),
-    };
+        Matrix3::from_diagonal_element(sigma * sigma),
+    );
     let clear = ball
         .dots
         .iter()

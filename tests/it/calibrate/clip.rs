@@ -158,9 +158,6 @@ fn frame<R: Rng>(
         confidence,
     };
     let dots: Vec<DotDetection> = seen.into_iter().map(detection).collect();
-    let outline = Outline {
-        circle: outline,
-        covariance: Matrix3::identity() * config.outline_px.powi(2),
-    };
+    let outline = Outline::given(outline, Matrix3::identity() * config.outline_px.powi(2));
     FrameEstimate::from_detections(outline, dots)
 }

@@ -12,8 +12,8 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence, independent_frame};
 use spindoe::vision::detect::DotDetection;
 use spindoe::vision::estimator::{
-    Outline, Pose, SequenceConfig, SequenceView, estimate_sequence, estimate_spin, frames_in_doubt,
-    second_pass,
+    Outline, OutlineSource, Pose, SequenceConfig, SequenceView, estimate_sequence, estimate_spin,
+    frames_in_doubt, second_pass,
 };
 use spindoe::vision::{
     BallCircle, BallView, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
@@ -41,6 +41,7 @@ fn detected(pattern: &Pattern, rotation: &Rotation, count: usize) -> FrameEstima
     frame.outline = Some(Outline {
         circle: CIRCLE,
         covariance: Matrix3::from_diagonal_element(0.04),
+        source: OutlineSource::Detected,
     });
     frame.circle = Some(CIRCLE);
     frame.dots = seen

@@ -498,7 +498,7 @@ fn neighbors_know_where_the_ball_is() {
     let image = &clip.frames[9].0;
     let given = OutlinePrior::given(elsewhere);
     estimator.detect(image, Some(&given), &mut ws, &mut frames[9]);
-    frames[9].outline_source = OutlineSource::Detected;
+    frames[9].outline.as_mut().unwrap().source = OutlineSource::Detected;
     let doubts = frames_in_doubt(&config, &times_s, &frames);
     let numbers: Vec<usize> = doubts.iter().map(|d| d.frame).collect();
     assert!(numbers.contains(&6) && numbers.contains(&9), "{numbers:?}");
@@ -518,7 +518,8 @@ fn neighbors_know_where_the_ball_is() {
     .unwrap();
     for k in [6, 9] {
         let pose = frames[k].pose().expect("a pose");
-        assert_eq!(frames[k].outline_source, OutlineSource::Neighbors);
+        let outline = frames[k].outline.expect("an outline");
+        assert_eq!(outline.source, OutlineSource::Neighbors);
         let truth = rotation(&clip.frames[k].1);
         assert!(pose.rotation.angle_to(&truth).to_degrees() < 20.0);
     }
@@ -532,7 +533,7 @@ fn neighbors_know_where_the_ball_is() {
     assert!(again.is_none(), "{again:?}");
     // Nor is a given outline looked for elsewhere.
     frames[6].outcome = FrameEstimate::default().outcome;
-    frames[6].outline_source = OutlineSource::Given;
+    frames[6].outline.as_mut().unwrap().source = OutlineSource::Given;
     let doubts = frames_in_doubt(&config, &times_s, &frames);
     let given = doubts.iter().find(|d| d.frame == 6).expect("in doubt");
     let kept = given.prior.outline.expect("an outline").circle;
