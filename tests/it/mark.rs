@@ -396,3 +396,19 @@ fn other_readers_find_every_dot_in_its_place() {
         "{words}"
     );
 }
+
+#[test]
+fn too_large_dots_are_refused_by_the_nearest_pair() {
+    let shipped = spindoe::pattern::shipped_designs().unwrap();
+    let pattern = shipped.into_iter().find(|s| s.name == "dots40").unwrap();
+    let pattern = pattern.pattern;
+    let config = |dot_diameter_mm| MarkConfig {
+        dot_diameter_mm,
+        ..MarkConfig::default()
+    };
+    let error = config(8.0).validate(&pattern).unwrap_err().to_string();
+    let (_, rest) = error.split_once("at most ").unwrap();
+    let fits: f64 = rest.split(' ').next().unwrap().parse().unwrap();
+    assert!(config(fits).validate(&pattern).is_ok(), "{error}");
+    assert!(config(fits + 0.1).validate(&pattern).is_err(), "{error}");
+}

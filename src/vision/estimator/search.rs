@@ -12,8 +12,8 @@ use super::locate::{Candidate, Shape};
 use super::prior::{Budget, OutlinePrior, Prior, Spending};
 use super::propose::{Place, Proposal};
 use super::{
-    CLEAR, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, PROMISING,
-    Pose, is_mirrored,
+    CLEAR, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, PROMISING, Pose,
+    is_mirrored,
 };
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;

@@ -210,6 +210,20 @@ fn a_ball_reads_from_a_table_a_pattern_and_a_folder_with_either() {
 }
 
 #[test]
+fn shipped_designs_are_read_by_their_names_unless_there_is_such_a_file() {
+    let shipped = spindoe::pattern::shipped_designs().expect("they read");
+    assert!(shipped.iter().any(|s| s.name == "dots40"));
+    for spindoe::pattern::NamedPattern { name, pattern } in shipped {
+        assert_eq!(
+            Ball::read(name.as_ref()).expect("reads"),
+            Ball::new(pattern)
+        );
+    }
+    let error = Ball::read("dots41".as_ref()).expect_err("no such design");
+    assert!(error.to_string().contains("dots41"), "{error}");
+}
+
+#[test]
 fn the_paper_s_recognizer_is_recorded_as_it_is() {
     use spindoe::recognize::paper::{PaperConfig, VoteSum};
     let config = PaperConfig {

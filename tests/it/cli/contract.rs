@@ -282,6 +282,12 @@ fn bad_tables_are_refused_with_file_and_array() {
 fn bad_arguments_are_refused_by_name() {
     let shop = workshop();
     let dir = shop.path();
+    refused(dir, &["stencl"], "similar subcommand exists: 'stencil'");
+    refused(
+        dir,
+        &["validate", "dots20", "--sample", "3"],
+        "similar argument exists: '--samples'",
+    );
     let validate = |rest: &[&'static str], needle: &str| {
         let arguments = [&["validate", "pattern.csv"], rest].concat();
         refused(dir, &arguments, needle);
