@@ -26,6 +26,7 @@ pub mod frame_table;
 mod grid;
 pub mod net;
 pub mod patch;
+mod rim;
 pub mod verdict;
 
 pub use blob::{BlobConfig, BlobDetector};
