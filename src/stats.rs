@@ -171,10 +171,20 @@ pub fn normal_cdf(x: f64) -> f64 {
     0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
 }
 
-/// The density of N(0, 1) at `x`.
-pub fn normal_density(x: f64) -> f64 {
-    use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_SQRT_PI};
-    0.5 * FRAC_2_SQRT_PI * FRAC_1_SQRT_2 * (-0.5 * x * x).exp()
+/// `P(N(0, 1) <= x)` to 1e-7, and the density at `x`, faster than the one alone to the last digit (M. Abramowitz, I. Stegun, "Handbook of
+/// mathematical functions", 1964, 26.2.17).
+pub fn normal_cdf_and_density(x: f64) -> (f64, f64) {
+    const TERMS: [f64; 5] = [
+        1.330_274_429,
+        -1.821_255_978,
+        1.781_477_937,
+        -0.356_563_782,
+        0.319_381_530,
+    ];
+    let density = (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt();
+    let t = 1.0 / (1.0 + 0.231_641_9 * x.abs());
+    let beyond = density * t * TERMS.iter().fold(0.0, |sum, term| sum * t + term);
+    (if x < 0.0 { beyond } else { 1.0 - beyond }, density)
 }
 
 /// The quantile `q` in [0, 1] of values in ascending order, interpolated between neighbors

@@ -423,6 +423,27 @@ impl BallView {
         }
     }
 
+    /// Where the ray of a pixel passes the ball's center, ball radii along x and y of the view frame: of the length 1 at the rim.
+    pub(super) fn aside(&self, pixel: Pixel) -> Vector2<f64> {
+        match self.projection {
+            Projection::Central { tilt, .. } => {
+                let BallCircle { center, radius, .. } = self.circle;
+                let seen = Vector2::new(pixel.u - center.u, pixel.v - center.v) / radius;
+                let at = tilt.map_or(seen, |t| t.straighten(seen));
+                Vector2::new(at.x, -at.y)
+            }
+            Projection::Perspective {
+                intrinsics,
+                to_camera,
+                distance,
+            } => {
+                let q = (to_camera.inverse() * ray(&intrinsics, pixel)).normalize();
+                let nearest = Vec3::z() * distance - q * (distance * q.z);
+                nearest.xy() * (nearest.norm() / nearest.xy().norm().max(1e-12))
+            }
+        }
+    }
+
     /// The dot seen at a pixel with the covariance `covariance_px2` (u, v), in the view frame.
     /// `None` outside the ball.
     pub fn back_project(&self, pixel: Pixel, covariance_px2: &Matrix2<f64>) -> Option<ObservedDot> {

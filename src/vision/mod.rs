@@ -27,6 +27,7 @@ mod grid;
 pub mod net;
 pub mod outline;
 pub mod patch;
+mod rim;
 pub mod verdict;
 
 pub use blob::{BlobConfig, BlobDetector};

@@ -86,6 +86,7 @@ use super::dense::{DenseMatcher, DenseWorkspace, Heat};
 use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
 use super::patch::Patch;
+use super::rim::RimFitter;
 use crate::ball::Ball;
 use crate::error::Result;
 use crate::geometry::Vec3;
@@ -143,6 +144,7 @@ pub struct EstimatorWorkspace<W> {
     indices: Vec<usize>,
     matches: Vec<Match>,
     caps: CapFitter,
+    rim: RimFitter,
     /// The dots of a pose and their names, before they are sharpened.
     detected: Vec<DotDetection>,
     named: Vec<Option<u16>>,
@@ -272,6 +274,7 @@ impl<D: DotDetector> Estimator<D> {
             indices: Vec::with_capacity(EXPECTED_DOTS),
             matches: Vec::with_capacity(EXPECTED_DOTS),
             caps: CapFitter::default(),
+            rim: RimFitter::default(),
             detected: Vec::with_capacity(EXPECTED_DOTS),
             named: Vec::with_capacity(EXPECTED_DOTS),
         }

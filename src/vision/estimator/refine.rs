@@ -92,8 +92,16 @@ pub(super) struct Refiner {
     dot_confidence: f64,
 }
 
+/// Normal equations, and minus two log-likelihoods.
+struct Equations {
+    information: SMatrix<f64, PARAMETERS, PARAMETERS>,
+    gradient: SVector<f64, PARAMETERS>,
+    cost: f64,
+}
+
 /// Where the iteration stands.
 struct State {
+    camera: Camera,
     view: BallView,
     rotation: Rotation,
     information: SMatrix<f64, PARAMETERS, PARAMETERS>,
@@ -113,6 +121,75 @@ pub(super) struct Prior {
     /// Where the search for the distance starts: the camera under which the dots are identified.
     pub start: Camera,
     pub drawn: Drawn,
+}
+
+impl Prior {
+    /// What it says at a view; `of_outline` is the inverse of the outline's covariance.
+    fn equations(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
+        let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+        let mut gradient = SVector::<f64, PARAMETERS>::zeros();
+        let (circle, now) = (&self.outline.0, view.circle());
+        let moved = offset(circle.center, now.center);
+        let back = Vec3::new(moved.x, moved.y, circle.radius - now.radius);
+        let pull = of_outline * back;
+        information
+            .fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(of_outline);
+        gradient.fixed_rows_mut::<3>(3).copy_from(&pull);
+        let mut cost = back.dot(&pull);
+        match self.camera {
+            CameraModel::Unknown(known) => {
+                information[(6, 6)] = known.sigma.powi(-2);
+                let away = known.inverse_distance - view.horizon();
+                gradient[6] = away / known.sigma.powi(2);
+                cost += (away / known.sigma).powi(2);
+                // Dots that may lie anywhere about their places say nothing of the axis.
+                let sigma = match self.drawn {
+                    Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
+                    Drawn::AsStated => FIXED,
+                };
+                let away = circle.eccentricity - now.eccentricity;
+                for k in 0..2 {
+                    information[(7 + k, 7 + k)] = sigma.powi(-2);
+                    gradient[7 + k] = away[k] / sigma.powi(2);
+                }
+                cost += away.norm_squared() / sigma.powi(2);
+            }
+            // No dot depends on these: they stay where they are.
+            CameraModel::Known(_) => (6..PARAMETERS).for_each(|k| information[(k, k)] = 1.0),
+        }
+        Equations {
+            information,
+            gradient,
+            cost,
+        }
+    }
+}
+
+impl State {
+    /// Takes a step.
+    fn go(&mut self, step: &SVector<f64, PARAMETERS>, prior: &Prior) -> Option<()> {
+        let turn = step.fixed_rows::<3>(0).into_owned();
+        let turned = Rotation::from_scaled_axis(turn) * self.rotation;
+        self.rotation = Rotation::new_normalize(turned.into_inner());
+        let now = self.view.circle();
+        let changed = BallCircle {
+            center: Pixel {
+                u: now.center.u + step[3],
+                v: now.center.v + step[4],
+            },
+            radius: now.radius + step[5],
+            eccentricity: bounded(now.eccentricity + step.fixed_rows::<2>(7)),
+        };
+        if let CameraModel::Unknown(_) = prior.camera {
+            let at = self.view.horizon() + step[6];
+            self.camera = Camera::Near {
+                inverse_distance: at.clamp(0.0, CameraModel::MAX_INVERSE_DISTANCE),
+            };
+        }
+        self.view = BallView::new(&self.camera, changed).ok()?;
+        Some(())
+    }
 }
 
 /// How far the dots of a ball are believed to lie from where its placement has them.
@@ -255,103 +332,68 @@ impl Refiner {
         }
         let (circle, covariance) = &prior.outline;
         let of_outline = covariance.try_inverse()?;
-        let mut camera = prior.start;
         let mut state = State {
-            view: BallView::new(&camera, *circle).ok()?,
+            camera: prior.start,
+            view: BallView::new(&prior.start, *circle).ok()?,
             rotation: *rotation,
             information: SMatrix::zeros(),
             placement: 1.0,
             cost: f64::INFINITY,
         };
         for _ in 0..STEPS {
-            let mut spread = Spread::default();
-            let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
-            let mut gradient = SVector::<f64, PARAMETERS>::zeros();
-            information
-                .fixed_view_mut::<3, 3>(3, 3)
-                .copy_from(&of_outline);
-            let now = *state.view.circle();
-            let moved = offset(circle.center, now.center);
-            let back = Vec3::new(moved.x, moved.y, circle.radius - now.radius);
-            gradient
-                .fixed_rows_mut::<3>(3)
-                .copy_from(&(of_outline * back));
-            let mut cost = back.dot(&(of_outline * back));
-            match prior.camera {
-                CameraModel::Unknown(known) => {
-                    information[(6, 6)] = known.sigma.powi(-2);
-                    let away = known.inverse_distance - state.view.horizon();
-                    gradient[6] = away / known.sigma.powi(2);
-                    cost += (away / known.sigma).powi(2);
-                    // Dots that may lie anywhere about their places say nothing of the axis.
-                    let sigma = match prior.drawn {
-                        Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
-                        Drawn::AsStated => FIXED,
-                    };
-                    let away = circle.eccentricity - now.eccentricity;
-                    for k in 0..2 {
-                        information[(7 + k, 7 + k)] = sigma.powi(-2);
-                        gradient[7 + k] = away[k] / sigma.powi(2);
-                    }
-                    cost += away.norm_squared() / sigma.powi(2);
-                }
-                // No dot depends on these: they stay where they are.
-                CameraModel::Known(_) => (6..PARAMETERS).for_each(|k| information[(k, k)] = 1.0),
-            }
-            let known = information;
-            for m in matches {
-                let dot = &frame.dots[m.detection];
-                let name = usize::from(m.name);
-                let expected = state.rotation * names[name];
-                let hand = self.placement.covariance(name, &state.rotation, &expected);
-                let hand = hand * state.placement;
-                let (mut by_parameters, inverse, residual) =
-                    residual(&state.view, &expected, dot.pixel, &dot.covariance, &hand)?;
-                if matches!(prior.camera, CameraModel::Known(_)) {
-                    by_parameters.fixed_columns_mut::<3>(6).fill(0.0);
-                }
-                let distance = residual.dot(&(inverse * residual));
-                let weight = (DEGREES + 2.0) / (DEGREES + distance);
-                cost += (DEGREES + 2.0) * (1.0 + distance / DEGREES).ln();
-                let weighted = by_parameters.transpose() * inverse * weight;
-                information += weighted * by_parameters;
-                gradient += weighted * residual;
-                if prior.drawn == Drawn::AsSeen {
-                    let by_direction = state.view.jacobian(&expected);
-                    let hand = by_direction * hand * by_direction.transpose();
-                    spread.add(&(inverse * hand), &(inverse * residual), &hand, weight);
-                }
-            }
-            let factor = information.cholesky()?;
-            let step = factor.solve(&gradient);
+            let mut equations = prior.equations(&of_outline, &state.view);
+            let known = equations.information;
+            let spread = self.add_dots(names, prior, &state, frame, matches, &mut equations)?;
+            let factor = equations.information.cholesky()?;
+            let step = factor.solve(&equations.gradient);
             if prior.drawn == Drawn::AsSeen {
                 let held = (factor.inverse() * known).trace();
                 state.placement = spread.scaled(state.placement, PARAMETERS as f64 - held);
             }
-            let turn = step.fixed_rows::<3>(0).into_owned();
-            let turned = Rotation::from_scaled_axis(turn) * state.rotation;
-            state.rotation = Rotation::new_normalize(turned.into_inner());
-            let changed = BallCircle {
-                center: Pixel {
-                    u: now.center.u + step[3],
-                    v: now.center.v + step[4],
-                },
-                radius: now.radius + step[5],
-                eccentricity: bounded(now.eccentricity + step.fixed_rows::<2>(7)),
-            };
-            if let CameraModel::Unknown(_) = prior.camera {
-                let at = state.view.horizon() + step[6];
-                camera = Camera::Near {
-                    inverse_distance: at.clamp(0.0, CameraModel::MAX_INVERSE_DISTANCE),
-                };
-            }
-            state.view = BallView::new(&camera, changed).ok()?;
-            (state.information, state.cost) = (information, cost);
+            state.go(&step, prior)?;
+            (state.information, state.cost) = (equations.information, equations.cost);
             if step.norm() < CONVERGED {
                 break;
             }
         }
         Some(state)
+    }
+
+    /// Adds what the named dots say; what they say of the placement.
+    fn add_dots(
+        &self,
+        names: &[Vec3],
+        prior: &Prior,
+        state: &State,
+        frame: &FrameEstimate,
+        matches: &[Match],
+        equations: &mut Equations,
+    ) -> Option<Spread> {
+        let mut spread = Spread::default();
+        for m in matches {
+            let dot = &frame.dots[m.detection];
+            let name = usize::from(m.name);
+            let expected = state.rotation * names[name];
+            let hand = self.placement.covariance(name, &state.rotation, &expected);
+            let hand = hand * state.placement;
+            let (mut by_parameters, inverse, residual) =
+                residual(&state.view, &expected, dot.pixel, &dot.covariance, &hand)?;
+            if matches!(prior.camera, CameraModel::Known(_)) {
+                by_parameters.fixed_columns_mut::<3>(6).fill(0.0);
+            }
+            let distance = residual.dot(&(inverse * residual));
+            let weight = (DEGREES + 2.0) / (DEGREES + distance);
+            equations.cost += (DEGREES + 2.0) * (1.0 + distance / DEGREES).ln();
+            let weighted = by_parameters.transpose() * inverse * weight;
+            equations.information += weighted * by_parameters;
+            equations.gradient += weighted * residual;
+            if prior.drawn == Drawn::AsSeen {
+                let by_direction = state.view.jacobian(&expected);
+                let hand = by_direction * hand * by_direction.transpose();
+                spread.add(&(inverse * hand), &(inverse * residual), &hand, weight);
+            }
+        }
+        Some(spread)
     }
 
     /// Names detections that lie where a dot is expected, unnames those that lie elsewhere; whether anything changed.

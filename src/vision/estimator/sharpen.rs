@@ -12,14 +12,18 @@ use super::{Camera, CameraModel, Estimator, EstimatorWorkspace, FrameEstimate};
 use crate::image::ImageView;
 use crate::vision::camera::Pixel;
 use crate::vision::detect::{DotDetection, DotDetector};
+use crate::vision::rim::RimFit;
 
 /// What is read of the image, outline radii.
-const REACH: f64 = 1.1;
+const REACH: f64 = 1.25;
 /// A dot farther from where it was detected than so many standard deviations, the drawn one's included, is another thing.
 const MOVED: f64 = 4.0;
-/// Standard deviation of what the limb's shading and the camera's tone curve do to the radius of an outline that was found, pixels:
-/// 0.26 with balls of any size (`bench limit`).
-const RADIUS_PX: f64 = 0.2;
+/// Standard deviations of what the limb's shading and the camera's tone curve do to center and radius of an outline that was found,
+/// pixels: 0.13 and 0.26 with balls of 60 pixels (`bench limit`).
+const OUTLINE_PX: [f64; 3] = [0.1, 0.1, 0.2];
+/// Standard deviation of the radius of an outline that may be an ellipse, radii: off the axis by 5 degrees, the half axes differ
+/// by 0.4 %.
+const OVAL: f64 = 0.002;
 /// Where more than this part of the names is lost on the sharpened dots, these are other things.
 const MOST_LOST: f64 = 0.25;
 
@@ -33,12 +37,14 @@ impl<D: DotDetector> Estimator<D> {
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
-        if let Ok(pose) = out.outcome {
+        if let Ok(pose) = out.outcome
+            && !ws.spending.is_late()
+        {
             ws.detected.clone_from(&out.dots);
             ws.named.clone_from(&out.assignment);
-            let is_better = self.place_by_pixels(image, ws, out)
-                && self.refine_sharpened(&pose, ws, out).is_some();
-            if !is_better {
+            let seen = self.place_by_pixels(image, ws, out);
+            let refined = seen.and_then(|rim| self.refine_sharpened(&pose, rim, ws, out));
+            if refined.is_none() {
                 out.dots.clone_from(&ws.detected);
                 out.assignment.clone_from(&ws.named);
             }
@@ -46,29 +52,37 @@ impl<D: DotDetector> Estimator<D> {
         out.timings.identify += begun.elapsed();
     }
 
-    /// Whether any dot is.
+    /// The rim by the image's pixels, where it was found and is clear; `None` where no dot is.
     fn place_by_pixels(
         &self,
         image: ImageView<'_>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
-    ) -> bool {
-        let Some(view) = self.view(out) else {
-            return false;
+    ) -> Option<Option<RimFit>> {
+        let view = self.view(out)?;
+        let part = view.circle().region(REACH, image.width(), image.height())?;
+        let (gray, origin) = match image {
+            ImageView::Gray(gray) => (gray, Pixel::default()),
+            _ => {
+                image.shrink_into(&part, 0, &mut ws.images.gray);
+                let (u, v) = (part.left as f64, part.top as f64);
+                (&ws.images.gray, Pixel { u, v })
+            }
         };
-        let part = view.circle().region(REACH, image.width(), image.height());
-        let Some(part) = part else {
-            return false;
+        // What the dots that face the camera say of blur and tone curve, those near the rim need most.
+        let off_middle = |i: &usize| {
+            let (at, center) = (out.dots[*i].pixel, view.circle().center);
+            (at.u - center.u).hypot(at.v - center.v)
         };
-        image.shrink_into(&part, 0, &mut ws.images.gray);
-        let origin = Pixel {
-            u: part.left as f64,
-            v: part.top as f64,
-        };
+        ws.indices.clear();
+        let named = out.assignment.iter().enumerate();
+        ws.indices
+            .extend(named.filter_map(|(i, name)| name.map(|_| i)));
+        ws.indices
+            .sort_unstable_by(|a, b| off_middle(a).total_cmp(&off_middle(b)));
         let (mut shape, mut is_any) = (None, false);
-        let named = out.dots.iter_mut().zip(&out.assignment);
-        for (dot, _) in named.filter(|(_, name)| name.is_some()) {
-            let gray = &ws.images.gray;
+        for &i in &ws.indices {
+            let dot = &mut out.dots[i];
             let Some(cap) = ws.caps.fit(gray, origin, &view, dot.pixel, shape) else {
                 continue;
             };
@@ -78,18 +92,32 @@ impl<D: DotDetector> Estimator<D> {
                 is_any = true;
             }
         }
-        is_any
+        let is_found = out.outline.is_some_and(|o| !o.is_given());
+        let rim = || ws.rim.fit(gray, origin, &view, &shape?);
+        is_any.then(|| is_found.then(rim).flatten())
     }
 
     fn refine_sharpened(
         &self,
         pose: &Pose,
+        rim: Option<RimFit>,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) -> Option<()> {
         let (mut outline, view) = (out.outline?, self.view(out)?);
-        if !outline.is_given() {
-            outline.covariance[(2, 2)] += RADIUS_PX * RADIUS_PX;
+        if let Some(rim) = rim {
+            let found = view.circle();
+            outline.circle.center.u = found.center.u + rim.change.x;
+            outline.circle.center.v = found.center.v + rim.change.y;
+            outline.circle.radius = found.radius + rim.change.z;
+            outline.covariance = rim.covariance;
+            if matches!(self.config.camera, CameraModel::Unknown(_)) {
+                outline.covariance[(2, 2)] += (OVAL * found.radius).powi(2);
+            }
+        } else if !outline.is_given() {
+            for (k, sigma) in OUTLINE_PX.into_iter().enumerate() {
+                outline.covariance[(k, k)] += sigma * sigma;
+            }
         }
         let camera = match self.config.camera {
             CameraModel::Known(camera) => camera,
