@@ -95,6 +95,15 @@ impl Default for Tone {
 }
 
 impl Tone {
+    /// The square root of the light.
+    #[cfg(test)]
+    pub fn of_root() -> Self {
+        Self {
+            bend: 1.0,
+            variance: 0.01,
+        }
+    }
+
     /// The light that is stored as `value`.
     fn light(bend: f64, value: f64) -> f64 {
         (1.0 - bend + bend * value) * value
@@ -639,6 +648,60 @@ mod tests {
             let light = fine.sum::<f32>() / (FINE * FINE) as f32;
             1.055 * light.powf(1.0 / 2.4) - 0.055
         })
+    }
+
+    /// To a hundredth: how the blur's width changes from one side of the dot to the other is left out.
+    #[test]
+    fn derivatives_are_those_of_finite_differences() {
+        let (view, step) = (view(), 1e-6);
+        let middle = Vec3::new(0.45, -0.2, 0.87).normalize();
+        let tangents = tangent_frame(&middle);
+        let state = State {
+            middle,
+            radius: 0.09,
+            blur: 0.8,
+            bend: 0.8,
+            ink: 0.7,
+            light: 0.6,
+            slope: Vector2::new(0.3, -0.2),
+        };
+        let mut disc = Disc::new(&view, &state, &tangents).unwrap();
+        let at = view.project(&middle);
+        for (du, dv) in [(2.0, 0.5), (-1.5, 2.0), (0.3, -2.6), (4.0, 4.0), (0.2, 0.1)] {
+            let place = Pixel {
+                u: at.u + du,
+                v: at.v + dv,
+            };
+            let direction = view.direction(place).unwrap();
+            let sample = Sample {
+                direction,
+                ray: direction * view.horizon() - Vec3::z(),
+                value: 0.0,
+            };
+            let (shown, by) = state.shown(&disc, &sample);
+            for (k, by) in by.into_iter().enumerate() {
+                let mut change = Unknowns::zeros();
+                change[k] = step;
+                let moved = state.moved(&change, &tangents);
+                let before = disc.by_pixel;
+                // The blur's width in the plane is held.
+                disc = Disc {
+                    by_pixel: before,
+                    spread: before.norm_squared(),
+                    ..Disc::new(&view, &moved, &tangents).unwrap()
+                };
+                let difference = (moved.shown(&disc, &sample).0 - shown) / step;
+                assert!(
+                    (difference - by).abs() < 1e-2 * (1.0 + by.abs()),
+                    "{k}: {difference} {by}"
+                );
+                disc = Disc {
+                    by_pixel: before,
+                    spread: before.norm_squared(),
+                    ..Disc::new(&view, &state, &tangents).unwrap()
+                };
+            }
+        }
     }
 
     #[test]

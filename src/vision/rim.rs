@@ -335,3 +335,79 @@ fn blurred_root(x: f64) -> (f64, f64) {
     let by = ROOTS[k + 1] - ROOTS[k];
     (ROOTS[k] + by * (at - k as f64), by / TABLE.1)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::camera::{BallCircle, Camera};
+    use crate::vision::cap::Tone;
+
+    const SIDE: usize = 80;
+    const BLUR: f64 = 0.8;
+
+    /// A lit ball before a dark background, as a camera stores it.
+    fn drawn(circle: &BallCircle) -> GrayImage {
+        let lamp = Vec3::new(0.6, 0.3, 0.75).normalize();
+        let view = BallView::new(&Camera::Orthographic, *circle).unwrap();
+        GrayImage::from_fn(SIDE, SIDE, |u, v| {
+            let at = Pixel {
+                u: u as f64,
+                v: v as f64,
+            };
+            let off = (at.u - circle.center.u).hypot(at.v - circle.center.v);
+            let covered = normal_cdf_and_density((circle.radius - off) / BLUR).0;
+            // The limb's own light beyond it.
+            let inward = (circle.radius - 0.5).min(off) / off.max(1e-9);
+            let toward = Pixel {
+                u: circle.center.u + inward * (at.u - circle.center.u),
+                v: circle.center.v + inward * (at.v - circle.center.v),
+            };
+            let lit = view
+                .direction(toward)
+                .map_or(0.0, |d| d.dot(&lamp).max(0.0));
+            (0.04 + covered * (0.25 + 0.3 * lit)).sqrt() as f32
+        })
+    }
+
+    #[test]
+    fn an_outline_that_is_off_is_corrected() {
+        let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
+        let image = drawn(&circle);
+        let shape = CapShape {
+            radius: 0.1,
+            blur: BLUR,
+            tone: Tone::of_root(),
+            is_known: true,
+        };
+        for off in [[0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [-0.4, 0.1, -0.5]] {
+            let mut found = circle;
+            found.center.u += off[0];
+            found.center.v += off[1];
+            found.radius += off[2];
+            let view = BallView::new(&Camera::Orthographic, found).unwrap();
+            let fit = RimFitter::default()
+                .fit(&image, Pixel::default(), &view, &shape)
+                .expect("a rim");
+            let left = fit.change + Vec3::from(off);
+            assert!(left.xy().amax() < 0.03, "{off:?}: {left}");
+            assert!(left.z.abs() < 0.1, "{off:?}: {left}");
+        }
+    }
+
+    #[test]
+    fn an_even_image_has_no_rim() {
+        let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
+        let view = BallView::new(&Camera::Orthographic, circle).unwrap();
+        let image = GrayImage::from_fn(SIDE, SIDE, |u, v| {
+            0.5 + 0.001 * ((7 * u + 13 * v) % 5) as f32
+        });
+        let shape = CapShape {
+            radius: 0.1,
+            blur: BLUR,
+            tone: Tone::of_root(),
+            is_known: true,
+        };
+        let found = RimFitter::default().fit(&image, Pixel::default(), &view, &shape);
+        assert!(found.is_none(), "{found:?}");
+    }
+}
