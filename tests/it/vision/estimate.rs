@@ -519,6 +519,24 @@ fn a_frame_of_an_odd_size_is_said() {
 }
 
 #[test]
+fn crops_of_many_sizes_are_none_of_an_odd_size() {
+    let (dir, image) = folder();
+    std::fs::create_dir(dir.path().join("in")).expect("a folder");
+    let side = image.width();
+    for k in 0..6 {
+        // Two of the largest size, and others.
+        let crop = side - k.max(1);
+        let image = GrayImage::from_fn(crop, crop, |u, v| image.sample(u as f64, v as f64));
+        let name = format!("in/{}000000.png", k + 1);
+        save(bytes(&image), &dir.path().join(name));
+    }
+    let run = ["estimate", "--table", "pattern.csv", "in"];
+    let output = crate::common::spindoe(dir.path(), &run);
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(!words.contains("warning"), "{words}");
+}
+
+#[test]
 fn a_file_that_cannot_be_read_is_one_rejected_frame() {
     let (dir, image) = folder();
     let at = |name: &str| dir.path().join(name);
