@@ -30,7 +30,7 @@ The folder holds pattern.csv, table.npz, clip/images/*.png (the names are times 
 
 Example:
   spindoe sample
-  spindoe estimate --table sample/table.npz sample/clip/images -o orientations.csv --report estimate.html
+  spindoe estimate --table sample/table.npz sample -o orientations.csv --report estimate.html
   spindoe spin orientations.csv")]
 pub struct Arguments {
     /// The folder to write to.
