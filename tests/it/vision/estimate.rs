@@ -580,6 +580,38 @@ fn a_file_that_cannot_be_read_is_one_rejected_frame() {
     );
 }
 
+#[test]
+fn a_thin_picture_is_one_rejected_frame() {
+    let (dir, image) = folder();
+    let at = |name: &str| dir.path().join(name);
+    std::fs::create_dir(at("in")).expect("a folder");
+    save(bytes(&image), &at("in/1000000.png"));
+    let thin =
+        |width, height| ImageBuffer::from_fn(width, height, |u, v| Luma([(9 * u + v) as u8]));
+    for (k, (width, height)) in [(3, 1000), (1000, 3), (1, 1000), (1000, 16)]
+        .into_iter()
+        .enumerate()
+    {
+        save(thin(width, height), &at(&format!("in/{}000000.png", 2 + k)));
+    }
+    save(bytes(&image), &at("in/9000000.png"));
+    let run = ["estimate", "--table", "pattern.csv", "in", "--json"];
+    // In all of every frame, in what the thin ones lack, and in what only one of them has.
+    for (roi, identified) in [("", 2), ("0,0,66,66", 2), ("0,0,2,1000", 0)] {
+        let mut arguments = run.to_vec();
+        if !roi.is_empty() {
+            arguments.extend(["--roi", roi]);
+        }
+        let output = crate::common::spindoe(dir.path(), &arguments);
+        let words = String::from_utf8_lossy(&output.stderr);
+        let code = if identified > 0 { 0 } else { 3 };
+        assert_eq!(output.status.code(), Some(code), "{roi}: {words}");
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        assert_eq!(json["identified"], identified, "{roi}: {words}");
+        assert_eq!(json["frames"].as_array().map(Vec::len), Some(6), "{roi}");
+    }
+}
+
 /// Whether two values are equal up to the rounding of degrees in a file.
 fn is_close(a: &serde_json::Value, b: &serde_json::Value) -> bool {
     use serde_json::Value;
