@@ -612,6 +612,47 @@ fn a_thin_picture_is_one_rejected_frame() {
     }
 }
 
+#[test]
+fn an_outline_that_is_known_well_is_believed() {
+    use spindoe::synth::SynthConfig;
+    use spindoe::synth::dataset::independent_frame;
+    use spindoe::vision::{BallCircle, OutlinePrior};
+    let pattern = crate::common::random_pattern(20, 5);
+    let estimator = estimator_of_synth(&pattern);
+    // Dots where the pattern has them: the outline's error counts.
+    let config = SynthConfig {
+        placement_sigma_rad: [0.0; 2],
+        max_off_axis_rad: 0.0,
+        ..SynthConfig::good()
+    };
+    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+    let mut errors = [Vec::new(), Vec::new()];
+    for k in 0..40 {
+        let frame = independent_frame(&pattern, &config, 91, k).expect("a frame");
+        let [w, x, y, z] = frame.truth.quaternion_wxyz;
+        let truth = Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+        let known = OutlinePrior {
+            circle: BallCircle::new(frame.truth.center, frame.truth.radius_px),
+            sigma_px: 0.05,
+        };
+        for (outline, errors) in [None, Some(known)].into_iter().zip(&mut errors) {
+            let prior = Prior {
+                outline,
+                ..Prior::default()
+            };
+            let budget = Budget::default();
+            estimator.estimate(&frame.image, &prior, &budget, &mut ws, &mut out);
+            let pose = out.pose();
+            errors.extend(pose.map(|p| p.rotation.angle_to(&truth).to_degrees()));
+        }
+    }
+    let counts = errors.each_ref().map(Vec::len);
+    let [found, given] = errors.each_mut().map(|e| spindoe::stats::median(e));
+    println!("{counts:?} of 40, median {found:.3} deg, with the true outline {given:.3} deg");
+    assert!(counts.iter().all(|n| *n >= 38), "{counts:?}");
+    assert!(given < found, "{given}, without {found}");
+}
+
 /// Whether two values are equal up to the rounding of degrees in a file.
 fn is_close(a: &serde_json::Value, b: &serde_json::Value) -> bool {
     use serde_json::Value;
