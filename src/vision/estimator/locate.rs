@@ -14,11 +14,9 @@ use super::Outline;
 use super::config::OutlineMethod;
 use crate::image::{GrayImage, ImageView};
 use crate::vision::camera::{BallCircle, Pixel};
-use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity};
+use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, WHOLE};
 use crate::vision::net::outline::{NetOutline, OutlineNet, OutlineWorkspace};
 
-/// An outline of the edges with this support and this part of it in the image needs no judge.
-const WHOLE: f64 = 0.9;
 /// A ball fills a crop, of up to so many pixels, from this radius on, in longer sides.
 const FILLED: f64 = 0.38;
 const CROP: usize = 320;

@@ -24,16 +24,12 @@ use super::{
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
 use crate::vision::camera::{BallCircle, Pixel};
-use crate::vision::circle::NoBall;
-use crate::vision::detect::DotDetector;
+use crate::vision::circle::{NoBall, WHOLE};
+use crate::vision::detect::{DotDetector, LIKELY_DOT};
 use crate::vision::grid::Grid;
 
 /// A ball that is not where it is expected is looked for within so many radii, if it may be so far off.
 pub(super) const NEARBY: f64 = 4.5;
-/// An outline with this support of the edges is a ball's.
-pub(super) const WHOLE: f64 = 0.9;
-/// Confidence of a detection that is more likely a dot than not.
-pub(super) const LIKELY_DOT: f64 = 0.5;
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
 const MIN_LIKELY_DOTS: usize = 5;
 /// Poses from here on are all but certain.
