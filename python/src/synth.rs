@@ -4,7 +4,7 @@ use numpy::ndarray::Array3;
 use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{self, Frame, SequenceConfig};
+use spindoe::synth::dataset::{self, ClipConfig, Frame};
 
 use crate::errors::{OrRaise, value_error};
 use crate::pattern::{Pattern, overlay, to_json};
@@ -65,7 +65,7 @@ impl Sequence {
         exposure_s: Option<f64>,
         drift_px: Option<[f64; 2]>,
     ) -> PyResult<Self> {
-        let sequence = SequenceConfig {
+        let sequence = ClipConfig {
             fps,
             spin,
             exposure_s,

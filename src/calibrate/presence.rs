@@ -23,7 +23,8 @@ const FALSE_RATE: f64 = 0.05;
 const MISSING: f64 = -6.9;
 /// A dot found in more than this share of the views expected is there.
 const SOMETIMES: f64 = 0.15;
-/// One whose detections are less likely a dot's than this share of the other dots' ...
+/// One whose detections are less likely a dot's than this share of the other dots' (a decision, as are the next two: they weigh
+/// a dot that is doubted against print that is taken for one; `bench calibration` counts both) ...
 const UNLIKELY: f64 = 0.6;
 /// ... must be found in more than this share of them.
 const UNLIKELY_SOMETIMES: f64 = 0.5;
@@ -36,7 +37,7 @@ pub const MIN_EXPECTED_VIEWS: f64 = 3.0;
 
 /// How often a dot was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Presence {
+pub(super) struct FindRecord {
     /// Views in which it faced the camera well.
     pub views: usize,
     /// Expected number of finds in them.
@@ -64,7 +65,7 @@ pub(super) struct Looks {
 
 /// What the clip says of a dot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(super) enum DotPresence {
     /// It is there.
     There,
     /// Something is there that may be print or a stain, or is seen at the limb only.
@@ -75,9 +76,9 @@ pub(super) enum Verdict {
     Missing,
 }
 
-impl Presence {
+impl FindRecord {
     /// Whether there is such a dot, and whether it is that which is taken for it.
-    pub fn verdict(&self, looks: &Looks) -> Verdict {
+    pub fn presence(&self, looks: &Looks) -> DotPresence {
         let found = self.found as f64;
         let is_never_found = found < SOMETIMES * self.expected && self.evidence < MISSING;
         let is_other = looks.confidence < UNLIKELY && found < UNLIKELY_SOMETIMES * self.expected;
@@ -86,15 +87,15 @@ impl Presence {
         let is_in_view = looks.expected_nominal >= MIN_EXPECTED_VIEWS;
         let faces_camera = self.expected >= MIN_EXPECTED_VIEWS;
         if faces_camera && (is_never_found || is_other) {
-            Verdict::Missing
+            DotPresence::Missing
         } else if is_far && !is_in_view {
-            Verdict::Hidden
+            DotPresence::Hidden
         } else if is_far && is_unlike {
-            Verdict::Missing
+            DotPresence::Missing
         } else if looks.is_found && (is_unlike || !faces_camera) {
-            Verdict::Doubtful
+            DotPresence::Doubtful
         } else {
-            Verdict::There
+            DotPresence::There
         }
     }
 }
@@ -129,13 +130,13 @@ fn bin(z: f64) -> Option<usize> {
     above.checked_sub(1).filter(|b| *b + 1 < EDGES.len())
 }
 
-/// The presence of every direction (pattern frame), and the detector's rate. `finds[k]` holds the
+/// How often every direction (pattern frame) was found, and the detector's rate. `finds[k]` holds the
 /// directions found in frame `k`.
-pub(super) fn presences(
+pub(super) fn find_records(
     frames: &FittedFrames,
     directions: &[Vec3],
     finds: &[Vec<usize>],
-) -> (Vec<Presence>, DetectionRate) {
+) -> (Vec<FindRecord>, DetectionRate) {
     let mut hits = vec![[0usize; EDGES.len() - 1]; directions.len()];
     let mut views = hits.clone();
     for (frame, finds) in frames.iter().zip(finds) {
@@ -159,17 +160,17 @@ pub(super) fn presences(
     // Rule of succession: a bin with few views says little, and none is certain.
     let rates = all.map(|[hits, views]| (hits + 1) as f64 / (views + 2) as f64);
     let rate = DetectionRate { rates };
-    let presences = hits.iter().zip(&views).map(|(hits, views)| {
-        let mut presence = Presence::default();
+    let find_records = hits.iter().zip(&views).map(|(hits, views)| {
+        let mut record = FindRecord::default();
         for b in 0..rates.len() {
             let (p, missed) = (rates[b], views[b] - hits[b]);
-            presence.views += views[b];
-            presence.found += hits[b];
-            presence.expected += p * views[b] as f64;
-            presence.evidence += hits[b] as f64 * (p / FALSE_RATE).ln()
+            record.views += views[b];
+            record.found += hits[b];
+            record.expected += p * views[b] as f64;
+            record.evidence += hits[b] as f64 * (p / FALSE_RATE).ln()
                 + missed as f64 * ((1.0 - p) / (1.0 - FALSE_RATE)).ln();
         }
-        presence
+        record
     });
-    (presences.collect(), rate)
+    (find_records.collect(), rate)
 }

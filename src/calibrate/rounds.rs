@@ -8,7 +8,7 @@ use super::fitted::FittedFrame;
 use super::identify::identify_frames;
 use super::marks::{Mark, steady_marks};
 use super::presence::{
-    DetectionRate, Looks, MIN_EXPECTED_VIEWS, Presence, Verdict, doubtful_limit, presences,
+    DetectionRate, DotPresence, FindRecord, Looks, MIN_EXPECTED_VIEWS, doubtful_limit, find_records,
 };
 use super::result::{
     CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, drawing_sigma_rad,
@@ -42,7 +42,7 @@ const SETTLED_RAD: f64 = 1e-4;
 
 /// A dot of the fit: one of the nominal pattern, or a mark.
 #[derive(Debug, Clone, Copy)]
-struct Candidate {
+struct ClipDot {
     /// What is known of its place before the clip.
     prior: DotPrior,
     direction: Vec3,
@@ -52,18 +52,18 @@ struct Candidate {
     confidence: f64,
     /// Whether a frame of the last fit names it.
     named: bool,
-    presence: Presence,
-    verdict: Verdict,
+    record: FindRecord,
+    presence: DotPresence,
     /// Where something lies that was taken for it and is not.
     rejected: Option<Vec3>,
     /// As a mark: see [`SteadyMark`].
     mark: Option<Mark>,
 }
 
-impl Candidate {
+impl ClipDot {
     /// Not left out.
     fn is_active(&self) -> bool {
-        self.verdict != Verdict::Missing
+        self.presence != DotPresence::Missing
     }
 
     /// Angle from its nominal place, radians; 0 for a mark.
@@ -75,17 +75,18 @@ impl Candidate {
     }
 
     /// Takes what the views say of it.
-    fn judge(&mut self, presence: Presence, looks: &Looks) {
-        self.presence = presence;
-        self.verdict = presence.verdict(looks);
-        match self.verdict {
-            Verdict::There => {}
-            Verdict::Doubtful => {
+    fn judge(&mut self, record: FindRecord, looks: &Looks) {
+        self.record = record;
+        self.presence = record.presence(looks);
+        match self.presence {
+            DotPresence::There => {}
+            DotPresence::Doubtful => {
                 self.covariance += Matrix2::identity() * PRINT_SIGMA_RAD.powi(2);
             }
-            Verdict::Hidden | Verdict::Missing => {
+            DotPresence::Hidden | DotPresence::Missing => {
                 // What was taken for it lies elsewhere, or it is found too seldom: then a mark may be it.
-                let is_other = looks.confidence < looks.limit || self.verdict == Verdict::Hidden;
+                let is_other =
+                    looks.confidence < looks.limit || self.presence == DotPresence::Hidden;
                 if self.views > 0 && is_other {
                     self.rejected = Some(self.direction);
                 }
@@ -122,7 +123,7 @@ pub(super) struct Rounds<'a> {
     nominal: &'a Pattern,
     times_s: Option<&'a [f64]>,
     config: &'a CalibrationConfig,
-    candidates: Vec<Candidate>,
+    candidates: Vec<ClipDot>,
     /// For each dot of the pattern that named the frames' detections, its candidate.
     names: Vec<usize>,
     frames: Vec<FrameEstimate>,
@@ -139,7 +140,7 @@ impl<'a> Rounds<'a> {
         config: &'a CalibrationConfig,
     ) -> Self {
         let variance = config.placement_sigma_rad.powi(2);
-        let candidates = nominal.dots().iter().map(|direction| Candidate {
+        let candidates = nominal.dots().iter().map(|direction| ClipDot {
             prior: DotPrior {
                 direction: *direction,
                 sigma_rad: config.placement_sigma_rad,
@@ -150,8 +151,8 @@ impl<'a> Rounds<'a> {
             views: 0,
             confidence: 1.0,
             named: false,
-            presence: Presence::default(),
-            verdict: Verdict::There,
+            record: FindRecord::default(),
+            presence: DotPresence::There,
             rejected: None,
             mark: None,
         });
@@ -241,11 +242,11 @@ impl<'a> Rounds<'a> {
         self.take_displaced(&marks);
         let finds = self.finds(&fitted, &strays);
         let directions: Vec<Vec3> = self.candidates.iter().map(|c| c.direction).collect();
-        let (presences, rate) = presences(&fitted, &directions, &finds);
+        let (records, rate) = find_records(&fitted, &directions, &finds);
         let named = self.candidates.iter().filter(|c| c.named);
         let limit = doubtful_limit(named.map(|c| c.confidence));
         let drawing_sigma = self.drawing_sigma();
-        for (candidate, presence) in self.candidates.iter_mut().zip(presences) {
+        for (candidate, record) in self.candidates.iter_mut().zip(records) {
             let looks = Looks {
                 is_found: candidate.views > 0,
                 confidence: candidate.confidence,
@@ -253,7 +254,7 @@ impl<'a> Rounds<'a> {
                 offset: candidate.offset() / drawing_sigma,
                 expected_nominal: rate.expected(&fitted, &candidate.prior.direction),
             };
-            candidate.judge(presence, &looks);
+            candidate.judge(record, &looks);
         }
         self.check_dots()?;
         // What is taken in must take part in a fit.
@@ -290,7 +291,7 @@ impl<'a> Rounds<'a> {
     /// Too many dots missing are another ball's.
     fn check_dots(&self) -> Outcome<()> {
         let designed = self.candidates.iter().filter(|c| c.mark.is_none());
-        let in_view = designed.filter(|c| c.presence.expected >= MIN_EXPECTED_VIEWS);
+        let in_view = designed.filter(|c| c.record.expected >= MIN_EXPECTED_VIEWS);
         let (expected, missing) = in_view.fold((0, 0), |(all, missing), c| {
             (all + 1, missing + usize::from(!c.is_active()))
         });
@@ -401,7 +402,7 @@ impl<'a> Rounds<'a> {
         let max_offset =
             (DISPLACED * self.drawing_sigma()).clamp(SAME_RAD, self.config.max_offset_rad);
         for mark in marks {
-            let near = |c: &Candidate| angle_between(&c.prior.direction, &mark.direction);
+            let near = |c: &ClipDot| angle_between(&c.prior.direction, &mark.direction);
             let unfound = self
                 .candidates
                 .iter_mut()
@@ -424,7 +425,7 @@ impl<'a> Rounds<'a> {
             .candidates
             .iter()
             .filter(|c| c.mark.is_none() && c.views > 0);
-        drawing_sigma_rad(measured.map(Candidate::offset))
+        drawing_sigma_rad(measured.map(ClipDot::offset))
     }
 
     /// Takes marks in where `take_in` says so; the marks that are left.
@@ -438,7 +439,7 @@ impl<'a> Rounds<'a> {
         }
         for mark in &marks {
             if self.candidates.len() < MAX_DOTS {
-                self.candidates.push(Candidate {
+                self.candidates.push(ClipDot {
                     prior: DotPrior {
                         direction: mark.direction,
                         sigma_rad: self.config.placement_sigma_rad,
@@ -449,8 +450,8 @@ impl<'a> Rounds<'a> {
                     views: mark.found,
                     confidence: 1.0,
                     named: false,
-                    presence: Presence::default(),
-                    verdict: Verdict::There,
+                    record: FindRecord::default(),
+                    presence: DotPresence::There,
                     rejected: None,
                     mark: Some(*mark),
                 });
@@ -556,11 +557,11 @@ impl<'a> Rounds<'a> {
         })
     }
 
-    fn calibrated(&self, c: &Candidate) -> CalibratedDot {
-        let state = match c.verdict {
-            Verdict::Missing => DotState::Missing,
+    fn calibrated(&self, c: &ClipDot) -> CalibratedDot {
+        let state = match c.presence {
+            DotPresence::Missing => DotState::Missing,
             _ if c.views == 0 => DotState::Unseen,
-            Verdict::Doubtful => DotState::Doubtful,
+            DotPresence::Doubtful => DotState::Doubtful,
             _ => DotState::Measured,
         };
         let is_seen = matches!(state, DotState::Measured | DotState::Doubtful);
@@ -575,7 +576,7 @@ impl<'a> Rounds<'a> {
             direction,
             covariance,
             views: if is_seen { c.views } else { 0 },
-            expected_views: c.presence.expected,
+            expected_views: c.record.expected,
             confidence: if is_seen { c.confidence } else { 1.0 },
             state,
         }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::conditions::{CameraConditions, Surroundings};
 use super::frames::FrameRates;
-use super::racing::{RaceConfig, Racer, Standing, race_patterns};
+use super::racing::{RaceConfig, RaceResult, Racer, race_patterns};
 use super::sequences::SpinRates;
 use super::trials::CameraTrials;
 use crate::error::Result;
@@ -165,7 +165,7 @@ pub fn advise(
 fn spin_of(
     trials: &CameraTrials,
     racer: &Racer<'_>,
-    standing: &Standing,
+    standing: &RaceResult,
     config: &AdviceConfig,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Option<SpinRates>> {

@@ -25,14 +25,13 @@ use crate::pattern::random_pattern;
 use crate::synth::Rendering;
 use crate::synth::dataset::frame_rng;
 use crate::vision::FrameEstimate;
+use crate::vision::detect::LIKELY_DOT;
 
 /// Random patterns that are looked at, and frames of each.
 const PATTERNS: u64 = 25;
 const FRAMES: u64 = 16;
 /// Their seed: the same for every design.
 const SEED: u64 = 15_500_001;
-/// A detection of less confidence is none.
-const LIKELY: f64 = 0.5;
 /// Dots nearer to the limb than this cosine are found in no frame.
 const MIN_FACING: f64 = 0.05;
 /// Probability that a dot in the middle is found where nothing prevents it.
@@ -93,7 +92,7 @@ fn seen(rendering: &Rendering, found: &FrameEstimate, crowds: &[f64]) -> Vec<Cha
         let reach_px = dot.radius_rad * rendering.circle.radius;
         let is_found = found.dots.iter().any(|seen| {
             let off = (seen.pixel.u - dot.pixel.u).hypot(seen.pixel.v - dot.pixel.v);
-            seen.confidence >= LIKELY && off < reach_px
+            seen.confidence >= LIKELY_DOT && off < reach_px
         });
         Chance {
             z: dot.facing,

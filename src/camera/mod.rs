@@ -27,7 +27,7 @@ pub use advice::{Advice, AdviceConfig, ChangeAdvice, DotSize, MAX_DOT, PatternAd
 pub use conditions::{CameraConditions, Surroundings};
 pub use coverage::{COVERAGE_FRAMES, coverage};
 pub use frames::{FrameOutcome, FrameRates, paired};
-pub use racing::{RaceConfig, Racer, Standing, race, race_patterns};
+pub use racing::{RaceConfig, RaceResult, Racer, race, race_patterns};
 pub use sequences::{SPIN_TOLERANCE, SpinRates};
 pub use sweep::{CameraParameter, CameraPoint, CameraSweep, SweptCamera, sweep_csv};
 pub use trials::CameraTrials;

@@ -53,7 +53,7 @@ impl Default for RaceConfig {
 
 /// How a pattern did in a race.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Standing {
+pub struct RaceResult {
     /// Its place in the input.
     pub entry: usize,
     /// Its outcomes, those of the frames from 0 on: their number says how long it stayed.
@@ -62,7 +62,7 @@ pub struct Standing {
     pub left: bool,
 }
 
-impl Standing {
+impl RaceResult {
     /// Smaller is better.
     fn loss(&self) -> f64 {
         let rates = FrameRates::of(&self.outcomes, 0);
@@ -84,7 +84,7 @@ pub fn race(
     entries: usize,
     config: &RaceConfig,
     mut try_frames: impl FnMut(usize, Range<u64>) -> Result<Vec<FrameOutcome>>,
-) -> Result<Vec<Standing>> {
+) -> Result<Vec<RaceResult>> {
     require(entries > 0, "patterns", "at least 1", entries)?;
     let RaceConfig {
         first_frames,
@@ -97,14 +97,14 @@ pub fn race(
         &format!("1 to {max_frames}"),
         first_frames,
     )?;
-    let mut racing: Vec<Standing> = (0..entries)
-        .map(|entry| Standing {
+    let mut racing: Vec<RaceResult> = (0..entries)
+        .map(|entry| RaceResult {
             entry,
             outcomes: Vec::new(),
             left: false,
         })
         .collect();
-    let mut gone: Vec<Standing> = Vec::new();
+    let mut gone: Vec<RaceResult> = Vec::new();
     let rounds = (max_frames.div_ceil(first_frames))
         .next_power_of_two()
         .ilog2();
@@ -159,13 +159,13 @@ pub fn race_patterns(
     racers: &[Racer<'_>],
     config: &RaceConfig,
     done: &(dyn Fn(u64) + Sync),
-) -> Result<Vec<Standing>> {
+) -> Result<Vec<RaceResult>> {
     let standings = race(racers.len(), config, |entry, frames| {
         let racer = &racers[entry];
         let own = trials.with_dot_diameter(racer.dot_diameter);
         own.frames(racer.pattern, frames, done)
     })?;
-    let spared = |s: &Standing| config.max_frames - s.outcomes.len() as u64;
+    let spared = |s: &RaceResult| config.max_frames - s.outcomes.len() as u64;
     done(standings.iter().map(spared).sum());
     Ok(standings)
 }
@@ -193,7 +193,7 @@ mod tests {
 
     /// Frames that are right with a known rate, with the same error each: `E^2` is `e^2 / rate`. The
     /// uniform number of a frame is the same for all entries, as its scene is.
-    fn toy(seed: u64, rates: &[f64], config: &RaceConfig) -> Vec<Standing> {
+    fn toy(seed: u64, rates: &[f64], config: &RaceConfig) -> Vec<RaceResult> {
         race(rates.len(), config, |entry, frames| {
             Ok(frames
                 .map(|k| {

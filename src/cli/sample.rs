@@ -12,7 +12,7 @@ use crate::files::{self, Replacement};
 use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 use crate::synth::SynthConfig;
-use crate::synth::dataset::{Sequence, SequenceConfig};
+use crate::synth::dataset::{ClipConfig, Sequence};
 use crate::synth::folder::{self, Masks, Origin};
 
 /// The shipped pattern of 20 dots.
@@ -30,7 +30,7 @@ The folder holds pattern.csv, table.npz, clip/images/*.png (the names are times 
 
 Example:
   spindoe sample
-  spindoe estimate --table sample/table.npz sample/clip/images -o orientations.csv --report estimate.html
+  spindoe estimate --table sample/table.npz sample -o orientations.csv --report estimate.html
   spindoe spin orientations.csv")]
 pub struct Arguments {
     /// The folder to write to.
@@ -70,7 +70,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ..SynthConfig::good()
     };
     let spin = Vec3::from(AXIS).normalize() * (rps * std::f64::consts::TAU);
-    let motion = SequenceConfig {
+    let motion = ClipConfig {
         fps: FPS,
         spin: Some(spin.into()),
         exposure_s: Some(EXPOSURE_S),

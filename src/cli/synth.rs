@@ -12,7 +12,7 @@ use crate::ball::Ball;
 use crate::error::{Error, Result, require};
 use crate::files::{self, Replacement};
 use crate::geometry::Vec3;
-use crate::synth::dataset::{Sequence, SequenceConfig, independent_frame};
+use crate::synth::dataset::{ClipConfig, Sequence, independent_frame};
 use crate::synth::folder::{self, Masks, Origin, Written};
 use crate::synth::{SynthConfig, SynthKind};
 
@@ -211,7 +211,7 @@ impl Arguments {
         Ok(config)
     }
 
-    fn sequence_config(&self) -> Result<Option<SequenceConfig>> {
+    fn sequence_config(&self) -> Result<Option<ClipConfig>> {
         if !self.sequence {
             return Ok(None);
         }
@@ -227,7 +227,7 @@ impl Arguments {
             }
             _ => None,
         };
-        Ok(Some(SequenceConfig {
+        Ok(Some(ClipConfig {
             fps: self.fps,
             spin,
             exposure_s: self.exposure_ms.map(|ms| 1e-3 * ms),

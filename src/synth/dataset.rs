@@ -33,7 +33,7 @@ const FPS: (f64, f64) = (1e-3, 1e6);
 
 /// A ball seen again and again.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct SequenceConfig {
+pub struct ClipConfig {
     /// Frames per second.
     pub fps: f64,
     /// Spin, camera frame, rad/s; at random within the frames' bounds where not given.
@@ -187,11 +187,11 @@ impl Sequence {
     pub fn random(
         pattern: &Pattern,
         config: &SynthConfig,
-        sequence: &SequenceConfig,
+        sequence: &ClipConfig,
         seed: u64,
         count: usize,
     ) -> Result<Self> {
-        let SequenceConfig {
+        let ClipConfig {
             fps,
             spin,
             exposure_s,

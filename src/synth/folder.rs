@@ -24,7 +24,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::config::SynthConfig;
-use super::dataset::{Frame, FrameTruth, SequenceConfig};
+use super::dataset::{ClipConfig, Frame, FrameTruth};
 use crate::error::{Result, require};
 use crate::files;
 use crate::image::RgbImage;
@@ -52,7 +52,7 @@ pub struct Origin {
     /// The ranges from which frames were drawn.
     pub config: SynthConfig,
     /// For a sequence, how it was taken.
-    pub sequence: Option<SequenceConfig>,
+    pub sequence: Option<ClipConfig>,
 }
 
 /// The content of `truth.json`.

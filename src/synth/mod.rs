@@ -52,8 +52,10 @@ pub mod surface;
 pub mod texture;
 pub mod training;
 pub mod view;
+mod world;
 
 pub use color::Color;
 pub use config::{SynthConfig, SynthKind};
 pub use render::{Rendering, TrueDot};
 pub use scene::Scene;
+pub use world::world_sha256;

@@ -6,6 +6,9 @@ use super::camera::Pixel;
 use super::dense::Heat;
 use super::patch::Patch;
 
+/// A detection of this confidence is more likely a dot than not.
+pub(crate) const LIKELY_DOT: f64 = 0.5;
+
 /// A dot found in an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DotDetection {

@@ -24,9 +24,8 @@
 
 use nalgebra::Matrix2;
 
-use super::camera::{BallView, Camera};
-use super::detect::DotDetector;
-use super::estimator::{CameraModel, Estimator, EstimatorWorkspace, FrameEstimate};
+use super::detect::{DotDetector, LIKELY_DOT};
+use super::estimator::{Estimator, EstimatorWorkspace, FrameEstimate};
 use crate::error::Result;
 use crate::geometry::Vec3;
 use crate::pattern::Pattern;
@@ -48,8 +47,6 @@ const COMMON_MOTION: f64 = 6.0;
 const MIN_EVIDENCE: f64 = 2.0;
 /// Lead over the others: odds of 20 to 1.
 const MIN_LEAD: f64 = 3.0;
-/// A detection that is likelier a dot than not.
-const LIKELY_DOT: f64 = 0.5;
 
 /// What a frame says of one hypothesis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -82,7 +79,7 @@ impl FrameScore {
 
 /// A table, seen directly or in a mirror, with what the frames say of it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hypothesis {
+pub struct BallHypothesis {
     /// The number of the table.
     pub table: usize,
     /// Whether the images are mirrored.
@@ -93,7 +90,7 @@ pub struct Hypothesis {
     pub has_common_motion: bool,
 }
 
-impl Hypothesis {
+impl BallHypothesis {
     /// ln of the evidence against "none of them".
     pub fn ln_evidence(&self) -> f64 {
         let limited = |f: &FrameScore| f.weight().clamp(-MAX_WEIGHT, MAX_WEIGHT);
@@ -151,8 +148,8 @@ pub enum Verdict {
 }
 
 /// Decides among hypotheses on the same frames.
-pub fn decide(hypotheses: &[Hypothesis]) -> Verdict {
-    let informative = |h: &Hypothesis| {
+pub fn decide(hypotheses: &[BallHypothesis]) -> Verdict {
+    let informative = |h: &BallHypothesis| {
         let enough = |f: &&FrameScore| f.has_enough_dots() || f.ln_evidence.is_some();
         h.frames.iter().filter(enough).count()
     };
@@ -243,16 +240,7 @@ impl<'a, D: DotDetector> Scorer<'a, D> {
 
     fn ln_evidence(&mut self, frame: &FrameEstimate) -> Option<f64> {
         let pose = frame.pose()?;
-        let camera = match (pose.distance, self.estimator.camera()) {
-            (Some(distance), _) => Camera::Near {
-                inverse_distance: distance.inverse_distance,
-            },
-            (None, CameraModel::Known(camera)) => *camera,
-            (None, CameraModel::Unknown(prior)) => Camera::Near {
-                inverse_distance: prior.inverse_distance,
-            },
-        };
-        let view = BallView::new(&camera, frame.circle?).ok()?;
+        let view = self.estimator.camera().view_of(frame)?;
         let config = self.estimator.config();
         let hand = Matrix2::from_diagonal_element(config.placement_sigma_rad.powi(2));
         let min_depth = config.recognizer.view.visibility_limit.max(view.horizon());
@@ -280,12 +268,12 @@ impl<'a, D: DotDetector> Scorer<'a, D> {
 mod tests {
     use super::*;
 
-    fn hypothesis(table: usize, is_mirrored: bool, evidence: &[Option<f64>]) -> Hypothesis {
+    fn hypothesis(table: usize, is_mirrored: bool, evidence: &[Option<f64>]) -> BallHypothesis {
         let frame = |e: &Option<f64>| FrameScore {
             dots: 8,
             ln_evidence: *e,
         };
-        Hypothesis {
+        BallHypothesis {
             table,
             is_mirrored,
             frames: evidence.iter().map(frame).collect(),
@@ -310,7 +298,7 @@ mod tests {
         let found = decide(&[hypothesis(0, false, &[None, None])]);
         assert_eq!(found, Verdict::Open);
         assert_eq!(decide(&[]), Verdict::Open);
-        let few_dots = Hypothesis {
+        let few_dots = BallHypothesis {
             frames: vec![FrameScore::default(); 20],
             ..hypothesis(0, false, &[])
         };
@@ -332,7 +320,7 @@ mod tests {
         };
         assert!(hypothesis == 1 && (ln_lead - 20.0).abs() < 1e-6);
         // As good as each other: no verdict between them.
-        let same = Hypothesis {
+        let same = BallHypothesis {
             table: 1,
             ..direct.clone()
         };

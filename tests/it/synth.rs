@@ -10,7 +10,7 @@ use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::synth::background::Background;
 use spindoe::synth::compression::Compression;
-use spindoe::synth::dataset::{Sequence, SequenceConfig, frame_rng, frames, independent_frame};
+use spindoe::synth::dataset::{ClipConfig, Sequence, frame_rng, frames, independent_frame};
 use spindoe::synth::folder::{self, Masks, Origin, Truth};
 use spindoe::synth::light::Light;
 use spindoe::synth::pen::Spot;
@@ -612,7 +612,7 @@ fn truth_agrees_with_rays_cast_by_hand() {
 fn nothing_moves_in_an_exposure_of_no_time() {
     let pattern = random_pattern(20, 2);
     let config = SynthConfig::default();
-    let sequence = |exposure_s, drift| SequenceConfig {
+    let sequence = |exposure_s, drift| ClipConfig {
         fps: 100.0,
         spin: Some([200.0, 100.0, 50.0]),
         exposure_s: Some(exposure_s),

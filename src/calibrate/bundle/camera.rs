@@ -66,6 +66,28 @@ pub(in crate::calibrate) struct FrameView {
     pub to_view: Rotation,
 }
 
+impl FrameView {
+    /// The view under a camera, in whose frame the orientations are.
+    pub fn of(view: BallView) -> Self {
+        Self {
+            to_view: view.to_camera().inverse(),
+            view,
+        }
+    }
+
+    /// How far a direction of the orientations' frame faces the camera: its z in the view frame, taken from the horizon up
+    /// so that 0 is the limb and 1 the middle.
+    pub fn depth(&self, direction: &Vec3) -> f64 {
+        let horizon = self.view.horizon();
+        ((self.to_view * direction).z - horizon) / (1.0 - horizon)
+    }
+
+    /// The direction of a pixel, in the orientations' frame; `None` off the ball.
+    pub fn direction(&self, pixel: Pixel) -> Option<Vec3> {
+        Some(self.to_view.inverse() * self.view.direction(pixel)?)
+    }
+}
+
 /// Views for the differences by what the camera shares: `(f^-1, a_u, a_v)` and the radius.
 pub(super) struct Neighbors {
     views: [BallView; OPTICS + 1],

@@ -5,17 +5,16 @@ use crate::geometry::Vec3;
 use crate::recognize::DotUncertainty;
 use crate::vision::DotDetection;
 use crate::vision::FrameEstimate;
-use crate::vision::camera::{BallView, Camera};
+use crate::vision::camera::BallView;
+use crate::vision::detect::LIKELY_DOT;
 use crate::vision::estimator::{CameraModel, Outline};
 
-/// Minimum confidence of the detections used.
-const LIKELY: f64 = 0.5;
 /// Minimum depth (z over the horizon) of a detection that is used.
 pub(super) const MIN_DEPTH: f64 = 0.08;
 /// Error of a direction beyond the detector's, radians: the camera's distance is not known yet.
 const BASE_SIGMA_RAD: f64 = 0.02;
 
-/// A frame's usable detections.
+/// A frame's usable detections; a [`FittedFrame`](crate::calibrate::fitted::FittedFrame) has an orientation besides.
 #[derive(Debug, Clone)]
 pub(super) struct Seen {
     /// Its place in the clip.
@@ -37,19 +36,10 @@ pub(super) struct SeenDot {
 impl Seen {
     pub fn new(index: usize, estimate: &FrameEstimate, camera: &CameraModel) -> Option<Self> {
         let outline = estimate.outline?;
-        let camera = match *camera {
-            CameraModel::Known(camera) => camera,
-            CameraModel::Unknown(prior) => Camera::Near {
-                inverse_distance: prior.inverse_distance,
-            },
-        };
-        let view = BallView::new(&camera, outline.circle).ok()?;
-        let view = FrameView {
-            to_view: view.to_camera().inverse(),
-            view,
-        };
+        let view = BallView::new(&camera.at(None), outline.circle).ok()?;
+        let view = FrameView::of(view);
         let likely = estimate.dots.iter().enumerate();
-        let likely = likely.filter(|(_, dot)| dot.confidence >= LIKELY);
+        let likely = likely.filter(|(_, dot)| dot.confidence >= LIKELY_DOT);
         let dots = likely.filter_map(|(k, dot)| see(&view, k, dot));
         Some(Self {
             index,
@@ -69,28 +59,23 @@ impl Seen {
         }
     }
 
-    /// How far a direction of the camera's frame faces the camera.
+    /// How far a direction of the camera's frame faces the camera: see [`FrameView::depth`].
     pub fn depth(&self, direction: &Vec3) -> f64 {
-        depth(&self.view.view, (self.view.to_view * direction).z)
+        self.view.depth(direction)
     }
 }
 
-/// How far what has this z faces the camera: 0 on the horizon, 1 in the middle.
-fn depth(view: &BallView, z: f64) -> f64 {
-    (z - view.horizon()) / (1.0 - view.horizon())
-}
-
 fn see(frame: &FrameView, detection: usize, dot: &DotDetection) -> Option<SeenDot> {
-    let view = &frame.view;
-    let seen = view.back_project(dot.pixel, &dot.covariance)?;
+    let seen = frame.view.back_project(dot.pixel, &dot.covariance)?;
     let variance = match seen.uncertainty {
         DotUncertainty::Isotropic { sigma_rad } => sigma_rad * sigma_rad,
         DotUncertainty::Tangent { covariance } => 0.5 * covariance.trace(),
     };
+    let direction = frame.to_view.inverse() * seen.direction;
     Some(SeenDot {
         detection,
-        direction: frame.to_view.inverse() * seen.direction,
-        depth: depth(view, seen.direction.z),
+        direction,
+        depth: frame.depth(&direction),
         sigma_rad: (variance + BASE_SIGMA_RAD * BASE_SIGMA_RAD).sqrt(),
     })
 }

@@ -9,7 +9,8 @@ use std::sync::atomic::AtomicBool;
 
 use super::Arguments;
 use crate::camera::{
-    CameraConditions, CameraTrials, FrameRates, MAX_DOT, RaceConfig, Racer, Standing, race_patterns,
+    CameraConditions, CameraTrials, FrameRates, MAX_DOT, RaceConfig, RaceResult, Racer,
+    race_patterns,
 };
 use crate::cli::camera::read_conditions;
 use crate::cli::output::Counter;
@@ -62,7 +63,7 @@ impl CameraRanking {
         });
         let racers: Vec<Racer<'_>> = racers.collect();
         let standings = race_patterns(&self.trials, &racers, &self.race, &|_| ())?;
-        let place = |s: &Standing| finalists[s.entry].clone();
+        let place = |s: &RaceResult| finalists[s.entry].clone();
         let ranked: Vec<Candidate> = standings.iter().map(place).collect();
         let seed = self.trials.seed;
         let ranks = ranked.iter().zip(&standings).map(|(candidate, standing)| {
@@ -200,7 +201,7 @@ fn hole_for(dots: usize, arguments: &Arguments) -> f64 {
 }
 
 /// The best pattern of each number of dots.
-fn print_choice(tried: &[Tried], standings: &[Standing], seed: u64) {
+fn print_choice(tried: &[Tried], standings: &[RaceResult], seed: u64) {
     errln!("rendered frames of the camera, seed {seed}, the best of each number of dots:");
     let mut said = Vec::new();
     for standing in standings {

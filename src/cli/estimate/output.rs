@@ -163,13 +163,10 @@ impl<'a> Report<'a> {
         json
     }
 
-    /// The frames of another size than most: one camera's have all the same.
+    /// The few frames of another size than nearly all: one camera's have all the same. Crops of many sizes are no such set.
     fn size_words(&self) -> Option<String> {
-        let mut counts = BTreeMap::new();
-        for size in self.batch.frames.iter().filter_map(|f| f.size) {
-            *counts.entry(size).or_insert(0) += 1;
-        }
-        let usual = *counts.iter().max_by_key(|(_, count)| **count)?.0;
+        let sizes: Vec<_> = self.batch.frames.iter().filter_map(|f| f.size).collect();
+        let usual = usual_size(&sizes)?;
         let is_other = |f: &&BatchFrame<_>| f.size.is_some_and(|size| size != usual);
         let others: Vec<_> = self.batch.frames.iter().filter(is_other).collect();
         let [first, ..] = others[..] else {
@@ -338,6 +335,17 @@ impl<'a> Report<'a> {
             _ => None,
         }
     }
+}
+
+/// The size of all frames but one, or of all but a tenth of many; none where they differ more.
+fn usual_size(sizes: &[[usize; 2]]) -> Option<[usize; 2]> {
+    let mut counts = BTreeMap::new();
+    for size in sizes {
+        *counts.entry(*size).or_insert(0) += 1;
+    }
+    let (usual, count) = counts.into_iter().max_by_key(|(_, count)| *count)?;
+    let is_usual = count > 1 && sizes.len() - count <= (sizes.len() / 10).max(1);
+    is_usual.then_some(usual)
 }
 
 /// The rate of a video, and what the file leaves open.

@@ -12,7 +12,9 @@ use crate::recognize::RecognizerRejection;
 use crate::spin::Measurement;
 use crate::spin::robust::RobustEstimator;
 use crate::vision::estimator::{Batch, BatchConfig, BatchFrame};
-use crate::vision::verdict::{FrameScore, Hypothesis, Scorer, Verdict, decide, mirrored_pattern};
+use crate::vision::verdict::{
+    BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern,
+};
 use crate::vision::{Estimator, FrameEstimate, FrameRejection, NamedDetector};
 
 /// Frames that have a say, spread over the clip.
@@ -23,7 +25,7 @@ const CHUNK: usize = 4;
 /// What all frames together say.
 pub(super) struct Judgment {
     verdict: Verdict,
-    hypotheses: Vec<Hypothesis>,
+    hypotheses: Vec<BallHypothesis>,
     tables: Vec<PathBuf>,
     /// The table in use.
     table: usize,
@@ -215,7 +217,7 @@ fn hypothesis(
     is_mirrored: bool,
     config: &BatchConfig,
     batch: &Batch<Picture>,
-) -> Result<Hypothesis> {
+) -> Result<BallHypothesis> {
     let stride = batch.frames.len().div_ceil(MAX_FRAMES).max(1);
     let chosen: Vec<_> = batch.frames.iter().step_by(stride).collect();
     let scored: Result<Vec<Vec<Scored>>> = chosen
@@ -241,7 +243,7 @@ fn hypothesis(
     let (frames, measured): (Vec<_>, Vec<_>) = scored?.into_iter().flatten().unzip();
     let measured: Vec<Measurement> = measured.into_iter().flatten().collect();
     let fit = RobustEstimator::new(config.sequence.spin).fit(&measured);
-    Ok(Hypothesis {
+    Ok(BallHypothesis {
         table,
         is_mirrored,
         frames,

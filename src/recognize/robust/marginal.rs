@@ -18,7 +18,7 @@ use super::RobustRecognizer;
 use super::model::{Dot, SEARCH_WEIGHT};
 use super::naming::Naming;
 use super::posterior::Explanation;
-use super::refine::{MIN_MATCHED, Refined, Refiner, UNASSIGNED, View, ln_volume, widened};
+use super::refine::{Comparison, MIN_MATCHED, Refined, Refiner, UNASSIGNED, ln_volume, widened};
 use super::workspace::RobustWorkspace;
 use crate::recognize::learn::{ConditionsPosterior, FrameEvidence, LnLikelihood};
 
@@ -228,7 +228,7 @@ impl RobustRecognizer {
     fn try_changes(
         &self,
         conditions: &ConditionsPosterior,
-        view: &View<'_>,
+        view: &Comparison<'_>,
         now: &Weighed,
         refiner: &mut Refiner,
         naming: &mut Naming,
@@ -270,7 +270,7 @@ impl RobustRecognizer {
     fn fit_and_weigh(
         &self,
         conditions: &ConditionsPosterior,
-        view: &View<'_>,
+        view: &Comparison<'_>,
         from: &Refined,
         refiner: &mut Refiner,
         assignment: &[u16],

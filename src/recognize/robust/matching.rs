@@ -29,7 +29,7 @@ use nalgebra::{Matrix3, Rotation3};
 
 use super::model::{Dot, GATE, Model};
 use super::posterior::{MAX_FOUND, Weights};
-use super::refine::{Refined, UNASSIGNED, View, widened};
+use super::refine::{Comparison, Refined, UNASSIGNED, widened};
 use crate::geometry::Vec3;
 
 /// Rotations at which the integrand is evaluated.
@@ -156,7 +156,12 @@ impl Matching {
 
     /// The weights at the explanation's own rotation, with Laplace's factor for the rotations around
     /// it.
-    pub fn at_rotation(&mut self, view: &View<'_>, of: &Refined, assignment: &[u16]) -> Weights {
+    pub fn at_rotation(
+        &mut self,
+        view: &Comparison<'_>,
+        of: &Refined,
+        assignment: &[u16],
+    ) -> Weights {
         self.link(view, &of.rotation, assignment);
         let (own, all) = self.sum(view, &of.rotation, assignment);
         let around = of.ln_volume + of.ln_prior;
@@ -196,7 +201,7 @@ impl Matching {
     /// weights `Z / sum_e q_e`, and no rotation counts twice.
     pub fn integrate(
         &mut self,
-        view: &View<'_>,
+        view: &Comparison<'_>,
         of: usize,
         refined: &Refined,
         assignment: &[u16],
@@ -231,7 +236,7 @@ impl Matching {
 
     /// Lists the possible matches about a rotation, the order in which they are summed over, and the
     /// pattern dots that the rotations about it concern.
-    fn link(&mut self, view: &View<'_>, rotation: &Matrix3<f64>, assignment: &[u16]) {
+    fn link(&mut self, view: &Comparison<'_>, rotation: &Matrix3<f64>, assignment: &[u16]) {
         self.rotated.clear();
         self.worth.clear();
         self.links.clear();
@@ -285,7 +290,7 @@ impl Matching {
 
     /// Lists the pattern dots whose visibility or match the rotation decides; the others stay as they
     /// are.
-    fn concern(&mut self, view: &View<'_>) {
+    fn concern(&mut self, view: &Comparison<'_>) {
         self.concerned.clear();
         (self.other_missed, self.other_visible) = (0.0, 0.0);
         for (j, q) in self.rotated.iter().enumerate() {
@@ -358,7 +363,7 @@ impl Matching {
     }
 
     /// Rotates the pattern; ln of the probability that all of it is missed.
-    fn project(&mut self, view: &View<'_>, rotation: &Matrix3<f64>) -> f64 {
+    fn project(&mut self, view: &Comparison<'_>, rotation: &Matrix3<f64>) -> f64 {
         let (mut missed, mut visible) = (self.other_missed, self.other_visible);
         for &j in &self.concerned {
             let j = usize::from(j);
@@ -373,7 +378,12 @@ impl Matching {
     }
 
     /// ln of the weights of the explanation's own assignment and of all assignments at a rotation.
-    fn sum(&mut self, view: &View<'_>, rotation: &Matrix3<f64>, assignment: &[u16]) -> (f64, f64) {
+    fn sum(
+        &mut self,
+        view: &Comparison<'_>,
+        rotation: &Matrix3<f64>,
+        assignment: &[u16],
+    ) -> (f64, f64) {
         let penalty = self.project(view, rotation);
         let model = view.model;
         self.weights.clear();

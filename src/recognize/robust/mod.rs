@@ -98,7 +98,7 @@ pub struct RobustRecognizer {
     model: Model,
     screen: ScreenModel,
     null: NullHypothesis,
-    /// See [`refine::View::spread`].
+    /// See [`refine::Comparison::spread`].
     spread: Vec<f64>,
     config: RobustConfig,
     /// The conditions, as long as they are uncertain.

@@ -38,7 +38,7 @@ const UNSETTLED: f64 = 5.0;
 
 /// The observed dots, and the pattern and model they are compared with.
 #[derive(Debug)]
-pub(super) struct View<'a> {
+pub(super) struct Comparison<'a> {
     pub model: &'a Model,
     pub pattern: &'a [Vec3],
     pub dots: &'a [Dot],
@@ -140,8 +140,8 @@ impl Refiner {
 
     /// Refines a rotation on its inliers; `None` if too few dots support it, or if it has not
     /// settled and its log-evidence is far below `least`.
-    pub fn refine(&mut self, view: &View<'_>, start: &Start, least: f64) -> Option<Refined> {
-        let &View {
+    pub fn refine(&mut self, view: &Comparison<'_>, start: &Start, least: f64) -> Option<Refined> {
+        let &Comparison {
             model,
             pattern,
             dots,
@@ -185,7 +185,7 @@ impl Refiner {
     /// how peaked their noise is.
     pub fn polish(
         &mut self,
-        view: &View<'_>,
+        view: &Comparison<'_>,
         rotation: &Matrix3<f64>,
         assignment: &[u16],
     ) -> Matrix3<f64> {
@@ -203,7 +203,7 @@ impl Refiner {
     /// `rotation`, and the rotation after the step. `None` where the dots do not determine it.
     pub fn fit(
         &mut self,
-        view: &View<'_>,
+        view: &Comparison<'_>,
         rotation: &Matrix3<f64>,
         assignment: &[u16],
         max_weight: f64,
@@ -326,7 +326,7 @@ impl Refiner {
     /// information matrix and the moved rotation.
     fn step(
         &self,
-        view: &View<'_>,
+        view: &Comparison<'_>,
         rotation: &Matrix3<f64>,
         [ratio, max_weight]: [f64; 2],
     ) -> Option<(Matrix3<f64>, Matrix3<f64>)> {

@@ -4,7 +4,7 @@ use super::RobustRecognizer;
 use super::hint::Prior;
 use super::model::Dot;
 use super::pairs::frame;
-use super::refine::{Refined, Start, UNASSIGNED, View};
+use super::refine::{Comparison, Refined, Start, UNASSIGNED};
 use super::workspace::RobustWorkspace;
 use crate::geometry::Rotation;
 use crate::recognize::{ObservedDot, RecognizerRejection};
@@ -142,8 +142,8 @@ impl RobustRecognizer {
     }
 
     /// The view that this recognizer compares with its pattern.
-    pub(super) fn view<'a>(&'a self, dots: &'a [Dot], prior: Option<&'a Prior>) -> View<'a> {
-        View {
+    pub(super) fn view<'a>(&'a self, dots: &'a [Dot], prior: Option<&'a Prior>) -> Comparison<'a> {
+        Comparison {
             model: &self.model,
             pattern: &self.dots,
             dots,

@@ -146,8 +146,9 @@ const LARGE: f64 = 320.0;
 /// A complete outline of this support ends the search where smaller images are left for balls below this part of
 /// its radius only.
 const SETTLED: (f64, f64) = (0.7, 0.8);
-/// An outline with this support is taken without looking for others with edges of either sign.
-const WHOLE: f64 = 0.9;
+/// An outline with this support of the edges, and this part of it in the image, is a ball's: it needs no judge, and no
+/// others are looked for.
+pub(super) const WHOLE: f64 = 0.9;
 /// The outline is fitted where the radius is at most this many pixels, which is fine enough: there a pixel is the mean of
 /// several, and its noise less.
 const FITTED_RADIUS: f64 = 44.0;

@@ -16,7 +16,7 @@ use super::{
     OutlinePrior, Prior, SequenceConfig, SequenceSummary, estimate_spin, second_pass,
 };
 use crate::error::{Error, Result};
-use crate::image::{DEFAULT_MAX_PIXELS, ImageView, Picture, RgbImage, Roi};
+use crate::image::{DEFAULT_MAX_PIXELS, Picture, RgbImage, Roi};
 use crate::pipeline::{Sink, map_ordered_within};
 use crate::source::files::{self, SkippedFiles, Source};
 use crate::source::video::VideoClock;
@@ -380,41 +380,29 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
             None => None,
         };
         let outline = outline.or(self.config.outline);
-        done.kept = self.estimate(&picture, outline, workspace, &mut done.estimate)?;
-        Ok((done, None))
-    }
-
-    fn estimate(
-        &self,
-        picture: &Picture,
-        outline: Option<OutlinePrior>,
-        workspace: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) -> Result<O::Kept> {
-        self.answer(picture.view()?, outline, workspace, out)?;
-        self.keep(picture, out)
-    }
-
-    fn answer(
-        &self,
-        image: ImageView<'_>,
-        outline: Option<OutlinePrior>,
-        workspace: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) -> Result<()> {
+        // A part that one picture lacks, others may have.
         let region = match &self.config.roi {
-            Some(roi) if outline.is_none() => Some(roi.within(image.width(), image.height())?),
-            _ => None,
+            Some(roi) if outline.is_none() => roi.within(image.width(), image.height()).map(Some),
+            _ => Ok(None),
+        };
+        let region = match region {
+            Ok(region) => region,
+            Err(error) => {
+                done.estimate.outcome = Err(FrameRejection::Unreadable);
+                done.unreadable = Some(format!("{}: {error}", done.path.display()));
+                return Ok((done, Some(error)));
+            }
         };
         let prior = Prior {
             region,
             outline,
             ..Prior::default()
         };
-        let budget = Budget::default();
+        let (budget, estimate) = (Budget::default(), &mut done.estimate);
         self.estimator
-            .estimate(image, &prior, &budget, workspace, out);
-        Ok(())
+            .estimate(image, &prior, &budget, workspace, estimate);
+        done.kept = self.keep(&picture, estimate)?;
+        Ok((done, None))
     }
 
     /// The second pass over frames that were each estimated alone, and their spin.

@@ -1,11 +1,13 @@
 //! What the estimator expects of images.
 
+use super::FrameEstimate;
 use super::trust::TrustMap;
 use crate::error::{Error, Result, require};
 use crate::recognize::robust::RobustConfig;
 use crate::view::{Detection, FalseDots, ViewModel};
-use crate::vision::camera::Camera;
+use crate::vision::camera::{BallView, Camera};
 use crate::vision::circle::CircleConfig;
+use crate::vision::detect::LIKELY_DOT;
 
 /// How far the camera is: what is known before the dots are seen, or estimated from them.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -42,6 +44,23 @@ impl CameraModel {
     /// Whether orientations are in the view frame, since the intrinsics are unknown.
     pub fn is_view(&self) -> bool {
         !matches!(self, Self::Known(Camera::Perspective(_)))
+    }
+
+    /// The camera under which a ball is seen: at the distance that was estimated with its pose, else as it is known or
+    /// expected.
+    pub(crate) fn at(&self, estimated: Option<CameraDistance>) -> Camera {
+        match (estimated, *self) {
+            (None, Self::Known(camera)) => camera,
+            (Some(distance), _) | (None, Self::Unknown(distance)) => Camera::Near {
+                inverse_distance: distance.inverse_distance,
+            },
+        }
+    }
+
+    /// The view of a frame's ball; `None` where it has no outline in the camera's domain.
+    pub(crate) fn view_of(&self, frame: &FrameEstimate) -> Option<BallView> {
+        let estimated = frame.pose().and_then(|pose| pose.distance);
+        BallView::new(&self.at(estimated), frame.circle?).ok()
     }
 
     /// The cameras under which dots are identified, the likeliest first.
@@ -171,7 +190,7 @@ impl Default for EstimatorConfig {
                 mirror_doubt: 1.0,
             },
             placement_sigma_rad: 1.2f64.to_radians(),
-            dot_confidence: [0.5, 0.15],
+            dot_confidence: [LIKELY_DOT, 0.15],
             doubtful_false_dots: 1.5,
             trust: TrustMap::default(),
             min_confidence: MIN_CONFIDENCE,

@@ -11,7 +11,6 @@ use nalgebra::Matrix2;
 use super::frame::Hypothesis;
 use super::prior::Spending;
 use super::refine::{self, Drawn, Refined};
-use super::search::LIKELY_DOT;
 use super::{
     Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, Outline, Pose,
     PoseEvidence, Standing, TrustMap,
@@ -20,7 +19,7 @@ use crate::geometry::Rotation;
 use crate::recognize::{Hint, Recognizer, RecognizerRejection};
 use crate::view::DotUncertainty;
 use crate::vision::camera::{BallView, Camera};
-use crate::vision::detect::{DotDetection, DotDetector};
+use crate::vision::detect::{DotDetection, DotDetector, LIKELY_DOT};
 
 /// Poses likelier than this are compared with those of the mirrored view.
 const MIRROR_DOUBT: f64 = 0.3;

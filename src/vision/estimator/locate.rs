@@ -16,12 +16,10 @@ use super::propose::Place;
 use super::search::Crop;
 use crate::image::{GrayImage, ImageView, RgbImage};
 use crate::vision::camera::{BallCircle, Pixel};
-use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity};
+use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, WHOLE};
 use crate::vision::grid::Grid;
 use crate::vision::net::outline::{OutlineNet, OutlineWorkspace};
 
-/// An outline of the edges with this support and this part of it in the image needs no judge.
-const WHOLE: f64 = 0.9;
 /// A ball fills a crop, of up to so many pixels, from this radius on, in longer sides.
 const FILLED: f64 = 0.38;
 const CROP: usize = 320;

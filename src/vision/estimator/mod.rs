@@ -288,18 +288,9 @@ impl<D: DotDetector> Estimator<D> {
         }
     }
 
-    /// The view of a frame's ball: under the distance of its pose where that was estimated.
+    /// The view of a frame's ball.
     fn view(&self, frame: &FrameEstimate) -> Option<BallView> {
-        let camera = match (frame.pose().and_then(|p| p.distance), self.config.camera) {
-            (Some(distance), _) => Camera::Near {
-                inverse_distance: distance.inverse_distance,
-            },
-            (None, CameraModel::Known(camera)) => camera,
-            (None, CameraModel::Unknown(prior)) => Camera::Near {
-                inverse_distance: prior.inverse_distance,
-            },
-        };
-        BallView::new(&camera, frame.circle?).ok()
+        self.config.camera.view_of(frame)
     }
 
     /// The direction (camera frame) of each named dot, with its name.

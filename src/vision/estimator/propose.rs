@@ -22,14 +22,13 @@ use super::search::promise;
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, Outline, PROMISING};
 use crate::image::{ImageView, Roi};
 use crate::vision::camera::BallCircle;
+use crate::vision::circle::WHOLE;
 use crate::vision::circle::coarse::{self, CoarseSearch, MAX_CIRCLES};
 use crate::vision::detect::DotDetector;
 use crate::vision::grid::Grid;
 
 /// A ball that is not where it is expected is looked for within so many radii, if it may be so far off.
 pub(super) const NEARBY: f64 = 4.5;
-/// An outline with this support of the edges is a ball's.
-pub(super) const WHOLE: f64 = 0.9;
 /// What is cut out around a circle, in radii: what the net for outlines sees, and a rough circle's error.
 const SURROUNDINGS: f64 = 1.8;
 /// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.

@@ -19,11 +19,9 @@ use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
 use crate::vision::camera::Pixel;
 use crate::vision::circle::NoBall;
-use crate::vision::detect::DotDetector;
+use crate::vision::detect::{DotDetector, LIKELY_DOT};
 use crate::vision::grid::Grid;
 
-/// Confidence of a detection that is more likely a dot than not.
-pub(super) const LIKELY_DOT: f64 = 0.5;
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
 const MIN_LIKELY_DOTS: usize = 5;
 /// Poses from here on are all but certain.

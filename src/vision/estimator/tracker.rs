@@ -26,7 +26,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::path::OutlineMotion;
-use super::propose::{NEARBY, WHOLE};
+use super::propose::NEARBY;
 use super::sequence::predict;
 use super::{
     Budget, CameraDistance, Estimator, EstimatorWorkspace, Follows, FrameEstimate, OutlinePrior,
@@ -39,6 +39,7 @@ use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
 use crate::vision::camera::BallCircle;
+use crate::vision::circle::WHOLE;
 use crate::vision::detect::DotDetector;
 
 /// After so many frames without a pose the ball is looked for in the whole frame.

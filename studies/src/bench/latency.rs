@@ -19,7 +19,7 @@ use spindoe::image::{RawImage, RawPixel, RgbImage};
 use spindoe::pattern::Pattern;
 use spindoe::stats::quantile;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{FrameTruth, Sequence, SequenceConfig, independent_frame};
+use spindoe::synth::dataset::{ClipConfig, FrameTruth, Sequence, independent_frame};
 use spindoe::vision::FrameEstimate;
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe_studies::frames::{DOTS20, alone, estimator, good_conditions, orientation};
@@ -91,10 +91,10 @@ fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Resu
         parallel_share: 0.0,
         ..good_conditions().config
     };
-    let sequence = SequenceConfig {
+    let sequence = ClipConfig {
         fps: FPS,
         drift_px: Some(DRIFT_PX),
-        ..SequenceConfig::default()
+        ..ClipConfig::default()
     };
     for seed in seed.. {
         let sequence = Sequence::random(pattern, &config, &sequence, seed, count)?;

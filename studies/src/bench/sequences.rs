@@ -11,7 +11,7 @@ use spindoe::camera::FrameOutcome;
 use spindoe::geometry::Rotation;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
+use spindoe::synth::dataset::{ClipConfig, Sequence};
 use spindoe::vision::estimator::{SequenceConfig, second_pass};
 use spindoe::vision::{Estimator, FrameEstimate, NamedDetector};
 use spindoe_studies::frames::{
@@ -34,10 +34,10 @@ fn clip(
     seed: u64,
     count: usize,
 ) -> spindoe::Result<Passes> {
-    let sequence = SynthSequence {
+    let sequence = ClipConfig {
         fps: FPS,
         drift_px,
-        ..SynthSequence::default()
+        ..ClipConfig::default()
     };
     let sequence = Sequence::random(estimator.pattern(), config, &sequence, seed, count)?;
     let mut ws = estimator.workspace();

@@ -19,7 +19,7 @@ use spindoe::pattern::Pattern;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::{Fit, SpinRejection};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence};
+use spindoe::synth::dataset::{ClipConfig, Sequence};
 use spindoe::vision::estimator::{
     NamedFrame, SequenceConfig, SequenceView, estimate_sequence, estimate_spin, orientations,
 };
@@ -53,9 +53,9 @@ fn outcomes(
         rps: [5.0, 80.0],
         ..good_conditions().config
     };
-    let mut timing = SynthSequence {
+    let mut timing = ClipConfig {
         fps: 400.0,
-        ..SynthSequence::default()
+        ..ClipConfig::default()
     };
     if crosses {
         config.image_px = Some([640, 480]);

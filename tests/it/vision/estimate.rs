@@ -519,6 +519,24 @@ fn a_frame_of_an_odd_size_is_said() {
 }
 
 #[test]
+fn crops_of_many_sizes_are_none_of_an_odd_size() {
+    let (dir, image) = folder();
+    std::fs::create_dir(dir.path().join("in")).expect("a folder");
+    let side = image.width();
+    for k in 0..6 {
+        // Two of the largest size, and others.
+        let crop = side - k.max(1);
+        let image = GrayImage::from_fn(crop, crop, |u, v| image.sample(u as f64, v as f64));
+        let name = format!("in/{}000000.png", k + 1);
+        save(bytes(&image), &dir.path().join(name));
+    }
+    let run = ["estimate", "--table", "pattern.csv", "in"];
+    let output = crate::common::spindoe(dir.path(), &run);
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(!words.contains("warning"), "{words}");
+}
+
+#[test]
 fn a_file_that_cannot_be_read_is_one_rejected_frame() {
     let (dir, image) = folder();
     let at = |name: &str| dir.path().join(name);
@@ -560,6 +578,79 @@ fn a_file_that_cannot_be_read_is_one_rejected_frame() {
         words.contains("at most 4355 pixels, found 66 x 66"),
         "{words}"
     );
+}
+
+#[test]
+fn a_thin_picture_is_one_rejected_frame() {
+    let (dir, image) = folder();
+    let at = |name: &str| dir.path().join(name);
+    std::fs::create_dir(at("in")).expect("a folder");
+    save(bytes(&image), &at("in/1000000.png"));
+    let thin =
+        |width, height| ImageBuffer::from_fn(width, height, |u, v| Luma([(9 * u + v) as u8]));
+    for (k, (width, height)) in [(3, 1000), (1000, 3), (1, 1000), (1000, 16)]
+        .into_iter()
+        .enumerate()
+    {
+        save(thin(width, height), &at(&format!("in/{}000000.png", 2 + k)));
+    }
+    save(bytes(&image), &at("in/9000000.png"));
+    let run = ["estimate", "--table", "pattern.csv", "in", "--json"];
+    // In all of every frame, in what the thin ones lack, and in what only one of them has.
+    for (roi, identified) in [("", 2), ("0,0,66,66", 2), ("0,0,2,1000", 0)] {
+        let mut arguments = run.to_vec();
+        if !roi.is_empty() {
+            arguments.extend(["--roi", roi]);
+        }
+        let output = crate::common::spindoe(dir.path(), &arguments);
+        let words = String::from_utf8_lossy(&output.stderr);
+        let code = if identified > 0 { 0 } else { 3 };
+        assert_eq!(output.status.code(), Some(code), "{roi}: {words}");
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        assert_eq!(json["identified"], identified, "{roi}: {words}");
+        assert_eq!(json["frames"].as_array().map(Vec::len), Some(6), "{roi}");
+    }
+}
+
+#[test]
+fn an_outline_that_is_known_well_is_believed() {
+    use spindoe::synth::SynthConfig;
+    use spindoe::synth::dataset::independent_frame;
+    use spindoe::vision::{BallCircle, OutlinePrior};
+    let pattern = crate::common::random_pattern(20, 5);
+    let estimator = estimator_of_synth(&pattern);
+    // Dots where the pattern has them: the outline's error counts.
+    let config = SynthConfig {
+        placement_sigma_rad: [0.0; 2],
+        max_off_axis_rad: 0.0,
+        ..SynthConfig::good()
+    };
+    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+    let mut errors = [Vec::new(), Vec::new()];
+    for k in 0..40 {
+        let frame = independent_frame(&pattern, &config, 91, k).expect("a frame");
+        let [w, x, y, z] = frame.truth.quaternion_wxyz;
+        let truth = Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+        let known = OutlinePrior {
+            circle: BallCircle::new(frame.truth.center, frame.truth.radius_px),
+            sigma_px: 0.05,
+        };
+        for (outline, errors) in [None, Some(known)].into_iter().zip(&mut errors) {
+            let prior = Prior {
+                outline,
+                ..Prior::default()
+            };
+            let budget = Budget::default();
+            estimator.estimate(&frame.image, &prior, &budget, &mut ws, &mut out);
+            let pose = out.pose();
+            errors.extend(pose.map(|p| p.rotation.angle_to(&truth).to_degrees()));
+        }
+    }
+    let counts = errors.each_ref().map(Vec::len);
+    let [found, given] = errors.each_mut().map(|e| spindoe::stats::median(e));
+    println!("{counts:?} of 40, median {found:.3} deg, with the true outline {given:.3} deg");
+    assert!(counts.iter().all(|n| *n >= 38), "{counts:?}");
+    assert!(given < found, "{given}, without {found}");
 }
 
 /// Whether two values are equal up to the rounding of degrees in a file.

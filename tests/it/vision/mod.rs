@@ -1,8 +1,11 @@
 //! Tests of the stage `vision`.
 
 mod allocation;
+mod budget;
 mod camera;
 mod circle;
+#[cfg(feature = "cli")]
+mod damage;
 mod detector;
 mod estimate;
 mod input;

@@ -11,7 +11,7 @@ use spindoe::source::grab::{Grabber, QUEUE, WhenFull, queue};
 use spindoe::source::pipe::{PipeFormat, PipeReader};
 use spindoe::source::{Frame, FrameSource};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Sequence, SequenceConfig};
+use spindoe::synth::dataset::{ClipConfig, Sequence};
 
 fn images() -> Vec<RgbImage> {
     let pattern = crate::common::random_pattern(20, 5);
@@ -19,10 +19,10 @@ fn images() -> Vec<RgbImage> {
         ball_px: Some([80.0; 2]),
         ..SynthConfig::good()
     };
-    let sequence = SequenceConfig {
+    let sequence = ClipConfig {
         fps: 350.0,
         spin: Some([40.0, 150.0, -60.0]),
-        ..SequenceConfig::default()
+        ..ClipConfig::default()
     };
     let sequence = Sequence::random(&pattern, &config, &sequence, 3, 8).unwrap();
     (0..8).map(|k| sequence.frame(k).unwrap().image).collect()

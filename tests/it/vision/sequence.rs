@@ -9,7 +9,7 @@ use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::recognize::Hint;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Sequence, SequenceConfig as SynthSequence, independent_frame};
+use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
 use spindoe::vision::detect::DotDetection;
 use spindoe::vision::estimator::{
     Outline, OutlineSource, Pose, SequenceConfig, SequenceView, estimate_sequence, estimate_spin,
@@ -224,9 +224,9 @@ fn the_spin_is_as_well_known_as_its_covariance_says() {
         rps: [5.0, 80.0],
         ..SynthConfig::good()
     };
-    let sequence_config = SynthSequence {
+    let sequence_config = ClipConfig {
         fps: 400.0,
-        ..SynthSequence::default()
+        ..ClipConfig::default()
     };
     let config = SequenceConfig::default();
     let mut distances = Vec::new();
@@ -274,10 +274,10 @@ fn the_spin_of_a_ball_that_crosses_the_picture_is_as_well_known_as_its_covarianc
     let mut distances = Vec::new();
     for seed in 0..36 {
         let angle = 0.7 * seed as f64;
-        let timing = SynthSequence {
+        let timing = ClipConfig {
             fps: 400.0,
             drift_px: Some([300.0 * angle.cos(), 200.0 * angle.sin()]),
-            ..SynthSequence::default()
+            ..ClipConfig::default()
         };
         let sequence =
             Sequence::random(&pattern, &scene, &timing, 88_000 + seed, 8).expect("a sequence");

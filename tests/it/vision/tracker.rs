@@ -9,7 +9,7 @@ use spindoe::spin::robust::RobustEstimator;
 use spindoe::spin::shared::SharedError;
 use spindoe::spin::{Measurement, SpinRejection};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Sequence, SequenceConfig};
+use spindoe::synth::dataset::{ClipConfig, Sequence};
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector};
 
@@ -28,10 +28,10 @@ fn clip(count: usize) -> Clip {
         parallel_share: 0.0,
         ..SynthConfig::good()
     };
-    let sequence = SequenceConfig {
+    let sequence = ClipConfig {
         fps: 350.0,
         spin: Some(SPIN.into()),
-        ..SequenceConfig::default()
+        ..ClipConfig::default()
     };
     let sequence = Sequence::random(&pattern, &config, &sequence, 3, count).unwrap();
     let frames = (0..count)

@@ -7,7 +7,7 @@ use spindoe::geometry::Rotation;
 use spindoe::image::{RawImage, RawPixel, RgbImage, Roi};
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{FrameTruth, Sequence, SequenceConfig as SynthSequence};
+use spindoe::synth::dataset::{ClipConfig, FrameTruth, Sequence};
 use spindoe::vision::estimator::{
     OutlineSource, SequenceConfig, Tracker, TrackerConfig, frames_in_doubt, second_pass,
 };
@@ -36,10 +36,10 @@ fn clip(seed: u64, count: usize) -> Clip {
         parallel_share: 0.0,
         ..SynthConfig::good()
     };
-    let sequence = SynthSequence {
+    let sequence = ClipConfig {
         fps: FPS,
         drift_px: Some([10.0 * count as f64, -4.0 * count as f64]),
-        ..SynthSequence::default()
+        ..ClipConfig::default()
     };
     // The first of which the ball stays in view.
     for seed in seed.. {

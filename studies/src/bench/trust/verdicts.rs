@@ -6,7 +6,9 @@ use rayon::prelude::*;
 use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
 use spindoe::synth::dataset::{Frame, independent_frame};
-use spindoe::vision::verdict::{FrameScore, Hypothesis, Scorer, Verdict, decide, mirrored_pattern};
+use spindoe::vision::verdict::{
+    BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern,
+};
 use spindoe::vision::{Estimator, NamedDetector};
 use spindoe_studies::frames::{alone, estimator, good_conditions, name_of};
 use spindoe_studies::score::share;
@@ -63,11 +65,11 @@ fn scored(
 
 /// The verdict on a clip under some of the hypotheses: tables, and which of the two directions is
 /// the true one (exchanged, the images are mirrored).
-fn verdict(clip: &[Scores], tables: &[usize], is_flipped: bool) -> (Verdict, Vec<Hypothesis>) {
+fn verdict(clip: &[Scores], tables: &[usize], is_flipped: bool) -> (Verdict, Vec<BallHypothesis>) {
     let mut hypotheses = Vec::new();
     for &table in tables {
         for direction in 0..2 {
-            hypotheses.push(Hypothesis {
+            hypotheses.push(BallHypothesis {
                 table,
                 is_mirrored: direction == 1,
                 frames: clip
