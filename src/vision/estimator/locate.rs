@@ -8,7 +8,7 @@
 //! inverse covariances. Where they do not, or the net is not sure of any outline, the edges' own circle
 //! is another candidate, and the dots decide.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::Outline;
 use super::config::OutlineMethod;
@@ -27,8 +27,6 @@ const CROP: usize = 320;
 const MAX_SIGMA: f64 = 0.06;
 /// Edges farther from the net's outline than this many deviations are those of something else.
 const AGREES: f64 = 3.0;
-/// The net's systematic error, in radii.
-const SYSTEMATIC: f64 = 0.006;
 /// Edges that lie on fewer of the rays than this say nothing.
 const MIN_SUPPORT: f64 = 0.4;
 /// Outlines nearer than this to each other, in radii, are the same.
@@ -254,14 +252,13 @@ impl Locator {
 
     /// The net's outline near a circle, made precise by the edges that agree with it.
     fn see(&mut self, gray: &GrayImage, rough: &BallCircle, net: &OutlineNet) -> Option<Candidate> {
-        let mut seen = net.find_near(gray, rough, &mut self.net)?;
+        let seen = net.find_near(gray, rough, &mut self.net)?;
         let radius = seen.circle.radius;
         let sigma = seen.covariance.diagonal().max().sqrt();
         let is_sure = sigma < MAX_SIGMA * radius;
         if !is_sure {
             return None;
         }
-        seen.covariance += Matrix3::from_diagonal_element((SYSTEMATIC * radius).powi(2));
         let edges = [Polarity::Brighter, Polarity::Darker]
             .into_iter()
             .filter_map(|p| self.finder.fit_near(gray, &seen.circle, p))

@@ -26,8 +26,7 @@ use crate::stats::median;
 use crate::vision::camera::{BallCircle, Pixel};
 
 /// Error of the distance by all frames over that by one: dots drawn off their places, a biased outline and what is expected beforehand
-/// mislead all alike. A decision, so that spins of balls that cross the picture are covered (`bench spin-coverage`, seeds from 61000);
-/// the distance alone needs what [`SHARED_DISTANCE`](crate::vision::derived::SHARED_DISTANCE) in `models/derived.json` says.
+/// mislead all alike. A decision, so that spins of balls that cross the picture are covered (`bench spin-coverage`, seeds from 61000).
 const SHARED_DISTANCE: f64 = 1.35;
 /// A distance that is given is taken for known to this, ball radii over the distance.
 const MIN_SIGMA: f64 = 1e-4;

@@ -41,21 +41,11 @@ fn images(pattern: &Pattern) -> Vec<RgbImage> {
     images
 }
 
-/// Checks a frame whose deadline had passed before it came, of which so many places are looked at: each takes one run of
-/// the recognizer at most.
-fn check(frame: &FrameEstimate, places: usize) {
-    assert!(frame.attempts() <= places, "{} runs", frame.attempts());
-    let is_known = frame.pose().is_some() || is_mirrored(frame);
-    let outcome = frame.outcome;
-    assert!(
-        is_known || outcome == Err(FrameRejection::OutOfTime),
-        "{outcome:?}"
-    );
-}
-
-fn is_mirrored(frame: &FrameEstimate) -> bool {
-    use spindoe::recognize::RecognizerRejection;
-    frame.outcome == Err(FrameRejection::Recognizer(RecognizerRejection::Mirrored))
+/// Checks a frame whose deadline had passed before it came.
+fn check(frame: &FrameEstimate) {
+    assert_eq!(frame.attempts(), 0);
+    assert_eq!(frame.outcome, Err(FrameRejection::OutOfTime));
+    assert!(frame.outline.is_none() && frame.dots.is_empty());
 }
 
 #[test]
@@ -64,22 +54,20 @@ fn a_deadline_that_has_passed_begins_nothing_further() {
     let estimator = estimator(&pattern);
     let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
     let prior = Prior::default();
-    let (mut late, mut runs) = (0, 0);
+    let mut runs = 0;
     for image in &images(&pattern) {
         estimator.estimate(image, &prior, &Budget::default(), &mut ws, &mut out);
         assert_ne!(out.outcome, Err(FrameRejection::OutOfTime));
         runs += out.attempts();
         let budget = Budget::within(Duration::ZERO);
         estimator.estimate(image, &prior, &budget, &mut ws, &mut out);
-        check(&out, 1);
-        late += usize::from(out.outcome == Err(FrameRejection::OutOfTime));
+        check(&out);
         // Time enough changes nothing.
         let budget = Budget::within(Duration::from_secs(3600));
         estimator.estimate(image, &prior, &budget, &mut ws, &mut out);
         assert_ne!(out.outcome, Err(FrameRejection::OutOfTime));
     }
-    println!("{late} of 15 late, {runs} runs with time");
-    assert!(late >= 8 && runs > 60, "{late} late, {runs} runs");
+    assert!(runs > 60, "{runs} runs with time");
 }
 
 #[test]
@@ -90,14 +78,10 @@ fn a_tracker_without_time_says_so_and_begins_nothing_further() {
         ..TrackerConfig::default()
     };
     let mut tracker = Tracker::new(Arc::new(estimator(&pattern)), config).expect("settings");
-    let mut late = 0;
     for (k, image) in images(&pattern).iter().enumerate() {
         let state = tracker
             .update(image, 0.01 * k as f64, None)
             .expect("a time");
-        // Where the ball is expected, and all around.
-        check(state.frame, 2);
-        late += usize::from(state.frame.outcome == Err(FrameRejection::OutOfTime));
+        check(state.frame);
     }
-    assert!(late >= 8, "{late} of 15 late");
 }

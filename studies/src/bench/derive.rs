@@ -1,0 +1,156 @@
+//! The numbers that follow from the nets and the synthetic world: `models/derived.json`.
+//!
+//! An entry has its value, its meaning, the command and the SHA-256 of each input: of files, and of what the world renders. An entry whose command and
+//! inputs are as they were is kept. The map of confidences begins with the recognizer's own probability, never with
+//! the shipped map, so that it can be derived from nothing but the nets.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use spindoe::files;
+use spindoe::synth::world_sha256;
+use spindoe::vision::estimator::TrustMap;
+use spindoe_studies::Outcome;
+use spindoe_studies::score::median;
+
+use crate::trust::kinds::{self, Judged};
+use crate::trust::logistic;
+
+/// The input that is no file: what is rendered.
+const WORLD: &str = "synthetic world";
+/// Files that all numbers here depend on.
+const INPUTS: [&str; 6] = [
+    "models/dots.npz",
+    "models/dots-large.npz",
+    "models/outline.npz",
+    "designs/dots12/pattern.csv",
+    "designs/dots20/pattern.csv",
+    "designs/dots32/pattern.csv",
+];
+
+/// What the numbers are derived from besides the files, and where they go.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The file of derived numbers, read and written.
+    #[arg(long, default_value = "models/derived.json")]
+    out: PathBuf,
+    /// Images for each of the designs.
+    #[arg(long, default_value_t = 3_000)]
+    images: u64,
+    /// Rounds of the fit; each estimates with the map of the one before, the first with none.
+    #[arg(long, default_value_t = 2)]
+    rounds: u64,
+    /// Seed of the images.
+    #[arg(long, default_value_t = 14_220_001)]
+    seed: u64,
+    /// Derive what is up to date, too.
+    #[arg(long)]
+    force: bool,
+}
+
+/// A derived number, or several.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Entry {
+    meaning: String,
+    value: serde_json::Value,
+    command: String,
+    inputs: BTreeMap<String, String>,
+}
+
+/// Name, meaning and value.
+type Derived = (&'static str, &'static str, serde_json::Value);
+
+impl Args {
+    /// Derives what is not up to date, and writes the file.
+    pub fn run(&self) -> Outcome {
+        let out = self.out.as_path();
+        let mut inputs = BTreeMap::from([(WORLD.to_owned(), world_sha256()?)]);
+        for path in INPUTS {
+            let bytes = files::read_bytes(Path::new(path))?;
+            inputs.insert(path.to_owned(), files::sha256_hex(&bytes));
+        }
+        let command = format!(
+            "bench derive --images {} --rounds {} --seed {}",
+            self.images, self.rounds, self.seed
+        );
+        let mut entries: BTreeMap<String, Entry> = match out.exists() {
+            true => serde_json::from_slice(&files::read_bytes(out)?)?,
+            false => BTreeMap::new(),
+        };
+        let is_kept = |e: &Entry| e.command == command && e.inputs == inputs;
+        if !self.force && !entries.is_empty() && entries.values().all(is_kept) {
+            eprintln!("{}: up to date", out.display());
+            return Ok(());
+        }
+        entries.clear();
+        for (name, meaning, value) in self.derive()? {
+            let entry = Entry {
+                meaning: meaning.to_owned(),
+                value,
+                command: command.clone(),
+                inputs: inputs.clone(),
+            };
+            entries.insert(name.to_owned(), entry);
+        }
+        let text = serde_json::to_string_pretty(&entries)? + "\n";
+        files::write_bytes(out, text.as_bytes())?;
+        Ok(())
+    }
+
+    fn derive(&self) -> Outcome<Vec<Derived>> {
+        let mut map = TrustMap::IDENTITY;
+        let mut answers: Vec<Judged> = Vec::new();
+        for round in 1..=self.rounds {
+            answers = kinds::fitting_answers(map, self.images, self.seed)?;
+            map = logistic::fit(&answers, &[]);
+            eprintln!("round {round}: {} poses, {map:?}", answers.len());
+        }
+        let wide = logistic::fit(&answers, &logistic::DOUBT_AND_MISFIT);
+        Ok(vec![
+            (
+                "trust_map",
+                "weights of a pose's evidence in its ln odds, the constant first",
+                rounded(std::iter::once(map.constant).chain(map.weights)),
+            ),
+            (
+                "dense_map",
+                "weights of the evidence of a pose by all places where dots may be, the constant first",
+                rounded(map.dense),
+            ),
+            (
+                "trust_map_wide",
+                "the same without the detector's doubt and the misfit",
+                rounded(std::iter::once(wide.constant).chain(wide.weights)),
+            ),
+            (
+                "usual_doubt",
+                "median of the detector's doubt of the dots of correct poses: mean of -ln p",
+                serde_json::json!(to_places(usual_doubt(&answers), 3)),
+            ),
+        ])
+    }
+}
+
+/// The constant and the weights, to four places.
+fn rounded(all: impl IntoIterator<Item = f64>) -> serde_json::Value {
+    let all = all.into_iter();
+    serde_json::json!(all.map(|w| to_places(w, 4)).collect::<Vec<f64>>())
+}
+
+fn to_places(value: f64, places: i32) -> f64 {
+    let unit = 10f64.powi(places);
+    // No negative zero.
+    (value * unit).round() / unit + 0.0
+}
+
+fn usual_doubt(answers: &[Judged]) -> f64 {
+    let correct = answers
+        .iter()
+        .filter(|a| a.is_correct && a.evidence.dense.is_none());
+    let correct: Vec<&Judged> = correct.collect();
+    match correct.is_empty() {
+        true => 0.0,
+        false => median(&correct, |a| a.evidence.doubt),
+    }
+}
