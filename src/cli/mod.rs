@@ -41,6 +41,7 @@ mod images;
 mod interrupt;
 #[cfg(feature = "mark")]
 mod mark;
+mod memory;
 mod merge;
 mod output;
 mod precession;
