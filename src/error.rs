@@ -61,6 +61,9 @@ pub enum Error {
     /// A set of points does not determine a rotation.
     #[error("degenerate geometry: {0}")]
     Degenerate(String),
+    /// The system grants too little memory for the work.
+    #[error("too little memory: {0}")]
+    Memory(String),
     /// Something failed that no input should be able to cause.
     #[error("internal failure: {0}")]
     Internal(String),
@@ -123,7 +126,7 @@ impl Error {
                     | ErrorKind::UnexpectedEof
                     | ErrorKind::AlreadyExists
             ),
-            Self::NoAnswer { .. } | Self::Internal(_) => false,
+            Self::NoAnswer { .. } | Self::Memory(_) | Self::Internal(_) => false,
         }
     }
 }
@@ -167,8 +170,8 @@ fn escaped(text: String) -> String {
 const MAX_VALUE_CHARS: usize = 60;
 /// Most characters of a file's name: the limit of file systems.
 const MAX_NAME_CHARS: usize = 255;
-/// Most characters of a message.
-const MAX_CHARS: usize = 8192;
+/// Most characters of what a message says is wrong: three lines of a terminal and a half.
+const MAX_CHARS: usize = 320;
 
 /// The text as a message shows it: control characters are escaped; values of more than
 /// [`MAX_VALUE_CHARS`] characters, which are words or quoted, end after them with "...".
@@ -197,6 +200,9 @@ pub(crate) fn on_one_line(text: String) -> String {
         }
         most_left = most_left.saturating_sub(value.chars().count().min(most));
         if most_left == 0 {
+            if !rest.is_empty() && !shown.ends_with("...") {
+                shown.push_str("...");
+            }
             break;
         }
     }

@@ -13,6 +13,7 @@ use spindoe::design::DesignConfig;
 use spindoe::design::state::Checkpoint;
 use spindoe::recognize::observed::ObservedReader;
 use spindoe::recognize::paper::FeatureTree;
+use spindoe::report::page::DesignPage;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::synth::SynthConfig;
@@ -31,13 +32,14 @@ use zip::write::SimpleFileOptions;
 pub type Reader = fn(&[u8]) -> Result<()>;
 
 /// All readers, by the names of their targets.
-pub const READERS: [(&str, Reader); 14] = [
+pub const READERS: [(&str, Reader); 16] = [
     ("table", table),
     ("pattern", pattern),
     ("zones", zones),
     ("observed", observed),
     ("orientations", orientations),
     ("times", times),
+    ("circles", circles),
     ("trajectories", trajectories),
     ("camera", camera),
     ("weights", weights),
@@ -46,6 +48,7 @@ pub const READERS: [(&str, Reader); 14] = [
     ("pipe", pipe),
     ("video", video),
     ("synth", synth),
+    ("report", report),
 ];
 
 /// The dots beside which zones are read.
@@ -128,6 +131,25 @@ fn times(bytes: &[u8]) -> Result<()> {
         let read = frame_table::read_times(&folder.join("t.csv"))?;
         let frames = ["a/left/7.png", "a/right/7.png", "8.png"].map(Into::into);
         read.of_frames(&frames).map(drop)
+    })
+}
+
+fn circles(bytes: &[u8]) -> Result<()> {
+    in_folder(&[("c.csv", bytes)], |folder| {
+        let read = frame_table::read_circles(&folder.join("c.csv"))?;
+        let frames = ["a/left/7.png", "a/right/7.png", "8.png"].map(std::path::PathBuf::from);
+        for frame in &frames {
+            if let Some(outline) = read.of_frame(frame)? {
+                assert!(outline.sigma_px > 0.0 && outline.sigma_px.is_finite());
+            }
+        }
+        read.unused_lines(&frames).map(drop)
+    })
+}
+
+fn report(bytes: &[u8]) -> Result<()> {
+    in_folder(&[("report.json", bytes)], |folder| {
+        DesignPage::read(folder).map(drop)
     })
 }
 

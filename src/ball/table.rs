@@ -39,9 +39,6 @@ pub const FORMAT_VERSION: u32 = 1;
 /// which readers of the first version do not know.
 pub const CALIBRATED_VERSION: u32 = 2;
 
-/// Maximum size of a file: that of 64 dots has 7.5 MB.
-#[cfg(feature = "native")]
-const MAX_BYTES: u64 = 16 << 20;
 /// Maximum relative difference between a stored feature and the one computed from the dots. It
 /// allows for other writers' rounding, which a basis near the pair rule's limit amplifies.
 const FEATURE_TOLERANCE: f64 = 1e-9;
@@ -156,7 +153,7 @@ impl Ball {
     /// with it.
     #[cfg(feature = "native")]
     pub fn read_npz(path: &Path) -> Result<Self> {
-        Self::from_npz(path, &files::read_at_most(path, MAX_BYTES)?)
+        Self::from_npz(path, &files::read_at_most(path, files::MAX_ARCHIVE_BYTES)?)
     }
 
     /// Reads a ball from its `.npz`, from a pattern's CSV with the zones beside it, or from a folder
@@ -183,7 +180,7 @@ impl Ball {
         {
             return Ok(Self::new(shipped?));
         }
-        let bytes = files::read_at_most(path, MAX_BYTES)?;
+        let bytes = files::read_at_most(path, files::MAX_ARCHIVE_BYTES)?;
         // A NumPy archive starts with "PK", as every ZIP does.
         if bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz") {
             return Self::from_npz(path, &bytes);

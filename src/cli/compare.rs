@@ -13,6 +13,7 @@ use crate::error::Result;
 use crate::files::{self, Replacement};
 use crate::recognize::RecognizerName;
 use crate::report::compare::{Comparison, Entry, compare};
+use crate::report::reject_design;
 use crate::stats::PairedDifference;
 use crate::view::ProtocolName;
 
@@ -85,8 +86,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.camera.is_stated() {
         return before_camera(arguments, &entries);
     }
-    let set = arguments.output.as_deref().map(Replacement::begin);
-    let set = set.transpose()?;
+    let begin = |dir: &std::path::Path| {
+        reject_design(dir, "choose another folder")?;
+        Replacement::begin(dir)
+    };
+    let set = arguments.output.as_deref().map(begin).transpose()?;
     let recognizers = match arguments.recognizer {
         Some(one) => vec![one],
         None => RecognizerName::ALL.to_vec(),

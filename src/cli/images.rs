@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use nalgebra::Matrix3;
 
 use super::output::one_of;
 use crate::ball::Ball;
@@ -177,8 +178,8 @@ impl ImageArguments {
 /// Largest angle between dots that are one, radians.
 const SAME_DOT_RAD: f64 = 1e-3;
 
-/// The balls of several files; two must not have the same pattern, since images cannot tell which it
-/// is.
+/// The balls of several files; two must not have the same pattern, rotated or not, since images cannot tell
+/// which it is.
 pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
     let mut balls: Vec<Ball> = Vec::new();
     for path in paths {
@@ -186,7 +187,7 @@ pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
         let same = balls.iter().position(|other| is_same(other, &ball));
         if let Some(other) = same.and_then(|k| paths.get(k)) {
             let problem = format!(
-                "has the same pattern as {}: give one of them",
+                "has the same pattern as {}, up to a rotation: give one of them",
                 other.display()
             );
             return Err(Error::input(path, "pattern", problem));
@@ -196,11 +197,34 @@ pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
     Ok(balls)
 }
 
-/// Whether two balls have the same dots, in any order.
+/// Whether two balls have the same dots, in any order and turned in any way.
 fn is_same(a: &Ball, b: &Ball) -> bool {
     let (a, b) = (a.pattern().dots(), b.pattern().dots());
-    let has = |dot: &Vec3| b.iter().any(|other| other.angle(dot) < SAME_DOT_RAD);
-    a.len() == b.len() && a.iter().all(has)
+    let ([from, rest @ ..], true) = (a, a.len() == b.len()) else {
+        return false;
+    };
+    // Two dots determine a rotation, best those that are nearest to a right angle.
+    let straightness = |dot: &&Vec3| from.dot(dot).abs();
+    let Some(to) = rest
+        .iter()
+        .min_by(|x, y| straightness(x).total_cmp(&straightness(y)))
+    else {
+        return false;
+    };
+    let axes = |from: &Vec3, to: &Vec3| {
+        let normal = from.cross(to).normalize();
+        Matrix3::from_columns(&[*from, normal, from.cross(&normal)])
+    };
+    let pairs = b
+        .iter()
+        .flat_map(|other| b.iter().map(move |next| (other, next)));
+    pairs
+        .filter(|(other, next)| (other.angle(next) - from.angle(to)).abs() < SAME_DOT_RAD)
+        .any(|(other, next)| {
+            let turn = axes(other, next) * axes(from, to).transpose();
+            a.iter()
+                .all(|dot| b.iter().any(|o| o.angle(&(turn * dot)) < SAME_DOT_RAD))
+        })
 }
 
 /// What is to be known of frames whose names are numbers of another notation.
@@ -210,4 +234,17 @@ pub(super) fn order_warning<'a>(names: impl Iterator<Item = &'a str> + Clone) ->
             "names such as {name:?} are no plain whole numbers: the frames are taken in the order of their names, digits as whole numbers, and have no times of their own"
         )
     })
+}
+
+/// What is to be known of a table of outlines some rows of which name no frame.
+pub(super) fn unused_warning(
+    circles: Option<&FrameCircles>,
+    frames: &[PathBuf],
+) -> Result<Option<String>> {
+    let unused = circles.map(|c| c.unused_lines(frames)).transpose()?;
+    let unused = unused.unwrap_or_default();
+    Ok(unused.first().map(|line| {
+        let count = unused.len();
+        format!("--circles: {count} rows name no frame, the first on line {line}")
+    }))
 }

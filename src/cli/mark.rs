@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, ValueEnum};
 
 use super::design::cone;
 use super::print_json;
@@ -208,7 +209,35 @@ impl Arguments {
     }
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+/// The flags that only some methods have, by their ids.
+const OWN: [(&str, &[Method]); 8] = [
+    ("lobes", &[Method::Gores]),
+    ("no_numbers", &[Method::Gores]),
+    ("bleed_mm", &[Method::Gores, Method::Stickers]),
+    ("page", &[Method::Gores, Method::Stickers]),
+    ("pen_diameter_mm", &[Method::Plotter]),
+    ("steps_per_turn", &[Method::Plotter]),
+    ("feed_mm_per_min", &[Method::Plotter]),
+    ("pen_delay_s", &[Method::Plotter]),
+];
+
+/// Rejects what another method is told by.
+fn check_method(method: Method, given: &ArgMatches) -> Result<()> {
+    let is_given = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
+    let mut foreign = OWN.iter().filter(|(_, methods)| !methods.contains(&method));
+    match foreign.find(|(id, _)| is_given(id)) {
+        None => Ok(()),
+        Some((id, methods)) => {
+            let names = methods.iter().filter_map(ValueEnum::to_possible_value);
+            let names: Vec<String> = names.map(|name| name.get_name().to_owned()).collect();
+            let problem = format!("is a flag of --as {}", names.join(" and "));
+            Err(Error::argument(*id, problem))
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
+    given.map_or(Ok(()), |given| check_method(arguments.method, given))?;
     let format = Format::of(&arguments.output, arguments.method)?;
     let pattern = Ball::read(&arguments.pattern)?.into_pattern();
     let drawing = arguments.drawing(&pattern, format)?;

@@ -7,6 +7,7 @@ use clap::Args;
 
 use super::design::print_words;
 use super::interrupt::stop_on_interrupt;
+use super::memory::check_for_design;
 use super::output::Progress;
 use super::print_json;
 use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
@@ -82,6 +83,7 @@ pub(super) fn job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let (job, command) = job(&arguments.shards, arguments.out.clone())?;
+    check_for_design()?;
     let stop = stop_on_interrupt()?;
     let clock = Instant::now();
     let mut progress = MergeProgress {

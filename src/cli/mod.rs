@@ -24,6 +24,7 @@ macro_rules! errln {
 
 #[cfg(feature = "vision")]
 mod advise;
+mod bounds;
 #[cfg(feature = "vision")]
 mod calibrate;
 #[cfg(feature = "vision")]
@@ -40,6 +41,7 @@ mod images;
 mod interrupt;
 #[cfg(feature = "mark")]
 mod mark;
+mod memory;
 mod merge;
 mod output;
 mod precession;
@@ -68,7 +70,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use crate::design::Shard;
 use crate::error::{Error, Result};
@@ -153,17 +155,45 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     interrupt::catch();
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     output::set_command_line(&arguments);
-    let parsed = Cli::command().try_get_matches_from(arguments);
-    let parsed = parsed.and_then(|matches| {
-        let name = matches.subcommand_name().unwrap_or_default().to_owned();
-        Cli::from_arg_matches(&matches).map(|cli| (cli, name))
-    });
-    let (cli, name) = match parsed {
+    let (cli, given) = match parsed(arguments) {
         Ok(parsed) => parsed,
         Err(error) => return report_usage(&error),
     };
     output::set_quiet(cli.quiet);
-    let done: Result<()> = match cli.command {
+    match check_numbers(&given).and_then(|()| run(cli.command, &given)) {
+        Ok(()) => 0,
+        Err(error) => {
+            // Whatever an error quotes, it is one line.
+            let words = error_words(&error, given.subcommand_name().unwrap_or_default());
+            let line: Vec<&str> = words.lines().map(str::trim).collect();
+            errln!("spindoe: {}", line.join(" "));
+            match error {
+                Error::NoAnswer { .. } => 3,
+                error if error.is_usage() => 2,
+                _ => 1,
+            }
+        }
+    }
+}
+
+/// The arguments as commands take them, and as they were given.
+fn parsed(
+    arguments: impl IntoIterator<Item = OsString>,
+) -> std::result::Result<(Cli, ArgMatches), clap::Error> {
+    let given = Cli::command().try_get_matches_from(arguments)?;
+    Ok((Cli::from_arg_matches(&given)?, given))
+}
+
+/// Checks the bounds of all numbers that were given.
+fn check_numbers(given: &ArgMatches) -> Result<()> {
+    let cli = Cli::command();
+    let chosen = given.subcommand();
+    let command = chosen.and_then(|(name, given)| Some((cli.find_subcommand(name)?, given)));
+    command.map_or(Ok(()), |(command, given)| bounds::check(command, given))
+}
+
+fn run(command: Command, given: &ArgMatches) -> Result<()> {
+    match command {
         Command::Design(arguments) => design::run(&arguments),
         Command::Merge(arguments) => merge::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
@@ -180,7 +210,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Stencil(arguments) => stencil::run(&arguments),
         #[cfg(feature = "mark")]
-        Command::Mark(arguments) => mark::run(&arguments),
+        Command::Mark(arguments) => mark::run(&arguments, given.subcommand_matches("mark")),
         Command::Spin(arguments) => spin::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         #[cfg(feature = "vision")]
@@ -192,20 +222,6 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Completions(arguments) => shell::completions(&arguments),
         Command::Man(arguments) => shell::man(&arguments),
         Command::Trajectories(arguments) => trajectories::run(&arguments),
-    };
-    match done {
-        Ok(()) => 0,
-        Err(error) => {
-            // Whatever an error quotes, it is one line.
-            let words = error_words(&error, &name);
-            let line: Vec<&str> = words.lines().map(str::trim).collect();
-            errln!("spindoe: {}", line.join(" "));
-            match error {
-                Error::NoAnswer { .. } => 3,
-                error if error.is_usage() => 2,
-                _ => 1,
-            }
-        }
     }
 }
 
@@ -235,11 +251,14 @@ fn error_words(error: &Error, name: &str) -> String {
     );
     let cli = Cli::command();
     let command = cli.find_subcommand(name);
-    let known = command.is_some_and(|c| c.get_arguments().any(|a| a.get_long() == Some(&flag)));
-    if known {
-        format!("--{flag}: {problem}")
-    } else {
-        format!("{full}: {problem}")
+    let is_known = |flag: &&str| {
+        command.is_some_and(|c| c.get_arguments().any(|a| a.get_long() == Some(*flag)))
+    };
+    // What is written goes to one or the other.
+    let names = [flag.as_str(), if flag == "out" { "output" } else { &flag }];
+    match names.iter().find(|flag| is_known(flag)) {
+        Some(flag) => format!("--{flag}: {problem}"),
+        None => format!("{full}: {problem}"),
     }
 }
 
@@ -263,7 +282,8 @@ pub fn design_job(
     flags: impl IntoIterator<Item = OsString>,
 ) -> std::result::Result<DesignRequest, String> {
     let words = ["spindoe".into(), "design".into()].into_iter().chain(flags);
-    let cli = Cli::try_parse_from(words).map_err(|error| usage_line(&error))?;
+    let (cli, given) = parsed(words).map_err(|error| usage_line(&error))?;
+    check_numbers(&given).map_err(|error| error.to_string())?;
     let Command::Design(arguments) = cli.command else {
         return Err("expected the flags of design".to_owned());
     };

@@ -11,6 +11,7 @@ use super::print_json;
 use crate::ball::Ball;
 use crate::error::Result;
 use crate::files::{self, Replacement};
+use crate::report::reject_design;
 use crate::validate::{SensitivityConfig, sensitivity, sensitivity_csv};
 use crate::view::{Protocol, ProtocolName};
 
@@ -68,6 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         seed: arguments.seed,
     };
     let dir = &arguments.output;
+    reject_design(dir, "choose another folder")?;
     let set = Replacement::begin(dir)?;
     let protocol = Protocol::standard(arguments.protocol.unwrap_or(ProtocolName::Paper));
     let count = 2 * config.sigmas_deg.len() + config.alphas.len();

@@ -8,7 +8,7 @@ use clap_complete::Shell;
 
 use super::{Cli, stdout_error};
 use crate::error::{Error, Result};
-use crate::files;
+use crate::files::{self, Replacement};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -41,7 +41,7 @@ pub struct ManArguments {
 
 /// Writes the manual pages.
 pub fn man(arguments: &ManArguments) -> Result<()> {
-    files::create_writable_dir(&arguments.out)?;
+    let set = Replacement::begin(&arguments.out)?;
     let mut command = Cli::command();
     command.build();
     let write = |name: String, page: clap::Command| {
@@ -50,7 +50,7 @@ pub fn man(arguments: &ManArguments) -> Result<()> {
             .title(name.to_uppercase())
             .render(&mut text)
             .map_err(|e| Error::Internal(format!("manual page {name}: {e}")))?;
-        files::write_bytes(&arguments.out.join(format!("{name}.1")), &text)
+        files::write_bytes(&set.path().join(format!("{name}.1")), &text)
     };
     for sub in command.get_subcommands().filter(|s| s.get_name() != "help") {
         let name = format!("spindoe-{}", sub.get_name());
@@ -58,6 +58,7 @@ pub fn man(arguments: &ManArguments) -> Result<()> {
         write(name.clone(), sub.clone().name(name.leak() as &'static str))?;
     }
     write("spindoe".to_owned(), command.clone())?;
+    set.publish(&[], &[], "spindoe.1")?;
     outln!("{}", arguments.out.display());
     Ok(())
 }

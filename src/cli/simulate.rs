@@ -6,6 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::error::{Error, Result};
+use crate::files;
 use crate::geometry::{Vec3, random_direction};
 use crate::spin::orientations::Orientations;
 use crate::spin::simulate::{Drops, Scenario, stream};
@@ -171,6 +172,7 @@ pub(super) fn vector(text: &str) -> std::result::Result<Vec3, String> {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
+    files::check_writable(&arguments.out)?;
     let usual = arguments.usual()?;
     let scenario = arguments.scenario(&usual)?;
     let rps = arguments.rps.unwrap_or(usual.rps);

@@ -1,6 +1,6 @@
 //! `spindoe spin`: estimates the spin from time-stamped orientations.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -10,6 +10,7 @@ use super::precession::Precession;
 use super::spin_stretches::{self as stretches, Holding};
 use super::spin_summary;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::geometry::CameraFrame;
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::AliasConfig;
@@ -18,7 +19,6 @@ use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
 use crate::spin::summary::SpinSummary;
-#[cfg(feature = "plot")]
 use crate::spin::windows::spin_over_time;
 use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 
@@ -81,11 +81,15 @@ pub struct Arguments {
     /// from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg (rad/s).
     #[arg(long, value_name = "FILE")]
     stretches: Option<PathBuf>,
+    /// Write the spin over time, of runs of --window orientations that overlap by half, also where no constant spin
+    /// holds, as CSV: time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames (rad/s).
+    #[arg(long, value_name = "FILE")]
+    windows: Option<PathBuf>,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Orientations in a run, within which the spin is taken as constant; for --decay, --plot and --stretches.
+    /// Orientations in a run, within which the spin is taken as constant; for --decay, --plot, --stretches and --windows.
     #[arg(long, default_value_t = 10)]
     window: usize,
     /// Diameter of the ball in millimeters, for the theoretical decay.
@@ -105,6 +109,14 @@ impl Arguments {
         return self.plot.is_some();
         #[cfg(not(feature = "plot"))]
         return false;
+    }
+
+    /// The files that are written.
+    fn written(&self) -> impl Iterator<Item = &PathBuf> {
+        let files = self.stretches.iter().chain(&self.windows);
+        #[cfg(feature = "plot")]
+        let files = files.chain(&self.plot);
+        files
     }
 
     fn check(&self) -> Result<()> {
@@ -174,6 +186,9 @@ impl Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     arguments.check()?;
+    for path in arguments.written() {
+        files::check_writable(path)?;
+    }
     let input = super::open_input(&arguments.orientations)?;
     let file = match arguments.fps {
         None => Orientations::read(&input.name, input.reader)?,
@@ -189,64 +204,52 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let held = held.stretches().map_err(|r| r.in_file(&input.name))?;
         stretches::write(path, &measurements, held, &turn)?;
     }
-    let rejected = |r: SpinRejection| match r {
-        SpinRejection::NoConsensus { .. } => Error::NoAnswer {
-            path: input.name.clone(),
-            reason: format!("{r}{}", held.words()),
-        },
-        SpinRejection::TooFewFrames { .. } if !file.rows.is_empty() && measurements.is_empty() => {
-            Error::NoAnswer {
-                path: input.name.clone(),
-                reason: format!(
-                    "no spin: none of {} frames has an orientation",
-                    file.rows.len()
-                ),
+    let over_time = || {
+        let windows = spin_over_time(&measurements, config.window, &config);
+        windows.map_err(|r| r.in_file(&input.name))
+    };
+    let windows = arguments
+        .windows
+        .as_ref()
+        .map(|_| over_time())
+        .transpose()?;
+    if let (Some(path), Some(windows)) = (&arguments.windows, &windows) {
+        stretches::write_windows(path, windows, config.window, &turn)?;
+    }
+    let request = Request {
+        arguments,
+        name: &input.name,
+        file: &file,
+        measurements: &measurements,
+        config: &config,
+        held: &held,
+    };
+    // What holds in parts is said beside the answer, or instead of it.
+    let in_parts = |json: &mut serde_json::Value, with_stretches: bool| {
+        if with_stretches {
+            let held = held.stretches().unwrap_or_default();
+            json["stretches"] = stretches::to_json(&measurements, held, &turn);
+        }
+        if let Some(windows) = &windows {
+            json["windows"] = stretches::windows_to_json(windows, config.window, &turn);
+        }
+    };
+    let (summary, decay, precession) = match request.summary() {
+        Ok(found) => found,
+        Err(error) => {
+            if let (Error::NoAnswer { reason, .. }, true) = (&error, arguments.json) {
+                let mut json = json!({
+                    "spin_rad_s": null,
+                    "rps": null,
+                    "reason": reason,
+                    "frames": file.rows.len(),
+                    "orientations": measurements.len(),
+                });
+                in_parts(&mut json, true);
+                super::print_json(&json)?;
             }
+            return Err(error);
         }
-        _ => r.in_file(&input.name),
-    };
-    let listed = AliasConfig {
-        max_rps: LISTED_BEYOND * arguments.max_spin_rps,
-        sigma_rad: config.sigma_rad,
-        ..AliasConfig::default()
-    };
-    let frames = file.rows.len();
-    let (mut decay, mut precession) = (None, None);
-    let summary = if arguments.precession {
-        let fitted = Precession::fit(&measurements, &config, &listed, frames);
-        let (summary, found) = fitted.map_err(rejected)?;
-        precession = Some(found);
-        summary
-    } else if arguments.decay {
-        let outcome = fit_decay(&measurements, &config).map_err(rejected)?;
-        // A decaying spin has its aliases only while it is nearly constant.
-        let constant = match outcome {
-            DecayOutcome::Found { .. } => &measurements[..arguments.window],
-            DecayOutcome::Constant { .. } => &measurements[..],
-        };
-        let fit = outcome.start();
-        decay = Some(outcome);
-        SpinSummary {
-            orientations: measurements.len(),
-            ..SpinSummary::new(constant, &fit, &listed, frames)
-        }
-    } else {
-        let config = SpinConfig {
-            shared: file.shared_error(),
-            ..config
-        };
-        let fit = arguments.fit(&measurements, config).map_err(rejected)?;
-        if held.contradicts(&fit) {
-            let reason = format!(
-                "no constant spin holds over the {} orientations (best: {}){}",
-                measurements.len(),
-                fit.inliers,
-                held.words()
-            );
-            let path = input.name.clone();
-            return Err(Error::NoAnswer { path, reason });
-        }
-        SpinSummary::new(&measurements, &fit, &listed, frames)
     };
     let fit = summary.fit;
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
@@ -273,13 +276,93 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.plot {
         let runs = spin_over_time(&measurements, config.window, &config);
-        super::spin_plot::plot_over_time(path, &runs.map_err(rejected)?, &found)?;
+        let runs = runs.map_err(|r| request.rejected(r))?;
+        super::spin_plot::plot_over_time(path, &runs, &found)?;
     }
     if arguments.json {
-        return super::print_json(&found.to_json());
+        let mut json = found.to_json();
+        in_parts(&mut json, arguments.stretches.is_some());
+        return super::print_json(&json);
     }
     found.print();
     Ok(())
+}
+
+/// What a spin is asked of.
+struct Request<'a> {
+    arguments: &'a Arguments,
+    name: &'a Path,
+    file: &'a Orientations,
+    measurements: &'a [Measurement],
+    config: &'a SpinConfig,
+    held: &'a Holding<'a>,
+}
+
+impl Request<'_> {
+    /// The spin, and what was found of a decay or a precession that was asked for.
+    fn summary(&self) -> Result<(SpinSummary, Option<DecayOutcome>, Option<Precession>)> {
+        let (arguments, measurements, config) = (self.arguments, self.measurements, self.config);
+        let rejected = |r: SpinRejection| self.rejected(r);
+        let listed = AliasConfig {
+            max_rps: LISTED_BEYOND * arguments.max_spin_rps,
+            sigma_rad: config.sigma_rad,
+            ..AliasConfig::default()
+        };
+        let frames = self.file.rows.len();
+        if arguments.precession {
+            let fitted = Precession::fit(measurements, config, &listed, frames);
+            let (summary, found) = fitted.map_err(rejected)?;
+            return Ok((summary, None, Some(found)));
+        }
+        if arguments.decay {
+            let outcome = fit_decay(measurements, config).map_err(rejected)?;
+            // A decaying spin has its aliases only while it is nearly constant.
+            let constant = match outcome {
+                DecayOutcome::Found { .. } => &measurements[..arguments.window],
+                DecayOutcome::Constant { .. } => measurements,
+            };
+            let summary = SpinSummary {
+                orientations: measurements.len(),
+                ..SpinSummary::new(constant, &outcome.start(), &listed, frames)
+            };
+            return Ok((summary, Some(outcome), None));
+        }
+        let config = SpinConfig {
+            shared: self.file.shared_error(),
+            ..*config
+        };
+        let fit = arguments.fit(measurements, config).map_err(rejected)?;
+        if self.held.contradicts(&fit) {
+            let reason = format!(
+                "no constant spin holds over the {} orientations (best: {}){}",
+                measurements.len(),
+                fit.inliers,
+                self.held.words()
+            );
+            let path = self.name.to_path_buf();
+            return Err(Error::NoAnswer { path, reason });
+        }
+        let summary = SpinSummary::new(measurements, &fit, &listed, frames);
+        Ok((summary, None, None))
+    }
+
+    /// A rejection as this file's error.
+    fn rejected(&self, rejection: SpinRejection) -> Error {
+        let (rows, path) = (self.file.rows.len(), self.name.to_path_buf());
+        match rejection {
+            SpinRejection::NoConsensus { .. } => Error::NoAnswer {
+                path,
+                reason: format!("{rejection}{}", self.held.words()),
+            },
+            SpinRejection::TooFewFrames { .. } if rows > 0 && self.measurements.is_empty() => {
+                Error::NoAnswer {
+                    path,
+                    reason: format!("no spin: none of {rows} frames has an orientation"),
+                }
+            }
+            _ => rejection.in_file(self.name),
+        }
+    }
 }
 
 /// The estimated decay, and the theoretical one, 1/s.

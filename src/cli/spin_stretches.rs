@@ -1,15 +1,17 @@
-//! Where one constant spin holds within a sequence: in words, and as a table.
+//! Where one constant spin holds within a sequence, and the spin over time: in words, as tables, as JSON.
 
 use std::cell::OnceCell;
 use std::fmt::Write;
 use std::path::Path;
 
+use serde_json::{Value, json};
+
 use crate::error::Result;
 use crate::files;
-use crate::geometry::Rotation;
+use crate::geometry::{Rotation, Vec3};
 use crate::spin::decay::{DecayOutcome, fit_decay};
-use crate::spin::robust::SpinConfig;
-use crate::spin::windows::{Stretch, constant_stretches};
+use crate::spin::robust::{SpinConfig, standard_deviations};
+use crate::spin::windows::{Stretch, WindowFit, constant_stretches};
 use crate::spin::{Fit, Measurement, SpinRejection};
 
 /// Stretches that are named in words, the longest.
@@ -111,4 +113,71 @@ pub(super) fn write(
 fn times_s(measurements: &[Measurement], stretch: &Stretch) -> (f64, f64) {
     let [first, last] = [stretch.orientations.start, stretch.orientations.end - 1];
     (measurements[first].time_s, measurements[last].time_s)
+}
+
+/// Stretches as JSON, the spins turned.
+pub(super) fn to_json(
+    measurements: &[Measurement],
+    stretches: &[Stretch],
+    turn: &Rotation,
+) -> Value {
+    let one = |stretch: &Stretch| {
+        let (from, to) = times_s(measurements, stretch);
+        let fit = stretch.fit.turned(turn);
+        json!({
+            "from_s": from,
+            "to_s": to,
+            "orientations": stretch.orientations.len(),
+            "inliers": fit.inliers,
+            "rps": fit.motion.rps(),
+            "spin_rad_s": fit.motion.spin.as_slice(),
+            "sigma_deg": fit.sigma_rad.map(f64::to_degrees),
+        })
+    };
+    stretches.iter().map(one).collect()
+}
+
+/// Standard deviations of a fit's spin, rad/s; none where the orientations leave it open.
+fn deviations(fit: &Fit) -> Option<Vec3> {
+    fit.spin_covariance.as_ref().map(standard_deviations)
+}
+
+/// Writes the spins of runs of so many `frames` as a table; the spins turned.
+pub(super) fn write_windows(
+    path: &Path,
+    windows: &[WindowFit],
+    frames: usize,
+    turn: &Rotation,
+) -> Result<()> {
+    let mut text = String::from("time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames\n");
+    for window in windows {
+        let fit = window.fit.turned(turn);
+        let [x, y, z] = fit.motion.spin.into();
+        let std = deviations(&fit).map_or(",,".to_owned(), |s| format!("{},{},{}", s.x, s.y, s.z));
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{},{x},{y},{z},{},{std},{},{frames}",
+            window.time_s,
+            fit.motion.rps(),
+            fit.inliers
+        );
+    }
+    files::write_bytes(path, text.as_bytes())
+}
+
+/// The spins of runs of so many `frames` as JSON, turned.
+pub(super) fn windows_to_json(windows: &[WindowFit], frames: usize, turn: &Rotation) -> Value {
+    let one = |window: &WindowFit| {
+        let fit = window.fit.turned(turn);
+        json!({
+            "time_s": window.time_s,
+            "spin_rad_s": fit.motion.spin.as_slice(),
+            "rps": fit.motion.rps(),
+            "std_rad_s": deviations(&fit).map(<[f64; 3]>::from),
+            "inliers": fit.inliers,
+            "frames": frames,
+        })
+    };
+    windows.iter().map(one).collect()
 }

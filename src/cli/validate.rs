@@ -64,6 +64,10 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
+    arguments
+        .dump
+        .iter()
+        .try_for_each(|path| files::check_writable(path))?;
     let ball = Ball::read(&arguments.input)?;
     #[cfg(feature = "vision")]
     if arguments.camera.is_stated() {

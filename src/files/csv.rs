@@ -20,6 +20,8 @@ use crate::error::{Error, Result};
 
 /// Maximum length of a record. An unclosed quotation mark would otherwise consume the whole file.
 pub(crate) const MAX_RECORD_BYTES: usize = 1 << 16;
+/// Maximum length of the comments and blank lines between two records.
+const MAX_SKIPPED_BYTES: usize = 1 << 20;
 /// Maximum number of characters of a file's text in an error.
 const MAX_SHOWN: usize = 60;
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -104,8 +106,15 @@ impl<R: BufRead> Rows<R> {
 
     /// Skips blank lines and comments; returns whether a record follows.
     fn skip_to_record(&mut self) -> Result<bool> {
-        let mut in_comment = false;
+        let (mut in_comment, mut skipped) = (false, 0);
         loop {
+            if skipped > MAX_SKIPPED_BYTES {
+                let problem = format!(
+                    "expected a row within {MAX_SKIPPED_BYTES} bytes of comments and blank lines"
+                );
+                let place = format!("line {}", self.newlines + 1);
+                return Err(Error::input(&self.path, place, problem));
+            }
             let buffer = fill(&mut self.input, &self.path)?;
             if buffer.is_empty() {
                 return Ok(false);
@@ -133,6 +142,7 @@ impl<R: BufRead> Rows<R> {
                 at += 1;
             }
             self.input.consume(at);
+            skipped += at;
             if found {
                 return Ok(true);
             }

@@ -19,6 +19,18 @@ pub fn create_dir(dir: &Path) -> Result<()> {
     fs::create_dir_all(dir).map_err(|e| Error::write(dir, e))
 }
 
+/// Checks that `path` can be written, before long work begins; nothing is left there.
+///
+/// # Errors
+/// [`Error::Write`] on an I/O failure.
+pub fn check_writable(path: &Path) -> Result<()> {
+    match fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
+        // A pipe that is opened and closed again has ended for its reader.
+        true => Ok(()),
+        false => OutputFile::create(path).map(drop),
+    }
+}
+
 /// Creates `dir` and checks that files can be written there, before long work begins.
 ///
 /// # Errors
@@ -232,8 +244,15 @@ pub fn remove_if_present(path: &Path) -> Result<()> {
 /// Maximum size of a file that a person writes: a pattern, a camera, a configuration. A pattern of
 /// 64 dots has 4 kB.
 pub const MAX_TEXT_BYTES: u64 = 1 << 20;
-/// Maximum size of any other file that is read whole: the checkpoint of a large search, a mesh.
-pub const MAX_FILE_BYTES: u64 = 1 << 28;
+/// Maximum size of an archive of arrays: a table, a net's weights. A table of 64 dots has 7.5 MB, the
+/// largest net that is shipped 0.6 MB.
+pub const MAX_ARCHIVE_BYTES: u64 = 16 << 20;
+/// Maximum size of any other file that is read whole: a checkpoint, a report, a mesh. The checkpoint of a
+/// thousand merged shards of 64 dots has 48 MB, a half of a stencil 1 MB.
+pub const MAX_FILE_BYTES: u64 = 64 << 20;
+/// Maximum number of rows of a table that is held whole: 50 minutes at 350 frames a second.
+#[cfg(feature = "vision")]
+pub(crate) const MAX_ROWS: usize = 1 << 20;
 
 /// Reads a whole file of at most [`MAX_FILE_BYTES`].
 ///

@@ -7,7 +7,7 @@
 //! Four shapes: [`GrayImage`] and [`RgbImage`] have values in [0, 1]; [`RawImage`] is a view of a camera's
 //! bytes; [`Picture`] owns what was read, and [`ImageView`] is any of them.
 
-mod picture;
+pub(crate) mod picture;
 mod raw;
 mod roi;
 mod view;
@@ -256,8 +256,8 @@ impl RgbImage {
     /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no image that
     /// can be decoded.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = files::read_bytes(path)?;
-        Self::decode(path, &bytes)
+        let picture = Picture::read(path, DEFAULT_MAX_PIXELS)?;
+        Ok(picture.to_rgb()?.into_owned())
     }
 
     /// Decodes the bytes of an image file; `path` is for messages only.

@@ -2,7 +2,7 @@
 //! estimator works on.
 
 use std::borrow::Cow;
-use std::io::Read;
+use std::io::{Cursor, Read};
 use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
@@ -41,12 +41,36 @@ impl Default for Picture {
     }
 }
 
-/// Bytes that show the format of a file.
-const START: u64 = 64;
+/// Bytes that are read first; most files say their size within them.
+const START: u64 = 1 << 16;
 /// Maximum number of bytes of a pixel in a file: four channels of 32 bits.
 const MAX_PIXEL_BYTES: u64 = 16;
 /// Maximum number of bytes beside the pixels: profiles, previews, the camera's notes.
-const MAX_HEAD: u64 = 64 << 20;
+pub(crate) const MAX_HEAD: u64 = 32 << 20;
+
+/// Maximum number of bytes of a file with so many pixels.
+pub(crate) fn max_bytes(pixels: u64) -> u64 {
+    MAX_PIXEL_BYTES
+        .saturating_mul(pixels)
+        .saturating_add(MAX_HEAD)
+}
+
+/// The number of pixels that the start of a file states; `None` where it does not reach so far.
+fn stated_pixels(start: &[u8]) -> Option<u64> {
+    let reader = ImageReader::new(Cursor::new(start)).with_guessed_format();
+    let (width, height) = reader.ok()?.into_decoder().ok()?.dimensions();
+    Some(u64::from(width) * u64::from(height))
+}
+
+/// Where a file's size stands at the latest, as its start says: a TIFF may have its pixels first.
+fn size_stands_within(start: &[u8]) -> u64 {
+    let directory = match start {
+        [b'I', b'I', b'*', 0, rest @ ..] => rest.first_chunk().map(|b| u32::from_le_bytes(*b)),
+        [b'M', b'M', 0, b'*', rest @ ..] => rest.first_chunk().map(|b| u32::from_be_bytes(*b)),
+        _ => None,
+    };
+    MAX_HEAD + u64::from(directory.unwrap_or(0))
+}
 
 fn no_image(path: &Path) -> Error {
     let problem = "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them";
@@ -61,16 +85,32 @@ impl Picture {
     /// can be decoded, or one of more than `max_pixels` pixels.
     pub fn read(path: &Path, max_pixels: u64) -> Result<Self> {
         let mut input = files::open(path)?;
-        let mut bytes = Vec::new();
-        files::read_rest(path, (&mut input).take(START), START, &mut bytes)?;
-        // What is no image at all is not read to its end.
-        if image::guess_format(&bytes).is_err() {
-            return Err(no_image(path));
+        let (mut bytes, mut wanted) = (Vec::new(), START);
+        // A file that is no image, or without an end, is read no further than its own start allows.
+        loop {
+            let more = wanted - bytes.len() as u64;
+            files::read_rest(path, (&mut input).take(more), more, &mut bytes)?;
+            if image::guess_format(&bytes).is_err() {
+                return Err(no_image(path));
+            }
+            if (bytes.len() as u64) < wanted {
+                break;
+            }
+            let most = size_stands_within(&bytes).min(max_bytes(max_pixels));
+            match stated_pixels(&bytes) {
+                Some(pixels) if pixels > max_pixels => break,
+                Some(pixels) => {
+                    files::read_rest(path, input, max_bytes(pixels), &mut bytes)?;
+                    break;
+                }
+                None if wanted >= most => {
+                    let problem =
+                        format!("expected its size in the first {most} bytes, found none");
+                    return Err(Error::input(path, "image", problem));
+                }
+                None => wanted = most.min(4 * wanted),
+            }
         }
-        let most = MAX_PIXEL_BYTES
-            .saturating_mul(max_pixels)
-            .saturating_add(MAX_HEAD);
-        files::read_rest(path, input, most, &mut bytes)?;
         Self::decode(path, &bytes, max_pixels)
     }
 
@@ -80,7 +120,7 @@ impl Picture {
     /// [`Error::Input`] as in [`Picture::read`].
     pub fn decode(path: &Path, bytes: &[u8], max_pixels: u64) -> Result<Self> {
         let reject = |problem: String| Error::input(path, "image", problem);
-        let reader = ImageReader::new(std::io::Cursor::new(bytes))
+        let reader = ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()
             .map_err(|e| reject(e.to_string()))?;
         if reader.format().is_none() {

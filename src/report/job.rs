@@ -259,13 +259,20 @@ impl DesignJob {
     /// # Errors
     /// [`crate::Error::Argument`] of the parameter `out`.
     pub(crate) fn reject_taken(&self) -> Result<()> {
-        files::reject_taken(
-            &self.dir,
-            &[PATTERN, "report.json", CHECKPOINT],
-            "a design",
-            "choose another folder, or --resume it",
-        )
+        reject_design(&self.dir, "choose another folder, or --resume it")
     }
+}
+
+/// Rejects a folder that holds a design, whole or not; `advice` ends the message.
+///
+/// # Errors
+/// [`crate::Error::Argument`] of the parameter `out`.
+pub(crate) fn reject_design(dir: &Path, advice: &str) -> Result<()> {
+    let what = match dir.join(CHECKPOINT).exists() && !dir.join(REPORT).exists() {
+        true => "an incomplete design",
+        false => "a design",
+    };
+    files::reject_taken(dir, &[REPORT, CHECKPOINT, PATTERN], what, advice)
 }
 
 /// The folder's checkpoint, or the file itself.

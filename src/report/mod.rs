@@ -37,6 +37,7 @@ use crate::validate::{
 };
 use crate::view::{Protocol, ProtocolName};
 
+pub(crate) use job::reject_design;
 pub use job::{CHECKPOINT, DesignJob, JobObserver, Start, whole_search};
 
 /// Version of `report.json`.

@@ -56,7 +56,8 @@ fn digits(text: &str) -> usize {
 }
 
 /// The first of these names that is a number, though no plain whole one: with a point, an exponent or a
-/// sign, or hexadecimal. Such names have an order of their own, which the natural one is not.
+/// sign, or hexadecimal, also after a word. Such names have an order of their own, which the natural one is
+/// not.
 pub fn unusual_number<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Option<&'a str> {
     let is_plain = |name: &str| digits(name) == name.len();
     let is_number = |name: &str| {
@@ -72,8 +73,16 @@ pub fn unusual_number<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Optio
         && all
             .next()
             .is_some_and(|first| all.any(|other| letters(other) != letters(first)));
+    // What follows a word has no sign: frame-1, frame-2.
+    let after_word = |name: &'a str| match name.starts_with(|c: char| c.is_alphabetic()) {
+        true => name.trim_start_matches(|c: char| !c.is_ascii_digit()),
+        false => name,
+    };
     let mut names = names;
-    names.find(|name| !is_plain(name) && (is_bare || is_number(name)))
+    names.find(|name| {
+        let number = after_word(name);
+        !is_plain(number) && (is_number(number) || is_bare && number.len() == name.len())
+    })
 }
 
 fn is_hexadecimal(text: &str) -> bool {

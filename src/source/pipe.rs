@@ -15,10 +15,11 @@ use std::time::Instant;
 
 use super::{Frame, FrameSource};
 use crate::error::{Error, Result, require};
+use crate::image::picture::{MAX_HEAD, max_bytes};
 use crate::image::{GrayImage, Picture, RawPixel, RgbImage, luma};
 
-/// The largest image file that is read, bytes.
-const MAX_BYTES: usize = 1 << 30;
+/// Maximum number of bytes of a PGM's or PPM's header.
+const MAX_PNM_HEADER: usize = 1 << 12;
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 
 /// What comes through the pipe.
@@ -48,8 +49,9 @@ pub struct PipeReader<R> {
     frames: u64,
     /// When the first frame had arrived.
     begun: Option<Instant>,
-    /// The bytes of the frame that is read.
+    /// The bytes of the frame that is read, and their maximum number as far as it says its size.
     bytes: Vec<u8>,
+    max_bytes: usize,
 }
 
 impl<R: BufRead> PipeReader<R> {
@@ -77,6 +79,7 @@ impl<R: BufRead> PipeReader<R> {
             frames: 0,
             begun: None,
             bytes: Vec::new(),
+            max_bytes: 0,
         })
     }
 
@@ -87,8 +90,12 @@ impl<R: BufRead> PipeReader<R> {
     /// Reads so many more bytes.
     fn take(&mut self, count: usize) -> Result<()> {
         let held = self.bytes.len();
-        if held.saturating_add(count) > MAX_BYTES {
-            return Err(self.error("expected an image of less than a gigabyte"));
+        if held.saturating_add(count) > self.max_bytes {
+            let problem = format!(
+                "expected its end or its size within {} bytes",
+                self.max_bytes
+            );
+            return Err(self.error(problem));
         }
         // No more memory than has arrived: a header may lie.
         let read = (&mut self.input)
@@ -101,8 +108,22 @@ impl<R: BufRead> PipeReader<R> {
         }
     }
 
+    /// The image says its size, from which follows how long it may be.
+    fn sized(&mut self, width: u64, height: u64) -> Result<()> {
+        let pixels = width.saturating_mul(height);
+        let max_pixels = self.max_pixels;
+        if !(1..=max_pixels).contains(&pixels) {
+            return Err(self.error(format!(
+                "expected 1 to {max_pixels} pixels, found {width} x {height} (--max-pixels allows more)"
+            )));
+        }
+        self.max_bytes = max_bytes(pixels).try_into().unwrap_or(usize::MAX);
+        Ok(())
+    }
+
     /// Reads one image file.
     fn next_image(&mut self, frame: &mut Frame) -> Result<()> {
+        self.max_bytes = MAX_HEAD as usize;
         self.take(2)?;
         match self.bytes[..2] {
             [b'P', b'5'] => self.next_pnm(RawPixel::Gray, frame),
@@ -129,14 +150,25 @@ impl<R: BufRead> PipeReader<R> {
         loop {
             // Length, type, data, checksum.
             self.take(8)?;
-            let chunk = &self.bytes[self.bytes.len() - 8..];
-            let length = u32::from_be_bytes([chunk[0], chunk[1], chunk[2], chunk[3]]);
-            let is_last = &chunk[4..] == b"IEND";
+            let start = self.bytes.len();
+            let [length, kind] = [start - 8, start - 4].map(|at| self.word(at));
             self.take(length as usize + 4)?;
-            if is_last {
-                return Ok(());
+            match &kind.to_be_bytes() {
+                b"IEND" => return Ok(()),
+                b"IHDR" if length >= 8 => {
+                    let [width, height] = [start, start + 4].map(|at| self.word(at));
+                    self.sized(width.into(), height.into())?;
+                }
+                kind if kind.iter().all(u8::is_ascii_alphabetic) => {}
+                _ => return Err(self.error("expected a PNG chunk, found other data")),
             }
         }
+    }
+
+    /// The four bytes from `at` on, which were read, as a number.
+    fn word(&self, at: usize) -> u32 {
+        let bytes = &self.bytes[at..at + 4];
+        u32::from_be_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
     }
 
     fn rest_of_jpeg(&mut self) -> Result<()> {
@@ -150,7 +182,16 @@ impl<R: BufRead> PipeReader<R> {
                     self.take(2)?;
                     let length = &self.bytes[self.bytes.len() - 2..];
                     let length = usize::from(u16::from_be_bytes([length[0], length[1]]));
+                    let start = self.bytes.len();
                     self.take(length.saturating_sub(2))?;
+                    // Of a frame: precision, rows, columns.
+                    if matches!(marker, 0xc0..=0xcf)
+                        && !matches!(marker, 0xc4 | 0xc8 | 0xcc)
+                        && length >= 7
+                    {
+                        let size = self.word(start + 1);
+                        self.sized(u64::from(size & 0xffff), u64::from(size >> 16))?;
+                    }
                     // After the start of a scan come its data.
                     marker = self.next_marker(marker == 0xda)?;
                 }
@@ -194,18 +235,17 @@ impl<R: BufRead> PipeReader<R> {
     }
 
     fn next_pnm(&mut self, pixel: RawPixel, frame: &mut Frame) -> Result<()> {
+        self.max_bytes = MAX_PNM_HEADER;
         let mut header = [0usize; 3];
         for number in &mut header {
             *number = self.number()?;
         }
         let [width, height, max_value] = header;
-        let pixels = (width as u64).saturating_mul(height as u64);
-        let max_pixels = self.max_pixels;
-        if pixels == 0 || pixels > max_pixels || !(1..=65_535).contains(&max_value) {
-            return Err(self.error(format!(
-                "expected 1 to {max_pixels} pixels of up to 16 bits, found {width} x {height} of 0 to {max_value} (--max-pixels allows more)"
-            )));
+        if !(1..=65_535).contains(&max_value) {
+            let problem = format!("expected values of up to 16 bits, found 0 to {max_value}");
+            return Err(self.error(problem));
         }
+        self.sized(width as u64, height as u64)?;
         let depth = if max_value > 255 { 2 } else { 1 };
         self.bytes.clear();
         self.take(width * height * pixel.bytes() * depth)?;
@@ -290,7 +330,8 @@ impl<R: BufRead> FrameSource for PipeReader<R> {
                 height,
                 pixel,
             } => {
-                self.take(width * height * pixel.bytes())?;
+                self.max_bytes = width * height * pixel.bytes();
+                self.take(self.max_bytes)?;
                 self.hand_out_bytes(width, height, pixel, frame);
             }
         }

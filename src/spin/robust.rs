@@ -13,7 +13,7 @@
 use nalgebra::Matrix3;
 
 use super::chance::expected_by_chance;
-use super::mixture::{Mixture, Noise, RatePrior, Settled};
+use super::mixture::{Mixture, Noise, RatePrior, Settled, Spread};
 use super::motion::{ConstantSpin, LocalFrame};
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
 use super::shared::{Part, SharedError, shared_covariance};
@@ -31,6 +31,9 @@ const ENOUGH: f64 = 0.6;
 /// From so many frames on it is enough that the frames within reach of the best hypothesis agree with it: a spin
 /// that changes over a long sequence has no fit, with whatever gap it is searched.
 const LONG: usize = 128;
+/// A constant spin of so many frames predicts as many after them to within their noise: `n` frames leave a
+/// standard deviation of `sqrt(28 / n)` of it at the far end.
+const PREDICTING: usize = 28;
 /// Frames that serve as a pair's first with each gap, and pairs with the wide gaps together; long sequences
 /// are sampled evenly.
 const MAX_STARTS: usize = 64;
@@ -233,6 +236,48 @@ impl RobustEstimator {
         self.finish(measurements, &best)
     }
 
+    /// The spin of a sequence of at most twice the `known` frames, the first, that have the spin `fit`: the maximum of the likelihood that
+    /// leads from there, without a search.
+    ///
+    /// # Errors
+    /// A [`SpinRejection`] where that spin does not hold over the sequence.
+    pub(super) fn extend(
+        &mut self,
+        measurements: &[Measurement],
+        known: usize,
+        fit: &Fit,
+    ) -> Result<Fit, SpinRejection> {
+        let rejected = self.no_consensus(0, measurements.len());
+        let mixture = self.mixture(measurements);
+        let start = match known >= PREDICTING {
+            true => Some(fit.motion),
+            false => {
+                let covariance = fit.spin_covariance.ok_or(rejected)?;
+                let interval = measurements[known - 1].time_s - measurements[0].time_s;
+                let basis = LocalFrame::of(&fit.motion.spin).basis;
+                let spread = Spread {
+                    level: self.config.sigma_rad.powi(2) / known as f64,
+                    center: Matrix3::from_diagonal_element(0.5 * interval),
+                    rates: basis.transpose() * covariance * basis,
+                };
+                mixture.grow(fit.motion, 0..known, spread)
+            }
+        };
+        let settled = start
+            .and_then(|start| mixture.settle(start).ok())
+            .filter(|s| s.motion.rps() <= self.config.max_rps);
+        self.finish(measurements, &settled.ok_or(rejected)?)
+    }
+
+    /// The likelihood of a sequence.
+    fn mixture<'a>(&self, measurements: &'a [Measurement]) -> Mixture<'a, 3> {
+        Mixture {
+            measurements,
+            noise: self.config.noise(),
+            prior: RatePrior::none(),
+        }
+    }
+
     /// Rejects a sequence whose nearest frames leave too many turns open.
     fn check_spacing(&self, measurements: &[Measurement]) -> Result<(), SpinRejection> {
         let intervals = measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
@@ -285,11 +330,7 @@ impl RobustEstimator {
 
     /// Fits the shortlist and returns the winner.
     fn refine_all(&mut self, measurements: &[Measurement]) -> Option<Settled<ConstantSpin>> {
-        let mixture = Mixture {
-            measurements,
-            noise: self.config.noise(),
-            prior: RatePrior::none(),
-        };
+        let mixture = self.mixture(measurements);
         let best_score = self.shortlist.iter().next()?.score;
         for h in self.shortlist.iter_mut() {
             if h.score < best_score - SCORE_MARGIN {
@@ -370,11 +411,7 @@ impl RobustEstimator {
         measurements: &[Measurement],
         best: &Settled<ConstantSpin>,
     ) -> Option<Matrix3<f64>> {
-        let mixture = Mixture {
-            measurements,
-            noise: self.config.noise(),
-            prior: RatePrior::none(),
-        };
+        let mixture = self.mixture(measurements);
         self.probabilities.clear();
         let probabilities = &mut self.probabilities;
         let covariance = mixture

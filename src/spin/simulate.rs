@@ -14,7 +14,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::Measurement;
 use super::motion::ConstantSpin;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, random_direction, random_rotation};
 
 /// Maximum number of frames of a sequence: eight hours at 350 fps.
@@ -82,34 +82,24 @@ impl Scenario {
     /// # Errors
     /// [`Error::Argument`] naming the field.
     pub fn check(&self) -> Result<()> {
-        let probability = |name: &'static str, p: f64| match (0.0..=1.0).contains(&p) {
-            true => Ok(()),
-            false => Err(Error::argument(name, format!("expected 0 to 1, found {p}"))),
+        let within = |name: &'static str, range: std::ops::RangeInclusive<f64>, value: f64| {
+            let expected = format!("{} to {}", range.start(), range.end());
+            require(range.contains(&value), name, &expected, value)
         };
-        let at_least_zero = |name: &'static str, x: f64| match x >= 0.0 && x.is_finite() {
-            true => Ok(()),
-            false => Err(Error::argument(
-                name,
-                format!("expected 0 or more, found {x}"),
-            )),
-        };
-        if self.frames > MAX_FRAMES {
-            let problem = format!("expected at most {MAX_FRAMES}, found {}", self.frames);
-            return Err(Error::argument("frames", problem));
-        }
-        if self.frames == 0 {
-            return Err(Error::argument("frames", "expected at least 1"));
-        }
-        if !(self.fps > 0.0 && self.fps.is_finite()) {
-            let problem = format!("expected a positive frame rate, found {}", self.fps);
-            return Err(Error::argument("fps", problem));
-        }
-        at_least_zero("jitter", self.jitter)?;
-        at_least_zero("sigma", self.sigma_rad)?;
-        probability("outliers", self.outliers)?;
-        at_least_zero("decay", self.decay_per_s)?;
+        let frames = format!("1 to {MAX_FRAMES}");
+        require(
+            (1..=MAX_FRAMES).contains(&self.frames),
+            "frames",
+            &frames,
+            self.frames,
+        )?;
+        within("fps", 1e-3..=1e7, self.fps)?;
+        within("jitter", 0.0..=1.0, self.jitter)?;
+        within("sigma_rad", 0.0..=std::f64::consts::PI, self.sigma_rad)?;
+        within("outliers", 0.0..=1.0, self.outliers)?;
+        within("decay", 0.0..=1e3, self.decay_per_s)?;
         match self.drops {
-            Drops::Probability(p) => probability("drops", p),
+            Drops::Probability(p) => within("drops", 0.0..=1.0, p),
             Drops::Keep(n) if n > self.frames => Err(Error::argument(
                 "drops",
                 format!("cannot keep {n} of {} frames", self.frames),

@@ -2,8 +2,9 @@
 //! which it is constant.
 //!
 //! Runs overlap by half, so that neighbors are not independent. A run that the estimator rejects
-//! leaves a gap. Stretches do not overlap: a run is extended to twice its length for as long as most of it
-//! agrees with one spin, so that a stretch is found to half its length. The cost is linear in the orientations.
+//! leaves a gap. Stretches do not overlap: a run is extended to twice its length, from the spin that it has, for
+//! as long as most of it agrees with one spin, so that a stretch is found to half its length. The cost is linear
+//! in the orientations.
 
 use std::ops::Range;
 
@@ -78,7 +79,11 @@ pub fn constant_stretches(
         loop {
             let orientations = from..(from + length).min(measurements.len());
             let part = &measurements[orientations.clone()];
-            let Ok(fit) = estimator.fit(part) else {
+            let fit = match &held {
+                None => estimator.fit(part),
+                Some(held) => estimator.extend(part, held.orientations.len(), &held.fit),
+            };
+            let Ok(fit) = fit else {
                 break;
             };
             let noise = |fit: &Fit| fit.sigma_rad.unwrap_or(config.sigma_rad);

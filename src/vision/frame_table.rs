@@ -5,14 +5,15 @@
 //! several such rows the one that gives most folders counts. Frames of a video `film.mkv` are named
 //! `film_000001`, `film_000002` and so on.
 
+use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 
 use super::camera::{BallCircle, Pixel};
 use super::estimator::OutlinePrior;
 use crate::error::{Error, Result};
-use crate::files;
 use crate::files::csv::{Columns, Table, TableRow, shown};
+use crate::files::{self, MAX_ROWS};
 use crate::source::files::stem;
 
 static TIMES: Columns<2> = Columns {
@@ -28,9 +29,8 @@ static CIRCLES: Columns<5> = Columns {
 #[derive(Debug, Clone)]
 pub struct FrameTable<T> {
     path: PathBuf,
+    /// In the order of their names, folders and lines.
     rows: Vec<FrameRow<T>>,
-    /// Rows by the last component of their names.
-    by_name: HashMap<String, Vec<usize>>,
 }
 
 /// The times of frames, seconds.
@@ -41,8 +41,22 @@ pub type FrameCircles = FrameTable<OutlinePrior>;
 #[derive(Debug, Clone)]
 struct FrameRow<T> {
     line: u64,
-    folders: Vec<String>,
+    /// The frame's name and the folders before it, with `/` between them.
+    frame: Box<str>,
     value: T,
+}
+
+impl<T> FrameRow<T> {
+    /// The name, and the folders before it.
+    fn named(&self) -> (&str, &str) {
+        let parts = self.frame.rsplit_once('/');
+        parts.map_or((&self.frame, ""), |(folders, name)| (name, folders))
+    }
+
+    /// How many folders the row gives.
+    fn depth(&self) -> usize {
+        self.frame.matches('/').count()
+    }
 }
 
 /// Reads a table of times: CSV with the header `frame,time_s`.
@@ -102,33 +116,38 @@ fn read<T, const N: usize>(
     value: impl Fn(&TableRow<'_, N>) -> Result<T>,
 ) -> Result<FrameTable<T>> {
     let mut table = Table::new(path, files::open(path)?, columns)?;
-    let mut found = FrameTable {
-        path: path.to_path_buf(),
-        rows: Vec::new(),
-        by_name: HashMap::new(),
-    };
+    let mut rows = Vec::new();
     while let Some(row) = table.next_row()? {
-        let frame = row.text(0).unwrap_or_default();
-        let mut folders = components(Path::new(frame));
-        let Some(name) = folders.pop() else {
-            return Err(row.error("frame: expected a name, found nothing"));
-        };
-        let value = value(&row)?;
-        let same: &mut Vec<usize> = found.by_name.entry(name).or_default();
-        let before = same.iter().find(|&&i| found.rows[i].folders == folders);
-        if let Some(&before) = before {
-            let (frame, before) = (shown(frame), found.rows[before].line);
-            let problem = format!("frame: \"{frame}\" occurs on line {before} already");
-            return Err(row.error(problem));
+        if rows.len() == MAX_ROWS {
+            return Err(row.error(format!("expected at most {MAX_ROWS} rows, found more")));
         }
-        same.push(found.rows.len());
-        found.rows.push(FrameRow {
+        let frame = components(Path::new(row.text(0).unwrap_or_default())).join("/");
+        if frame.is_empty() {
+            return Err(row.error("frame: expected a name, found nothing"));
+        }
+        rows.push(FrameRow {
             line: row.line(),
-            folders,
-            value,
+            frame: frame.into(),
+            value: value(&row)?,
         });
     }
+    rows.sort_unstable_by(|a, b| (a.named(), a.line).cmp(&(b.named(), b.line)));
+    let path = path.to_path_buf();
+    let found = FrameTable { path, rows };
+    let twice = |pair: &&[FrameRow<T>]| pair[0].named() == pair[1].named();
+    let repeated = found.rows.windows(2).filter(twice);
+    if let Some([before, row]) = repeated.min_by_key(|pair| pair[1].line) {
+        let (frame, before) = (shown(&row.frame), before.line);
+        let problem = format!("frame: \"{frame}\" occurs on line {before} already");
+        return Err(found.error(row.line, problem));
+    }
     Ok(found)
+}
+
+impl<T> FrameTable<T> {
+    fn error(&self, line: u64, problem: String) -> Error {
+        Error::input(&self.path, format!("line {line}"), problem)
+    }
 }
 
 impl<T: Copy> FrameTable<T> {
@@ -165,25 +184,45 @@ impl<T: Copy> FrameTable<T> {
         Ok(self.row_of(frame)?.map(|i| self.rows[i].value))
     }
 
+    /// The lines of the rows that name none of these frames, in their order.
+    ///
+    /// # Errors
+    /// As [`FrameTable::of_frame`].
+    pub fn unused_lines(&self, frames: &[PathBuf]) -> Result<Vec<u64>> {
+        let mut is_unused = vec![true; self.rows.len()];
+        for frame in frames {
+            if let Some(i) = self.row_of(frame)? {
+                is_unused[i] = false;
+            }
+        }
+        let rows = self.rows.iter().zip(is_unused);
+        let mut lines: Vec<u64> = rows.filter(|(_, u)| *u).map(|(r, _)| r.line).collect();
+        lines.sort_unstable();
+        Ok(lines)
+    }
+
     /// The row that names a frame most specifically.
     fn row_of(&self, frame: &Path) -> Result<Option<usize>> {
         let mut folders = components(frame);
         let name = folders.pop().unwrap_or_default();
+        let folders = folders.join("/");
+        // Whole components of the folders, the last ones.
+        let is_last = |last: &str| match folders.strip_suffix(last) {
+            Some(rest) => last.is_empty() || rest.is_empty() || rest.ends_with('/'),
+            None => false,
+        };
         let stem = stem(frame);
         let names = [Some(&name), Some(&stem).filter(|s| **s != name)];
-        let rows = names
-            .into_iter()
-            .flatten()
-            .filter_map(|n| self.by_name.get(n))
-            .flatten()
-            .copied();
-        let mut naming: Vec<usize> = rows
-            .filter(|&i| folders.ends_with(&self.rows[i].folders))
-            .collect();
-        naming.sort_by_key(|&i| std::cmp::Reverse(self.rows[i].folders.len()));
+        let rows = names.into_iter().flatten().flat_map(|name| {
+            let [from, to] = [Ordering::Less, Ordering::Equal]
+                .map(|most| self.rows.partition_point(|r| r.named().0.cmp(name) <= most));
+            from..to
+        });
+        let mut naming: Vec<usize> = rows.filter(|&i| is_last(self.rows[i].named().1)).collect();
+        naming.sort_by_key(|&i| std::cmp::Reverse(self.rows[i].depth()));
         match naming[..] {
             [] => Ok(None),
-            [a, b, ..] if self.rows[a].folders.len() == self.rows[b].folders.len() => {
+            [a, b, ..] if self.rows[a].depth() == self.rows[b].depth() => {
                 let (a, b) = (self.rows[a].line, self.rows[b].line);
                 let frame = frame.display();
                 let problem = format!("frame: names {frame}, as does line {}", a.min(b));
@@ -191,10 +230,6 @@ impl<T: Copy> FrameTable<T> {
             }
             [i, ..] => Ok(Some(i)),
         }
-    }
-
-    fn error(&self, line: u64, problem: String) -> Error {
-        Error::input(&self.path, format!("line {line}"), problem)
     }
 }
 

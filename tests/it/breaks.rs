@@ -5,10 +5,17 @@
 //!
 //! A few hundred mutations run with the other tests; `SPINDOE_BREAKS=100000 cargo test --release
 //! --test it breaks` runs as many for each reader. `SPINDOE_BREAKS_SEED` chooses others.
-//! `SPINDOE_SIGNALS=200` sends as many signals to each command that writes a folder.
+//! `SPINDOE_SIGNALS=200` sends as many signals to each command that writes a folder; `SPINDOE_LONG=1000000`
+//! takes long files of as many rows.
 
-#[cfg(feature = "cli")]
+#[cfg(all(feature = "cli", target_os = "linux"))]
 mod endless;
+#[cfg(feature = "cli")]
+mod extremes;
+#[cfg(feature = "cli")]
+mod long;
+#[cfg(all(feature = "cli", target_os = "linux"))]
+mod memory;
 #[cfg(feature = "cli")]
 mod nonsense;
 #[cfg(feature = "cli")]

@@ -139,6 +139,13 @@ fn main() -> Done {
         "plain",
         "frame,time_s\nleft/7.png,0.5\nright/7.png,0.25\n\"8\",1\n",
     )?;
+    seed(
+        "circles",
+        "plain",
+        "frame,u,v,radius,sigma\nleft/7.png,20,21.5,9,0.1\nright/7.png,20,21,9,\n\"8\",1,2,3,1\n",
+    )?;
+    let report = fs::read("../designs/dots12/report.json")?;
+    seed("report", "dots12", report)?;
     let set = "traj_file,x_spin,y_spin,z_spin\n1,10,20,30\n";
     seed(
         "trajectories",

@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::interrupt::stop_on_interrupt;
+use super::memory::check_for_design;
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
@@ -30,6 +31,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "vision")]
     let arguments = &camera::settled(arguments, &stop)?;
     let (job, start) = arguments.job()?;
+    check_for_design()?;
     let clock = Instant::now();
     let mut progress = DesignProgress::new(&job.config, arguments)?;
     if let Some(shard) = arguments.shard {

@@ -1,13 +1,13 @@
 //! The overlays of `spindoe estimate`: every frame with its detections, as pictures or a video.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
 
 use super::video::VideoWriter;
 use super::{Picture, output};
 use crate::error::Result;
-use crate::files;
+use crate::files::Replacement;
 use crate::image::RgbImage;
 use crate::plot::{self, OverlayFrame};
 use crate::vision::estimator::{Batch, BatchFrame, TimeSource};
@@ -15,6 +15,8 @@ use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
 const WHOLE: usize = 320;
+/// The first sheet of all frames.
+const SHEET: &str = "contact_sheet.png";
 /// Half the side of the crop around a ball, in radii.
 const AROUND: f64 = 1.4;
 
@@ -69,7 +71,7 @@ pub(super) fn drawn(
 /// Where overlays go.
 pub(super) enum Target {
     /// Every frame and a contact sheet, into a folder.
-    Folder(PathBuf),
+    Folder(Replacement),
     /// One video.
     Video(VideoWriter),
 }
@@ -83,14 +85,16 @@ impl Target {
         {
             return VideoWriter::new(path).map(Self::Video);
         }
-        files::create_writable_dir(path)?;
-        Ok(Self::Folder(path.to_path_buf()))
+        Replacement::begin(path).map(Self::Folder)
     }
 
     /// Draws all frames.
     pub fn draw(self, estimator: &Estimator<NamedDetector>, batch: &Batch<Picture>) -> Result<()> {
         match self {
-            Self::Folder(dir) => draw(&dir, estimator, batch),
+            Self::Folder(set) => {
+                draw(set.path(), estimator, batch)?;
+                set.publish(&[], &[], SHEET)
+            }
             Self::Video(writer) => write_video(writer, estimator, batch),
         }
     }
@@ -149,7 +153,7 @@ fn draw(dir: &Path, estimator: &Estimator<NamedDetector>, batch: &Batch<Picture>
     let frames: Vec<OverlayFrame> = drawn?.into_iter().flatten().collect();
     let sheet = |(k, sheet): (usize, &[OverlayFrame])| {
         let name = match k {
-            0 => "contact_sheet.png".to_owned(),
+            0 => SHEET.to_owned(),
             k => format!("contact_sheet_{}.png", k + 1),
         };
         plot::contact_sheet(&dir.join(name), sheet)

@@ -167,7 +167,7 @@ impl Weights {
     /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the array and what is
     /// wrong with it.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::from_npz(path, &files::read_bytes(path)?)
+        Self::from_npz(path, &files::read_at_most(path, files::MAX_ARCHIVE_BYTES)?)
     }
 
     /// As [`Weights::read`], from the file's bytes; `path` only names the file in errors.

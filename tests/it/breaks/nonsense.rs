@@ -87,6 +87,41 @@ fn an_empty_camera_and_a_ball_twice_are_refused() {
     let twice = ["estimate", "--table", "p.csv", "--table", "q.csv", "1.png"];
     let words = line(dir.path(), &twice, 2);
     assert!(words.contains("the same pattern as p.csv"), "{words}");
+    // The same ball, its columns cycled: a rotation.
+    let turned = super::pattern();
+    let turned = turned.dots().iter().map(|d| d.yzx());
+    let turned = spindoe::Pattern::new(turned.collect()).unwrap();
+    turned.write_csv(&at("q.csv")).unwrap();
+    let words = line(dir.path(), &twice, 2);
+    assert!(words.contains("up to a rotation"), "{words}");
+    // Its mirror image is another ball.
+    let mirrored = super::pattern();
+    let mirrored = mirrored.dots().iter().map(|d| d.yxz());
+    let mirrored = spindoe::Pattern::new(mirrored.collect()).unwrap();
+    mirrored.write_csv(&at("q.csv")).unwrap();
+    let output = spindoe(dir.path(), &twice);
+    assert_eq!(output.status.code(), Some(3), "{output:?}");
+    // A configuration with a field that is none.
+    fs::write(at("c.json"), "{\"nothing\": 1}").unwrap();
+    let synth = ["synth", "p.csv", "--out", "s", "--config", "c.json"];
+    let words = line(dir.path(), &synth, 2);
+    assert!(words.contains("unknown field `nothing`"), "{words}");
+    // Outlines of frames that are not there.
+    fs::write(at("o.csv"), "frame,u,v,radius\n1,20,20,9\n2,20,20,9\n").unwrap();
+    let circles = [
+        "estimate",
+        "--table",
+        "p.csv",
+        "1.png",
+        "--circles",
+        "o.csv",
+    ];
+    let output = spindoe(dir.path(), &circles);
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        words.contains("--circles: 1 rows name no frame, the first on line 3"),
+        "{words}"
+    );
 }
 
 #[cfg(feature = "vision")]
@@ -132,6 +167,8 @@ fn names_of_other_notations_are_said() {
         ("scientific", ["1e3", "2e3", "3e3", "9e3", "1e4", "2e4"]),
         ("hexadecimal", ["0x8", "0x9", "0xa", "0xb", "0xc", "0x10"]),
         ("bare", ["08", "09", "0a", "0b", "0c", "10"]),
+        ("word", ["f1e3", "f2e3", "f3e3", "f9e3", "f1e4", "f2e4"]),
+        ("point", ["f0.1", "f0.2", "f0.3", "f0.9", "f0.10", "f0.11"]),
     ] {
         let (_, words) = estimate(folder, &names);
         assert!(
@@ -141,6 +178,13 @@ fn names_of_other_notations_are_said() {
     }
     let (_, words) = estimate("plain", &["a1", "a2", "a3", "a4", "a10", "a11"]);
     assert!(!words.contains("plain"), "{words}");
+    let (_, words) = estimate("signs", &["a-1", "a-2", "a-3", "a-4", "a-10", "a-11"]);
+    assert!(!words.contains("plain"), "{words}");
+    let (_, words) = estimate("same", &["1", "01", "001", "0001", "00001", "000001"]);
+    assert!(
+        words.contains("one and the same number") && !words.contains("inf"),
+        "{words}"
+    );
     // At 300 frames a second.
     let microseconds = ["0", "3333", "6667", "10000", "13333", "16667"];
     let (_, words) = estimate("microseconds", &microseconds);

@@ -106,6 +106,41 @@ fn a_stencil_is_whole_or_absent() {
     interrupt(dir.path(), &case, runs());
 }
 
+#[cfg(unix)]
+#[test]
+fn comparisons_and_manuals_are_whole_or_absent() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = super::pattern();
+    pattern.write_csv(&dir.path().join("p.csv")).unwrap();
+    crate::common::random_pattern(9, 3)
+        .write_csv(&dir.path().join("q.csv"))
+        .unwrap();
+    let compare = case("compare p.csv q.csv --samples 20 --output out", true);
+    interrupt(dir.path(), &compare, runs());
+    fs::remove_dir_all(dir.path().join("out")).unwrap();
+    interrupt(dir.path(), &case("man --out out", true), runs());
+    fs::remove_dir_all(dir.path().join("out")).unwrap();
+}
+
+#[cfg(all(unix, feature = "vision"))]
+#[test]
+fn calibrations_and_overlays_are_whole_or_absent() {
+    let dir = tempfile::tempdir().unwrap();
+    super::pattern()
+        .write_csv(&dir.path().join("p.csv"))
+        .unwrap();
+    let synth = "synth p.csv --out clip --frames 24 --seed 9 --preset good --sequence --fps 60 --rps 3 --size 80";
+    crate::common::done(dir.path(), &synth.split(' ').collect::<Vec<_>>());
+    let calibrate = "calibrate --table p.csv clip/images --samples 0 --out out";
+    interrupt(dir.path(), &case(calibrate, false), runs());
+    fs::remove_dir_all(dir.path().join("out")).unwrap();
+    #[cfg(feature = "plot")]
+    {
+        let overlay = "estimate --table p.csv clip/images --overlay out";
+        interrupt(dir.path(), &case(overlay, true), runs());
+    }
+}
+
 #[cfg(all(unix, feature = "vision"))]
 #[test]
 fn frames_are_whole_or_absent() {
@@ -190,23 +225,21 @@ fn moves_that_a_kill_interrupts_are_ended() {
 /// The longest that a stopped design may go on.
 const FINISHING: Duration = Duration::from_secs(60);
 
+/// Kills a search that writes the folder `out` after each part of its time: the next run says so, and one with
+/// `--resume` ends with the same files.
 #[cfg(unix)]
-#[test]
-fn a_design_that_is_killed_goes_on() {
-    let dir = tempfile::tempdir().unwrap();
-    let arguments =
-        "design --dots 8 --starts 2 --samples 40 --seed 3 --min-separation-deg 30 --out out";
+fn killed_goes_on(dir: &Path, arguments: &str) {
     let arguments: Vec<&str> = arguments.split(' ').collect();
     let begun = Instant::now();
-    crate::common::done(dir.path(), &arguments);
+    crate::common::done(dir, &arguments);
     let took = begun.elapsed().min(FINISHING);
-    let out = dir.path().join("out");
+    let out = dir.join("out");
     let whole = names(&out);
     for run in 1..=runs() {
         fs::remove_dir_all(&out).unwrap();
         let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
             .args(&arguments)
-            .current_dir(dir.path())
+            .current_dir(dir)
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()
@@ -214,6 +247,16 @@ fn a_design_that_is_killed_goes_on() {
         std::thread::sleep(took.mul_f64(run as f64 / (runs() + 1) as f64));
         child.kill().unwrap();
         child.wait().unwrap();
+        if out.join("search.json").exists() && !out.join("report.json").exists() {
+            let again = crate::common::spindoe(dir, &arguments);
+            let words = String::from_utf8_lossy(&again.stderr).into_owned();
+            assert_eq!(again.status.code(), Some(2), "{words}");
+            assert!(
+                words.contains("holds an incomplete design already (search.json)"),
+                "{words}"
+            );
+            assert!(words.contains("--resume it"), "{words}");
+        }
         // Without a checkpoint it begins again.
         let resume = ["--resume"];
         let more = if out.join("search.json").exists() {
@@ -221,7 +264,26 @@ fn a_design_that_is_killed_goes_on() {
         } else {
             &[]
         };
-        crate::common::done(dir.path(), &[&arguments[..], more].concat());
+        crate::common::done(dir, &[&arguments[..], more].concat());
         assert_eq!(names(&out), whole, "killed after {run} parts");
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_design_that_is_killed_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let design =
+        "design --dots 8 --starts 2 --samples 40 --seed 3 --min-separation-deg 30 --out out";
+    killed_goes_on(dir.path(), design);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_merge_that_is_killed_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let shard =
+        "design --dots 8 --starts 2 --samples 40 --min-separation-deg 30 --out shard --shard 1/1";
+    crate::common::done(dir.path(), &shard.split(' ').collect::<Vec<_>>());
+    killed_goes_on(dir.path(), "merge shard --out out");
 }

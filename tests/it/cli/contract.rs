@@ -295,11 +295,11 @@ fn bad_arguments_are_refused_by_name() {
     validate(&["--samples", "0"], "samples: expected at least 1 trial");
     validate(
         &["--sigma-deg", "-1"],
-        "expected 0 to 180 degrees, found -1",
+        "--sigma-deg: expected 0 to 180, found -1",
     );
     validate(
         &["--sigma-deg", "NaN"],
-        "expected 0 to 180 degrees, found NaN",
+        "--sigma-deg: expected 0 to 180, found NaN",
     );
     validate(
         &["--samples", "many"],
@@ -313,12 +313,12 @@ fn bad_arguments_are_refused_by_name() {
     refused(dir, &["validate"], "<PATTERN>");
     for (rest, needle) in [
         (["--dots", "3"], "dots: expected 4 to 64, found 3"),
-        (["--starts", "0"], "starts: expected at least 1"),
+        (["--starts", "0"], "starts: expected 1 to 1000000, found 0"),
         (["--samples", "0"], "samples: expected at least 1"),
         (["--min-separation-deg", "70"], "expected 0 to 49.0 degrees"),
         (
             ["--min-separation-deg", "NaN"],
-            "expected 0 to 49.0 degrees",
+            "expected 0 to 180, found NaN",
         ),
         (["--min-visible", "11"], "expected at most 10 of 20 dots"),
         (["--hole-diameter-mm", "-1"], "diameter"),
@@ -326,10 +326,7 @@ fn bad_arguments_are_refused_by_name() {
             ["--hole-diameter-mm", "18"],
             "must be 55.5 degrees apart on a ball of 40 mm",
         ),
-        (
-            ["--seam-margin-deg", "-1"],
-            "expected 0 to 60 degrees, found -1",
-        ),
+        (["--seam-margin-deg", "-1"], "expected 0 to 60, found -1"),
         (
             ["--keep-out", "0,0,0,10"],
             "expected an axis that is not zero",
@@ -341,7 +338,7 @@ fn bad_arguments_are_refused_by_name() {
         (["--hole-diameter-mm", "16"], "holes of at most 15.3 mm fit"),
         (
             ["--basis-weight", "-1"],
-            "expected a number not below 0, found -1",
+            "expected 0 to 1000000000, found -1",
         ),
         (
             ["--bound-goal", "0.6"],
