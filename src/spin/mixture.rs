@@ -474,10 +474,19 @@ impl<const P: usize> Mixture<'_, P> {
     /// Climbs to a maximum of the likelihood and estimates the noise; [`Unsettled`] where it does not
     /// converge, or the maximum is flat, or the motion does not hold over many frames.
     pub fn settle<M: Motion<P>>(&self, start: M) -> Result<Settled<M>, Unsettled> {
+        self.settle_within(start, MAX_STEPS)
+    }
+
+    /// As [`Mixture::settle`], in at most so many steps.
+    pub fn settle_within<M: Motion<P>>(
+        &self,
+        start: M,
+        max_steps: usize,
+    ) -> Result<Settled<M>, Unsettled> {
         let (mut motion, mut sigma_rad) = (start, self.noise.sigma_rad);
         let mut pass = self.pass(&motion, sigma_rad);
         let (mut damping, mut last_length) = (0.0, f64::INFINITY);
-        for taken in 0..MAX_STEPS {
+        for taken in 0..max_steps {
             let many = taken >= PATIENCE && self.measurements.len() >= MANY_FRAMES;
             if many && pass.support < MIN_SUPPORT * pass.expected {
                 break;

@@ -34,6 +34,8 @@ const LONG: usize = 128;
 /// A constant spin of so many frames predicts as many after them to within their noise: `n` frames leave a
 /// standard deviation of `sqrt(28 / n)` of it at the far end.
 const PREDICTING: usize = 28;
+/// Steps in which the spin of the first frames becomes that of twice as many, where one holds: five as a rule.
+const EXTENDING_STEPS: usize = 12;
 /// Frames that serve as a pair's first with each gap, and pairs with the wide gaps together; long sequences
 /// are sampled evenly.
 const MAX_STARTS: usize = 64;
@@ -264,7 +266,7 @@ impl RobustEstimator {
             }
         };
         let settled = start
-            .and_then(|start| mixture.settle(start).ok())
+            .and_then(|start| mixture.settle_within(start, EXTENDING_STEPS).ok())
             .filter(|s| s.motion.rps() <= self.config.max_rps);
         self.finish(measurements, &settled.ok_or(rejected)?)
     }

@@ -459,7 +459,7 @@ fn refuses_what_it_cannot_use() {
             "16 to 8192",
         ),
         (
-            &["pattern.csv", "--out", "o", "--ball-px", "-3"],
+            &["pattern.csv", "--out", "o", "--ball-px", "3"],
             "8 to 4096",
         ),
         (

@@ -64,6 +64,8 @@ fn bounded(dir: &Path, arguments: &str, input: &Endless, max_kib: u32) -> Output
         .args(arguments.split(' '))
         .current_dir(dir)
         .env("RAYON_NUM_THREADS", "2")
+        // Each heap reserves 64 MiB of address space that it does not use.
+        .env("MALLOC_ARENA_MAX", "1")
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

@@ -113,7 +113,7 @@ fn times_that_are_not_clear_are_refused() {
     refused(
         "frame,time_s\n7,1\n./7,2\n",
         &one,
-        "line 3: frame: \"./7\" occurs on line 2",
+        "line 3: frame: \"7\" occurs on line 2",
     );
     refused(
         "frame,time_s\n7,1\n7.png,2\n",
