@@ -49,6 +49,8 @@ pub const LENGTH_TOLERANCE: f64 = 2e-3;
 const SCALE_LIMIT: f64 = 2.0;
 /// No orientation is known better than this, radians: a tenth of a degree.
 const MIN_SIGMA_RAD: f64 = 1.75e-3;
+/// What frames share takes no more of an orientation's deviation than leaves this part.
+const LEAST_OWN: f64 = 0.5;
 /// Dots of average quality that a frame's residual is averaged with, for the same reason.
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
@@ -224,9 +226,18 @@ impl Orientations {
     /// These settings with what the file knows of its errors: those that the rows share, and the typical deviation of an
     /// orientation where all have covariances.
     pub fn spin_config(&self, config: SpinConfig) -> SpinConfig {
+        let shared = self.shared_error();
+        let own = self.typical_sigma_rad().map(|typical| {
+            // Covariances of orientations hold what frames share, which is counted apart.
+            let common = shared.map_or(0.0, |s| s.sigma_rad);
+            let least = LEAST_OWN * typical;
+            (typical * typical - common * common)
+                .max(least * least)
+                .sqrt()
+        });
         SpinConfig {
-            sigma_rad: self.typical_sigma_rad().unwrap_or(config.sigma_rad),
-            shared: self.shared_error(),
+            sigma_rad: own.unwrap_or(config.sigma_rad),
+            shared,
             ..config
         }
     }

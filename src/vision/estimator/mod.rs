@@ -82,6 +82,7 @@ use nalgebra::Matrix3;
 
 use super::camera::{BallView, Camera, Intrinsics};
 use super::cap::CapFitter;
+use super::circle::coarse::CoarseSearch;
 use super::dense::{DenseMatcher, DenseWorkspace, Heat};
 use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
@@ -124,6 +125,8 @@ pub struct Estimator<D> {
 pub struct EstimatorWorkspace<W> {
     images: Images,
     places: Places,
+    /// At a coarse scale; the second for smaller balls.
+    searches: [CoarseSearch; 2],
     /// The estimate at a place.
     there: FrameEstimate,
     /// That for an outline there.
@@ -259,6 +262,7 @@ impl<D: DotDetector> Estimator<D> {
         EstimatorWorkspace {
             images: Images::default(),
             places: Places::default(),
+            searches: Default::default(),
             there: FrameEstimate::with_capacity(),
             within: FrameEstimate::with_capacity(),
             spending: Spending::default(),

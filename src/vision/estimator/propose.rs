@@ -202,16 +202,9 @@ pub(super) struct Places {
     nearest: Option<(BallCircle, f64)>,
     /// That probability when it was last looked at closer.
     looked: f64,
-    /// For smaller balls the second.
-    searches: [CoarseSearch; 2],
 }
 
 impl Places {
-    /// The image before is not the one before the next.
-    pub fn forget(&mut self) {
-        self.searches.iter_mut().for_each(CoarseSearch::forget);
-    }
-
     /// Makes the plan for a frame. `region` is the part of it where the ball is.
     pub fn plan(
         &mut self,
@@ -311,10 +304,16 @@ impl Places {
     }
 
     /// The circles of a stage of a hunt.
-    fn hunt(&mut self, image: &ImageView<'_>, hunt: &Hunt, stage: Stage, min_radius: f64) {
+    fn hunt(
+        &mut self,
+        image: &ImageView<'_>,
+        hunt: &Hunt,
+        stage: Stage,
+        min_radius: f64,
+        search: &mut CoarseSearch,
+    ) {
         let Hunt { part, level, .. } = *hunt;
         let radii = (hunt.radii.0.max(min_radius), hunt.radii.1);
-        let search = &mut self.searches[usize::from(hunt.is_fine)];
         let found = match stage {
             Stage::First => {
                 if !hunt.is_continued {
@@ -359,7 +358,9 @@ impl<D: DotDetector> Estimator<D> {
                 Step::EndIfSeen if so_far.fit.is_some_and(|f| f.support >= WHOLE) => return None,
                 Step::EndIfSeen => {}
                 Step::Coarse(hunt, stage) => {
-                    places.hunt(image, &hunt, stage, self.config.circle.min_radius_px);
+                    let search = &mut ws.searches[usize::from(hunt.is_fine)];
+                    let min_radius = self.config.circle.min_radius_px;
+                    places.hunt(image, &hunt, stage, min_radius, search);
                 }
                 Step::Closer => places.look_closer(),
                 Step::Shrunk(part) => self.outlines_shrunk(image, &part, places, ws),

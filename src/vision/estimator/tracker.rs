@@ -40,6 +40,7 @@ use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
 use crate::vision::camera::BallCircle;
 use crate::vision::circle::WHOLE;
+use crate::vision::circle::coarse::CoarseSearch;
 use crate::vision::detect::DotDetector;
 
 /// After so many frames without a pose the ball is looked for in the whole frame.
@@ -180,7 +181,8 @@ impl<D: DotDetector> Tracker<D> {
     pub fn reset(&mut self) {
         self.window.clear();
         self.motion.clear();
-        self.workspace.places.forget();
+        let searches = self.workspace.searches.iter_mut();
+        searches.for_each(CoarseSearch::forget);
         self.missed = 0;
         self.spin = Err(NOTHING_SEEN);
         self.last_s = None;
