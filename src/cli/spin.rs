@@ -154,7 +154,7 @@ impl Arguments {
         SpinConfig {
             max_rps: self.max_spin_rps,
             sigma_rad: given
-                .or_else(|| file.typical_sigma_rad())
+                .or_else(|| file.noise_rad())
                 .unwrap_or(default.sigma_rad),
             prior: self.prior_rps.map(|rps| MagnitudePrior {
                 rps,

@@ -223,27 +223,28 @@ impl Orientations {
         SharedError::with_turns(SharedError::of_residuals(residuals), turns)
     }
 
-    /// These settings with what the file knows of its errors: those that the rows share, and the typical deviation of an
+    /// These settings with what the file knows of its errors: those that the rows share, and the noise of an
     /// orientation where all have covariances.
     pub fn spin_config(&self, config: SpinConfig) -> SpinConfig {
-        let shared = self.shared_error();
-        let own = self.typical_sigma_rad().map(|typical| {
-            // Covariances of orientations hold what frames share, which is counted apart.
-            let common = shared.map_or(0.0, |s| s.sigma_rad);
-            let least = LEAST_OWN * typical;
-            (typical * typical - common * common)
-                .max(least * least)
-                .sqrt()
-        });
         SpinConfig {
-            sigma_rad: own.unwrap_or(config.sigma_rad),
-            shared,
+            sigma_rad: self.noise_rad().unwrap_or(config.sigma_rad),
+            shared: self.shared_error(),
             ..config
         }
     }
 
+    /// The typical noise of an orientation about an axis, radians, by the rows' covariances without what rows share, which is counted
+    /// apart ([`Orientations::shared_error`]); `None` where a row lacks its covariance.
+    pub fn noise_rad(&self) -> Option<f64> {
+        let typical = self.typical_sigma_rad()?;
+        let shared = self.shared_error().map_or(0.0, |s| s.sigma_rad);
+        let least = LEAST_OWN * typical;
+        let own = typical * typical - shared * shared;
+        Some(own.max(least * least).sqrt())
+    }
+
     /// The median deviation of an orientation about an axis, radians, by the rows' covariances; `None` where one lacks it.
-    pub fn typical_sigma_rad(&self) -> Option<f64> {
+    fn typical_sigma_rad(&self) -> Option<f64> {
         let answered = self.rows.iter().filter(|r| r.orientation.is_some());
         let sigmas: Option<Vec<f64>> = answered.map(OrientationRow::sigma_rad).collect();
         sigmas
