@@ -192,6 +192,8 @@ fn check_numbers(given: &ArgMatches) -> Result<()> {
     command.map_or(Ok(()), |(command, given)| bounds::check(command, given))
 }
 
+/// Only `mark` asks what was given.
+#[cfg_attr(not(feature = "mark"), allow(unused_variables))]
 fn run(command: Command, given: &ArgMatches) -> Result<()> {
     match command {
         Command::Design(arguments) => design::run(&arguments),

@@ -37,6 +37,7 @@ use crate::validate::{
 };
 use crate::view::{Protocol, ProtocolName};
 
+#[cfg(feature = "cli")]
 pub(crate) use job::reject_design;
 pub use job::{CHECKPOINT, DesignJob, JobObserver, Start, whole_search};
 

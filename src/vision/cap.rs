@@ -600,7 +600,7 @@ mod tests {
             inverse_distance: 0.1,
         };
         let center = Pixel { u: 34.3, v: 35.1 };
-        BallView::new(&camera, BallCircle::new(center, 30.0)).unwrap()
+        BallView::new(&camera, BallCircle::new(center, 30.0)).expect("a value")
     }
 
     /// A ball with one dot as sRGB, 8 x 8 rays a pixel, blurred by `blur` pixels.
@@ -665,14 +665,14 @@ mod tests {
             light: 0.6,
             slope: Vector2::new(0.3, -0.2),
         };
-        let mut disc = Disc::new(&view, &state, &tangents).unwrap();
+        let mut disc = Disc::new(&view, &state, &tangents).expect("a value");
         let at = view.project(&middle);
         for (du, dv) in [(2.0, 0.5), (-1.5, 2.0), (0.3, -2.6), (4.0, 4.0), (0.2, 0.1)] {
             let place = Pixel {
                 u: at.u + du,
                 v: at.v + dv,
             };
-            let direction = view.direction(place).unwrap();
+            let direction = view.direction(place).expect("a value");
             let sample = Sample {
                 direction,
                 ray: direction * view.horizon() - Vec3::z(),
@@ -688,7 +688,7 @@ mod tests {
                 disc = Disc {
                     by_pixel: before,
                     spread: before.norm_squared(),
-                    ..Disc::new(&view, &moved, &tangents).unwrap()
+                    ..Disc::new(&view, &moved, &tangents).expect("a value")
                 };
                 let difference = (moved.shown(&disc, &sample).0 - shown) / step;
                 assert!(
@@ -698,7 +698,7 @@ mod tests {
                 disc = Disc {
                     by_pixel: before,
                     spread: before.norm_squared(),
-                    ..Disc::new(&view, &state, &tangents).unwrap()
+                    ..Disc::new(&view, &state, &tangents).expect("a value")
                 };
             }
         }
@@ -717,7 +717,7 @@ mod tests {
             };
             let found = CapFitter::default()
                 .fit(&image, Pixel::default(), &view, near, None)
-                .unwrap();
+                .expect("a value");
             let off = (found.pixel.u - at.u).hypot(found.pixel.v - at.v);
             assert!(off < 0.02, "{off} px at {middle:?}");
             assert!((found.shape.radius - 0.1).abs() < 0.01, "{:?}", found.shape);

@@ -348,7 +348,7 @@ mod tests {
     /// A lit ball before a dark background, as a camera stores it.
     fn drawn(circle: &BallCircle) -> GrayImage {
         let lamp = Vec3::new(0.6, 0.3, 0.75).normalize();
-        let view = BallView::new(&Camera::Orthographic, *circle).unwrap();
+        let view = BallView::new(&Camera::Orthographic, *circle).expect("a value");
         GrayImage::from_fn(SIDE, SIDE, |u, v| {
             let at = Pixel {
                 u: u as f64,
@@ -384,7 +384,7 @@ mod tests {
             found.center.u += off[0];
             found.center.v += off[1];
             found.radius += off[2];
-            let view = BallView::new(&Camera::Orthographic, found).unwrap();
+            let view = BallView::new(&Camera::Orthographic, found).expect("a value");
             let fit = RimFitter::default()
                 .fit(&image, Pixel::default(), &view, &shape)
                 .expect("a rim");
@@ -397,7 +397,7 @@ mod tests {
     #[test]
     fn an_even_image_has_no_rim() {
         let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
-        let view = BallView::new(&Camera::Orthographic, circle).unwrap();
+        let view = BallView::new(&Camera::Orthographic, circle).expect("a value");
         let image = GrayImage::from_fn(SIDE, SIDE, |u, v| {
             0.5 + 0.001 * ((7 * u + 13 * v) % 5) as f32
         });
