@@ -221,7 +221,7 @@ const OWN: [(&str, &[Method]); 8] = [
     ("pen_delay_s", &[Method::Plotter]),
 ];
 
-/// Rejects what another method is told by.
+/// Rejects the flags of another method.
 fn check_method(method: Method, given: &ArgMatches) -> Result<()> {
     let is_given = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
     let mut foreign = OWN.iter().filter(|(_, methods)| !methods.contains(&method));

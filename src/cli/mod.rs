@@ -155,12 +155,12 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     interrupt::catch();
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     output::set_command_line(&arguments);
-    let (cli, given) = match parsed(arguments) {
+    let (cli, command, given) = match parsed(arguments) {
         Ok(parsed) => parsed,
         Err(error) => return report_usage(&error),
     };
     output::set_quiet(cli.quiet);
-    match check_numbers(&given).and_then(|()| run(cli.command, &given)) {
+    match check_numbers(&command, &given).and_then(|()| run(cli.command, &given)) {
         Ok(()) => 0,
         Err(error) => {
             // Whatever an error quotes, it is one line.
@@ -176,17 +176,17 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     }
 }
 
-/// The arguments as commands take them, and as they were given.
+/// The arguments as commands take them, and the command with what was given to it.
 fn parsed(
     arguments: impl IntoIterator<Item = OsString>,
-) -> std::result::Result<(Cli, ArgMatches), clap::Error> {
-    let given = Cli::command().try_get_matches_from(arguments)?;
-    Ok((Cli::from_arg_matches(&given)?, given))
+) -> std::result::Result<(Cli, clap::Command, ArgMatches), clap::Error> {
+    let mut command = Cli::command();
+    let given = command.try_get_matches_from_mut(arguments)?;
+    Ok((Cli::from_arg_matches(&given)?, command, given))
 }
 
 /// Checks the bounds of all numbers that were given.
-fn check_numbers(given: &ArgMatches) -> Result<()> {
-    let cli = Cli::command();
+fn check_numbers(cli: &clap::Command, given: &ArgMatches) -> Result<()> {
     let chosen = given.subcommand();
     let command = chosen.and_then(|(name, given)| Some((cli.find_subcommand(name)?, given)));
     command.map_or(Ok(()), |(command, given)| bounds::check(command, given))
@@ -284,8 +284,8 @@ pub fn design_job(
     flags: impl IntoIterator<Item = OsString>,
 ) -> std::result::Result<DesignRequest, String> {
     let words = ["spindoe".into(), "design".into()].into_iter().chain(flags);
-    let (cli, given) = parsed(words).map_err(|error| usage_line(&error))?;
-    check_numbers(&given).map_err(|error| error.to_string())?;
+    let (cli, command, given) = parsed(words).map_err(|error| usage_line(&error))?;
+    check_numbers(&command, &given).map_err(|error| error.to_string())?;
     let Command::Design(arguments) = cli.command else {
         return Err("expected the flags of design".to_owned());
     };

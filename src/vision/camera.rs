@@ -397,13 +397,10 @@ impl BallView {
     pub fn direction(&self, pixel: Pixel) -> Option<Vec3> {
         match self.projection {
             Projection::Central {
-                inverse_distance,
-                tilt,
+                inverse_distance, ..
             } => {
-                let BallCircle { center, radius, .. } = self.circle;
-                let seen = Vector2::new(pixel.u - center.u, pixel.v - center.v) / radius;
-                let at = tilt.map_or(seen, |t| t.straighten(seen));
-                on_sphere(at.x, -at.y, inverse_distance)
+                let at = self.aside(pixel);
+                on_sphere(at.x, at.y, inverse_distance)
             }
             Projection::Perspective {
                 intrinsics,

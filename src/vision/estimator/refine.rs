@@ -6,7 +6,7 @@
 //! covariance), each dot has the weight of Student's distribution with `nu` degrees of freedom, `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton
 //! on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA 84, 1989).
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 
 use super::config::{CameraDistance, CameraModel};
 use super::frame::Pose;
@@ -370,14 +370,19 @@ impl Refiner {
         equations: &mut Equations,
     ) -> Option<Spread> {
         let mut spread = Spread::default();
+        let off_axis = state.view.off_axis(DIFFERENCE);
         for m in matches {
             let dot = &frame.dots[m.detection];
             let name = usize::from(m.name);
             let expected = state.rotation * names[name];
             let hand = self.placement.covariance(name, &state.rotation, &expected);
             let hand = hand * state.placement;
-            let (mut by_parameters, inverse, residual) =
-                residual(&state.view, &expected, dot.pixel, &dot.covariance, &hand)?;
+            let Misfit {
+                residual,
+                inverse,
+                hand,
+            } = misfit(&state.view, &expected, dot.pixel, &dot.covariance, &hand)?;
+            let mut by_parameters = by_parameters(&state.view, &off_axis, &expected)?;
             if matches!(prior.camera, CameraModel::Known(_)) {
                 by_parameters.fixed_columns_mut::<3>(6).fill(0.0);
             }
@@ -388,8 +393,6 @@ impl Refiner {
             equations.information += weighted * by_parameters;
             equations.gradient += weighted * residual;
             if prior.drawn == Drawn::AsSeen {
-                let by_direction = state.view.jacobian(&expected);
-                let hand = by_direction * hand * by_direction.transpose();
                 spread.add(&(inverse * hand), &(inverse * residual), &hand, weight);
             }
         }
@@ -409,8 +412,10 @@ impl Refiner {
             let expected = state.rotation * names[name];
             let hand = self.placement.covariance(name, &state.rotation, &expected);
             let hand = hand * state.placement;
-            match residual(&state.view, &expected, dot.pixel, &dot.covariance, &hand) {
-                Some((_, inverse, residual)) => residual.dot(&(inverse * residual)),
+            match misfit(&state.view, &expected, dot.pixel, &dot.covariance, &hand) {
+                Some(Misfit {
+                    residual, inverse, ..
+                }) => residual.dot(&(inverse * residual)),
                 None => f64::INFINITY,
             }
         };
@@ -479,41 +484,53 @@ impl Spread {
     }
 }
 
-/// Derivative by (turn, outline, inverse distance), inverse covariance, and residual of a dot
-/// whose place has the covariance `placement` (view frame).
-fn residual(
+/// How far a dot is seen from where it is expected.
+struct Misfit {
+    residual: Vector2<f64>,
+    /// Inverse of its covariance.
+    inverse: Matrix2<f64>,
+    /// The placement's part of the covariance.
+    hand: Matrix2<f64>,
+}
+
+/// The misfit of a dot whose place has the covariance `placement` (view frame).
+fn misfit(
     view: &BallView,
     expected: &Vec3,
     pixel: Pixel,
     covariance: &Matrix2<f64>,
     placement: &Matrix3<f64>,
-) -> Option<(SMatrix<f64, 2, PARAMETERS>, Matrix2<f64>, Vector2<f64>)> {
-    let by_direction: Matrix2x3<f64> = view.jacobian(expected);
+) -> Option<Misfit> {
+    let by_direction = view.jacobian(expected);
     let hand = by_direction * placement * by_direction.transpose();
-    let inverse = (covariance + hand).try_inverse()?;
-    let at = view.project(expected);
-    let BallCircle { center, radius, .. } = *view.circle();
-    let mut by_parameters = SMatrix::<f64, 2, PARAMETERS>::zeros();
+    Some(Misfit {
+        residual: offset(pixel, view.project(expected)),
+        inverse: (covariance + hand).try_inverse()?,
+        hand,
+    })
+}
+
+/// Derivative of a dot's pixel by turn, outline, inverse distance and axis; `off_axis` are the views by a step of the axis.
+fn by_parameters(
+    view: &BallView,
+    off_axis: &[Option<BallView>; 2],
+    expected: &Vec3,
+) -> Option<SMatrix<f64, 2, PARAMETERS>> {
+    let mut by = SMatrix::<f64, 2, PARAMETERS>::zeros();
     // d(R d) = x cross R d.
-    by_parameters
-        .fixed_view_mut::<2, 3>(0, 0)
-        .copy_from(&(by_direction * -expected.cross_matrix()));
-    // The outline's shift moves all, its growth moves dots away from the center.
-    by_parameters[(0, 3)] = 1.0;
-    by_parameters[(1, 4)] = 1.0;
-    by_parameters
-        .fixed_view_mut::<2, 1>(0, 5)
-        .copy_from(&(offset(at, center) / radius));
+    by.fixed_view_mut::<2, 3>(0, 0)
+        .copy_from(&(view.jacobian(expected) * -expected.cross_matrix()));
+    by.fixed_view_mut::<2, 3>(0, 3)
+        .copy_from(&view.by_outline(expected));
     if let Some(rate) = view.by_inverse_distance(expected) {
-        by_parameters.fixed_view_mut::<2, 1>(0, 6).copy_from(&rate);
-        for (k, moved) in view.off_axis(DIFFERENCE).iter().enumerate() {
+        by.fixed_view_mut::<2, 1>(0, 6).copy_from(&rate);
+        let at = view.project(expected);
+        for (k, moved) in off_axis.iter().enumerate() {
             let rate = offset(moved.as_ref()?.project(expected), at) / DIFFERENCE;
-            by_parameters
-                .fixed_view_mut::<2, 1>(0, 7 + k)
-                .copy_from(&rate);
+            by.fixed_view_mut::<2, 1>(0, 7 + k).copy_from(&rate);
         }
     }
-    Some((by_parameters, inverse, offset(pixel, at)))
+    Some(by)
 }
 
 /// An eccentricity that an outline can have.

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::frame::Pose;
 use super::refine::Drawn;
-use super::{Camera, CameraModel, Estimator, EstimatorWorkspace, FrameEstimate};
+use super::{CameraModel, Estimator, EstimatorWorkspace, FrameEstimate};
 use crate::image::ImageView;
 use crate::vision::camera::Pixel;
 use crate::vision::detect::{DotDetection, DotDetector};
@@ -119,12 +119,7 @@ impl<D: DotDetector> Estimator<D> {
                 outline.covariance[(k, k)] += sigma * sigma;
             }
         }
-        let camera = match self.config.camera {
-            CameraModel::Known(camera) => camera,
-            CameraModel::Unknown(_) => Camera::Near {
-                inverse_distance: view.horizon(),
-            },
-        };
+        let camera = self.config.camera.at(pose.distance);
         let rotation = view.to_camera().inverse() * pose.rotation;
         let matched = out.matched() as f64;
         let refined = self.refined(&rotation, camera, &outline, Drawn::AsSeen, ws, out)?;
