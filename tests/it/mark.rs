@@ -337,37 +337,23 @@ fn other_readers_find_every_dot_in_its_place() {
             (0.1 * ball).to_string(),
             (0.02 * ball).to_string(),
         );
-        for (way, ending) in [
-            ("gores", "svg"),
-            ("gores", "pdf"),
-            ("gores", "dxf"),
-            ("stickers", "svg"),
-            ("stickers", "pdf"),
-            ("stickers", "dxf"),
-            ("plotter", "svg"),
-            ("plotter", "gcode"),
+        let paper = ["--page", page];
+        let gores = ["--page", page, "--lobes", &lobes];
+        let plotter = ["--pen-diameter-mm", &pen];
+        for (way, ending, own) in [
+            ("gores", "svg", &gores[..]),
+            ("gores", "pdf", &gores),
+            ("gores", "dxf", &gores),
+            ("stickers", "svg", &paper),
+            ("stickers", "pdf", &paper),
+            ("stickers", "dxf", &paper),
+            ("plotter", "svg", &plotter),
+            ("plotter", "gcode", &plotter),
         ] {
             let name = format!("{way}-{ball}.{ending}");
-            let output = spindoe(
-                dir.path(),
-                &[
-                    "pattern.csv",
-                    "--as",
-                    way,
-                    "-o",
-                    &name,
-                    "--lobes",
-                    &lobes,
-                    "--page",
-                    page,
-                    "--ball-diameter-mm",
-                    &diameter,
-                    "--dot-diameter-mm",
-                    &dot,
-                    "--pen-diameter-mm",
-                    &pen,
-                ],
-            );
+            let arguments = ["pattern.csv", "--as", way, "-o", &name];
+            let sizes = ["--ball-diameter-mm", &diameter, "--dot-diameter-mm", &dot];
+            let output = spindoe(dir.path(), &[&arguments, &sizes[..], own].concat());
             assert!(
                 output.status.success(),
                 "{}",
