@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result, require};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::Pattern;
+use crate::spin::DEFAULT_FPS;
 use crate::synth::dataset::frame_rng;
 use crate::synth::{Scene, SynthConfig};
 
@@ -53,7 +54,7 @@ impl std::str::FromStr for Surroundings {
 pub struct CameraConditions {
     /// The ball's diameter in the image, pixels. Default: 60.
     pub ball_px: f64,
-    /// Frames per second. Default: 300.
+    /// Frames per second. Default: 350.
     pub fps: f64,
     /// Exposure, s. Default: 0.1 ms.
     pub exposure_s: f64,
@@ -79,7 +80,7 @@ impl Default for CameraConditions {
     fn default() -> Self {
         Self {
             ball_px: 60.0,
-            fps: 300.0,
+            fps: DEFAULT_FPS,
             exposure_s: 1e-4,
             distance_radii: None,
             defocus_px: None,

@@ -29,12 +29,12 @@ pub struct Arguments {
     inputs: Vec<PathBuf>,
     /// Frames of a pattern that stays to the end; half as many for a change of the camera.
     #[arg(long, value_name = "N", default_value_t = RaceConfig::default().max_frames)]
-    frames: u64,
+    samples: u64,
     /// Sequences of a pattern that stays to the end, for the spin.
-    #[arg(long, value_name = "N", default_value_t = AdviceConfig::default().sequences)]
+    #[arg(hide = true, long, value_name = "N", default_value_t = AdviceConfig::default().sequences)]
     sequences: u64,
     /// Frames of a sequence.
-    #[arg(long, value_name = "N", default_value_t = AdviceConfig::default().sequence_frames)]
+    #[arg(hide = true, long, value_name = "N", default_value_t = AdviceConfig::default().sequence_frames)]
     sequence_frames: usize,
     /// Seed of frames and sequences.
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -62,10 +62,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             .collect::<Result<_>>()?
     };
     let config = AdviceConfig {
-        race: RaceConfig::of_frames(arguments.frames),
+        race: RaceConfig::of_frames(arguments.samples),
         sequences: arguments.sequences,
         sequence_frames: arguments.sequence_frames,
-        change_frames: arguments.frames.div_ceil(2),
+        change_frames: arguments.samples.div_ceil(2),
         dot_size: arguments.camera.dot_size()?,
     };
     let trials = CameraTrials::new(conditions, arguments.seed);

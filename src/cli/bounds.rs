@@ -14,11 +14,12 @@ use crate::error::{Error, Result};
 const SMALLEST: f64 = 1e-9;
 
 /// Flags, or how their names end, with the least and the most that they may be.
-const BOUNDS: [(&str, f64, f64); 28] = [
+const BOUNDS: [(&str, f64, f64); 29] = [
     ("fps", 1e-3, 1e7),
     ("rps", 0.0, 1e4),
     ("-rps", 0.0, 1e4),
     ("sigma-deg", 0.0, 180.0),
+    ("-sigma-deg", 0.0, 180.0),
     ("min-separation-deg", 0.0, 180.0),
     ("seam-margin-deg", 0.0, 60.0),
     ("-deg", 0.0, 360.0),
@@ -33,7 +34,7 @@ const BOUNDS: [(&str, f64, f64); 28] = [
     ("intrinsics", -1e7, 1e7),
     // Parallel rays come from infinity.
     ("camera-distance-radii", 0.0, f64::INFINITY),
-    ("decay", 0.0, 1e3),
+    ("decay-per-s", 0.0, 1e3),
     ("jitter", 0.0, 1.0),
     ("outliers", 0.0, 1.0),
     ("drops", 0.0, 1.0),

@@ -35,37 +35,38 @@ Dots that are never found where they should be are left out; steady marks that t
 and, with --learn-extra, taken in. Where --table is given several times, the one that fits best is taken.
 
 Example:
-  spindoe calibrate --table table.npz clip.mp4 --out my-ball")]
+  spindoe calibrate --table table.npz clip.mp4 -o my-ball")]
 pub struct Arguments {
     /// Images, folders of images, or videos of one ball.
     #[arg(value_name = "CLIP_OR_FOLDER", required = true)]
     clip: Vec<PathBuf>,
-    /// What the ball was drawn from: a table (.npz), a pattern (CSV), or the folder of a design or
-    /// calibration; several: the ball is one of them.
-    #[arg(long, value_name = "TABLE.npz", required_unless_present = "unknown")]
+    /// What the ball was drawn from: a table, a pattern, or the folder of a design or calibration; several: the ball is one
+    /// of them. Without it the pattern is built from the clip alone.
+    #[arg(long, value_name = "TABLE.npz")]
     table: Vec<PathBuf>,
-    /// Build the pattern from the clip alone; with --table, say which of these designs it is.
-    #[arg(long)]
+    /// Build the pattern from the clip also where --table is given, and say which of these designs it is.
+    #[arg(hide = true, long)]
     unknown: bool,
     /// Number of dots on the ball, where it is known.
-    #[arg(long, value_name = "N", requires = "unknown")]
+    #[arg(long, value_name = "N")]
     dots: Option<usize>,
     /// The folder to write to.
-    #[arg(long, value_name = "DIR", default_value = "calibrated")]
-    out: PathBuf,
+    #[arg(short, long, value_name = "DIR", default_value = "calibrated")]
+    output: PathBuf,
     /// Take steady marks that the pattern lacks into it.
     #[arg(long)]
     learn_extra: bool,
     /// Expected error of a drawn dot per tangent axis, degrees.
     #[arg(
+        hide = true,
         long,
         value_name = "DEG",
         default_value_t = 3.0,
         allow_negative_numbers = true
     )]
-    placement_sigma_deg: f64,
+    search_sigma_deg: f64,
     /// Use no smooth rotation, whatever the frames' times.
-    #[arg(long)]
+    #[arg(hide = true, long)]
     no_smooth: bool,
     /// Monte Carlo trials for each protocol; 0 for none.
     #[arg(long, value_name = "N", default_value_t = 2000)]
@@ -95,7 +96,7 @@ const STAND_IN_DOTS: usize = 20;
 pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config()?;
     files::reject_taken(
-        &arguments.out,
+        &arguments.output,
         &FILES,
         "a calibration",
         "choose another folder",
@@ -104,11 +105,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         check_samples(arguments.samples)?;
     }
     let balls = read_balls(&arguments.table)?;
-    let set = Replacement::begin(&arguments.out)?;
+    let set = Replacement::begin(&arguments.output)?;
     let clip = arguments.read(balls, &config)?;
     let nominal = clip.ball.pattern();
     match &clip.path {
-        Some(path) if arguments.unknown || arguments.table.len() > 1 => {
+        Some(path) if arguments.is_unknown() || arguments.table.len() > 1 => {
             errln!("the ball is drawn from {}", path.display());
         }
         None if !arguments.table.is_empty() => errln!("the ball is none of these designs"),
@@ -135,11 +136,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return super::print_json(&evaluated.report);
     }
-    say(&calibration, &evaluated, &arguments.out);
+    say(&calibration, &evaluated, &arguments.output);
     Ok(())
 }
 
 impl Arguments {
+    /// Whether the pattern is built from the clip.
+    fn is_unknown(&self) -> bool {
+        self.unknown || self.table.is_empty()
+    }
+
     fn config(&self) -> Result<CalibrationConfig> {
         self.images.check_rate()?;
         let config = CalibrationConfig {
@@ -148,7 +154,7 @@ impl Arguments {
                 outline: self.images.outline,
                 ..EstimatorConfig::default()
             },
-            placement_sigma_rad: self.placement_sigma_deg.to_radians(),
+            placement_sigma_rad: self.search_sigma_deg.to_radians(),
             learn_extra: self.learn_extra,
             smooth: !self.no_smooth,
             ..CalibrationConfig::default()
@@ -158,9 +164,10 @@ impl Arguments {
     }
 
     fn batch(&self) -> Result<BatchConfig> {
+        let (outline, circles) = self.images.outlines()?;
         Ok(BatchConfig {
-            outline: self.images.outline()?,
-            circles: self.images.circles()?,
+            outline,
+            circles,
             roi: self.images.roi()?,
             clock: self.images.clock()?,
             ..BatchConfig::default()
@@ -189,7 +196,7 @@ impl Arguments {
         }
         let times_s = batch.times_s();
         let frames: Vec<FrameEstimate> = batch.frames.into_iter().map(|f| f.estimate).collect();
-        let (ball, path, frames) = if self.unknown {
+        let (ball, path, frames) = if self.is_unknown() {
             self.unknown_ball(balls, &frames, config)?
         } else {
             self.best_ball(balls, frames, config)?

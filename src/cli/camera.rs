@@ -7,9 +7,9 @@ use clap::Args;
 use serde::Deserialize;
 
 use super::output::one_of;
+use super::settings::read_toml;
 use crate::camera::{CameraConditions, DotSize, FrameRates, Surroundings};
 use crate::error::{Error, Result};
-use crate::files;
 
 /// Frames of a camera where none are stated.
 pub const CAMERA_FRAMES: u64 = 1000;
@@ -25,12 +25,28 @@ const FLAGS: [(&str, &str); 4] = [
 
 #[derive(Debug, Args)]
 pub struct CameraArguments {
-    /// A TOML file with any of the flags below, as in `ball_px = 80` or `rps = [10, 60]`; flags come
-    /// before it.
-    #[arg(long, value_name = "CAMERA.toml", help_heading = "Camera")]
-    camera: Option<PathBuf>,
+    /// The camera, on rendered frames of which patterns are measured: before dark and even surroundings, before any, or as
+    /// a TOML file says, as in `ball_px = 80` or `rps = [10, 60]`; flags come before it.
+    #[arg(long, value_name = "dark|any|CAMERA.toml", help_heading = "Camera")]
+    camera: Option<CameraSource>,
     #[command(flatten)]
     stated: CameraFile,
+}
+
+/// What `--camera` names.
+#[derive(Debug, Clone, PartialEq)]
+enum CameraSource {
+    Surroundings(Surroundings),
+    File(PathBuf),
+}
+
+impl std::str::FromStr for CameraSource {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> std::result::Result<Self, Self::Err> {
+        let named = text.parse().map(Self::Surroundings);
+        Ok(named.unwrap_or_else(|_| Self::File(text.into())))
+    }
 }
 
 /// What a file, or the flags, may state.
@@ -41,20 +57,20 @@ struct CameraFile {
     /// The ball's diameter in the image, pixels [default: 60].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     ball_px: Option<f64>,
-    /// Frames per second [default: 300].
+    /// Frames per second [default: 350].
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     fps: Option<f64>,
     /// Exposure, milliseconds [default: 0.1].
     #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     exposure_ms: Option<f64>,
     /// Distance from the camera to the ball's center in ball radii [default: 6 to 60].
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    #[arg(long, hide = true, value_name = "D", allow_negative_numbers = true)]
     camera_distance_radii: Option<f64>,
     /// Standard deviation of the lens' blur, pixels [default: that of the surroundings].
-    #[arg(long, value_name = "B", allow_negative_numbers = true)]
+    #[arg(long, hide = true, value_name = "B", allow_negative_numbers = true)]
     defocus_px: Option<f64>,
     /// Standard deviation of a pixel's noise, of 255 levels [default: that of the surroundings].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, hide = true, value_name = "N", allow_negative_numbers = true)]
     noise_levels: Option<f64>,
     /// Diameter of a dot, mm [default: 4; for `advise` the largest that each pattern's stencil allows].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
@@ -65,16 +81,17 @@ struct CameraFile {
     /// Smallest and greatest spin, revolutions per second [default: 0,100].
     #[arg(
         long,
+        hide = true,
         value_name = "MIN,MAX",
         value_delimiter = ',',
         allow_negative_numbers = true
     )]
     rps: Option<Vec<f64>>,
     /// Greatest speed of the ball across the image, m/s [default: 4].
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    #[arg(long, hide = true, value_name = "V", allow_negative_numbers = true)]
     max_speed_m_s: Option<f64>,
     /// What surrounds the ball: dark and even as arranged, or anything [default: dark].
-    #[arg(long, value_parser = one_of(&Surroundings::ALL, Surroundings::as_str))]
+    #[arg(long, hide = true, value_parser = one_of(&Surroundings::ALL, Surroundings::as_str))]
     surroundings: Option<Surroundings>,
 }
 
@@ -90,24 +107,34 @@ impl CameraArguments {
         })
     }
 
-    /// Whether any of them is given.
-    pub fn is_stated(&self) -> bool {
-        let s = &self.stated;
-        let numbers = [
-            s.ball_px,
-            s.fps,
-            s.exposure_ms,
-            s.camera_distance_radii,
-            s.defocus_px,
-            s.noise_levels,
-            s.dot_diameter_mm,
-            s.ball_diameter_mm,
-            s.max_speed_m_s,
-        ];
+    /// Whether there is a camera.
+    pub fn is_given(&self) -> bool {
         self.camera.is_some()
-            || numbers.iter().any(Option::is_some)
-            || s.rps.is_some()
-            || s.surroundings.is_some()
+    }
+
+    /// Rejects properties of a camera where there is none.
+    pub fn reject_without_camera(&self) -> Result<()> {
+        let s = &self.stated;
+        let stated = [
+            ("ball_px", s.ball_px.is_some()),
+            ("fps", s.fps.is_some()),
+            ("exposure_ms", s.exposure_ms.is_some()),
+            ("camera_distance_radii", s.camera_distance_radii.is_some()),
+            ("defocus_px", s.defocus_px.is_some()),
+            ("noise_levels", s.noise_levels.is_some()),
+            ("dot_diameter_mm", s.dot_diameter_mm.is_some()),
+            ("ball_diameter_mm", s.ball_diameter_mm.is_some()),
+            ("rps", s.rps.is_some()),
+            ("max_speed_m_s", s.max_speed_m_s.is_some()),
+            ("surroundings", s.surroundings.is_some()),
+        ];
+        match stated.iter().find(|(_, is_stated)| *is_stated) {
+            Some((name, _)) if !self.is_given() => {
+                let problem = "is of a camera: expected --camera dark, any, or a file beside it";
+                Err(Error::argument(*name, problem))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The conditions: flags before the file, the file before the defaults.
@@ -117,7 +144,11 @@ impl CameraArguments {
 
     fn both(&self) -> Result<CameraFile> {
         let file = match &self.camera {
-            Some(path) => read(path)?,
+            Some(CameraSource::File(path)) => read(path)?,
+            Some(CameraSource::Surroundings(surroundings)) => CameraFile {
+                surroundings: Some(*surroundings),
+                ..CameraFile::default()
+            },
             None => CameraFile::default(),
         };
         let stated = self.stated.clone();
@@ -195,24 +226,12 @@ pub fn read_conditions(path: &Path) -> Result<CameraConditions> {
 }
 
 fn read(path: &Path) -> Result<CameraFile> {
-    let file = parse(path)?;
+    let file: CameraFile = read_toml(path)?;
     if file == CameraFile::default() {
         let problem = "expected at least one property of the camera, such as ball_px, found none";
         return Err(Error::input(path, "file", problem));
     }
     Ok(file)
-}
-
-fn parse(path: &Path) -> Result<CameraFile> {
-    let bytes = files::read_at_most(path, files::MAX_TEXT_BYTES)?;
-    let text = String::from_utf8(bytes)
-        .map_err(|_| Error::input(path, "file", "expected text in UTF-8"))?;
-    toml::from_str(&text).map_err(|error| {
-        let line = error
-            .span()
-            .map_or(1, |s| 1 + text[..s.start].matches('\n').count());
-        Error::input(path, format!("line {line}"), error.message())
-    })
 }
 
 /// Prints what a pattern gives before a camera.

@@ -37,8 +37,8 @@ Without time_s, a frame named by a whole number is that many nanoseconds; any ot
 
 The robust recognizer learns noise, misses and false dots from the frames themselves, a file's from its first 256,
 a pipe's from those that came before, and says what it learned, the share of frames that show something else among
-it; --expect, --false-dots, --miss-probability and --foreign-share say what is known, --no-learning takes the
-defaults. Its confidence is the probability that the orientation is correct;
+it; --protocol, or the settings false_dots, miss_probability and foreign_share, say what is known, --no-learning
+takes the defaults. Its confidence is the probability that the orientation is correct;
 that of the paper's recognizer is a share of votes and no probability. --json also has the probability that every
 dot is identified correctly, and lists the rival poses of each frame: a pattern with a rotational symmetry has
 several of about the same confidence.
@@ -66,27 +66,27 @@ pub struct Arguments {
     /// Standard deviation, along one tangent axis, of dots for which the file gives none, degrees
     /// [default: the table's noise / sqrt 3].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
-    sigma_deg: Option<f64>,
+    dot_sigma_deg: Option<f64>,
     /// Placement error: standard deviation of a drawn dot's place from the pattern's, along one tangent
     /// axis, degrees. It is added to the dots' own noise [default: 0, the dots' noise has it in it].
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "S", allow_negative_numbers = true)]
     placement_sigma_deg: Option<f64>,
     /// Expect misses, false dots and noise as in this validation protocol.
     #[arg(long, value_parser = super::output::one_of(&ProtocolName::ALL, ProtocolName::as_str), value_name = "PROTOCOL")]
-    expect: Option<ProtocolName>,
+    protocol: Option<ProtocolName>,
     /// Expected number of false dots per frame.
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "N", allow_negative_numbers = true)]
     false_dots: Option<f64>,
     /// Probability that a visible dot is missed.
-    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "P", allow_negative_numbers = true)]
     miss_probability: Option<f64>,
-    /// Share of the frames that show something else than the ball [default: learned; none with --expect;
+    /// Share of the frames that show something else than the ball [default: learned; none with --protocol;
     /// a fifth with --no-learning].
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "S", allow_negative_numbers = true)]
     foreign_share: Option<f64>,
     /// Do not learn misses, false dots and noise from the frames: take defaults for what is not
     /// given.
-    #[arg(long, conflicts_with = "expect")]
+    #[arg(long, conflicts_with = "protocol")]
     no_learning: bool,
     /// Reject orientations with a lower confidence than this, 0 to 1 [default: 0.5; the paper's
     /// recognizer: 0].
@@ -148,7 +148,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 impl Arguments {
     /// Whether the frames tell what to expect of them.
     fn learns(&self) -> bool {
-        self.expect.is_none() && !self.no_learning
+        self.protocol.is_none() && !self.no_learning
     }
 
     /// How they tell it, and what is known before.
@@ -183,12 +183,12 @@ impl Arguments {
     }
 
     fn sigma_rad(&self, ball: &Ball) -> Result<f64> {
-        match self.sigma_deg {
+        match self.dot_sigma_deg {
             None => Ok(ball.recognizer().sigma_rad / 3f64.sqrt()),
             Some(deg) if deg > 0.0 && deg.is_finite() => Ok(deg.to_radians()),
             Some(deg) => {
                 let problem = format!("expected a positive number, found {deg}");
-                Err(Error::argument("--sigma-deg", problem))
+                Err(Error::argument("dot_sigma_deg", problem))
             }
         }
     }
@@ -197,12 +197,12 @@ impl Arguments {
         let degrees = self.placement_sigma_deg.unwrap_or(0.0);
         let inside = (0.0..25.0).contains(&degrees);
         let expected = "0 or more and less than 25";
-        require(inside, "--placement-sigma-deg", expected, degrees)?;
+        require(inside, "placement_sigma_deg", expected, degrees)?;
         Ok(degrees.to_radians())
     }
 
     fn config(&self, ball: &Ball) -> Result<RobustConfig> {
-        let mut view = match self.expect {
+        let mut view = match self.protocol {
             Some(name) => name.view(),
             None => {
                 let limit = ball.recognizer().visibility_limit;

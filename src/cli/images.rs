@@ -23,23 +23,16 @@ use crate::vision::{
 #[derive(Debug, Args)]
 pub struct ImageArguments {
     /// The dot detector.
-    #[arg(long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
+    #[arg(hide = true, long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
     pub(super) detector: DetectorName,
     /// The net's weights, an .npz made by `python -m train` [default: those built in].
     #[arg(long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
-    /// The ball's outline in all frames: center and radius in pixels [default: detected].
-    #[arg(
-        long,
-        value_name = "U,V,R",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
-    circle: Vec<f64>,
-    /// The ball's outlines in single frames: CSV with the header frame,u,v,radius, pixels, and where it is known sigma,
-    /// the standard deviation of all three [default: 1 % of the radius]; it is detected in frames without a row.
-    #[arg(long, value_name = "CSV", conflicts_with = "circle")]
-    circles: Option<PathBuf>,
+    /// The ball's outline: of all frames its center and radius, U,V,R pixels; or a CSV with those of single frames,
+    /// frame,u,v,radius, and where it is known sigma, the standard deviation of all three [default: 1 % of the radius].
+    /// It is detected where it is not given.
+    #[arg(long, value_name = "U,V,R|CSV", allow_hyphen_values = true)]
+    circle: Option<String>,
     /// Look for the ball in this part of every frame only: its first column and row, its columns and
     /// rows [default: the whole frame].
     #[arg(
@@ -50,7 +43,7 @@ pub struct ImageArguments {
     )]
     roi: Vec<usize>,
     /// How the outline is found: by its edges alone, or with a net where they do not show it whole.
-    #[arg(long, value_parser = one_of(&OutlineMethod::ALL, OutlineMethod::as_str), default_value_t = OutlineMethod::default())]
+    #[arg(hide = true, long, value_parser = one_of(&OutlineMethod::ALL, OutlineMethod::as_str), default_value_t = OutlineMethod::default())]
     pub(super) outline: OutlineMethod,
     /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
     /// [default: it is estimated with the orientation].
@@ -130,23 +123,25 @@ impl ImageArguments {
         }
     }
 
-    pub(super) fn outline(&self) -> Result<Option<OutlinePrior>> {
-        match self.circle[..] {
-            [] => Ok(None),
-            [u, v, radius] if radius > 0.0 && radius.is_finite() => {
+    /// The outlines that are given: one of all frames, or those of a table.
+    pub(super) fn outlines(&self) -> Result<(Option<OutlinePrior>, Option<FrameCircles>)> {
+        let Some(text) = &self.circle else {
+            return Ok((None, None));
+        };
+        let numbers: Vec<Option<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+        match numbers[..] {
+            [Some(u), Some(v), Some(radius)] if radius > 0.0 && radius.is_finite() => {
                 let center = Pixel { u, v };
-                Ok(Some(OutlinePrior::given(BallCircle::new(center, radius))))
+                let given = OutlinePrior::given(BallCircle::new(center, radius));
+                Ok((Some(given), None))
             }
+            // A name, which is no number.
+            [None] => Ok((None, Some(frame_table::read_circles(text.as_ref())?))),
             _ => {
-                let problem = "expected U,V,R in pixels with a positive radius";
+                let problem = "expected U,V,R in pixels with a positive radius, or a CSV";
                 Err(Error::argument("circle", problem))
             }
         }
-    }
-
-    pub(super) fn circles(&self) -> Result<Option<FrameCircles>> {
-        let path = self.circles.as_deref();
-        path.map(frame_table::read_circles).transpose()
     }
 
     pub(super) fn roi(&self) -> Result<Option<Roi>> {
@@ -245,6 +240,6 @@ pub(super) fn unused_warning(
     let unused = unused.unwrap_or_default();
     Ok(unused.first().map(|line| {
         let count = unused.len();
-        format!("--circles: {count} rows name no frame, the first on line {line}")
+        format!("--circle: {count} rows name no frame, the first on line {line}")
     }))
 }

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, ValueEnum};
 
 use super::design::cone;
+use super::output::reject_foreign;
 use super::print_json;
 use crate::ball::Ball;
 use crate::design::KeepOut;
@@ -20,11 +20,11 @@ use crate::pattern::Pattern;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  spindoe mark pattern.csv --as gores -o lobes.pdf --page letter
+  spindoe mark pattern.csv --as gores -o lobes.pdf --paper letter
   spindoe mark pattern.csv --as gores -o lobes.dxf --lobes 24 --bleed-mm 1
   spindoe mark pattern.csv --as stickers -o stickers.pdf --ball-diameter-mm 220 --dot-diameter-mm 18
   spindoe mark pattern.csv --as plotter -o egg.svg
-  spindoe mark pattern.csv --as plotter -o ball.gcode --pen-diameter-mm 0.8")]
+  spindoe mark pattern.csv --as plotter -o ball.gcode --config pen_diameter_mm=0.8")]
 pub struct Arguments {
     /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
     pattern: PathBuf,
@@ -33,7 +33,7 @@ pub struct Arguments {
     method: Method,
     /// The file to write; its extension selects the format: .svg, .pdf or .dxf for gores and
     /// stickers, .svg or .gcode for a plotter.
-    #[arg(short, long = "out", value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper.
     #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
@@ -61,24 +61,24 @@ pub struct Arguments {
     no_numbers: bool,
     /// Paper of a PDF.
     #[arg(long, value_enum, default_value_t = Paper::A4)]
-    page: Paper,
+    paper: Paper,
     /// Width of the plotter's pen on the ball.
-    #[arg(long, value_name = "MM", default_value_t = PlotterConfig::default().pen_diameter_mm, allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "MM", default_value_t = PlotterConfig::default().pen_diameter_mm, allow_negative_numbers = true)]
     pen_diameter_mm: f64,
     /// Motor steps per revolution of the ball, the width of the plotter's SVG.
-    #[arg(long, value_name = "N", default_value_t = PlotterConfig::default().steps_per_turn, allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "N", default_value_t = PlotterConfig::default().steps_per_turn, allow_negative_numbers = true)]
     steps_per_turn: f64,
     /// Speed of the pen on the ball, for G-code.
-    #[arg(long, value_name = "MM/MIN", default_value_t = PlotterConfig::default().feed_mm_per_min, allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "MM/MIN", default_value_t = PlotterConfig::default().feed_mm_per_min, allow_negative_numbers = true)]
     feed_mm_per_min: f64,
     /// G-code that lifts the pen.
-    #[arg(long, value_name = "GCODE", default_value_t = PlotterConfig::default().pen_up)]
+    #[arg(hide = true, long, value_name = "GCODE", default_value_t = PlotterConfig::default().pen_up)]
     pen_up: String,
     /// G-code that lowers the pen.
-    #[arg(long, value_name = "GCODE", default_value_t = PlotterConfig::default().pen_down)]
+    #[arg(hide = true, long, value_name = "GCODE", default_value_t = PlotterConfig::default().pen_down)]
     pen_down: String,
     /// Time that the pen takes to move, seconds.
-    #[arg(long, value_name = "S", default_value_t = PlotterConfig::default().pen_delay_s, allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "S", default_value_t = PlotterConfig::default().pen_delay_s, allow_negative_numbers = true)]
     pen_delay_s: f64,
     /// Print the file's note, which says how to apply it to the ball, as one JSON object on
     /// standard output.
@@ -179,7 +179,7 @@ impl Arguments {
 
     /// Paper has bounds; other formats take one sheet.
     fn page(&self, format: Format) -> PageSize {
-        match (format, self.page) {
+        match (format, self.paper) {
             (Format::Pdf, paper) => paper.into(),
             _ => PageSize::Sheet,
         }
@@ -214,30 +214,17 @@ const OWN: [(&str, &[Method]); 8] = [
     ("lobes", &[Method::Gores]),
     ("no_numbers", &[Method::Gores]),
     ("bleed_mm", &[Method::Gores, Method::Stickers]),
-    ("page", &[Method::Gores, Method::Stickers]),
+    ("paper", &[Method::Gores, Method::Stickers]),
     ("pen_diameter_mm", &[Method::Plotter]),
     ("steps_per_turn", &[Method::Plotter]),
     ("feed_mm_per_min", &[Method::Plotter]),
     ("pen_delay_s", &[Method::Plotter]),
 ];
 
-/// Rejects the flags of another method.
-fn check_method(method: Method, given: &ArgMatches) -> Result<()> {
-    let is_given = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
-    let mut foreign = OWN.iter().filter(|(_, methods)| !methods.contains(&method));
-    match foreign.find(|(id, _)| is_given(id)) {
-        None => Ok(()),
-        Some((id, methods)) => {
-            let names = methods.iter().filter_map(ValueEnum::to_possible_value);
-            let names: Vec<String> = names.map(|name| name.get_name().to_owned()).collect();
-            let problem = format!("is a flag of --as {}", names.join(" and "));
-            Err(Error::argument(*id, problem))
-        }
-    }
-}
-
 pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
-    given.map_or(Ok(()), |given| check_method(arguments.method, given))?;
+    given.map_or(Ok(()), |given| {
+        reject_foreign(given, &OWN, arguments.method)
+    })?;
     let format = Format::of(&arguments.output, arguments.method)?;
     let pattern = Ball::read(&arguments.pattern)?.into_pattern();
     let drawing = arguments.drawing(&pattern, format)?;

@@ -17,19 +17,19 @@ use crate::report::{DesignJob, EvaluationConfig, JobObserver, Start, whole_searc
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The shards must be all of one search, and finished. Their finalists meet in the last trial, on trials that no
-shard has drawn; the winner is evaluated and written as by `spindoe design`. `spindoe design --shards N` gives
+shard has drawn; the winner is evaluated and written as by `spindoe design`. `spindoe design --config shards=N` gives
 the same files.
 
 Example, on eight machines and then on one:
-  spindoe design --seed 7 --rounds 20 --shard 3/8 --out shard-3
-  spindoe merge shard-* --out my-ball")]
+  spindoe design --seed 7 --shard 3/8 -o shard-3
+  spindoe merge shard-* -o my-ball")]
 pub struct Arguments {
     /// The shards: their folders, or the `search.json` in them.
     #[arg(value_name = "SHARD", required = true)]
     shards: Vec<PathBuf>,
     /// The folder to write to.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
     /// Continue a merge of these shards that was interrupted; begin one where none has begun.
     #[arg(long)]
     resume: bool,
@@ -82,7 +82,7 @@ pub(super) fn job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let (job, command) = job(&arguments.shards, arguments.out.clone())?;
+    let (job, command) = job(&arguments.shards, arguments.output.clone())?;
     check_for_design()?;
     let stop = stop_on_interrupt()?;
     let clock = Instant::now();

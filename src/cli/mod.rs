@@ -29,28 +29,24 @@ mod bounds;
 mod calibrate;
 #[cfg(feature = "vision")]
 mod camera;
-mod compare;
 mod design;
 #[cfg(feature = "vision")]
 mod estimate;
-#[cfg(feature = "vision")]
-mod export;
 mod identify;
 #[cfg(feature = "vision")]
 mod images;
 mod interrupt;
+mod levels;
 #[cfg(feature = "mark")]
 mod mark;
 mod memory;
 mod merge;
+mod old;
 mod output;
 mod precession;
 mod report;
-#[cfg(feature = "vision")]
-mod sample;
-mod sensitivity;
+mod settings;
 mod shell;
-mod simulate;
 mod spin;
 #[cfg(feature = "plot")]
 mod spin_plot;
@@ -60,9 +56,6 @@ mod stencil;
 #[cfg(feature = "vision")]
 mod synth;
 mod table;
-mod trajectories;
-#[cfg(feature = "plot")]
-mod trajectories_plot;
 mod validate;
 
 use std::ffi::OsString;
@@ -90,58 +83,68 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Design a pattern: search, evaluate, and leave pattern, table, stencil, plots and report in a
-    /// folder.
-    Design(design::Arguments),
-    /// Merge the shards of a search that ran on several machines: the best of all meet in the last
-    /// trial.
-    Merge(merge::Arguments),
-    /// Measure how often a pattern is identified correctly, by Monte Carlo.
-    Validate(validate::Arguments),
+    /// Search a pattern and leave all that it takes to use it: table, stencil, page.
+    Design(Box<design::Arguments>),
     /// Say which pattern a camera identifies best, how well, and what to change of the camera.
     #[cfg(feature = "vision")]
     Advise(Box<advise::Arguments>),
-    /// Make the page of a design's folder: report.html, to look at and to hand on.
-    Report(report::Arguments),
-    /// Compare patterns on the same trials, side by side.
-    Compare(compare::Arguments),
-    /// Measure how the rates depend on the dots' noise and on the paper's alpha; data and plots.
-    Sensitivity(sensitivity::Arguments),
-    /// Make the hash table of a pattern, a NumPy archive.
-    Table(table::Arguments),
-    /// Identify the dots of frames from their observed directions, and give the orientation.
-    Identify(identify::Arguments),
-    /// Estimate orientations and the spin from images or videos.
-    #[cfg(feature = "vision")]
-    Estimate(Box<estimate::Arguments>),
-    /// Measure a ball's dots as they were really drawn, from a clip of it.
-    #[cfg(feature = "vision")]
-    Calibrate(Box<calibrate::Arguments>),
     /// Make the stencil that draws a pattern on a ball: two printable halves.
     Stencil(Box<stencil::Arguments>),
     /// Mark a pattern on a ball without a stencil: paper lobes, stickers, files for plotters.
     #[cfg(feature = "mark")]
     Mark(Box<mark::Arguments>),
+    /// Measure a ball's dots as they were really drawn, from a clip of it.
+    #[cfg(feature = "vision")]
+    Calibrate(Box<calibrate::Arguments>),
+    /// Estimate orientations and the spin from images or videos.
+    #[cfg(feature = "vision")]
+    Estimate(Box<estimate::Arguments>),
     /// Estimate the spin from time-stamped orientations.
-    Spin(spin::Arguments),
-    /// Simulate orientations of a rotating ball, with known ground truth.
-    Simulate(simulate::Arguments),
-    /// Draw synthetic images of a ball with a pattern, with ground truth: a data set, or a rotating
-    /// ball.
-    #[cfg(feature = "vision")]
+    Spin(Box<spin::Arguments>),
+    /// Measure how often patterns are identified correctly: one, several side by side, or a sweep.
+    Validate(Box<validate::Arguments>),
+    /// Identify dots that are given as directions, and estimate the orientation.
+    Identify(Box<identify::Arguments>),
+    /// Make images, a clip, dots or orientations of a ball, with exact truth.
     Synth(Box<synth::Arguments>),
-    /// Write the dot detector's net as an ONNX file, for estimators in other languages.
-    #[cfg(feature = "vision")]
-    Export(export::Arguments),
-    /// Write a sample to try: a pattern, its table, and a clip of a spinning ball.
-    #[cfg(feature = "vision")]
-    Sample(sample::Arguments),
+    /// Make the hash table of a pattern, a NumPy archive.
+    Table(table::Arguments),
+    /// Make one design of the shards that several machines searched.
+    Merge(merge::Arguments),
+    /// Make the page of a design's or a calibration's folder anew.
+    Report(report::Arguments),
     /// Print the completions of a shell.
     Completions(shell::CompletionArguments),
     /// Write the manual pages.
     Man(shell::ManArguments),
-    /// Summarize trajectories with known spins, in the format of the published set.
-    Trajectories(trajectories::Arguments),
+    /// Explain a command.
+    Help(levels::Arguments),
+}
+
+/// The whole command line: levels of help, and `--config` where there are settings.
+fn command_line() -> clap::Command {
+    let cli = Cli::command().mut_subcommands(|command| match command.get_after_help() {
+        Some(words) => {
+            let words = joined(&words.to_string());
+            command.after_help(words)
+        }
+        None => command,
+    });
+    levels::with_levels(settings::with_config(cli))
+}
+
+/// A text with each paragraph on one line, for any width of the terminal; lines that begin with a space stay.
+fn joined(text: &str) -> String {
+    let mut all = String::new();
+    let mut lines = text.lines().peekable();
+    while let Some(line) = lines.next() {
+        all += line;
+        let flows = |line: &str| !line.is_empty() && !line.starts_with(' ');
+        let goes_on =
+            !line.ends_with(':') && flows(line) && lines.peek().is_some_and(|next| flows(next));
+        all.push(if goes_on { ' ' } else { '\n' });
+    }
+    all
 }
 
 /// Runs the command with the process' arguments.
@@ -155,80 +158,135 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     interrupt::catch();
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     output::set_command_line(&arguments);
-    let (cli, command, given) = match parsed(arguments) {
+    let parsed = match Parsed::of(&arguments) {
         Ok(parsed) => parsed,
-        Err(error) => return report_usage(&error),
+        Err(Refused::Usage(error)) => return report_usage(&error, &arguments),
+        Err(Refused::Settings(error)) => return report(&error, ""),
     };
-    output::set_quiet(cli.quiet);
-    match check_numbers(&command, &given).and_then(|()| run(cli.command, &given)) {
+    output::set_quiet(parsed.cli.quiet);
+    let name = parsed.name().to_owned();
+    match parsed.check_numbers().and_then(|()| parsed.run()) {
         Ok(()) => 0,
-        Err(error) => {
-            // Whatever an error quotes, it is one line.
-            let words = error_words(&error, given.subcommand_name().unwrap_or_default());
-            let line: Vec<&str> = words.lines().map(str::trim).collect();
-            errln!("spindoe: {}", line.join(" "));
-            match error {
-                Error::NoAnswer { .. } => 3,
-                error if error.is_usage() => 2,
-                _ => 1,
+        Err(error) => report(&error, &name),
+    }
+}
+
+/// Prints an error in one line, whatever it quotes, and returns its exit code.
+fn report(error: &Error, command: &str) -> u8 {
+    let words = error_words(error, command);
+    let line: Vec<&str> = words.lines().map(str::trim).collect();
+    errln!("spindoe: {}", line.join(" "));
+    match error {
+        Error::NoAnswer { .. } => 3,
+        error if error.is_usage() => 2,
+        _ => 1,
+    }
+}
+
+/// The arguments, understood.
+struct Parsed {
+    cli: Cli,
+    command: clap::Command,
+    given: ArgMatches,
+}
+
+/// Arguments that are not.
+enum Refused {
+    Usage(clap::Error),
+    Settings(Error),
+}
+
+impl From<clap::Error> for Refused {
+    fn from(error: clap::Error) -> Self {
+        Self::Usage(error)
+    }
+}
+
+impl Parsed {
+    /// The arguments with those that `--config` names.
+    fn of(arguments: &[OsString]) -> std::result::Result<Self, Refused> {
+        let mut command = command_line();
+        if arguments.iter().any(|a| a == "--print-config") {
+            // What a run needs, its settings do not.
+            command =
+                command.mut_subcommands(|sub| sub.mut_args(|argument| argument.required(false)));
+            let given = command.try_get_matches_from_mut(arguments)?;
+            if settings::prints(&given) {
+                let found =
+                    settings::expanded(&command, arguments, &given).map_err(Refused::Settings)?;
+                let given = match found {
+                    Some(all) => command.try_get_matches_from_mut(all)?,
+                    None => given,
+                };
+                print_settings(&command, &given).map_err(Refused::Settings)?;
+                std::process::exit(0);
             }
+        }
+        let mut given = command.try_get_matches_from_mut(arguments)?;
+        let found = settings::expanded(&command, arguments, &given).map_err(Refused::Settings)?;
+        if let Some(all) = found {
+            given = command.try_get_matches_from_mut(all)?;
+        }
+        let cli = Cli::from_arg_matches(&given)?;
+        Ok(Self {
+            cli,
+            command,
+            given,
+        })
+    }
+
+    /// The command's name.
+    fn name(&self) -> &str {
+        self.given.subcommand_name().unwrap_or_default()
+    }
+
+    /// Checks the bounds of all numbers that were given.
+    fn check_numbers(&self) -> Result<()> {
+        let chosen = self.given.subcommand();
+        let command =
+            chosen.and_then(|(name, given)| Some((self.command.find_subcommand(name)?, given)));
+        command.map_or(Ok(()), |(command, given)| bounds::check(command, given))
+    }
+
+    fn run(self) -> Result<()> {
+        let name = self.name().to_owned();
+        let given = self.given.subcommand_matches(&name);
+        match self.cli.command {
+            Command::Design(arguments) => design::run(&arguments),
+            #[cfg(feature = "vision")]
+            Command::Advise(arguments) => advise::run(&arguments),
+            Command::Stencil(arguments) => stencil::run(&arguments),
+            #[cfg(feature = "mark")]
+            Command::Mark(arguments) => mark::run(&arguments, given),
+            #[cfg(feature = "vision")]
+            Command::Calibrate(arguments) => calibrate::run(&arguments),
+            #[cfg(feature = "vision")]
+            Command::Estimate(arguments) => estimate::run(&arguments),
+            Command::Spin(arguments) => spin::run(&arguments),
+            Command::Validate(arguments) => validate::run(&arguments),
+            Command::Identify(arguments) => identify::run(&arguments),
+            Command::Synth(arguments) => synth::run(&arguments, given),
+            Command::Table(arguments) => table::run(&arguments),
+            Command::Merge(arguments) => merge::run(&arguments),
+            Command::Report(arguments) => report::run(&arguments),
+            Command::Completions(arguments) => shell::completions(&arguments),
+            Command::Man(arguments) => shell::man(&arguments),
+            Command::Help(arguments) => levels::run(&arguments, self.command),
         }
     }
 }
 
-/// The arguments as commands take them, and the command with what was given to it.
-fn parsed(
-    arguments: impl IntoIterator<Item = OsString>,
-) -> std::result::Result<(Cli, clap::Command, ArgMatches), clap::Error> {
-    let mut command = Cli::command();
-    let given = command.try_get_matches_from_mut(arguments)?;
-    Ok((Cli::from_arg_matches(&given)?, command, given))
-}
-
-/// Checks the bounds of all numbers that were given.
-fn check_numbers(cli: &clap::Command, given: &ArgMatches) -> Result<()> {
+/// Prints the settings of the command that was given.
+fn print_settings(cli: &clap::Command, given: &ArgMatches) -> Result<()> {
     let chosen = given.subcommand();
-    let command = chosen.and_then(|(name, given)| Some((cli.find_subcommand(name)?, given)));
-    command.map_or(Ok(()), |(command, given)| bounds::check(command, given))
-}
-
-/// Only `mark` asks what was given.
-#[cfg_attr(not(feature = "mark"), allow(unused_variables))]
-fn run(command: Command, given: &ArgMatches) -> Result<()> {
-    match command {
-        Command::Design(arguments) => design::run(&arguments),
-        Command::Merge(arguments) => merge::run(&arguments),
-        Command::Validate(arguments) => validate::run(&arguments),
-        #[cfg(feature = "vision")]
-        Command::Advise(arguments) => advise::run(&arguments),
-        Command::Report(arguments) => report::run(&arguments),
-        Command::Compare(arguments) => compare::run(&arguments),
-        Command::Sensitivity(arguments) => sensitivity::run(&arguments),
-        Command::Table(arguments) => table::run(&arguments),
-        Command::Identify(arguments) => identify::run(&arguments),
-        #[cfg(feature = "vision")]
-        Command::Estimate(arguments) => estimate::run(&arguments),
-        #[cfg(feature = "vision")]
-        Command::Calibrate(arguments) => calibrate::run(&arguments),
-        Command::Stencil(arguments) => stencil::run(&arguments),
-        #[cfg(feature = "mark")]
-        Command::Mark(arguments) => mark::run(&arguments, given.subcommand_matches("mark")),
-        Command::Spin(arguments) => spin::run(&arguments),
-        Command::Simulate(arguments) => simulate::run(&arguments),
-        #[cfg(feature = "vision")]
-        Command::Synth(arguments) => synth::run(&arguments),
-        #[cfg(feature = "vision")]
-        Command::Export(arguments) => export::run(&arguments),
-        #[cfg(feature = "vision")]
-        Command::Sample(arguments) => sample::run(&arguments),
-        Command::Completions(arguments) => shell::completions(&arguments),
-        Command::Man(arguments) => shell::man(&arguments),
-        Command::Trajectories(arguments) => trajectories::run(&arguments),
-    }
+    let text =
+        chosen.and_then(|(name, given)| Some(settings::printed(cli.find_subcommand(name)?, given)));
+    write_stdout(text.unwrap_or_default().as_bytes())
 }
 
 /// Parameters of the library whose flag does not follow from their name.
-const FLAGS: [(&str, &str); 4] = [
+const FLAGS: [(&str, &str); 5] = [
+    ("hole_diameter_mm", "dot-diameter-mm"),
     ("exposure_s", "exposure-ms"),
     ("image_px", "image-size"),
     ("inverse_distance", "camera-distance-radii"),
@@ -251,15 +309,17 @@ fn error_words(error: &Error, name: &str) -> String {
         },
         |(_, flag)| (*flag).to_owned(),
     );
-    let cli = Cli::command();
+    let cli = command_line();
     let command = cli.find_subcommand(name);
-    let is_known = |flag: &&str| {
-        command.is_some_and(|c| c.get_arguments().any(|a| a.get_long() == Some(*flag)))
-    };
-    // What is written goes to one or the other.
-    let names = [flag.as_str(), if flag == "out" { "output" } else { &flag }];
-    match names.iter().find(|flag| is_known(flag)) {
-        Some(flag) => format!("--{flag}: {problem}"),
+    let argument =
+        |flag: &str| command.and_then(|c| c.get_arguments().find(|a| a.get_long() == Some(flag)));
+    // What is written goes to one or the other; what a setting is named has no flag.
+    let found = argument(&flag).or_else(|| argument(if flag == "out" { "output" } else { full }));
+    match found {
+        Some(setting) if settings::is_setting(setting) => {
+            format!("{}: {problem}", flag.replace('-', "_"))
+        }
+        Some(argument) => format!("--{}: {problem}", argument.get_long().unwrap_or(&flag)),
         None => format!("{full}: {problem}"),
     }
 }
@@ -284,9 +344,12 @@ pub fn design_job(
     flags: impl IntoIterator<Item = OsString>,
 ) -> std::result::Result<DesignRequest, String> {
     let words = ["spindoe".into(), "design".into()].into_iter().chain(flags);
-    let (cli, command, given) = parsed(words).map_err(|error| usage_line(&error))?;
-    check_numbers(&command, &given).map_err(|error| error.to_string())?;
-    let Command::Design(arguments) = cli.command else {
+    let parsed = Parsed::of(&words.collect::<Vec<_>>()).map_err(|refused| match refused {
+        Refused::Usage(error) => usage_line(&error),
+        Refused::Settings(error) => error.to_string(),
+    })?;
+    parsed.check_numbers().map_err(|error| error.to_string())?;
+    let Command::Design(arguments) = parsed.cli.command else {
         return Err("expected the flags of design".to_owned());
     };
     let (job, start) = arguments
@@ -308,12 +371,15 @@ pub fn merge_job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option<
 }
 
 /// Prints help where it was requested, or one line on the error in the arguments.
-fn report_usage(error: &clap::Error) -> u8 {
+fn report_usage(error: &clap::Error, arguments: &[OsString]) -> u8 {
     use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as NothingAsked;
     if !error.use_stderr() || error.kind() == NothingAsked {
         error.exit();
     }
-    errln!("spindoe: {} (see --help)", usage_line(error));
+    match old::replacement(error, arguments) {
+        Some(words) => errln!("spindoe: {words}"),
+        None => errln!("spindoe: {} (see --help)", usage_line(error)),
+    }
     2
 }
 

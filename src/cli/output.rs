@@ -6,9 +6,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 
 /// A parser of one of `all` by the name that `name` gives it; the help lists the names.
@@ -21,6 +23,28 @@ where
 {
     PossibleValuesParser::new(all.iter().map(|value| name(*value)))
         .try_map(|name| name.parse::<T>())
+}
+
+/// Rejects a flag that was given and that only other values of `--as` have; `own` says which have it.
+pub(super) fn reject_foreign<T: ValueEnum + PartialEq>(
+    given: &ArgMatches,
+    own: &[(&'static str, &[T])],
+    chosen: T,
+) -> Result<()> {
+    let is_given = |id: &str| {
+        given.try_contains_id(id).is_ok()
+            && given.value_source(id) == Some(ValueSource::CommandLine)
+    };
+    let mut foreign = own.iter().filter(|(_, having)| !having.contains(&chosen));
+    match foreign.find(|(id, _)| is_given(id)) {
+        None => Ok(()),
+        Some((id, having)) => {
+            let names = having.iter().filter_map(ValueEnum::to_possible_value);
+            let names: Vec<String> = names.map(|name| name.get_name().to_owned()).collect();
+            let problem = format!("is a flag of --as {}", names.join(" and "));
+            Err(Error::argument(*id, problem))
+        }
+    }
 }
 
 /// The direction of a vector of any length; none for 0.

@@ -19,25 +19,25 @@ the design. It is one file and needs no network; the browser's print makes a PDF
 The page of a calibration shows each dot where it was drawn and where it should be, how well that is known,
 residuals and rates with the nominal table and with its own, and what to do.
 
-`spindoe design` and `spindoe calibrate` write the same pages. `spindoe compare -o DIR` and `spindoe estimate
+`spindoe design` and `spindoe calibrate` write the same pages. `spindoe validate A B -o DIR` and `spindoe estimate
 --report FILE` write pages of their own.
 
 Example:
-  spindoe report my-ball --ball-pixels 45 --pixel-noise 0.7 --fps 380")]
+  spindoe report my-ball --ball-px 45 --fps 380")]
 pub struct Arguments {
     /// A folder that `spindoe design` or `spindoe calibrate` wrote.
     dir: PathBuf,
     /// Diameter of the ball in your camera's image, pixels.
     #[arg(long, value_name = "PX", allow_negative_numbers = true)]
-    ball_pixels: Option<f64>,
+    ball_px: Option<f64>,
     /// Error of a detected dot per image axis, pixels.
-    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "PX", allow_negative_numbers = true)]
     pixel_noise: Option<f64>,
     /// Frames per second.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     fps: Option<f64>,
     /// Frames from which a spin is estimated.
-    #[arg(long, value_name = "N")]
+    #[arg(hide = true, long, value_name = "N")]
     frames: Option<usize>,
     /// Draw a design's plots anew too, as PNG and SVG.
     #[cfg(feature = "plot")]
@@ -82,7 +82,7 @@ impl Arguments {
     #[cfg(feature = "vision")]
     fn reject_camera(&self) -> Result<()> {
         for (name, given) in [
-            ("ball_pixels", self.ball_pixels.is_some()),
+            ("ball_px", self.ball_px.is_some()),
             ("pixel_noise", self.pixel_noise.is_some()),
             ("fps", self.fps.is_some()),
             ("frames", self.frames.is_some()),
@@ -100,7 +100,7 @@ impl Arguments {
     /// Sets the values that were given.
     fn apply(&self, camera: &mut CameraFigures) -> Result<()> {
         for (name, given, low, field) in [
-            ("ball_pixels", self.ball_pixels, 4.0, &mut camera.pixels),
+            ("ball_px", self.ball_px, 4.0, &mut camera.pixels),
             ("pixel_noise", self.pixel_noise, 0.01, &mut camera.noise),
             ("fps", self.fps, 1.0, &mut camera.rate),
         ] {

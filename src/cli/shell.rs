@@ -3,10 +3,10 @@
 use std::io::Write as _;
 use std::path::PathBuf;
 
-use clap::{Args, CommandFactory as _};
+use clap::Args;
 use clap_complete::Shell;
 
-use super::{Cli, stdout_error};
+use super::{command_line, stdout_error};
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
 
@@ -25,7 +25,7 @@ pub struct CompletionArguments {
 /// Prints the completions of a shell.
 pub fn completions(arguments: &CompletionArguments) -> Result<()> {
     let mut text = Vec::new();
-    clap_complete::generate(arguments.shell, &mut Cli::command(), "spindoe", &mut text);
+    clap_complete::generate(arguments.shell, &mut command_line(), "spindoe", &mut text);
     std::io::stdout().write_all(&text).map_err(stdout_error)
 }
 
@@ -35,14 +35,14 @@ Example:
   spindoe man -o ~/.local/share/man/man1 && man spindoe-design")]
 pub struct ManArguments {
     /// The folder for spindoe.1 and one page for each command, spindoe-design.1 and so on.
-    #[arg(short, long = "out", value_name = "DIR")]
-    out: PathBuf,
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
 }
 
 /// Writes the manual pages.
 pub fn man(arguments: &ManArguments) -> Result<()> {
-    let set = Replacement::begin(&arguments.out)?;
-    let mut command = Cli::command();
+    let set = Replacement::begin(&arguments.output)?;
+    let mut command = command_line();
     command.build();
     let write = |name: String, page: clap::Command| {
         let mut text = Vec::new();
@@ -59,6 +59,6 @@ pub fn man(arguments: &ManArguments) -> Result<()> {
     }
     write("spindoe".to_owned(), command.clone())?;
     set.publish(&[], &[], "spindoe.1")?;
-    outln!("{}", arguments.out.display());
+    outln!("{}", arguments.output.display());
     Ok(())
 }

@@ -38,6 +38,18 @@ enum Method {
     Robust,
 }
 
+/// How a ball moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub(super) enum Motion {
+    /// At one spin.
+    #[default]
+    Constant,
+    /// At a spin that the air slows down.
+    Decaying,
+    /// As an uneven ball without torque.
+    Precessing,
+}
+
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Orientations: CSV with a header,
@@ -59,44 +71,55 @@ pub struct Arguments {
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
     max_spin_rps: f64,
     /// Expected magnitude of the spin, revolutions per second, where it is known.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(hide = true, long, allow_negative_numbers = true)]
     prior_rps: Option<f64>,
     /// Standard deviation of the expected magnitude [default: a fifth of it].
-    #[arg(long, allow_negative_numbers = true, requires = "prior_rps")]
+    #[arg(
+        hide = true,
+        long,
+        allow_negative_numbers = true,
+        requires = "prior_rps"
+    )]
     prior_std_rps: Option<f64>,
     /// Initial estimate of the orientations' noise in degrees per axis; the residuals correct it [default: by the covariances of
     /// the file, else 2].
-    #[arg(long, allow_negative_numbers = true)]
-    sigma_deg: Option<f64>,
-    /// Estimate a decay, |w|(t) = |w0| exp(-c t): the spin reported is that at the first
-    /// orientation. Without evidence for a decay it is the constant spin.
-    #[arg(long)]
-    decay: bool,
-    /// Look for the torque-free precession of an uneven ball: its spin's axis drifts through the ball
-    /// and circles the angular momentum. With evidence for one the spin reported is the mean one,
-    /// without it the constant spin.
-    #[arg(long, conflicts_with = "decay")]
-    precession: bool,
+    #[arg(hide = true, long, allow_negative_numbers = true)]
+    orientation_sigma_deg: Option<f64>,
+    /// How the ball moves. A decaying spin, |w|(t) = |w0| exp(-c t), is reported at the first orientation; an uneven
+    /// ball precesses: its spin's axis drifts through the ball and circles the angular momentum, and the spin reported
+    /// is the mean one. Without evidence for either it is the constant spin.
+    #[arg(long, value_enum, default_value_t)]
+    motion: Motion,
     /// Write where one constant spin holds, also where none holds over the whole file, as CSV:
     /// from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg (rad/s).
     #[arg(long, value_name = "FILE")]
     stretches: Option<PathBuf>,
-    /// Write the spin over time, of runs of --window orientations that overlap by half, also where no constant spin
+    /// Write the spin over time, of runs of ten orientations that overlap by half, also where no constant spin
     /// holds, as CSV: time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames (rad/s).
     #[arg(long, value_name = "FILE")]
     windows: Option<PathBuf>,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
-    /// Orientations in a run, within which the spin is taken as constant; for --decay, --plot, --stretches and --windows.
-    #[arg(long, default_value_t = 10)]
+    picture: Option<PathBuf>,
+    /// Orientations in a run, within which the spin is taken as constant; for a decaying spin, --picture, --stretches and --windows.
+    #[arg(hide = true, long, default_value_t = 10)]
     window: usize,
     /// Diameter of the ball in millimeters, for the theoretical decay.
-    #[arg(long, default_value_t = 40.0, allow_negative_numbers = true)]
+    #[arg(
+        hide = true,
+        long,
+        default_value_t = 40.0,
+        allow_negative_numbers = true
+    )]
     ball_diameter_mm: f64,
     /// Mass of the ball in grams, a thin shell, for the theoretical decay.
-    #[arg(long, default_value_t = 2.7, allow_negative_numbers = true)]
+    #[arg(
+        hide = true,
+        long,
+        default_value_t = 2.7,
+        allow_negative_numbers = true
+    )]
     ball_mass_g: f64,
     /// Print one JSON object instead of words.
     #[arg(long)]
@@ -106,7 +129,7 @@ pub struct Arguments {
 impl Arguments {
     fn draws(&self) -> bool {
         #[cfg(feature = "plot")]
-        return self.plot.is_some();
+        return self.picture.is_some();
         #[cfg(not(feature = "plot"))]
         return false;
     }
@@ -115,7 +138,7 @@ impl Arguments {
     fn written(&self) -> impl Iterator<Item = &PathBuf> {
         let files = self.stretches.iter().chain(&self.windows);
         #[cfg(feature = "plot")]
-        let files = files.chain(&self.plot);
+        let files = files.chain(&self.picture);
         files
     }
 
@@ -123,11 +146,11 @@ impl Arguments {
         let flags = [
             ("--fps", self.fps),
             ("--max-spin-rps", Some(self.max_spin_rps)),
-            ("--prior-rps", self.prior_rps),
-            ("--prior-std-rps", self.prior_std_rps),
-            ("--sigma-deg", self.sigma_deg),
-            ("--ball-diameter-mm", Some(self.ball_diameter_mm)),
-            ("--ball-mass-g", Some(self.ball_mass_g)),
+            ("prior_rps", self.prior_rps),
+            ("prior_std_rps", self.prior_std_rps),
+            ("orientation_sigma_deg", self.orientation_sigma_deg),
+            ("ball_diameter_mm", Some(self.ball_diameter_mm)),
+            ("ball_mass_g", Some(self.ball_mass_g)),
         ];
         for (name, value) in flags {
             if let Some(x) = value.filter(|x| !(*x > 0.0 && x.is_finite())) {
@@ -137,11 +160,10 @@ impl Arguments {
         }
         if self.window < MIN_FRAMES {
             let problem = format!("expected at least {MIN_FRAMES}, found {}", self.window);
-            return Err(Error::argument("--window", problem));
+            return Err(Error::argument("window", problem));
         }
-        if self.method == Method::Quatera && (self.decay || self.precession || self.draws()) {
-            let problem =
-                "the paper's method has no --decay, --precession or --plot, expected robust";
+        if self.method == Method::Quatera && (self.motion != Motion::Constant || self.draws()) {
+            let problem = "the paper's method has no --motion and no --picture, expected robust";
             return Err(Error::argument("--method", problem));
         }
         Ok(())
@@ -150,7 +172,7 @@ impl Arguments {
     /// The settings for a file.
     fn config(&self, file: &Orientations) -> SpinConfig {
         let default = SpinConfig::default();
-        let given = self.sigma_deg.map(f64::to_radians);
+        let given = self.orientation_sigma_deg.map(f64::to_radians);
         SpinConfig {
             max_rps: self.max_spin_rps,
             sigma_rad: given
@@ -254,7 +276,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let fit = summary.fit;
     let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
     let expected = arguments
-        .sigma_deg
+        .orientation_sigma_deg
         .unwrap_or_else(|| SpinConfig::default().sigma_rad.to_degrees());
     if noise > SUSPICIOUS_NOISE * expected {
         errln!(
@@ -274,7 +296,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         precession,
     };
     #[cfg(feature = "plot")]
-    if let Some(path) = &arguments.plot {
+    if let Some(path) = &arguments.picture {
         let runs = spin_over_time(&measurements, config.window, &config);
         let runs = runs.map_err(|r| request.rejected(r))?;
         super::spin_plot::plot_over_time(path, &runs, &found)?;
@@ -309,12 +331,12 @@ impl Request<'_> {
             ..AliasConfig::default()
         };
         let frames = self.file.rows.len();
-        if arguments.precession {
+        if arguments.motion == Motion::Precessing {
             let fitted = Precession::fit(measurements, config, &listed, frames);
             let (summary, found) = fitted.map_err(rejected)?;
             return Ok((summary, None, Some(found)));
         }
-        if arguments.decay {
+        if arguments.motion == Motion::Decaying {
             let outcome = fit_decay(measurements, config).map_err(rejected)?;
             // A decaying spin has its aliases only while it is nearly constant.
             let constant = match outcome {

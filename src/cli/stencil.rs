@@ -20,7 +20,7 @@ pub struct Arguments {
     /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
     pattern: PathBuf,
     /// Folder for the files; made if it does not exist.
-    #[arg(short, long = "out", value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Also write coupon.stl: rings with clearances of 0.0 to 0.5 mm, to print first.
     #[arg(long)]
@@ -34,21 +34,21 @@ pub struct Arguments {
     /// Paper of drawing.pdf.
     #[cfg(feature = "mark")]
     #[arg(long, value_enum, default_value_t = Paper::A4)]
-    page: Paper,
+    paper: Paper,
     /// What holds the hinge together: an M3 screw (or --screw-diameter-mm), or a printed pin.
     #[arg(long, value_parser = one_of(&Closure::ALL, Closure::as_str), default_value = "screw")]
     closure: Closure,
     /// Number of interleaved knuckles of the hinge, odd [default: 3].
-    #[arg(long, value_name = "N")]
+    #[arg(hide = true, long, value_name = "N")]
     knuckles: Option<usize>,
     /// Diameter of a dot on the ball, or auto for the largest that fits [default: 4.0].
     #[arg(long, value_name = "MM|auto", value_parser = hole, allow_negative_numbers = true, help_heading = "Sizes")]
-    hole_diameter_mm: Option<Hole>,
+    dot_diameter_mm: Option<Hole>,
     /// Diameter of the pen's tip: makes holes 0.4 mm wider, so that the tip passes through.
     #[arg(
         long,
         value_name = "MM",
-        conflicts_with = "hole_diameter_mm",
+        conflicts_with = "dot_diameter_mm",
         allow_negative_numbers = true,
         help_heading = "Sizes"
     )]
@@ -92,17 +92,19 @@ const PICTURE: &str = "stencil";
 const DRAWING: &str = "drawing.pdf";
 const COUPON: &str = "coupon.stl";
 
-/// Declares the sizes that can be set: flag, unit, and the library's field, converted where units
+/// Declares the sizes that can be set: flag or setting, unit, and the library's field, converted where units
 /// differ.
 macro_rules! sizes {
-    ($($(#[doc = $doc:literal])+ $flag:ident: $unit:literal => $field:ident $(. $convert:ident ())?,)+) => {
+    (@hide setting) => { true };
+    (@hide) => { false };
+    ($($(#[doc = $doc:literal])+ $flag:ident $($hidden:ident)?: $unit:literal => $field:ident $(. $convert:ident ())?,)+) => {
         /// Every size has the library's default.
         #[derive(Debug, Args)]
         #[command(next_help_heading = "Sizes")]
         struct Sizes {
             $(
                 $(#[doc = $doc])+
-                #[arg(long, value_name = $unit, allow_negative_numbers = true)]
+                #[arg(long, value_name = $unit, allow_negative_numbers = true, hide = sizes!(@hide $($hidden)?))]
                 $flag: Option<f64>,
             )+
         }
@@ -125,36 +127,36 @@ sizes! {
     /// Gap between ball and shell, per side; print the coupon to find yours [default: 0.2].
     clearance_mm: "MM" => clearance_mm,
     /// Thickness of the shell [default: 2.8].
-    wall_mm: "MM" => wall_mm,
+    wall_mm setting: "MM" => wall_mm,
     /// How much farther from the ball the dome's inside lies within 25 degrees of its top, where it is
     /// printed on air and comes out rough [default: 0.3].
-    ceiling_relief_mm: "MM" => ceiling_relief_mm,
+    ceiling_relief_mm setting: "MM" => ceiling_relief_mm,
     /// Length of a hole's throat at the ball, before it widens for the pen [default: 0.8].
-    throat_mm: "MM" => throat_mm,
+    throat_mm setting: "MM" => throat_mm,
     /// Half-angle of the cone by which a hole widens outwards [default: 30].
-    taper_deg: "DEG" => taper_rad.to_radians(),
+    taper_deg setting: "DEG" => taper_rad.to_radians(),
     /// Minimum material between holes, and between a hole and rim, hinge or tab [default: 0.8].
-    min_web_mm: "MM" => min_web_mm,
+    min_web_mm setting: "MM" => min_web_mm,
     /// Target distance of the dots' centers from the seam [default: 10].
-    seam_margin_deg: "DEG" => seam_margin_rad.to_radians(),
+    seam_margin_deg setting: "DEG" => seam_margin_rad.to_radians(),
     /// Gap between the two rims [default: 0.2].
-    seam_gap_mm: "MM" => seam_gap_mm,
+    seam_gap_mm setting: "MM" => seam_gap_mm,
     /// Nominal diameter of the hinge's screw [default: 3.0, M3].
     screw_diameter_mm: "MM" => screw_diameter_mm,
     /// Clearance between the hinge's bore and its screw [default: 0.2].
-    bore_allowance_mm: "MM" => bore_allowance_mm,
+    bore_allowance_mm setting: "MM" => bore_allowance_mm,
     /// Length of the hinge along its screw [default: 15].
-    hinge_length_mm: "MM" => hinge_length_mm,
+    hinge_length_mm setting: "MM" => hinge_length_mm,
     /// Gap between knuckles [default: 0.4].
-    knuckle_clearance_mm: "MM" => knuckle_clearance_mm,
+    knuckle_clearance_mm setting: "MM" => knuckle_clearance_mm,
     /// Material around the screw's bore [default: 1.2].
-    knuckle_wall_mm: "MM" => knuckle_wall_mm,
+    knuckle_wall_mm setting: "MM" => knuckle_wall_mm,
     /// Reach of the thumb tab [default: 6].
-    tab_mm: "MM" => tab_mm,
+    tab_mm setting: "MM" => tab_mm,
     /// Width of the printer's nozzle [default: 0.4].
-    nozzle_mm: "MM" => nozzle_mm,
+    nozzle_mm setting: "MM" => nozzle_mm,
     /// Maximum distance of a facet from the surface that it approximates [default: 0.02].
-    chord_error_mm: "MM" => chord_error_mm,
+    chord_error_mm setting: "MM" => chord_error_mm,
 }
 
 impl Arguments {
@@ -173,7 +175,7 @@ impl Arguments {
             }
             config.hole_diameter_mm = StencilConfig::hole_for_pen_mm(pen);
         }
-        match self.hole_diameter_mm {
+        match self.dot_diameter_mm {
             None => {}
             Some(Hole::Mm(diameter)) => config.hole_diameter_mm = diameter,
             Some(Hole::Auto) => {
@@ -217,7 +219,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     #[cfg(feature = "mark")]
     {
-        let sheet = crate::mark::stencil_sheet(&stencil, arguments.page.into());
+        let sheet = crate::mark::stencil_sheet(&stencil, arguments.paper.into());
         files::write_bytes(&set.path().join(DRAWING), &crate::mark::pdf_bytes(&sheet))?;
     }
     set.publish(&FILES, &[], "stencil.json")?;

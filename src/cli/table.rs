@@ -10,8 +10,8 @@ use crate::error::Result;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The archive opens with numpy.load: dots (n,3), features (m,3), bases (m,2), feature_dots (m,), meta
-(UTF-8 JSON). Pairs of dots that cannot serve as a basis are excluded by --min-cross and
---max-angle-deg; the archive's meta says so.
+(UTF-8 JSON). Pairs of dots that cannot serve as a basis are excluded by the settings min_cross and
+max_angle_deg; the archive's meta says so.
 
 Example:
   spindoe table pattern.csv -o table.npz")]
@@ -23,10 +23,10 @@ pub struct Arguments {
     #[arg(short, long, value_name = "TABLE.npz")]
     output: PathBuf,
     /// Exclude pairs of dots whose cross product is shorter than this.
-    #[arg(long, value_name = "X", default_value_t = PairRule::default().min_cross)]
+    #[arg(hide = true, long, value_name = "X", default_value_t = PairRule::default().min_cross)]
     min_cross: f64,
     /// Exclude pairs of dots farther apart than this, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 170.0)]
+    #[arg(hide = true, long, value_name = "DEG", default_value_t = 170.0)]
     max_angle_deg: f64,
 }
 

@@ -392,18 +392,18 @@ impl Checkpoint {
 fn removed(file: &Value) -> Option<(&'static str, &'static str)> {
     let at = |pointer: &str| file.pointer(pointer);
     if at("/config/objective/name").is_some_and(|name| name == objective::NAME_BEFORE) {
-        let problem = "coincidence was replaced by coverage; begin with --objective coverage";
+        let problem =
+            "coincidence was replaced by coverage; begin with --config objective=coverage";
         return Some(("config.objective", problem));
     }
     let certified = at("/config/constraints/min_certified_rad").and_then(Value::as_f64);
     if certified.is_some_and(|angle| angle > 0.0) {
-        let problem =
-            "certified patterns are no longer searched; begin without --min-certified-deg";
+        let problem = "certified patterns are no longer searched; begin without that";
         return Some(("config.constraints.min_certified_rad", problem));
     }
     if at("/state/polish/from/dots") != at("/state/polish/at/dots") {
         let problem = "polishing was removed, and this search ended with a polished pattern; keep its \
-                       pattern.csv, or begin from that with --from";
+                       pattern.csv, or begin from that PATTERN";
         return Some(("state.polish", problem));
     }
     None

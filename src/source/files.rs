@@ -178,14 +178,11 @@ pub fn list_sources(paths: &[PathBuf]) -> Result<SourceList> {
 }
 
 /// Where a folder has its frames: in `images` where [`synth`](crate::synth) wrote it, with a sheet of some of them
-/// beside; in the `clip` of a folder that `spindoe sample` wrote, with the pattern and the table beside.
+/// beside.
 fn frames_of(folder: &Path) -> PathBuf {
-    let is_rendered = |set: &Path| set.join("images").is_dir() && set.join("index.csv").is_file();
-    let clip = folder.join("clip");
-    let is_sample = is_rendered(&clip) && folder.join("table.npz").is_file();
-    match is_sample {
-        true => clip.join("images"),
-        false if is_rendered(folder) => folder.join("images"),
+    let images = folder.join("images");
+    match images.is_dir() && folder.join("index.csv").is_file() {
+        true => images,
         false => folder.to_path_buf(),
     }
 }

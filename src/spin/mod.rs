@@ -63,6 +63,9 @@ pub const MAX_TURNS: usize = 200;
 /// numbered in nanoseconds by mistake are closer.
 pub const MIN_INTERVAL_S: f64 = 1e-6;
 
+/// Frames per second where none are stated: the camera of the SpinDOE paper.
+pub const DEFAULT_FPS: f64 = 350.0;
+
 /// The prior probability that an orientation is an inlier.
 ///
 /// A tenth of the frames wrong is a cautious reading of the 93 % that the paper's identification

@@ -55,7 +55,7 @@ impl Default for Scenario {
     fn default() -> Self {
         Self {
             frames: 10,
-            fps: 350.0,
+            fps: super::DEFAULT_FPS,
             jitter: 0.0,
             sigma_rad: 2f64.to_radians(),
             outliers: 0.07,

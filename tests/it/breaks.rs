@@ -313,20 +313,11 @@ fn arguments() {
             &["validate", "p.csv"],
             &["--samples", "--sigma-deg", "--seed"],
         ),
-        (
-            &["spin", "o.csv"],
-            &[
-                "--sigma-deg",
-                "--fps",
-                "--max-spin-rps",
-                "--prior-rps",
-                "--window",
-            ],
-        ),
+        (&["spin", "o.csv"], &["--fps", "--max-spin-rps", "--config"]),
         (&["table", "p.csv", "-o", "t.npz"], &[]),
         (
-            &["simulate", "--frames", "20"],
-            &["--rps", "--seed", "--fps", "--outliers"],
+            &["synth", "--as=orientations", "--frames", "20"],
+            &["--rps", "--seed", "--fps", "--config"],
         ),
     ];
     let runs = setting("SPINDOE_BREAKS", DEFAULT_RUNS) / 10;

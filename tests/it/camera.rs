@@ -157,10 +157,10 @@ fn the_command_advises_and_names_what_it_cannot_use() {
             "camera.toml",
             "--exposure-ms",
             "0.2",
-            "--frames",
+            "--samples",
             "100",
-            "--sequences",
-            "4",
+            "--config",
+            "sequences=4",
             "--json",
         ],
     );
@@ -195,7 +195,7 @@ fn the_command_advises_and_names_what_it_cannot_use() {
             &["--dot-diameter-mm", "30"],
             "--dot-diameter-mm: expected",
         ),
-        ("", &["--rps", "5"], "--rps: expected MIN,MAX"),
+        ("", &["--config", "rps=5"], "rps: expected MIN,MAX"),
         ("", &["--camera", "nosuch.toml"], "nosuch.toml"),
     ] {
         std::fs::write(dir.path().join("camera.toml"), text).unwrap();
@@ -240,8 +240,9 @@ fn sensitivity_and_simulation_take_a_camera() {
     )
     .unwrap();
     let swept = [
-        "sensitivity",
+        "validate",
         "p.csv",
+        "--sweep=camera",
         "-o",
         "sweep",
         "--camera",
@@ -249,7 +250,7 @@ fn sensitivity_and_simulation_take_a_camera() {
     ];
     let words = done(at, &[&swept[..], &["--samples", "40", "--json"]].concat());
     let points: serde_json::Value = serde_json::from_str(&words).unwrap();
-    let points = points.as_array().unwrap();
+    let points = points["points"].as_array().unwrap();
     let value = |p: &serde_json::Value| (p["parameter"].to_string(), p["value"].as_f64().unwrap());
     // Half of 40 pixels is the least that is allowed, twice of it within.
     assert_eq!(value(&points[0]), ("\"ball_px\"".to_owned(), 20.0));
@@ -262,11 +263,11 @@ fn sensitivity_and_simulation_take_a_camera() {
     assert_eq!(output.status.code(), Some(2));
 
     let simulated = [
-        "simulate",
+        "synth",
+        "p.csv",
+        "--as=orientations",
         "-o",
         "s.csv",
-        "--pattern",
-        "p.csv",
         "--frames",
         "40",
         "--json",

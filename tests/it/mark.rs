@@ -298,7 +298,14 @@ fn bad_input_is_one_line_and_leaves_no_file() {
             "the dot's diameter",
         ),
         (
-            &["--as", "plotter", "-o", "out.gcode", "--pen-up", "M3\nS4"],
+            &[
+                "--as",
+                "plotter",
+                "-o",
+                "out.gcode",
+                "--config",
+                "pen_up=M3\nS4",
+            ],
             "one line of G-code",
         ),
     ];
@@ -335,11 +342,11 @@ fn other_readers_find_every_dot_in_its_place() {
         let (diameter, dot, pen) = (
             ball.to_string(),
             (0.1 * ball).to_string(),
-            (0.02 * ball).to_string(),
+            format!("pen_diameter_mm={}", 0.02 * ball),
         );
-        let paper = ["--page", page];
-        let gores = ["--page", page, "--lobes", &lobes];
-        let plotter = ["--pen-diameter-mm", &pen];
+        let paper = ["--paper", page];
+        let gores = ["--paper", page, "--lobes", &lobes];
+        let plotter = ["--config", &pen];
         for (way, ending, own) in [
             ("gores", "svg", &gores[..]),
             ("gores", "pdf", &gores),

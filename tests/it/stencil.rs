@@ -405,7 +405,7 @@ fn holes_are_sized_by_the_pen_or_as_large_as_fits() {
     assert!((hole("pen") - 2.9).abs() < 1e-12);
     let auto = spindoe(
         dir.path(),
-        &["pattern.csv", "-o", "auto", "--hole-diameter-mm", "auto"],
+        &["pattern.csv", "-o", "auto", "--dot-diameter-mm", "auto"],
     );
     assert!(
         auto.status.success(),
@@ -541,7 +541,7 @@ fn a_stencil_is_replaced_only_on_demand_and_whole() {
     let half = dir.path().join("out/half_a.stl");
     let before = std::fs::read(&half).unwrap();
 
-    let second = ["pattern.csv", "-o", "out", "--wall-mm", "3"];
+    let second = ["pattern.csv", "-o", "out", "--config", "wall_mm=3"];
     let refused = spindoe(dir.path(), &second);
     let words = String::from_utf8(refused.stderr).unwrap();
     assert_eq!(refused.status.code(), Some(2), "{words}");
@@ -699,7 +699,7 @@ fn the_command_writes_files_that_name_the_pattern() {
             "-o",
             "out",
             "--coupon",
-            "--hole-diameter-mm",
+            "--dot-diameter-mm",
             "3.5",
         ],
     );
@@ -796,9 +796,12 @@ fn bad_input_is_one_line_exit_2_and_no_files() {
     let cases: [(&[&str], &str); 4] = [
         (&["missing.csv", "-o", "out"], "missing.csv"),
         (&["bad.csv", "-o", "out"], "line 2"),
-        (&["pattern.csv", "-o", "out", "--wall-mm", "-1"], "wall"),
         (
-            &["pattern.csv", "-o", "out", "--hole-diameter-mm", "12"],
+            &["pattern.csv", "-o", "out", "--config", "wall_mm=-1"],
+            "wall",
+        ),
+        (
+            &["pattern.csv", "-o", "out", "--dot-diameter-mm", "12"],
             "between them",
         ),
     ];

@@ -313,14 +313,15 @@ fn the_index_suits_the_authors_reader() {
         &[
             "synth",
             "pattern.csv",
-            "--out",
+            "--as=images",
+            "--output",
             "set",
             "--frames",
             "30",
             "--seed",
             "3",
-            "--max-size",
-            "80",
+            "--config",
+            "size_px=32,80",
         ],
     );
     assert!(words.contains("30 frames"), "{words}");
@@ -388,9 +389,9 @@ fn a_sequence_tells_its_spin() {
         &[
             "synth",
             "table.npz",
-            "--out",
+            "--output",
             "flight",
-            "--sequence",
+            "--as=clip",
             "--frames",
             "8",
             "--fps",
@@ -399,8 +400,9 @@ fn a_sequence_tells_its_spin() {
             "60",
             "--axis",
             "1,-2,0.5",
-            "--size",
-            "64",
+            "--preset=all",
+            "--config",
+            "size_px=64",
             "--json",
         ],
     );
@@ -442,52 +444,55 @@ fn refuses_what_it_cannot_use() {
     std::fs::write(at.join("bad.json"), "{\"spin\": 3}").unwrap();
     std::fs::create_dir_all(at.join("taken/images")).unwrap();
     let cases: [(&[&str], &str); 14] = [
-        (&["nothing.csv", "--out", "o"], "nothing.csv"),
-        (&["pattern.csv", "--out", "o", "--frames", "0"], "frames"),
-        (&["pattern.csv", "--out", "taken"], "taken"),
-        (&["pattern.csv", "--out", "o", "--kind", "cube"], "--kind"),
+        (&["nothing.csv", "--output", "o"], "nothing.csv"),
+        (&["pattern.csv", "--output", "o", "--frames", "0"], "frames"),
+        (&["pattern.csv", "--output", "taken"], "taken"),
         (
-            &["pattern.csv", "--out", "o", "--preset", "best"],
-            "--preset",
+            &["pattern.csv", "--output", "o", "--kind", "cube"],
+            "--kind",
         ),
         (
-            &["pattern.csv", "--out", "o", "--image-size", "1280"],
+            &["pattern.csv", "--output", "o", "--preset", "best"],
+            "best: cannot be read",
+        ),
+        (
+            &["pattern.csv", "--output", "o", "--image-size", "1280"],
             "--image-size",
         ),
         (
-            &["pattern.csv", "--out", "o", "--image-size", "8x8"],
+            &["pattern.csv", "--output", "o", "--image-size", "8x8"],
             "16 to 8192",
         ),
         (
-            &["pattern.csv", "--out", "o", "--ball-px", "3"],
+            &["pattern.csv", "--output", "o", "--ball-px", "3"],
             "8 to 4096",
         ),
         (
             &[
                 "pattern.csv",
-                "--out",
+                "--output",
                 "o",
-                "--camera-distance-radii",
-                "1,9",
+                "--config",
+                "camera_distance_radii=1,9",
             ],
             "1.5 to 1000000",
         ),
         (
-            &["pattern.csv", "--out", "o", "--config", "bad.json"],
+            &["pattern.csv", "--output", "o", "--preset", "bad.json"],
             "bad.json",
         ),
-        (&["pattern.csv", "--out", "o", "--rps", "fast"], "--rps"),
-        (&["pattern.csv", "--out", "o", "--rps", "9,3"], "rps"),
+        (&["pattern.csv", "--output", "o", "--rps", "fast"], "--rps"),
+        (&["pattern.csv", "--output", "o", "--rps", "9,3"], "rps"),
         (
-            &["pattern.csv", "--out", "o", "--sequence", "--fps", "0"],
+            &["pattern.csv", "--output", "o", "--as=clip", "--fps", "0"],
             "fps",
         ),
         (
             &[
                 "pattern.csv",
-                "--out",
+                "--output",
                 "o",
-                "--sequence",
+                "--as=clip",
                 "--exposure-ms",
                 "9",
             ],

@@ -29,17 +29,20 @@ the winner once more on trials of seeds used nowhere else.
 The folder then holds pattern.csv, table.npz, report.json, sensitivity.csv, plots and stencil/.
 
 Ctrl-C ends the search and finishes with the best so far; --resume continues a search that was ended or
-killed, also with more --rounds or another --budget.
+killed, also with another --budget.
 
 Examples:
   spindoe design
-  spindoe design --seed 7 --budget 30m --out my-ball
-  spindoe design --seed 7 --budget 30m --out my-ball --resume
-  spindoe design --dots 12 --hole-diameter-mm 6 --out twelve
-  spindoe design --from old.csv --keep-out 0,0,1,25 --out with-logo
-  spindoe design --camera camera.toml --out for-my-camera
-  spindoe design --protocol image --ball-pixels 40 --pixel-noise 0.7 --out small-in-the-image")]
+  spindoe design --seed 7 --budget 30m -o my-ball
+  spindoe design --seed 7 --budget 30m -o my-ball --resume
+  spindoe design --dots 12 --dot-diameter-mm 6 -o twelve
+  spindoe design old.csv --keep-out 0,0,1,25 -o with-logo
+  spindoe design --camera camera.toml -o for-my-camera
+  spindoe design --protocol image --ball-px 40 --config pixel_noise=0.7 -o small-in-the-image")]
 pub struct Arguments {
+    /// Improve this pattern (a shipped one by its name, a CSV, a table, or a folder) instead of starting at random.
+    #[arg(value_name = "PATTERN", conflicts_with = "dots")]
+    pub(super) pattern: Option<PathBuf>,
     /// Number of dots, 4 to 64 [default: 20; with --camera the best of a few numbers].
     #[arg(long, value_name = "N")]
     pub(super) dots: Option<usize>,
@@ -47,45 +50,51 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(super) seed: u64,
     /// Number of random starts per round.
-    #[arg(long, value_name = "N", default_value_t = DesignConfig::default().starts)]
+    #[arg(hide = true, long, value_name = "N", default_value_t = DesignConfig::default().starts)]
     pub(super) starts: usize,
     /// Number of rounds.
-    #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "budget")]
+    #[arg(
+        hide = true,
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        conflicts_with = "budget"
+    )]
     rounds: usize,
     /// Begin rounds until this time is spent, for instance 90s, 30m or 2h.
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(super) budget: Option<Duration>,
-    /// Continue the search saved in --out.
-    #[arg(long, requires = "out")]
+    /// Continue the search saved in the folder.
+    #[arg(long, requires = "output")]
     pub(super) resume: bool,
-    /// Search only shard K of N, and leave its rounds in --out for `spindoe merge`: each shard is a
+    /// Search only shard K of N, and leave its rounds in the folder for `spindoe merge`: each shard is a
     /// search with a seed of its own, from --seed on.
-    #[arg(long, value_name = "K/N", value_parser = str::parse::<Shard>, requires = "out", conflicts_with = "budget")]
+    #[arg(long, value_name = "K/N", value_parser = str::parse::<Shard>, requires = "output", conflicts_with = "budget")]
     pub(in crate::cli) shard: Option<Shard>,
     /// Search all N shards one after another, and merge them: what N machines and `spindoe merge`
     /// give.
-    #[arg(long, value_name = "N", conflicts_with_all = ["shard", "budget"])]
+    #[arg(hide = true, long, value_name = "N", conflicts_with_all = ["shard", "budget"])]
     pub(super) shards: Option<usize>,
     /// Objective that a descent minimizes; by default confusion, for more than 24 dots whitened-nn.
     /// With --camera coverage counts what that camera detects.
-    #[arg(long, value_parser = objective_name(), value_name = "OBJECTIVE")]
+    #[arg(hide = true, long, value_parser = objective_name(), value_name = "OBJECTIVE")]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
-    #[arg(long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
     bound_weight: f64,
     /// Orientation bound, mean and worst over the directions in units of a dot's noise, that is
     /// preferred: a pattern short of it is chosen only where none reaches it. By default, from 20
     /// dots on, that of the published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
-    #[arg(long, value_name = "MEAN,WORST", value_parser = bound_goal)]
+    #[arg(hide = true, long, value_name = "MEAN,WORST", value_parser = bound_goal)]
     bound_goal: Option<BoundSummary>,
     /// Weight of the pairs' quality as bases, for the paper's recognizer (1 to 4).
-    #[arg(long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
     basis_weight: f64,
     /// Descent steps from every start.
-    #[arg(long, value_name = "N", default_value_t = DesignConfig::default().scout_steps)]
+    #[arg(hide = true, long, value_name = "N", default_value_t = DesignConfig::default().scout_steps)]
     scout_steps: u64,
     /// Further descent steps of the best quarter of the starts.
-    #[arg(long, value_name = "N", default_value_t = DesignConfig::default().climb_steps)]
+    #[arg(hide = true, long, value_name = "N", default_value_t = DesignConfig::default().climb_steps)]
     climb_steps: u64,
     /// Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a
     /// fifth of it for each point of the sensitivity sweeps.
@@ -94,32 +103,29 @@ pub struct Arguments {
     /// The views to optimize for.
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Sparse)]
     protocol: ProtocolName,
-    /// Improve this pattern instead of starting at random.
-    #[arg(long, value_name = "PATTERN", conflicts_with = "dots")]
-    pub(super) from: Option<PathBuf>,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
     /// need, at least 18.
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "DEG", allow_negative_numbers = true)]
     min_separation_deg: Option<f64>,
     /// Minimum number of visible dots from any direction; by default 3 in 10 of them.
-    #[arg(long, value_name = "N")]
+    #[arg(hide = true, long, value_name = "N")]
     min_visible: Option<usize>,
     /// Minimum angle between a dot and the stencil's seam, degrees; 0 sets no limit. By
     /// default 10, less for more than 24 dots.
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "DEG", allow_negative_numbers = true)]
     seam_margin_deg: Option<f64>,
     /// A cone without dots, such as a logo: its axis and half angle in degrees. May be repeated. By
-    /// default the zones of --from.
+    /// default the zones of PATTERN.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = keep_out, allow_hyphen_values = true)]
     keep_out: Vec<Cone>,
     /// Diameter of the ball that the stencil fits, mm. Table-tennis balls measure 40.0 to 40.6:
     /// measure yours.
     #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
     pub(super) ball_diameter_mm: f64,
-    /// Diameter of the stencil's holes at the ball, mm [default: 4; with --camera the largest that the
+    /// Diameter of a dot, which is that of the stencil's holes at the ball, mm [default: 4; with --camera the largest that the
     /// number of dots leaves room for].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    pub(super) hole_diameter_mm: Option<f64>,
+    pub(super) dot_diameter_mm: Option<f64>,
     /// Diameter of the ball in the camera's image, pixels; sets the noise of --protocol image, and
     /// tells whether the dots are too small to be detected.
     #[arg(
@@ -128,9 +134,10 @@ pub struct Arguments {
         default_value_t = 60.0,
         allow_negative_numbers = true
     )]
-    ball_pixels: f64,
+    ball_px: f64,
     /// Error of a detected dot per image axis, pixels; sets the noise of --protocol image.
     #[arg(
+        hide = true,
         long,
         value_name = "PX",
         default_value_t = 1.0,
@@ -140,6 +147,7 @@ pub struct Arguments {
     /// Length of the motion blur at the ball, pixels; an eighth of it counts as further error per
     /// axis.
     #[arg(
+        hide = true,
         long,
         value_name = "PX",
         default_value_t = 0.0,
@@ -154,12 +162,11 @@ pub struct Arguments {
     /// Frames of the camera for each pattern that is not clearly worse than another; some 10 ms a frame
     /// and core, in any surroundings some 50.
     #[cfg(feature = "vision")]
-    #[arg(long, value_name = "N", requires = "camera", alias = "render",
-        default_value_t = RaceConfig::default().max_frames)]
+    #[arg(hide = true, long, value_name = "N", requires = "camera", default_value_t = RaceConfig::default().max_frames)]
     pub(super) camera_frames: u64,
     /// The folder to write to; by default spindoe-design, with a number where that is taken.
-    #[arg(long, value_name = "DIR")]
-    pub(super) out: Option<PathBuf>,
+    #[arg(short, long, value_name = "DIR")]
+    pub(super) output: Option<PathBuf>,
     /// Print the report as one JSON object on standard output.
     #[arg(long)]
     pub(super) json: bool,
@@ -189,7 +196,7 @@ const MIN_DOT_PX: f64 = 3.75;
 
 impl Arguments {
     pub(super) fn config(&self) -> Result<DesignConfig> {
-        let from = match &self.from {
+        let from = match &self.pattern {
             Some(path) => Some(Ball::read(path)?.into_pattern()),
             None => None,
         };
@@ -291,21 +298,21 @@ impl Arguments {
             asked.ball_diameter_mm,
             reached.to_degrees(),
         );
-        Err(Error::argument("hole_diameter_mm", problem))
+        Err(Error::argument("dot_diameter_mm", problem))
     }
 
     /// A warning where the camera sees the dots so small that its detector misses many.
     pub(super) fn dot_size_warning(&self) -> Option<String> {
-        let per_mm = self.ball_pixels / self.ball_diameter_mm;
+        let per_mm = self.ball_px / self.ball_diameter_mm;
         let hole_diameter_mm = self.stencil().hole_diameter_mm;
         let width_px = hole_diameter_mm * per_mm;
         (width_px < MIN_DOT_PX).then(|| {
             format!(
-                "warning: --hole-diameter-mm: dots of {} mm are {width_px:.1} pixels wide on a ball of {} pixels; \
+                "warning: --dot-diameter-mm: dots of {} mm are {width_px:.1} pixels wide on a ball of {} pixels; \
                  below {MIN_DOT_PX} pixels 5 to 20 of 100 frames more go without an answer; here that takes \
                  {:.1} mm",
                 hole_diameter_mm,
-                self.ball_pixels,
+                self.ball_px,
                 (10.0 * MIN_DOT_PX / per_mm).ceil() / 10.0,
             )
         })
@@ -324,7 +331,7 @@ impl Arguments {
         let protocol = Protocol::standard(self.protocol);
         if let Noise::Pixel { .. } = protocol.view().noise {
             for (name, value, minimum) in [
-                ("ball_pixels", self.ball_pixels, 4.0),
+                ("ball_px", self.ball_px, 4.0),
                 ("pixel_noise", self.pixel_noise, 0.0),
                 ("blur", self.blur, 0.0),
             ] {
@@ -337,7 +344,7 @@ impl Arguments {
                 )?;
             }
             return Ok(protocol.with_noise(Noise::Pixel {
-                radius_px: 0.5 * self.ball_pixels,
+                radius_px: 0.5 * self.ball_px,
                 sigma_px: self.pixel_noise.hypot(BLUR_SHARE * self.blur),
             }));
         }
@@ -348,7 +355,7 @@ impl Arguments {
         StencilConfig {
             ball_diameter_mm: self.ball_diameter_mm,
             hole_diameter_mm: self
-                .hole_diameter_mm
+                .dot_diameter_mm
                 .unwrap_or(StencilConfig::default().hole_diameter_mm),
             ..StencilConfig::default()
         }
@@ -357,53 +364,69 @@ impl Arguments {
     /// The command that reproduces this design, independent of other versions' defaults.
     pub(super) fn command(&self, config: &DesignConfig) -> String {
         let mut words = vec!["spindoe design".to_owned()];
-        let mut add = |flag: &str, value: String| words.push(format!("--{flag} {value}"));
-        match &self.from {
-            Some(path) => add("from", quoted(&path.to_string_lossy())),
-            None => add("dots", config.dots.to_string()),
+        let mut add = |word: String| words.push(word);
+        match &self.pattern {
+            Some(path) => add(quoted(&path.to_string_lossy())),
+            None => add(format!("--dots {}", config.dots)),
         }
-        add("seed", config.seed.to_string());
-        if let Some(count) = self.shards.or(self.shard.map(|shard| shard.count)) {
-            add("shards", count.to_string());
-        }
-        add("starts", config.starts.to_string());
-        add("rounds", config.rounds.to_string());
-        add("scout-steps", config.scout_steps.to_string());
-        add("climb-steps", config.climb_steps.to_string());
-        add("objective", config.objective.name().to_string());
-        add("bound-weight", config.bound_weight.to_string());
-        let goal = config.bound_goal.unwrap_or(NO_GOAL);
-        add("bound-goal", format!("{},{}", goal.mean, goal.worst));
-        add("basis-weight", config.basis_weight.to_string());
-        add("samples", config.samples.to_string());
-        add("protocol", self.protocol.to_string());
-        add("min-separation-deg", self.min_separation_deg().to_string());
-        add("min-visible", config.constraints.min_visible.to_string());
-        add(
-            "seam-margin-deg",
-            self.seam_margin_deg(config.dots).to_string(),
-        );
+        add(format!("--seed {}", config.seed));
+        add(format!("--samples {}", config.samples));
+        add(format!("--protocol {}", self.protocol));
         for cone in &self.keep_out {
-            add("keep-out", cone.given.map(|x| x.to_string()).join(","));
+            add(format!(
+                "--keep-out {}",
+                cone.given.map(|x| x.to_string()).join(",")
+            ));
         }
-        add("ball-diameter-mm", self.ball_diameter_mm.to_string());
-        add(
-            "hole-diameter-mm",
-            self.stencil().hole_diameter_mm.to_string(),
-        );
+        add(format!("--ball-diameter-mm {}", self.ball_diameter_mm));
+        add(format!(
+            "--dot-diameter-mm {}",
+            self.stencil().hole_diameter_mm
+        ));
         #[cfg(feature = "vision")]
         if let Some(path) = &self.camera {
-            add("camera", quoted(&path.to_string_lossy()));
-            if self.camera_frames != RaceConfig::default().max_frames {
-                add("camera-frames", self.camera_frames.to_string());
-            }
+            add(format!("--camera {}", quoted(&path.to_string_lossy())));
         }
         if self.protocol == ProtocolName::Image {
-            add("ball-pixels", self.ball_pixels.to_string());
-            add("pixel-noise", self.pixel_noise.to_string());
-            add("blur", self.blur.to_string());
+            add(format!("--ball-px {}", self.ball_px));
+        }
+        for (key, value) in self.settings(config) {
+            add(format!("--config {key}={value}"));
         }
         words.join(" ")
+    }
+
+    /// The settings that the design follows from.
+    fn settings(&self, config: &DesignConfig) -> Vec<(&'static str, String)> {
+        let goal = config.bound_goal.unwrap_or(NO_GOAL);
+        let mut all = vec![
+            ("starts", config.starts.to_string()),
+            ("rounds", config.rounds.to_string()),
+            ("scout_steps", config.scout_steps.to_string()),
+            ("climb_steps", config.climb_steps.to_string()),
+            ("objective", config.objective.name().to_string()),
+            ("bound_weight", config.bound_weight.to_string()),
+            ("bound_goal", format!("{},{}", goal.mean, goal.worst)),
+            ("basis_weight", config.basis_weight.to_string()),
+            ("min_separation_deg", self.min_separation_deg().to_string()),
+            ("min_visible", config.constraints.min_visible.to_string()),
+            (
+                "seam_margin_deg",
+                self.seam_margin_deg(config.dots).to_string(),
+            ),
+        ];
+        if let Some(count) = self.shards.or(self.shard.map(|shard| shard.count)) {
+            all.push(("shards", count.to_string()));
+        }
+        #[cfg(feature = "vision")]
+        if self.camera.is_some() && self.camera_frames != RaceConfig::default().max_frames {
+            all.push(("camera_frames", self.camera_frames.to_string()));
+        }
+        if self.protocol == ProtocolName::Image {
+            all.push(("pixel_noise", self.pixel_noise.to_string()));
+            all.push(("blur", self.blur.to_string()));
+        }
+        all
     }
 }
 

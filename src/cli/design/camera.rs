@@ -119,7 +119,7 @@ pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Argume
     let Some(path) = &arguments.camera else {
         return Ok(chosen);
     };
-    if arguments.dots.is_some() || arguments.from.is_some() {
+    if arguments.dots.is_some() || arguments.pattern.is_some() {
         return Ok(chosen);
     }
     if arguments.resume || arguments.shard.is_some() || arguments.shards.is_some() {
@@ -142,7 +142,7 @@ pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Argume
     // A race without racers is an error: there is a first.
     let best = &tried[standings[0].entry].arguments;
     chosen.dots = best.dots;
-    chosen.hole_diameter_mm = best.hole_diameter_mm;
+    chosen.dot_diameter_mm = best.dot_diameter_mm;
     Ok(chosen)
 }
 
@@ -154,7 +154,7 @@ fn brief_searches(arguments: &Arguments, stop: &AtomicBool) -> Result<Vec<Tried>
         let mut tried = arguments.clone();
         tried.dots = Some(dots);
         tried
-            .hole_diameter_mm
+            .dot_diameter_mm
             .get_or_insert_with(|| hole_for(dots, arguments));
         let config = DesignConfig {
             starts: STARTS.min(arguments.starts),

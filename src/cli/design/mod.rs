@@ -112,7 +112,7 @@ impl Arguments {
             evaluation: EvaluationConfig::of_samples(config.samples),
             config,
             stencil: self.stencil(),
-            dir: self.out.clone().unwrap_or_else(free_folder),
+            dir: self.output.clone().unwrap_or_else(free_folder),
         };
         let start = if self.resume {
             Start::Resume

@@ -39,7 +39,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         return Err(Error::argument("--table", problem));
     };
     let estimator = Arc::new(arguments.estimator(&Ball::read(table)?)?);
-    let outline = arguments.source.outline()?;
+    let (outline, circles) = arguments.source.outlines()?;
+    if circles.is_some() {
+        let problem = "expected U,V,R with --follow, found a table of frames";
+        return Err(Error::argument("circle", problem));
+    }
     let shown_in = arguments.frame()?;
     let mut sequence = SequenceConfig::default();
     sequence.spin.max_rps = arguments.max_spin_rps;

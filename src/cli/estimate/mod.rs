@@ -87,10 +87,10 @@ pub struct Arguments {
     mirrored: bool,
     /// Judge every frame for itself: no verdict over all of them on whether the table fits and the
     /// images are mirrored.
-    #[arg(long)]
+    #[arg(hide = true, long)]
     no_verdict: bool,
     /// Maximum number of pixels of an image.
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_MAX_PIXELS)]
+    #[arg(hide = true, long, value_name = "N", default_value_t = DEFAULT_MAX_PIXELS)]
     max_pixels: u64,
     /// Minimum probability of a reported orientation, 0 to 1.
     #[arg(
@@ -105,7 +105,7 @@ pub struct Arguments {
     calibrate: bool,
     /// Placement error: standard deviation of a drawn dot's place from the pattern's, along one tangent
     /// axis, degrees. The dots of a calibrated table have their own [default: 1.2].
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "S", allow_negative_numbers = true)]
     placement_sigma_deg: Option<f64>,
     /// Estimate every frame independently.
     #[arg(long)]
@@ -113,10 +113,10 @@ pub struct Arguments {
     /// Maximum spin considered, revolutions per second.
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
     max_spin_rps: f64,
-    /// Look for the torque-free precession of an uneven ball in the spin's fit: with evidence for one
-    /// the spin reported is the mean one.
-    #[arg(long, conflicts_with_all = ["no_sequence", "follow"])]
-    precession: bool,
+    /// How the ball moves: at a constant spin, or precessing as an uneven ball does; with evidence for that the spin
+    /// reported is the mean one.
+    #[arg(long, value_parser = ["constant", "precessing"], default_value = "constant", conflicts_with_all = ["no_sequence", "follow"])]
+    motion: String,
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
@@ -143,16 +143,9 @@ pub struct Arguments {
 
 /// What only a set of files has.
 #[cfg(feature = "plot")]
-const FILES_ONLY: [&str; 6] = [
-    "output",
-    "overlay",
-    "times",
-    "circles",
-    "no_sequence",
-    "json",
-];
+const FILES_ONLY: [&str; 5] = ["output", "overlay", "times", "no_sequence", "json"];
 #[cfg(not(feature = "plot"))]
-const FILES_ONLY: [&str; 5] = ["output", "times", "circles", "no_sequence", "json"];
+const FILES_ONLY: [&str; 4] = ["output", "times", "no_sequence", "json"];
 
 /// Keeps the pictures that overlays need, and counts the frames.
 struct Pictures {
@@ -362,9 +355,10 @@ impl Arguments {
     }
 
     fn batch(&self) -> Result<BatchConfig> {
+        let (outline, circles) = self.source.outlines()?;
         let mut config = BatchConfig {
-            outline: self.source.outline()?,
-            circles: self.source.circles()?,
+            outline,
+            circles,
             roi: self.source.roi()?,
             clock: self.source.clock()?,
             independent: self.no_sequence,

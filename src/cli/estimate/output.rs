@@ -71,7 +71,7 @@ fn spin(
         ..AliasConfig::default()
     };
     let measurements = orientations.measurements();
-    if arguments.precession {
+    if arguments.motion == "precessing" {
         let fit = Precession::fit(&measurements, &config, &listed, batch.frames.len());
         return Some(fit.map(|(summary, found)| (summary, Some(found))));
     }

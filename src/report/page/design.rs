@@ -22,7 +22,7 @@ use crate::stats::Proportion;
 use crate::stencil::StencilConfig;
 use crate::view::{Noise, Protocol, ProtocolName};
 
-/// Rates of the published pattern, measured by `spindoe compare` and stored beside the page.
+/// Rates of the published pattern, measured by `spindoe validate` and stored beside the page.
 const PUBLISHED: &str = include_str!("published.json");
 /// Newest version of `report.json` that is read.
 const MAX_VERSION: u32 = super::super::REPORT_VERSION;
@@ -46,7 +46,7 @@ impl Default for CameraFigures {
         Self {
             pixels: 60.0,
             noise: 1.0,
-            rate: 350.0,
+            rate: crate::spin::DEFAULT_FPS,
             frames: 10,
         }
     }

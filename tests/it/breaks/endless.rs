@@ -156,20 +156,20 @@ fn endless_inputs_are_refused() {
         ),
         ("estimate --table p.csv 1.png --weights /dev/stdin", &ZEROS),
         ("export --weights /dev/stdin -o n.onnx", &ZEROS),
-        ("calibrate --table p.csv /dev/stdin --out c", &ZEROS),
-        ("stencil /dev/stdin --out s", &DOTS),
+        ("calibrate --table p.csv /dev/stdin --output c", &ZEROS),
+        ("stencil /dev/stdin --output s", &DOTS),
         ("spin /dev/stdin", &ZEROS),
         ("spin -", &TEXT),
-        ("synth /dev/stdin --out s", &ZEROS),
-        ("synth p.csv --config /dev/stdin --out s", &JSON),
-        ("merge /dev/stdin --out m", &JSON),
+        ("synth /dev/stdin --output s", &ZEROS),
+        ("synth p.csv --preset /dev/stdin --output s", &JSON),
+        ("merge /dev/stdin --output m", &JSON),
         ("report report", &JSON),
-        ("design --from /dev/stdin --out d", &DOTS),
-        ("design --camera /dev/stdin --out d", &TEXT),
+        ("design --from /dev/stdin --output d", &DOTS),
+        ("design --camera /dev/stdin --output d", &TEXT),
     ] {
         refused(dir, arguments, input, MAX_MEMORY_KIB);
     }
-    let resumed = "design --resume --out design";
+    let resumed = "design --resume --output design";
     refused(dir, resumed, &JSON, MAX_DESIGN_KIB);
     for image in &IMAGES {
         for arguments in [

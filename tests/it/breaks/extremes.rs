@@ -35,22 +35,23 @@ type Small = (
     &'static [[&'static str; 2]],
 );
 
-const COMMANDS: [Small; 20] = [
+const COMMANDS: [Small; 19] = [
     // Ends where the folder is taken, after its arguments are checked.
-    ("design", &[], &[["--out", "@/taken"]]),
-    ("merge", &["@/absent"], &[["--out", "m"]]),
+    ("design", &[], &[["--output", "@/taken"]]),
+    ("merge", &["@/absent"], &[["--output", "m"]]),
     ("validate", &["@/p.csv"], &[["--samples", "5"]]),
     ("advise", &["@/absent.csv"], &[]),
     ("report", &["@/absent"], &[]),
-    ("compare", &["@/p.csv", "@/q.csv"], &[["--samples", "5"]]),
+    ("validate", &["@/p.csv", "@/q.csv"], &[["--samples", "5"]]),
     (
-        "sensitivity",
+        "validate",
         &["@/p.csv"],
         &[
             ["--samples", "2"],
+            ["--sweep", "noise,alpha"],
             ["--output", "s"],
-            ["--sigmas-deg", "2"],
-            ["--alphas", "0.1"],
+            ["--config", "sweep_noise_deg=2"],
+            ["--config", "sweep_alpha=0.1"],
         ],
     ),
     ("table", &["@/p.csv"], &[["--output", "t.npz"]]),
@@ -65,23 +66,38 @@ const COMMANDS: [Small; 20] = [
         &["@/1.png", "@/2.png"],
         &[["--table", "@/p.csv"], ["--samples", "0"]],
     ),
-    ("stencil", &["@/p.csv"], &[["--out", "@/taken"]]),
+    ("stencil", &["@/p.csv"], &[["--output", "@/taken"]]),
     (
         "mark",
         &["@/p.csv"],
-        &[["--as", "gores"], ["--out", "m.svg"]],
+        &[["--as", "gores"], ["--output", "m.svg"]],
     ),
     ("spin", &["@/o.csv"], &[]),
-    ("simulate", &[], &[["--out", "o.csv"], ["--frames", "20"]]),
+    (
+        "synth",
+        &[],
+        &[
+            ["--as", "orientations"],
+            ["--output", "o.csv"],
+            ["--frames", "20"],
+        ],
+    ),
+    (
+        "synth",
+        &[],
+        &[["--as", "dots"], ["--output", "o.csv"], ["--frames", "20"]],
+    ),
     (
         "synth",
         &["@/p.csv"],
-        &[["--out", "s"], ["--frames", "1"], ["--size", "32"]],
+        &[
+            ["--as", "images"],
+            ["--frames", "1"],
+            ["--config", "size_px=32"],
+        ],
     ),
-    ("export", &[], &[["--out", "n.onnx"]]),
-    ("sample", &[], &[["--out", "s"], ["--frames", "2"]]),
-    ("trajectories", &["@/absent"], &[]),
-    ("man", &[], &[["--out", "m"]]),
+    ("synth", &[], &[["--frames", "2"]]),
+    ("man", &[], &[["--output", "m"]]),
 ];
 
 /// The flags of a command that take a value.
@@ -96,7 +112,16 @@ fn flags(dir: &Path, command: &str) -> Vec<String> {
         (is_listed && before.len() < 12 && is_name && !value.is_empty())
             .then(|| format!("--{name}"))
     };
-    help.lines().filter_map(flag).collect()
+    let settings = spindoe(dir, &[command, "--print-config"]);
+    let settings = String::from_utf8(settings.stdout).unwrap();
+    let setting = |line: &str| {
+        let (key, _) = line.trim_start_matches("# ").split_once(" =")?;
+        let is_key = key.chars().all(|c| c.is_ascii_lowercase() || c == '_');
+        let is_flag = help.contains(&format!("--{} ", key.replace('_', "-")));
+        (is_key && !is_flag).then(|| format!("--config={key}"))
+    };
+    let flags = help.lines().filter_map(flag).filter(|f| f != "--config");
+    flags.chain(settings.lines().filter_map(setting)).collect()
 }
 
 /// Whether a text has a number that is none.
@@ -144,11 +169,10 @@ fn extreme_values_are_refused_or_used() {
             continue;
         }
         let found = flags(folder.path(), command);
-        let has_flags = !found.is_empty() || command == "trajectories";
-        assert!(has_flags, "{command}");
+        assert!(!found.is_empty(), "{command}");
         for flag in found {
             // Another folder is another design.
-            if command == "design" && flag == "--out" {
+            if command == "design" && flag == "--output" {
                 continue;
             }
             let mut values = EXTREMES.to_vec();
@@ -214,64 +238,73 @@ fn numbers_without_meaning_are_refused_by_name() {
     inputs(dir);
     for (arguments, needle) in [
         (
-            "simulate -o s.csv --rps 1e308",
+            "synth --as orientations -o s.csv --rps 1e308",
             "--rps: expected 0 to 10000, found 1e308",
         ),
         (
-            "simulate -o s.csv --sigma-deg 1e308",
-            "--sigma-deg: expected 0 to 180",
+            "synth --as orientations -o s.csv --config orientation_sigma_deg=1e308",
+            "orientation_sigma_deg: expected 0 to 180",
         ),
         (
-            "simulate -o s.csv --fps 1e-308",
+            "synth --as orientations -o s.csv --fps 1e-308",
             "--fps: expected 0.001 to 10000000",
         ),
         (
-            "simulate -o s.csv --jitter 1e308",
-            "--jitter: expected 0 to 1",
+            "synth --as orientations -o s.csv --config jitter=1e308",
+            "jitter: expected 0 to 1",
         ),
         (
-            "simulate -o s.csv --decay 1e308",
-            "--decay: expected 0 to 1000",
+            "synth --as orientations -o s.csv --config decay_per_s=1e308",
+            "decay_per_s: expected 0 to 1000",
         ),
-        ("spin o.csv --prior-rps 1e308", "--prior-rps"),
+        ("spin o.csv --config prior_rps=1e308", "prior_rps"),
         (
-            "spin o.csv --decay --ball-diameter-mm 1e308",
-            "--ball-diameter-mm",
+            "spin o.csv --motion decaying --config ball_diameter_mm=1e308",
+            "ball_diameter_mm",
         ),
         (
             "spin o.csv --method quatera --max-spin-rps 1e308",
             "--max-spin-rps",
         ),
         (
-            "spin o.csv --sigma-deg 1e-308",
-            "--sigma-deg: expected 0 or at least 1e-9",
+            "spin o.csv --config orientation_sigma_deg=1e-308",
+            "orientation_sigma_deg: expected 0 or at least 1e-9",
         ),
         (
-            "design --out d --starts 18446744073709551615",
-            "--starts: expected 1 to 1000000",
+            "design --output d --config starts=18446744073709551615",
+            "starts: expected 1 to 1000000",
         ),
-        ("design --out d --rounds 18446744073709551615", "--rounds"),
-        ("design --out d --bound-goal 1e308,1", "--bound-goal"),
-        ("design --out d --pixel-noise nan", "--pixel-noise"),
         (
-            "identify --table p.csv d.csv --sigma-deg 1e308",
-            "--sigma-deg",
+            "design --output d --config rounds=18446744073709551615",
+            "rounds",
         ),
-        ("sensitivity p.csv -o s --alphas 1,1e308", "--alphas"),
         (
-            "mark p.csv --as gores -o m.svg --pen-delay-s 1",
-            "--pen-delay-s: is a flag of --as plotter",
+            "design --output d --config bound_goal=1e308,1",
+            "bound_goal",
+        ),
+        ("design --output d --config pixel_noise=nan", "pixel_noise"),
+        (
+            "identify --table p.csv d.csv --dot-sigma-deg 1e308",
+            "--dot-sigma-deg",
+        ),
+        (
+            "validate p.csv --sweep alpha -o s --config sweep_alpha=1,1e308",
+            "sweep_alpha",
+        ),
+        (
+            "mark p.csv --as gores -o m.svg --config pen_delay_s=1",
+            "pen_delay_s: is a flag of --as plotter",
         ),
         (
             "mark p.csv --as plotter -o m.svg --lobes 12",
             "--lobes: is a flag of --as gores",
         ),
         (
-            "simulate -o absent/s.csv",
+            "synth --as orientations -o absent/s.csv",
             "absent/s.csv: cannot be written",
         ),
         (
-            "validate p.csv --samples 1000000 --dump absent/d.csv",
+            "synth p.csv --as dots --frames 1000000 -o absent/d.csv",
             "absent/d.csv: cannot be written",
         ),
         (
@@ -283,11 +316,11 @@ fn numbers_without_meaning_are_refused_by_name() {
             "absent/w.csv: cannot be written",
         ),
         (
-            "compare p.csv q.csv --samples 5 -o taken",
+            "validate p.csv q.csv --samples 5 -o taken",
             "holds a design already",
         ),
         (
-            "sensitivity p.csv --samples 5 -o taken",
+            "validate p.csv --sweep noise --samples 5 -o taken",
             "holds a design already",
         ),
     ] {
@@ -307,11 +340,14 @@ fn numbers_without_meaning_are_refused_by_name() {
         ),
         ("estimate --table p.csv 1.png --raw 9x9,gray", "--follow"),
         (
-            "calibrate --table p.csv 1.png --placement-sigma-deg 1e-308",
-            "--placement-sigma-deg",
+            "calibrate --table p.csv 1.png --config search_sigma_deg=1e-308",
+            "search_sigma_deg",
         ),
-        ("advise --frames 18446744073709551615", "--frames"),
-        ("simulate --camera camera.toml -o s.csv --fps nan", "--fps"),
+        ("advise --samples 18446744073709551615", "--samples"),
+        (
+            "synth --as orientations --camera camera.toml -o s.csv --fps nan",
+            "--fps",
+        ),
     ] {
         let words: Vec<&str> = arguments.split(' ').collect();
         let output = spindoe(dir, &words);
@@ -341,7 +377,7 @@ fn images_of_extreme_shape_have_an_answer() {
         for flags in [
             "",
             "--roi 0,0,2,1",
-            "--detector blob",
+            "--config detector=blob",
             "--circle 1,1,9",
             "--follow",
         ] {

@@ -55,8 +55,8 @@ fn where_no_spin_holds_over_a_long_file_its_parts_are_data() {
         "--json",
         "--windows",
         "w.csv",
-        "--window",
-        "30",
+        "--config",
+        "window=30",
     ];
     let output = spindoe(dir, &arguments);
     println!("{} rows: {:?}", rows(), begun.elapsed());
@@ -109,7 +109,7 @@ fn all_rows_of_a_long_file_count() {
         let sequence = scenario.simulate(spin, &mut stream(404, 0));
         write(dir, "o.csv", &sequence.measurements);
         let flags = if decay_per_s > 0.0 {
-            &["--decay"][..]
+            &["--motion=decaying"][..]
         } else {
             &[]
         };

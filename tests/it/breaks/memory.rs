@@ -5,7 +5,8 @@ use std::process::Command;
 #[test]
 fn a_design_without_memory_is_refused_in_a_line() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments = "design --dots 8 --starts 2 --samples 40 --min-separation-deg 30 --out d";
+    let arguments =
+        "design --dots 8 --config starts=2 --samples 40 --config min_separation_deg=30 --output d";
     for kib in [100_000, 200_000, 250_000, 300_000, 420_000] {
         let limit = format!("ulimit -v {kib}; exec \"$0\" \"$@\"");
         let output = Command::new("sh")

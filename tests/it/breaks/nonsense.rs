@@ -35,34 +35,42 @@ fn refusals_are_one_short_line_before_any_work() {
     .unwrap();
     let long = "x".repeat(10_000);
     for arguments in [
-        &["compare", "p.csv", "q.csv", "--samples", "0"][..],
-        &["compare", "p.csv", "q.csv", "--samples", "99999999999"],
-        &["sensitivity", "p.csv", "-o", "s", "--samples", "0"],
+        &["validate", "p.csv", "q.csv", "--samples", "0"][..],
+        &["validate", "p.csv", "q.csv", "--samples", "99999999999"],
         &[
-            "sensitivity",
+            "validate",
             "p.csv",
+            "--sweep=noise",
             "-o",
             "s",
-            "--sigmas-deg",
-            "1,nan",
+            "--samples",
+            "0",
+        ],
+        &[
+            "validate",
+            "p.csv",
+            "--sweep=noise",
+            "-o",
+            "s",
+            "--config=sweep_noise_deg=1,nan",
             "--samples",
             "20",
         ],
         &[
-            "sensitivity",
+            "validate",
             "p.csv",
+            "--sweep=alpha",
             "-o",
             "s",
-            "--alphas",
-            "1,-1",
+            "--config=sweep_alpha=1,-1",
             "--samples",
             "20",
         ],
-        &["design", "--out", "d", "--samples", "99999999999"],
-        &["design", "--out", "d", "--bound-weight=-1e308"],
+        &["design", "--output", "d", "--samples", "99999999999"],
+        &["design", "--output", "d", "--config=bound_weight=-1e308"],
         &["table", "tab\t.csv", "-o", "t.npz"],
         &["validate", &long],
-        &["simulate", "--frames", &long],
+        &["synth", "--frames", &long],
     ] {
         line(dir.path(), arguments, 2);
     }
@@ -103,23 +111,16 @@ fn an_empty_camera_and_a_ball_twice_are_refused() {
     assert_eq!(output.status.code(), Some(3), "{output:?}");
     // A configuration with a field that is none.
     fs::write(at("c.json"), "{\"nothing\": 1}").unwrap();
-    let synth = ["synth", "p.csv", "--out", "s", "--config", "c.json"];
+    let synth = ["synth", "p.csv", "--output", "s", "--preset", "c.json"];
     let words = line(dir.path(), &synth, 2);
     assert!(words.contains("unknown field `nothing`"), "{words}");
     // Outlines of frames that are not there.
     fs::write(at("o.csv"), "frame,u,v,radius\n1,20,20,9\n2,20,20,9\n").unwrap();
-    let circles = [
-        "estimate",
-        "--table",
-        "p.csv",
-        "1.png",
-        "--circles",
-        "o.csv",
-    ];
+    let circles = ["estimate", "--table", "p.csv", "1.png", "--circle", "o.csv"];
     let output = spindoe(dir.path(), &circles);
     let words = String::from_utf8_lossy(&output.stderr);
     assert!(
-        words.contains("--circles: 1 rows name no frame, the first on line 3"),
+        words.contains("--circle: 1 rows name no frame, the first on line 3"),
         "{words}"
     );
 }
@@ -128,9 +129,9 @@ fn an_empty_camera_and_a_ball_twice_are_refused() {
 #[test]
 fn names_of_other_notations_are_said() {
     let dir = tempfile::tempdir().unwrap();
-    let sample = ["sample", "--out", "s", "--frames", "6", "--rps", "20"];
+    let sample = ["synth", "--output", "s", "--frames", "6", "--rps", "20"];
     done(dir.path(), &sample);
-    let clip = dir.path().join("s/clip/images");
+    let clip = dir.path().join("s/images");
     let mut frames: Vec<_> = fs::read_dir(&clip)
         .unwrap()
         .map(|e| e.unwrap().path())
@@ -153,7 +154,7 @@ fn names_of_other_notations_are_said() {
             "--table",
             "s/table.npz",
             folder,
-            "--no-verdict",
+            "--config=no_verdict=true",
             "-q",
         ];
         let output = spindoe(dir.path(), &arguments);

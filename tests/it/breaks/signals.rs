@@ -102,7 +102,7 @@ fn a_stencil_is_whole_or_absent() {
     super::pattern()
         .write_csv(&dir.path().join("p.csv"))
         .unwrap();
-    let case = case("stencil p.csv --out out --overwrite", true);
+    let case = case("stencil p.csv --output out --overwrite", true);
     interrupt(dir.path(), &case, runs());
 }
 
@@ -115,10 +115,10 @@ fn comparisons_and_manuals_are_whole_or_absent() {
     crate::common::random_pattern(9, 3)
         .write_csv(&dir.path().join("q.csv"))
         .unwrap();
-    let compare = case("compare p.csv q.csv --samples 20 --output out", true);
+    let compare = case("validate p.csv q.csv --samples 20 --output out", true);
     interrupt(dir.path(), &compare, runs());
     fs::remove_dir_all(dir.path().join("out")).unwrap();
-    interrupt(dir.path(), &case("man --out out", true), runs());
+    interrupt(dir.path(), &case("man --output out", true), runs());
     fs::remove_dir_all(dir.path().join("out")).unwrap();
 }
 
@@ -129,9 +129,9 @@ fn calibrations_and_overlays_are_whole_or_absent() {
     super::pattern()
         .write_csv(&dir.path().join("p.csv"))
         .unwrap();
-    let synth = "synth p.csv --out clip --frames 24 --seed 9 --preset good --sequence --fps 60 --rps 3 --size 80";
+    let synth = "synth p.csv --output clip --frames 24 --seed 9 --preset good --fps 60 --rps 3 --config size_px=80";
     crate::common::done(dir.path(), &synth.split(' ').collect::<Vec<_>>());
-    let calibrate = "calibrate --table p.csv clip/images --samples 0 --out out";
+    let calibrate = "calibrate --table p.csv clip/images --samples 0 --output out";
     interrupt(dir.path(), &case(calibrate, false), runs());
     fs::remove_dir_all(dir.path().join("out")).unwrap();
     #[cfg(feature = "plot")]
@@ -148,12 +148,15 @@ fn frames_are_whole_or_absent() {
     super::pattern()
         .write_csv(&dir.path().join("p.csv"))
         .unwrap();
-    let synth = case("synth p.csv --out out --frames 40 --masks", false);
+    let synth = case(
+        "synth p.csv --as images --output out --frames 40 --masks",
+        false,
+    );
     interrupt(dir.path(), &synth, runs());
     fs::remove_dir_all(dir.path().join("out")).unwrap();
     interrupt(
         dir.path(),
-        &case("sample --out out --frames 20", false),
+        &case("synth --output out --frames 20", false),
         runs(),
     );
 }
@@ -162,12 +165,9 @@ fn frames_are_whole_or_absent() {
 #[test]
 fn estimates_leave_no_temporary_files() {
     let dir = tempfile::tempdir().unwrap();
-    crate::common::done(dir.path(), &["sample", "--out", "s", "--frames", "40"]);
+    crate::common::done(dir.path(), &["synth", "--output", "s", "--frames", "40"]);
     fs::create_dir(dir.path().join("out")).unwrap();
-    let estimate = case(
-        "estimate --table s/table.npz s/clip/images -o out/o.csv",
-        true,
-    );
+    let estimate = case("estimate --table s/table.npz s/images -o out/o.csv", true);
     let arguments: Vec<&str> = estimate.arguments.iter().map(String::as_str).collect();
     let begun = Instant::now();
     crate::common::done(dir.path(), &arguments);
@@ -273,8 +273,7 @@ fn killed_goes_on(dir: &Path, arguments: &str) {
 #[test]
 fn a_design_that_is_killed_goes_on() {
     let dir = tempfile::tempdir().unwrap();
-    let design =
-        "design --dots 8 --starts 2 --samples 40 --seed 3 --min-separation-deg 30 --out out";
+    let design = "design --dots 8 --config starts=2 --samples 40 --seed 3 --config min_separation_deg=30 --output out";
     killed_goes_on(dir.path(), design);
 }
 
@@ -282,8 +281,7 @@ fn a_design_that_is_killed_goes_on() {
 #[test]
 fn a_merge_that_is_killed_goes_on() {
     let dir = tempfile::tempdir().unwrap();
-    let shard =
-        "design --dots 8 --starts 2 --samples 40 --min-separation-deg 30 --out shard --shard 1/1";
+    let shard = "design --dots 8 --config starts=2 --samples 40 --config min_separation_deg=30 --output shard --shard 1/1";
     crate::common::done(dir.path(), &shard.split(' ').collect::<Vec<_>>());
-    killed_goes_on(dir.path(), "merge shard --out out");
+    killed_goes_on(dir.path(), "merge shard --output out");
 }

@@ -18,8 +18,8 @@ fn clip(dir: &Path) {
     dots.remove(7);
     let dots = spindoe::Pattern::new(dots).unwrap();
     dots.write_csv(&dir.join("drawn.csv")).unwrap();
-    let sequence = "synth drawn.csv --out clip --frames 40 --seed 9 --preset good --sequence --fps 60 --rps 3 \
-                    --placement-sigma-deg 0 --logo-probability 0 --exposure-ms 0.5 --camera-distance-radii 20";
+    let sequence = "synth drawn.csv --output clip --frames 40 --seed 9 --preset good --sequence --fps 60 --rps 3 \
+                    --config placement_sigma_deg=0 --config logo_probability=0 --exposure-ms 0.5 --camera-distance-radii 20";
     done(dir, &sequence.split_whitespace().collect::<Vec<_>>());
 }
 
@@ -28,7 +28,7 @@ fn a_clip_gives_a_table_of_the_ball_as_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
     clip(dir);
-    let calibrate = "calibrate --table nominal.csv clip/images --out ball --samples 200 --json";
+    let calibrate = "calibrate --table nominal.csv clip/images --output ball --samples 200 --json";
     let report = done(dir, &calibrate.split_whitespace().collect::<Vec<_>>());
     let report: Value = serde_json::from_str(&report).unwrap();
     let seventh = &report["dots"][7];
@@ -116,12 +116,12 @@ fn a_clip_gives_a_table_of_the_ball_as_drawn() {
             "--table",
             "nominal.csv",
             "clip/images",
-            "--out",
+            "--output",
             "ball",
         ],
     );
     assert_eq!(again.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&again.stderr).contains("--out"));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("--output"));
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
     ] {
         let out = format!("clip-{kind}");
         let synth = format!(
-            "synth nominal.csv --out {out} --frames 12 --seed 2 --preset good --kind {kind}"
+            "synth nominal.csv --as images --output {out} --frames 12 --seed 2 --preset good --kind {kind}"
         );
         done(dir, &synth.split_whitespace().collect::<Vec<_>>());
         let images = format!("{out}/images");
@@ -148,7 +148,7 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
                 "--table",
                 "nominal.csv",
                 &images,
-                "--out",
+                "--output",
                 "no",
             ],
         );
@@ -159,7 +159,7 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
     }
     done(
         dir,
-        &"synth nominal.csv --out three --frames 3 --seed 3 --preset good"
+        &"synth nominal.csv --as images --output three --frames 3 --seed 3 --preset good"
             .split(' ')
             .collect::<Vec<_>>(),
     );
@@ -168,7 +168,7 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
         "--table",
         "nominal.csv",
         "three/images",
-        "--out",
+        "--output",
         "no",
     ];
     let found = spindoe(dir, &three);
@@ -178,14 +178,14 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
     assert!(!dir.join("no").exists());
     for bad in [
         &["calibrate", "--table", "nominal.csv", "absent"][..],
-        &["calibrate", "nominal.csv"],
+        &["calibrate", "nominal.csv"][..],
         &[
             "calibrate",
             "--table",
             "nominal.csv",
             "nominal.csv",
-            "--placement-sigma-deg",
-            "-1",
+            "--config",
+            "search_sigma_deg=-1",
         ],
     ] {
         let found = spindoe(dir, bad);

@@ -79,7 +79,7 @@ fn the_command_compares_on_the_same_trials() {
             .unwrap()
     };
     let output = run(&[
-        "compare",
+        "validate",
         "a.csv",
         "b.csv",
         "a.csv",
@@ -122,7 +122,7 @@ fn the_command_compares_on_the_same_trials() {
         .write_csv(&dir.path().join("four.csv"))
         .unwrap();
     let output = run(&[
-        "compare",
+        "validate",
         "four.csv",
         "a.csv",
         "--samples",
@@ -133,7 +133,12 @@ fn the_command_compares_on_the_same_trials() {
     assert!(output.status.success());
     let words = String::from_utf8_lossy(&output.stdout);
     assert!(words.contains("mean -, worst -"), "{words}");
-    let output = run(&["compare", "a.csv"]);
+    // The folder is that of several patterns.
+    let output = run(&["validate", "a.csv", "-o", "one"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("at least two, found 1"));
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        words.contains("--output: cannot be used with one pattern"),
+        "{words}"
+    );
 }

@@ -133,7 +133,7 @@ fn of_an_endless_file_no_more_is_read_than_its_format_has() {
         (vec!["identify", "--table", zero, "dots.csv"], "16 MiB"),
         (vec!["advise", "--camera", zero], "1 MiB"),
         (
-            vec!["synth", "pattern.csv", "--config", zero, "--out", "s"],
+            vec!["synth", "pattern.csv", "--preset", zero, "--output", "s"],
             "1 MiB",
         ),
         (
@@ -182,7 +182,7 @@ fn a_folder_that_holds_a_design_is_not_written_over() {
     let shop = workshop();
     refused(
         shop.path(),
-        &["design", "--out", "."],
+        &["design", "--output", "."],
         "holds a design already (pattern.csv)",
     );
 }
@@ -195,7 +195,7 @@ fn patterns_of_many_dots_are_compared() {
     pattern.write_csv(&dir.join("many.csv")).unwrap();
     let words = done(
         dir,
-        &["compare", "pattern.csv", "many.csv", "--samples", "20"],
+        &["validate", "pattern.csv", "many.csv", "--samples", "20"],
     );
     assert!(words.contains("many (64 dots"), "{words}");
 }
@@ -204,7 +204,7 @@ fn patterns_of_many_dots_are_compared() {
 fn a_reader_that_stops_early_ends_the_command_quietly() {
     let shop = workshop();
     let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
-        .args(["compare", "pattern.csv", "table.npz", "--samples", "2000"])
+        .args(["validate", "pattern.csv", "table.npz", "--samples", "2000"])
         .current_dir(shop.path())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -313,20 +313,32 @@ fn bad_arguments_are_refused_by_name() {
     refused(dir, &["validate"], "<PATTERN>");
     for (rest, needle) in [
         (["--dots", "3"], "dots: expected 4 to 64, found 3"),
-        (["--starts", "0"], "starts: expected 1 to 1000000, found 0"),
-        (["--samples", "0"], "samples: expected at least 1"),
-        (["--min-separation-deg", "70"], "expected 0 to 49.0 degrees"),
         (
-            ["--min-separation-deg", "NaN"],
+            ["--config", "starts=0"],
+            "starts: expected 1 to 1000000, found 0",
+        ),
+        (["--samples", "0"], "samples: expected at least 1"),
+        (
+            ["--config", "min_separation_deg=70"],
+            "expected 0 to 49.0 degrees",
+        ),
+        (
+            ["--config", "min_separation_deg=NaN"],
             "expected 0 to 180, found NaN",
         ),
-        (["--min-visible", "11"], "expected at most 10 of 20 dots"),
-        (["--hole-diameter-mm", "-1"], "diameter"),
         (
-            ["--hole-diameter-mm", "18"],
+            ["--config", "min_visible=11"],
+            "expected at most 10 of 20 dots",
+        ),
+        (["--dot-diameter-mm", "-1"], "diameter"),
+        (
+            ["--dot-diameter-mm", "18"],
             "must be 55.5 degrees apart on a ball of 40 mm",
         ),
-        (["--seam-margin-deg", "-1"], "expected 0 to 60, found -1"),
+        (
+            ["--config", "seam_margin_deg=-1"],
+            "expected 0 to 60, found -1",
+        ),
         (
             ["--keep-out", "0,0,0,10"],
             "expected an axis that is not zero",
@@ -335,20 +347,23 @@ fn bad_arguments_are_refused_by_name() {
             ["--keep-out", "0,0,1,95"],
             "expected a half angle of 0 to 90",
         ),
-        (["--hole-diameter-mm", "16"], "holes of at most 15.3 mm fit"),
+        (["--dot-diameter-mm", "16"], "holes of at most 15.3 mm fit"),
         (
-            ["--basis-weight", "-1"],
+            ["--config", "basis_weight=-1"],
             "expected 0 to 1000000000, found -1",
         ),
         (
-            ["--bound-goal", "0.6"],
+            ["--config", "bound_goal=0.6"],
             "expected two positive numbers MEAN,WORST",
         ),
         (["--budget", "soon"], "'soon' for '--budget"),
-        (["--from", "absent.csv"], "absent.csv: cannot be read"),
-        (["--out", "pattern.csv"], "pattern.csv: cannot be written"),
+        (["absent.csv", "-q"], "absent.csv: cannot be read"),
         (
-            ["--out", "/proc/spindoe"],
+            ["--output", "pattern.csv"],
+            "pattern.csv: cannot be written",
+        ),
+        (
+            ["--output", "/proc/spindoe"],
             "/proc/spindoe: cannot be written",
         ),
     ] {
@@ -361,8 +376,15 @@ fn bad_arguments_are_refused_by_name() {
     );
     refused(
         dir,
-        &["table", "pattern.csv", "-o", "t.npz", "--min-cross", "2"],
-        "--min-cross: expected a number in (0, 1), found 2",
+        &[
+            "table",
+            "pattern.csv",
+            "-o",
+            "t.npz",
+            "--config",
+            "min_cross=2",
+        ],
+        "min_cross: expected a number in (0, 1), found 2",
     );
 }
 
@@ -421,8 +443,8 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
     let dir = tempfile::tempdir().unwrap();
     let run = |out: &str, threads: &str| {
         let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
-            .args(["design", "--dots", "10", "--starts", "5"])
-            .args(["--samples", "100", "--seed", "1", "--out", out])
+            .args(["design", "--dots", "10", "--config", "starts=5"])
+            .args(["--samples", "100", "--seed", "1", "--output", out])
             .env("RAYON_NUM_THREADS", threads)
             .current_dir(dir.path())
             .output()
@@ -495,9 +517,15 @@ fn an_interrupt_finishes_with_the_best_so_far() {
     let dir = tempfile::tempdir().unwrap();
     let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
         .args([
-            "design", "--dots", "8", "--starts", "2", "--rounds", "100000",
+            "design",
+            "--dots",
+            "8",
+            "--config",
+            "starts=2",
+            "--config",
+            "rounds=100000",
         ])
-        .args(["--samples", "20", "--out", "d"])
+        .args(["--samples", "20", "--output", "d"])
         .current_dir(dir.path())
         .stderr(Stdio::piped())
         .stdout(Stdio::null())
@@ -533,23 +561,30 @@ fn the_reported_command_repeats_a_design_from_an_awkward_path() {
     crate::common::random_pattern(8, 3)
         .write_csv(&folder.join("my ball.csv"))
         .unwrap();
-    let few = ["--starts", "1", "--samples", "20", "--climb-steps", "3"];
+    let few = [
+        "--config",
+        "starts=1",
+        "--samples",
+        "20",
+        "--config",
+        "climb_steps=3",
+    ];
     let from = [
         "design",
         "--from",
         "o'clock & more/my ball.csv",
-        "--out",
+        "--output",
         "a",
     ];
     crate::common::done(dir.path(), &[&from[..], &few[..]].concat());
     let report: Value =
         serde_json::from_slice(&fs::read(dir.path().join("a/report.json")).unwrap()).unwrap();
     let command = report["command"].as_str().unwrap();
-    assert!(command.contains("--climb-steps 3"), "{command}");
+    assert!(command.contains("--config climb_steps=3"), "{command}");
     // As a user would paste it.
     let exe = env!("CARGO_BIN_EXE_spindoe");
     let pasted = format!(
-        "'{exe}'{} --out b",
+        "'{exe}'{} --output b",
         command.strip_prefix("spindoe").unwrap()
     );
     let shell = Command::new("sh")
@@ -573,21 +608,24 @@ fn the_reported_command_repeats_a_design_with_keep_out_cones_and_resumes_it() {
         "design",
         "--dots",
         "8",
-        "--starts",
-        "2",
+        "--config",
+        "starts=2",
         "--samples",
         "20",
-        "--min-visible",
-        "0",
-        "--seam-margin-deg",
-        "0",
+        "--config",
+        "min_visible=0",
+        "--config",
+        "seam_margin_deg=0",
     ];
     // An axis whose bits change when it is normalized twice, and an angle whose bits change on the way to
     // radians and back.
     let cone = ["--keep-out", "0.3,-0.7,1.9,25.7"];
     let axis = Vec3::new(0.3, -0.7, 1.9).normalize();
     assert!(axis.normalize() != axis || 25.7f64.to_radians().to_degrees() != 25.7);
-    done(dir.path(), &[&few[..], &cone[..], &["--out", "a"]].concat());
+    done(
+        dir.path(),
+        &[&few[..], &cone[..], &["--output", "a"]].concat(),
+    );
     let report: Value =
         serde_json::from_slice(&fs::read(dir.path().join("a/report.json")).unwrap()).unwrap();
     let command = report["command"].as_str().unwrap();
@@ -596,13 +634,13 @@ fn the_reported_command_repeats_a_design_with_keep_out_cones_and_resumes_it() {
         "{command}"
     );
     let words: Vec<&str> = command.split(' ').skip(1).collect();
-    done(dir.path(), &[&words[..], &["--out", "b"]].concat());
+    done(dir.path(), &[&words[..], &["--output", "b"]].concat());
     let read = |out: &str| fs::read(dir.path().join(out).join("pattern.csv")).unwrap();
     assert_eq!(read("a"), read("b"));
     // The same command continues what the first one left.
     done(
         dir.path(),
-        &[&words[..], &["--out", "a", "--resume"]].concat(),
+        &[&words[..], &["--output", "a", "--resume"]].concat(),
     );
     assert_eq!(read("a"), read("b"));
 }

@@ -34,15 +34,16 @@ fn dumped_trials_get_the_answers_that_validation_got() {
             "--samples",
             "150",
         ];
-        let dump = ["--seed", "4", "--json", "--dump", "dots.csv"];
+        let seed = ["--seed", "4", "--json"];
         let validation: Value =
-            serde_json::from_str(&done(dir.path(), &[&view[..], &dump].concat())).unwrap();
+            serde_json::from_str(&done(dir.path(), &[&view[..], &seed].concat())).unwrap();
+        dumped(dir.path(), protocol, "150", "4");
         let identify = [
             "identify",
             "--table",
             "table.npz",
             "dots.csv",
-            "--expect",
+            "--protocol",
             protocol,
             // Validation counts every answer.
             "--min-confidence",
@@ -244,30 +245,38 @@ fn bad_files_are_refused_in_one_line() {
     }
     fs::write(&dots, "frame,x,y,z\na,1,0,0\n").unwrap();
     for (flag, value) in [
-        ("--sigma-deg", "0"),
-        ("--false-dots", "-1"),
-        ("--miss-probability", "1"),
-        ("--miss-probability", "NaN"),
+        ("--dot-sigma-deg", "0"),
+        ("--config", "false_dots=-1"),
+        ("--config", "miss_probability=1"),
+        ("--config", "miss_probability=NaN"),
     ] {
         let arguments = ["identify", "--table", "table.npz", "dots.csv", flag, value];
         let output = spindoe(dir.path(), &arguments);
         let words = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{flag} {value}: {words}");
-        assert!(words.contains(flag), "{flag} {value}: {words}");
+        let key = value.split('=').next().unwrap_or_default();
+        let named = if flag == "--config" { key } else { flag };
+        assert!(words.contains(named), "{flag} {value}: {words}");
     }
 }
 
 /// The files of observed dots and orientations, and a table, of `samples` views.
-fn dumped(dir: &std::path::Path, protocol: &str, samples: &str) {
-    let view = ["validate", "table.npz", "--protocol", protocol];
-    let dump = ["--samples", samples, "--dump", "dots.csv"];
-    done(dir, &[&view[..], &dump].concat());
+fn dumped(dir: &std::path::Path, protocol: &str, samples: &str, seed: &str) {
+    let view = ["synth", "table.npz", "--as=dots", "--protocol", protocol];
+    done(
+        dir,
+        &[
+            &view[..],
+            &["--frames", samples, "--seed", seed, "-o", "dots.csv"],
+        ]
+        .concat(),
+    );
 }
 
 #[test]
 fn an_answer_leaves_before_the_input_ends() {
     let dir = workshop();
-    dumped(dir.path(), "paper", "3");
+    dumped(dir.path(), "paper", "3", "0");
     let text = fs::read_to_string(dir.path().join("dots.csv")).unwrap();
     let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
         .args(["identify", "--table", "table.npz", "-"])
@@ -298,10 +307,10 @@ fn an_answer_leaves_before_the_input_ends() {
 #[test]
 fn answers_are_the_same_on_any_number_of_threads_and_from_any_input() {
     let dir = workshop();
-    dumped(dir.path(), "clutter", "2500");
+    dumped(dir.path(), "clutter", "2500", "0");
     // What a file's frames tell is learned in advance, a pipe's as they come: both give the same where
     // nothing is to be learned.
-    for format in [&["--json"][..], &[], &["--expect", "clutter"]] {
+    for format in [&["--json"][..], &[], &["--protocol", "clutter"]] {
         let run = |threads: &str, input: &str| {
             let stdin = fs::File::open(dir.path().join("dots.csv")).unwrap();
             let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
@@ -320,14 +329,14 @@ fn answers_are_the_same_on_any_number_of_threads_and_from_any_input() {
         assert!(one == run("2", "dots.csv"), "two threads");
         let piped = run("1", "-");
         assert!(piped == run("7", "-"), "seven threads, standard input");
-        assert_eq!(one == piped, format.contains(&"--expect"));
+        assert_eq!(one == piped, format.contains(&"--protocol"));
     }
 }
 
 #[test]
 fn an_error_far_down_leaves_no_file_and_the_rows_before_it() {
     let dir = workshop();
-    dumped(dir.path(), "paper", "200");
+    dumped(dir.path(), "paper", "200", "0");
     let path = dir.path().join("dots.csv");
     let mut text = fs::read_to_string(&path).unwrap();
     let line = text.lines().count() + 1;

@@ -147,9 +147,13 @@ fn refuses_arguments_outside_their_domain() {
         "good.csv",
         &(HEADER.to_owned() + &rows().concat()),
     );
-    let flags = ["--max-spin-rps", "--prior-rps", "--sigma-deg"];
-    for (flag, value) in flags.iter().flat_map(|f| [(f, "-1"), (f, "0"), (f, "nan")]) {
-        let output = run(&["spin", path.to_str().unwrap(), flag, value]);
+    let names = ["--max-spin-rps", "prior_rps", "orientation_sigma_deg"];
+    for (flag, value) in names.iter().flat_map(|f| [(f, "-1"), (f, "0"), (f, "nan")]) {
+        let given = match flag.starts_with("--") {
+            true => format!("{flag}={value}"),
+            false => format!("--config={flag}={value}"),
+        };
+        let output = run(&["spin", path.to_str().unwrap(), &given]);
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{message}");
         assert!(message.contains(flag), "{message}");
@@ -207,14 +211,21 @@ fn a_simulated_flight_comes_back_with_its_decay_and_a_plot() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
     let (csv, png) = (at("flight.csv"), at("spin.png"));
-    let flags = "--rps 80 --axis 1,-2,0.5 --frames 210 --decay 0.091 --drops 0.1 --seed 4 --json";
-    let mut arguments = vec!["simulate", "-o", &csv];
+    let flags = "--rps 80 --axis 1,-2,0.5 --frames 210 --config decay_per_s=0.091 --config drops=0.1 --seed 4 --json";
+    let mut arguments = vec!["synth", "--as=orientations", "-o", &csv];
     arguments.extend(flags.split(' '));
     let output = run(&arguments);
     assert!(output.status.success());
     let truth: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(truth["outliers"].as_u64().unwrap() > 0);
-    let output = run(&["spin", &csv, "--decay", "--plot", &png, "--json"]);
+    let output = run(&[
+        "spin",
+        &csv,
+        "--motion=decaying",
+        "--picture",
+        &png,
+        "--json",
+    ]);
     assert!(output.status.success(), "{output:?}");
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(found["orientations"], truth["orientations"]);
@@ -239,7 +250,7 @@ fn a_simulated_flight_comes_back_with_its_decay_and_a_plot() {
     arguments.pop();
     assert!(run(&arguments).status.success());
     assert_eq!(std::fs::read(&csv).unwrap(), first);
-    let output = run(&["spin", &csv, "--decay"]);
+    let output = run(&["spin", &csv, "--motion=decaying"]);
     let words = String::from_utf8(output.stdout).unwrap();
     assert!(
         words.contains("decay     c = ") && words.contains("12 pi mu r / m"),
@@ -250,7 +261,7 @@ fn a_simulated_flight_comes_back_with_its_decay_and_a_plot() {
     let output = run(&["spin", &csv]);
     let message = String::from_utf8(output.stderr).unwrap();
     assert!(message.contains("off a constant spin"), "{message}");
-    let output = run(&["spin", &csv, "--method", "quatera", "--decay"]);
+    let output = run(&["spin", &csv, "--method", "quatera", "--motion=decaying"]);
     assert_eq!(output.status.code(), Some(2));
 }
 
@@ -396,7 +407,12 @@ fn a_precession_is_reported_with_its_interval_and_its_absence_too() {
     let spin = |measurements: &[Measurement]| {
         let text = Orientations::from_measurements(measurements).to_csv();
         let path = write(dir.path(), "orientations.csv", &text);
-        let output = run(&["spin", path.to_str().unwrap(), "--precession", "--json"]);
+        let output = run(&[
+            "spin",
+            path.to_str().unwrap(),
+            "--motion=precessing",
+            "--json",
+        ]);
         assert_eq!(output.status.code(), Some(0), "{output:?}");
         let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         json

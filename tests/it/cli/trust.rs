@@ -34,19 +34,11 @@ fn a_file_tells_its_own_conditions() {
     for (protocol, limit, missed, false_dots) in
         [("sparse", 0.33, 0.4, 0), ("clutter", 0.0, 0.2, 2)]
     {
-        let view = [
-            "validate",
-            "table.npz",
-            "--protocol",
-            protocol,
-            "--samples",
-            "150",
-        ];
-        let told: Value = serde_json::from_str(&done(
-            dir.path(),
-            &[&view[..], &["--seed", "8", "--json", "--dump", "dots.csv"]].concat(),
-        ))
-        .unwrap();
+        let view = ["table.npz", "--protocol", protocol, "--seed", "8"];
+        let validate = [&["validate"], &view[..], &["--samples", "150", "--json"]].concat();
+        let told: Value = serde_json::from_str(&done(dir.path(), &validate)).unwrap();
+        let dots = ["--as=dots", "--frames", "150", "-o", "dots.csv"];
+        done(dir.path(), &[&["synth"], &view[..], &dots].concat());
         let identify = ["identify", "--table", "table.npz", "dots.csv", "--json"];
         let found: Value = serde_json::from_str(&done(dir.path(), &identify)).unwrap();
         let conditions = &found["conditions"];
@@ -97,22 +89,10 @@ fn what_made_it_panic_abort_or_hang_is_refused_at_once() {
     let dir = workshop();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
     let many = "18446744073709551615";
-    for command in ["validate", "sensitivity", "compare"] {
-        let mut arguments = vec![command, "pattern.csv", "--samples", many];
-        arguments.extend(match command {
-            "sensitivity" => &["--output", "o"][..],
-            "compare" => &["table.npz"],
-            _ => &[],
-        });
-        // A line of progress may come before.
-        let output = spindoe(dir.path(), &arguments);
-        let words = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{command}: {words}");
-        let last = words.lines().last().unwrap_or_default();
-        assert!(
-            last.contains("samples: expected at most"),
-            "{command}: {words}"
-        );
+    for more in [&[][..], &["--sweep=noise", "--output", "o"], &["table.npz"]] {
+        let usual = ["validate", "pattern.csv", "--samples", many];
+        let arguments = [&usual[..], more].concat();
+        refused(dir.path(), &arguments, 2, "samples: expected at most");
     }
     // An ellipse a hundred-million-million-million times as long as wide.
     let columns = "var_radial_deg2,cov_deg2,var_across_deg2";
@@ -137,8 +117,12 @@ fn what_made_it_panic_abort_or_hang_is_refused_at_once() {
     refused(dir.path(), &["spin", "close.csv"], 2, "expected at least");
     let text: String = ["0", "0.1", "0.2", "0.3"].map(row).concat();
     write("good.csv", &format!("time_s,qw,qx,qy,qz\n{text}"));
-    let noisy = ["spin", "good.csv", "--sigma-deg", "4294967296"];
-    refused(dir.path(), &noisy, 2, "--sigma-deg: expected");
+    let noisy = [
+        "spin",
+        "good.csv",
+        "--config=orientation_sigma_deg=4294967296",
+    ];
+    refused(dir.path(), &noisy, 2, "orientation_sigma_deg: expected");
 }
 
 #[test]
@@ -252,16 +236,16 @@ const QUICK: [&str; 13] = [
     "design",
     "--dots",
     "8",
-    "--starts",
-    "2",
+    "--config",
+    "starts=2",
     "--samples",
     "40",
     "--seed",
     "3",
-    "--min-separation-deg",
-    "30",
-    "--min-visible",
-    "1",
+    "--config",
+    "min_separation_deg=30",
+    "--config",
+    "min_visible=1",
 ];
 
 #[test]
@@ -270,10 +254,10 @@ fn a_folder_holds_one_result_at_a_time() {
     let out = dir.path().join("d");
     {
         let _lock = FolderLock::take(&out).unwrap();
-        let arguments = [&QUICK[..], &["--out", "d"]].concat();
+        let arguments = [&QUICK[..], &["--output", "d"]].concat();
         refused(dir.path(), &arguments, 2, "another run works in d");
     }
-    done(dir.path(), &[&QUICK[..], &["--out", "d"]].concat());
+    done(dir.path(), &[&QUICK[..], &["--output", "d"]].concat());
     let whole = ["pattern.csv", "table.npz", "report.json", "stencil"];
     assert!(whole.iter().all(|name| out.join(name).exists()));
     let strays = fs::read_dir(&out).unwrap().filter(|e| {
@@ -291,7 +275,11 @@ fn a_folder_holds_one_result_at_a_time() {
     fs::write(out.join("stencil/of_another.stl"), "").unwrap();
     done(
         dir.path(),
-        &[&QUICK[..], &["--out", "d", "--resume", "--rounds", "2"]].concat(),
+        &[
+            &QUICK[..],
+            &["--output", "d", "--resume", "--config", "rounds=2"],
+        ]
+        .concat(),
     );
     assert!(whole.iter().all(|name| out.join(name).exists()));
     assert!(!out.join("stencil/of_another.stl").exists());
@@ -300,10 +288,14 @@ fn a_folder_holds_one_result_at_a_time() {
 #[test]
 fn an_edited_search_is_refused() {
     let dir = workshop();
-    done(dir.path(), &[&QUICK[..], &["--out", "d"]].concat());
+    done(dir.path(), &[&QUICK[..], &["--output", "d"]].concat());
     let path = dir.path().join("d/search.json");
     let good: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
-    let resume = [&QUICK[..], &["--out", "d", "--resume", "--rounds", "2"]].concat();
+    let resume = [
+        &QUICK[..],
+        &["--output", "d", "--resume", "--config", "rounds=2"],
+    ]
+    .concat();
     let edit = |change: &dyn Fn(&mut Vec<Value>), needle: &str| {
         let mut edited = good.clone();
         change(edited["state"]["pool"][0]["dots"].as_array_mut().unwrap());
@@ -332,7 +324,7 @@ fn a_request_to_end_finishes_with_the_best_so_far() {
     for signal in crate::common::heard(&[("-TERM", 15), ("-HUP", 1)]) {
         let dir = workshop();
         let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_spindoe"))
-            .args([&QUICK[..9], &["--rounds", "100000", "--out", "d"]].concat())
+            .args([&QUICK[..9], &["--config", "rounds=100000", "--output", "d"]].concat())
             .current_dir(dir.path())
             .stdout(std::process::Stdio::null())
             .stderr(std::process::Stdio::null())

@@ -142,7 +142,13 @@ fn the_former_name_is_answered_with_the_new_one() {
     let error = "coincidence".parse::<ObjectiveName>().unwrap_err();
     assert!(error.is_usage() && error.to_string().contains("replaced by coverage"));
     let dir = tempfile::tempdir().unwrap();
-    let command = ["design", "--objective", "coincidence", "--out", "d"];
+    let command = [
+        "design",
+        "--config",
+        "objective=coincidence",
+        "--output",
+        "d",
+    ];
     let output = crate::common::spindoe(dir.path(), &command);
     let words = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2));

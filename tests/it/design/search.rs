@@ -331,14 +331,14 @@ fn a_checkpoint_of_the_version_before_goes_on() {
     let at = text.rfind("\"dots\":[[").unwrap() + "\"dots\":[[".len();
     let polished = format!("{}0.125{}", &text[..at], &text[at + 5..]);
     for (gone, words) in [
-        (polished, "--from"),
+        (polished, "begin from that PATTERN"),
         (
             text.replace("\"name\":\"confusion\"", "\"name\":\"coincidence\""),
-            "--objective coverage",
+            "--config objective=coverage",
         ),
         (
             text.replace("\"min_certified_rad\":0.0", "\"min_certified_rad\":0.01"),
-            "--min-certified-deg",
+            "certified patterns are no longer searched",
         ),
         (
             text.replace("\"checkpoint_version\":3", "\"checkpoint_version\":2"),

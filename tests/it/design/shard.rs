@@ -13,14 +13,14 @@ use crate::common::{done, spindoe};
 const SMALL: [&str; 14] = [
     "--dots",
     "12",
-    "--starts",
-    "4",
-    "--rounds",
-    "2",
-    "--scout-steps",
-    "1",
-    "--climb-steps",
-    "1",
+    "--config",
+    "starts=4",
+    "--config",
+    "rounds=2",
+    "--config",
+    "scout_steps=1",
+    "--config",
+    "climb_steps=1",
     "--samples",
     "60",
     "--seed",
@@ -43,11 +43,11 @@ fn report(dir: &Path) -> Value {
 fn merged_shards_are_one_run_of_them_all() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    design(dir, &["--shards", "8", "--out", "whole"]);
+    design(dir, &["--config", "shards=8", "--output", "whole"]);
     // On machines, in any order; one of them is stopped in the middle and taken up again.
     for k in [5, 2, 8, 1, 7, 3, 6, 4] {
         let (shard, out) = (format!("{k}/8"), format!("part-{k}"));
-        let flags = ["--shard", &shard, "--out", &out];
+        let flags = ["--shard", &shard, "--output", &out];
         if k == 3 {
             kill_in_the_middle(dir, &flags, &dir.join(&out).join("search.json"));
             design(dir, &[&flags[..], &["--resume"]].concat());
@@ -59,7 +59,7 @@ fn merged_shards_are_one_run_of_them_all() {
     let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
     done(
         dir,
-        &[&["merge"], &parts[..], &["--out", "merged"]].concat(),
+        &[&["merge"], &parts[..], &["--output", "merged"]].concat(),
     );
     let (whole, merged) = (dir.join("whole"), dir.join("merged"));
     for file in [
@@ -77,7 +77,7 @@ fn merged_shards_are_one_run_of_them_all() {
     assert_eq!(report, self::report(&merged));
     assert_eq!(report["starts"], 8 * 2 * 4);
     let command = report["command"].as_str().unwrap();
-    assert!(command.contains("--shards 8"), "{command}");
+    assert!(command.contains("--config shards=8"), "{command}");
     // The finalists met on the same trials, which none of the shards had drawn.
     let finalists = report["finalists"].as_array().unwrap();
     assert!(finalists.len() > 8, "{}", finalists.len());
@@ -87,7 +87,7 @@ fn merged_shards_are_one_run_of_them_all() {
 fn a_merge_that_was_killed_is_continued() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    let flags = |out| ["--shards", "2", "--out", out];
+    let flags = |out| ["--config", "shards=2", "--output", out];
     design(dir, &flags("whole"));
     // In the last trial, where the shards have ended.
     let command = [&["design"], &SMALL[..], &flags("killed")].concat();
@@ -98,7 +98,7 @@ fn a_merge_that_was_killed_is_continued() {
     done(dir, &[&command[..], &["--resume"]].concat());
     // The merge alone, first where none has begun.
     let parts = ["killed/shards/1", "killed/shards/2"];
-    let merge = |out| [&["merge"], &parts[..], &["--out", out]].concat();
+    let merge = |out| [&["merge"], &parts[..], &["--output", out]].concat();
     kill_once_there(dir, &merge("merged"), &dir.join("merged/search.json"));
     done(dir, &[&merge("merged")[..], &["--resume"]].concat());
     done(dir, &[&merge("fresh")[..], &["--resume"]].concat());
@@ -111,7 +111,7 @@ fn a_merge_that_was_killed_is_continued() {
         assert_eq!(report(&dir.join("whole")), report(&dir.join(out)), "{out}");
     }
     // A folder with the search of one piece, or of other shards, is no merge of these.
-    design(dir, &["--shards", "3", "--out", "other"]);
+    design(dir, &["--config", "shards=3", "--output", "other"]);
     let out = spindoe(dir, &[&merge("other")[..], &["--resume"]].concat());
     let said = String::from_utf8_lossy(&out.stderr);
     assert_eq!(out.status.code(), Some(2), "{said}");
@@ -147,7 +147,7 @@ fn shards_that_do_not_belong_together_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     for (shard, out) in [("1/2", "a"), ("2/2", "b"), ("2/3", "c")] {
-        design(dir, &["--shard", shard, "--out", out]);
+        design(dir, &["--shard", shard, "--output", out]);
     }
     done(
         dir,
@@ -155,17 +155,17 @@ fn shards_that_do_not_belong_together_are_refused() {
             "design",
             "--dots",
             "12",
-            "--starts",
-            "2",
-            "--scout-steps",
-            "1",
-            "--climb-steps",
-            "1",
+            "--config",
+            "starts=2",
+            "--config",
+            "scout_steps=1",
+            "--config",
+            "climb_steps=1",
             "--samples",
             "60",
             "--shard",
             "2/2",
-            "--out",
+            "--output",
             "other",
         ],
     );
@@ -182,7 +182,7 @@ fn shards_that_do_not_belong_together_are_refused() {
         (&["a", "unfinished"], "1 of 2 rounds"),
         (&["a", "none"], "cannot be read"),
     ] {
-        let output = spindoe(dir, &[&["merge"], shards, &["--out", "m"]].concat());
+        let output = spindoe(dir, &[&["merge"], shards, &["--output", "m"]].concat());
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{shards:?}: {said}");
         assert!(said.contains(words), "{shards:?}: {said}");
@@ -190,12 +190,12 @@ fn shards_that_do_not_belong_together_are_refused() {
     }
     // Neither continues the other's checkpoint, nor a whole search a shard's.
     for flags in [
-        &["--shard", "2/2", "--out", "a", "--resume"][..],
-        &["--out", "a", "--resume"],
-        &["--shard", "1/2", "--out", "a"],
-        &["--shard", "3/2", "--out", "x"],
+        &["--shard", "2/2", "--output", "a", "--resume"][..],
+        &["--output", "a", "--resume"],
+        &["--shard", "1/2", "--output", "a"],
+        &["--shard", "3/2", "--output", "x"],
         &["--shard", "1/2"],
-        &["--shards", "0", "--out", "x"],
+        &["--config", "shards=0", "--output", "x"],
     ] {
         let output = spindoe(dir, &[&["design"], &SMALL[..], flags].concat());
         assert_eq!(output.status.code(), Some(2), "{flags:?}");

@@ -158,6 +158,6 @@ fn the_command_says_that_a_decaying_spin_holds_and_writes_the_stretches() {
     }
     assert!(held as f64 > 0.9 * FRAMES as f64, "{held}");
     // The model that holds.
-    let (code, words) = run(&["--decay"]);
+    let (code, words) = run(&["--motion=decaying"]);
     assert_eq!(code, Some(0), "{words}");
 }

@@ -17,9 +17,9 @@ fn scipy_finds_the_same_spin_in_the_same_file() {
     let (csv, json) = (dir.path().join("o.csv"), dir.path().join("spin.json"));
     for (seed, rps) in [("1", "18"), ("2", "90"), ("3", "160")] {
         let spindoe = || Command::new(env!("CARGO_BIN_EXE_spindoe"));
-        let flags = ["--outliers", "0", "--seed", seed, "--rps", rps];
+        let flags = ["--config", "outliers=0", "--seed", seed, "--rps", rps];
         let made = spindoe()
-            .args(["simulate", "-o"])
+            .args(["synth", "--as=orientations", "-o"])
             .arg(&csv)
             .args(flags)
             .output();

@@ -1,7 +1,6 @@
 //! Sets of flights in the published format: read as they are, or rejected by line.
 
 use std::path::Path;
-use std::process::Command;
 
 use spindoe::geometry::Vec3;
 use spindoe::spin::trajectories::TrajectorySet;
@@ -61,44 +60,22 @@ fn the_published_set_is_read() {
 }
 
 #[test]
-fn the_command_reports_plots_and_refuses() {
+fn a_set_is_summed_up_and_a_bad_one_refused() {
     let dir = tempfile::tempdir().unwrap();
     write_set(dir.path());
-    let run = |arguments: &[&str]| {
-        let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
-            .arg("trajectories")
-            .arg(dir.path())
-            .args(arguments)
-            .output()
-            .unwrap();
-        let text = String::from_utf8(output.stderr).unwrap();
-        (output.status.code(), output.stdout, text)
-    };
-    let plots = dir.path().join("plots");
-    let (code, json, _) = run(&["--json", "--plots", plots.to_str().unwrap()]);
-    assert_eq!(code, Some(0));
-    let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
-    assert_eq!(json["summary"]["trajectories"], 4);
-    for name in ["flights.png", "spins.png"] {
-        let bytes = std::fs::read(plots.join(name)).unwrap();
-        assert!(bytes.starts_with(b"\x89PNG"), "{name}");
-    }
-    let (code, words, _) = run(&[]);
-    assert_eq!(code, Some(0));
-    assert!(
-        String::from_utf8(words)
-            .unwrap()
-            .contains("4 trajectories, 40 points")
-    );
+    let read = || TrajectorySet::read_dir(dir.path());
+    let summary = read().unwrap().summary();
+    assert_eq!((summary.trajectories, summary.points), (4, 40));
 
     let refused = |name: &str, text: &str, expected: &[&str]| {
         let path = dir.path().join(name);
         let kept = std::fs::read(&path).unwrap();
         std::fs::write(&path, text).unwrap();
-        let (code, _, message) = run(&[]);
+        let error = read().unwrap_err();
         std::fs::write(&path, kept).unwrap();
-        assert_eq!(code, Some(2), "{message}");
-        assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+        let message = error.to_string();
+        assert!(error.is_usage(), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
         for e in expected.iter().chain(&[name]) {
             assert!(message.contains(e), "expected \"{e}\" in: {message}");
         }
@@ -122,8 +99,7 @@ fn the_command_reports_plots_and_refuses() {
         &["line 3", "twice"],
     );
     std::fs::remove_file(dir.path().join("index.csv")).unwrap();
-    let (code, _, message) = run(&[]);
-    assert_eq!(code, Some(2));
+    let message = read().unwrap_err().to_string();
     assert!(
         message.contains("index.csv") && message.contains("cannot be read"),
         "{message}"

@@ -246,22 +246,22 @@ fn weights_read_back_and_damage_is_named() {
 }
 
 #[test]
-fn the_command_exports() {
+fn weights_that_were_written_export_as_the_built_in_ones() {
     let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("mine.npz");
     let weights = Weights::built_in(Head::Dots).unwrap();
-    weights.write(&dir.path().join("mine.npz")).unwrap();
-    crate::common::done(dir.path(), &["export", "-o", "dots.onnx"]);
-    let mine = ["export", "-o", "mine.onnx", "--weights", "mine.npz"];
-    crate::common::done(dir.path(), &mine);
-    let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
-    assert_eq!(read("mine.onnx"), read("dots.onnx"));
-    crate::common::done(dir.path(), &["export", "--large", "-o", "large.onnx"]);
-    assert!(read("large.onnx").len() > 8 * read("dots.onnx").len());
-    let wrong = ["export", "-o", "a.onnx", "--weights", "dots.onnx"];
-    let refused = crate::common::spindoe(dir.path(), &wrong);
-    assert_eq!(refused.status.code(), Some(2));
-    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(said.contains("dots.onnx"), "{said}");
-    assert_eq!(said.lines().count(), 1, "{said}");
-    assert!(!dir.path().join("a.onnx").exists());
+    weights.write(&path).unwrap();
+    let dots = onnx::to_onnx(&weights);
+    assert_eq!(onnx::to_onnx(&Weights::read(&path).unwrap()), dots);
+    let large = onnx::to_onnx(&Weights::built_in(Head::DotsLarge).unwrap());
+    assert!(
+        large.len() > 8 * dots.len(),
+        "{} {}",
+        large.len(),
+        dots.len()
+    );
+    let exported = dir.path().join("dots.onnx");
+    std::fs::write(&exported, dots).unwrap();
+    let refused = Weights::read(&exported).unwrap_err();
+    assert!(refused.is_usage() && refused.to_string().contains("dots.onnx"));
 }

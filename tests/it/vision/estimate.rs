@@ -568,8 +568,8 @@ fn a_file_that_cannot_be_read_is_one_rejected_frame() {
         "--table",
         "pattern.csv",
         "in/1000000.png",
-        "--max-pixels",
-        "4355",
+        "--config",
+        "max_pixels=4355",
     ];
     let output = crate::common::spindoe(dir.path(), &narrow);
     let words = String::from_utf8_lossy(&output.stderr);

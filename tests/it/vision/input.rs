@@ -54,19 +54,16 @@ fn the_folder_of_a_rendered_clip_is_its_frames() {
     std::fs::write(clip.join("index.csv"), "images/3.png,3,1\n").unwrap();
     let frames = ["3.png", "20.png"].map(|name| Source::Image(clip.join("images").join(name)));
     assert_eq!(sources(&[clip]).unwrap(), frames);
-    // A table beside the clip: `sample` wrote the folder around it.
-    let outer = dir.path().to_path_buf();
-    assert!(sources(std::slice::from_ref(&outer)).is_err());
-    std::fs::write(outer.join("table.npz"), "").unwrap();
-    assert_eq!(sources(&[outer]).unwrap(), frames);
+    // The folder around it has no frames of its own.
+    assert!(sources(&[dir.path().to_path_buf()]).is_err());
 }
 
 #[cfg(feature = "cli")]
 #[test]
 fn a_sample_is_estimated_by_its_folder() {
     let dir = tempfile::tempdir().unwrap();
-    crate::common::done(dir.path(), &["sample", "--frames", "3"]);
-    for folder in ["sample", "sample/clip", "sample/clip/images"] {
+    crate::common::done(dir.path(), &["synth", "--frames", "3"]);
+    for folder in ["sample", "sample/images"] {
         let run = ["estimate", "--table", "sample", folder, "--json"];
         let json: serde_json::Value =
             serde_json::from_str(&crate::common::done(dir.path(), &run)).unwrap();

@@ -555,7 +555,7 @@ fn the_command_looks_where_it_is_asked_to() {
         "--table",
         "pattern.csv",
         "in",
-        "--no-verdict",
+        "--config=no_verdict=true",
         "--json",
     ];
     let json = |more: &[&str]| -> serde_json::Value {
@@ -565,7 +565,7 @@ fn the_command_looks_where_it_is_asked_to() {
     let truth = outline(&clip.frames[0].1);
     let roi = truth.region(2.5, SIZE[0], SIZE[1]).unwrap();
     let roi = format!("{},{},{},{}", roi.left, roi.top, roi.width, roi.height);
-    let found = json(&["--roi", &roi, "--outline", "edges"]);
+    let found = json(&["--roi", &roi, "--config", "outline=edges"]);
     for (frame, (_, truth)) in found["frames"].as_array().unwrap().iter().zip(&clip.frames) {
         assert!(frame["orientation_wxyz"].is_array(), "{frame}");
         assert!((frame["circle"]["u"].as_f64().unwrap() - truth.center.u).abs() < 2.0);
@@ -573,7 +573,7 @@ fn the_command_looks_where_it_is_asked_to() {
     }
     let row = format!("f0,{},{},{}", truth.center.u, truth.center.v, truth.radius);
     std::fs::write(at("circles.csv"), format!("frame,u,v,radius\n{row}\n")).unwrap();
-    let found = json(&["--circles", "circles.csv"]);
+    let found = json(&["--circle", "circles.csv"]);
     assert_eq!(found["frames"][0]["outline_source"], "given");
     assert_eq!(found["frames"][1]["outline_source"], "detected");
     assert!(found["frames"][0]["orientation_wxyz"].is_array());
@@ -582,10 +582,10 @@ fn the_command_looks_where_it_is_asked_to() {
         (["--roi", "0,0,9000,10"], "--roi: expected a region within"),
         (["--roi", "1,2"], "--roi: expected X,Y,WIDTH,HEIGHT"),
         (
-            ["--circles", "bad.csv"],
+            ["--circle", "bad.csv"],
             "line 2: radius: expected a positive",
         ),
-        (["--outline", "guess"], "--outline"),
+        (["--config", "outline=guess"], "--outline"),
     ] {
         let output = crate::common::spindoe(dir.path(), &[&base[..], &wrong].concat());
         let words = String::from_utf8_lossy(&output.stderr).into_owned();

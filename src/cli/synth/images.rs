@@ -1,0 +1,320 @@
+//! Images and clips of a ball.
+
+use std::convert::Infallible;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::json;
+
+use super::{Arguments, Content, range};
+use crate::cli::output::Counter;
+use crate::error::{Error, Result, require};
+use crate::files::{self, Replacement};
+use crate::geometry::Vec3;
+use crate::spin::DEFAULT_FPS;
+use crate::synth::SynthConfig;
+use crate::synth::dataset::{ClipConfig, Sequence, independent_frame};
+use crate::synth::folder::{self, Masks, Origin, Written};
+
+/// Maximum number of frames of a set.
+const MAX_FRAMES: usize = 1_000_000;
+/// The folder where none is given.
+const FOLDER: &str = "sample";
+/// Spin of the preset `sample`, revolutions per second.
+const SAMPLE_RPS: f64 = 40.0;
+/// Exposure of the preset `sample`, s: short enough that dots stay round at its spin.
+const SAMPLE_EXPOSURE_S: f64 = 2e-4;
+
+/// The base of the ranges of random frames.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Preset {
+    /// Any camera, light, background, motion and noise.
+    All,
+    /// A ball of 60 pixels, sharp, well lit, in full view.
+    Good,
+    /// Good conditions on the camera's axis, at one spin.
+    Sample,
+    /// The ranges of a file.
+    File(PathBuf),
+}
+
+impl std::str::FromStr for Preset {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> std::result::Result<Self, Infallible> {
+        Ok(match text {
+            "all" => Self::All,
+            "good" => Self::Good,
+            "sample" => Self::Sample,
+            path => Self::File(path.into()),
+        })
+    }
+}
+
+impl Preset {
+    fn config(&self) -> Result<SynthConfig> {
+        Ok(match self {
+            Self::All => SynthConfig::default(),
+            Self::Good => SynthConfig::good(),
+            // The camera looks at the ball: the estimator, which sees crops, takes it so.
+            Self::Sample => SynthConfig {
+                max_off_axis_rad: 0.0,
+                rps: [SAMPLE_RPS; 2],
+                ..SynthConfig::good()
+            },
+            Self::File(path) => {
+                let text = files::read_at_most(path, files::MAX_TEXT_BYTES)?;
+                serde_json::from_slice(&text)
+                    .map_err(|e| Error::input(path, "configuration", e.to_string()))?
+            }
+        })
+    }
+}
+
+/// Settings of rendered frames.
+#[derive(Debug, Args)]
+pub struct Ranges {
+    /// Displacement of the ball over a clip, U,V pixels; by default a tenth of its radius in a random direction.
+    #[arg(long, hide = true, value_parser = range, allow_hyphen_values = true, value_name = "U,V")]
+    drift_px: Option<[f64; 2]>,
+    /// Side of the crops, pixels: one number, or LOW,HIGH [default: 32 to 240, small ones more likely].
+    #[arg(long, hide = true, value_parser = range, value_name = "PX")]
+    size_px: Option<[f64; 2]>,
+    /// Distance of the camera in ball radii: one number, or LOW,HIGH [default: 6,60].
+    #[arg(long, hide = true, value_parser = range, allow_hyphen_values = true, value_name = "RADII")]
+    camera_distance_radii: Option<[f64; 2]>,
+    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default: 2.3,7.4].
+    #[arg(long, hide = true, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
+    dot_radius_deg: Option<[f64; 2]>,
+    /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number, or LOW,HIGH; one for a
+    /// ball [default: 0.23,1.7].
+    #[arg(long, hide = true, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
+    placement_sigma_deg: Option<[f64; 2]>,
+    /// Probability of a logo [default: 0.7].
+    #[arg(long, hide = true, value_name = "P", allow_negative_numbers = true)]
+    logo_probability: Option<f64>,
+    /// Maximum rotation of a ball during the exposure, degrees [default: 17].
+    #[arg(long, hide = true, value_name = "DEG", allow_negative_numbers = true)]
+    max_arc_deg: Option<f64>,
+}
+
+/// Columns and rows, as `1280x1024`.
+pub(super) fn size(text: &str) -> std::result::Result<[usize; 2], String> {
+    let parts = text.split_once(['x', 'X']);
+    let numbers = parts.and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    numbers.ok_or_else(|| "expected WIDTHxHEIGHT, as 1280x1024".into())
+}
+
+impl Ranges {
+    /// Sets what is given.
+    fn apply(&self, config: &mut SynthConfig) -> Result<()> {
+        if let Some(size) = self.size_px {
+            let [low, high] = size;
+            let is_whole = size
+                .iter()
+                .all(|x| x.fract() == 0.0 && (1.0..=65_535.0).contains(x));
+            require(
+                is_whole,
+                "size_px",
+                "whole numbers from 1",
+                format!("{low},{high}"),
+            )?;
+            config.size_px = size.map(|x| x as usize);
+            // The side of the crop is given: the ball's size follows from it, unless it is given as well.
+            config.ball_px = None;
+        }
+        if let Some(distance) = self.camera_distance_radii {
+            config.camera_distance_radii = distance;
+            config.parallel_share = 0.0;
+        }
+        if let Some(radius) = self.dot_radius_deg {
+            config.dot_radius_rad = radius.map(f64::to_radians);
+        }
+        if let Some(sigma) = self.placement_sigma_deg {
+            config.placement_sigma_rad = sigma.map(f64::to_radians);
+        }
+        config.logo_probability = self.logo_probability.unwrap_or(config.logo_probability);
+        if let Some(arc) = self.max_arc_deg {
+            config.max_arc_rad = arc.to_radians();
+        }
+        Ok(())
+    }
+}
+
+impl Arguments {
+    fn is_clip(&self) -> bool {
+        self.content == Content::Clip
+    }
+
+    fn preset(&self) -> Preset {
+        let usual = if self.is_clip() {
+            Preset::Sample
+        } else {
+            Preset::All
+        };
+        self.preset.clone().unwrap_or(usual)
+    }
+
+    fn synth_config(&self) -> Result<SynthConfig> {
+        let mut config = self.preset().config()?;
+        self.ranges.apply(&mut config)?;
+        config.kind = self.kind.unwrap_or(config.kind);
+        config.ball_px = self.ball_px.or(config.ball_px);
+        config.image_px = self.image_size.or(config.image_px);
+        config.rps = self.rps.unwrap_or(config.rps);
+        config.mirrored |= self.mirrored;
+        config.check()?;
+        Ok(config)
+    }
+
+    fn clip_config(&self, config: &SynthConfig) -> Result<Option<ClipConfig>> {
+        if !self.is_clip() {
+            return Ok(None);
+        }
+        let axis = self.unit_axis()?;
+        let [low, high] = config.rps;
+        if axis.is_some() && low != high {
+            let problem = "expected one number where --axis is given";
+            return Err(Error::argument("rps", problem));
+        }
+        let usual = (self.preset() == Preset::Sample).then_some(SAMPLE_EXPOSURE_S);
+        Ok(Some(ClipConfig {
+            fps: self.fps.unwrap_or(DEFAULT_FPS),
+            spin: axis.map(|axis| (axis * (low * std::f64::consts::TAU)).into()),
+            exposure_s: self.exposure_ms.map(|ms| 1e-3 * ms).or(usual),
+            drift_px: self.ranges.drift_px,
+        }))
+    }
+
+    /// Begins the folder, where it is free or may be replaced.
+    fn begin(&self) -> Result<(PathBuf, Replacement)> {
+        let folder = self.output.clone().unwrap_or_else(|| FOLDER.into());
+        if !self.overwrite {
+            let taken = ["index.csv", "truth.json", "images"];
+            let advice = "choose another folder, or --overwrite it";
+            files::reject_taken(&folder, &taken, "frames", advice)?;
+        }
+        let set = Replacement::begin(&folder)?;
+        Ok((folder, set))
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let config = arguments.synth_config()?;
+    let clip = arguments.clip_config(&config)?;
+    let ball = arguments.ball()?;
+    let pattern = ball.pattern();
+    let seed = arguments.seed;
+    let frames = arguments
+        .frames
+        .unwrap_or(if arguments.is_clip() { 24 } else { 100 });
+    require(
+        (1..=MAX_FRAMES).contains(&frames),
+        "frames",
+        "1 to 1000000",
+        frames,
+    )?;
+    let sequence = clip
+        .as_ref()
+        .map(|s| Sequence::random(pattern, &config, s, seed, frames));
+    let sequence = sequence.transpose()?;
+    let (folder, set) = arguments.begin()?;
+    pattern.write_csv(&set.path().join("pattern.csv"))?;
+    ball.write_npz(&set.path().join("table.npz"))?;
+    let origin = Origin {
+        seed,
+        pattern_sha256: pattern.sha256(),
+        pattern: pattern.dots().iter().map(|d| (*d).into()).collect(),
+        config: config.clone(),
+        sequence: clip.clone(),
+    };
+    let clock = Instant::now();
+    let counter = Counter::new(frames as u64, "frames");
+    let draw = |k| match &sequence {
+        Some(sequence) => sequence.frame(k),
+        None => independent_frame(pattern, &config, seed, k),
+    };
+    let masks = if arguments.masks {
+        Masks::Write
+    } else {
+        Masks::Omit
+    };
+    let shown = |done| counter.set(done as u64);
+    let written = folder::write(set.path(), origin, frames, masks, draw, shown)?;
+    counter.finish();
+    let replaced = if arguments.overwrite {
+        &["masks", "orientations.csv"][..]
+    } else {
+        &[]
+    };
+    set.publish(replaced, &[], "index.csv")?;
+    let spin = sequence.map(|s| s.spin());
+    let fps = clip.map(|c| c.fps);
+    let seconds = clock.elapsed().as_secs_f64();
+    let made = Made {
+        folder,
+        written,
+        spin,
+        fps,
+        seconds,
+    };
+    made.summarize(arguments)
+}
+
+/// A folder that was written.
+struct Made {
+    folder: PathBuf,
+    written: Written,
+    spin: Option<Vec3>,
+    fps: Option<f64>,
+    seconds: f64,
+}
+
+impl Made {
+    fn summarize(&self, arguments: &Arguments) -> Result<()> {
+        let Self {
+            folder,
+            written,
+            spin,
+            fps,
+            seconds,
+        } = self;
+        let rps = spin.map(|w| w.norm() / std::f64::consts::TAU);
+        if arguments.json {
+            return crate::cli::print_json(&json!({
+                "output": folder.to_string_lossy(),
+                "frames": written.frames,
+                "without_dots": written.without_dots,
+                "visible_dots": written.visible_dots,
+                "seed": arguments.seed,
+                "spin_rad_s": spin.map(|w| [w.x, w.y, w.z]),
+                "rps": rps,
+                "fps": fps,
+                "seconds": seconds,
+            }));
+        }
+        let per_frame = written.visible_dots as f64 / written.frames as f64;
+        outln!(
+            "{}: {} frames, {per_frame:.1} dots to be found in each (seed {}); {seconds:.1} s",
+            folder.display(),
+            written.frames,
+            arguments.seed
+        );
+        if written.without_dots > 0 {
+            outln!(
+                "{} frames without any such dot: in truth.json, not in index.csv",
+                written.without_dots
+            );
+        }
+        if let (Some(w), Some(rps), Some(fps)) = (spin, rps, fps) {
+            outln!(
+                "spin [{:.4}, {:.4}, {:.4}] rad/s, {rps:.3} rps; {fps} frames a second",
+                w.x,
+                w.y,
+                w.z
+            );
+        }
+        Ok(())
+    }
+}

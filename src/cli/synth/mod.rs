@@ -1,0 +1,237 @@
+//! `spindoe synth`: images, a clip, dots or orientations of a ball, with exact truth.
+
+mod dots;
+#[cfg(feature = "vision")]
+mod images;
+mod orientations;
+
+use std::path::PathBuf;
+
+use clap::{ArgMatches, Args, ValueEnum};
+
+use super::output::{one_of, reject_foreign, unit};
+use crate::ball::Ball;
+use crate::error::{Error, Result};
+use crate::geometry::Vec3;
+use crate::pattern::{NamedPattern, shipped_designs};
+#[cfg(feature = "vision")]
+use crate::synth::SynthKind;
+use crate::view::ProtocolName;
+
+/// The shipped pattern of a ball where none is given.
+const PATTERN: &str = "dots20";
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Without arguments it writes a sample to try: a clip of a spinning ball with its pattern and table.
+
+A folder of images or of a clip holds images/*.png (a clip's are named by their times in nanoseconds), pattern.csv,
+table.npz, truth.json (the ground truth of every frame), index.csv (for the SpinDOE authors' reader: image path,
+quaternion w,x,y,z, then u,v of each dot to be found), contact_sheet.png, and of a clip orientations.csv.
+Dots are written as `spindoe identify` reads them, orientations as `spindoe spin` does.
+
+Examples:
+  spindoe synth -o sample
+  spindoe synth table.npz --as images -o set --frames 5000
+  spindoe synth dots32 --as images --kind dotless -o empty
+  spindoe synth table.npz -o clip --frames 20 --rps 60 --ball-px 60
+  spindoe synth table.npz -o live --image-size 1280x1024 --ball-px 60 --config drift_px=400,-80
+  spindoe synth dots20 --as dots --protocol clutter -o dots.csv
+  spindoe synth --as orientations --rps 40 --frames 200 -o orientations.csv")]
+pub struct Arguments {
+    /// The ball's pattern: a shipped one by its name, its CSV, a table, or the folder of a design or calibration
+    /// [default: dots20].
+    pattern: Option<PathBuf>,
+    /// What to make.
+    #[arg(long = "as", value_enum, value_name = "WHAT", default_value_t)]
+    content: Content,
+    /// The folder or the file to write [default: of images and clips the folder sample].
+    #[arg(short, long, value_name = "DIR|FILE.csv")]
+    output: Option<PathBuf>,
+    /// Replace images or a clip that the folder holds already, with all their files.
+    #[arg(long)]
+    overwrite: bool,
+    /// Number of frames [default: images 100, a clip 24, dots 1000, orientations 10].
+    #[arg(long, value_name = "N")]
+    frames: Option<usize>,
+    /// Seed.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Ranges from which frames are drawn: all conditions; good ones (a ball of 60 pixels, sharp, well lit, in full view);
+    /// sample, good ones on the camera's axis, 40 rps; or a JSON file of them, as `config` in truth.json [default:
+    /// images all, a clip sample].
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "all|good|sample|FILE.json")]
+    preset: Option<images::Preset>,
+    /// Content of the frames: the pattern's ball, or an object without the pattern [default: dotted].
+    #[cfg(feature = "vision")]
+    #[arg(long, value_parser = one_of(&SynthKind::ALL, SynthKind::as_str))]
+    kind: Option<SynthKind>,
+    /// Frames per second [default: 350, or the camera's].
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    fps: Option<f64>,
+    /// Spin, revolutions per second: one number, or LOW,HIGH [default: by the preset; orientations 50].
+    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "RPS")]
+    rps: Option<[f64; 2]>,
+    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random where not
+    /// given.
+    #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z")]
+    axis: Option<Vec3>,
+    /// Exposure of a clip's frames, milliseconds; at random where not given.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
+    exposure_ms: Option<f64>,
+    /// Diameter of the ball, pixels: one number, or LOW,HIGH; the crop's side follows from it.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "PX")]
+    ball_px: Option<[f64; 2]>,
+    /// Whole frames of this size with the ball anywhere in them, WIDTHxHEIGHT pixels, instead of crops.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_parser = images::size, value_name = "WxH")]
+    image_size: Option<[usize; 2]>,
+    /// Flip all images left to right, as a selfie video is.
+    #[cfg(feature = "vision")]
+    #[arg(long)]
+    mirrored: bool,
+    /// Also write masks/*.png: white where the ball is visible.
+    #[cfg(feature = "vision")]
+    #[arg(long)]
+    masks: bool,
+    /// The view that the dots are seen in, as in `spindoe validate` [default: paper].
+    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str))]
+    protocol: Option<ProtocolName>,
+    /// The camera that orientations come from, as for `spindoe advise`: frame rate, noise, outliers and lost frames are what
+    /// it gives of the pattern in rendered frames.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "CAMERA.toml")]
+    camera: Option<PathBuf>,
+    #[cfg(feature = "vision")]
+    #[command(flatten)]
+    ranges: images::Ranges,
+    #[command(flatten)]
+    scenario: orientations::ScenarioArguments,
+    /// Print the truth as one JSON object instead of words.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+enum Content {
+    /// One ball that rotates at a constant spin.
+    #[cfg(feature = "vision")]
+    #[default]
+    Clip,
+    /// Another ball, view and camera in every frame.
+    #[cfg(feature = "vision")]
+    Images,
+    /// Observed dots of single frames.
+    #[cfg_attr(not(feature = "vision"), default)]
+    Dots,
+    /// Time-stamped orientations of one ball.
+    Orientations,
+}
+
+/// The flags that only some contents have, by their ids.
+#[cfg(feature = "vision")]
+const OWN: &[(&str, &[Content])] = {
+    use Content::{Clip, Dots, Images, Orientations};
+    const PICTURES: &[Content] = &[Clip, Images];
+    &[
+        ("preset", PICTURES),
+        ("kind", PICTURES),
+        ("ball_px", PICTURES),
+        ("image_size", PICTURES),
+        ("mirrored", PICTURES),
+        ("masks", PICTURES),
+        ("overwrite", PICTURES),
+        ("exposure_ms", &[Clip]),
+        ("drift_px", &[Clip]),
+        ("fps", &[Clip, Orientations]),
+        ("axis", &[Clip, Orientations]),
+        ("rps", &[Clip, Images, Orientations]),
+        ("camera", &[Orientations]),
+        ("protocol", &[Dots]),
+    ]
+};
+#[cfg(not(feature = "vision"))]
+const OWN: &[(&str, &[Content])] = &[
+    ("fps", &[Content::Orientations]),
+    ("axis", &[Content::Orientations]),
+    ("rps", &[Content::Orientations]),
+    ("protocol", &[Content::Dots]),
+];
+
+impl Arguments {
+    /// The ball: the given one, or the shipped one of 20 dots.
+    fn ball(&self) -> Result<Ball> {
+        if let Some(path) = &self.pattern {
+            return Ball::read(path);
+        }
+        let is_usual = |design: &NamedPattern| design.name == PATTERN;
+        let found = shipped_designs()?.into_iter().find(is_usual);
+        let found = found.ok_or_else(|| Error::Internal(format!("no design {PATTERN}")))?;
+        Ok(Ball::new(found.pattern))
+    }
+
+    /// The file to write.
+    fn file(&self) -> Result<&PathBuf> {
+        let expected = || Error::argument("output", "expected a file");
+        self.output.as_ref().ok_or_else(expected)
+    }
+
+    /// The axis as a unit vector, where it is given.
+    fn unit_axis(&self) -> Result<Option<Vec3>> {
+        let unit = |axis| {
+            unit(axis).ok_or_else(|| Error::argument("axis", "expected a vector that is not 0"))
+        };
+        self.axis.map(unit).transpose()
+    }
+
+    /// The one spin that is given, revolutions per second.
+    fn one_rps(&self) -> Result<Option<f64>> {
+        match self.rps {
+            Some([low, high]) if low != high => {
+                let problem = "expected one number where there is one spin";
+                Err(Error::argument("rps", problem))
+            }
+            rps => Ok(rps.map(|[rps, _]| rps)),
+        }
+    }
+}
+
+/// A number, or two separated by a comma.
+fn range(text: &str) -> std::result::Result<[f64; 2], String> {
+    match numbers(text).as_slice() {
+        [x] => Ok([*x; 2]),
+        [low, high] => Ok([*low, *high]),
+        _ => Err("expected a finite number, or two as LOW,HIGH".into()),
+    }
+}
+
+/// Three finite numbers separated by commas.
+fn vector(text: &str) -> std::result::Result<Vec3, String> {
+    match numbers(text).as_slice() {
+        [x, y, z] => Ok(Vec3::new(*x, *y, *z)),
+        _ => Err("expected three finite numbers X,Y,Z".into()),
+    }
+}
+
+/// Finite numbers separated by commas; none where a part is no such number.
+fn numbers(text: &str) -> Vec<f64> {
+    let parts = text.split(',').map(|n| n.trim().parse().ok());
+    let finite = parts.map(|n| n.filter(|x: &f64| x.is_finite()));
+    finite.collect::<Option<Vec<_>>>().unwrap_or_default()
+}
+
+pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
+    if let Some(given) = given {
+        reject_foreign(given, OWN, arguments.content)?;
+    }
+    match arguments.content {
+        #[cfg(feature = "vision")]
+        Content::Clip | Content::Images => images::run(arguments),
+        Content::Dots => dots::run(arguments),
+        Content::Orientations => orientations::run(arguments),
+    }
+}

@@ -1,0 +1,64 @@
+//! One pattern over a range of the dots' noise, and of the paper's alpha.
+
+use super::{Arguments, Sweep};
+use crate::ball::Ball;
+use crate::cli::output::Counter;
+use crate::cli::print_json;
+use crate::error::Result;
+use crate::files::{self, Replacement};
+use crate::report::reject_design;
+use crate::validate::{SensitivityConfig, sensitivity, sensitivity_csv};
+
+pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
+    arguments.reject("with a sweep", &["recognizer", "sigma-deg"])?;
+    let values = |what, values: &Vec<f64>| match arguments.sweep.contains(&what) {
+        true => values.clone(),
+        false => Vec::new(),
+    };
+    let config = SensitivityConfig {
+        sigmas_deg: values(Sweep::Noise, &arguments.sweep_noise_deg),
+        alphas: values(Sweep::Alpha, &arguments.sweep_alpha),
+        samples: arguments
+            .samples
+            .unwrap_or(SensitivityConfig::default().samples),
+        seed: arguments.seed,
+    };
+    let set = arguments.output.as_deref().map(|dir| {
+        reject_design(dir, "choose another folder")?;
+        Replacement::begin(dir)
+    });
+    let set = set.transpose()?;
+    let protocol = arguments.protocol();
+    let count = 2 * config.sigmas_deg.len() + config.alphas.len();
+    let counter = Counter::new(count as u64, "points");
+    let points = sensitivity(ball, &protocol, &config, &mut |_| counter.add(1))?;
+    counter.finish();
+    if let Some(set) = set {
+        let csv = sensitivity_csv(&points);
+        files::write_bytes(&set.path().join("sensitivity.csv"), csv.as_bytes())?;
+        #[cfg(feature = "plot")]
+        crate::report::plots::sensitivity_plots(set.path(), &points)?;
+        set.publish(&[], &[], "sensitivity.csv")?;
+    }
+    if arguments.json {
+        return print_json(&serde_json::json!({ "points": points }));
+    }
+    outln!(
+        "protocol {}, {} trials a point, seed {}",
+        protocol.name(),
+        config.samples,
+        config.seed
+    );
+    for p in &points {
+        let v = &p.result.validation;
+        outln!(
+            "{:<9} {:>6}  {:<6}  identity {}  orientation {}",
+            p.parameter.as_str(),
+            p.value,
+            p.result.recognizer,
+            v.identity,
+            v.orientation
+        );
+    }
+    Ok(())
+}
