@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The dot detector in Python: finds the dots of one ball with ONNX Runtime, NumPy and Pillow alone.
 
-    spindoe export -o dots.onnx
+    python -c "import spindoe; spindoe.write_onnx('dots.onnx')"
     python3 examples/detect_dots.py dots.onnx ball.png U V R
 
 U V R is the ball's circle in pixels (center of the top-left pixel at 0, 0). Prints a dot a line: its pixel, standard

@@ -29,14 +29,14 @@ def stencil(spindoe, _):
 
 def spin(spindoe, aside):
     sequence = aside / "sequence.csv"
-    run(spindoe, "simulate", "-o", sequence, "--rps", "80", "--axis", "1,-2,0.5", "--frames", "210", "--decay", "0.091",
-        "--seed", "4")
-    run(spindoe, "spin", sequence, "--decay", "--plot", "docs/spin_over_time.png")
+    run(spindoe, "synth", "--as=orientations", "-o", sequence, "--rps", "80", "--axis", "1,-2,0.5", "--frames", "210",
+        "--config=decay_per_s=0.091", "--seed", "4")
+    run(spindoe, "spin", sequence, "--motion=decaying", "--picture", "docs/spin_over_time.png")
 
 
 def synth(spindoe, aside):
     for name, flags in {"contact_sheet": [], "good": ["--preset", "good"]}.items():
-        run(spindoe, "synth", PATTERN, "--out", aside / name, "--frames", "64", "--seed", "6", *flags)
+        run(spindoe, "synth", PATTERN, "--as=images", "-o", aside / name, "--frames", "64", "--seed", "6", *flags)
         shutil.copy(aside / name / "contact_sheet.png", f"docs/synth/{name}.png")
 
 
@@ -75,7 +75,7 @@ def recognizer(_, __):
 
 
 def search(spindoe, aside):
-    run(spindoe, "design", "--seed", "0", "--budget", "30m", "--out", aside / "search")
+    run(spindoe, "design", "--seed", "0", "--budget", "30m", "-o", aside / "search")
     shutil.copy(aside / "search" / "progress.png", "docs/search_30_minutes.png")
 
 

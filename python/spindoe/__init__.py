@@ -20,6 +20,7 @@ from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import HashTable, Pattern, PatternSummary
+from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
 from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
 from ._spin import Alias, Spin, fit_spin
 from ._stencil import Stencil
@@ -62,6 +63,8 @@ __all__ = [
     "Stencil",
     "Tracker",
     "TrackerState",
+    "Trajectory",
+    "TrajectorySet",
     "Truth",
     "Validation",
     "MIN_CONFIDENCE_DOTS",
@@ -69,6 +72,8 @@ __all__ = [
     "__version__",
     "fit_spin",
     "merge",
+    "read_trajectories",
     "synth",
     "validate",
+    "write_onnx",
 ]

@@ -132,8 +132,9 @@ class Design:
         out: The folder for pattern, table, stencil, plots and report.
         dots: Number of dots.
         seed: Seed of the random starts.
-        flags: Any other flag of ``spindoe design --help``, with underscores: ``starts=8``,
-            ``min_separation_deg=20``, ``keep_out=["0,0,1,25"]``, ``objective="confusion"``.
+        flags: Any other setting of ``spindoe design --print-config``: ``starts=8``,
+            ``min_separation_deg=20``, ``keep_out=["0,0,1,25"]``, ``objective="confusion"``; and ``pattern``, one to
+            improve.
 
     Raises:
         ValueError: For a flag that does not exist or is outside its domain.
@@ -143,12 +144,12 @@ class Design:
     out: PathLike
 
     def __init__(self, out: PathLike, *, dots: int = 20, seed: int = 0, **flags: Any) -> None:
-        for taken in ("resume", "budget", "json", "shard", "shards"):
+        for taken in ("resume", "budget", "json", "shard", "shards", "config", "output"):
             if taken in flags:
                 raise ValueError(f"{taken}: expected as an argument of run, or not at all")
         self.out = out
-        given: dict[str, Any] = {"seed": seed, **flags, "out": out}
-        if "from" not in flags and "from_" not in flags:
+        given: dict[str, Any] = {"seed": seed, **flags, "output": os.fspath(out)}
+        if "pattern" not in flags:
             given = {"dots": dots, **given}
         self._flags = _words(given)
         # Wrong flags are reported here, not once the search begins.
@@ -194,8 +195,8 @@ class Design:
         """
         folder = os.path.join(os.fspath(self.out), "shards", str(index))
         begun = os.path.exists(os.path.join(folder, "search.json"))
-        flags = [word for word in self._flags if not word.startswith("--out=")]
-        flags += [f"--out={folder}", f"--shard={index}/{count}", *(["--resume"] if begun else [])]
+        flags = [word for word in self._flags if not word.startswith("--config=output=")]
+        flags += [f"--output={folder}", f"--shard={index}/{count}", *(["--resume"] if begun else [])]
         _native.DesignJob(flags).run_shard(_progress_callback(callback), None)
         return folder
 
@@ -257,13 +258,13 @@ def _design(out: PathLike, flags: list[str]) -> Design:
 
 
 def _words(flags: dict[str, Any]) -> list[str]:
-    """Flags as the command line has them."""
+    """Settings as the command line has them."""
     words = []
     for name, value in flags.items():
-        flag = "--" + name.rstrip("_").replace("_", "-")
         several = isinstance(value, Sequence) and not isinstance(value, str)
         for one in value if several else [value]:
-            if one is None or one is False:
+            if one is None:
                 continue
-            words += [flag] if one is True else [f"{flag}={one}"]
+            text = str(one).lower() if isinstance(one, bool) else one
+            words.append(f"--config={name.rstrip('_')}={text}")
     return words

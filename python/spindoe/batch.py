@@ -1,6 +1,6 @@
 """Estimates many clips, each a folder of images or a video, on a Ray cluster or on this machine.
 
-    python -m spindoe.batch clips/* --table table.npz --out results --ray auto
+    python -m spindoe.batch clips/* --table table.npz -o results --ray auto
 
 Each clip gives ``results/NAME.json``, what ``spindoe estimate --json`` prints. Clips that have one are not
 estimated again: what was interrupted is continued by the same command. ``results/summary.csv`` has a row
@@ -101,7 +101,7 @@ def main(words: list[str] | None = None) -> int:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", nargs="+", help="folders of images, or videos")
     parser.add_argument("--table", required=True, help="the pattern's table, or the pattern")
-    parser.add_argument("--out", required=True, help="folder for the results")
+    parser.add_argument("-o", "--output", dest="out", required=True, help="folder for the results")
     _cluster.add_arguments(parser)
     arguments, flags = parser.parse_known_args(words)
     try:

@@ -1,10 +1,10 @@
 """A search for a pattern in shards, on a Ray cluster or on this machine.
 
-    python -m spindoe.search --shards 8 --out my-ball --ray auto --seed 7 --rounds 20
+    python -m spindoe.search --shards 8 -o my-ball --ray auto --seed 7 --config rounds=20
 
 Other flags are those of ``spindoe design``. The folder must be the same on all machines: the shards'
 checkpoints lie in it, from which a shard whose worker died is taken up again. The result is that of
-``spindoe design --shards 8`` with the same flags.
+``spindoe design --config shards=8`` with the same flags.
 """
 
 from __future__ import annotations
@@ -62,8 +62,15 @@ def _flags(words: list[str]) -> dict[str, Any]:
             raise ValueError(f"{word}: expected a flag of spindoe design")
         else:
             flags[name].append(word)
+    settings: dict[str, list[str]] = {}
+    for word in flags.pop("config", []):
+        name, has_value, value = word.partition("=")
+        if not has_value:
+            raise ValueError(f"--config: expected KEY=VALUE, found {word}")
+        settings.setdefault(name, []).append(value)
     return {
-        name: values[0] if len(values) == 1 else values or True for name, values in flags.items()
+        name: values[0] if len(values) == 1 else values or True
+        for name, values in {**flags, **settings}.items()
     }
 
 
@@ -72,7 +79,7 @@ def main(words: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m spindoe.search", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shards", type=int, required=True, help="number of shards")
-    parser.add_argument("--out", required=True, help="folder, the same on all machines")
+    parser.add_argument("-o", "--output", dest="out", required=True, help="folder, the same on all machines")
     _cluster.add_arguments(parser)
     arguments, rest = parser.parse_known_args(words)
     try:

@@ -12,6 +12,7 @@ mod errors;
 mod estimator;
 mod image;
 mod pattern;
+mod published;
 mod recognizer;
 mod spin;
 mod stencil;
@@ -32,6 +33,8 @@ mod _native {
     use super::estimator::{BallView, Estimator, Tracker};
     #[pymodule_export]
     use super::pattern::{HashTable, Pattern};
+    #[pymodule_export]
+    use super::published::{onnx_bytes, read_trajectories};
     #[pymodule_export]
     use super::recognizer::Recognizer;
     #[pymodule_export]

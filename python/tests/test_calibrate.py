@@ -33,10 +33,10 @@ def clip(command, drawn, tmp_path_factory):
     image = pytest.importorskip("PIL.Image")
     folder = tmp_path_factory.mktemp("clip")
     np.savetxt(folder / "drawn.csv", drawn[~np.isnan(drawn[:, 0])], delimiter=",", fmt="%.17g")
-    run(command, "synth", folder / "drawn.csv", "--out", folder / "set", "--sequence", "--frames", 40,
+    run(command, "synth", folder / "drawn.csv", "-o", folder / "set", "--frames", 40,
         "--fps", 60, "--rps", 3, "--seed", 9, "--preset", "good", "--ball-px", 80,
-        "--placement-sigma-deg", 0, "--logo-probability", 0, "--exposure-ms", 0.5,
-        "--camera-distance-radii", 20)
+        "--config=placement_sigma_deg=0", "--config=logo_probability=0", "--exposure-ms", 0.5,
+        "--config=camera_distance_radii=20")
     paths = sorted((folder / "set/images").glob("*.png"), key=lambda path: int(path.stem))
     images = [np.array(image.open(path).convert("RGB")) for path in paths]
     return folder / "set/images", images
@@ -46,7 +46,7 @@ def clip(command, drawn, tmp_path_factory):
 def theirs(command, clip, tmp_path_factory):
     """The folder that the command writes."""
     out = tmp_path_factory.mktemp("out") / "ball"
-    run(command, "calibrate", "--table", TABLE, clip[0], "--out", out, "--samples", 40, "--seed", 3)
+    run(command, "calibrate", "--table", TABLE, clip[0], "-o", out, "--samples", 40, "--seed", 3)
     return out
 
 

@@ -19,25 +19,25 @@ FILES = ("pattern.csv", "table.npz", "stencil/half_a.stl")
 
 
 def flags() -> list[str]:
-    return [f"--{name.replace('_', '-')}={value}" for name, value in SMALL.items()]
+    return [f"--config={name}={value}" for name, value in SMALL.items()]
 
 
 @pytest.fixture(scope="module")
 def whole(command, tmp_path_factory):
     """What the command gives that runs all shards in one process."""
     out = tmp_path_factory.mktemp("whole") / "d"
-    run(command, "design", *flags(), "--shards", 2, "--out", out)
+    run(command, "design", *flags(), "--config=shards=2", "-o", out)
     return {name: (out / name).read_bytes() for name in FILES}
 
 
 def test_shards_from_python_are_those_of_the_command(whole, tmp_path, capsys):
-    words = ["--shards", "2", "--out", str(tmp_path / "d"), *flags()]
+    words = ["--shards", "2", "-o", str(tmp_path / "d"), *flags()]
     assert search.main(words) == 0
     assert capsys.readouterr().out.strip() == str(tmp_path / "d")
     assert {name: (tmp_path / "d" / name).read_bytes() for name in FILES} == whole
     assert search.main(words) == 2 and "choose another folder" in capsys.readouterr().err
-    assert search.main(["--shards", "0", "--out", str(tmp_path / "e")]) == 2
-    assert search.main(["--shards", "2", "--out", str(tmp_path / "e"), "--dot=3"]) == 2
+    assert search.main(["--shards", "0", "-o", str(tmp_path / "e")]) == 2
+    assert search.main(["--shards", "2", "-o", str(tmp_path / "e"), "--dot=3"]) == 2
 
 
 def test_a_search_that_was_interrupted_in_the_last_trial_is_continued(whole, tmp_path):
@@ -101,7 +101,7 @@ def test_clips_are_estimated_once(clips, tmp_path, capsys):
     table = ROOT / "designs/dots20/table.npz"
     _check(batch.batch(clips, table, tmp_path / "r"))
     kept = (tmp_path / "r/clip-0.json").stat().st_mtime_ns
-    words = [*map(str, clips), "--table", str(table), "--out", str(tmp_path / "r")]
+    words = [*map(str, clips), "--table", str(table), "-o", str(tmp_path / "r")]
     assert batch.main(words) == 0 and "2 of 3 clips" in capsys.readouterr().out
     assert (tmp_path / "r/clip-0.json").stat().st_mtime_ns == kept
     assert (tmp_path / "r/summary.csv").read_text().startswith("clip,frames,")

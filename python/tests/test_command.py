@@ -32,8 +32,8 @@ def test_the_same_rates(command, table, protocol, recognizer):
 @pytest.mark.parametrize("protocol", ["paper", "sparse", "clutter", "image"])
 def test_the_same_identifications(command, table, protocol, recognizer, tmp_path):
     dump = tmp_path / "dots.csv"
-    run(command, "validate", TABLE, "--samples", 300, "--protocol", protocol, "--dump", dump)
-    flags = [] if recognizer == "paper" else ["--expect", protocol]
+    run(command, "synth", TABLE, "--as=dots", "--frames", 300, "--protocol", protocol, "-o", dump)
+    flags = [] if recognizer == "paper" else ["--protocol", protocol]
     text = run(
         command, "identify", "--table", TABLE, dump, "--json", "--recognizer", recognizer, *flags
     )
@@ -114,8 +114,8 @@ def test_the_same_published_frames(command, published):
 def drawn(command, tmp_path_factory):
     """A folder of synthetic frames of one spin."""
     folder = tmp_path_factory.mktemp("drawn") / "set"
-    run(command, "synth", ROOT / "designs/dots20/pattern.csv", "--out", folder,
-        "--sequence", "--frames", 12, "--fps", 350, "--preset", "good")
+    run(command, "synth", ROOT / "designs/dots20/pattern.csv", "-o", folder,
+        "--frames", 12, "--fps", 350, "--preset", "good")
     return folder / "images"
 
 

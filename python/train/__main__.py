@@ -28,7 +28,7 @@ def arguments() -> argparse.Namespace:
         "What is not given is as it was for the built-in nets.",
     )
     parser.add_argument("--head", choices=list(BUILT_IN), help="the net; all of them by default")
-    parser.add_argument("--out", type=Path, help="folder for weights, scores and checkpoints")
+    parser.add_argument("-o", "--output", dest="out", type=Path, help="folder for weights, scores and checkpoints")
     parser.add_argument("--score", type=Path, metavar="NPZ", help="only score these weights")
     parser.add_argument("--force", action="store_true", help="train nets that are up to date, too")
     for name, kind, text in (
@@ -110,7 +110,7 @@ def main() -> int:
             score(given.score, given)
             return 0
         if given.out is None:
-            raise TrainingError("--out: expected a folder")
+            raise TrainingError("--output: expected a folder")
         for head in BUILT_IN if given.head is None else [given.head]:
             train(settings_of(head, given), given.out, given.force)
     except (TrainingError, ValueError, OSError) as error:

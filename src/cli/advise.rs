@@ -11,6 +11,7 @@ use crate::ball::Ball;
 use crate::camera::{Advice, AdviceConfig, CameraTrials, FrameRates, RaceConfig, advise};
 use crate::error::Result;
 use crate::pattern::{NamedPattern, shipped_designs};
+use crate::validate::check_samples;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -48,6 +49,7 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let conditions = arguments.camera.conditions()?;
+    check_samples(arguments.samples)?;
     let patterns = if arguments.inputs.is_empty() {
         shipped_designs()?
     } else {

@@ -11,6 +11,8 @@ mod common;
 #[cfg(feature = "vision")]
 mod derived;
 mod design;
+#[cfg(feature = "cli")]
+mod docs;
 mod geometry;
 
 #[cfg(feature = "vision")]

@@ -45,25 +45,27 @@ def run(binary, folder, *arguments):
 def produce(binary, folder, objectives, pattern):
     """Writes everything that is compared into `folder`."""
     for name in objectives:
-        run(binary, folder, "design", "--dots", "10", "--starts", "3", "--rounds", "2", "--samples",
-            "100", "--seed", "1", "--objective", name, "--out", f"design-{name}")
+        run(binary, folder, "design", "--dots", "10", "--config=starts=3", "--config=rounds=2", "--samples",
+            "100", "--seed", "1", f"--config=objective={name}", "-o", f"design-{name}")
     (folder / "given.csv").write_text(pattern)
     run(binary, folder, "table", "given.csv", "-o", "table.npz")
-    run(binary, folder, "sensitivity", "given.csv", "-o", "sweep", "--samples", "50", "--seed", "2")
+    run(binary, folder, "validate", "given.csv", "--sweep=noise,alpha", "-o", "sweep", "--samples", "50", "--seed", "2")
     run(binary, folder, "stencil", "given.csv", "-o", "stencil")
     for protocol in PROTOCOLS:
+        run(binary, folder, "synth", "given.csv", "--as=dots", "--protocol", protocol, "--frames", "300",
+            "--seed", "3", "-o", f"{protocol}.csv")
         for name in RECOGNIZERS:
             words = run(binary, folder, "validate", "given.csv", "--protocol", protocol, "--recognizer",
-                        name, "--samples", "300", "--seed", "3", "--dump", f"{protocol}.csv", "--json")
+                        name, "--samples", "300", "--seed", "3", "--json")
             (folder / f"validate-{protocol}-{name}.json").write_text(words)
             run(binary, folder, "identify", "--table", "table.npz", f"{protocol}.csv",
                 "--recognizer", name, "-o", f"identify-{protocol}-{name}.csv")
-    run(binary, folder, "simulate", "-o", "turning.csv", "--rps", "30", "--frames", "12", "--seed", "4")
+    run(binary, folder, "synth", "--as=orientations", "-o", "turning.csv", "--rps", "30", "--frames", "12", "--seed", "4")
     for method in ("quatera", "robust"):
         words = run(binary, folder, "spin", "turning.csv", "--method", method, "--json")
         (folder / f"spin-{method}.json").write_text(words)
-    run(binary, folder, "synth", "given.csv", "--out", "images", "--frames", "6", "--seed", "5",
-        "--size", "100")
+    run(binary, folder, "synth", "given.csv", "--as=images", "-o", "images", "--frames", "6", "--seed", "5",
+        "--config=size_px=100")
     run(binary, folder, "estimate", "--table", "table.npz", "images/images", "-o", "estimate.csv")
 
 

@@ -17,7 +17,7 @@ WIDTH = 1200
 WAYS = {
     "gores": [],
     "stickers": [],
-    "plotter": ["--pen-diameter-mm", "0.8"],
+    "plotter": ["--config=pen_diameter_mm=0.8"],
 }
 
 

@@ -14,9 +14,11 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::images::{ImageArguments, order_warning, read_balls, unused_warning};
 use super::output::{Counter, one_of};
+use super::spin::Motion;
 use crate::ball::Ball;
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::error::{Error, Result, require};
@@ -115,8 +117,8 @@ pub struct Arguments {
     max_spin_rps: f64,
     /// How the ball moves: at a constant spin, or precessing as an uneven ball does; with evidence for that the spin
     /// reported is the mean one.
-    #[arg(long, value_parser = ["constant", "precessing"], default_value = "constant", conflicts_with_all = ["no_sequence", "follow"])]
-    motion: String,
+    #[arg(long, value_parser = motion(), default_value = "constant", conflicts_with_all = ["no_sequence", "follow"])]
+    motion: Motion,
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
@@ -139,6 +141,14 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     max_latency_ms: Option<f64>,
+}
+
+/// Takes a motion of a clip. A decay needs longer flights than clips show.
+fn motion() -> impl TypedValueParser<Value = Motion> {
+    PossibleValuesParser::new(["constant", "precessing"]).map(|name| match name.as_str() {
+        "precessing" => Motion::Precessing,
+        _ => Motion::Constant,
+    })
 }
 
 /// What only a set of files has.

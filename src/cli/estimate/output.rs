@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::verdict::Judgment;
 use super::{Arguments, Picture};
 use crate::cli::precession::Precession;
-use crate::cli::spin::LISTED_BEYOND;
+use crate::cli::spin::{LISTED_BEYOND, Motion};
 use crate::cli::spin_summary;
 use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
@@ -71,7 +71,7 @@ fn spin(
         ..AliasConfig::default()
     };
     let measurements = orientations.measurements();
-    if arguments.motion == "precessing" {
+    if arguments.motion == Motion::Precessing {
         let fit = Precession::fit(&measurements, &config, &listed, batch.frames.len());
         return Some(fit.map(|(summary, found)| (summary, Some(found))));
     }
@@ -310,7 +310,7 @@ impl<'a> Report<'a> {
             errln!("{} of them independently", summary.alone);
         }
         if let Some(words) = self.times_words() {
-            errln!("times: {words}");
+            errln!("{words}");
         }
         match &self.spin {
             Some(Ok(summary)) => {

@@ -12,6 +12,7 @@ use crate::cli::output::Counter;
 use crate::cli::print_json;
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
+use crate::validate::check_samples;
 
 /// Frames of a camera at each point of a sweep where none are stated.
 const POINT_FRAMES: u64 = 200;
@@ -19,6 +20,7 @@ const POINT_FRAMES: u64 = 200;
 pub(super) fn run(arguments: &Arguments, balls: Vec<Ball>) -> Result<()> {
     arguments.reject("with a camera", &["protocol", "sigma-deg", "recognizer"])?;
     let conditions = arguments.camera.conditions()?;
+    arguments.samples.map_or(Ok(()), check_samples)?;
     match (balls.as_slice(), arguments.sweep.as_slice()) {
         ([ball], [Sweep::Camera]) => sweep(arguments, ball, &conditions),
         (_, [_, ..]) => {

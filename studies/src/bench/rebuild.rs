@@ -41,7 +41,7 @@ impl Args {
         }
         let force = self.force.then_some("--force");
         let status = command()
-            .args(["-m", "train", "--out", "../models"])
+            .args(["-m", "train", "--output", "../models"])
             .args(force)
             .status()?;
         if !status.success() {

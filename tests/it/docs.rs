@@ -1,0 +1,122 @@
+//! The documents: every command that they show is understood, and the tutorial prints what it shows.
+
+use std::path::{Path, PathBuf};
+
+use crate::common::spindoe;
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The documents of the repository, but for measurements: what those show are records of runs.
+fn documents() -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = ["README.md", "designs/README.md", "models/README.md"]
+        .iter()
+        .chain(&["stencils/README.md", "python/README.md"])
+        .map(|name| root().join(name))
+        .collect();
+    for entry in std::fs::read_dir(root().join("docs")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|e| e == "md") {
+            found.push(path);
+        }
+    }
+    found
+}
+
+/// A line of a block as a shell splits it; comments and redirections are left out.
+fn commands(line: &str) -> Vec<Vec<String>> {
+    let line = line.split(" #").next().unwrap_or_default();
+    let parts = line.split("&&").flat_map(|part| part.split(" | "));
+    let words = parts.map(|part| {
+        let part = part.split('>').next().unwrap_or_default();
+        part.split_whitespace().map(str::to_owned).collect()
+    });
+    words
+        .map(|words: Vec<String>| {
+            // What times a command comes before it.
+            let at = words.iter().position(|w| w == "spindoe");
+            at.map_or(Vec::new(), |at| words[at + 1..].to_vec())
+        })
+        .filter(|words| !words.is_empty())
+        .collect()
+}
+
+#[cfg(feature = "vision")]
+#[test]
+fn every_command_of_the_documents_is_understood() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut seen = 0;
+    for document in documents() {
+        let text = std::fs::read_to_string(&document).unwrap();
+        let text = text.replace("\\\n", " ");
+        for line in text.lines().filter(|l| l.starts_with("    ")) {
+            if !line.contains("spindoe ") || line.contains(" = ") {
+                continue;
+            }
+            for words in commands(line) {
+                let words: Vec<&str> = words.iter().map(String::as_str).collect();
+                if ["merge", "report", "completions", "man"].contains(&words[0]) {
+                    // These have no settings to print; their flags are few.
+                    continue;
+                }
+                let arguments = [&words[..], &["--print-config"]].concat();
+                let output = spindoe(dir.path(), &arguments);
+                let said = String::from_utf8_lossy(&output.stderr);
+                let place = document.display();
+                assert!(output.status.success(), "{place}: {line}: {said}");
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen > 50, "{seen} commands");
+}
+
+/// A text without what differs from run to run: seconds and microseconds.
+fn without_times(text: &str) -> Vec<String> {
+    let lines = text.lines().map(str::trim).filter(|l| !l.is_empty());
+    let timed = |line: &str| line.contains(" us an identification");
+    lines
+        .filter(|line| !timed(line))
+        .map(|line| match line.rsplit_once("; ") {
+            Some((before, time)) if time.ends_with(" s") => before.to_owned(),
+            _ => line.to_owned(),
+        })
+        .collect()
+}
+
+#[cfg(all(feature = "vision", feature = "plot"))]
+#[test]
+fn the_tutorial_prints_what_it_shows() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(root().join("docs/tutorial.md")).unwrap();
+    // Blocks of indented lines; what a command prints is the next block.
+    let mut blocks: Vec<String> = Vec::new();
+    let mut is_open = false;
+    for line in text.lines() {
+        match line.strip_prefix("    ") {
+            Some(line) if is_open => *blocks.last_mut().unwrap() += &format!("\n{line}"),
+            Some(line) => blocks.push(line.to_owned()),
+            None => {}
+        }
+        is_open = line.starts_with("    ");
+    }
+    let mut compared = 0;
+    for pair in blocks.windows(2) {
+        let is_command = |block: &String| block.starts_with("spindoe ");
+        if !is_command(&pair[0]) || is_command(&pair[1]) {
+            continue;
+        }
+        let words: Vec<&str> = pair[0].split_whitespace().skip(1).collect();
+        let output = spindoe(dir.path(), &[&words[..], &["-q"]].concat());
+        let printed = [output.stdout, output.stderr].concat();
+        let mut printed = without_times(&String::from_utf8(printed).unwrap());
+        let mut shown = without_times(&pair[1]);
+        // Words on standard error may come before or after.
+        printed.sort();
+        shown.sort();
+        assert_eq!(printed, shown, "{}", pair[0]);
+        compared += 1;
+    }
+    assert!(compared >= 4, "{compared}");
+}
