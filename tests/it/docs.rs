@@ -120,3 +120,41 @@ fn the_tutorial_prints_what_it_shows() {
     }
     assert!(compared >= 4, "{compared}");
 }
+
+/// The commands of `spindoe help --all`, in its order.
+#[cfg(all(feature = "vision", feature = "mark", feature = "plot"))]
+fn help_of(arguments: &[&str]) -> String {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args(arguments)
+        .env_remove("COLUMNS")
+        .output()
+        .unwrap();
+    String::from_utf8(output.stdout).unwrap().replace("\r\n", "\n")
+}
+
+/// The reference of the commands is what they say of themselves. SPINDOE_WRITE_DOCS=1 writes it anew.
+#[cfg(all(feature = "vision", feature = "mark", feature = "plot"))]
+#[test]
+fn the_reference_of_the_commands_is_what_they_say() {
+    let all = help_of(&["help", "--all"]);
+    let mut text = format!(
+        "# Commands\n\nWhat `spindoe help --all` prints, and `spindoe help COMMAND` for each.\n\n```text\n{}\n```\n",
+        all.trim_end()
+    );
+    let names = all.lines().filter(|l| l.starts_with("  ") && !l.trim_start().starts_with('-'));
+    let names = names.filter_map(|l| l.split_whitespace().next());
+    let is_command = |name: &&str| name.chars().all(|c| c.is_ascii_lowercase());
+    for name in names.filter(is_command) {
+        let help = help_of(&["help", name]);
+        text += &format!("\n## {name}\n\n```text\n{}\n```\n", help.trim_end());
+    }
+    let path = root().join("docs/reference/commands.md");
+    if std::env::var_os("SPINDOE_WRITE_DOCS").is_some() {
+        std::fs::write(&path, &text).unwrap();
+    }
+    let shown = std::fs::read_to_string(&path).unwrap();
+    assert!(
+        shown == text,
+        "docs/reference/commands.md is not what the command says: run this test with SPINDOE_WRITE_DOCS=1"
+    );
+}

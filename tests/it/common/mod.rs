@@ -13,13 +13,17 @@ use spindoe::Proportion;
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::pattern::Pattern;
 
-/// Says that a test is skipped, past the harness, which keeps what passing tests print to itself. With `SPINDOE_REQUIRE_ALL` set, it
-/// fails instead.
+/// Says that a test is skipped because a program that it needs is not there. With `SPINDOE_REQUIRE_ALL` set, it fails instead.
 #[allow(dead_code)]
 pub fn skipped(why: &str) {
-    use std::io::Write;
     let is_required = std::env::var_os("SPINDOE_REQUIRE_ALL").is_some();
     assert!(!is_required, "SPINDOE_REQUIRE_ALL is set: {why}");
+    say_skipped(why);
+}
+
+/// Says so past the harness, which keeps what passing tests print to itself.
+fn say_skipped(why: &str) {
+    use std::io::Write;
     let _ = writeln!(std::io::stderr(), "SKIPPED: {why}");
 }
 
@@ -52,7 +56,8 @@ fn published(place: &str) -> Option<PathBuf> {
         .map(|d| d.join("shared/data/spindoe2023").join(place))
         .find(|p| p.exists());
     if found.is_none() {
-        skipped(&format!(
+        // Data of others, which no clone has.
+        say_skipped(&format!(
             "the published {place} lies in no folder above the repository"
         ));
     }
