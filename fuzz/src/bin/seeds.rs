@@ -1,4 +1,4 @@
-//! Writes a valid input for each reader to `corpus/TARGET/`: what fuzzing starts from.
+//! Writes a valid input for each reader to `regressions/TARGET/`: what fuzzing starts from.
 
 // The readers are built with coverage, whose counters libFuzzer holds.
 extern crate libfuzzer_sys;
@@ -25,7 +25,7 @@ use spindoe_fuzz::readers::{
 type Done<T = ()> = Result<T, Box<dyn Error>>;
 
 fn seed(target: &str, name: &str, bytes: impl AsRef<[u8]>) -> Done {
-    let folder = Path::new("corpus").join(target);
+    let folder = Path::new("regressions").join(target);
     fs::create_dir_all(&folder)?;
     Ok(fs::write(folder.join(name), bytes)?)
 }
