@@ -19,6 +19,18 @@
 //! assert!(rate.low < 0.8 && 0.8 < rate.high);
 //! ```
 
+use serde::Deserialize as _;
+
+/// Reads a number that JSON does not have: what is no number is written as null.
+pub(crate) fn or_nan<'de, D: serde::Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Option::<f64>::deserialize(from).map(|number| number.unwrap_or(f64::NAN))
+}
+
+/// Reads a number that may be infinite, which JSON writes as null.
+pub(crate) fn or_infinite<'de, D: serde::Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Option::<f64>::deserialize(from).map(|number| number.unwrap_or(f64::INFINITY))
+}
+
 /// The two-sided 95 % quantile of the standard normal distribution.
 pub(crate) const Z95: f64 = 1.959_963_984_540_054;
 

@@ -77,6 +77,8 @@ pub(super) fn job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option
         stencil: config.constraints.stencil.clone().unwrap_or_default(),
         config,
         dir: out,
+        #[cfg(feature = "plot")]
+        pictures: Vec::new(),
     };
     Ok((job, command))
 }

@@ -72,7 +72,13 @@ use crate::report::{DesignJob, Start};
 
 /// Designs dot patterns for balls, evaluates them, and writes the files needed to use them.
 #[derive(Debug, Parser)]
-#[command(name = "spindoe", bin_name = "spindoe", version, about, max_term_width = 100)]
+#[command(
+    name = "spindoe",
+    bin_name = "spindoe",
+    version,
+    about,
+    max_term_width = 100
+)]
 struct Cli {
     /// Show no progress; warnings and errors stay.
     #[arg(short, long, global = true)]

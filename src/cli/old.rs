@@ -19,7 +19,7 @@ const COMMANDS: [(&str, &str); 8] = [
     ("certify", "spindoe validate"),
 ];
 /// Flags that have another name, by command; "" for all commands.
-const FLAGS: [(&str, &str, &str); 21] = [
+const FLAGS: [(&str, &str, &str); 22] = [
     ("", "out", "--output"),
     ("", "ball-pixels", "--ball-px"),
     ("", "hole-diameter-mm", "--dot-diameter-mm"),
@@ -28,6 +28,7 @@ const FLAGS: [(&str, &str, &str); 21] = [
     ("design", "render", "--config camera_frames=N"),
     ("validate", "dump", "`spindoe synth PATTERN --as dots`"),
     ("advise", "frames", "--samples"),
+    ("report", "plots", "--pictures png,svg"),
     ("identify", "expect", "--protocol"),
     ("identify", "sigma-deg", "--dot-sigma-deg"),
     ("estimate", "circles", "--circle"),

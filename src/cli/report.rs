@@ -4,11 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+#[cfg(feature = "plot")]
+use super::output::one_of;
 use crate::error::{Error, Result, require};
 use crate::files::Replacement;
 #[cfg(feature = "vision")]
 use crate::report::page::CalibrationPage;
 use crate::report::page::{CameraFigures, DesignPage, PAGE};
+#[cfg(feature = "plot")]
+use crate::report::plots::PictureFormat;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -39,10 +43,10 @@ pub struct Arguments {
     /// Frames from which a spin is estimated.
     #[arg(hide = true, long, value_name = "N")]
     frames: Option<usize>,
-    /// Draw a design's plots anew too, as PNG and SVG.
+    /// Draw a design's ball, features, rates and search into the folder too, in these formats.
     #[cfg(feature = "plot")]
-    #[arg(long)]
-    plots: bool,
+    #[arg(long, value_name = "png,svg", value_delimiter = ',', value_parser = one_of(&PictureFormat::ALL, PictureFormat::as_str))]
+    pictures: Vec<PictureFormat>,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -69,8 +73,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let set = Replacement::begin(dir)?;
     page.write(set.path())?;
     #[cfg(feature = "plot")]
-    if arguments.plots {
-        crate::report::plots::redraw(dir, set.path())?;
+    if !arguments.pictures.is_empty() {
+        crate::report::plots::redraw(dir, set.path(), &arguments.pictures)?;
     }
     set.publish(&[], &[], PAGE)?;
     outln!("{}", dir.join(PAGE).display());
@@ -87,10 +91,10 @@ impl Arguments {
             ("fps", self.fps.is_some()),
             ("frames", self.frames.is_some()),
             #[cfg(feature = "plot")]
-            ("plots", self.plots),
+            ("pictures", !self.pictures.is_empty()),
         ] {
             if given {
-                let problem = "the folder holds a calibration, whose page shows no camera and has no such plots";
+                let problem = "the folder holds a calibration, whose page shows no camera and has no such pictures";
                 return Err(Error::argument(name, problem));
             }
         }

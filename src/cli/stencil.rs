@@ -213,7 +213,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "plot")]
     {
         let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-        crate::report::plots::in_each_format(set.path(), PICTURE, |path| {
+        let formats = &crate::report::plots::PictureFormat::ALL;
+        crate::report::plots::in_each_format(set.path(), PICTURE, formats, |path| {
             crate::plot::stencil_views(path, &stencil, &title)
         })?;
     }

@@ -47,7 +47,7 @@ pub struct Pattern {
 }
 
 /// Values that describe a pattern.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PatternSummary {
     /// Number of dots.
     pub dots: usize,

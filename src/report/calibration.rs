@@ -11,7 +11,7 @@ use crate::ball::Ball;
 use crate::calibrate::{
     Calibration, CalibrationConfig, DotState, HeldOut, MIN_EXPECTED_VIEWS, MotionResidual, held_out,
 };
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::files;
 use crate::geometry::{Vec3, tangent_frame};
 use crate::pattern::Pattern;
@@ -79,7 +79,7 @@ pub struct FramesReport {
 }
 
 /// The rates of a protocol by Monte Carlo, all on the robust recognizer.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ProtocolReport {
     /// The protocol.
     pub protocol: ProtocolName,
@@ -92,12 +92,12 @@ pub struct ProtocolReport {
 }
 
 /// Everything that is reported of a calibration.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationReport {
     /// [`CALIBRATION_REPORT_VERSION`].
     pub format_version: u32,
     /// The version of this crate.
-    pub spindoe_version: &'static str,
+    pub spindoe_version: String,
     /// The command that made it, where one did.
     pub command: Option<String>,
     /// SHA-256 of the nominal pattern; none where it was built from the clip alone.
@@ -229,7 +229,7 @@ pub fn evaluate_calibration(
     };
     let mut report = CalibrationReport {
         format_version: CALIBRATION_REPORT_VERSION,
-        spindoe_version: env!("CARGO_PKG_VERSION"),
+        spindoe_version: env!("CARGO_PKG_VERSION").to_owned(),
         command: None,
         nominal_sha256,
         pattern_sha256: pattern.sha256(),
@@ -424,10 +424,7 @@ impl CalibrationEvaluation {
         )?;
         #[cfg(feature = "plot")]
         self.report.draw(&dir.join("offsets.png"))?;
-        let mut json = serde_json::to_string_pretty(&self.report)
-            .map_err(|e| Error::Internal(format!("report as JSON: {e}")))?;
-        json.push('\n');
-        files::write_bytes(&dir.join("report.json"), json.as_bytes())?;
+        super::folder::write_report(&dir.join(super::REPORT), &self.report)?;
         CalibrationPage::read(dir)?.write(dir)
     }
 }

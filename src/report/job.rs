@@ -28,7 +28,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::page::DesignPage;
-use super::{CameraRecord, DesignEvaluation, EvaluationConfig, evaluate};
+use super::{CameraRecord, DesignEvaluation, EvaluationConfig, REPORT, evaluate};
 use crate::design::state::{Checkpoint, ShardRecord};
 use crate::design::{
     Candidate, DesignConfig, DesignObserver, SearchState, Shard, Stage, design, search_rounds,
@@ -41,8 +41,6 @@ use crate::stencil::StencilConfig;
 pub const CHECKPOINT: &str = "search.json";
 /// The pattern within the folder.
 const PATTERN: &str = "pattern.csv";
-/// The report within the folder; the last file to appear.
-const REPORT: &str = "report.json";
 /// What depends on the pattern, the mark of a whole result first.
 const RESULTS: [&str; 5] = [
     REPORT,
@@ -63,6 +61,9 @@ pub struct DesignJob {
     pub stencil: StencilConfig,
     /// The output folder.
     pub dir: PathBuf,
+    /// Formats in which the ball, its features, rates and their course are drawn too.
+    #[cfg(feature = "plot")]
+    pub pictures: Vec<super::plots::PictureFormat>,
 }
 
 /// Where a job starts.
@@ -104,6 +105,8 @@ impl DesignJob {
             evaluation: EvaluationConfig::default(),
             stencil: StencilConfig::default(),
             dir: dir.into(),
+            #[cfg(feature = "plot")]
+            pictures: Vec::new(),
         }
     }
 
@@ -230,8 +233,9 @@ impl DesignJob {
         found.report.camera = observer.camera();
         found.report.timing.search_s = search_s;
         let results = Replacement::begin(&self.dir)?;
-        observer.step("drawing the plots");
-        found.write(results.path(), &self.stencil)?;
+        found.write(results.path())?;
+        #[cfg(feature = "plot")]
+        super::plots::write_all(results.path(), &found.report, &found.ball, &self.pictures)?;
         observer.step("making the stencil");
         found.write_stencil(results.path(), &self.stencil)?;
         DesignPage::read(results.path())?.write(results.path())?;

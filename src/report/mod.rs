@@ -1,16 +1,15 @@
 //! The result of a design: the evaluation of the winner on fresh trials, and the folder with
 //! everything that a user or an estimator needs. [`DesignJob`] does all of it.
 //!
-//! The folder holds `pattern.csv`, `table.npz`, `report.json`, `report.html`, `sensitivity.csv`, the plots
-//! and `stencil/`. For the same arguments every file is identical byte for byte, on any number of
-//! threads, except for measured times: the key `timing` of `report.json`, the plot `progress`, and
+//! The folder holds `pattern.csv`, `table.npz`, `report.json`, `report.html`, `sensitivity.csv` and `stencil/`, and
+//! pictures where they are asked for. For the same arguments every file is identical byte for byte, on any number of
+//! threads, except for measured times: the key `timing` of `report.json`, the picture `progress`, and
 //! `report.html`, which shows them.
 
 #[cfg(feature = "vision")]
 pub mod calibration;
 pub mod compare;
-#[cfg(feature = "plot")]
-mod compare_plots;
+mod folder;
 mod job;
 pub mod page;
 #[cfg(feature = "plot")]
@@ -18,7 +17,7 @@ pub mod plots;
 
 use std::path::Path;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::ball::{Ball, ObjectiveRecord};
 use crate::concurrency::{self, Stopwatch};
@@ -41,11 +40,13 @@ use crate::view::{Protocol, ProtocolName};
 pub(crate) use job::reject_design;
 pub use job::{CHECKPOINT, DesignJob, JobObserver, Start, whole_search};
 
+/// The report within a folder, the last file to appear.
+pub(crate) const REPORT: &str = "report.json";
 /// Version of `report.json`.
-pub const REPORT_VERSION: u32 = 3;
+pub const REPORT_VERSION: u32 = 4;
 
 /// The seeds of a design: none is used for two purposes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Seeds {
     /// Of the random starts.
     pub search: u64,
@@ -58,7 +59,7 @@ pub struct Seeds {
 }
 
 /// A pattern in a report.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PatternReport {
     /// SHA-256 of the dots.
     pub sha256: String,
@@ -69,7 +70,7 @@ pub struct PatternReport {
 }
 
 /// Duration of the stages, seconds of wall-clock time.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Timing {
     /// Descents and selection.
     pub search_s: f64,
@@ -86,12 +87,12 @@ pub struct Timing {
 }
 
 /// The evaluation of a design.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DesignReport {
     /// [`REPORT_VERSION`].
     pub format_version: u32,
     /// The version of this crate.
-    pub spindoe_version: &'static str,
+    pub spindoe_version: String,
     /// The command that reproduces this design, where a command made it.
     pub command: Option<String>,
     /// Configuration of the search.
@@ -118,14 +119,32 @@ pub struct DesignReport {
     /// How the rates depend on noise and alpha.
     pub sensitivity: Vec<SensitivityPoint>,
     /// How the finalists were ranked for a camera, where they were.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraRecord>,
     /// Clock times; they differ from run to run.
     pub timing: Timing,
 }
 
+impl DesignReport {
+    /// Reads the `report.json` of a design's folder.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where there is none; [`Error::Input`] where it is no design's report of this version.
+    pub fn read(dir: &Path) -> Result<Self> {
+        folder::report(&dir.join(REPORT), REPORT_VERSION)
+    }
+
+    /// Writes it as `report.json` to a folder.
+    ///
+    /// # Errors
+    /// [`Error::Write`] on an I/O failure.
+    pub fn write(&self, dir: &Path) -> Result<()> {
+        folder::write_report(&dir.join(REPORT), self)
+    }
+}
+
 /// How the finalists of a design were ranked for a camera.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraRecord {
     /// The camera's conditions, as JSON.
     pub conditions: serde_json::Value,
@@ -138,7 +157,7 @@ pub struct CameraRecord {
 }
 
 /// A finalist before the camera.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CameraRank {
     /// The start it came from.
     pub start: usize,
@@ -242,7 +261,7 @@ pub fn evaluate(
     ball.set_validation(Some(shipped));
     let report = DesignReport {
         format_version: REPORT_VERSION,
-        spindoe_version: env!("CARGO_PKG_VERSION"),
+        spindoe_version: env!("CARGO_PKG_VERSION").to_owned(),
         command: None,
         config: config.clone(),
         seeds: Seeds::of(config),
@@ -331,26 +350,18 @@ fn sweep(
 }
 
 impl DesignEvaluation {
-    /// Writes everything but the stencil to `dir`, each file atomically; the plots where the crate
-    /// is built with the feature `plot`.
+    /// Writes everything but the stencil to `dir`, each file atomically.
     ///
     /// # Errors
     /// [`Error::Write`] on an I/O failure.
-    pub fn write(&self, dir: &Path, stencil: &StencilConfig) -> Result<()> {
+    pub fn write(&self, dir: &Path) -> Result<()> {
         files::create_dir(dir)?;
         let ball = &self.ball;
         ball.pattern().write_csv(&dir.join("pattern.csv"))?;
         ball.write_npz(&dir.join("table.npz"))?;
         let csv = sensitivity_csv(&self.report.sensitivity);
         files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
-        #[cfg(feature = "plot")]
-        plots::write_all(dir, self, stencil)?;
-        #[cfg(not(feature = "plot"))]
-        let _ = stencil;
-        let mut json = serde_json::to_string_pretty(&self.report)
-            .map_err(|e| Error::Internal(format!("report as JSON: {e}")))?;
-        json.push('\n');
-        files::write_bytes(&dir.join("report.json"), json.as_bytes())
+        self.report.write(dir)
     }
 
     /// Makes the stencil and writes it, with its picture where the crate is built with the feature
@@ -365,7 +376,7 @@ impl DesignEvaluation {
         #[cfg(feature = "plot")]
         {
             let title = format!("Stencil of pattern {:.8}", stencil.pattern_sha256());
-            plots::in_each_format(&dir, "stencil", |path| {
+            plots::in_each_format(&dir, "stencil", &plots::PictureFormat::ALL, |path| {
                 crate::plot::stencil_views(path, &stencil, &title)
             })?;
         }

@@ -3,12 +3,9 @@
 
 use std::path::Path;
 
-use serde::Deserialize;
-
-use super::page::folder::{known_version, parsed, read_ball};
-use super::{DesignEvaluation, REPORT_VERSION};
+use super::DesignReport;
+use super::folder::read_ball;
 use crate::ball::Ball;
-use crate::design::Milestone;
 use crate::error::{Error, Result};
 use crate::plot::{
     BallDrawing, BarChart, BarGroup, CurvePlot, RatePoint, RateScale, RateSeries, bar_comparison,
@@ -18,7 +15,7 @@ use crate::recognize::RecognizerName;
 use crate::recognize::paper::FeatureTree;
 use crate::stencil::StencilConfig;
 use crate::validate::{NamedValidation, Proportion, SensitivityPoint, SweptParameter, Validation};
-use crate::view::{Protocol, ProtocolName};
+use crate::view::ProtocolName;
 
 pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
     RatePoint {
@@ -29,143 +26,102 @@ pub(super) fn point(x: f64, p: &Proportion) -> RatePoint {
     }
 }
 
-/// The formats of a plot, by the file's ending.
-const ENDINGS: [&str; 2] = ["png", "svg"];
+/// A format of pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PictureFormat {
+    /// Pixels.
+    Png,
+    /// Lines and text.
+    Svg,
+}
 
-/// Draws a plot in each format to `dir/name`.
+impl PictureFormat {
+    /// All formats.
+    pub const ALL: [Self; 2] = [Self::Png, Self::Svg];
+
+    /// Its name, which is the ending of its files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Svg => "svg",
+        }
+    }
+}
+
+impl std::str::FromStr for PictureFormat {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        crate::error::by_name(&Self::ALL, Self::as_str, "pictures", name)
+    }
+}
+
+/// Draws a picture in each format to `dir/name`.
 ///
 /// # Errors
 /// Those of `draw`.
 pub(crate) fn in_each_format(
     dir: &Path,
     name: &str,
+    formats: &[PictureFormat],
     draw: impl Fn(&Path) -> Result<()>,
 ) -> Result<()> {
-    ENDINGS
+    formats
         .iter()
-        .try_for_each(|ending| draw(&dir.join(format!("{name}.{ending}"))))
+        .try_for_each(|format| draw(&dir.join(format!("{name}.{}", format.as_str()))))
 }
 
-/// Draws all plots of a design into `dir`, as PNG and SVG.
+/// Draws all pictures of a design into `dir`: the ball, its features, its rates, the course of the search and how the rates
+/// depend on noise and alpha.
 ///
 /// # Errors
 /// [`crate::Error::Write`] on an I/O failure.
-pub fn write_all(dir: &Path, design: &DesignEvaluation, stencil: &StencilConfig) -> Result<()> {
-    let report = &design.report;
-    let search = Search {
-        protocol: report.config.protocol.name(),
-        finalists: report.finalists.iter().map(|f| f.identity).collect(),
-        milestones: &report.timing.milestones,
-    };
-    write(dir, &design.ball, stencil, &report.validation, &search)?;
-    sensitivity_plots(dir, &report.sensitivity)
+pub fn write_all(
+    dir: &Path,
+    report: &DesignReport,
+    ball: &Ball,
+    formats: &[PictureFormat],
+) -> Result<()> {
+    let size = report
+        .config
+        .constraints
+        .stencil
+        .clone()
+        .unwrap_or_default();
+    in_each_format(dir, "pattern", formats, |path| dots(path, ball, &size))?;
+    // Thousands of points: an SVG of them is what nobody opens.
+    if !formats.is_empty() {
+        features(&dir.join("features.png"), ball)?;
+    }
+    in_each_format(dir, "rates", formats, |path| {
+        rates(path, &report.validation)
+    })?;
+    progress(dir, report, formats)?;
+    sensitivity_plots(dir, &report.sensitivity, formats)
 }
 
-/// The parts of `report.json` that the plots show.
-#[derive(Deserialize)]
-struct ReportFile {
-    format_version: u32,
-    config: ConfigPart,
-    finalists: Vec<FinalistPart>,
-    pattern: PatternPart,
-    validation: Vec<NamedValidation>,
-    sensitivity: Vec<SensitivityPoint>,
-    timing: TimingPart,
-}
-
-#[derive(Deserialize)]
-struct ConfigPart {
-    protocol: Protocol,
-    constraints: ConstraintsPart,
-}
-
-#[derive(Deserialize)]
-struct ConstraintsPart {
-    stencil: Option<SizePart>,
-}
-
-#[derive(Deserialize)]
-struct SizePart {
-    ball_diameter_mm: f64,
-    hole_diameter_mm: f64,
-}
-
-#[derive(Deserialize)]
-struct FinalistPart {
-    identity: Option<Proportion>,
-}
-
-#[derive(Deserialize)]
-struct PatternPart {
-    sha256: String,
-}
-
-#[derive(Deserialize)]
-struct TimingPart {
-    #[serde(default)]
-    milestones: Vec<Milestone>,
-}
-
-/// Draws the plots of a design's folder anew in the folder `to`, from its `report.json` and `table.npz`.
+/// Draws the pictures of a design's folder in the folder `to`, from its `report.json` and `table.npz`.
 ///
 /// # Errors
 /// [`Error::Read`] where one of them is absent; [`Error::Input`] where one is not what its name says,
 /// or belongs to another pattern; [`Error::Write`] on an I/O failure.
-pub fn redraw(dir: &Path, to: &Path) -> Result<()> {
-    let path = dir.join("report.json");
-    let report: ReportFile = parsed(&path)?;
-    known_version(&path, report.format_version, REPORT_VERSION)?;
+pub fn redraw(dir: &Path, to: &Path, formats: &[PictureFormat]) -> Result<()> {
+    let report = DesignReport::read(dir)?;
     let ball = read_ball(dir, &report.pattern.sha256)?
         .ok_or_else(|| Error::input(dir, "table.npz", "expected the design's table"))?;
-    let mut stencil = StencilConfig::default();
-    if let Some(size) = report.config.constraints.stencil {
-        stencil.ball_diameter_mm = size.ball_diameter_mm;
-        stencil.hole_diameter_mm = size.hole_diameter_mm;
-    }
-    let search = Search {
-        protocol: report.config.protocol.name(),
-        finalists: report.finalists.iter().map(|f| f.identity).collect(),
-        milestones: &report.timing.milestones,
-    };
-    write(to, &ball, &stencil, &report.validation, &search)?;
-    sensitivity_plots(to, &report.sensitivity)
-}
-
-/// The course of a search.
-struct Search<'a> {
-    protocol: ProtocolName,
-    /// The rates of the finalists, best first.
-    finalists: Vec<Option<Proportion>>,
-    milestones: &'a [Milestone],
-}
-
-/// All plots but those of the sweeps.
-fn write(
-    dir: &Path,
-    ball: &Ball,
-    stencil: &StencilConfig,
-    validation: &[NamedValidation],
-    search: &Search<'_>,
-) -> Result<()> {
-    in_each_format(dir, "pattern", |path| dots(path, ball, stencil))?;
-    in_each_format(dir, "features", |path| features(path, ball))?;
-    in_each_format(dir, "rates", |path| rates(path, validation))?;
-    progress(dir, search)
+    write_all(to, &report, &ball, formats)
 }
 
 /// The best rate over the time of the search; of a search of one round, which has no course, the
 /// rates of its finalists.
-fn progress(dir: &Path, search: &Search<'_>) -> Result<()> {
-    let Search {
-        protocol,
-        finalists,
-        milestones,
-    } = search;
+fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Result<()> {
+    let protocol = report.config.protocol.name();
+    let milestones = &report.timing.milestones;
     let Some(first) = milestones.first() else {
         return Ok(());
     };
     if milestones.len() == 1 {
-        let tried = finalists.iter().flatten();
+        let tried = report.finalists.iter().filter_map(|f| f.identity.as_ref());
         let points: Vec<RatePoint> = (1..)
             .zip(tried)
             .map(|(rank, p)| point(f64::from(rank), p))
@@ -184,7 +140,7 @@ fn progress(dir: &Path, search: &Search<'_>) -> Result<()> {
                 points,
             }],
         };
-        return in_each_format(dir, "progress", |path| rate_curves(path, &plot));
+        return in_each_format(dir, "progress", formats, |path| rate_curves(path, &plot));
     }
     let trials = first.identity.trials;
     let rounds = RateSeries {
@@ -202,7 +158,7 @@ fn progress(dir: &Path, search: &Search<'_>) -> Result<()> {
         log_x: false,
         series: vec![rounds],
     };
-    in_each_format(dir, "progress", |path| rate_curves(path, &plot))
+    in_each_format(dir, "progress", formats, |path| rate_curves(path, &plot))
 }
 
 /// The pattern from both sides of the ball.
@@ -288,12 +244,16 @@ pub(super) fn success_name(name: ProtocolName) -> &'static str {
     }
 }
 
-/// The curves of a sweep, one picture per swept parameter, as PNG and SVG: `sensitivity_sigma` and
+/// The curves of a sweep, one picture per swept parameter, in each format: `sensitivity_sigma` and
 /// `sensitivity_alpha`.
 ///
 /// # Errors
 /// [`crate::Error::Write`] on an I/O failure.
-pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> {
+pub fn sensitivity_plots(
+    dir: &Path,
+    points: &[SensitivityPoint],
+    formats: &[PictureFormat],
+) -> Result<()> {
     for parameter in [SweptParameter::SigmaDeg, SweptParameter::Alpha] {
         let of: Vec<&SensitivityPoint> =
             points.iter().filter(|p| p.parameter == parameter).collect();
@@ -324,7 +284,7 @@ pub fn sensitivity_plots(dir: &Path, points: &[SensitivityPoint]) -> Result<()> 
             log_x: parameter == SweptParameter::Alpha,
             series: swept_series(&of),
         };
-        in_each_format(dir, name, |path| rate_curves(path, &plot))?;
+        in_each_format(dir, name, formats, |path| rate_curves(path, &plot))?;
     }
     Ok(())
 }

@@ -54,8 +54,10 @@ pub struct Validation {
     /// Orientation error under 20 degrees.
     pub orientation: Proportion,
     /// Mean orientation error of the orientation successes, degrees.
+    #[serde(deserialize_with = "crate::stats::or_nan")]
     pub mean_error_deg: f64,
     /// Median orientation error of the orientation successes, degrees.
+    #[serde(deserialize_with = "crate::stats::or_nan")]
     pub median_error_deg: f64,
     /// Mean time of one identification on one thread, microseconds. The only value here that
     /// differs between runs; shipped results leave it out, see [`Validation::untimed`].

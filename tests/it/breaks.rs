@@ -327,7 +327,8 @@ fn named(fuzz: &Path, target: &str) -> Vec<(String, Vec<u8>)> {
     };
     let mut files: Vec<_> = entries.map(|e| e.unwrap().path()).collect();
     files.sort();
-    let read = |path: std::path::PathBuf| (path.display().to_string(), std::fs::read(&path).unwrap());
+    let read =
+        |path: std::path::PathBuf| (path.display().to_string(), std::fs::read(&path).unwrap());
     files.into_iter().map(read).collect()
 }
 

@@ -129,7 +129,9 @@ fn help_of(arguments: &[&str]) -> String {
         .env_remove("COLUMNS")
         .output()
         .unwrap();
-    String::from_utf8(output.stdout).unwrap().replace("\r\n", "\n")
+    String::from_utf8(output.stdout)
+        .unwrap()
+        .replace("\r\n", "\n")
 }
 
 /// The reference of the commands is what they say of themselves. SPINDOE_WRITE_DOCS=1 writes it anew.
@@ -141,7 +143,9 @@ fn the_reference_of_the_commands_is_what_they_say() {
         "# Commands\n\nWhat `spindoe help --all` prints, and `spindoe help COMMAND` for each.\n\n```text\n{}\n```\n",
         all.trim_end()
     );
-    let names = all.lines().filter(|l| l.starts_with("  ") && !l.trim_start().starts_with('-'));
+    let names = all
+        .lines()
+        .filter(|l| l.starts_with("  ") && !l.trim_start().starts_with('-'));
     let names = names.filter_map(|l| l.split_whitespace().next());
     let is_command = |name: &&str| name.chars().all(|c| c.is_ascii_lowercase());
     for name in names.filter(is_command) {

@@ -158,7 +158,7 @@ fn a_calibration_has_a_page_of_its_own() {
         (
             "\"format_version\": 2",
             "\"format_version\": 99",
-            "at most version",
+            "expected version 2, found 99",
         ),
         ("\"views\"", "\"looks\"", "views"),
         (
@@ -230,8 +230,8 @@ fn files_of_another_pattern_are_rejected() {
         error.contains("stencil.json") && error.contains("000000000000"),
         "{error}"
     );
-    let error = changed("\"format_version\": 1", "\"format_version\": 99");
-    assert!(error.contains("at most version"), "{error}");
+    let error = changed("\"format_version\": 4", "\"format_version\": 99");
+    assert!(error.contains("expected version 4, found 99"), "{error}");
     let error = changed("\"finalists\"", "\"finalist\"");
     assert!(
         error.contains("report.json") && error.contains("finalists"),
@@ -251,24 +251,26 @@ fn a_folder_with_a_report_alone_has_a_page() {
 }
 
 #[test]
-fn plots_are_drawn_anew_from_the_folder() {
+fn pictures_are_drawn_from_the_folder() {
     let dir = tempfile::tempdir().unwrap();
     let design = design(dir.path());
     let before = std::fs::read(design.join("report.json")).unwrap();
     let path = design.to_str().unwrap();
-    let names = ["pattern", "features", "rates", "sensitivity_sigma"];
+    let names = ["pattern", "rates", "progress", "sensitivity_sigma"];
     let files = names.map(|name| ["png", "svg"].map(|e| design.join(format!("{name}.{e}"))));
     for file in files.iter().flatten().filter(|f| f.exists()) {
         std::fs::remove_file(file).unwrap();
     }
-    done(dir.path(), &["report", path, "--plots"]);
+    done(dir.path(), &["report", path, "--pictures", "png,svg"]);
     for [png, svg] in &files {
         let (png, svg) = (std::fs::read(png).unwrap(), std::fs::read(svg).unwrap());
         assert!(png.starts_with(b"\x89PNG") && svg.starts_with(b"<svg"));
     }
+    // An SVG of all features is what nobody opens.
+    assert!(design.join("features.png").exists() && !design.join("features.svg").exists());
     assert_eq!(std::fs::read(design.join("report.json")).unwrap(), before);
     std::fs::remove_file(design.join("table.npz")).unwrap();
-    let refused = spindoe(dir.path(), &["report", path, "--plots"]);
+    let refused = spindoe(dir.path(), &["report", path, "--pictures", "png"]);
     assert_eq!(refused.status.code(), Some(2));
     let words = String::from_utf8(refused.stderr).unwrap();
     assert!(words.contains("table.npz"), "{words}");

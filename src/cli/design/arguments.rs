@@ -19,6 +19,8 @@ use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName
 use crate::error::{Error, Result, require};
 use crate::geometry::Vec3;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
+#[cfg(feature = "plot")]
+use crate::report::plots::PictureFormat;
 use crate::stencil::StencilConfig;
 use crate::view::{Noise, Protocol, ProtocolName};
 
@@ -26,7 +28,7 @@ use crate::view::{Noise, Protocol, ProtocolName};
 #[command(after_help = "\
 Random starts descend on the objective under the constraints; the best are evaluated by Monte Carlo, and
 the winner once more on trials of seeds used nowhere else.
-The folder then holds pattern.csv, table.npz, report.json, sensitivity.csv, plots and stencil/.
+The folder then holds pattern.csv, table.npz, report.json, report.html, sensitivity.csv and stencil/.
 
 Ctrl-C ends the search and finishes with the best so far; --resume continues a search that was ended or
 killed, also with another --budget.
@@ -167,6 +169,10 @@ pub struct Arguments {
     /// The folder to write to; by default spindoe-design, with a number where that is taken.
     #[arg(short, long, value_name = "DIR")]
     pub(super) output: Option<PathBuf>,
+    /// Draw the ball, its features, its rates and the search into the folder too, in these formats.
+    #[cfg(feature = "plot")]
+    #[arg(long, value_name = "png,svg", value_delimiter = ',', value_parser = one_of(&PictureFormat::ALL, PictureFormat::as_str))]
+    pub(super) pictures: Vec<PictureFormat>,
     /// Print the report as one JSON object on standard output.
     #[arg(long)]
     pub(super) json: bool,

@@ -113,6 +113,8 @@ impl Arguments {
             config,
             stencil: self.stencil(),
             dir: self.output.clone().unwrap_or_else(free_folder),
+            #[cfg(feature = "plot")]
+            pictures: self.pictures.clone(),
         };
         let start = if self.resume {
             Start::Resume

@@ -69,8 +69,6 @@ pub(super) fn run(arguments: &Arguments, balls: Vec<Ball>) -> Result<()> {
             .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;
         json.push(b'\n');
         files::write_bytes(&dir.join("comparison.json"), &json)?;
-        #[cfg(feature = "plot")]
-        found.write_plots(dir, &entries)?;
         found.write_page(dir, &entries, &arguments.command())?;
         set.publish(&[], &[], "comparison.json")?;
     }

@@ -71,8 +71,8 @@ pub struct Arguments {
     /// Values of --sweep alpha, for the paper's recognizer at the protocol's own noise.
     #[arg(long, hide = true, value_delimiter = ',', num_args = 1.., default_values_t = SensitivityConfig::default().alphas)]
     sweep_alpha: Vec<f64>,
-    /// Write to this folder: of several patterns report.html, comparison.json and plots; of a sweep sensitivity.csv and
-    /// plots.
+    /// Write to this folder: of several patterns report.html and comparison.json; of a sweep sensitivity.csv and
+    /// its curves.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Print one JSON object instead of words.

@@ -37,7 +37,10 @@ pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
         let csv = sensitivity_csv(&points);
         files::write_bytes(&set.path().join("sensitivity.csv"), csv.as_bytes())?;
         #[cfg(feature = "plot")]
-        crate::report::plots::sensitivity_plots(set.path(), &points)?;
+        {
+            use crate::report::plots::{PictureFormat, sensitivity_plots};
+            sensitivity_plots(set.path(), &points, &[PictureFormat::Png])?;
+        }
         set.publish(&[], &[], "sensitivity.csv")?;
     }
     if arguments.json {

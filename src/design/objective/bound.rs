@@ -41,8 +41,10 @@ impl Default for OrientationBound {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct BoundSummary {
     /// Mean over the directions of the root of `tr H^-1`.
+    #[serde(deserialize_with = "crate::stats::or_infinite")]
     pub mean: f64,
     /// Its largest value.
+    #[serde(deserialize_with = "crate::stats::or_infinite")]
     pub worst: f64,
 }
 

@@ -5,57 +5,24 @@
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use super::folder::{Rates, known_version, parsed, read_ball};
 use super::{PAGE, Page};
-use crate::calibrate::{DotState, HeldOut, MotionResidual};
+use crate::calibrate::DotState;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::KeepOut;
 use crate::report::calibration::{
-    CALIBRATION_REPORT_VERSION, DotReport, FramesReport, MarkReport, WELL_MEASURED_DEG,
+    CALIBRATION_REPORT_VERSION, CalibrationReport, DotReport, WELL_MEASURED_DEG,
 };
+use crate::report::folder::{parsed, read_ball, report};
 use crate::stencil::StencilConfig;
-
-/// A calibration's `report.json`.
-#[derive(Debug, Serialize, Deserialize)]
-struct ReportFile {
-    format_version: u32,
-    spindoe_version: String,
-    #[serde(default)]
-    command: Option<String>,
-    nominal_sha256: Option<String>,
-    pattern_sha256: String,
-    frames: FramesReport,
-    dots: Vec<DotReport>,
-    marks: Vec<MarkReport>,
-    rms_offset_deg: f64,
-    noise_scale: f64,
-    smooth: bool,
-    inverse_distance: Option<f64>,
-    detection_rate: f64,
-    held_out: HeldOut,
-    motion: Option<[MotionResidual; 2]>,
-    monte_carlo: Vec<ProtocolRates>,
-    seed: u64,
-    advice: Vec<String>,
-}
-
-/// The rates of a protocol: see [`crate::report::calibration::ProtocolReport`].
-#[derive(Debug, Serialize, Deserialize)]
-struct ProtocolRates {
-    protocol: String,
-    nominal: Rates,
-    drawn_uncalibrated: Rates,
-    drawn_calibrated: Rates,
-}
 
 /// The page of a calibration.
 #[derive(Debug, Serialize)]
 pub struct CalibrationPage {
     #[serde(flatten)]
-    report: ReportFile,
+    report: CalibrationReport,
     /// For each dot its offset to the north and to the east, degrees.
     compass_deg: Vec<[f64; 2]>,
     keep_out: Vec<KeepOut>,
@@ -73,8 +40,7 @@ impl CalibrationPage {
     /// its name says, or belongs to another pattern.
     pub fn read(dir: &Path) -> Result<Self> {
         let path = dir.join("report.json");
-        let report: ReportFile = parsed(&path)?;
-        known_version(&path, report.format_version, CALIBRATION_REPORT_VERSION)?;
+        let report: CalibrationReport = report(&path, CALIBRATION_REPORT_VERSION)?;
         for dot in &report.dots {
             let unit = |v: &[f64; 3]| (v.iter().map(|c| c * c).sum::<f64>() - 1.0).abs() < 1e-3;
             if !unit(&dot.nominal) || !unit(&dot.drawn) {

@@ -1,31 +1,30 @@
 //! The page of a design's folder: what it reads there, and what the page shows.
 //!
-//! It reads `report.json` (of this version and those before), `table.npz` and `stencil/`, where
-//! they are there, so that `spindoe report` and `spindoe design` make the same page.
+//! It reads `report.json`, and `table.npz` and `stencil/` where they are there, so that `spindoe report` and `spindoe design` make the same page.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 
 use super::features::{DotFeatures, PageFeatures, dot_features};
-use super::folder::{Rates, known_version, parsed, read_ball};
 use super::stencil::PageStencil;
 use super::{PAGE, Page, rounded};
+use crate::ball::ObjectiveRecord;
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{KeepOut, Milestone};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::recognize::paper::FeatureTree;
+use crate::report::folder::read_ball;
+use crate::report::{DesignReport, Seeds};
 use crate::stats::Proportion;
 use crate::stencil::StencilConfig;
+use crate::validate::{NamedValidation, SensitivityPoint};
 use crate::view::{Noise, Protocol, ProtocolName};
 
 /// Rates of the published pattern, measured by `spindoe validate` and stored beside the page.
 const PUBLISHED: &str = include_str!("published.json");
-/// Newest version of `report.json` that is read.
-const MAX_VERSION: u32 = super::super::REPORT_VERSION;
 
 /// A camera for which the page computes what to expect.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -52,102 +51,24 @@ impl Default for CameraFigures {
     }
 }
 
-/// The parts of `report.json` that the page shows.
-#[derive(Debug, Deserialize)]
-struct ReportFile {
-    format_version: u32,
-    spindoe_version: String,
-    command: Option<String>,
-    config: ConfigPart,
-    seeds: BTreeMap<String, u64>,
-    stopped: bool,
-    starts: usize,
-    finalists: Vec<Finalist>,
-    objective: ObjectivePart,
-    pattern: PatternPart,
-    orientation_bound: BoundSummary,
-    validation: Vec<Rates>,
-    sensitivity: Vec<Swept>,
-    timing: TimingPart,
-}
-
-#[derive(Debug, Deserialize)]
-struct ConfigPart {
-    protocol: Protocol,
-    constraints: ConstraintsPart,
-}
-
-#[derive(Debug, Deserialize)]
-struct ConstraintsPart {
-    #[serde(default)]
-    keep_out: Vec<KeepOut>,
-    stencil: Option<Value>,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-struct ObjectivePart {
-    name: String,
-    value: f64,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-struct Finalist {
-    start: usize,
-    #[serde(alias = "figure")]
-    value: f64,
-    identity: Option<Proportion>,
-}
-
-#[derive(Debug, Deserialize)]
-struct PatternPart {
-    sha256: String,
-    summary: SummaryPart,
-    dots: Vec<[f64; 3]>,
-}
-
-#[derive(Debug, Deserialize)]
-struct SummaryPart {
-    #[serde(alias = "least_separation_rad")]
-    min_separation_rad: f64,
-    mean_nearest_separation_rad: f64,
-    #[serde(alias = "least_visible")]
-    min_visible: usize,
-    mean_visible: f64,
-}
-
-#[derive(Debug, Default, Deserialize)]
-struct TimingPart {
-    #[serde(default)]
-    milestones: Vec<Milestone>,
-}
-
-/// A point of a sweep.
-#[derive(Debug, Serialize, Deserialize)]
-struct Swept {
-    parameter: String,
-    value: f64,
-    #[serde(flatten)]
-    rates: Rates,
-}
-
 /// The page of a design.
 #[derive(Debug, Serialize)]
 pub struct DesignPage {
     spindoe_version: String,
     sha256: String,
     command: Option<String>,
-    seeds: BTreeMap<String, u64>,
+    seeds: Seeds,
     dots: Vec<[f64; 3]>,
     ball_diameter_mm: f64,
     dot_diameter_mm: f64,
     keep_out: Vec<KeepOut>,
     summary: PageSummary,
     bound: BoundSummary,
-    validation: Vec<Rates>,
+    validation: Vec<NamedValidation>,
     /// Protocols with their standard values: only these compare with the published pattern.
     standard_protocols: Vec<ProtocolName>,
     published: Value,
-    sensitivity: Vec<Swept>,
+    sensitivity: Vec<SensitivityPoint>,
     /// Sigma of the sweeps over a dot's noise per tangent axis.
     sigma_per_noise: f64,
     camera: CameraFigures,
@@ -170,9 +91,17 @@ struct PageSearch {
     starts: usize,
     stopped: bool,
     protocol: ProtocolName,
-    objective: ObjectivePart,
+    objective: ObjectiveRecord,
     milestones: Vec<Milestone>,
-    finalists: Vec<Finalist>,
+    finalists: Vec<PageFinalist>,
+}
+
+/// A finalist, without its dots.
+#[derive(Debug, Serialize)]
+struct PageFinalist {
+    start: usize,
+    value: f64,
+    identity: Option<Proportion>,
 }
 
 impl DesignPage {
@@ -182,9 +111,7 @@ impl DesignPage {
     /// [`Error::Read`] where there is no `report.json`; [`Error::Input`] for a file that is not what
     /// its name says, or belongs to another pattern.
     pub fn read(dir: &Path) -> Result<Self> {
-        let path = dir.join("report.json");
-        let report: ReportFile = parsed(&path)?;
-        known_version(&path, report.format_version, MAX_VERSION)?;
+        let report = DesignReport::read(dir)?;
         let sha256 = report.pattern.sha256.clone();
         let stencil = PageStencil::read(&dir.join("stencil"), &sha256)?;
         let ball = read_ball(dir, &sha256)?;
@@ -197,22 +124,25 @@ impl DesignPage {
             .into_iter()
             .filter(|name| !searched.contains(name) || protocol == Protocol::standard(*name))
             .collect();
-        let size = |name: &str, or: f64| {
-            let parameters = stencil
-                .as_ref()
-                .map_or(report.config.constraints.stencil.as_ref(), |s| {
-                    Some(&s.parameters)
-                });
-            parameters
-                .and_then(|p| p.get(name))
-                .and_then(Value::as_f64)
-                .unwrap_or(or)
+        let searched_for = report.config.constraints.stencil.as_ref();
+        let made = stencil.as_ref().map(|s| &s.parameters);
+        let size = |name: &str, searched: Option<f64>, or: f64| {
+            let made = made.and_then(|p| p.get(name)).and_then(Value::as_f64);
+            made.or(searched).unwrap_or(or)
         };
         let defaults = StencilConfig::default();
         let summary = &report.pattern.summary;
         Ok(Self {
-            ball_diameter_mm: size("ball_diameter_mm", defaults.ball_diameter_mm),
-            dot_diameter_mm: size("hole_diameter_mm", defaults.hole_diameter_mm),
+            ball_diameter_mm: size(
+                "ball_diameter_mm",
+                searched_for.map(|s| s.ball_diameter_mm),
+                defaults.ball_diameter_mm,
+            ),
+            dot_diameter_mm: size(
+                "hole_diameter_mm",
+                searched_for.map(|s| s.hole_diameter_mm),
+                defaults.hole_diameter_mm,
+            ),
             summary: PageSummary {
                 min_separation_deg: summary.min_separation_rad.to_degrees(),
                 mean_nearest_separation_deg: summary.mean_nearest_separation_rad.to_degrees(),
@@ -242,7 +172,15 @@ impl DesignPage {
                 protocol: protocol.name(),
                 objective: report.objective,
                 milestones: report.timing.milestones,
-                finalists: report.finalists,
+                finalists: report
+                    .finalists
+                    .iter()
+                    .map(|f| PageFinalist {
+                        start: f.start,
+                        value: f.value,
+                        identity: f.identity,
+                    })
+                    .collect(),
             },
             stencil,
             sha256,
@@ -303,9 +241,9 @@ impl CameraFigures {
 
 /// Sigma of the sweeps for a noise of 1 per tangent axis of a dot: a rotation about a random axis by
 /// N(0, sigma) moves a dot by sigma / sqrt(3) per tangent axis, pixel noise by sigma.
-fn sigma_per_noise(sweep: &[Swept]) -> f64 {
+fn sigma_per_noise(sweep: &[SensitivityPoint]) -> f64 {
     let by_pixels = sweep
         .first()
-        .is_some_and(|p| p.rates.protocol == ProtocolName::Image.as_str());
+        .is_some_and(|p| p.result.validation.protocol == ProtocolName::Image);
     if by_pixels { 1.0 } else { 3f64.sqrt() }
 }

@@ -17,7 +17,6 @@ mod design;
 #[cfg(feature = "vision")]
 mod estimate;
 mod features;
-pub(super) mod folder;
 mod mesh;
 mod stencil;
 

@@ -5,12 +5,12 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::folder::{parsed, same_pattern};
 use super::mesh::PageMesh;
 use super::rounded;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::Vec3;
+use crate::report::folder::{parsed, same_pattern};
 use crate::stencil::Mesh;
 
 /// The parts of `stencil.json` that the page shows.

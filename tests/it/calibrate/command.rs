@@ -18,8 +18,8 @@ fn clip(dir: &Path) {
     dots.remove(7);
     let dots = spindoe::Pattern::new(dots).unwrap();
     dots.write_csv(&dir.join("drawn.csv")).unwrap();
-    let sequence = "synth drawn.csv --output clip --frames 40 --seed 9 --preset good --sequence --fps 60 --rps 3 \
-                    --config placement_sigma_deg=0 --config logo_probability=0 --exposure-ms 0.5 --camera-distance-radii 20";
+    let sequence = "synth drawn.csv --output clip --frames 40 --seed 9 --preset good --fps 60 --rps 3 \
+                    --config placement_sigma_deg=0 --config logo_probability=0 --exposure-ms 0.5 --config camera_distance_radii=20";
     done(dir, &sequence.split_whitespace().collect::<Vec<_>>());
 }
 

@@ -109,12 +109,7 @@ fn the_command_compares_on_the_same_trials() {
     assert_eq!(names[0]["name"], "a.csv");
     assert_eq!(names[1]["name"], "b");
     assert_eq!(names[2]["name"], "a.csv (3)");
-    for file in [
-        "comparison.json",
-        "compare_paper.png",
-        "compare_robust.png",
-        "compare_bound.png",
-    ] {
+    for file in ["comparison.json", "report.html"] {
         assert!(dir.path().join("out").join(file).exists(), "{file}");
     }
     // From most directions fewer than two of four dots are seen: the bound is a dash, not "inf".

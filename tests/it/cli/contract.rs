@@ -444,7 +444,16 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
     let run = |out: &str, threads: &str| {
         let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
             .args(["design", "--dots", "10", "--config", "starts=5"])
-            .args(["--samples", "100", "--seed", "1", "--output", out])
+            .args([
+                "--samples",
+                "100",
+                "--seed",
+                "1",
+                "--pictures",
+                "png,svg",
+                "--output",
+                out,
+            ])
             .env("RAYON_NUM_THREADS", threads)
             .current_dir(dir.path())
             .output()
@@ -569,13 +578,7 @@ fn the_reported_command_repeats_a_design_from_an_awkward_path() {
         "--config",
         "climb_steps=3",
     ];
-    let from = [
-        "design",
-        "--from",
-        "o'clock & more/my ball.csv",
-        "--output",
-        "a",
-    ];
+    let from = ["design", "o'clock & more/my ball.csv", "--output", "a"];
     crate::common::done(dir.path(), &[&from[..], &few[..]].concat());
     let report: Value =
         serde_json::from_slice(&fs::read(dir.path().join("a/report.json")).unwrap()).unwrap();

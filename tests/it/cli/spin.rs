@@ -468,7 +468,12 @@ fn a_view_frame_that_turns_widens_the_covariance_of_the_spin() {
     );
     let spin = |name: &str| -> serde_json::Value {
         // The same noise to begin with, which the covariances would say otherwise.
-        let output = run(&["spin", &at(name), "--json", "--sigma-deg", "2"]);
+        let output = run(&[
+            "spin",
+            &at(name),
+            "--json",
+            "--config=orientation_sigma_deg=2",
+        ]);
         assert!(output.status.success(), "{output:?}");
         serde_json::from_slice(&output.stdout).unwrap()
     };

@@ -2,48 +2,45 @@
 
 use std::path::Path;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::stats::Proportion;
 
-/// Rates in a page.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Rates {
-    /// None where one holds for all.
-    #[serde(default)]
-    pub recognizer: Option<String>,
-    pub protocol: String,
-    pub samples: u64,
-    pub sigma_deg: f64,
-    pub skipped: u64,
-    pub identity: Proportion,
-    pub orientation: Proportion,
-    /// `None` where no view succeeded.
-    pub mean_error_deg: Option<f64>,
-    pub median_error_deg: Option<f64>,
+/// A report as `T`, of the version that is known.
+pub(super) fn report<T: DeserializeOwned>(path: &Path, version: u32) -> Result<T> {
+    /// What every report begins with.
+    #[derive(Deserialize)]
+    struct Head {
+        format_version: u32,
+    }
+    let found = parsed::<Head>(path)?.format_version;
+    if found != version {
+        let problem = format!("expected version {version}, found {found}");
+        return Err(Error::input(path, "format_version", problem));
+    }
+    parsed(path)
 }
 
-/// Rejects a report of a version that is not known yet.
-pub(in crate::report) fn known_version(path: &Path, found: u32, newest: u32) -> Result<()> {
-    if found <= newest {
-        return Ok(());
-    }
-    let problem = format!("expected at most version {newest}, found {found}");
-    Err(Error::input(path, "format_version", problem))
+/// Writes a report.
+pub(super) fn write_report(path: &Path, report: &impl Serialize) -> Result<()> {
+    let mut json = serde_json::to_string_pretty(report)
+        .map_err(|e| Error::Internal(format!("report as JSON: {e}")))?;
+    json.push('\n');
+    files::write_bytes(path, json.as_bytes())
 }
 
 /// A file of JSON as `T`.
-pub(in crate::report) fn parsed<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+pub(super) fn parsed<T: DeserializeOwned>(path: &Path) -> Result<T> {
     let bytes = files::read_bytes(path)?;
     serde_json::from_slice(&bytes)
         .map_err(|e| Error::input(path, format!("line {}", e.line()), e.to_string()))
 }
 
 /// The ball of the folder's table, where it is there and that of the pattern.
-pub(in crate::report) fn read_ball(dir: &Path, sha256: &str) -> Result<Option<Ball>> {
+pub(super) fn read_ball(dir: &Path, sha256: &str) -> Result<Option<Ball>> {
     let path = dir.join("table.npz");
     if !path.exists() {
         return Ok(None);
