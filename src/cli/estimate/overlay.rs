@@ -114,7 +114,8 @@ fn write_video(
     batch: &Batch<Picture>,
 ) -> Result<()> {
     let rate = match &batch.times {
-        TimeSource::Names { fps } | TimeSource::Rate { fps } => Some(*fps),
+        TimeSource::Names { fps } => *fps,
+        TimeSource::Rate { fps } => Some(*fps),
         TimeSource::Video(clock) => Some(clock.stored_fps),
         _ => None,
     };
