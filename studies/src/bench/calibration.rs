@@ -172,9 +172,7 @@ fn ball<R: Rng>(nominal: &Pattern, px: f64, sigma: f64, rng: &mut R) -> Outcome<
     let drawn = Pattern::new(drawn.collect())?;
     let config = SynthConfig {
         ball_px: Some([px; 2]),
-        placement_sigma_rad: [0.0; 2],
-        left_out: 0.0,
-        ..SynthConfig::good()
+        ..SynthConfig::good().as_designed()
     };
     let scene = Scene::random(&drawn, &config, rng)?;
     Ok(Ball {

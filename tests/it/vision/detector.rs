@@ -19,15 +19,12 @@ fn easy() -> SynthConfig {
     SynthConfig {
         ball_px: None,
         size_px: [60, 80],
-        seam_probability: 0.0,
-        logo_probability: 0.0,
-        stains: false,
         max_arc_rad: 0.03,
         max_shift_px: 0.3,
         max_noise: 0.5,
         bad_exposure: 0.0,
         dot_radius_rad: [0.07, 0.10],
-        ..SynthConfig::good()
+        ..SynthConfig::good().unprinted()
     }
 }
 
