@@ -54,7 +54,7 @@ type PoseTuple<'py> = (
     bool,
 );
 
-/// Circle, dots `u, v, confidence`, their covariances, assignment, pose or reason, seconds of the
+/// Circle, dots `u, v, probability`, their covariances, assignment, pose or reason, seconds of the
 /// stages.
 pub type FrameTuple<'py> = (
     Option<(f64, f64, f64)>,
@@ -82,7 +82,7 @@ pub fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'p
     let dots = &frame.dots;
     let at = |(i, k): (usize, usize)| {
         let dot = &dots[i];
-        [dot.pixel.u, dot.pixel.v, dot.confidence][k]
+        [dot.pixel.u, dot.pixel.v, dot.probability][k]
     };
     let covariance = |(i, j, k): (usize, usize, usize)| dots[i].covariance[(j, k)];
     (

@@ -225,7 +225,7 @@ impl<'a> Report<'a> {
                     "u": dot.pixel.u,
                     "v": dot.pixel.v,
                     "covariance_px2": [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
-                    "confidence": dot.confidence,
+                    "probability": dot.probability,
                     "name": name,
                 })
             })

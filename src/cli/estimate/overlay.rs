@@ -58,7 +58,7 @@ pub(super) fn drawn(
         dots: (frame.dots.iter().zip(&frame.assignment))
             .map(|(dot, name)| plot::OverlayDot {
                 pixel: place(dot.pixel),
-                confidence: dot.confidence,
+                probability: dot.probability,
                 named: name.is_some(),
             })
             .collect(),

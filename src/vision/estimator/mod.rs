@@ -63,7 +63,7 @@ pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
     estimate_inputs,
 };
-pub use config::{CameraDistance, CameraModel, EstimatorConfig, MIN_CONFIDENCE, OutlineMethod};
+pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 use frame::Standing;
 pub use frame::{FrameEstimate, FrameRejection, Hypothesis, Pose, Timings};
 pub use orientations::{NamedFrame, orientations, turned_covariance};

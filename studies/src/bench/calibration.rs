@@ -147,7 +147,7 @@ impl Args {
 
 /// A line for each dot of each calibrated ball.
 fn dots_csv(outcomes: &[Option<Measured>]) -> String {
-    let mut text = "ball,dot,drawn,state,error_deg,stated_deg,offset_deg,confidence,views,expected,facing,seen,on_print\n"
+    let mut text = "ball,dot,drawn,state,error_deg,stated_deg,offset_deg,likeness,views,expected,facing,seen,on_print\n"
         .to_string();
     for (ball, outcome) in outcomes.iter().enumerate() {
         for line in outcome.iter().flat_map(|m| &m.lines) {
@@ -290,7 +290,7 @@ fn one(
                 .to_degrees(),
             dot.covariance.trace().sqrt().to_degrees(),
             dot.offset_rad().to_degrees(),
-            dot.confidence,
+            dot.likeness,
             dot.views,
             dot.expected_views,
             u8::from(at.is_some_and(|at| on_print(&ball.scene.surface, &at)))

@@ -35,7 +35,7 @@ fn detected(pattern: &Pattern, rotation: &Rotation, count: usize) -> FrameEstima
     let dot = |d: &Vec3| DotDetection {
         pixel: view.project(d),
         covariance: Matrix2::from_diagonal_element(0.04),
-        confidence: 0.95,
+        probability: 0.95,
     };
     let mut frame = FrameEstimate::default();
     frame.outline = Some(Outline {
