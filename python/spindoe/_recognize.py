@@ -178,7 +178,7 @@ class Recognizer:
         sigma_rad: Standard deviation of a dot along one tangent axis, radians, where `identify` gets
             none; by default the table's noise over sqrt 3.
         min_confidence: Orientations with a smaller probability are rejected as ambiguous; by default
-            0.5, and 0 for the paper's recognizer, whose confidence is a share of votes.
+            ``MIN_CONFIDENCE_DOTS``, and 0 for the paper's recognizer, whose confidence is a share of votes.
         settings: For ``"robust"`` ``visibility_limit``, ``detection_probability``,
             ``expected_false_dots`` (the mean of a number that varies), ``usual_false_dots`` (that of
             nearly every view), ``foreign_share`` (of the views, those that show something else than

@@ -191,7 +191,7 @@ class FrameEstimate:
     circle: tuple[float, float, float] | None
     """The ball's outline ``u, v, radius``, pixels; None where there is no ball."""
     dots: Floats
-    """Detections ``u, v, confidence``, the most confident first; shape (n, 3)."""
+    """Detections ``u, v, probability``, the likeliest first; shape (n, 3)."""
     dot_covariances: Floats
     """Their covariances, px^2; shape (n, 2, 2)."""
     assignment: Ints

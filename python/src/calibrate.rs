@@ -11,7 +11,9 @@ use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
 };
-use spindoe::vision::estimator::{BatchConfig, FrameClock, SequenceOutcome, estimate_inputs};
+use spindoe::vision::estimator::{
+    BatchConfig, FrameClock, SequenceOutcome, TimeSource, estimate_inputs,
+};
 use spindoe::vision::{FrameEstimate, NamedDetector, OutlinePrior};
 use spindoe::{Estimator, Vec3};
 
@@ -77,6 +79,9 @@ pub fn read_clip(
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         let problem = "the files' times do not increase from frame to frame: fps sets others";
         return Err(value_error("images", problem));
+    }
+    if let (TimeSource::SameNumber, Some(problem)) = (batch.times, batch.times.problem()) {
+        return Err(value_error("images", format!("{problem}: fps sets some")));
     }
     Ok(Clip {
         times_s: batch.times_s(),

@@ -11,14 +11,13 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::{CameraFrame, tangent_frame};
-use spindoe::image::ImageView;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
-    CameraDistance, CameraModel, EstimatorWorkspace, NamedFrame, Pose, SequenceConfig,
-    TrackerConfig, orientations, second_pass,
+    CameraDistance, CameraModel, EstimatorWorkspace, ImageWork, NamedFrame, Pose, SequenceConfig,
+    SequenceSummary, TrackerConfig, estimate_passes, orientations,
 };
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
@@ -55,7 +54,7 @@ type PoseTuple<'py> = (
     bool,
 );
 
-/// Circle, dots `u, v, confidence`, their covariances, assignment, pose or reason, seconds of the
+/// Circle, dots `u, v, probability`, their covariances, assignment, pose or reason, seconds of the
 /// stages.
 pub type FrameTuple<'py> = (
     Option<(f64, f64, f64)>,
@@ -83,7 +82,7 @@ pub fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'p
     let dots = &frame.dots;
     let at = |(i, k): (usize, usize)| {
         let dot = &dots[i];
-        [dot.pixel.u, dot.pixel.v, dot.confidence][k]
+        [dot.pixel.u, dot.pixel.v, dot.probability][k]
     };
     let covariance = |(i, j, k): (usize, usize, usize)| dots[i].covariance[(j, k)];
     (
@@ -181,45 +180,46 @@ impl Estimator {
             .push(slot);
     }
 
-    /// Estimates frames on all cores, each independently.
-    fn estimate_all(
+    /// Estimates frames of one sequence in both passes; without times, in the first alone.
+    fn passes(
         &self,
         py: Python<'_>,
         images: &[Bound<'_, PyAny>],
         channels: Channels,
         outline: Option<OutlinePrior>,
+        (times_s, config): (Option<&[f64]>, &SequenceConfig),
         progress: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Vec<FrameEstimate>> {
-        let mut frames: Vec<FrameEstimate> = Vec::with_capacity(images.len());
+    ) -> PyResult<(Vec<FrameEstimate>, SequenceSummary)> {
         let prior = Prior {
             outline,
             ..Prior::default()
         };
-        let all: Vec<usize> = (0..images.len()).collect();
-        for numbers in all.chunks(FRAMES_AT_ONCE) {
-            let done = self.on_images(py, images, numbers, channels, |ws, _, image| {
-                let mut frame = FrameEstimate::default();
-                let budget = Budget::default();
-                self.inner.estimate(image, &prior, &budget, ws, &mut frame);
-                frame
-            })?;
-            frames.extend(done);
-            if let Some(progress) = progress {
-                progress.call1((frames.len(), images.len()))?;
+        let mut progress = progress;
+        let on_images = |numbers: &[usize], work: &ImageWork<'_, NamedWorkspace>| {
+            // Only the first pass over all of them is heard of.
+            let heard = progress.take();
+            let mut found = Vec::with_capacity(numbers.len());
+            for some in numbers.chunks(FRAMES_AT_ONCE) {
+                found.extend(self.on_images(py, images, some, channels, work)?);
+                if let Some(heard) = heard {
+                    heard.call1((found.len(), images.len()))?;
+                }
             }
-        }
-        Ok(frames)
+            Ok(found)
+        };
+        let count = images.len();
+        estimate_passes(&*self.inner, config, &prior, count, times_s, on_images)
     }
 
     /// Does the work on some of the images, by their numbers, on all cores.
-    fn on_images<T: Send>(
+    fn on_images(
         &self,
         py: Python<'_>,
         images: &[Bound<'_, PyAny>],
         numbers: &[usize],
         channels: Channels,
-        work: impl Fn(&mut EstimatorWorkspace<NamedWorkspace>, usize, ImageView<'_>) -> T + Sync,
-    ) -> PyResult<Vec<T>> {
+        work: &ImageWork<'_, NamedWorkspace>,
+    ) -> PyResult<Vec<(usize, FrameEstimate)>> {
         py.check_signals()?;
         let name = |k: usize| format!("images[{k}]");
         let held: Vec<Pixels<'_>> = numbers
@@ -231,14 +231,15 @@ impl Estimator {
             .zip(numbers)
             .map(|(pixels, &k)| Ok((k, pixels.samples(&name(k), channels)?)))
             .collect::<PyResult<_>>()?;
-        on_all_cores(py, || {
+        let found: Vec<_> = on_all_cores(py, || {
             let one = |slot: &mut Slot, (k, image): &(usize, Samples<'_>)| {
                 let image = image.read(&mut slot.buffers);
-                work(&mut slot.workspace, *k, image)
+                Some((*k, work(*k, image, &mut slot.workspace)?))
             };
             let all = samples.par_iter().map_init(|| self.slot(), one);
             all.collect()
-        })
+        })?;
+        Ok(found.into_iter().flatten().collect())
     }
 }
 
@@ -347,12 +348,10 @@ impl Estimator {
         }
         let config = sequence_config(max_rps)?;
         let progress = progress.as_ref();
-        let mut frames = self.estimate_all(py, &images, channels, outline, progress)?;
-        let alone = frames.iter().filter(|f| f.pose().is_some()).count();
         let times = times_s.filter(|times| times.len() > 1);
-        if let Some(times) = times.as_ref().filter(|_| !independent) {
-            self.second_pass(py, &images, channels, times, &mut frames, &config)?;
-        }
+        let informing = times.as_deref().filter(|_| !independent);
+        let sequence = (informing, &config);
+        let (frames, summary) = self.passes(py, &images, channels, outline, sequence, progress)?;
         let named = frames.iter().enumerate().map(|(k, estimate)| NamedFrame {
             name: "",
             time_s: times.as_ref().map(|times| times[k]),
@@ -365,7 +364,7 @@ impl Estimator {
             None => None,
         };
         let tuples = frames.iter().map(|f| frame_tuple(py, f)).collect();
-        Ok((tuples, alone, spin::rows(py, &orientations), spin))
+        Ok((tuples, summary.alone, spin::rows(py, &orientations), spin))
     }
 
     /// The ball as it was drawn, from the arrays or the files of a clip, by the table's pattern as
@@ -417,12 +416,9 @@ impl Estimator {
                 check_times(times, images.len())?;
             }
             let (channels, progress) = (Channels::named(color)?, progress.as_ref());
-            let mut frames = nominal.estimate_all(py, &images, channels, outline, progress)?;
             let times_s = times_s.filter(|times| times.len() > 1);
-            if let Some(times) = &times_s {
-                let config = SequenceConfig::default();
-                nominal.second_pass(py, &images, channels, times, &mut frames, &config)?;
-            }
+            let sequence = (times_s.as_deref(), &SequenceConfig::default());
+            let (frames, _) = nominal.passes(py, &images, channels, outline, sequence, progress)?;
             Clip { frames, times_s }
         } else {
             calibrate::read_clip(py, &nominal.inner, &paths, outline, fps)?
@@ -453,36 +449,6 @@ impl Estimator {
         };
         let inner = spindoe::vision::estimator::Tracker::new(Arc::clone(&self.inner), config);
         Ok(Tracker(Mutex::new((inner.or_raise()?, Buffers::default()))))
-    }
-}
-
-impl Estimator {
-    /// The second pass over frames of one sequence.
-    fn second_pass(
-        &self,
-        py: Python<'_>,
-        images: &[Bound<'_, PyAny>],
-        channels: Channels,
-        times: &[f64],
-        frames: &mut [FrameEstimate],
-        config: &SequenceConfig,
-    ) -> PyResult<()> {
-        second_pass(config, times, frames, |doubts, frames| {
-            let numbers: Vec<usize> = doubts.iter().map(|d| d.frame).collect();
-            let mut settled = Vec::new();
-            for numbers in numbers.chunks(FRAMES_AT_ONCE) {
-                let done = self.on_images(py, images, numbers, channels, |ws, k, image| {
-                    let at = doubts.binary_search_by_key(&k, |d| d.frame).ok()?;
-                    let again = self
-                        .inner
-                        .estimate_again(image, &doubts[at], &frames[k], ws);
-                    again.map(|again| (k, again))
-                })?;
-                settled.extend(done.into_iter().flatten());
-            }
-            Ok(settled)
-        })
-        .map(|_| ())
     }
 }
 

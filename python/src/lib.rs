@@ -55,10 +55,13 @@ mod _native {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-        module.add("MIN_CONFIDENCE_DOTS", spindoe::recognize::MIN_CONFIDENCE)?;
+        module.add(
+            "MIN_CONFIDENCE_DOTS",
+            spindoe::recognize::MIN_CONFIDENCE_DOTS,
+        )?;
         module.add(
             "MIN_CONFIDENCE_IMAGES",
-            spindoe::vision::estimator::MIN_CONFIDENCE,
+            spindoe::recognize::MIN_CONFIDENCE_IMAGES,
         )
     }
 }

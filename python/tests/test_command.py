@@ -85,10 +85,12 @@ def _compare(theirs, ours):
         assert their["dots"] == len(frame.dots)
         for dot, row in zip(their["detections"], frame.dots, strict=True):
             assert abs(dot["u"] - row[0]) <= TOLERANCE and abs(dot["v"] - row[1]) <= TOLERANCE
+            assert dot["probability"] == pytest.approx(row[2], abs=TOLERANCE)
         quaternion = their.get("orientation_wxyz")
         assert bool(frame.pose) == (quaternion is not None)
         if frame.pose:
             assert np.abs(frame.pose.quaternion_wxyz - quaternion).max() <= TOLERANCE
+            assert frame.pose.confidence == pytest.approx(their["confidence"], abs=TOLERANCE)
     spin = theirs.get("spin")
     if spin is None:
         assert ours.spin.reason == theirs["spin_refusal"]
@@ -122,6 +124,29 @@ def drawn(command, tmp_path_factory):
 def test_the_same_synthetic_frames(command, drawn):
     theirs, ours = _frames(drawn, TABLE, command)
     _compare(theirs, ours)
+
+
+def test_one_confidence_in_table_json_and_python(command, drawn, tmp_path):
+    file = tmp_path / "orientations.csv"
+    run(command, "estimate", "--table", TABLE, drawn, "-o", file)
+    with file.open(newline="") as text:
+        rows = [row["confidence"] for row in csv.DictReader(text)]
+    theirs, ours = _frames(drawn, TABLE, command)
+    assert len(rows) == len(theirs["frames"]) == len(ours.frames) == 12
+    for row, their, frame in zip(rows, theirs["frames"], ours.frames, strict=True):
+        if not frame.pose:
+            assert row == "" and "confidence" not in their
+            continue
+        assert float(row) == pytest.approx(their["confidence"], abs=TOLERANCE)
+        assert frame.pose.confidence == pytest.approx(their["confidence"], abs=TOLERANCE)
+        assert frame.pose.confidence >= spindoe.MIN_CONFIDENCE_IMAGES
+    settings = spindoe.Estimator(TABLE).settings
+    assert settings["min_confidence"] == spindoe.MIN_CONFIDENCE_IMAGES
+    for name, least in [
+        ("identify", spindoe.MIN_CONFIDENCE_DOTS), ("estimate", spindoe.MIN_CONFIDENCE_IMAGES)
+    ]:
+        words = " ".join(run(command, name, "--help").split())
+        assert f"[default: {least}" in words, words
 
 
 @pytest.mark.parametrize("method", ["robust", "quatera"])

@@ -45,7 +45,7 @@ impl FittedFrame {
         frame: &'a FrameEstimate,
     ) -> impl Iterator<Item = (usize, Vec3)> + 'a {
         let dots = frame.dots.iter().zip(&frame.assignment).enumerate();
-        dots.filter(|(_, (dot, name))| name.is_none() && dot.confidence >= LIKELY_DOT)
+        dots.filter(|(_, (dot, name))| name.is_none() && dot.probability >= LIKELY_DOT)
             .filter_map(|(i, (dot, _))| {
                 let direction = self.view.direction(dot.pixel)?;
                 Some((i, self.rotation.inverse() * direction))

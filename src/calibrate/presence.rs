@@ -54,8 +54,8 @@ pub(super) struct Looks {
     /// Whether anything is.
     pub is_found: bool,
     /// Mean probability of a dot over that of the ball's middle dot.
-    pub confidence: f64,
-    /// The confidence from which on it looks like the other dots: see [`doubtful_limit`].
+    pub likeness: f64,
+    /// The likeness from which on it looks like the other dots: see [`doubtful_limit`].
     pub limit: f64,
     /// Angle from the nominal place in standard deviations of the other dots' offsets.
     pub offset: f64,
@@ -81,9 +81,9 @@ impl FindRecord {
     pub fn presence(&self, looks: &Looks) -> DotPresence {
         let found = self.found as f64;
         let is_never_found = found < SOMETIMES * self.expected && self.evidence < MISSING;
-        let is_other = looks.confidence < UNLIKELY && found < UNLIKELY_SOMETIMES * self.expected;
+        let is_other = looks.likeness < UNLIKELY && found < UNLIKELY_SOMETIMES * self.expected;
         let is_far = looks.offset > FAR_OFF;
-        let is_unlike = looks.confidence < looks.limit;
+        let is_unlike = looks.likeness < looks.limit;
         let is_in_view = looks.expected_nominal >= MIN_EXPECTED_VIEWS;
         let faces_camera = self.expected >= MIN_EXPECTED_VIEWS;
         if faces_camera && (is_never_found || is_other) {
@@ -100,10 +100,10 @@ impl FindRecord {
     }
 }
 
-/// The confidence below which what is found may be no dot. Of 4,715 dots on rendered balls 127 are
+/// The likeness below which what is found may be no dot. Of 4,715 dots on rendered balls 127 are
 /// doubtful, and 72 of them are measured worse than to 0.5 deg; of the others 3 % are.
-pub(super) fn doubtful_limit(confidences: impl Iterator<Item = f64>) -> f64 {
-    unlike_limit(confidences, DOUBTFUL)
+pub(super) fn doubtful_limit(likenesses: impl Iterator<Item = f64>) -> f64 {
+    unlike_limit(likenesses, DOUBTFUL)
 }
 
 /// The detector's rate by depth.

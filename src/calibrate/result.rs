@@ -57,7 +57,7 @@ pub struct CalibratedDot {
     pub expected_views: f64,
     /// The detector's mean probability that what is seen there is a dot, over that of the ball's middle dot; 1
     /// where nothing is seen.
-    pub confidence: f64,
+    pub likeness: f64,
     /// See [`DotState`].
     pub state: DotState,
 }

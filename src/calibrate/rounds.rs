@@ -49,7 +49,7 @@ struct ClipDot {
     covariance: Matrix2<f64>,
     views: usize,
     /// The detector's mean probability that this is a dot, over that of the ball's middle dot.
-    confidence: f64,
+    likeness: f64,
     /// Whether a frame of the last fit names it.
     named: bool,
     record: FindRecord,
@@ -85,8 +85,7 @@ impl ClipDot {
             }
             DotPresence::Hidden | DotPresence::Missing => {
                 // What was taken for it lies elsewhere, or it is found too seldom: then a mark may be it.
-                let is_other =
-                    looks.confidence < looks.limit || self.presence == DotPresence::Hidden;
+                let is_other = looks.likeness < looks.limit || self.presence == DotPresence::Hidden;
                 if self.views > 0 && is_other {
                     self.rejected = Some(self.direction);
                 }
@@ -102,7 +101,7 @@ impl ClipDot {
 #[derive(Debug, Clone, Copy, Default)]
 struct Sighting {
     /// Probability of a dot.
-    confidence: f64,
+    probability: f64,
     /// Variance of a detection, rad^2 per axis at the ball's middle.
     variance: f64,
 }
@@ -149,7 +148,7 @@ impl<'a> Rounds<'a> {
             direction: *direction,
             covariance: Matrix2::identity() * variance,
             views: 0,
-            confidence: 1.0,
+            likeness: 1.0,
             named: false,
             record: FindRecord::default(),
             presence: DotPresence::There,
@@ -244,12 +243,12 @@ impl<'a> Rounds<'a> {
         let directions: Vec<Vec3> = self.candidates.iter().map(|c| c.direction).collect();
         let (records, rate) = find_records(&fitted, &directions, &finds);
         let named = self.candidates.iter().filter(|c| c.named);
-        let limit = doubtful_limit(named.map(|c| c.confidence));
+        let limit = doubtful_limit(named.map(|c| c.likeness));
         let drawing_sigma = self.drawing_sigma();
         for (candidate, record) in self.candidates.iter_mut().zip(records) {
             let looks = Looks {
                 is_found: candidate.views > 0,
-                confidence: candidate.confidence,
+                likeness: candidate.likeness,
                 limit,
                 offset: candidate.offset() / drawing_sigma,
                 expected_nominal: rate.expected(&fitted, &candidate.prior.direction),
@@ -270,7 +269,7 @@ impl<'a> Rounds<'a> {
             median(&mut seen().map(|(_, s)| value(s)).collect::<Vec<_>>())
         };
         let usual = Sighting {
-            confidence: typical(&|s| s.confidence),
+            probability: typical(&|s| s.probability),
             variance: typical(&|s| s.variance),
         };
         let shared = self.config.shared_sigma_rad.powi(2);
@@ -279,11 +278,11 @@ impl<'a> Rounds<'a> {
             candidate.views = fit.views;
             candidate.named = fit.views > 0;
             candidate.covariance = fit.covariance;
-            candidate.confidence = 1.0;
+            candidate.likeness = 1.0;
             if candidate.named {
                 let unclear = (seen.variance / usual.variance).max(1.0).powi(2);
                 candidate.covariance += Matrix2::identity() * (shared * unclear);
-                candidate.confidence = seen.confidence / usual.confidence;
+                candidate.likeness = seen.probability / usual.probability;
             }
         }
     }
@@ -318,7 +317,7 @@ impl<'a> Rounds<'a> {
             for (dot, name) in frame.dots.iter().zip(&frame.assignment) {
                 let Some(name) = name else { continue };
                 let j = self.names[usize::from(*name)];
-                sightings[j].confidence += dot.confidence;
+                sightings[j].probability += dot.probability;
                 sightings[j].variance += 0.5 * dot.covariance.trace() / circle.radius.powi(2);
                 observations.push(Observation {
                     dot: j,
@@ -343,7 +342,7 @@ impl<'a> Rounds<'a> {
         let count = views.iter().sum::<usize>().max(1);
         for (seen, views) in sightings.iter_mut().zip(views) {
             let views = views.max(1) as f64;
-            seen.confidence /= views;
+            seen.probability /= views;
             seen.variance /= views;
         }
         let summary = FitSummary {
@@ -448,7 +447,7 @@ impl<'a> Rounds<'a> {
                     direction: mark.direction,
                     covariance: Matrix2::identity() * self.config.placement_sigma_rad.powi(2),
                     views: mark.found,
-                    confidence: 1.0,
+                    likeness: 1.0,
                     named: false,
                     record: FindRecord::default(),
                     presence: DotPresence::There,
@@ -577,7 +576,7 @@ impl<'a> Rounds<'a> {
             covariance,
             views: if is_seen { c.views } else { 0 },
             expected_views: c.record.expected,
-            confidence: if is_seen { c.confidence } else { 1.0 },
+            likeness: if is_seen { c.likeness } else { 1.0 },
             state,
         }
     }

@@ -92,7 +92,7 @@ fn seen(rendering: &Rendering, found: &FrameEstimate, crowds: &[f64]) -> Vec<Cha
         let reach_px = dot.radius_rad * rendering.circle.radius;
         let is_found = found.dots.iter().any(|seen| {
             let off = (seen.pixel.u - dot.pixel.u).hypot(seen.pixel.v - dot.pixel.v);
-            seen.confidence >= LIKELY_DOT && off < reach_px
+            seen.probability >= LIKELY_DOT && off < reach_px
         });
         Chance {
             z: dot.facing,

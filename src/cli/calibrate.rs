@@ -191,6 +191,9 @@ impl Arguments {
         if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
             errln!("spindoe: the times do not increase from frame to frame: they are not used");
         }
+        if let Some(problem) = batch.times.problem() {
+            errln!("spindoe: {problem}: give --fps");
+        }
         if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
             errln!("spindoe: {warning}");
         }

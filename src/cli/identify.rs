@@ -176,7 +176,7 @@ impl Arguments {
 
     fn min_confidence(&self) -> f64 {
         self.min_confidence.unwrap_or(match self.recognizer {
-            RecognizerName::Robust => recognize::MIN_CONFIDENCE,
+            RecognizerName::Robust => recognize::MIN_CONFIDENCE_DOTS,
             // A share of votes is no probability.
             RecognizerName::Paper => 0.0,
         })

@@ -4,12 +4,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use nalgebra::Matrix3;
 
 use super::output::one_of;
 use crate::ball::Ball;
 use crate::error::{Error, Result};
-use crate::geometry::Vec3;
 use crate::image::Roi;
 use crate::source::files;
 use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod, OutlinePrior};
@@ -170,16 +168,15 @@ impl ImageArguments {
     }
 }
 
-/// Largest angle between dots that are one, radians.
-const SAME_DOT_RAD: f64 = 1e-3;
-
 /// The balls of several files; two must not have the same pattern, rotated or not, since images cannot tell
 /// which it is.
 pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
     let mut balls: Vec<Ball> = Vec::new();
     for path in paths {
         let ball = Ball::read(path)?;
-        let same = balls.iter().position(|other| is_same(other, &ball));
+        let same = balls
+            .iter()
+            .position(|other| other.pattern().is_turned(ball.pattern()));
         if let Some(other) = same.and_then(|k| paths.get(k)) {
             let problem = format!(
                 "has the same pattern as {}, up to a rotation: give one of them",
@@ -190,36 +187,6 @@ pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
         balls.push(ball);
     }
     Ok(balls)
-}
-
-/// Whether two balls have the same dots, in any order and turned in any way.
-fn is_same(a: &Ball, b: &Ball) -> bool {
-    let (a, b) = (a.pattern().dots(), b.pattern().dots());
-    let ([from, rest @ ..], true) = (a, a.len() == b.len()) else {
-        return false;
-    };
-    // Two dots determine a rotation, best those that are nearest to a right angle.
-    let straightness = |dot: &&Vec3| from.dot(dot).abs();
-    let Some(to) = rest
-        .iter()
-        .min_by(|x, y| straightness(x).total_cmp(&straightness(y)))
-    else {
-        return false;
-    };
-    let axes = |from: &Vec3, to: &Vec3| {
-        let normal = from.cross(to).normalize();
-        Matrix3::from_columns(&[*from, normal, from.cross(&normal)])
-    };
-    let pairs = b
-        .iter()
-        .flat_map(|other| b.iter().map(move |next| (other, next)));
-    pairs
-        .filter(|(other, next)| (other.angle(next) - from.angle(to)).abs() < SAME_DOT_RAD)
-        .any(|(other, next)| {
-            let turn = axes(other, next) * axes(from, to).transpose();
-            a.iter()
-                .all(|dot| b.iter().any(|o| o.angle(&(turn * dot)) < SAME_DOT_RAD))
-        })
 }
 
 /// What is to be known of frames whose names are numbers of another notation.

@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Format, Row, Rows};
-use crate::geometry::{Vec3, angle_between, random_direction};
+use crate::geometry::{Vec3, angle_between, pair_rotation, random_direction};
 
 pub use keep_out::{KeepOut, zones_path};
 #[cfg(feature = "native")]
@@ -38,6 +38,8 @@ pub const LENGTH_TOLERANCE: f64 = 1e-3;
 pub const LENGTH_ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Dots nearer than this (radians) count as the same dot.
 pub const MIN_SEPARATION: f64 = 1e-3;
+/// Maximum angle between dots of two patterns that are one, radians.
+const SAME_DOT_RAD: f64 = 1e-3;
 
 /// `n` distinct dots on the unit sphere, in the pattern's own frame, and the zones they stay out of.
 #[derive(Debug, Clone, PartialEq)]
@@ -208,6 +210,28 @@ impl Pattern {
             let _ = write!(s, "{b:02x}");
             s
         })
+    }
+
+    /// Whether another pattern has the same dots, in any order and turned in any way: images cannot tell which of the two it is.
+    pub fn is_turned(&self, other: &Self) -> bool {
+        let (a, b) = (&self.dots, &other.dots);
+        let ([from, rest @ ..], true) = (&a[..], a.len() == b.len()) else {
+            return false;
+        };
+        // Two dots determine a rotation, best those that are nearest to a right angle.
+        let straightness = |dot: &Vec3| from.dot(dot).abs();
+        let to = rest
+            .iter()
+            .min_by(|x, y| straightness(x).total_cmp(&straightness(y)));
+        let Some(to) = to else { return false };
+        let pairs = b.iter().flat_map(|x| b.iter().map(move |y| [x, y]));
+        pairs
+            .filter(|[x, y]| (angle_between(x, y) - angle_between(from, to)).abs() < SAME_DOT_RAD)
+            .filter_map(|pair| pair_rotation([from, to], pair))
+            .any(|turn| {
+                let is_dot = |dot: Vec3| b.iter().any(|o| angle_between(o, &dot) < SAME_DOT_RAD);
+                a.iter().all(|dot| is_dot(turn * dot))
+            })
     }
 
     /// Minimum number of dots with `z > limit` over all viewing directions, exactly. Directions from

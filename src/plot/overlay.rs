@@ -44,8 +44,8 @@ const LEGEND_ENTRIES: [(&str, RGBColor); 4] = [
 pub struct OverlayDot {
     /// Where, pixels of the picture.
     pub pixel: Pixel,
-    /// The detector's confidence.
-    pub confidence: f64,
+    /// The probability of a dot.
+    pub probability: f64,
     /// Whether it is identified.
     pub named: bool,
 }
@@ -94,7 +94,7 @@ pub struct OverlayPixels {
 }
 
 /// Draws one frame, at its own scale or enlarged by a whole number where it is small. Circles: the
-/// outline green; identified detections blue, others red, with their confidence in percent; crosses
+/// outline green; identified detections blue, others red, with their probability in percent; crosses
 /// with numbers, yellow: where the orientation expects the pattern's dots. A legend stands beneath.
 ///
 /// # Errors
@@ -258,7 +258,7 @@ fn draw_marks(
         let r = if in_full { px(9.0) } else { px(5.0) };
         area.draw(&Circle::new(at, r, canvas::stroke(color, 1.2)))?;
         if in_full {
-            let words = format!("{:.0}", 100.0 * dot.confidence);
+            let words = format!("{:.0}", 100.0 * dot.probability);
             let below = (at.0, at.1 + r + px(8.0));
             canvas::text(area, &words, below, HPos::Center, 11.0, color)?;
         }

@@ -38,9 +38,12 @@ pub use paper::{PaperConfig, PaperRecognizer};
 /// Orientation errors of this value or more are failures, radians (20 degrees, SpinDOE Sec. IV).
 pub const ORIENTATION_FAILURE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
-/// Orientations from dots with a smaller confidence are rejected, where nothing else is asked for: the likelier answer is that
-/// they are wrong.
-pub const MIN_CONFIDENCE: f64 = 0.5;
+/// Orientations from dots with a smaller [confidence](Identification::confidence) are rejected, where nothing else is asked for:
+/// the likelier answer is that they are wrong.
+pub const MIN_CONFIDENCE_DOTS: f64 = 0.5;
+/// Those from images: with less, several in a hundred images of other balls and things are answered
+/// (docs/measurements/trust.md).
+pub const MIN_CONFIDENCE_IMAGES: f64 = 0.85;
 
 /// A recognizer's answer.
 #[derive(Debug, Clone, PartialEq)]

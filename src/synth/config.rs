@@ -321,6 +321,25 @@ impl SynthConfig {
         }
     }
 
+    /// The same with nothing on the balls but dots: no print, no seam, no stains.
+    pub fn unprinted(self) -> Self {
+        Self {
+            logo_probability: 0.0,
+            seam_probability: 0.0,
+            stains: false,
+            ..self
+        }
+    }
+
+    /// The same with every dot of the pattern on the ball, exactly where the pattern has it.
+    pub fn as_designed(self) -> Self {
+        Self {
+            placement_sigma_rad: [0.0; 2],
+            left_out: 0.0,
+            ..self
+        }
+    }
+
     /// Checks the domains of all parameters.
     ///
     /// # Errors

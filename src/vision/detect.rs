@@ -6,7 +6,7 @@ use super::camera::Pixel;
 use super::dense::Heat;
 use super::patch::Patch;
 
-/// A detection of this confidence is more likely a dot than not.
+/// A detection of this probability is more likely a dot than not.
 pub(crate) const LIKELY_DOT: f64 = 0.5;
 
 /// A dot found in an image.
@@ -17,7 +17,7 @@ pub struct DotDetection {
     /// Covariance of the center (u, v), px^2.
     pub covariance: Matrix2<f64>,
     /// Probability that it is a dot, in [0, 1].
-    pub confidence: f64,
+    pub probability: f64,
 }
 
 /// A method that finds dots on a ball.
@@ -28,7 +28,7 @@ pub trait DotDetector: Sync {
     /// A new workspace.
     fn workspace(&self) -> Self::Workspace;
 
-    /// Finds the dots of a ball and writes them into `out`, the most confident first. None is an
+    /// Finds the dots of a ball and writes them into `out`, the likeliest first. None is an
     /// answer too; a detector that exists cannot fail.
     fn detect_into(&self, patch: &Patch, ws: &mut Self::Workspace, out: &mut Vec<DotDetection>);
 
@@ -47,7 +47,7 @@ pub trait DotDetector: Sync {
     ) {
     }
 
-    /// Where the confidences are no probabilities that were fitted on images: the mean of `-ln p` to take for every
+    /// Where the probabilities of its detections are none that were fitted on images: the mean of `-ln p` to take for every
     /// ball's dots. `None` where they are.
     fn usual_doubt(&self) -> Option<f64> {
         None

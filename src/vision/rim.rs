@@ -18,10 +18,11 @@ use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, SVector, Vector2};
 
+use super::ball_pixels::BallPixels;
 use super::camera::{BallView, Pixel};
-use super::cap::{CapShape, Sums};
+use super::cap::CapShape;
+use super::sums::Sums;
 use crate::geometry::Vec3;
-use crate::image::GrayImage;
 use crate::stats::normal_cdf_and_density;
 
 /// Number of sectors.
@@ -100,18 +101,12 @@ pub(super) struct RimFit {
 
 impl RimFitter {
     /// Fits the rim about the outline of a view, by blur and tone curve of the ball's dots.
-    pub fn fit(
-        &mut self,
-        image: &GrayImage,
-        origin: Pixel,
-        view: &BallView,
-        shape: &CapShape,
-    ) -> Option<RimFit> {
+    pub fn fit(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
         let mut sectors = [Sector::default(); SECTORS];
         for (k, sector) in sectors.iter_mut().enumerate() {
-            *sector = sector_at(view, TAU * (k as f64 + 0.5) / SECTORS as f64)?;
+            *sector = sector_at(pixels.view, TAU * (k as f64 + 0.5) / SECTORS as f64)?;
         }
-        self.read(image, origin, view, &sectors, shape);
+        self.read(pixels, &sectors, shape);
         self.pixels.sort_unstable_by_key(|p| p.sector);
         let mut places: [Place; SECTORS] = [None; SECTORS];
         for part in self.pixels.chunk_by(|a, b| a.sector == b.sector) {
@@ -120,14 +115,8 @@ impl RimFitter {
         outline(&sectors, &places)
     }
 
-    fn read(
-        &mut self,
-        image: &GrayImage,
-        origin: Pixel,
-        view: &BallView,
-        sectors: &[Sector; SECTORS],
-        shape: &CapShape,
-    ) {
+    fn read(&mut self, pixels: &BallPixels<'_>, sectors: &[Sector; SECTORS], shape: &CapShape) {
+        let BallPixels { gray, grid, view } = pixels;
         let ([inner, outer], blurs) = READ;
         let [inner, outer] = [inner, outer].map(|d| d + blurs * shape.blur);
         let circle = view.circle();
@@ -140,17 +129,15 @@ impl RimFitter {
             let from = (center - range.end).max(1.0) as usize;
             from..((center + range.end).max(0.0) as usize).min(count - 1)
         };
-        let rows = side(circle.center.v - origin.v, image.height());
-        let columns = side(circle.center.u - origin.u, image.width());
+        let middle = grid.pixel_to_part(circle.center);
+        let rows = side(middle.v, gray.height());
+        let columns = side(middle.u, gray.width());
         let stride = stride.max(1);
         self.pixels.clear();
         for v in rows {
-            let row = image.row(v, 0, image.width());
+            let row = gray.row(v, 0, gray.width());
             for u in columns.clone().filter(|u| (u + v) % stride == 0) {
-                let at = Pixel {
-                    u: u as f64 + origin.u,
-                    v: v as f64 + origin.v,
-                };
+                let at = pixels.place(u, v);
                 let off = (at.u - circle.center.u).powi(2) + (at.v - circle.center.v).powi(2);
                 if !squared.contains(&off) {
                     continue;
@@ -339,8 +326,10 @@ fn blurred_root(x: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::GrayImage;
     use crate::vision::camera::{BallCircle, Camera};
     use crate::vision::cap::Tone;
+    use crate::vision::grid::Grid;
 
     const SIDE: usize = 80;
     const BLUR: f64 = 0.8;
@@ -369,25 +358,28 @@ mod tests {
         })
     }
 
-    #[test]
-    fn an_outline_that_is_off_is_corrected() {
-        let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
-        let image = drawn(&circle);
+    fn fitted(gray: &GrayImage, view: &BallView) -> Option<RimFit> {
+        let grid = Grid::halved(0);
         let shape = CapShape {
             radius: 0.1,
             blur: BLUR,
             tone: Tone::of_root(),
             is_known: true,
         };
+        RimFitter::default().fit(&BallPixels { gray, grid, view }, &shape)
+    }
+
+    #[test]
+    fn an_outline_that_is_off_is_corrected() {
+        let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
+        let image = drawn(&circle);
         for off in [[0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [-0.4, 0.1, -0.5]] {
             let mut found = circle;
             found.center.u += off[0];
             found.center.v += off[1];
             found.radius += off[2];
             let view = BallView::new(&Camera::Orthographic, found).expect("a value");
-            let fit = RimFitter::default()
-                .fit(&image, Pixel::default(), &view, &shape)
-                .expect("a rim");
+            let fit = fitted(&image, &view).expect("a rim");
             let left = fit.change + Vec3::from(off);
             assert!(left.xy().amax() < 0.03, "{off:?}: {left}");
             assert!(left.z.abs() < 0.1, "{off:?}: {left}");
@@ -401,13 +393,7 @@ mod tests {
         let image = GrayImage::from_fn(SIDE, SIDE, |u, v| {
             0.5 + 0.001 * ((7 * u + 13 * v) % 5) as f32
         });
-        let shape = CapShape {
-            radius: 0.1,
-            blur: BLUR,
-            tone: Tone::of_root(),
-            is_known: true,
-        };
-        let found = RimFitter::default().fit(&image, Pixel::default(), &view, &shape);
+        let found = fitted(&image, &view);
         assert!(found.is_none(), "{found:?}");
     }
 }

@@ -231,7 +231,7 @@ impl<'a, D: DotDetector> Scorer<'a, D> {
 
     /// The score of a frame as estimated.
     pub fn score(&mut self, frame: &FrameEstimate) -> FrameScore {
-        let likely = frame.dots.iter().filter(|d| d.confidence >= LIKELY_DOT);
+        let likely = frame.dots.iter().filter(|d| d.probability >= LIKELY_DOT);
         FrameScore {
             dots: likely.count(),
             ln_evidence: self.ln_evidence(frame),
@@ -245,7 +245,7 @@ impl<'a, D: DotDetector> Scorer<'a, D> {
         let hand = Matrix2::from_diagonal_element(config.placement_sigma_rad.powi(2));
         let min_depth = config.recognizer.view.visibility_limit.max(view.horizon());
         self.observed.clear();
-        for dot in frame.dots.iter().filter(|d| d.confidence >= LIKELY_DOT) {
+        for dot in frame.dots.iter().filter(|d| d.probability >= LIKELY_DOT) {
             let seen = view.back_project(dot.pixel, &dot.covariance);
             let Some(mut seen) = seen.filter(|s| s.direction.z >= min_depth) else {
                 continue;

@@ -17,15 +17,12 @@ fn signals_are_what_the_image_shows() {
     let config = SynthConfig {
         ball_px: Some([300.0; 2]),
         size_px: [300, 400],
-        logo_probability: 0.0,
-        seam_probability: 0.0,
-        stains: false,
         max_gloss: 0.0,
         max_streaks: 0.0,
         rps: [0.0; 2],
         max_shift_px: 0.0,
         max_arc_rad: 0.0,
-        ..SynthConfig::good()
+        ..SynthConfig::good().unprinted()
     };
     let mut seen_dots = 0;
     for k in 0..6 {

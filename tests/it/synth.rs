@@ -21,11 +21,8 @@ use spindoe::vision::{BallCircle, Camera, Intrinsics, Pixel};
 /// A ball of 60 px radius before black, evenly lit, at rest, through a perfect camera, with dots of 12 degrees.
 fn plain_scene(pattern: &Pattern) -> Scene {
     let config = SynthConfig {
-        stains: false,
-        seam_probability: 0.0,
-        logo_probability: 0.0,
         occlusion_share: 0.0,
-        ..SynthConfig::default()
+        ..SynthConfig::default().unprinted()
     };
     let mut scene = Scene::random(pattern, &config, &mut frame_rng(5, 0)).unwrap();
     scene.size = [140, 140];

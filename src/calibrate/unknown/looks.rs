@@ -40,7 +40,7 @@ impl Map<'_> {
             let dots = &self.estimates[frame.index].dots;
             for (dot, name) in frame.dots.iter().zip(&placed.names) {
                 if *name == Some(j) && dot.depth >= FACING {
-                    sum += dots[dot.detection].confidence;
+                    sum += dots[dot.detection].probability;
                     views += 1;
                 }
             }

@@ -39,7 +39,7 @@ impl Seen {
         let view = BallView::new(&camera.at(None), outline.circle).ok()?;
         let view = FrameView::of(view);
         let likely = estimate.dots.iter().enumerate();
-        let likely = likely.filter(|(_, dot)| dot.confidence >= LIKELY_DOT);
+        let likely = likely.filter(|(_, dot)| dot.probability >= LIKELY_DOT);
         let dots = likely.filter_map(|(k, dot)| see(&view, k, dot));
         Some(Self {
             index,

@@ -27,7 +27,7 @@ use crate::geometry::CameraFrame;
 use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use crate::source::pipe::PipeFormat;
 use crate::vision::estimator::{
-    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, TimeSource, estimate_inputs,
+    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
 };
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 use output::Report;
@@ -231,11 +231,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let paths: Vec<PathBuf> = batch.frames.iter().map(|f| f.path.clone()).collect();
     if let Some(warning) = unused_warning(config.circles.as_ref(), &paths)? {
         errln!("spindoe: {warning}");
-    }
-    if matches!(batch.times, TimeSource::Names { fps } if !fps.is_finite()) {
-        errln!("spindoe: the names of the frames are one and the same number, and no times");
-        batch.times = TimeSource::None;
-        batch.frames.iter_mut().for_each(|f| f.time_s = None);
     }
     // Identified anew, a batch has its times already.
     config.clock = FrameClock::Inputs;

@@ -184,7 +184,8 @@ impl<'a> Report<'a> {
     /// Where the times came from, and what is to be done where they are missing or doubtful.
     fn times_words(&self) -> Option<String> {
         let count = self.batch.frames.len();
-        let words = match self.batch.times {
+        let times = self.batch.times;
+        let words = match times {
             TimeSource::None => {
                 return (count > 1)
                     .then(|| "no times, so no spin: --fps or --times gives them".to_owned());
@@ -198,12 +199,11 @@ impl<'a> Report<'a> {
                     true => format!(" ({:.2} if they are microseconds)", 1e-3 / step_s),
                     false => String::new(),
                 };
-                format!(
-                    "the names are frame numbers, not times in nanoseconds, so no spin: give --fps{guess}"
-                )
+                format!("{}, so no spin: give --fps{guess}", times.problem()?)
             }
-            TimeSource::Names { .. } if count < 2 => return None,
+            TimeSource::SameNumber => format!("{}, so no spin: give --fps", times.problem()?),
             TimeSource::Names { fps } => {
+                let fps = fps?;
                 format!("times from the names, in nanoseconds: {fps:.2} fps on average")
             }
             TimeSource::Rate { fps } => format!("{fps} fps as given by --fps"),
@@ -225,7 +225,7 @@ impl<'a> Report<'a> {
                     "u": dot.pixel.u,
                     "v": dot.pixel.v,
                     "covariance_px2": [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
-                    "confidence": dot.confidence,
+                    "probability": dot.probability,
                     "name": name,
                 })
             })

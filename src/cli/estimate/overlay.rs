@@ -58,7 +58,7 @@ pub(super) fn drawn(
         dots: (frame.dots.iter().zip(&frame.assignment))
             .map(|(dot, name)| plot::OverlayDot {
                 pixel: place(dot.pixel),
-                confidence: dot.confidence,
+                probability: dot.probability,
                 named: name.is_some(),
             })
             .collect(),
@@ -114,7 +114,8 @@ fn write_video(
     batch: &Batch<Picture>,
 ) -> Result<()> {
     let rate = match &batch.times {
-        TimeSource::Names { fps } | TimeSource::Rate { fps } => Some(*fps),
+        TimeSource::Names { fps } => *fps,
+        TimeSource::Rate { fps } => Some(*fps),
         TimeSource::Video(clock) => Some(clock.stored_fps),
         _ => None,
     };

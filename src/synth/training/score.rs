@@ -92,11 +92,11 @@ pub fn match_peaks(
 }
 
 /// The score of peaks with at least the given probability.
-pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_confidence: f64) -> DotScore {
+pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_probability: f64) -> DotScore {
     let shown = || {
         matched
             .iter()
-            .filter(|j| j.peak.confidence >= min_confidence)
+            .filter(|j| j.peak.probability >= min_probability)
     };
     let mut errors: Vec<f64> = shown()
         .filter_map(|j| j.error.map(|[u, v]| u.hypot(v)))
@@ -118,7 +118,7 @@ pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_confidence: f64) -
 pub fn calibrate(matched: &[MatchedPeak]) -> Calibration {
     let seen: Vec<&MatchedPeak> = matched
         .iter()
-        .filter(|j| j.peak.confidence > MIN_PROBABILITY)
+        .filter(|j| j.peak.probability > MIN_PROBABILITY)
         .collect();
     let (mut slope, mut offset) = (1.0, 0.0);
     for _ in 0..NEWTON_STEPS {

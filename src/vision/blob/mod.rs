@@ -42,8 +42,8 @@ pub struct BlobConfig {
     pub relative_contrast: f64,
     /// Depth (z) below which dots are seen too obliquely to be distinguished from the limb.
     pub min_depth: f64,
-    /// Detections with less confidence are dropped.
-    pub min_confidence: f64,
+    /// Detections with less probability are dropped.
+    pub min_probability: f64,
 }
 
 impl Default for BlobConfig {
@@ -57,7 +57,7 @@ impl Default for BlobConfig {
             signal_to_noise: 6.0,
             relative_contrast: 0.35,
             min_depth: 0.16,
-            min_confidence: 0.05,
+            min_probability: 0.05,
         }
     }
 }
@@ -160,7 +160,7 @@ impl BlobDetector {
         ws.candidates.truncate(MAX_BLOBS);
     }
 
-    fn confidence(&self, blob: &Blob, strong: f64) -> f64 {
+    fn probability(&self, blob: &Blob, strong: f64) -> f64 {
         let c = &self.config;
         let logistic = |t: f64| 1.0 / (1.0 + (-t).exp());
         let radius = blob.radius / RADIUS;
@@ -218,18 +218,18 @@ impl DotDetector for BlobDetector {
         };
         let step = patch.step();
         for blob in &ws.blobs {
-            let confidence = self.confidence(blob, strong);
-            if confidence >= self.config.min_confidence {
+            let probability = self.probability(blob, strong);
+            if probability >= self.config.min_probability {
                 out.push(DotDetection {
                     pixel: patch.to_image(blob.column, blob.row),
                     // Values of a coarse image are interpolated: their noise is shared by
                     // neighbors.
                     covariance: blob.covariance * (step * step).max(1.0),
-                    confidence,
+                    probability,
                 });
             }
         }
-        out.sort_unstable_by(|a, b| b.confidence.total_cmp(&a.confidence));
+        out.sort_unstable_by(|a, b| b.probability.total_cmp(&a.probability));
     }
 }
 

@@ -8,7 +8,7 @@ mod ellipse;
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use self::ellipse::Parameters;
 use super::vote::Center;
@@ -49,6 +49,45 @@ struct Edge {
     radius: f64,
     /// Fall of the brightness outwards (for dark balls, rise), per pixel; 0 for no edge.
     slope: f32,
+}
+
+/// Sums over edges, for a fit of the first `N` parameters of an outline.
+struct EdgeSums<const N: usize> {
+    /// Of `w J^T J`.
+    information: SMatrix<f64, N, N>,
+    /// Of `w J^T` times the residual.
+    gradient: SVector<f64, N>,
+    squares: f64,
+    /// Of the weights `w`: Tukey's times the root of the slope.
+    total: f64,
+    /// Of Tukey's alone.
+    weights: f64,
+    edges: usize,
+}
+
+impl<const N: usize> Default for EdgeSums<N> {
+    fn default() -> Self {
+        Self {
+            information: SMatrix::zeros(),
+            gradient: SVector::zeros(),
+            squares: 0.0,
+            total: 0.0,
+            weights: 0.0,
+            edges: 0,
+        }
+    }
+}
+
+impl<const N: usize> EdgeSums<N> {
+    /// The residuals' standard deviation.
+    fn scatter(&self) -> f64 {
+        (self.squares / self.total).sqrt()
+    }
+
+    /// The sum of `w J^T J` with the weights' mean 1.
+    fn mean_information(&self) -> SMatrix<f64, N, N> {
+        self.information * (self.weights / self.total)
+    }
 }
 
 /// Working memory.
@@ -169,34 +208,38 @@ impl Unrolled {
     /// One reweighted step; the new circle, the residuals' standard deviation, and the sum of `w J^T J` with the weights'
     /// mean 1.
     fn step(&self, circle: &Vector3<f64>, reach: f64) -> Option<(Vector3<f64>, f64, Matrix3<f64>)> {
-        let (mut information, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
-        let (mut squares, mut total, mut weights) = (0.0, 0.0, 0.0);
-        let model = circle_parameters(circle);
+        let sums: EdgeSums<3> = self.sums(&circle_parameters(circle), reach);
+        if sums.weights < 4.0 {
+            return None;
+        }
+        // A breath of a prior: short arcs leave the radius open.
+        let hold = Matrix3::from_diagonal_element(1e-3 * sums.total);
+        let step = (sums.information + hold).cholesky()?.solve(&sums.gradient);
+        Some((circle + step, sums.scatter(), sums.mean_information()))
+    }
+
+    /// The sums over the edges within reach of an outline.
+    fn sums<const N: usize>(&self, outline: &Parameters, reach: f64) -> EdgeSums<N> {
+        let mut sums = EdgeSums::<N>::default();
         for ray in 0..RAYS {
-            let Some((edge, (residual, j))) = self.nearest(ray, &model) else {
+            let Some((edge, (residual, j))) = self.nearest(ray, outline) else {
                 continue;
             };
             let t = residual / reach;
             if t.abs() >= 1.0 {
                 continue;
             }
+            sums.edges += 1;
             let tukey = (1.0 - t * t).powi(2);
             let weight = tukey * f64::from(edge.slope.sqrt());
-            let j = j.fixed_rows::<3>(0).into_owned();
-            information += j * j.transpose() * weight;
-            gradient += j * (weight * residual);
-            squares += weight * residual * residual;
-            total += weight;
-            weights += tukey;
+            let j = SVector::<f64, N>::from_fn(|k, _| j[k]);
+            sums.information += j * j.transpose() * weight;
+            sums.gradient += j * (weight * residual);
+            sums.squares += weight * residual * residual;
+            sums.total += weight;
+            sums.weights += tukey;
         }
-        if weights < 4.0 {
-            return None;
-        }
-        // A breath of a prior: short arcs leave the radius open.
-        let hold = Matrix3::from_diagonal_element(1e-3 * total);
-        let step = (information + hold).cholesky()?.solve(&gradient);
-        let scatter = (squares / total).sqrt();
-        Some((circle + step, scatter, information * (weights / total)))
+        sums
     }
 
     /// Finds the edges on all rays from a center (u, v, _) between two radii.

@@ -12,8 +12,8 @@ use std::sync::{Mutex, PoisonError};
 
 use super::propose::MAX_THOROUGH;
 use super::{
-    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameInDoubt, FrameRejection,
-    OutlinePrior, Prior, SequenceConfig, SequenceSummary, estimate_spin, second_pass,
+    Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, ImageWork, OutlinePrior,
+    Prior, SequenceConfig, SequenceSummary, estimate_spin, second_pass,
 };
 use crate::error::{Error, Result};
 use crate::image::{DEFAULT_MAX_PIXELS, Picture, RgbImage, Roi};
@@ -97,10 +97,12 @@ pub enum TimeSource {
         /// The smallest step of the names, taken as nanoseconds, in seconds.
         step_s: f64,
     },
+    /// The names are one and the same number: they are no times.
+    SameNumber,
     /// The names of the files, in nanoseconds.
     Names {
-        /// Mean frames per second.
-        fps: f64,
+        /// Mean frames per second; none of a single frame.
+        fps: Option<f64>,
     },
     /// A rate that was given.
     Rate {
@@ -111,6 +113,19 @@ pub enum TimeSource {
     Table,
     /// The time stamps of a video.
     Video(VideoClock),
+}
+
+impl TimeSource {
+    /// Why the numbers in the frames' names are no times, where they are none.
+    pub fn problem(&self) -> Option<&'static str> {
+        match self {
+            Self::FrameNumbers { .. } => {
+                Some("the names are frame numbers, not times in nanoseconds")
+            }
+            Self::SameNumber => Some("the names are one and the same number, and no times"),
+            _ => None,
+        }
+    }
 }
 
 /// Sees every frame while its image is there; see [`estimate_inputs`].
@@ -423,9 +438,13 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         let config = &self.config.sequence;
         let passed = match self.config.independent {
             true => Ok(SequenceSummary::default()),
-            false => second_pass(config, &times, &mut estimates, |doubts, estimates| {
-                self.settle(sources, doubts, estimates, frames)
-            }),
+            false => second_pass(
+                self.estimator,
+                config,
+                &times,
+                &mut estimates,
+                |wanted, work| self.on_pictures(sources, wanted, work, frames),
+            ),
         };
         let spin = estimate_spin(config, &times, &estimates);
         for (frame, estimate) in frames.iter_mut().zip(estimates) {
@@ -437,12 +456,12 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         })
     }
 
-    /// Estimates frames in doubt again; those that this changes. Their files are read once more: pictures are not kept.
-    fn settle(
+    /// Works on the pictures of these frames; what comes of it. Their files are read once more: pictures are not kept.
+    fn on_pictures(
         &self,
         sources: &[(Source, usize)],
-        doubts: &[FrameInDoubt],
-        estimates: &[FrameEstimate],
+        wanted: &[usize],
+        work: &ImageWork<'_, D::Workspace>,
         frames: &mut [BatchFrame<O::Kept>],
     ) -> Result<Vec<(usize, FrameEstimate)>> {
         // Only the sources with such a frame, and the numbers of their frames.
@@ -451,36 +470,31 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         for (source, count) in sources {
             let range = first..first + count;
             first = range.end;
-            if doubts.iter().any(|d| range.contains(&d.frame)) {
+            if wanted.iter().any(|k| range.contains(k)) {
                 read.push(source);
                 numbers.extend(range);
             }
         }
-        let doubt_of = |at: usize| {
-            let number = numbers.get(at)?;
-            let found = doubts.binary_search_by_key(number, |d| d.frame);
-            found.ok().map(|k| &doubts[k])
-        };
-        let work = |at, frame: Frame, ws: &mut EstimatorWorkspace<D::Workspace>| {
-            let (Some(doubt), Ok(picture)) = (doubt_of(at), frame.picture) else {
+        let again = |at: usize, frame: Frame, ws: &mut EstimatorWorkspace<D::Workspace>| {
+            let number = numbers.get(at).copied();
+            let number = number.filter(|k| wanted.binary_search(k).is_ok());
+            let (Some(k), Ok(picture)) = (number, frame.picture) else {
                 return Ok(None);
             };
             let picture = self.upright(picture)?;
-            let before = &estimates[doubt.frame];
-            let again = self
-                .estimator
-                .estimate_again(picture.view()?, doubt, before, ws);
-            let Some(again) = again else { return Ok(None) };
-            let kept = self.keep(&picture, &again)?;
-            Ok(Some((doubt.frame, again, kept)))
+            let Some(found) = work(k, picture.view()?, ws) else {
+                return Ok(None);
+            };
+            let kept = self.keep(&picture, &found)?;
+            Ok(Some((k, found, kept)))
         };
-        let mut settled = Settled(Vec::new());
-        self.read_all(&read, work, &mut settled)?;
-        let done = settled.0.into_iter().flatten();
+        let mut changed = Changed(Vec::new());
+        self.read_all(&read, again, &mut changed)?;
+        let done = changed.0.into_iter().flatten();
         Ok(done
-            .map(|(k, again, kept)| {
+            .map(|(k, found, kept)| {
                 frames[k].kept = kept;
-                (k, again)
+                (k, found)
             })
             .collect())
     }
@@ -557,9 +571,9 @@ impl<O: BatchObserver> Sink<Estimated<O::Kept>> for Collected<'_, O> {
 }
 
 /// Collects what the second pass changes.
-struct Settled<T>(Vec<T>);
+struct Changed<T>(Vec<T>);
 
-impl<T> Sink<Result<T>> for Settled<T> {
+impl<T> Sink<Result<T>> for Changed<T> {
     type Error = Error;
 
     fn take(&mut self, done: Result<T>) -> Result<()> {
@@ -591,29 +605,31 @@ fn set_times<K>(
     }
 }
 
-/// What the inputs say of the times; names that count frames are no times.
+/// What the inputs say of the times; names that count frames, or are all alike, are no times.
 fn input_times<K>(video: Option<VideoClock>, frames: &mut [BatchFrame<K>]) -> TimeSource {
     if let Some(clock) = video {
         return TimeSource::Video(clock);
     }
     let times: Vec<f64> = frames.iter().filter_map(|f| f.time_s).collect();
-    let [first, .., last] = times[..] else {
-        return match times.len() == frames.len() {
-            _ if times.is_empty() => TimeSource::None,
-            true => TimeSource::Names { fps: 0.0 },
-            false => TimeSource::Partial { timed: 1 },
-        };
-    };
-    if times.len() < frames.len() {
-        return TimeSource::Partial { timed: times.len() };
+    let timed = times.len();
+    match timed {
+        0 => return TimeSource::None,
+        _ if timed < frames.len() => return TimeSource::Partial { timed },
+        1 => return TimeSource::Names { fps: None },
+        _ => {}
     }
     let steps = times.windows(2).map(|w| w[1] - w[0]);
     let step_s = steps.fold(f64::INFINITY, f64::min);
-    if step_s > 0.0 && step_s < MIN_STEP_S {
-        frames.iter_mut().for_each(|f| f.time_s = None);
-        return TimeSource::FrameNumbers { step_s };
-    }
-    TimeSource::Names {
-        fps: (times.len() - 1) as f64 / (last - first),
-    }
+    let first = times.iter().copied().fold(f64::INFINITY, f64::min);
+    let last = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let problem = match step_s {
+        _ if first == last => TimeSource::SameNumber,
+        step_s if step_s > 0.0 && step_s < MIN_STEP_S => TimeSource::FrameNumbers { step_s },
+        _ => {
+            let fps = Some((timed - 1) as f64 / (last - first));
+            return TimeSource::Names { fps };
+        }
+    };
+    frames.iter_mut().for_each(|f| f.time_s = None);
+    problem
 }

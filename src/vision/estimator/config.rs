@@ -3,6 +3,7 @@
 use super::FrameEstimate;
 use super::trust::TrustMap;
 use crate::error::{Error, Result, require};
+use crate::recognize::MIN_CONFIDENCE_IMAGES;
 use crate::recognize::robust::RobustConfig;
 use crate::view::{Detection, FalseDots, ViewModel};
 use crate::vision::camera::{BallView, Camera};
@@ -137,10 +138,6 @@ impl std::str::FromStr for OutlineMethod {
     }
 }
 
-/// Poses from images with a smaller confidence are rejected, where nothing else is asked for: with less, several in a hundred
-/// images of other balls and things are answered (docs/measurements/trust.md).
-pub const MIN_CONFIDENCE: f64 = 0.85;
-
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct EstimatorConfig {
@@ -154,8 +151,8 @@ pub struct EstimatorConfig {
     pub recognizer: RobustConfig,
     /// Standard deviation of a drawn dot's place from the pattern's, along one tangent axis, radians.
     pub placement_sigma_rad: f64,
-    /// Minimum confidence of the detections that are used first, and where these leave doubt.
-    pub dot_confidence: [f64; 2],
+    /// Minimum probability of the detections that are used first, and where these leave doubt.
+    pub dot_probability: [f64; 2],
     /// False dots expected beyond the recognizer's where doubtful detections are used.
     pub doubtful_false_dots: f64,
     /// From the recognizer's probability of a pose to the one that is reported; poses found with a
@@ -170,7 +167,7 @@ pub struct EstimatorConfig {
 impl Default for EstimatorConfig {
     /// A camera at an unknown distance; dots from z = 0.2, 85 % of them detected, one false dot a frame (a logo); drawn to
     /// 1.2 deg; detections likelier dots than not, then those down to 0.15, with 1.5 false dots more; poses from
-    /// [`MIN_CONFIDENCE`] on.
+    /// [`MIN_CONFIDENCE_IMAGES`] on.
     fn default() -> Self {
         Self {
             camera: CameraModel::default(),
@@ -190,10 +187,10 @@ impl Default for EstimatorConfig {
                 mirror_doubt: 1.0,
             },
             placement_sigma_rad: 1.2f64.to_radians(),
-            dot_confidence: [LIKELY_DOT, 0.15],
+            dot_probability: [LIKELY_DOT, 0.15],
             doubtful_false_dots: 1.5,
             trust: TrustMap::default(),
-            min_confidence: MIN_CONFIDENCE,
+            min_confidence: MIN_CONFIDENCE_IMAGES,
             max_blur: 0.6,
         }
     }
@@ -229,8 +226,8 @@ impl EstimatorConfig {
         if !(self.placement_sigma_rad > 0.0 && self.placement_sigma_rad < 0.5) {
             return fail("placement_sigma_rad", "a positive angle below 0.5 rad");
         }
-        if !self.dot_confidence.into_iter().all(is_probability) {
-            return fail("dot_confidence", "probabilities");
+        if !self.dot_probability.into_iter().all(is_probability) {
+            return fail("dot_probability", "probabilities");
         }
         if !is_probability(self.min_confidence) {
             return fail("min_confidence", "a probability");

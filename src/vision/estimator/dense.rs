@@ -66,7 +66,7 @@ impl<D: DotDetector> Estimator<D> {
         let moved = moved(outline, &found);
         let view = BallView::new(&camera, moved.circle).ok()?;
         self.name_dots(&view, &found.rotation, &out.dots, &mut out.assignment);
-        self.observe(self.config.dot_confidence[1], &view, ws, &out.dots);
+        self.observe(self.config.dot_probability[1], &view, ws, &out.dots);
         ws.spending.runs += 1;
         let rotation = view.to_camera() * found.rotation;
         let agrees = |h: &Hypothesis| h.rotation.angle_to(&rotation) < DISAGREEMENT;

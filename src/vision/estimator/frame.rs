@@ -116,7 +116,7 @@ pub struct FrameEstimate {
     pub circle: Option<BallCircle>,
     /// The outline as fitted; `None` where it was given or there is none.
     pub fit: Option<BallFit>,
-    /// All detections, the most confident first.
+    /// All detections, the likeliest first.
     pub dots: Vec<DotDetection>,
     /// For each detection the pattern's dot that it is; `None` for a false one, or one that was left out.
     pub assignment: Vec<Option<u16>>,

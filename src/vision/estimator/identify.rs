@@ -285,7 +285,7 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         dots: &[DotDetection],
     ) -> std::result::Result<PoseHypothesis, FrameRejection> {
-        self.observe(self.config.dot_confidence[look.pass], view, ws, dots);
+        self.observe(self.config.dot_probability[look.pass], view, ws, dots);
         let recognizer = &self.recognizers[look.pass];
         let (dots_seen, seen) = (&ws.observed, &mut ws.recognizer);
         let is_sought = look.mirrored == Mirrored::Sought;
@@ -318,7 +318,7 @@ impl<D: DotDetector> Estimator<D> {
     /// The detections that are at least so likely, on the sphere.
     pub(super) fn observe(
         &self,
-        min_confidence: f64,
+        min_probability: f64,
         view: &BallView,
         ws: &mut EstimatorWorkspace<D::Workspace>,
         dots: &[DotDetection],
@@ -333,7 +333,7 @@ impl<D: DotDetector> Estimator<D> {
         ws.observed.clear();
         ws.indices.clear();
         for (i, dot) in dots.iter().enumerate() {
-            if dot.confidence < min_confidence {
+            if dot.probability < min_probability {
                 continue;
             }
             let Some(mut seen) = view.back_project(dot.pixel, &dot.covariance) else {
@@ -364,11 +364,11 @@ impl<D: DotDetector> Estimator<D> {
             match name(k) {
                 Some(name) => {
                     named += 1;
-                    doubt -= dots[i].confidence.max(f64::MIN_POSITIVE).ln();
+                    doubt -= dots[i].probability.max(f64::MIN_POSITIVE).ln();
                     let expected = rotation * self.ball.pattern().dots()[usize::from(name)];
                     squares += seen.squared_deviations(&expected);
                 }
-                None => unnamed += usize::from(dots[i].confidence >= LIKELY_DOT),
+                None => unnamed += usize::from(dots[i].probability >= LIKELY_DOT),
             }
         }
         let facing = self.ball.pattern().dots().iter();

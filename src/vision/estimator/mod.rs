@@ -63,14 +63,14 @@ pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
     estimate_inputs,
 };
-pub use config::{CameraDistance, CameraModel, EstimatorConfig, MIN_CONFIDENCE, OutlineMethod};
+pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
 use frame::Standing;
 pub use frame::{FrameEstimate, FrameRejection, Hypothesis, Pose, Timings};
 pub use orientations::{NamedFrame, orientations, turned_covariance};
 pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
 pub use sequence::{
-    FrameInDoubt, SequenceConfig, SequenceSummary, estimate_sequence, estimate_spin,
-    frames_in_doubt, second_pass,
+    FrameInDoubt, ImageWork, SequenceConfig, SequenceSummary, estimate_passes, estimate_sequence,
+    estimate_spin, frames_in_doubt, held_images, second_pass,
 };
 pub use sequence_view::SequenceView;
 pub use tracker::{Tracker, TrackerConfig, TrackerState};

@@ -89,7 +89,7 @@ impl Refined {
 pub(super) struct Refiner {
     placement: Placement,
     min_depth: f64,
-    dot_confidence: f64,
+    dot_probability: f64,
 }
 
 /// Normal equations, and minus two log-likelihoods.
@@ -237,7 +237,7 @@ impl Refiner {
             placement: Placement::Alike(config.placement_sigma_rad.powi(2)),
             // What the recognizer does not see is still there to be named.
             min_depth: 0.7 * config.recognizer.view.visibility_limit,
-            dot_confidence: config.dot_confidence[1],
+            dot_probability: config.dot_probability[1],
         }
     }
 
@@ -429,7 +429,7 @@ impl Refiner {
                 continue;
             }
             let free = |i: &usize| {
-                frame.dots[*i].confidence >= self.dot_confidence
+                frame.dots[*i].probability >= self.dot_probability
                     && matches.iter().all(|m| m.detection != *i)
             };
             let nearest = (0..frame.dots.len())

@@ -259,7 +259,7 @@ impl<D: DotDetector> Estimator<D> {
         out: &mut FrameEstimate,
     ) {
         self.find_dots(crop, candidate, ws, out);
-        let found = out.dots.iter().filter(|d| d.confidence >= LIKELY_DOT);
+        let found = out.dots.iter().filter(|d| d.probability >= LIKELY_DOT);
         let (found, needed) = (found.count(), MIN_LIKELY_DOTS);
         let is_doubtful = out.standing == Standing::Doubtful;
         if is_doubtful && found < needed {
@@ -400,6 +400,6 @@ pub(super) fn promise(frame: &FrameEstimate) -> f64 {
 fn likely_dots(frame: &FrameEstimate) -> usize {
     let named = frame.dots.iter().zip(&frame.assignment);
     named
-        .filter(|(dot, name)| dot.confidence >= LIKELY_DOT && name.is_some())
+        .filter(|(dot, name)| dot.probability >= LIKELY_DOT && name.is_some())
         .count()
 }

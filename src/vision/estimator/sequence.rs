@@ -69,6 +69,8 @@ impl Default for SequenceConfig {
 pub struct SequenceSummary {
     /// Frames with a pose after the first pass.
     pub alone: usize,
+    /// Estimates of the second pass.
+    pub again: usize,
     /// Frames with a pose now.
     pub together: usize,
 }
@@ -226,19 +228,61 @@ impl<D: DotDetector> Estimator<D> {
     }
 }
 
-/// The second pass over frames that were each estimated alone. `again` estimates frames in doubt by
-/// [`Estimator::estimate_again`], and returns those that it changes, with their numbers.
+/// What is done with an image of a sequence, by its number; `None` where that changes nothing.
+pub type ImageWork<'a, W> =
+    dyn Fn(usize, ImageView<'_>, &mut EstimatorWorkspace<W>) -> Option<FrameEstimate> + Sync + 'a;
+
+/// Estimates the frames of one sequence in both passes, all with one prior; without times, in the first alone. `times_s` are in
+/// seconds, one a frame, each later than the one before. `on_images` does the work on the images with these numbers, which
+/// ascend, and returns what comes of it in their order.
 ///
 /// # Errors
-/// Those of `again`; then the frames are as far as it has come.
-pub fn second_pass<E>(
+/// Those of `on_images`.
+pub fn estimate_passes<D: DotDetector, E>(
+    estimator: &Estimator<D>,
+    config: &SequenceConfig,
+    prior: &Prior,
+    count: usize,
+    times_s: Option<&[f64]>,
+    mut on_images: impl FnMut(
+        &[usize],
+        &ImageWork<'_, D::Workspace>,
+    ) -> Result<Vec<(usize, FrameEstimate)>, E>,
+) -> Result<(Vec<FrameEstimate>, SequenceSummary), E> {
+    let mut frames = vec![FrameEstimate::default(); count];
+    let all: Vec<usize> = (0..count).collect();
+    let alone = |_: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace<D::Workspace>| {
+        let mut out = FrameEstimate::default();
+        estimator.estimate(image, prior, &Budget::default(), ws, &mut out);
+        Some(out)
+    };
+    for (k, found) in on_images(&all, &alone)? {
+        frames[k] = found;
+    }
+    let times_s = times_s.unwrap_or_default();
+    let summary = second_pass(estimator, config, times_s, &mut frames, on_images)?;
+    Ok((frames, summary))
+}
+
+/// The second pass over frames that were each estimated alone. `times_s` and `on_images` are those of [`estimate_passes`].
+///
+/// # Errors
+/// Those of `on_images`; then the frames are as far as it has come.
+pub fn second_pass<D: DotDetector, E>(
+    estimator: &Estimator<D>,
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &mut [FrameEstimate],
-    mut again: impl FnMut(&[FrameInDoubt], &[FrameEstimate]) -> Result<Vec<(usize, FrameEstimate)>, E>,
+    mut on_images: impl FnMut(
+        &[usize],
+        &ImageWork<'_, D::Workspace>,
+    ) -> Result<Vec<(usize, FrameEstimate)>, E>,
 ) -> Result<SequenceSummary, E> {
     let answered = |frames: &[FrameEstimate]| frames.iter().filter(|f| f.pose().is_some()).count();
-    let alone = answered(frames);
+    let mut summary = SequenceSummary {
+        alone: answered(frames),
+        ..SequenceSummary::default()
+    };
     let mut tried: Vec<Option<FrameInDoubt>> = vec![None; frames.len()];
     loop {
         let mut doubts = frames_in_doubt(config, times_s, frames);
@@ -249,54 +293,49 @@ pub fn second_pass<E>(
         for doubt in &doubts {
             tried[doubt.frame] = Some(*doubt);
         }
-        for (k, settled) in again(&doubts, frames)? {
+        summary.again += doubts.len();
+        let numbers: Vec<usize> = doubts.iter().map(|d| d.frame).collect();
+        let before = &*frames;
+        let again = |k: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace<D::Workspace>| {
+            let doubt = &doubts[numbers.binary_search(&k).ok()?];
+            estimator.estimate_again(image, doubt, &before[k], ws)
+        };
+        for (k, settled) in on_images(&numbers, &again)? {
             frames[k] = settled;
         }
     }
-    Ok(SequenceSummary {
-        alone,
-        together: answered(frames),
-    })
+    summary.together = answered(frames);
+    Ok(summary)
+}
+
+/// The work on images that are all at hand, on all cores: for [`estimate_passes`] and [`second_pass`].
+pub fn held_images<'a, D: DotDetector + Sync>(
+    estimator: &'a Estimator<D>,
+    images: &'a [ImageView<'a>],
+) -> impl FnMut(&[usize], &ImageWork<'_, D::Workspace>) -> Result<Vec<(usize, FrameEstimate)>, Infallible>
+{
+    |numbers, work| {
+        let chunks: Vec<_> = numbers.chunks(CHUNK).collect();
+        let found = concurrency::map(&chunks, |chunk| {
+            let mut ws = estimator.workspace();
+            let one = |&k: &usize| Some((k, work(k, images[k], &mut ws)?));
+            chunk.iter().filter_map(one).collect::<Vec<_>>()
+        });
+        Ok(found.into_iter().flatten().collect())
+    }
 }
 
 /// Estimates the frames of one sequence whose images are all at hand, in both passes, on all cores. `times_s` are in seconds, one an
 /// image, each later than the one before.
-pub fn estimate_sequence<D>(
+pub fn estimate_sequence<D: DotDetector + Sync>(
     estimator: &Estimator<D>,
     config: &SequenceConfig,
     times_s: &[f64],
     images: &[ImageView<'_>],
-) -> (Vec<FrameEstimate>, SequenceSummary)
-where
-    D: DotDetector + Sync,
-{
-    let chunks: Vec<_> = images.chunks(CHUNK).collect();
-    let alone = concurrency::map(&chunks, |chunk| {
-        let mut ws = estimator.workspace();
-        let one = |image: &ImageView<'_>| {
-            let mut out = FrameEstimate::default();
-            let (prior, budget) = (Prior::default(), Budget::default());
-            estimator.estimate(*image, &prior, &budget, &mut ws, &mut out);
-            out
-        };
-        chunk.iter().map(one).collect::<Vec<_>>()
-    });
-    let mut frames: Vec<FrameEstimate> = alone.into_iter().flatten().collect();
-    let again = |doubts: &[FrameInDoubt], frames: &[FrameEstimate]| {
-        let chunks: Vec<_> = doubts.chunks(CHUNK).collect();
-        let settled = concurrency::map(&chunks, |chunk| {
-            let mut ws = estimator.workspace();
-            let one = |d: &FrameInDoubt| {
-                let before = &frames[d.frame];
-                let again = estimator.estimate_again(images[d.frame], d, before, &mut ws);
-                again.map(|again| (d.frame, again))
-            };
-            chunk.iter().filter_map(one).collect::<Vec<_>>()
-        });
-        Ok::<_, Infallible>(settled.into_iter().flatten().collect())
-    };
-    let Ok(summary) = second_pass(config, times_s, &mut frames, again);
-    (frames, summary)
+) -> (Vec<FrameEstimate>, SequenceSummary) {
+    let (prior, held) = (Prior::default(), held_images(estimator, images));
+    let Ok(found) = estimate_passes(estimator, config, &prior, images.len(), Some(times_s), held);
+    found
 }
 
 /// The neighbors nearest in time to frame `k`, without itself, in order of time.

@@ -10,8 +10,10 @@ use super::frame::Pose;
 use super::refine::Drawn;
 use super::{CameraModel, Estimator, EstimatorWorkspace, FrameEstimate};
 use crate::image::ImageView;
+use crate::vision::ball_pixels::BallPixels;
 use crate::vision::camera::Pixel;
 use crate::vision::detect::{DotDetection, DotDetector};
+use crate::vision::grid::Grid;
 use crate::vision::rim::RimFit;
 
 /// What is read of the image, outline radii.
@@ -61,13 +63,17 @@ impl<D: DotDetector> Estimator<D> {
     ) -> Option<Option<RimFit>> {
         let view = self.view(out)?;
         let part = view.circle().region(REACH, image.width(), image.height())?;
-        let (gray, origin) = match image {
-            ImageView::Gray(gray) => (gray, Pixel::default()),
+        let (gray, grid) = match image {
+            ImageView::Gray(gray) => (gray, Grid::halved(0)),
             _ => {
                 image.shrink_into(&part, 0, &mut ws.images.gray);
-                let (u, v) = (part.left as f64, part.top as f64);
-                (&ws.images.gray, Pixel { u, v })
+                (&ws.images.gray, Grid::of(&part, 0))
             }
+        };
+        let pixels = BallPixels {
+            gray,
+            grid,
+            view: &view,
         };
         // What the dots that face the camera say of blur and tone curve, those near the rim need most.
         let off_middle = |i: &usize| {
@@ -83,7 +89,7 @@ impl<D: DotDetector> Estimator<D> {
         let (mut shape, mut is_any) = (None, false);
         for &i in &ws.indices {
             let dot = &mut out.dots[i];
-            let Some(cap) = ws.caps.fit(gray, origin, &view, dot.pixel, shape) else {
+            let Some(cap) = ws.caps.fit(&pixels, dot.pixel, shape) else {
                 continue;
             };
             shape = Some(cap.shape);
@@ -93,7 +99,7 @@ impl<D: DotDetector> Estimator<D> {
             }
         }
         let is_found = out.outline.is_some_and(|o| !o.is_given());
-        let rim = || ws.rim.fit(gray, origin, &view, &shape?);
+        let rim = || ws.rim.fit(&pixels, &shape?);
         is_any.then(|| is_found.then(rim).flatten())
     }
 

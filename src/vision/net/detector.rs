@@ -25,14 +25,14 @@ const LN_RANGE: [f32; 2] = [-2.5, 4.0];
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CnnConfig {
     /// Smallest probability of a dot that is given out.
-    pub min_confidence: f64,
+    pub min_probability: f64,
 }
 
 impl Default for CnnConfig {
     /// 0.1: whoever uses the dots decides with which probability.
     fn default() -> Self {
         Self {
-            min_confidence: 0.1,
+            min_probability: 0.1,
         }
     }
 }
@@ -93,9 +93,9 @@ impl CnnDetector {
     /// [`Error::Argument`] where the weights do not fit the net or the configuration is out of its
     /// domain.
     pub fn new(weights: &Weights, config: CnnConfig) -> Result<Self> {
-        if !(0.0..=1.0).contains(&config.min_confidence) {
-            let problem = format!("expected 0 to 1, found {}", config.min_confidence);
-            return Err(Error::argument("min_confidence", problem));
+        if !(0.0..=1.0).contains(&config.min_probability) {
+            let problem = format!("expected 0 to 1, found {}", config.min_probability);
+            return Err(Error::argument("min_probability", problem));
         }
         Ok(Self {
             first: CalibratedNet::new(weights)?,
@@ -118,13 +118,13 @@ impl CnnDetector {
         out: &mut Vec<DotDetection>,
     ) -> &'w [f32] {
         let cells = net.network.forward(patch, activations);
-        find_peaks(cells, &net.calibration, self.config.min_confidence, peaks);
+        find_peaks(cells, &net.calibration, self.config.min_probability, peaks);
         let area = patch.step() * patch.step();
         out.clear();
         out.extend(peaks.iter().map(|peak| DotDetection {
             pixel: patch.to_image(peak.column, peak.row),
             covariance: peak.covariance * area,
-            confidence: peak.confidence,
+            probability: peak.probability,
         }));
         cells
     }
@@ -180,7 +180,7 @@ pub struct Peak {
     /// The heat, before calibration.
     pub heat: f64,
     /// Probability of a dot.
-    pub confidence: f64,
+    pub probability: f64,
 }
 
 /// The center of a cell in the patch, along one axis.
@@ -192,7 +192,7 @@ pub fn cell_center(cell: usize) -> f64 {
 pub fn find_peaks(
     cells: &[f32],
     calibration: &Calibration,
-    min_confidence: f64,
+    min_probability: f64,
     peaks: &mut Vec<Peak>,
 ) {
     peaks.clear();
@@ -203,7 +203,7 @@ pub fn find_peaks(
                 continue;
             }
             let peak = read_peak(cells, row, column, calibration);
-            if peak.confidence >= min_confidence {
+            if peak.probability >= min_probability {
                 peaks.push(peak);
             }
         }
@@ -253,6 +253,6 @@ fn read_peak(cells: &[f32], row: usize, column: usize, calibration: &Calibration
         row: cell_center(row) + f64::from(value(Channel::Row)),
         covariance: inverse * inverse.transpose() * calibration.covariance_factor,
         heat,
-        confidence: calibration.probability(heat),
+        probability: calibration.probability(heat),
     }
 }

@@ -147,7 +147,7 @@ impl Args {
 
 /// A line for each dot of each calibrated ball.
 fn dots_csv(outcomes: &[Option<Measured>]) -> String {
-    let mut text = "ball,dot,drawn,state,error_deg,stated_deg,offset_deg,confidence,views,expected,facing,seen,on_print\n"
+    let mut text = "ball,dot,drawn,state,error_deg,stated_deg,offset_deg,likeness,views,expected,facing,seen,on_print\n"
         .to_string();
     for (ball, outcome) in outcomes.iter().enumerate() {
         for line in outcome.iter().flat_map(|m| &m.lines) {
@@ -172,9 +172,7 @@ fn ball<R: Rng>(nominal: &Pattern, px: f64, sigma: f64, rng: &mut R) -> Outcome<
     let drawn = Pattern::new(drawn.collect())?;
     let config = SynthConfig {
         ball_px: Some([px; 2]),
-        placement_sigma_rad: [0.0; 2],
-        left_out: 0.0,
-        ..SynthConfig::good()
+        ..SynthConfig::good().as_designed()
     };
     let scene = Scene::random(&drawn, &config, rng)?;
     Ok(Ball {
@@ -292,7 +290,7 @@ fn one(
                 .to_degrees(),
             dot.covariance.trace().sqrt().to_degrees(),
             dot.offset_rad().to_degrees(),
-            dot.confidence,
+            dot.likeness,
             dot.views,
             dot.expected_views,
             u8::from(at.is_some_and(|at| on_print(&ball.scene.surface, &at)))

@@ -100,7 +100,7 @@ fn clip<R: Rng>(dots: &[Vec3], frames: usize, view: &View, motion: &mut R, rng: 
                         v: center.v + scale * p.v + b * SIGMA_PX,
                     },
                     covariance: Matrix2::identity() * SIGMA_PX.powi(2),
-                    confidence: 0.95,
+                    probability: 0.95,
                 });
             }
         }

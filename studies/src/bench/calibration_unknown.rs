@@ -70,12 +70,7 @@ impl Args {
         let (balls, seed, px, frames) = (self.balls, self.seed, self.px, self.frames);
         let looks = match self.plain {
             false => SynthConfig::good(),
-            true => SynthConfig {
-                logo_probability: 0.0,
-                seam_probability: 0.0,
-                stains: false,
-                ..SynthConfig::good()
-            },
+            true => SynthConfig::good().unprinted(),
         };
         let built: Result<Vec<Built>, String> = (0..balls)
             .into_par_iter()
@@ -123,9 +118,7 @@ fn one(looks: &SynthConfig, seed: u64, k: u64, px: f64, frames: usize) -> Outcom
     let truth = Pattern::new(dots)?;
     let config = SynthConfig {
         ball_px: Some([px; 2]),
-        placement_sigma_rad: [0.0; 2],
-        left_out: 0.0,
-        ..looks.clone()
+        ..looks.clone().as_designed()
     };
     let scene = Scene::random(&truth, &config, &mut rng)?;
     let estimator = estimator(&truth)?;

@@ -128,7 +128,7 @@ fn oracle(ball: &BallSignal, signal: f64, mut normal: impl FnMut() -> f64) -> Fr
             v: dot.truth.pixel.v + off(),
         },
         covariance: Matrix2::from_diagonal_element(sigma * sigma),
-        confidence: 0.95,
+        probability: 0.95,
     });
     let dots = dots.collect();
     FrameEstimate::from_detections(outline, dots)

@@ -99,7 +99,7 @@ impl Args {
 
 fn evaluate(frame: &Frame, out: &FrameEstimate) -> Seen {
     let truth = &frame.truth;
-    let likely = || out.dots.iter().filter(|d| d.confidence >= 0.5);
+    let likely = || out.dots.iter().filter(|d| d.probability >= 0.5);
     let off = |d: &DotDetection, t: &DotTruth| {
         (d.pixel.u - t.pixel.u).hypot(d.pixel.v - t.pixel.v) / truth.radius_px
     };

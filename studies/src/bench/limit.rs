@@ -78,15 +78,10 @@ fn config(ball_px: f64) -> SynthConfig {
         parallel_share: 0.0,
         dot_radius_rad: [DOT_RAD; 2],
         dot_radius_spread: [0.0; 2],
-        placement_sigma_rad: [0.0; 2],
         max_dot_elongation: 0.0,
         ink_density: [1.0; 2],
         max_streaks: 0.0,
         colored_ink_share: 0.0,
-        left_out: 0.0,
-        logo_probability: 0.0,
-        seam_probability: 0.0,
-        stains: false,
         rps: [0.0; 2],
         max_shift_px: 0.0,
         clutter_share: 0.0,
@@ -96,7 +91,7 @@ fn config(ball_px: f64) -> SynthConfig {
         mosaic_share: 0.0,
         sharpen_share: 0.0,
         jpeg_share: 0.0,
-        ..SynthConfig::good()
+        ..SynthConfig::good().unprinted().as_designed()
     }
 }
 

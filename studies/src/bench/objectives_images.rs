@@ -108,7 +108,7 @@ fn measured(dots: usize, index: usize, frames: u64) -> Outcome<Row> {
                 Some(pose) if outcome.is_right() => 1.0 - pose.confidence,
                 _ => 1.0,
             };
-            let likely = found.dots.iter().filter(|d| d.confidence >= 0.5).count();
+            let likely = found.dots.iter().filter(|d| d.probability >= 0.5).count();
             (outcome.is_right(), failure, likely)
         })
     })?;

@@ -9,10 +9,11 @@
 use rayon::prelude::*;
 use spindoe::camera::FrameOutcome;
 use spindoe::geometry::Rotation;
+use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::estimator::{SequenceConfig, second_pass};
+use spindoe::vision::estimator::{SequenceConfig, held_images, second_pass};
 use spindoe::vision::{Estimator, FrameEstimate, NamedDetector};
 use spindoe_studies::frames::{
     DOTS20, all_conditions, alone, estimator, good_conditions, orientation,
@@ -56,22 +57,10 @@ fn clip(
             .collect()
     };
     let first = outcomes(&frames, &truths);
-    let mut again = 0;
-    second_pass(
-        &SequenceConfig::default(),
-        &times_s,
-        &mut frames,
-        |doubts, frames| {
-            again += doubts.len();
-            let settled = doubts.iter().filter_map(|d| {
-                let (image, before) = (&images[d.frame], &frames[d.frame]);
-                let again = estimator.estimate_again(image, d, before, &mut ws)?;
-                Some((d.frame, again))
-            });
-            Ok::<_, spindoe::Error>(settled.collect())
-        },
-    )?;
-    Ok(([first, outcomes(&frames, &truths)], again))
+    let views: Vec<ImageView<'_>> = images.iter().map(ImageView::from).collect();
+    let (config, held) = (SequenceConfig::default(), held_images(estimator, &views));
+    let Ok(summary) = second_pass(estimator, &config, &times_s, &mut frames, held);
+    Ok(([first, outcomes(&frames, &truths)], summary.again))
 }
 
 #[derive(clap::Args)]

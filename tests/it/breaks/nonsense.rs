@@ -186,6 +186,15 @@ fn names_of_other_notations_are_said() {
         words.contains("one and the same number") && !words.contains("inf"),
         "{words}"
     );
+    // No number but one: no rate follows from it, in JSON either.
+    let one = ["estimate", "--table", "s/table.npz", "same/1.png", "--json"];
+    let output = spindoe(dir.path(), &one);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(json["times"]["fps"].is_null(), "{}", json["times"]);
+    assert!(json["times_words"].is_null(), "{}", json["times_words"]);
+    let same = ["calibrate", "same", "--table", "s/table.npz"];
+    let words = String::from_utf8(spindoe(dir.path(), &same).stderr).unwrap();
+    assert!(words.contains("one and the same number"), "{words}");
     // At 300 frames a second.
     let microseconds = ["0", "3333", "6667", "10000", "13333", "16667"];
     let (_, words) = estimate("microseconds", &microseconds);

@@ -133,12 +133,12 @@ fn frame<R: Rng>(
     for (j, dot) in dots.iter().enumerate() {
         let at = rotation * dot;
         if view.facing(&at) > 0.15 && rng.random::<f64>() >= config.missed {
-            let confidence = if config.unlike.contains(&j) {
+            let probability = if config.unlike.contains(&j) {
                 0.6
             } else {
                 0.95
             };
-            seen.push((view.project(&at), confidence));
+            seen.push((view.project(&at), probability));
         }
     }
     for _ in 0..config.false_dots {
@@ -149,13 +149,13 @@ fn frame<R: Rng>(
         let x: f64 = StandardNormal.sample(rng);
         x * sigma
     };
-    let detection = |(at, confidence): (Pixel, f64)| DotDetection {
+    let detection = |(at, probability): (Pixel, f64)| DotDetection {
         pixel: Pixel {
             u: at.u + normal(config.sigma_px),
             v: at.v + normal(config.sigma_px),
         },
         covariance: Matrix2::identity() * config.sigma_px.powi(2),
-        confidence,
+        probability,
     };
     let dots: Vec<DotDetection> = seen.into_iter().map(detection).collect();
     let outline = Outline::given(outline, Matrix3::identity() * config.outline_px.powi(2));

@@ -113,7 +113,7 @@ fn what_the_detector_doubts_is_doubtful_and_less_certain() {
     for frame in &mut clip.frames {
         for (dot, name) in frame.dots.iter_mut().zip(&frame.assignment) {
             match name {
-                Some(7) => dot.confidence = 0.5,
+                Some(7) => dot.probability = 0.5,
                 Some(5) => dot.covariance *= 4.0,
                 _ => {}
             }

@@ -19,15 +19,12 @@ fn easy() -> SynthConfig {
     SynthConfig {
         ball_px: None,
         size_px: [60, 80],
-        seam_probability: 0.0,
-        logo_probability: 0.0,
-        stains: false,
         max_arc_rad: 0.03,
         max_shift_px: 0.3,
         max_noise: 0.5,
         bad_exposure: 0.0,
         dot_radius_rad: [0.07, 0.10],
-        ..SynthConfig::good()
+        ..SynthConfig::good().unprinted()
     }
 }
 
@@ -55,7 +52,7 @@ fn finds_the_dots_of_easy_frames_within_a_pixel() {
             |d: &DotDetection, p: spindoe::vision::Pixel| (d.pixel.u - p.u).hypot(d.pixel.v - p.v);
         for dot in frame.dots.iter().filter(|d| d.is_visible()) {
             dots += 1;
-            let likely = found.iter().filter(|d| d.confidence >= 0.5);
+            let likely = found.iter().filter(|d| d.probability >= 0.5);
             let near = likely.clone().find(|d| away(d, dot.pixel) < 1.0);
             if let Some(d) = near {
                 hits += 1;
@@ -65,7 +62,7 @@ fn finds_the_dots_of_easy_frames_within_a_pixel() {
         }
         wrong += found
             .iter()
-            .filter(|d| d.confidence >= 0.5)
+            .filter(|d| d.probability >= 0.5)
             .filter(|d| frame.dots.iter().all(|t| away(d, t.pixel) > 2.0))
             .count();
     }
@@ -85,7 +82,7 @@ fn a_black_ball_and_plain_noise_show_no_dots() {
     for level in [0.0, 0.5, 1.0] {
         let image = spindoe::image::GrayImage::from_fn(70, 70, |_, _| level);
         detector.detect_into(&Patch::cut(&image, &circle), &mut ws, &mut found);
-        let likely = found.iter().filter(|d| d.confidence >= 0.5).count();
+        let likely = found.iter().filter(|d| d.probability >= 0.5).count();
         assert_eq!(likely, 0, "{level}: {found:?}");
     }
 }

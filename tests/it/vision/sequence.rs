@@ -35,7 +35,7 @@ fn detected(pattern: &Pattern, rotation: &Rotation, count: usize) -> FrameEstima
     let dot = |d: &Vec3| DotDetection {
         pixel: view.project(d),
         covariance: Matrix2::from_diagonal_element(0.04),
-        confidence: 0.95,
+        probability: 0.95,
     };
     let mut frame = FrameEstimate::default();
     frame.outline = Some(Outline {
@@ -203,7 +203,9 @@ fn two_wrong_frames_do_not_carry_the_others_away() {
         assert!(off < 5.0, "{}: {off}", doubt.frame);
     }
     // Without their pixels nothing changes.
-    let summary = second_pass(&config, &times, &mut frames, |_, _| Ok::<_, ()>(Vec::new()));
+    let summary = second_pass(&estimator, &config, &times, &mut frames, |_, _| {
+        Ok::<_, ()>(Vec::new())
+    });
     assert!(summary.is_ok_and(|s| s.alone == 10 && s.together == 10));
     let fit = estimate_spin(&config, &times, &frames).expect("a spin");
     assert!((fit.motion.spin - spin).norm() < 1.0, "{fit:?}");

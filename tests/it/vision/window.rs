@@ -4,12 +4,13 @@
 use std::sync::Arc;
 
 use spindoe::geometry::Rotation;
-use spindoe::image::{RawImage, RawPixel, RgbImage, Roi};
+use spindoe::image::{ImageView, RawImage, RawPixel, RgbImage, Roi};
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, FrameTruth, Sequence};
 use spindoe::vision::estimator::{
-    OutlineSource, SequenceConfig, Tracker, TrackerConfig, frames_in_doubt, second_pass,
+    OutlineSource, SequenceConfig, Tracker, TrackerConfig, frames_in_doubt, held_images,
+    second_pass,
 };
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
@@ -507,15 +508,10 @@ fn neighbors_know_where_the_ball_is() {
         let expected = doubt.prior.outline.expect("an outline").circle;
         assert!(apart(&expected, &outline(truth)) < 0.05 * truth.radius_px);
     }
-    second_pass(&config, &times_s, &mut frames, |doubts, frames| {
-        let settled = doubts.iter().filter_map(|d| {
-            let (image, before) = (&clip.frames[d.frame].0, &frames[d.frame]);
-            let again = estimator.estimate_again(image, d, before, &mut ws)?;
-            Some((d.frame, again))
-        });
-        Ok::<_, ()>(settled.collect())
-    })
-    .unwrap();
+    let images: Vec<ImageView<'_>> = clip.frames.iter().map(|f| (&f.0).into()).collect();
+    let held = held_images(&estimator, &images);
+    let Ok(summary) = second_pass(&estimator, &config, &times_s, &mut frames, held);
+    assert!(summary.again >= doubts.len(), "{summary:?}");
     for k in [6, 9] {
         let pose = frames[k].pose().expect("a pose");
         let outline = frames[k].outline.expect("an outline");

@@ -5,7 +5,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
-use super::{CORRELATED, Edge, LAST_REACH, RAYS, TUKEY, Unrolled};
+use super::{CORRELATED, Edge, EdgeSums, LAST_REACH, RAYS, TUKEY, Unrolled};
 use crate::image::GrayImage;
 use crate::vision::circle::{BallFit, Polarity};
 
@@ -103,39 +103,19 @@ impl Unrolled {
         ellipse: &Parameters,
         reach: f64,
     ) -> Option<(Parameters, f64, Information, f64)> {
-        let (mut information, mut gradient) = (Information::zeros(), Parameters::zeros());
-        let (mut squares, mut total, mut weights) = (0.0, 0.0, 0.0);
-        let (mut seen, mut supported) = (0.0, 0.0);
-        for ray in 0..RAYS {
-            seen += f64::from(u8::from(self.reaches[ray] > ellipse[2]));
-            let Some((edge, (residual, j))) = self.nearest(ray, ellipse) else {
-                continue;
-            };
-            let t = residual / reach;
-            if t.abs() >= 1.0 {
-                continue;
-            }
-            supported += 1.0;
-            let tukey = (1.0 - t * t).powi(2);
-            let weight = tukey * f64::from(edge.slope.sqrt());
-            information += j * j.transpose() * weight;
-            gradient += j * (weight * residual);
-            squares += weight * residual * residual;
-            total += weight;
-            weights += tukey;
-        }
-        if weights < 8.0 {
+        let sums: EdgeSums<5> = self.sums(ellipse, reach);
+        if sums.weights < 8.0 {
             return None;
         }
-        let step = information.cholesky()?.solve(&gradient);
-        let next = ellipse + step;
+        let next = ellipse + sums.information.cholesky()?.solve(&sums.gradient);
         let is_ellipse = next[3].hypot(next[4]) < 0.6 && next[2] > 2.0;
-        let information = information * (weights / total);
+        let reaches = self.reaches[..RAYS].iter();
+        let seen = reaches.filter(|reach| **reach > ellipse[2]).count();
         is_ellipse.then_some((
             next,
-            (squares / total).sqrt(),
-            information,
-            supported / seen,
+            sums.scatter(),
+            sums.mean_information(),
+            sums.edges as f64 / seen as f64,
         ))
     }
 
