@@ -21,7 +21,7 @@ use crate::pattern::Pattern;
 #[command(after_help = "\
 Examples:
   spindoe mark pattern.csv --as gores -o lobes.pdf --paper letter
-  spindoe mark pattern.csv --as gores -o lobes.dxf --lobes 24 --bleed-mm 1
+  spindoe mark pattern.csv --as gores -o lobes.dxf --lobes 24
   spindoe mark pattern.csv --as stickers -o stickers.pdf --ball-diameter-mm 220 --dot-diameter-mm 18
   spindoe mark pattern.csv --as plotter -o egg.svg
   spindoe mark pattern.csv --as plotter -o ball.gcode --config pen_diameter_mm=0.8")]
@@ -48,7 +48,7 @@ pub struct Arguments {
     /// Number of lobes, 12 to 24.
     #[arg(long, value_name = "N", default_value_t = GoreConfig::default().lobes)]
     lobes: usize,
-    /// Margin of color beyond a cut.
+    /// Margin of color beyond a sticker's cut.
     #[arg(
         long,
         value_name = "MM",
@@ -163,6 +163,7 @@ impl Arguments {
             ball_diameter_mm: self.ball_diameter_mm,
             dot_diameter_mm: self.dot_diameter_mm,
             keep_out: zones,
+            date: Some(super::output::today()),
         }
     }
 
@@ -191,7 +192,6 @@ impl Arguments {
             Method::Gores => {
                 let lobes = GoreConfig {
                     lobes: self.lobes,
-                    bleed_mm: self.bleed_mm,
                     numbers: !self.no_numbers,
                     page,
                 };
@@ -213,7 +213,7 @@ impl Arguments {
 const OWN: [(&str, &[Method]); 8] = [
     ("lobes", &[Method::Gores]),
     ("no_numbers", &[Method::Gores]),
-    ("bleed_mm", &[Method::Gores, Method::Stickers]),
+    ("bleed_mm", &[Method::Stickers]),
     ("paper", &[Method::Gores, Method::Stickers]),
     ("pen_diameter_mm", &[Method::Plotter]),
     ("steps_per_turn", &[Method::Plotter]),

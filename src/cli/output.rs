@@ -3,6 +3,8 @@
 use std::str::FromStr;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+#[cfg(feature = "mark")]
+use std::time::SystemTime;
 use std::time::{Duration, Instant};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -51,6 +53,20 @@ pub(super) fn reject_foreign<T: ValueEnum + PartialEq>(
 pub(super) fn unit(vector: Vec3) -> Option<Vec3> {
     // Squares of large numbers overflow, those of small ones vanish.
     (vector / vector.amax()).try_normalize(0.0)
+}
+
+/// Today's date in UTC, as `2026-11-25`. The environment's `SOURCE_DATE_EPOCH` (seconds since 1970) goes
+/// before the clock, so that files can be made again byte for byte (reproducible-builds.org).
+#[cfg(feature = "mark")]
+pub(super) fn today() -> String {
+    let stated = std::env::var("SOURCE_DATE_EPOCH").ok();
+    let stated = stated.and_then(|seconds| seconds.trim().parse().ok());
+    let time = stated.map_or_else(SystemTime::now, |seconds| {
+        SystemTime::UNIX_EPOCH + Duration::from_secs(seconds)
+    });
+    let mut words = humantime::format_rfc3339_seconds(time).to_string();
+    words.truncate("2026-11-25".len());
+    words
 }
 
 /// Whether progress is shown: set once, from `--quiet`.

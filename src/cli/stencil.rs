@@ -9,7 +9,9 @@ use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
 use crate::pattern::Pattern;
 use crate::stencil::coupon::coupon;
-use crate::stencil::{Closure, HalfName, HoleSide, Stencil, StencilConfig, stl_bytes};
+use crate::stencil::{
+    Bed, COMMON_BEDS, Closure, HalfName, HoleSide, Stencil, StencilConfig, stl_bytes,
+};
 
 #[cfg(feature = "mark")]
 use super::mark::Paper;
@@ -220,7 +222,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     #[cfg(feature = "mark")]
     {
-        let sheet = crate::mark::stencil_sheet(&stencil, arguments.paper.into());
+        let date = super::output::today();
+        let sheet = crate::mark::stencil_sheet(&stencil, arguments.paper.into(), Some(&date));
         files::write_bytes(&set.path().join(DRAWING), &crate::mark::pdf_bytes(&sheet))?;
     }
     set.publish(&FILES, &[], "stencil.json")?;
@@ -264,18 +267,41 @@ fn print_words(stencil: &Stencil) {
             outln!("  no place for the numbers of dots {:?}", half.unnumbered);
         }
     }
+    print_bed(stencil);
     for window in stencil.windows() {
         outln!(
-            "zone {}: a window of {:.1} mm in {}",
+            "zone {} is {:.1} mm wide: a window of {:.1} mm in {}",
             window.zone,
+            2.0 * window.zone_radius_mm,
             2.0 * window.radius_mm,
             window.half
         );
     }
     for zone in stencil.closed_zones() {
         outln!(
-            "zone {}: no space for a window beside holes and rims; an arrow points to it",
-            zone.zone
+            "zone {} is {:.1} mm wide: no space for a window beside holes and rims; an arrow points to it",
+            zone.zone,
+            2.0 * zone.zone_radius_mm
         );
     }
+}
+
+/// Which beds hold the halves.
+fn print_bed(stencil: &Stencil) {
+    let [width, depth, height] = stencil.print_size_mm();
+    let area = |bed: &Bed| format!("{} x {} mm", bed.size_mm[0], bed.size_mm[1]);
+    let holding: Vec<&Bed> = stencil.beds().collect();
+    let fits = match holding.first() {
+        Some(_) if holding.len() == COMMON_BEDS.len() => "fits all common beds".to_owned(),
+        Some(first) => format!(
+            "fits a bed of {} ({}) and larger ones",
+            area(first),
+            first.printers
+        ),
+        None => format!(
+            "fits no common bed, up to {}: `spindoe mark` marks a ball without a printer",
+            COMMON_BEDS.last().map(area).unwrap_or_default()
+        ),
+    };
+    outln!("a half takes {width:.0} x {depth:.0} mm, {height:.0} mm high: {fits}");
 }

@@ -4,6 +4,8 @@
 
 use serde_json::{Map, Value};
 
+use crate::pattern::reads_upside_down;
+
 /// A point of a page, mm.
 pub type Point = nalgebra::Point2<f64>;
 
@@ -12,10 +14,10 @@ pub type Point = nalgebra::Point2<f64>;
 pub enum Layer {
     /// Lines to cut.
     Cut,
-    /// Where color may run to beyond the cut.
-    Bleed,
     /// The dots.
     Dots,
+    /// Letters and arrows that come onto the ball with a lobe, pale.
+    Names,
     /// Outlines of zones that stay free.
     KeepOut,
     /// Numbers and other words, outside what goes on the ball.
@@ -27,10 +29,10 @@ pub enum Layer {
 impl Layer {
     /// All layers, from the lowest to the topmost.
     pub const ALL: [Self; 6] = [
-        Self::Bleed,
         Self::Guides,
         Self::KeepOut,
         Self::Dots,
+        Self::Names,
         Self::Cut,
         Self::Notes,
     ];
@@ -39,8 +41,8 @@ impl Layer {
     pub fn name(self) -> &'static str {
         match self {
             Self::Cut => "cut",
-            Self::Bleed => "bleed",
             Self::Dots => "dots",
+            Self::Names => "names",
             Self::KeepOut => "keep-out",
             Self::Notes => "notes",
             Self::Guides => "guides",
@@ -51,8 +53,8 @@ impl Layer {
     pub(super) fn color(self) -> [u8; 3] {
         match self {
             Self::Cut => [214, 40, 40],
-            Self::Bleed => [120, 180, 230],
             Self::Dots => [0, 0, 0],
+            Self::Names => [190, 190, 190],
             Self::KeepOut => [230, 140, 20],
             Self::Notes => [70, 70, 70],
             Self::Guides => [150, 150, 150],
@@ -132,6 +134,47 @@ impl Item {
             },
         )
     }
+
+    /// A dot's number, with a line beneath where it would read as another upside down.
+    pub(super) fn number(dot: usize, at: Point, anchor: Anchor, height_mm: f64) -> Vec<Self> {
+        let words = Self {
+            dot: Some(dot),
+            ..Self::words(at, anchor, height_mm, dot.to_string())
+        };
+        if !reads_upside_down(dot) {
+            return vec![words];
+        }
+        let width = text_width(&dot.to_string(), height_mm);
+        let left = match anchor {
+            Anchor::Start => at.x,
+            Anchor::Middle => at.x - 0.5 * width,
+            Anchor::End => at.x - width,
+        };
+        let y = at.y - UNDERLINE * height_mm;
+        let line = Shape::Line(vec![Point::new(left, y), Point::new(left + width, y)]);
+        vec![words, Self::of_dot(Layer::Notes, dot, line)]
+    }
+}
+
+/// Depth of the line under a number, as a part of its height.
+const UNDERLINE: f64 = 0.22;
+/// Height of capitals and digits as a part of the font's size (Adobe's metrics of Helvetica).
+pub(super) const CAPITAL: f64 = 0.718;
+
+/// Width of words with capitals `height_mm` high, mm.
+pub(super) fn text_width(words: &str, height_mm: f64) -> f64 {
+    height_mm / CAPITAL * words.chars().map(advance).sum::<f64>()
+}
+
+/// Width of a character as a part of the font's size: digits and stops exactly (Adobe's metrics of
+/// Helvetica), letters about.
+fn advance(c: char) -> f64 {
+    match c {
+        ' ' | '.' | ',' | ':' | 'i' | 'l' | 't' | 'f' => 0.278,
+        '-' => 0.333,
+        'm' | 'M' => 0.833,
+        _ => 0.556,
+    }
 }
 
 /// One sheet.
@@ -179,8 +222,14 @@ pub enum PageSize {
 
 /// Margins of a page: left, where the check line stands, and the others, mm.
 const MARGINS_MM: (f64, f64) = (20.0, 10.0);
+/// Height of the title block at the foot of every sheet, mm.
+const BLOCK_MM: f64 = 14.0;
+/// Heights of the title block's words, mm: title, all else.
+const BLOCK_WORDS_MM: (f64, f64) = (3.0, 2.4);
 /// Length of the check line, and distance of its ticks, mm.
 const CHECK_MM: (f64, f64) = (200.0, 10.0);
+/// Length of the title block's scale bar, and distance of its ticks, mm.
+const BAR_MM: (f64, f64) = (50.0, 10.0);
 
 impl PageSize {
     /// Width and height, mm; `None` for a sheet without bounds.
@@ -192,18 +241,31 @@ impl PageSize {
         }
     }
 
-    /// Lower left corner of what can be drawn on, mm.
-    pub(super) fn origin(self) -> [f64; 2] {
+    /// Distance of what can be drawn on from the sheet's left edge, mm.
+    fn left(self) -> f64 {
         match self {
-            Self::Sheet => [MARGINS_MM.1; 2],
-            _ => [MARGINS_MM.0, MARGINS_MM.1],
+            Self::Sheet => MARGINS_MM.1,
+            _ => MARGINS_MM.0,
         }
+    }
+
+    /// Lower left corner of what can be drawn on, above the title block, mm.
+    pub(super) fn origin(self) -> [f64; 2] {
+        [self.left(), MARGINS_MM.1 + BLOCK_MM]
+    }
+
+    /// Distance of what can be drawn on from the sheet's upper edge, mm.
+    pub(super) fn top_mm(self) -> f64 {
+        MARGINS_MM.1
     }
 
     /// Width and height of what can be drawn on, mm.
     pub(super) fn usable_mm(self) -> [f64; 2] {
         self.size_mm().map_or([f64::INFINITY; 2], |[w, h]| {
-            [w - MARGINS_MM.0 - MARGINS_MM.1, h - 2.0 * MARGINS_MM.1]
+            [
+                w - MARGINS_MM.0 - MARGINS_MM.1,
+                h - 2.0 * MARGINS_MM.1 - BLOCK_MM,
+            ]
         })
     }
 
@@ -214,7 +276,9 @@ impl PageSize {
             .size_mm()
             .unwrap_or_else(|| extent.map(|e| e + MARGINS_MM.1));
         if self.size_mm().is_some() {
-            items.extend(check_line(height_mm));
+            let x = 0.5 * MARGINS_MM.0;
+            let low = Point::new(x, 0.5 * (height_mm - CHECK_MM.0));
+            items.extend(ruler(low, nalgebra::Vector2::y(), CHECK_MM));
         }
         Page {
             width_mm,
@@ -224,26 +288,59 @@ impl PageSize {
     }
 }
 
-/// A vertical line of 200 mm, to be measured on the print.
-fn check_line(page_height_mm: f64) -> Vec<Item> {
-    let (length, tick) = CHECK_MM;
-    let x = 0.5 * MARGINS_MM.0;
-    let y = 0.5 * (page_height_mm - length);
-    let line = |a: [f64; 2], b: [f64; 2]| {
-        let shape = Shape::Line(vec![Point::from(a), Point::from(b)]);
-        Item::new(Layer::Guides, shape)
-    };
-    let mut items = vec![line([x, y], [x, y + length])];
-    for i in 0..=(length / tick) as u32 {
-        let at = y + tick * f64::from(i);
-        let half = if i % 5 == 0 { 2.0 } else { 1.0 };
-        items.push(line([x - half, at], [x + half, at]));
+/// What the foot of every sheet says.
+pub(super) struct TitleBlock<'a> {
+    /// What the sheets are.
+    pub title: &'a str,
+    /// Pattern and sizes.
+    pub facts: String,
+    /// The date, as it is to be written; `None` leaves it out.
+    pub date: Option<&'a str>,
+}
+
+impl TitleBlock<'_> {
+    /// Draws the block at the foot of each of `pages`, with a bar of 50 mm.
+    pub fn onto(&self, size: PageSize, pages: &mut [Page]) {
+        let count = pages.len();
+        for (index, page) in pages.iter_mut().enumerate() {
+            let (x, foot) = (size.left(), 0.5 * MARGINS_MM.1);
+            let mut facts = self.facts.clone();
+            if let Some(date) = self.date {
+                facts += &format!("; {date}");
+            }
+            facts += &format!("; sheet {} of {count}", index + 1);
+            let (title_mm, words_mm) = BLOCK_WORDS_MM;
+            let mut say = |y: f64, height: f64, words: String| {
+                let at = Point::new(x, foot + y);
+                page.items
+                    .push(Item::words(at, Anchor::Start, height, words));
+            };
+            say(11.0, title_mm, self.title.to_owned());
+            say(6.0, words_mm, facts);
+            let mut beside = format!("{} mm if printed at 100 %", BAR_MM.0);
+            if size.size_mm().is_some() {
+                beside += &format!("; the line on the left is {} mm", CHECK_MM.0);
+            }
+            let at = Point::new(x + BAR_MM.0 + 3.0, foot);
+            page.items
+                .push(Item::words(at, Anchor::Start, words_mm, beside));
+            let low = Point::new(x, foot + 0.5 * words_mm);
+            page.items
+                .extend(ruler(low, nalgebra::Vector2::x(), BAR_MM));
+        }
     }
-    items.push(Item::words(
-        Point::new(MARGINS_MM.0, 0.4 * MARGINS_MM.1),
-        Anchor::Start,
-        2.5,
-        format!("The line on the left is {length:.0} mm long if printed at 100 %"),
-    ));
+}
+
+/// A line from `low` along `way` with ticks, to be measured on the print: its length and the ticks'
+/// distance, mm.
+fn ruler(low: Point, way: nalgebra::Vector2<f64>, (length, tick): (f64, f64)) -> Vec<Item> {
+    let across = nalgebra::Vector2::new(way.y, way.x);
+    let line = |a: Point, b: Point| Item::new(Layer::Guides, Shape::Line(vec![a, b]));
+    let mut items = vec![line(low, low + length * way)];
+    for i in 0..=(length / tick) as u32 {
+        let at = low + tick * f64::from(i) * way;
+        let half = if i % 5 == 0 { 2.0 } else { 1.0 };
+        items.push(line(at - half * across, at + half * across));
+    }
     items
 }

@@ -63,9 +63,9 @@ fn color_index(layer: Layer) -> u8 {
     match layer {
         Layer::Cut => 1,
         Layer::KeepOut => 30,
-        Layer::Bleed => 5,
         Layer::Dots => 7,
         Layer::Notes => 8,
+        Layer::Names => 254,
         Layer::Guides => 9,
     }
 }

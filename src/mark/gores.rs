@@ -9,25 +9,26 @@
 //! and back `(a, b, c) = (cos(x/R) cos(y/R), sin(x/R), cos(x/R) sin(y/R))`. Distances are true
 //! along the middle and square to it.
 //!
-//! The ball is turned so that no dot lies at a pole and as few as possible lie on a cut; a dot that
-//! does is drawn in parts, one in each lobe. Where a page is shorter than a lobe, lobes are cut
-//! across.
+//! The ball is turned so that no dot lies at a pole and as few as possible lie on a meridian of a cut;
+//! the cut goes around one that does ([`super::cuts`]), so that every dot lies whole in one lobe. Each
+//! lobe carries its letter and an arrow to the north, pale, where no dot is. Where a page is shorter than
+//! a lobe, lobes are cut across, between dots.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{PI, TAU};
 
 use serde_json::{Value, json};
 
 use crate::error::{Error, Result, require};
-use crate::geometry::{Rotation, Vec3};
-use crate::pattern::Pattern;
+use crate::geometry::{Rotation, Vec3, angle_between};
+use crate::pattern::{KeepOut, Pattern};
 
 use super::axis::free_axis;
+use super::cuts::Cuts;
 use super::drawing::{Anchor, Drawing, Item, Layer, PageSize, Point, Shape};
-use super::outline::{circle_on_ball, clipped, facets, grown, lines_inside};
-use super::{MarkConfig, Turned, longitude_latitude};
+use super::labels::{Rectangle, Spot};
+use super::outline::{band, circle_on_ball, facets, holds, lines_inside};
+use super::{MarkConfig, Turned};
 
-/// Facets of each side of a lobe.
-const SIDE_FACETS: usize = 180;
 /// Turns about the poles that are tried.
 const TURNS: usize = 120;
 /// Facets of a keep-out's outline.
@@ -36,20 +37,28 @@ const KEEP_OUT_FACETS: usize = 1440;
 const NUMBER_MM: f64 = 2.2;
 /// Distance of numbers from the cut, mm.
 const NUMBER_GAP_MM: f64 = 0.8;
-/// Space between lobes, where the numbers stand, mm.
-const LOBE_GAP_MM: f64 = 10.0;
+/// Space between lobes, mm: numbers of two digits stand on both sides of it.
+const LOBE_GAP_MM: f64 = 11.0;
 /// Space above and below a lobe, mm.
 const LOBE_END_MM: f64 = 5.0;
 /// Width of lines, mm.
 const LINE_MM: f64 = 0.1;
+/// Height of a lobe's letter as a part of the lobe's width, its bounds, mm, and the sizes that are
+/// tried.
+const NAME: (f64, f64, f64) = (0.2, 1.2, 6.0);
+const NAME_SIZES: [f64; 3] = [1.0, 0.75, 0.5];
+/// Distance of a lobe's letter from dots and cuts, mm.
+const NAME_GAP_MM: f64 = 0.5;
+/// Step in which a place for a letter, or a cut across, is looked for, mm.
+const SEARCH_MM: f64 = 0.5;
+/// Further parts into which a lobe is cut where no cut across passes between its dots.
+const MORE_PARTS: usize = 3;
 
 /// How the lobes are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GoreConfig {
     /// Number of lobes, 12 to 24. Default 12.
     pub lobes: usize,
-    /// How far dots go on beyond a cut, mm. Default 0.
-    pub bleed_mm: f64,
     /// Whether the dots' numbers stand beside the lobes. Default true.
     pub numbers: bool,
     /// Sheets. Default one as large as it takes.
@@ -60,7 +69,6 @@ impl Default for GoreConfig {
     fn default() -> Self {
         Self {
             lobes: 12,
-            bleed_mm: 0.0,
             numbers: true,
             page: PageSize::default(),
         }
@@ -70,69 +78,67 @@ impl Default for GoreConfig {
 /// Lobes that cover the ball of `config` with the dots of `pattern`.
 ///
 /// # Errors
-/// [`Error::Argument`] where a parameter is outside its domain, or a lobe is wider than the page.
+/// [`Error::Argument`] where a parameter is outside its domain, a lobe is wider than the page, or no
+/// cut across a lobe passes between its dots.
 pub fn gores(pattern: &Pattern, config: &MarkConfig, gores: &GoreConfig) -> Result<Drawing> {
     config.validate(pattern)?;
     let inside = (12..=24).contains(&gores.lobes);
     require(inside, "lobes", "12 to 24", gores.lobes)?;
-    let inside = (0.0..=5.0).contains(&gores.bleed_mm);
-    require(inside, "bleed_mm", "0 to 5 mm", gores.bleed_mm)?;
-    let turned = Turned::new(pattern, config, best_rotation(pattern, config, gores.lobes));
+    let (rotation, cuts) = best_cuts(pattern, config, gores.lobes)?;
+    let turned = Turned::new(pattern, config, rotation);
     let work = Work {
         config,
         gores,
         turned: &turned,
+        cuts: &cuts,
         radius: config.radius_mm(),
         step: TAU / gores.lobes as f64,
     };
-    let (pages, pieces) = work.pages()?;
+    let (mut pages, pieces) = work.pages()?;
     let mut note = turned.note("gores", pattern, config);
     note.insert("lobes".into(), json!(gores.lobes));
-    note.insert("bleed_mm".into(), json!(gores.bleed_mm));
     note.insert("projection".into(), json!("cassini"));
     note.insert("pieces".into(), pieces);
+    let title = format!("{} lobes", gores.lobes);
+    config
+        .title_block(&title, pattern)
+        .onto(gores.page, &mut pages);
     Ok(Drawing {
-        title: format!(
-            "{} lobes of pattern {:.8} for a ball of {} mm",
-            gores.lobes,
-            pattern.sha256(),
-            config.ball_diameter_mm
-        ),
+        title: config.title(&title, pattern),
         note,
         pages,
         line_mm: LINE_MM,
     })
 }
 
-/// The rotation with free poles that leaves the fewest dots on cuts; of equals, the one whose dots
-/// are farthest from them.
-fn best_rotation(pattern: &Pattern, config: &MarkConfig, lobes: usize) -> Rotation {
+/// The rotation with free poles whose lobes are the narrowest, to two degrees, and of these the one
+/// with the fewest dots on the meridians of cuts; with the cuts.
+fn best_cuts(pattern: &Pattern, config: &MarkConfig, lobes: usize) -> Result<(Rotation, Cuts)> {
     let axis = free_axis(pattern.dots());
     let edge = config.dot_angle_rad();
     let step = TAU / lobes as f64;
-    let upright: Vec<Vec3> = {
-        let rotation = axis.rotation(0.0);
-        pattern.dots().iter().map(|d| rotation * d).collect()
-    };
-    let mut best = (usize::MAX, f64::NEG_INFINITY, 0.0);
+    let mut best: Option<((u64, usize), Rotation, Cuts)> = None;
     for i in 0..TURNS {
-        let turn = step * i as f64 / TURNS as f64;
-        // Angles between the dots' centers and the nearest cut.
-        let angles = upright.iter().map(|d| {
-            let (longitude, latitude) = longitude_latitude(d);
-            let off = (longitude + turn).rem_euclid(step) - 0.5 * step;
-            let to_cut = 0.5 * step - off.abs();
-            (latitude.cos() * to_cut.sin()).asin()
+        let rotation = axis.rotation(step * i as f64 / TURNS as f64);
+        let dots: Vec<Vec3> = pattern.dots().iter().map(|d| rotation * d).collect();
+        let Some(cuts) = Cuts::new(&dots, edge, lobes) else {
+            continue;
+        };
+        let on_cut = dots.iter().filter(|d| {
+            let off = d.y.atan2(d.x).rem_euclid(step);
+            let to_cut = off.min(step - off);
+            (d.xy().norm() * to_cut.sin()).asin() < edge
         });
-        let cut = angles.clone().filter(|&a| a < edge).count();
-        let margin = angles
-            .map(|a| (a - edge).abs())
-            .fold(f64::INFINITY, f64::min);
-        if cut < best.0 || (cut == best.0 && margin > best.1) {
-            best = (cut, margin, turn);
+        let value = (
+            (0.5 * cuts.widest_rad().to_degrees()).ceil() as u64,
+            on_cut.count(),
+        );
+        if best.as_ref().is_none_or(|(least, ..)| value < *least) {
+            best = Some((value, rotation, cuts));
         }
     }
-    axis.rotation(best.2)
+    best.map(|(_, rotation, cuts)| (rotation, cuts))
+        .ok_or_else(|| config.no_free_axis(&axis))
 }
 
 /// What one lobe needs.
@@ -140,25 +146,46 @@ struct Work<'a> {
     config: &'a MarkConfig,
     gores: &'a GoreConfig,
     turned: &'a Turned,
+    cuts: &'a Cuts,
     /// Radius of the ball, mm.
     radius: f64,
     /// Angle between lobes, radians.
     step: f64,
 }
 
-/// A part of a lobe on a page.
+/// A part of a lobe on a page, in the lobe's plane, mm.
 struct Piece {
     lobe: usize,
-    /// Its window in the lobe's plane, mm.
+    /// Its letter, with its number from the south where the lobe is cut across.
+    name: String,
     outline: Vec<Point>,
-    /// Lowest and highest y, mm.
-    range: [f64; 2],
-    /// Whether it holds the lobe's lower end.
-    is_lowest: bool,
+    /// Its dots.
+    dots: Vec<(usize, Spot)>,
+    /// Lowest and highest x and y.
+    x: [f64; 2],
+    y: [f64; 2],
+}
+
+impl Piece {
+    /// How far the piece reaches to a side (-1 or 1) between two heights, mm.
+    fn reach(&self, sign: f64, [low, high]: [f64; 2]) -> f64 {
+        let n = self.outline.len();
+        let edges = (0..n).map(|k| (&self.outline[k], &self.outline[(k + 1) % n]));
+        let met = edges.filter(|(a, b)| a.y.min(b.y) <= high && a.y.max(b.y) >= low);
+        met.map(|(a, b)| (sign * a.x).max(sign * b.x))
+            .fold(0.0, f64::max)
+    }
+}
+
+/// The least and the greatest of some numbers.
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
+        [low.min(v), high.max(v)]
+    })
 }
 
 impl Work<'_> {
-    /// Longitude of a lobe's middle, radians. Cuts lie at multiples of the step.
+    /// Longitude of a lobe's middle, radians.
     fn longitude(&self, lobe: usize) -> f64 {
         (lobe as f64 + 0.5) * self.step
     }
@@ -174,100 +201,167 @@ impl Work<'_> {
         (!far).then(p)
     }
 
-    /// A lobe's outline, counter-clockwise from its lower end, mm.
-    fn outline(&self) -> Vec<Point> {
-        let half = 0.5 * self.step;
-        let side = |sign: f64| {
-            move |i: usize| {
-                let latitude = PI * (i as f64 / SIDE_FACETS as f64 - 0.5);
-                let (sl, cl) = latitude.sin_cos();
-                let x = (cl * half.sin()).asin();
-                let y = sl.atan2(cl * half.cos());
-                Point::new(sign * self.radius * x, self.radius * y)
-            }
-        };
-        let up = (0..SIDE_FACETS).map(side(1.0));
-        let down = (1..=SIDE_FACETS).rev().map(side(-1.0));
-        up.chain(down).collect()
+    /// The direction of a point of the plane of `lobe`.
+    fn direction(&self, p: &Point, lobe: usize) -> Vec3 {
+        let (u, v) = (p.x / self.radius, p.y / self.radius);
+        let (sin, cos) = self.longitude(lobe).sin_cos();
+        let (a, b) = (u.cos() * v.cos(), u.sin());
+        Vec3::new(cos * a - sin * b, sin * a + cos * b, u.cos() * v.sin())
+    }
+
+    /// A dot's outline in the plane of `lobe`, mm.
+    fn dot(&self, dot: usize, lobe: usize) -> Option<Vec<Point>> {
+        let facets = facets(0.5 * self.config.dot_diameter_mm);
+        let circle = circle_on_ball(&self.turned.dots[dot], self.config.dot_angle_rad(), facets);
+        circle.map(|v| self.project(&v, lobe)).collect()
     }
 
     /// All pieces: whole lobes, or parts that fit the page.
-    fn pieces(&self) -> Vec<Piece> {
-        let outline = self.outline();
-        let half_height = FRAC_PI_2 * self.radius;
-        let available = self.gores.page.usable_mm()[1] - 2.0 * (LOBE_END_MM + self.gores.bleed_mm);
-        let parts = (2.0 * half_height / available).ceil().max(1.0) as usize;
-        let wide = 2.0 * self.radius;
+    fn pieces(&self) -> Result<Vec<Piece>> {
         let mut pieces = Vec::new();
         for lobe in 0..self.gores.lobes {
-            for part in 0..parts {
-                let y = |k: usize| half_height * (2.0 * k as f64 / parts as f64 - 1.0);
-                let range = [y(part), y(part + 1)];
-                let window = [
-                    Point::new(-wide, range[0]),
-                    Point::new(wide, range[0]),
-                    Point::new(wide, range[1]),
-                    Point::new(-wide, range[1]),
-                ];
+            let outline: Vec<Point> = self
+                .cuts
+                .outline(lobe)
+                .into_iter()
+                .filter_map(|(longitude, latitude)| {
+                    let (sin, cos) = longitude.sin_cos();
+                    let v = Vec3::new(latitude.cos() * cos, latitude.cos() * sin, latitude.sin());
+                    self.project(&v, lobe)
+                })
+                .collect();
+            let mut dots = Vec::new();
+            for (dot, v) in self.turned.dots.iter().enumerate() {
+                if self.cuts.lobe_of(v) == lobe
+                    && let (Some(center), Some(rim)) = (self.project(v, lobe), self.dot(dot, lobe))
+                {
+                    let far = rim.iter().map(|p| (p - center).norm());
+                    let radius = far.fold(0.0, f64::max);
+                    dots.push((dot, Spot { center, radius }));
+                }
+            }
+            let cuts = self.cuts_across(lobe, &outline)?;
+            let letter = char::from(b'A' + (lobe % 26) as u8);
+            for (part, ends) in cuts.windows(2).enumerate() {
+                let y = [ends[0], ends[1]];
+                let (outline, name) = match cuts.len() {
+                    2 => (outline.clone(), letter.to_string()),
+                    _ => (band(&outline, y), format!("{letter}{}", part + 1)),
+                };
+                let held = dots
+                    .iter()
+                    .filter(|(_, s)| (y[0]..y[1]).contains(&s.center.y));
                 pieces.push(Piece {
                     lobe,
-                    outline: match parts {
-                        1 => outline.clone(),
-                        _ => clipped(&outline, &window),
-                    },
-                    range,
-                    is_lowest: part == 0,
+                    name,
+                    x: range(outline.iter().map(|p| p.x)),
+                    y,
+                    dots: held.copied().collect(),
+                    outline,
                 });
             }
         }
-        pieces
+        Ok(pieces)
+    }
+
+    /// The heights at which a lobe ends and is cut across: as few as fit the page, between dots.
+    fn cuts_across(&self, lobe: usize, outline: &[Point]) -> Result<Vec<f64>> {
+        let [low, high] = range(outline.iter().map(|p| p.y));
+        let longest = self.gores.page.usable_mm()[1] - 2.0 * LOBE_END_MM;
+        if high - low <= longest {
+            return Ok(vec![low, high]);
+        }
+        // Dots of this lobe, and those of others that its cuts go around.
+        let around = self.radius * (self.step + self.config.dot_angle_rad());
+        let blocked: Vec<[f64; 2]> = (0..self.turned.dots.len())
+            .filter_map(|dot| self.dot(dot, lobe))
+            .filter(|rim| rim.iter().any(|p| p.x.abs() < around))
+            .map(|rim| range(rim.iter().map(|p| p.y)))
+            .collect();
+        let margin = 0.1 * self.config.dot_diameter_mm;
+        let free = |y: f64| {
+            blocked
+                .iter()
+                .all(|[a, b]| !(a - margin..b + margin).contains(&y))
+        };
+        let fewest = ((high - low) / longest).ceil() as usize;
+        for parts in fewest..=fewest + MORE_PARTS {
+            let mut ends = vec![low];
+            for part in 1..parts {
+                let last = ends[part - 1];
+                // Neither this part nor the rest may be too long.
+                let least = (high - longest * (parts - part) as f64).max(last);
+                let most = last + longest;
+                let even = last + (high - last) / (parts + 1 - part) as f64;
+                let steps = ((most - least) / SEARCH_MM).max(0.0) as usize;
+                let tried = (0..=steps).map(|k| least + SEARCH_MM * k as f64);
+                let near = |y: &f64| (y - even).abs();
+                let best = tried
+                    .filter(|y| free(*y))
+                    .min_by(|a, b| near(a).total_cmp(&near(b)));
+                ends.extend(best);
+                if ends.len() == part {
+                    break;
+                }
+            }
+            if ends.len() == parts {
+                ends.push(high);
+                return Ok(ends);
+            }
+        }
+        let problem = format!(
+            "no cut across lobe {} passes between its dots: take smaller dots, more lobes, or an SVG or DXF",
+            lobe + 1
+        );
+        Err(Error::argument("dot_diameter_mm", problem))
     }
 
     /// Lays the pieces out in rows, page by page, and says where each lies.
     fn pages(&self) -> Result<(Vec<super::Page>, Value)> {
         let page = self.gores.page;
         let [usable_width, usable_height] = page.usable_mm();
-        let width = self.step * self.radius + LOBE_GAP_MM + 2.0 * self.gores.bleed_mm;
-        if width > usable_width {
-            let problem = format!(
-                "{} lobes of a ball of {} mm are {width:.1} mm wide with their numbers, the page takes \
-                 {usable_width:.1} mm: take more lobes or another page",
-                self.gores.lobes, self.config.ball_diameter_mm
-            );
-            return Err(Error::argument("lobes", problem));
-        }
-        let in_a_row = ((usable_width / width) as usize).min(self.gores.lobes);
         let [left, bottom] = page.origin();
         let mut pages = Vec::new();
         let mut places = Vec::new();
         let (mut items, mut extent) = (Vec::new(), [0.0f64; 2]);
-        let (mut column, mut y) = (0, 0.0);
-        for piece in self.pieces() {
-            let height =
-                piece.range[1] - piece.range[0] + 2.0 * (LOBE_END_MM + self.gores.bleed_mm);
-            if column == in_a_row {
-                (column, y) = (0, y + height);
+        // Where the row begins, how far it is filled, and how high it is.
+        let (mut y, mut x, mut row) = (0.0, 0.0, 0.0f64);
+        for piece in self.pieces()? {
+            let width = piece.x[1] - piece.x[0] + LOBE_GAP_MM;
+            let height = piece.y[1] - piece.y[0] + 2.0 * LOBE_END_MM;
+            if width > usable_width {
+                let problem = format!(
+                    "{} lobes of a ball of {} mm are up to {width:.1} mm wide with their numbers, the page \
+                     takes {usable_width:.1} mm: take more lobes or another page",
+                    self.gores.lobes, self.config.ball_diameter_mm
+                );
+                return Err(Error::argument("lobes", problem));
+            }
+            if x + width > usable_width {
+                (x, y, row) = (0.0, y + row, 0.0);
             }
             if y + height > usable_height {
                 pages.push(page.page(std::mem::take(&mut items), extent));
-                (column, y, extent) = (0, 0.0, [0.0; 2]);
+                (x, y, row, extent) = (0.0, 0.0, 0.0, [0.0; 2]);
             }
             let origin = Point::new(
-                left + (column as f64 + 0.5) * width,
-                bottom + y + LOBE_END_MM + self.gores.bleed_mm - piece.range[0],
+                left + x + 0.5 * LOBE_GAP_MM - piece.x[0],
+                bottom + y + LOBE_END_MM - piece.y[0],
             );
-            column += 1;
+            (x, row) = (x + width, row.max(height));
             self.draw(&piece, origin, &mut items);
-            extent[0] = extent[0].max(left + column as f64 * width);
+            extent[0] = extent[0].max(left + x);
             extent[1] = extent[1].max(bottom + y + height);
             places.push(json!({
                 "page": pages.len(),
                 "lobe": piece.lobe,
+                "name": piece.name,
                 "longitude_deg": self.longitude(piece.lobe).to_degrees(),
                 "x_mm": origin.x,
                 "y_mm": origin.y,
-                "from_mm": piece.range[0],
-                "to_mm": piece.range[1],
+                "from_mm": piece.y[0],
+                "to_mm": piece.y[1],
+                "dots": piece.dots.iter().map(|(dot, _)| *dot).collect::<Vec<_>>(),
             }));
         }
         pages.push(page.page(items, extent));
@@ -278,10 +372,6 @@ impl Work<'_> {
     fn draw(&self, piece: &Piece, origin: Point, items: &mut Vec<Item>) {
         let placed =
             |points: &[Point]| -> Vec<Point> { points.iter().map(|p| origin + p.coords).collect() };
-        let bleed = grown(&piece.outline, self.gores.bleed_mm);
-        if self.gores.bleed_mm > 0.0 {
-            items.push(Item::new(Layer::Bleed, Shape::Loop(placed(&bleed))));
-        }
         for zone in &self.turned.keep_out {
             let circle = circle_on_ball(&zone.axis, zone.half_angle_rad, KEEP_OUT_FACETS);
             let points: Vec<Point> = circle
@@ -291,79 +381,125 @@ impl Work<'_> {
                 items.push(Item::new(Layer::KeepOut, Shape::Line(placed(&line))));
             }
         }
-        let angle = self.config.dot_angle_rad();
-        let facets = facets(0.5 * self.config.dot_diameter_mm);
-        let mut numbers = Vec::new();
-        for (dot, center) in self.turned.dots.iter().enumerate() {
-            let circle = circle_on_ball(center, angle, facets);
-            let points: Option<Vec<Point>> = circle.map(|v| self.project(&v, piece.lobe)).collect();
-            let Some(points) = points else { continue };
-            let seen = clipped(&points, &bleed);
-            if seen.len() < 3 {
-                continue;
-            }
-            items.push(Item::of_dot(Layer::Dots, dot, Shape::Area(placed(&seen))));
-            if let Some(at) = self.project(center, piece.lobe)
-                && self.owns(center, piece, &at)
-            {
-                numbers.push((dot, at));
+        for (dot, _) in &piece.dots {
+            if let Some(rim) = self.dot(*dot, piece.lobe) {
+                items.push(Item::of_dot(Layer::Dots, *dot, Shape::Area(placed(&rim))));
             }
         }
         items.push(Item::new(Layer::Cut, Shape::Loop(placed(&piece.outline))));
+        self.name(piece, origin, items);
         if self.gores.numbers {
-            self.number(piece, origin, &numbers, items);
+            number(piece, origin, items);
         }
     }
 
-    /// Whether a piece holds a dot's center, at `at` in its plane.
-    fn owns(&self, center: &Vec3, piece: &Piece, at: &Point) -> bool {
-        let (longitude, _) = longitude_latitude(center);
-        let lobe = (longitude.rem_euclid(TAU) / self.step) as usize % self.gores.lobes;
-        lobe == piece.lobe && (piece.range[0]..piece.range[1]).contains(&at.y)
+    /// Writes a piece's name into it with an arrow to the north above, as far south as there is space.
+    /// Where there is none, they stand below the piece.
+    fn name(&self, piece: &Piece, origin: Point, items: &mut Vec<Item>) {
+        let full = (NAME.0 * self.step * self.radius).clamp(NAME.1, NAME.2);
+        let place = NAME_SIZES.iter().find_map(|size| {
+            let height = size * full;
+            let half = [
+                0.5 * height * (piece.name.len() as f64).max(1.0),
+                1.2 * height,
+            ];
+            let rows = ((piece.y[1] - piece.y[0]) / SEARCH_MM) as usize;
+            let columns = (piece.x[1].max(-piece.x[0]) / SEARCH_MM) as i32;
+            let mut tried = (0..rows).flat_map(|row| {
+                // The middle first, then to either side.
+                (0..=2 * columns).map(move |k| (row, if k % 2 == 0 { k / 2 } else { -(k + 1) / 2 }))
+            });
+            tried.find_map(|(row, column)| {
+                let x = SEARCH_MM * f64::from(column);
+                let center = Point::new(x, piece.y[0] + SEARCH_MM * row as f64);
+                let place = Rectangle { center, half };
+                self.has_room(piece, &place).then_some((place, height))
+            })
+        });
+        let (place, height) = place.unwrap_or_else(|| {
+            let height = NUMBER_MM.min(LOBE_END_MM / 3.0);
+            let half = [0.5 * height, 1.2 * height];
+            let center = Point::new(0.0, piece.y[0] - 0.5 * LOBE_END_MM);
+            (Rectangle { center, half }, height)
+        });
+        let at =
+            |x: f64, y: f64| origin + place.center.coords + nalgebra::Vector2::new(x, y) * height;
+        items.push(Item::new(
+            Layer::Names,
+            Shape::Text {
+                at: at(0.0, -1.2),
+                anchor: Anchor::Middle,
+                height_mm: height,
+                words: piece.name.clone(),
+            },
+        ));
+        for arrow in [
+            vec![at(0.0, 0.05), at(0.0, 1.15)],
+            vec![at(-0.3, 0.75), at(0.0, 1.15), at(0.3, 0.75)],
+        ] {
+            items.push(Item::new(Layer::Names, Shape::Line(arrow)));
+        }
     }
 
-    /// Writes numbers beside the lobe, each at the height of its dot and on the nearer side, and
-    /// moves them up where they would meet; a thin line leads from a number to the cut beside its
-    /// dot.
-    fn number(&self, piece: &Piece, origin: Point, dots: &[(usize, Point)], items: &mut Vec<Item>) {
-        let side_at = |y: f64| {
-            let near = |p: &&Point| (p.y - y).abs();
-            let side = piece.outline.iter().filter(|p| p.x >= 0.0);
-            side.min_by(|a, b| near(a).total_cmp(&near(b)))
-                .map_or(0.0, |p| p.x)
+    /// Whether a rectangle lies within a piece, off its dots and the zones without dots.
+    fn has_room(&self, piece: &Piece, place: &Rectangle) -> bool {
+        let off = |spot: &Spot| place.distance(&spot.center) >= spot.radius + NAME_GAP_MM;
+        let [w, h] = place.half.map(|half| half + NAME_GAP_MM);
+        let outside = |zone: &KeepOut| {
+            let center = self.direction(&place.center, piece.lobe);
+            let apart = angle_between(&center, &zone.axis);
+            apart >= zone.half_angle_rad + w.hypot(h) / self.radius
         };
-        for sign in [-1.0, 1.0] {
-            let mut here: Vec<_> = dots.iter().filter(|(_, p)| sign * p.x >= 0.0).collect();
-            // A dot in the very middle belongs to the right side only.
-            here.retain(|(_, p)| sign > 0.0 || p.x < 0.0);
-            here.sort_by(|a, b| a.1.y.total_cmp(&b.1.y));
-            let mut free = f64::NEG_INFINITY;
-            for (dot, p) in here {
-                let y = (p.y - 0.5 * NUMBER_MM).max(free);
-                free = y + 1.4 * NUMBER_MM;
-                let edge = side_at(p.y) + self.gores.bleed_mm;
-                let from = Point::new(sign * (edge + 0.1), p.y);
-                let to = Point::new(sign * (edge + NUMBER_GAP_MM), y + 0.5 * NUMBER_MM);
-                let leader = Shape::Line(vec![origin + from.coords, origin + to.coords]);
-                items.push(Item::of_dot(Layer::Notes, *dot, leader));
-                let at = Point::new(sign * (edge + NUMBER_GAP_MM + 0.3), y);
-                let anchor = if sign > 0.0 {
-                    Anchor::Start
-                } else {
-                    Anchor::End
-                };
-                let words = Item::words(origin + at.coords, anchor, NUMBER_MM, dot.to_string());
-                items.push(Item {
-                    dot: Some(*dot),
-                    ..words
-                });
+        let corners = [(-w, -h), (w, -h), (w, h), (-w, h)];
+        let corners = corners.map(|(x, y)| place.center + nalgebra::Vector2::new(x, y));
+        piece.dots.iter().all(|(_, spot)| off(spot))
+            && self.turned.keep_out.iter().all(outside)
+            && corners.iter().all(|p| holds(&piece.outline, p))
+            && piece
+                .outline
+                .iter()
+                .all(|p| place.distance(p) >= NAME_GAP_MM)
+    }
+}
+
+/// Writes a piece's numbers beside it, each at the height of its dot and on the nearer side, and
+/// moves them up where they would meet; a thin line leads from a number to the cut beside its dot.
+fn number(piece: &Piece, origin: Point, items: &mut Vec<Item>) {
+    for sign in [-1.0, 1.0] {
+        // A dot in the very middle belongs to the right side only.
+        let mut here: Vec<_> = piece.dots.iter().collect();
+        here.retain(|(_, s)| {
+            if sign > 0.0 {
+                s.center.x >= 0.0
+            } else {
+                s.center.x < 0.0
             }
-        }
-        if piece.is_lowest {
-            let y = piece.range[0] - self.gores.bleed_mm - 1.2 * NUMBER_MM;
-            let at = origin + nalgebra::Vector2::new(0.0, y);
-            let letter = char::from(b'A' + (piece.lobe % 26) as u8).to_string();
-            items.push(Item::words(at, Anchor::Middle, NUMBER_MM, letter));
+        });
+        here.sort_by(|a, b| a.1.center.y.total_cmp(&b.1.center.y));
+        let mut free = f64::NEG_INFINITY;
+        for (dot, spot) in here {
+            let beside = spot.center.y;
+            let y = (beside - 0.5 * NUMBER_MM).max(free);
+            // The line beneath some numbers needs space as well.
+            free = y + 1.6 * NUMBER_MM;
+            let middle = y + 0.5 * NUMBER_MM;
+            let edge = piece.reach(sign, [beside.min(y) - 0.5, free]);
+            let from = Point::new(sign * (piece.reach(sign, [beside; 2]) + 0.1), beside);
+            let to = Point::new(sign * (edge + NUMBER_GAP_MM), middle);
+            let bend = Point::new(sign * (edge + 0.3), beside);
+            let leader = [from, bend, to].map(|p| origin + p.coords);
+            items.push(Item::of_dot(
+                Layer::Notes,
+                *dot,
+                Shape::Line(leader.to_vec()),
+            ));
+            let at = Point::new(sign * (edge + NUMBER_GAP_MM + 0.3), y);
+            let anchor = if sign > 0.0 {
+                Anchor::Start
+            } else {
+                Anchor::End
+            };
+            items.extend(Item::number(*dot, origin + at.coords, anchor, NUMBER_MM));
         }
     }
 }

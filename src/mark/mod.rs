@@ -23,6 +23,10 @@
 //! meridian in its middle and up to `1 / cos(pi / lobes)` too long along its edges (3.5 % for 12
 //! lobes, 0.9 % for 24).
 //!
+//! Every sheet has a title block at its foot: the pattern, ball and dots, a bar of 50 mm, and the date
+//! that [`MarkConfig::date`] states. Nothing here reads a clock, so that the same arguments give the
+//! same bytes.
+//!
 //! Units: angles in radians; lengths are millimeters, as in the files.
 //!
 //! ```
@@ -39,9 +43,12 @@
 //! ```
 
 mod axis;
+mod caliper;
+mod cuts;
 mod drawing;
 mod dxf;
 mod gores;
+mod labels;
 mod outline;
 mod pdf;
 mod plotter;
@@ -50,6 +57,7 @@ mod stickers;
 mod svg;
 
 pub use axis::{FreeAxis, free_axis};
+pub use caliper::{Caliper, references};
 pub use drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape};
 pub use dxf::dxf_text;
 pub use gores::{GoreConfig, gores};
@@ -65,6 +73,7 @@ use crate::design::KeepOut;
 use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::pattern::Pattern;
+use drawing::TitleBlock;
 
 /// The ball and what is to be marked on it.
 #[derive(Debug, Clone)]
@@ -75,6 +84,8 @@ pub struct MarkConfig {
     pub dot_diameter_mm: f64,
     /// Zones without dots, in the pattern's frame, whose outlines are drawn. Default none.
     pub keep_out: Vec<KeepOut>,
+    /// Date for the sheets' title blocks, as it is to be written. Default none.
+    pub date: Option<String>,
 }
 
 impl Default for MarkConfig {
@@ -83,6 +94,7 @@ impl Default for MarkConfig {
             ball_diameter_mm: 40.0,
             dot_diameter_mm: 4.0,
             keep_out: Vec::new(),
+            date: None,
         }
     }
 }
@@ -109,14 +121,7 @@ impl MarkConfig {
         let inside = (10.0..=1000.0).contains(&ball);
         require(inside, "ball_diameter_mm", "10 to 1000 mm", ball)?;
         let dot = self.dot_diameter_mm;
-        let max_dot = 0.5 * ball;
-        let inside = (0.2..=max_dot).contains(&dot);
-        require(
-            inside,
-            "dot_diameter_mm",
-            &format!("0.2 to {max_dot} mm"),
-            dot,
-        )?;
+        require(dot >= 0.2, "dot_diameter_mm", "0.2 mm or more", dot)?;
         let dots = pattern.dots();
         let pairs = (0..dots.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
         let apart = pairs.map(|(j, i)| (angle_between(&dots[j], &dots[i]), j, i));
@@ -126,13 +131,48 @@ impl MarkConfig {
         {
             let fits = (10.0 * ball * (0.5 * angle).sin()).floor() / 10.0;
             let problem = format!(
-                "dots {j} and {i} ({:.1} degrees apart) would touch, found {dot}; at most \
-                 {fits} mm fit",
+                "dots {j} and {i}, the nearest pair ({:.1} degrees apart), would touch, found {dot}; at \
+                 most {fits} mm fit",
                 angle.to_degrees()
             );
             return Err(Error::argument("dot_diameter_mm", problem));
         }
         Ok(())
+    }
+
+    /// The rejection of dots that lie over the ends of every axis, `axis` being the freest.
+    fn no_free_axis(&self, axis: &FreeAxis) -> Error {
+        let fits = self.ball_diameter_mm * axis.clearance_rad.sin();
+        let problem = format!(
+            "no axis keeps its ends free of dots, found {}; at most {:.1} mm fit",
+            self.dot_diameter_mm,
+            (10.0 * fits).floor() / 10.0
+        );
+        Error::argument("dot_diameter_mm", problem)
+    }
+
+    /// A drawing's title.
+    fn title(&self, what: &str, pattern: &Pattern) -> String {
+        format!(
+            "{what} of pattern {:.8} for a ball of {} mm",
+            pattern.sha256(),
+            self.ball_diameter_mm
+        )
+    }
+
+    /// What the foot of every sheet of a drawing says.
+    fn title_block<'a>(&'a self, what: &'a str, pattern: &Pattern) -> TitleBlock<'a> {
+        TitleBlock {
+            title: what,
+            facts: format!(
+                "pattern {:.12}; ball {} mm; {} dots of {} mm",
+                pattern.sha256(),
+                written(self.ball_diameter_mm),
+                pattern.len(),
+                written(self.dot_diameter_mm)
+            ),
+            date: self.date.as_deref(),
+        }
     }
 }
 
@@ -179,6 +219,11 @@ impl Turned {
             _ => Map::new(),
         }
     }
+}
+
+/// A length as a person wrote it, mm: a product such as 0.1 * 38 has digits that nobody did.
+fn written(mm: f64) -> f64 {
+    (1e6 * mm).round() / 1e6
 }
 
 /// Longitude and latitude of a direction, radians.

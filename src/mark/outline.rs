@@ -43,40 +43,43 @@ pub(super) fn circle(center: Point, radius: f64) -> Vec<Point> {
         .collect()
 }
 
-/// Twice the signed area of the triangle `a`, `b`, `c`: positive where it turns counter-clockwise.
-fn turn(a: &Point, b: &Point, c: &Point) -> f64 {
-    (b - a).perp(&(c - a))
+/// The part of `polygon` between two heights; where the polygon is not convex, parts of it may hang
+/// together along these.
+pub(super) fn band(polygon: &[Point], [low, high]: [f64; 2]) -> Vec<Point> {
+    let above = half(polygon, |p| p.y - low);
+    half(&above, |p| high - p.y)
 }
 
-/// The part of `polygon` inside the convex polygon `window`, which turns counter-clockwise (I.
-/// Sutherland, G. Hodgman, "Reentrant polygon clipping", 1974). Empty where they do not meet.
-pub(super) fn clipped(polygon: &[Point], window: &[Point]) -> Vec<Point> {
-    let mut kept = polygon.to_vec();
-    for (i, a) in window.iter().enumerate() {
-        let b = &window[(i + 1) % window.len()];
-        let input = std::mem::take(&mut kept);
-        for (k, p) in input.iter().enumerate() {
-            let q = &input[(k + 1) % input.len()];
-            let (tp, tq) = (turn(a, b, p), turn(a, b, q));
-            if tp >= 0.0 {
-                kept.push(*p);
-            }
-            if (tp > 0.0 && tq < 0.0) || (tp < 0.0 && tq > 0.0) {
-                kept.push(p + (q - p) * (tp / (tp - tq)));
-            }
+/// The part of `polygon` where `height` is not negative (I. Sutherland, G. Hodgman, "Reentrant polygon
+/// clipping", 1974).
+fn half(polygon: &[Point], height: impl Fn(&Point) -> f64) -> Vec<Point> {
+    let mut kept = Vec::new();
+    for (k, p) in polygon.iter().enumerate() {
+        let q = &polygon[(k + 1) % polygon.len()];
+        let (hp, hq) = (height(p), height(q));
+        if hp >= 0.0 {
+            kept.push(*p);
+        }
+        if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
+            kept.push(p + (q - p) * (hp / (hp - hq)));
         }
     }
     kept
 }
 
-/// The part of the closed line `outline` inside a convex window, as open lines.
+/// Whether a polygon holds a point: a ray to the right crosses its outline an odd number of times.
+pub(super) fn holds(polygon: &[Point], p: &Point) -> bool {
+    let crossings = (0..polygon.len()).filter(|&k| {
+        let (a, b) = (&polygon[k], &polygon[(k + 1) % polygon.len()]);
+        (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x)
+    });
+    crossings.count() % 2 == 1
+}
+
+/// The part of the closed line `outline` inside the polygon `window`, as open lines.
 pub(super) fn lines_inside(outline: &[Point], window: &[Point]) -> Vec<Vec<Point>> {
-    let inside = |p: &Point| {
-        let n = window.len();
-        (0..n).all(|i| turn(&window[i], &window[(i + 1) % n], p) >= 0.0)
-    };
     let n = outline.len();
-    let states: Vec<bool> = outline.iter().map(inside).collect();
+    let states: Vec<bool> = outline.iter().map(|p| holds(window, p)).collect();
     let Some(outside) = states.iter().position(|s| !s) else {
         // All of it: a closed line.
         return vec![outline.iter().chain(outline.first()).copied().collect()];
@@ -97,27 +100,4 @@ pub(super) fn lines_inside(outline: &[Point], window: &[Point]) -> Vec<Vec<Point
     }
     lines.retain(|line| line.len() > 1);
     lines
-}
-
-/// The convex polygon `outline` (counter-clockwise) grown by `by` on all sides, corners rounded.
-pub(super) fn grown(outline: &[Point], by: f64) -> Vec<Point> {
-    if by <= 0.0 {
-        return outline.to_vec();
-    }
-    let n = outline.len();
-    let normal = |i: usize| {
-        let edge = outline[(i + 1) % n] - outline[i % n];
-        nalgebra::Vector2::new(edge.y, -edge.x).normalize()
-    };
-    let mut grown = Vec::new();
-    for (i, corner) in outline.iter().enumerate() {
-        let (before, after) = (normal(i + n - 1), normal(i));
-        let sweep = before.perp(&after).atan2(before.dot(&after));
-        let steps = (sweep.abs() / 0.2).ceil().max(1.0) as usize;
-        for s in 0..=steps {
-            let turn = nalgebra::Rotation2::new(sweep * s as f64 / steps as f64);
-            grown.push(corner + by * (turn * before));
-        }
-    }
-    grown
 }

@@ -7,12 +7,10 @@
 use pdf_writer::types::LineJoinStyle;
 use pdf_writer::{Content, Name, Pdf, Rect, Ref, Str, TextStr};
 
-use super::drawing::{Anchor, Drawing, Item, Layer, Page, Point, Shape};
+use super::drawing::{Anchor, CAPITAL, Drawing, Item, Layer, Page, Point, Shape, text_width};
 
 /// Points in a millimeter.
 const POINTS: f64 = 72.0 / 25.4;
-/// Height of capitals and digits as a part of the font's size (Adobe's metrics of Helvetica).
-const CAPITAL: f64 = 0.718;
 /// The font's name in the pages' resources.
 const FONT: Name<'_> = Name(b"F1");
 
@@ -81,7 +79,7 @@ fn draw(content: &mut Content, item: &Item) {
             words,
         } => {
             let size = height_mm / CAPITAL;
-            let width = size * words.chars().map(advance).sum::<f64>();
+            let width = text_width(words, *height_mm);
             let shift = match anchor {
                 Anchor::Start => 0.0,
                 Anchor::Middle => 0.5 * width,
@@ -94,17 +92,6 @@ fn draw(content: &mut Content, item: &Item) {
                 .show(Str(words.as_bytes()))
                 .end_text();
         }
-    }
-}
-
-/// Width of a character as a part of the font's size: digits and stops exactly (Adobe's metrics of
-/// Helvetica), letters about.
-fn advance(c: char) -> f64 {
-    match c {
-        ' ' | '.' | ',' | ':' | 'i' | 'l' | 't' | 'f' => 0.278,
-        '-' => 0.333,
-        'm' | 'M' => 0.833,
-        _ => 0.556,
     }
 }
 

@@ -17,7 +17,7 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 
-use crate::error::{Error, Result, require};
+use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
 
@@ -116,13 +116,7 @@ pub fn plotter_paths(
     plotter.validate(config)?;
     let axis = free_axis(pattern.dots());
     if axis.clearance_rad <= config.dot_angle_rad() {
-        let fits = config.ball_diameter_mm * axis.clearance_rad.sin();
-        let problem = format!(
-            "no axis keeps its ends free of dots, found {}; at most {:.1} mm fit",
-            config.dot_diameter_mm,
-            (10.0 * fits).floor() / 10.0
-        );
-        return Err(Error::argument("dot_diameter_mm", problem));
+        return Err(config.no_free_axis(&axis));
     }
     let rotation = axis.rotation(best_turn(&axis.rotation(0.0), pattern, config));
     let dots = pattern.dots().iter().map(|d| rotation * d).enumerate();

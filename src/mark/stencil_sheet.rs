@@ -7,7 +7,9 @@
 
 use serde_json::{Map, json};
 
-use super::drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape};
+use super::drawing::{
+    Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape, TitleBlock, text_width,
+};
 use crate::geometry::Vec3;
 use crate::stencil::{HalfName, HoleSide, Mesh, Stencil};
 
@@ -120,13 +122,18 @@ impl Figure {
                 add(vec![tip, tip + HEAD_MM * (way + side * beside)]);
             }
         }
+        let (middle, width) = (p + 0.5 * (q - p), text_width(&words, WORDS_MM));
         let (at, anchor) = if inner && along.x.abs() < 0.5 {
-            (
-                p + 0.5 * (q - p) + nalgebra::Vector2::new(1.2, -1.6),
-                Anchor::Start,
-            )
-        } else if inner {
-            (p + 0.5 * (q - p), Anchor::Middle)
+            // On the side that is away from what is measured.
+            let away = (off * beside.x).signum();
+            let anchor = if away < 0.0 {
+                Anchor::End
+            } else {
+                Anchor::Start
+            };
+            (middle + nalgebra::Vector2::new(1.2 * away, -1.6), anchor)
+        } else if inner && width < (q - p).norm() - 1.0 {
+            (middle, Anchor::Middle)
         } else {
             (end + 1.0 * along, Anchor::Start)
         };
@@ -163,16 +170,28 @@ fn clipped(
     (from < to).then(|| (at(from), at(to)))
 }
 
-/// The drawing of `stencil`, on sheets of `page`.
-pub fn stencil_sheet(stencil: &Stencil, page: PageSize) -> Drawing {
+/// The drawing of `stencil`, on sheets of `page`; their title blocks state `date`, as it is to be
+/// written.
+pub fn stencil_sheet(stencil: &Stencil, page: PageSize, date: Option<&str>) -> Drawing {
     let config = stencil.config();
-    let id: String = stencil.pattern_sha256().chars().take(12).collect();
     let mut note = Map::new();
     note.insert("kind".into(), json!("stencil drawing"));
     note.insert("pattern_sha256".into(), json!(stencil.pattern_sha256()));
     note.insert("ball_diameter_mm".into(), json!(config.ball_diameter_mm));
-    let mut pages = vec![sections(stencil, page, &id), details(stencil, page, &id)];
-    pages.extend(hole_pages(stencil, page, &id));
+    let mut pages = vec![sections(stencil, page), details(stencil, page)];
+    pages.extend(hole_pages(stencil, page));
+    let id: String = stencil.pattern_sha256().chars().take(12).collect();
+    TitleBlock {
+        title: "Stencil",
+        facts: format!(
+            "pattern {id}; ball {} mm; {} holes of {} mm",
+            config.ball_diameter_mm,
+            stencil.dots().len(),
+            config.hole_diameter_mm
+        ),
+        date,
+    }
+    .onto(page, &mut pages);
     Drawing {
         title: format!("Stencil of pattern {id}"),
         note,
@@ -182,35 +201,25 @@ pub fn stencil_sheet(stencil: &Stencil, page: PageSize) -> Drawing {
 }
 
 /// A page with its heading.
-fn headed(stencil: &Stencil, page: PageSize, id: &str, what: &str, mut items: Vec<Item>) -> Page {
-    let [left, bottom] = page.origin();
+fn headed(stencil: &Stencil, page: PageSize, what: &str, mut items: Vec<Item>) -> Page {
+    let [left, _] = page.origin();
     let [width, height] = page.size_mm().unwrap_or([210.0, 297.0]);
     let c = stencil.config();
-    let top = height - 14.0;
-    let title = format!("Stencil of pattern {id}: {what}");
-    items.push(Item::words(
-        Point::new(left, top),
-        Anchor::Start,
-        1.2 * TITLE_MM,
-        title,
-    ));
+    let mut say = |down: f64, height_mm: f64, words: String| {
+        let at = Point::new(left, height - down);
+        items.push(Item::words(at, Anchor::Start, height_mm, words));
+    };
+    say(14.0, 1.2 * TITLE_MM, format!("Stencil: {what}"));
     let facts = format!(
-        "ball {} mm, holes {} mm at the ball (throat {} mm, then {:.0} degrees wider), all lengths in mm, frame of stencil.json",
-        c.ball_diameter_mm,
-        c.hole_diameter_mm,
+        "holes: throat {} mm, then {:.0} degrees wider; all lengths in mm, frame of stencil.json",
         c.throat_mm,
         c.taper_rad.to_degrees()
     );
-    items.push(Item::words(
-        Point::new(left, top - 6.0),
-        Anchor::Start,
-        WORDS_MM,
-        facts,
-    ));
-    page.page(items, [width, height.max(bottom)])
+    say(20.0, WORDS_MM, facts);
+    page.page(items, [width, height])
 }
 
-fn sections(stencil: &Stencil, page: PageSize, id: &str) -> Page {
+fn sections(stencil: &Stencil, page: PageSize) -> Page {
     let (c, j) = (stencil.config(), stencil.joint());
     let halves = HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0));
     let [width, height] = page.size_mm().unwrap_or([210.0, 297.0]);
@@ -289,10 +298,10 @@ fn sections(stencil: &Stencil, page: PageSize, id: &str) -> Page {
     );
     let mut items = upright.items;
     items.extend(plan.items);
-    headed(stencil, page, id, "sections", items)
+    headed(stencil, page, "sections", items)
 }
 
-fn details(stencil: &Stencil, page: PageSize, id: &str) -> Page {
+fn details(stencil: &Stencil, page: PageSize) -> Page {
     let (c, j) = (stencil.config(), stencil.joint());
     let [a, b] = HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0));
     let [width, height] = page.size_mm().unwrap_or([210.0, 297.0]);
@@ -376,10 +385,10 @@ fn details(stencil: &Stencil, page: PageSize, id: &str) -> Page {
         .push(Item::words(at, Anchor::Middle, WORDS_MM, facts));
     let mut items = seam.items;
     items.extend(hinge.items);
-    headed(stencil, page, id, "seam and hinge", items)
+    headed(stencil, page, "seam and hinge", items)
 }
 
-fn hole_pages(stencil: &Stencil, page: PageSize, id: &str) -> Vec<Page> {
+fn hole_pages(stencil: &Stencil, page: PageSize) -> Vec<Page> {
     let [left, _] = page.origin();
     let [_, height] = page.size_mm().unwrap_or([210.0, 297.0]);
     let columns = [0.0, 18.0, 46.0, 72.0, 98.0, 118.0, 138.0].map(|x| left + 14.0 + x);
@@ -426,7 +435,7 @@ fn hole_pages(stencil: &Stencil, page: PageSize, id: &str) -> Vec<Page> {
                 ];
                 row(top - ROW_MM * (k + 1) as f64, cells);
             }
-            headed(stencil, page, id, "holes", items)
+            headed(stencil, page, "holes", items)
         })
         .collect()
 }

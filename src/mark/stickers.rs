@@ -10,7 +10,7 @@
 //! and one of the southern map at `(s R (pi/2 + phi) cos(lambda), -s R (pi/2 + phi) sin(lambda))`,
 //! both seen from outside; `s` is the map's scale. Last comes a table: latitude, longitude, and the
 //! straight distances from each dot to three others, which a pair of dividers or a caliper lays
-//! off.
+//! off ([`super::caliper`]).
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -21,7 +21,9 @@ use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 
 use super::axis::free_axis;
+use super::caliper::{Caliper, references};
 use super::drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape};
+use super::labels::{Labels, Rectangle, Spot};
 use super::outline::{circle, circle_on_ball, facets};
 use super::{MarkConfig, Turned, longitude_latitude};
 
@@ -65,18 +67,20 @@ pub fn stickers(
     let mut sheets = Sheets::new(stickers.page);
     dots(pattern, config, stickers, &mut sheets)?;
     let maps = maps(&turned, config, &mut sheets)?;
-    table(&turned, config, &mut sheets);
+    let caliper = table(&turned, config, &mut sheets);
     let mut note = turned.note("stickers", pattern, config);
     note.insert("projection".into(), json!("azimuthal equidistant"));
     note.insert("maps".into(), maps);
+    note.insert("caliper".into(), json!(caliper));
+    let title = "Stickers";
+    let mut pages = sheets.finish();
+    config
+        .title_block(title, pattern)
+        .onto(stickers.page, &mut pages);
     Ok(Drawing {
-        title: format!(
-            "Stickers of pattern {:.8} for a ball of {} mm",
-            pattern.sha256(),
-            config.ball_diameter_mm
-        ),
+        title: config.title(title, pattern),
         note,
-        pages: sheets.finish(),
+        pages,
         line_mm: LINE_MM,
     })
 }
@@ -106,9 +110,14 @@ impl Sheets {
         }
     }
 
+    /// Whether a block of this height would begin a new page.
+    fn is_full(&self, height: f64) -> bool {
+        self.used + height > self.height && self.used > 0.0
+    }
+
     /// Space for a block of this height: the distance of its upper edge from the page's, mm.
     fn block(&mut self, height: f64) -> f64 {
-        if self.used + height > self.height && self.used > 0.0 {
+        if self.is_full(height) {
             self.filled.push(self.used);
             self.pages.push(Vec::new());
             self.used = 0.0;
@@ -206,8 +215,10 @@ fn dots(
             let cut = circle(center, 0.5 * config.dot_diameter_mm);
             sheets.add(Item::of_dot(Layer::Dots, dot, Shape::Area(color)));
             sheets.add(Item::of_dot(Layer::Cut, dot, Shape::Loop(cut)));
-            let y = -top - size - 1.4 * TEXT_MM;
-            sheets.words(center.x, y, Anchor::Middle, dot.to_string());
+            let at = Point::new(center.x, -top - size - 1.4 * TEXT_MM);
+            for item in Item::number(dot, at, Anchor::Middle, TEXT_MM) {
+                sheets.add(item);
+            }
         }
     }
     Ok(())
@@ -244,14 +255,14 @@ fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<ser
     }
     // Where the page's lower edge lies is known once it is full: places count from its upper edge.
     let page = sheets.page();
-    let [left, bottom] = sheets.size.origin();
+    let ([left, _], top) = (sheets.size.origin(), sheets.size.top_mm());
     let places = places.into_iter().map(|(pole, center)| {
         json!({
             "page": page,
             "pole": pole,
             "scale": scale,
             "x_mm": left + center.x,
-            "from_top_mm": -center.y + bottom,
+            "from_top_mm": -center.y + top,
         })
     });
     Ok(places.collect())
@@ -275,6 +286,10 @@ impl Map {
     }
 
     fn draw(&self, turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) {
+        let mut labels = Labels {
+            spots: Vec::new(),
+            taken: Vec::new(),
+        };
         for k in 0..=6 {
             let r = self.radius * FRAC_PI_2 * f64::from(k) / 6.0;
             if k > 0 {
@@ -292,8 +307,11 @@ impl Map {
             let shape = Shape::Line(vec![self.center, towards(rim)]);
             sheets.add(Item::new(Layer::Guides, shape));
             let at = towards(rim + 0.7 * MAP_GAP_MM);
-            let y = at.y - 0.5 * TEXT_MM;
-            sheets.words(at.x, y, Anchor::Middle, format!("{} deg", 30 * k));
+            let at = Point::new(at.x, at.y - 0.5 * TEXT_MM);
+            let words = format!("{} deg", 30 * k);
+            let taken = Rectangle::of_words(at, Anchor::Middle, TEXT_MM, &words);
+            labels.taken.push(taken);
+            sheets.words(at.x, at.y, Anchor::Middle, words);
         }
         let belongs = |v: &Vec3| self.sign * v.z >= 0.0;
         for zone in &turned.keep_out {
@@ -304,64 +322,77 @@ impl Map {
             }
         }
         let facets = facets(0.5 * config.dot_diameter_mm);
+        let mut shown = Vec::new();
         for (dot, center) in turned.dots.iter().enumerate() {
             if !belongs(center) {
                 continue;
             }
             let rim = circle_on_ball(center, config.dot_angle_rad(), facets);
-            let points = rim.map(|v| self.place(&v)).collect();
-            sheets.add(Item::of_dot(Layer::Dots, dot, Shape::Area(points)));
+            let points: Vec<Point> = rim.map(|v| self.place(&v)).collect();
             let at = self.place(center);
-            // At the map's rim dots are wider by pi / 2.
-            let beside = FRAC_PI_2 * self.radius * config.dot_angle_rad() + 0.5;
-            let y = at.y - 0.5 * TEXT_MM;
-            sheets.words(at.x + beside, y, Anchor::Start, dot.to_string());
+            let far = points.iter().map(|p| (p - at).norm());
+            let spot = Spot {
+                center: at,
+                radius: far.fold(0.0, f64::max),
+            };
+            labels.spots.push(spot);
+            shown.push((dot, spot));
+            sheets.add(Item::of_dot(Layer::Dots, dot, Shape::Area(points)));
+        }
+        for (dot, spot) in shown {
+            for item in labels.number(dot, &spot, TEXT_MM) {
+                sheets.add(item);
+            }
         }
     }
 }
 
-/// Three dots from which all others are laid off: those that span the largest triangle.
-fn references(dots: &[Vec3]) -> Option<[usize; 3]> {
-    let n = dots.len();
-    let triples = (0..n).flat_map(|i| (0..i).flat_map(move |j| (0..j).map(move |k| [k, j, i])));
-    let area = |t: &[usize; 3]| {
-        let [a, b, c] = t.map(|i| dots[i]);
-        (b - a).cross(&(c - a)).norm()
-    };
-    triples.max_by(|a, b| area(a).total_cmp(&area(b)))
-}
-
-/// Latitudes, longitudes and straight distances.
-fn table(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) {
-    let Some(from) = references(&turned.dots) else {
-        return;
-    };
-    let names = from.map(|i| i.to_string());
-    let mut rows = vec![vec![
-        "dot".to_owned(),
-        "latitude, deg".to_owned(),
-        "longitude, deg".to_owned(),
-        format!("to dot {}, mm", names[0]),
-        format!("to dot {}, mm", names[1]),
-        format!("to dot {}, mm", names[2]),
-    ]];
+/// Latitudes, longitudes and straight distances, and how exact a caliper must be. The table begins a
+/// page where it fits one whole, else its heading is repeated.
+fn table(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Option<Caliper> {
+    let from = references(&turned.dots)?;
+    let caliper = Caliper::new(&turned.dots, from);
+    let to = |i: usize| format!("to dot {}, mm", from[i]);
+    let heading = ["dot", "latitude, deg", "longitude, deg"].map(str::to_owned);
+    let heading: Vec<String> = heading.into_iter().chain((0..3).map(to)).collect();
+    let words = caliper.words(config.dot_diameter_mm);
+    let rows = turned.dots.len() as f64 + 2.5 + words.len() as f64;
+    let is_whole = ROW_MM * rows <= sheets.height;
+    let top = sheets.block(if is_whole {
+        ROW_MM * rows
+    } else {
+        8.0 * ROW_MM
+    });
+    // The block only chose the page: its lines are added one by one.
+    sheets.used = top + ROW_MM;
+    for line in words {
+        let y = -sheets.block(ROW_MM) - TEXT_MM;
+        sheets.words(0.0, y, Anchor::Start, line);
+    }
+    sheets.block(0.5 * ROW_MM);
+    row(&heading, sheets);
     for (dot, d) in turned.dots.iter().enumerate() {
         let (longitude, latitude) = longitude_latitude(d);
-        let mut row = vec![
+        let mut cells = vec![
             dot.to_string(),
             format!("{:.2}", latitude.to_degrees()),
             format!("{:.2}", longitude.rem_euclid(TAU).to_degrees()),
         ];
         let distances = from.map(|i| config.radius_mm() * (d - turned.dots[i]).norm());
-        row.extend(distances.map(|mm| format!("{mm:.2}")));
-        rows.push(row);
-    }
-    sheets.block(2.0 * ROW_MM);
-    for row in rows {
-        let y = -sheets.block(ROW_MM) - TEXT_MM;
-        for (k, cell) in row.into_iter().enumerate() {
-            let x = 8.0 + COLUMN_MM * k as f64;
-            sheets.words(x, y, Anchor::End, cell);
+        cells.extend(distances.map(|mm| format!("{mm:.2}")));
+        if sheets.is_full(ROW_MM) {
+            row(&heading, sheets);
         }
+        row(&cells, sheets);
+    }
+    Some(caliper)
+}
+
+/// One line of the table.
+fn row(cells: &[String], sheets: &mut Sheets) {
+    let y = -sheets.block(ROW_MM) - TEXT_MM;
+    for (k, cell) in cells.iter().enumerate() {
+        let x = 8.0 + COLUMN_MM * k as f64;
+        sheets.words(x, y, Anchor::End, cell.clone());
     }
 }

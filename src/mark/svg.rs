@@ -8,10 +8,7 @@ use svg::node::Node as _;
 use svg::node::element::path::Data;
 use svg::node::element::{Element, Group, Path, Text, Title};
 
-use super::drawing::{Anchor, Drawing, Item, Layer, Page, Point, Shape};
-
-/// Height of capitals and digits as a part of the font's size.
-const CAPITAL: f64 = 0.72;
+use super::drawing::{Anchor, CAPITAL, Drawing, Item, Layer, Page, Point, Shape};
 
 /// A drawing's pages as SVG documents, one each.
 pub fn svg_text(drawing: &Drawing) -> Vec<String> {

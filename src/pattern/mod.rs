@@ -262,6 +262,27 @@ impl Pattern {
     }
 }
 
+/// Whether a dot's number reads as another dot's upside down, so that it is written with a line
+/// beneath: 6 and 9, and from 62 dots on 19 and 61.
+pub fn reads_upside_down(dot: usize) -> bool {
+    let digits = dot.to_string();
+    let turned: Option<String> = digits
+        .chars()
+        .rev()
+        .map(|c| match c {
+            '0' | '1' | '8' => Some(c),
+            '6' => Some('9'),
+            '9' => Some('6'),
+            _ => None,
+        })
+        .collect();
+    turned.is_some_and(|turned| {
+        let other = turned.parse::<usize>();
+        // No number begins with 0.
+        !turned.starts_with('0') && other.is_ok_and(|other| other != dot && other < MAX_DOTS)
+    })
+}
+
 /// Tries to place one dot at random apart from the others before all start afresh.
 const PLACEMENT_TRIES: usize = 2_000;
 /// Restarts before a separation counts as infeasible at random.

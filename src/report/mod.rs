@@ -364,8 +364,8 @@ impl DesignEvaluation {
         self.report.write(dir)
     }
 
-    /// Makes the stencil and writes it, with its picture where the crate is built with the feature
-    /// `plot`, to `dir/stencil`.
+    /// Makes the stencil and writes it to `dir/stencil`, with its picture where the crate is built with
+    /// the feature `plot`, and its drawing (A4) with `mark`.
     ///
     /// # Errors
     /// As [`Stencil::build`] and [`Stencil::write`].
@@ -379,6 +379,12 @@ impl DesignEvaluation {
             plots::in_each_format(&dir, "stencil", &plots::PictureFormat::ALL, |path| {
                 crate::plot::stencil_views(path, &stencil, &title)
             })?;
+        }
+        #[cfg(feature = "mark")]
+        {
+            // Without a date: the folder is the same for the same arguments.
+            let sheet = crate::mark::stencil_sheet(&stencil, crate::mark::PageSize::A4, None);
+            files::write_bytes(&dir.join("drawing.pdf"), &crate::mark::pdf_bytes(&sheet))?;
         }
         Ok(())
     }

@@ -104,6 +104,8 @@ impl Stencil {
             "dots_in_half_b": indices(HoleSide::B),
             "dots_through_both_rims": indices(HoleSide::Both),
             "dots": dots.collect::<Vec<_>>(),
+            "print_size_mm": self.print_size_mm(),
+            "beds": self.beds().collect::<Vec<_>>(),
             "windows": self.layout.windows,
             "zones_without_window": self.layout.closed,
             "half_a": half(0),

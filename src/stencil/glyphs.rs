@@ -4,11 +4,15 @@
 use ttf_parser::{Face, OutlineBuilder};
 
 use crate::error::{Error, Result};
+use crate::pattern::reads_upside_down;
 
 /// Facets of a curve of the font, which spans about 45 degrees.
 const CURVE_FACETS: usize = 3;
 /// Space between characters beyond the font's own, as a fraction of their height.
 const TRACKING: f64 = 0.06;
+/// Thickness of the line beneath a number and its distance, as fractions of the number's height: at
+/// the smallest size, 2.2 mm, both are as wide as a nozzle.
+const UNDERLINE: (f64, f64) = (0.18, 0.18);
 
 /// Words in the plane, their box centered at the origin, mm.
 pub(super) struct Words {
@@ -52,6 +56,26 @@ impl Words {
             pen += scale * f64::from(advance) + TRACKING * height;
         }
         Ok(Self::centered(outlines))
+    }
+
+    /// Sets a dot's number, with a line beneath where it would read as another upside down.
+    ///
+    /// # Errors
+    /// As [`Words::new`].
+    pub fn number(dot: usize, height: f64) -> Result<Self> {
+        let mut words = Self::new(&dot.to_string(), height)?;
+        if !reads_upside_down(dot) {
+            return Ok(words);
+        }
+        let (w, foot) = (words.half_width, -words.half_height - UNDERLINE.1 * height);
+        let below = foot - UNDERLINE.0 * height;
+        // Reversed as the font's outlines are, which `centered` turns.
+        let line = vec![(-w, foot), (w, foot), (w, below), (-w, below)];
+        for outline in &mut words.outlines {
+            outline.reverse();
+        }
+        words.outlines.push(line);
+        Ok(Self::centered(words.outlines))
     }
 
     /// An arrow that points upwards, `height` high.

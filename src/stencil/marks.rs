@@ -208,7 +208,7 @@ pub(super) fn numbers(
         let mut found = Vec::new();
         for (size, nearer) in TRIES {
             let height = size * full;
-            let words = Words::new(&dot.to_string(), height)?;
+            let words = Words::number(*dot, height)?;
             let places = places(direction, &words, nearer, around, config, joint);
             found.extend(places.into_iter().map(|place| (height, nearer, place)));
         }
@@ -239,7 +239,7 @@ pub(super) fn numbers(
             marks.left_out.push(dot);
             continue;
         };
-        let words = Words::new(&dot.to_string(), height_mm)?;
+        let words = Words::number(dot, height_mm)?;
         marks.tools.push(tool(&place, &words, config)?);
         marks.numbers.push(DotNumber {
             dot,

@@ -36,6 +36,7 @@
 //! # }
 //! ```
 
+mod bed;
 mod clean;
 mod config;
 pub mod coupon;
@@ -55,6 +56,7 @@ mod threemf;
 mod webs;
 mod windows;
 
+pub use bed::{Bed, COMMON_BEDS};
 pub use config::{Closure, StencilConfig};
 pub use export::stl_bytes;
 pub use joint::Joint;

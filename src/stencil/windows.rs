@@ -31,6 +31,8 @@ pub struct Window {
     pub half: HalfName,
     /// Its radius, mm.
     pub radius_mm: f64,
+    /// Radius of the zone on the ball, mm: the window's where there is space for it.
+    pub zone_radius_mm: f64,
 }
 
 /// A zone that has no window.
@@ -40,6 +42,8 @@ pub struct ClosedZone {
     pub zone: usize,
     /// Direction of its middle, stencil frame.
     pub axis: Vec3,
+    /// Radius of the zone on the ball, mm.
+    pub zone_radius_mm: f64,
 }
 
 /// What windows keep clear of.
@@ -69,6 +73,7 @@ pub(super) fn windows(
         let angle = cone.half_angle_rad.min(MAX_HALF_ANGLE_DEG.to_radians());
         let wanted = config.inner_radius_mm() * angle.sin();
         let least = (MIN_SHARE * wanted).max(MIN_RADIUS_MM);
+        let zone_radius_mm = 0.5 * config.ball_diameter_mm * cone.half_angle_rad.sin();
         let steps = ((wanted - least) / STEP_MM).floor().max(-1.0) as i64;
         let window = (0..=steps)
             .map(|k| Window {
@@ -76,6 +81,7 @@ pub(super) fn windows(
                 axis: cone.axis,
                 half,
                 radius_mm: wanted - STEP_MM * k as f64,
+                zone_radius_mm,
             })
             .find(|w| w.fits(around, &open, config, joint));
         match window {
@@ -83,6 +89,7 @@ pub(super) fn windows(
             None => closed.push(ClosedZone {
                 zone,
                 axis: cone.axis,
+                zone_radius_mm,
             }),
         }
     }

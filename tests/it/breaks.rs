@@ -301,7 +301,7 @@ fn the_corpus_of_fuzzing() {
 
 /// Inputs of the corpus that each reader takes, of so many.
 #[cfg(feature = "vision")]
-const VALID: [(&str, usize, usize); 16] = [];
+const VALID: &[(&str, usize, usize)] = &[];
 
 /// The corpus of a target: an archive of what coverage-guided runs kept.
 #[cfg(feature = "vision")]
@@ -310,13 +310,14 @@ fn archived(fuzz: &Path, target: &str) -> Vec<(String, Vec<u8>)> {
         return Vec::new();
     };
     let mut archive = zip::ZipArchive::new(file).unwrap();
+    let count = archive.len();
     let read = |i| {
         let mut entry = archive.by_index(i).unwrap();
         let mut bytes = Vec::new();
         std::io::Read::read_to_end(&mut entry, &mut bytes).unwrap();
         (entry.name().unwrap().into_owned(), bytes)
     };
-    (0..archive.len()).map(read).collect()
+    (0..count).map(read).collect()
 }
 
 /// Inputs with a name: seeds, and what was mended.

@@ -8,8 +8,9 @@ use std::process::{Command, Output};
 
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
 use spindoe::mark::{
-    Drawing, GoreConfig, Layer, MarkConfig, PageSize, PlotterConfig, Shape, dxf_text, free_axis,
-    gores, pdf_bytes, plotter_paths, svg_text,
+    Caliper, Drawing, GoreConfig, Item, Layer, MarkConfig, PageSize, PlotterConfig, Shape,
+    StickerConfig, dxf_text, free_axis, gores, pdf_bytes, plotter_paths, references, stickers,
+    svg_text,
 };
 use spindoe::pattern::Pattern;
 
@@ -51,11 +52,6 @@ fn the_poles_are_as_free_as_any_axis() {
     }
 }
 
-/// A number of the drawing's note.
-fn note(drawing: &Drawing, name: &str) -> f64 {
-    drawing.note[name].as_f64().unwrap()
-}
-
 fn rotation(drawing: &Drawing) -> Rotation {
     let q = |k: &str| {
         drawing.note["rotation_pattern_to_mark"][k]
@@ -70,121 +66,434 @@ fn rotation(drawing: &Drawing) -> Rotation {
     ))
 }
 
-/// The parts of all dots, laid back on the ball by the note alone: every point lies within its dot, the
-/// points on the rims surround it, and the parts make up its area.
-#[test]
-fn lobes_hold_all_of_every_dot() {
-    for (i, &ball) in BALLS_MM.iter().enumerate() {
-        let pattern = pattern(24);
-        let (config, lobes) = (config(ball), [12, 16, 24][i % 3]);
-        let page = [PageSize::Sheet, PageSize::A4, PageSize::Letter][i % 3];
-        let drawing = gores(
-            &pattern,
-            &config,
-            &GoreConfig {
+/// A piece of a lobe: its place on its page, and its cut.
+struct Piece<'a> {
+    page: usize,
+    origin: [f64; 2],
+    longitude: f64,
+    dots: Vec<usize>,
+    cut: &'a [spindoe::mark::Point],
+}
+
+impl Piece<'_> {
+    /// Points of the page on the ball of radius 1, in the frame of the marks.
+    fn on_ball(&self, points: &[spindoe::mark::Point], radius: f64) -> Vec<Vec3> {
+        let meridian = Rotation::from_axis_angle(&Vec3::z_axis(), self.longitude);
+        let back = |p: &spindoe::mark::Point| {
+            let [u, v] = [p.x - self.origin[0], p.y - self.origin[1]].map(|mm| mm / radius);
+            meridian * Vec3::new(u.cos() * v.cos(), u.sin(), u.cos() * v.sin())
+        };
+        points.iter().map(back).collect()
+    }
+}
+
+/// The pieces of lobes by the note; cuts are drawn in their order.
+fn pieces(drawing: &Drawing) -> Vec<Piece<'_>> {
+    let items = drawing.pages.iter().flat_map(|page| &page.items);
+    let cuts = items.filter_map(|item| match (&item.shape, item.layer) {
+        (Shape::Loop(points), Layer::Cut) => Some(points.as_slice()),
+        _ => None,
+    });
+    let pieces = drawing.note["pieces"].as_array().unwrap();
+    let pieces = pieces.iter().zip(cuts).map(|(piece, cut)| {
+        let value = |k: &str| piece[k].as_f64().unwrap();
+        let dots = piece["dots"].as_array().unwrap().iter();
+        Piece {
+            page: value("page") as usize,
+            origin: [value("x_mm"), value("y_mm")],
+            longitude: value("longitude_deg").to_radians(),
+            dots: dots.map(|d| d.as_u64().unwrap() as usize).collect(),
+            cut,
+        }
+    });
+    pieces.collect()
+}
+
+/// The area on the ball, mm^2, of a polygon given by its points' distances from a lobe's middle, mm.
+fn area(points: &[spindoe::mark::Point], piece: &Piece<'_>, radius: f64) -> f64 {
+    let n = points.len();
+    (0..n)
+        .map(|k| {
+            let (p, q) = (points[k], points[(k + 1) % n]);
+            let strip = |x: f64| radius * ((x - piece.origin[0]) / radius).sin();
+            0.5 * (strip(p.x) + strip(q.x)) * (q.y - p.y)
+        })
+        .sum()
+}
+
+/// Balls, patterns, and the numbers of lobes that are drawn for them.
+fn drawn_lobes() -> impl Iterator<Item = (Pattern, MarkConfig, Drawing)> {
+    let shipped = spindoe::pattern::shipped_designs().unwrap().into_iter();
+    let patterns = shipped.map(|s| s.pattern).chain([pattern(24), pattern(60)]);
+    patterns.enumerate().flat_map(|(k, pattern)| {
+        let drawn = [12, 13, 24].into_iter().enumerate().map(move |(i, lobes)| {
+            let mut config = config(BALLS_MM[(i + k) % 5]);
+            if pattern.len() > 40 {
+                config.dot_diameter_mm *= 0.6;
+            }
+            let own = GoreConfig {
                 lobes,
-                page,
+                page: [PageSize::Sheet, PageSize::A4, PageSize::Letter][(i + k) % 3],
                 ..GoreConfig::default()
-            },
-        )
-        .unwrap();
-        let (radius, edge) = (0.5 * ball, config.dot_angle_rad());
-        let back = rotation(&drawing).inverse();
-        let half_lobe = std::f64::consts::PI / note(&drawing, "lobes");
-        let mut areas = vec![0.0; pattern.len()];
-        let mut rims = vec![0.0; pattern.len()];
-        for piece in drawing.note["pieces"].as_array().unwrap() {
-            let value = |k: &str| piece[k].as_f64().unwrap();
-            let page = &drawing.pages[value("page") as usize];
-            let meridian =
-                Rotation::from_axis_angle(&Vec3::z_axis(), value("longitude_deg").to_radians());
-            for item in page.items.iter().filter(|i| i.layer == Layer::Dots) {
-                let Shape::Area(points) = &item.shape else {
-                    panic!("a dot is no area")
+            };
+            let drawing = gores(&pattern, &config, &own);
+            let drawing =
+                drawing.unwrap_or_else(|e| panic!("{} dots, {lobes} lobes: {e}", pattern.len()));
+            (pattern.clone(), config, drawing)
+        });
+        drawn.collect::<Vec<_>>()
+    })
+}
+
+/// Every dot, laid back on the ball by the note alone, is whole in one piece, and no cut goes through
+/// it or another.
+#[test]
+fn no_cut_goes_through_a_dot() {
+    for (pattern, config, drawing) in drawn_lobes() {
+        let (radius, edge) = (config.radius_mm(), config.dot_angle_rad());
+        let turned: Vec<Vec3> = pattern
+            .dots()
+            .iter()
+            .map(|d| rotation(&drawing) * d)
+            .collect();
+        let whole = TAU * radius.powi(2) * (1.0 - edge.cos());
+        // Chords are up to 0.005 mm inside the rim, at two thirds of that on average.
+        let facets = 2.0 * (2.0 / 3.0 * 0.005) / (0.5 * config.dot_diameter_mm) + 1e-3;
+        let mut found = vec![0; pattern.len()];
+        for piece in pieces(&drawing) {
+            for (dot, center) in turned.iter().enumerate() {
+                let cut = piece.on_ball(piece.cut, radius).into_iter();
+                let middles = piece.cut.iter().zip(piece.cut.iter().cycle().skip(1));
+                let middles: Vec<_> = middles.map(|(a, b)| nalgebra::center(a, b)).collect();
+                let cut = cut.chain(piece.on_ball(&middles, radius));
+                let off = cut.map(|p| radius * (angle_between(&p, center) - edge));
+                let nearest = off.fold(f64::INFINITY, f64::min);
+                assert!(
+                    nearest > 0.0,
+                    "{}: a cut is {nearest} mm off dot {dot}",
+                    drawing.title
+                );
+            }
+            for &dot in &piece.dots {
+                let own = |item: &&Item| item.dot == Some(dot) && item.layer == Layer::Dots;
+                let mut items = drawing.pages[piece.page].items.iter().filter(own);
+                let (
+                    Some(Item {
+                        shape: Shape::Area(points),
+                        ..
+                    }),
+                    None,
+                ) = (items.next(), items.next())
+                else {
+                    panic!("dot {dot} is not drawn once")
                 };
-                let local: Vec<_> = points
-                    .iter()
-                    .map(|p| {
-                        (
-                            (p.x - value("x_mm")) / radius,
-                            (p.y - value("y_mm")) / radius,
-                        )
-                    })
-                    .collect();
-                let n = local.len() as f64;
-                let middle = local
-                    .iter()
-                    .fold((0.0, 0.0), |m, p| (m.0 + p.0 / n, m.1 + p.1 / n));
-                let range = value("from_mm") / radius..=value("to_mm") / radius;
-                if middle.0.abs() > half_lobe || !range.contains(&middle.1) {
-                    continue;
+                for p in piece.on_ball(points, radius) {
+                    let off = radius * (angle_between(&p, &turned[dot]) - edge);
+                    assert!(
+                        off.abs() < 0.01,
+                        "{}: dot {dot} off by {off} mm",
+                        drawing.title
+                    );
                 }
-                let dot = item.dot.unwrap();
-                for (k, &(u, v)) in local.iter().enumerate() {
-                    let p = Vec3::new(u.cos() * v.cos(), u.sin(), u.cos() * v.sin());
-                    let off = radius
-                        * (angle_between(&(back * meridian * p), &pattern.dots()[dot]) - edge);
-                    assert!(off < 0.01, "{ball} mm, dot {dot}: {off} mm outside");
-                    let (next_u, next_v) = local[(k + 1) % local.len()];
-                    areas[dot] += radius.powi(2) * 0.5 * (u.sin() + next_u.sin()) * (next_v - v);
-                    if off.abs() < 0.01 {
-                        rims[dot] += radius * (next_u - u).hypot(next_v - v);
-                    }
-                }
+                let share = area(points, &piece, radius) / whole;
+                assert!(
+                    (share - 1.0).abs() < facets,
+                    "dot {dot}: {share} of its area"
+                );
+                found[dot] += 1;
             }
         }
-        let area = TAU * radius.powi(2) * (1.0 - edge.cos());
-        for dot in 0..pattern.len() {
-            let share = areas[dot] / area;
-            assert!(
-                (share - 1.0).abs() < 0.005,
-                "{ball} mm, dot {dot}: {share} of its area"
-            );
-            assert!(
-                rims[dot] > 0.9 * TAU * radius * edge.sin(),
-                "{ball} mm, dot {dot}: no rim"
-            );
-        }
+        assert!(
+            found.iter().all(|n| *n == 1),
+            "{}: {found:?}",
+            drawing.title
+        );
     }
 }
 
 /// Neighboring lobes share their cut: together they cover the ball once.
 #[test]
 fn lobes_cover_the_ball() {
-    for lobes in [12, 24] {
-        let config = config(40.0);
-        let drawing = gores(
-            &pattern(20),
-            &config,
-            &GoreConfig {
-                lobes,
-                ..GoreConfig::default()
-            },
-        )
-        .unwrap();
+    for (_, config, drawing) in drawn_lobes() {
         let radius = config.radius_mm();
-        let mut area = 0.0;
-        for item in drawing.pages[0]
-            .items
+        let covered = pieces(&drawing)
             .iter()
-            .filter(|i| i.layer == Layer::Cut)
-        {
-            let Shape::Loop(points) = &item.shape else {
-                panic!("a cut is no loop")
+            .map(|p| area(p.cut, p, radius))
+            .sum::<f64>();
+        let ball = 2.0 * TAU * radius.powi(2);
+        let share = covered / ball;
+        assert!(
+            (share - 1.0).abs() < 2e-3,
+            "{}: {share} of the ball",
+            drawing.title
+        );
+    }
+}
+
+/// Boxes of all words and numbers of a page, mm: text of Helvetica is at most 0.6 of its size wide a
+/// character.
+fn boxes(items: &[Item], layer: Layer) -> Vec<(String, [f64; 4])> {
+    let words = items
+        .iter()
+        .filter(|i| i.layer == layer)
+        .filter_map(|item| {
+            let Shape::Text {
+                at,
+                anchor,
+                height_mm,
+                words,
+            } = &item.shape
+            else {
+                return None;
             };
-            let middle = points.iter().map(|p| p.x).sum::<f64>() / points.len() as f64;
-            for (k, p) in points.iter().enumerate() {
-                let q = points[(k + 1) % points.len()];
-                let strip = |x: f64| radius * ((x - middle) / radius).sin();
-                area += 0.5 * (strip(p.x) + strip(q.x)) * (q.y - p.y);
+            let width = height_mm / 0.72 * 0.556 * words.len() as f64;
+            let left = match anchor {
+                spindoe::mark::Anchor::Start => at.x,
+                spindoe::mark::Anchor::Middle => at.x - 0.5 * width,
+                spindoe::mark::Anchor::End => at.x - width,
+            };
+            Some((words.clone(), [left, at.y, left + width, at.y + height_mm]))
+        });
+    words.collect()
+}
+
+fn distance(frame: &[f64; 4], p: &spindoe::mark::Point) -> f64 {
+    let x = (frame[0] - p.x).max(p.x - frame[2]).max(0.0);
+    let y = (frame[1] - p.y).max(p.y - frame[3]).max(0.0);
+    x.hypot(y)
+}
+
+/// Numbers stand off dots, cuts and each other, on lobes and on stickers' maps.
+#[test]
+fn numbers_are_never_covered() {
+    let sheets = |(pattern, config, lobes): (Pattern, MarkConfig, Drawing)| {
+        let maps = [PageSize::Sheet, PageSize::A4].map(|page| {
+            let own = StickerConfig {
+                page,
+                ..StickerConfig::default()
+            };
+            stickers(&pattern, &config, &own).unwrap()
+        });
+        maps.into_iter().chain([lobes])
+    };
+    for drawing in drawn_lobes().flat_map(sheets) {
+        for page in &drawing.pages {
+            let numbers = boxes(&page.items, Layer::Notes);
+            let numbers: Vec<_> = numbers
+                .iter()
+                .filter(|(words, _)| words.len() < 3)
+                .collect();
+            for (k, (number, frame)) in numbers.iter().enumerate() {
+                for item in page
+                    .items
+                    .iter()
+                    .filter(|i| matches!(i.layer, Layer::Dots | Layer::Cut))
+                {
+                    let (Shape::Area(points) | Shape::Loop(points)) = &item.shape else {
+                        continue;
+                    };
+                    let nearest = points
+                        .iter()
+                        .map(|p| distance(frame, p))
+                        .fold(f64::INFINITY, f64::min);
+                    assert!(
+                        nearest > 0.15,
+                        "{}: {number} is {nearest} mm off a dot or cut",
+                        drawing.title
+                    );
+                }
+                for (other, others) in &numbers[..k] {
+                    let apart = frame[0] > others[2]
+                        || others[0] > frame[2]
+                        || frame[1] > others[3]
+                        || others[1] > frame[3];
+                    assert!(apart, "{}: {number} covers {other}", drawing.title);
+                }
+                assert!(
+                    frame[0] > 0.0 && frame[2] < page.width_mm && frame[3] < page.height_mm,
+                    "{}: {number} leaves the page",
+                    drawing.title
+                );
             }
         }
-        let ball = 2.0 * TAU * radius.powi(2);
+    }
+}
+
+/// Each lobe has its letter inside its cut, and an arrow that points north above it, off all dots.
+#[test]
+fn every_lobe_carries_its_letter_and_an_arrow() {
+    for (_, _, drawing) in drawn_lobes() {
+        let pieces = pieces(&drawing);
+        let note = drawing.note["pieces"].as_array().unwrap();
+        for (piece, note) in pieces.iter().zip(note) {
+            let items = &drawing.pages[piece.page].items;
+            let inside = |x: f64, y: f64| {
+                let edges = piece.cut.iter().zip(piece.cut.iter().cycle().skip(1));
+                let crossed = edges.filter(|(a, b)| {
+                    (a.y > y) != (b.y > y) && x < a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x)
+                });
+                crossed.count() % 2 == 1
+            };
+            let name = note["name"].as_str().unwrap();
+            let names = boxes(items, Layer::Names);
+            let found = names
+                .iter()
+                .find(|(words, f)| words == name && inside(f[0], f[1]));
+            let Some((_, frame)) = found else {
+                panic!("{}: no {name} within its lobe", drawing.title)
+            };
+            assert!(inside(frame[2], frame[3]));
+            let above = |item: &Item| match &item.shape {
+                Shape::Line(points) if item.layer == Layer::Names && points.len() == 3 => {
+                    let tip = points[1];
+                    tip.y > frame[3]
+                        && tip.y > points[0].y
+                        && tip.y > points[2].y
+                        && frame[0] < tip.x
+                        && tip.x < frame[2]
+                        && inside(tip.x, tip.y)
+                }
+                _ => false,
+            };
+            assert!(
+                items.iter().any(above),
+                "{}: no arrow above {name}",
+                drawing.title
+            );
+            for item in items.iter().filter(|i| i.layer == Layer::Dots) {
+                if let Shape::Area(points) = &item.shape {
+                    assert!(points.iter().all(|p| distance(frame, p) > 0.2));
+                }
+            }
+        }
+    }
+}
+
+/// The place that three distances give: gradient steps from the true one.
+fn laid_off(start: Vec3, from: &[Vec3], distances: &[f64]) -> Vec3 {
+    let mut d = start;
+    for _ in 0..60 {
+        let mut normal = nalgebra::Matrix3::from_diagonal_element(1e-12);
+        let mut pull = Vec3::zeros();
+        for (p, s) in from.iter().zip(distances) {
+            let way = (d - p).normalize();
+            let way = way - way.dot(&d) * d;
+            normal += way * way.transpose();
+            pull += way * (s - (d - p).norm());
+        }
+        // Steps stay on the ball.
+        let step = (normal + d * d.transpose()).lu().solve(&pull).unwrap();
+        d = (d + step).normalize();
+    }
+    d
+}
+
+/// Distances that are off by up to an error, laid off one after another, put no dot farther off than
+/// stated, and the worst one nearly so far.
+#[test]
+fn a_caliper_must_be_as_exact_as_stated() {
+    for shipped in spindoe::pattern::shipped_designs().unwrap() {
+        let dots = shipped.pattern.dots();
+        let from = references(dots).unwrap();
+        let caliper = Caliper::new(dots, from);
+        let [a, b, c] = from.map(|i| dots[i]);
+        // No other place has these distances: the three are far from a great circle.
+        assert!(a.dot(&b.cross(&c)).abs() > 0.7, "{}", shipped.name);
         assert!(
-            (area / ball - 1.0).abs() < 1e-3,
-            "{lobes} lobes: {} of the ball",
-            area / ball
+            caliper.worst_ratio < 5.2,
+            "{}: {}",
+            shipped.name,
+            caliper.worst_ratio
         );
+        let error = 1e-5;
+        let mut worst = 0.0f64;
+        for (i, &d) in dots.iter().enumerate().filter(|(i, _)| !from.contains(i)) {
+            for bits in 0..64u32 {
+                let off = |k: u32| if bits >> k & 1 == 0 { error } else { -error };
+                let second = {
+                    // Along the great circle from the first.
+                    let angle = 2.0 * (0.5 * ((b - a).norm() + off(0))).asin();
+                    let way = (b - b.dot(&a) * a).normalize();
+                    angle.cos() * a + angle.sin() * way
+                };
+                let third = laid_off(
+                    c,
+                    &[a, second],
+                    &[(c - a).norm() + off(1), (c - b).norm() + off(2)],
+                );
+                let distances = [
+                    (d - a).norm() + off(3),
+                    (d - b).norm() + off(4),
+                    (d - c).norm() + off(5),
+                ];
+                let placed = laid_off(d, &[a, second, third], &distances);
+                let ratio = (placed - d).norm() / error;
+                assert!(
+                    ratio < 1.01 * caliper.worst_ratio,
+                    "{}: dot {i} {ratio}",
+                    shipped.name
+                );
+                worst = worst.max(ratio);
+            }
+        }
+        assert!(
+            worst > 0.98 * caliper.worst_ratio,
+            "{}: {worst}",
+            shipped.name
+        );
+    }
+}
+
+/// Every sheet says what it is, and a date only where one is stated.
+#[test]
+fn every_sheet_has_a_title_block() {
+    let dated = MarkConfig {
+        date: Some("2031-02-03".to_owned()),
+        ..config(220.0)
+    };
+    for (config, date) in [(dated, true), (config(220.0), false)] {
+        let pattern = pattern(40);
+        let page = PageSize::Letter;
+        let sheet = StickerConfig {
+            page,
+            ..StickerConfig::default()
+        };
+        let lobes = GoreConfig {
+            page,
+            ..GoreConfig::default()
+        };
+        for drawing in [
+            gores(&pattern, &config, &lobes).unwrap(),
+            stickers(&pattern, &config, &sheet).unwrap(),
+        ] {
+            for (k, page) in drawing.pages.iter().enumerate() {
+                let words = boxes(&page.items, Layer::Notes);
+                let facts = words
+                    .iter()
+                    .find(|(w, _)| w.starts_with("pattern "))
+                    .unwrap();
+                assert!(facts.0.contains(&pattern.sha256()[..12]), "{}", facts.0);
+                assert!(
+                    facts.0.contains("ball 220 mm; 40 dots of 22 mm"),
+                    "{}",
+                    facts.0
+                );
+                assert_eq!(facts.0.contains("; 2031-02-03; "), date, "{}", facts.0);
+                let sheet = format!("sheet {} of {}", k + 1, drawing.pages.len());
+                assert!(facts.0.ends_with(&sheet), "{}", facts.0);
+                // Nothing else comes so low.
+                for item in page
+                    .items
+                    .iter()
+                    .filter(|i| i.layer == Layer::Cut || i.layer == Layer::Dots)
+                {
+                    let (Shape::Area(points) | Shape::Loop(points)) = &item.shape else {
+                        continue;
+                    };
+                    assert!(points.iter().all(|p| p.y > facts.1[3] + 4.0));
+                }
+            }
+        }
     }
 }
 
@@ -294,7 +603,13 @@ fn bad_input_is_one_line_and_leaves_no_file() {
             "at most",
         ),
         (
-            &["--as", "plotter", "-o", "out.svg", "--pen-diameter-mm", "5"],
+            &[
+                "--as",
+                "plotter",
+                "-o",
+                "out.svg",
+                "--config=pen_diameter_mm=5",
+            ],
             "the dot's diameter",
         ),
         (
@@ -400,6 +715,10 @@ fn too_large_dots_are_refused_by_the_nearest_pair() {
         ..MarkConfig::default()
     };
     let error = config(8.0).validate(&pattern).unwrap_err().to_string();
+    assert_eq!(
+        config(25.0).validate(&pattern).unwrap_err().to_string(),
+        error.replace("found 8;", "found 25;")
+    );
     let (_, rest) = error.split_once("at most ").unwrap();
     let fits: f64 = rest.split(' ').next().unwrap().parse().unwrap();
     assert!(config(fits).validate(&pattern).is_ok(), "{error}");

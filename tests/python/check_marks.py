@@ -8,10 +8,13 @@ file says in a JSON note how its coordinates lie on the ball; the pattern is rea
 
   place      the circle through the rim of each dot, laid back on the ball, has its center within 0.1 mm of the
              pattern's dot
-  rim        every point of an outline lies within 0.1 mm of the dot's rim, or on a cut inside it
-  area       the parts of each dot cover 99.5 to 100.5 % of it
-  numbers    every dot's number stands once
-  stickers   the single dots have the dot's diameter; the table's angles and distances are the pattern's
+  rim        every point of an outline lies within 0.1 mm of the dot's rim
+  area       each dot covers 99.5 to 100.5 % of itself
+  cuts       every dot of a lobe lies within its cut, and no cut comes within a dot
+  numbers    every dot's number stands once, off every dot and cut
+  stickers   the single dots have the dot's diameter; the table's angles and distances are the pattern's, and its
+             heading stands on every page that has a row of it
+  block      every sheet says the pattern, the ball and the dots
   plotter    the pen reaches the rim, inks every point of the dot, never draws while it travels, and keeps its speed
   pages      PDF pages are A4 or Letter, and the check line is 200 mm long
 
@@ -32,6 +35,8 @@ from svgpathtools import parse_path
 
 MOST_MM = 0.1
 POINT_MM = 25.4 / 72
+# Height of the title block at a sheet's foot, with its margin.
+BLOCK_MM = 20
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -67,7 +72,7 @@ class Sheet:
 
     def __init__(self, width, height):
         self.size = (width, height)
-        self.areas, self.loops, self.lines, self.words = [], [], [], []
+        self.areas, self.loops, self.lines, self.words, self.boxes = [], [], [], [], []
 
 
 def read_svg(path, faults):
@@ -111,7 +116,12 @@ def read_pdf(path, faults):
                 sheet.lines.append(points)
             for word in page.extract_words(x_tolerance=1):
                 at = (word["x0"] * POINT_MM, (height - word["bottom"]) * POINT_MM)
-                sheet.words.append((word["text"], *at))
+                if at[1] > BLOCK_MM:
+                    sheet.words.append((word["text"], *at))
+                    size = [(word["x1"] - word["x0"]) * POINT_MM, (word["bottom"] - word["top"]) * POINT_MM]
+                    # Letters fill the middle of their box's height.
+                    sheet.boxes.append((word["text"], at[0], at[1] + 0.2 * size[1], at[0] + size[0],
+                                        at[1] + 0.8 * size[1]))
             sheet.text = page.extract_text()
             sheets.append(sheet)
     return note, sheets
@@ -142,18 +152,17 @@ def fitted_center(points):
 
 
 def check_rims(found, pattern, note, faults):
-    """`found`: a list of (unit vectors in the pattern's frame, which of them lie on a cut)."""
+    """`found`: a list of dots' outlines, unit vectors in the pattern's frame."""
     radius = 0.5 * note["ball_diameter_mm"]
     edge = np.arcsin(note["dot_diameter_mm"] / note["ball_diameter_mm"])
     rims = [[] for _ in pattern]
-    for vectors, on_cut in found:
+    for vectors in found:
         middle = vectors.mean(axis=0)
         dot = int(np.argmax(pattern @ middle))
         angle = np.arccos(np.clip(vectors @ pattern[dot], -1, 1))
         off = radius * (angle - edge)
         faults.expect(off.max() < MOST_MM, f"dot {dot}: a point lies {off.max():.3f} mm outside")
-        inside = (off < -MOST_MM) & ~on_cut
-        faults.expect(not inside.any(), f"dot {dot}: {inside.sum()} points lie neither on its rim nor on a cut")
+        faults.expect(off.min() > -MOST_MM, f"dot {dot}: a point lies {-off.min():.3f} mm inside its rim")
         rims[dot].append(vectors[np.abs(off) < MOST_MM])
     worst = 0.0
     for dot, parts in enumerate(rims):
@@ -174,42 +183,66 @@ def check_numbers(words, count, n, faults):
         faults.expect(found >= count, f"the number {dot} stands {found} times")
 
 
+def contains(loop, points):
+    """Which points lie within a closed line."""
+    a, b = loop, np.roll(loop, -1, axis=0)
+    x, y = points[:, :1], points[:, 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        meets = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    crossed = ((a[:, 1] > y) != (b[:, 1] > y)) & (x < meets)
+    return crossed.sum(axis=1) % 2 == 1
+
+
+def check_free(sheets, faults):
+    """Numbers of a PDF stand off dots and cuts."""
+    for sheet in sheets:
+        for number, left, low, right, high in sheet.boxes:
+            if not re.fullmatch(r"\d+", number):
+                continue
+            for points in sheet.areas + sheet.loops:
+                inside = ((points > [left, low]) & (points < [right, high])).all(axis=1)
+                faults.expect(not inside.any(), f"the number {number} meets a dot or a cut")
+                middle = np.array([[0.5 * (left + right), 0.5 * (low + high)]])
+                faults.expect(not contains(points, middle).any(), f"the number {number} stands in a dot or a lobe")
+
+
 def check_gores(note, sheets, pattern, faults):
     radius, turn = 0.5 * note["ball_diameter_mm"], rotation(note["rotation_pattern_to_mark"])
-    half = np.pi / note["lobes"]
-    width = radius * half + note["bleed_mm"]
+    edge = np.arcsin(note["dot_diameter_mm"] / note["ball_diameter_mm"])
     found, areas = [], np.zeros(len(pattern))
+    seen = 0
     for index, sheet in enumerate(sheets):
         pieces = [p for p in note["pieces"] if p["page"] == index]
-        for points in sheet.areas:
-            x, y = points.mean(axis=0)
-            inside = [p for p in pieces if abs(x - p["x_mm"]) < width + 0.1
-                      and p["from_mm"] - 0.1 < y - p["y_mm"] < p["to_mm"] + 0.1]
-            faults.expect(len(inside) == 1, f"a dot at {x:.1f}, {y:.1f} mm lies in {len(inside)} pieces")
-            if len(inside) != 1:
-                continue
-            piece = inside[0]
-            u, v = (points - [piece["x_mm"], piece["y_mm"]]).T / radius
-            local = np.stack([np.cos(u) * np.cos(v), np.sin(u), np.cos(u) * np.sin(v)], 1)
-            to_cut = half - np.abs(np.arctan2(local[:, 1], local[:, 0]))
-            on_cut = radius * np.abs(to_cut) * np.hypot(local[:, 0], local[:, 1]) < 0.02
-            for end in (piece["from_mm"], piece["to_mm"]):
-                on_cut |= np.abs(radius * v - end) < 0.02
+        faults.expect(len(sheet.loops) == len(pieces), f"{len(sheet.loops)} cuts for {len(pieces)} pieces")
+        for piece, loop in zip(pieces, sheet.loops):
             s, c = np.sin(np.radians(piece["longitude_deg"])), np.cos(np.radians(piece["longitude_deg"]))
-            vectors = local @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ turn
-            found.append((vectors, on_cut))
-            # Area on the ball: cos(x/R) dx dy, by Green's theorem.
-            m = radius**2 * np.sin(u)
-            area = 0.5 * np.sum((m + np.roll(m, -1)) * (np.roll(v, -1) - v))
-            areas[np.argmax(pattern @ vectors.mean(axis=0))] += abs(area)
+
+            def on_ball(points):
+                u, v = (points - [piece["x_mm"], piece["y_mm"]]).T / radius
+                local = np.stack([np.cos(u) * np.cos(v), np.sin(u), np.cos(u) * np.sin(v)], 1)
+                return u, v, local @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ turn
+
+            cut = on_ball(np.vstack([loop, 0.5 * (loop + np.roll(loop, -1, axis=0))]))[2]
+            to_rim = radius * (np.arccos(np.clip(cut @ pattern.T, -1, 1)) - edge)
+            faults.expect(to_rim.min() > 0, f"the cut of {piece['name']} goes {-to_rim.min():.3f} mm into a dot")
+            within = [points for points in sheet.areas if contains(loop, points.mean(axis=0)[None])[0]]
+            faults.expect(len(within) == len(piece["dots"]), f"{len(within)} dots within {piece['name']}")
+            seen += len(within)
+            for points in within:
+                faults.expect(contains(loop, points).all(), f"a dot leaves {piece['name']}")
+                u, v, vectors = on_ball(points)
+                found.append(vectors)
+                # Area on the ball: cos(x/R) dx dy, by Green's theorem.
+                m = radius**2 * np.sin(u)
+                area = 0.5 * np.sum((m + np.roll(m, -1)) * (np.roll(v, -1) - v))
+                areas[np.argmax(pattern @ vectors.mean(axis=0))] += abs(area)
+    faults.expect(seen == sum(len(sheet.areas) for sheet in sheets), "a dot lies in no lobe")
     worst = check_rims(found, pattern, note, faults)
-    edge = np.arcsin(note["dot_diameter_mm"] / note["ball_diameter_mm"])
     share = areas / (2 * np.pi * radius**2 * (1 - np.cos(edge)))
     faults.expect(np.all(np.abs(share - 1) < 0.005), f"dots' areas: {share.min():.4f} to {share.max():.4f}")
-    loops = sum(len(sheet.loops) for sheet in sheets)
-    faults.expect(loops == len(note["pieces"]), f"{loops} cutting lines for {len(note['pieces'])} pieces")
     words = [w for sheet in sheets for w in sheet.words]
     check_numbers(words, 1, len(pattern), faults)
+    check_free(sheets, faults)
     return worst
 
 
@@ -228,7 +261,7 @@ def check_stickers(note, sheets, pattern, faults, from_top):
                     z = np.hypot(p, q)
                     r = np.sin(z) / np.maximum(z, 1e-12)
                     local = np.stack([p * r, sign * q * r, sign * np.cos(z)], 1)
-                    found.append((local @ turn, np.zeros(len(points), bool)))
+                    found.append(local @ turn)
                     break
             else:
                 singles += 1
@@ -240,6 +273,7 @@ def check_stickers(note, sheets, pattern, faults, from_top):
     words = [w for sheet in sheets for w in sheet.words]
     # Beneath its sticker, on the map, in the table.
     check_numbers(words, 3, len(pattern), faults)
+    check_free(sheets, faults)
     return worst
 
 
@@ -247,6 +281,12 @@ def check_table(sheets, pattern, note, faults):
     """The table of a PDF: dot, latitude, longitude and three distances in each row."""
     text = "\n".join(sheet.text for sheet in sheets)
     names = [int(n) for n in re.findall(r"to dot (\d+), mm", text)]
+    row = r"^\d+ -?\d+\.\d+ \d+\.\d+ \d+\.\d+ \d+\.\d+ \d+\.\d+$"
+    for sheet in sheets:
+        headed = re.search(r"^dot latitude, deg", sheet.text, re.M)
+        faults.expect(headed or not re.search(row, sheet.text, re.M), "a part of the table has no heading")
+    faults.expect(len(names) % 3 == 0 and names == names[:3] * (len(names) // 3), "the headings differ")
+    names = names[:3]
     rows = re.findall(r"^(\d+) (-?\d+\.\d+) (\d+\.\d+) (\d+\.\d+) (\d+\.\d+) (\d+\.\d+)$", text, re.M)
     turned = pattern @ rotation(note["rotation_pattern_to_mark"]).T
     radius = 0.5 * note["ball_diameter_mm"]
@@ -367,7 +407,10 @@ def check(path, pattern):
                       "a line leaves the page")
         worst = check_paths(lines, pattern, note, faults)
     if path.suffix == ".pdf":
+        facts = (f"pattern {note['pattern_sha256'][:12]}; ball {note['ball_diameter_mm']:g} mm; "
+                 f"{len(pattern)} dots of {note['dot_diameter_mm']:g} mm")
         for sheet in sheets:
+            faults.expect(facts in sheet.text, "a sheet without a title block")
             sizes = [(210, 297), (215.9, 279.4)]
             near = min(max(abs(a - b) for a, b in zip(sheet.size, size)) for size in sizes)
             faults.expect(near < 0.01, f"a page of {sheet.size[0]:.2f} x {sheet.size[1]:.2f} mm")
@@ -375,7 +418,7 @@ def check(path, pattern):
             faults.expect(abs(max(heights, default=0) - 200) < 0.01, "the check line is not 200 mm long")
             for points in sheet.areas + sheet.loops:
                 low, high = points.min(axis=0), points.max(axis=0)
-                faults.expect((low > 0).all() and (high < sheet.size).all(), "something leaves the page")
+                faults.expect(low[0] > 0 and low[1] > BLOCK_MM and (high < sheet.size).all(), "something leaves the page")
     return faults, note, worst
 
 
