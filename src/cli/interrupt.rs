@@ -5,13 +5,15 @@
 //! running.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::error::{Error, Result};
 use crate::files;
 
 /// The flag that the first signal sets, once a command has asked for it.
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+/// What the first signal is answered with.
+static ANSWER: Mutex<&str> = Mutex::new("");
 /// Whether signals are caught.
 static CAUGHT: OnceLock<std::result::Result<(), String>> = OnceLock::new();
 
@@ -24,12 +26,13 @@ pub(super) fn catch() {
     CAUGHT.get_or_init(|| listen().map_err(|e| e.to_string()));
 }
 
-/// A flag that the first signal sets; the second ends the process at once.
-pub(super) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
+/// A flag that the first signal sets, which is answered with these words at once; the second ends the process.
+pub(super) fn stop_on_interrupt(answer: &'static str) -> Result<Arc<AtomicBool>> {
     catch();
     if let Some(Err(e)) = CAUGHT.get() {
         return Err(Error::Internal(format!("Ctrl-C cannot be caught: {e}")));
     }
+    *ANSWER.lock().unwrap_or_else(PoisonError::into_inner) = answer;
     let stop = STOP.get_or_init(Arc::default);
     // In a process that runs several commands, the last one's signal is past.
     stop.store(false, Ordering::Relaxed);
@@ -67,7 +70,11 @@ fn interrupted(signal: i32) {
     let is_asked = STOP
         .get()
         .is_some_and(|stop| !stop.swap(true, Ordering::Relaxed));
-    if !is_asked {
+    if is_asked {
+        let answer = *ANSWER.lock().unwrap_or_else(PoisonError::into_inner);
+        // On a line of its own: a bar may stand on this one.
+        errln!("\nspindoe: {answer}");
+    } else {
         files::remove_all_asides();
         std::process::exit(128 + signal);
     }

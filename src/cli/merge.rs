@@ -86,11 +86,11 @@ pub(super) fn job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option
 pub fn run(arguments: &Arguments) -> Result<()> {
     let (job, command) = job(&arguments.shards, arguments.output.clone())?;
     check_for_design()?;
-    let stop = stop_on_interrupt()?;
+    let stop = stop_on_interrupt(super::design::STOPPING)?;
     let clock = Instant::now();
     let mut progress = MergeProgress {
         command,
-        line: Progress::new(1, "{elapsed} gone  {msg}", SILENCE),
+        line: Progress::new(1, "{elapsed} gone  {wide_msg}", SILENCE),
     };
     let start = match arguments.resume {
         true => Start::Resume,

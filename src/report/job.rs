@@ -219,7 +219,7 @@ impl DesignJob {
         let outcome = design(&self.config, &mut state, stop, &mut keeper)?;
         let search_s = clock.elapsed().as_secs_f64();
         if outcome.stopped {
-            observer.step("stopped: finishing with the best so far; Ctrl-C again leaves at once");
+            observer.step("stopped: evaluating the best so far");
         }
         let searched = DesignConfig {
             rounds: state.round.max(1),

@@ -16,18 +16,7 @@ use spindoe::stencil::{HalfName, Mesh, Stencil, StencilConfig, max_margin_seam, 
 
 /// `n` dots at least `separation_deg` apart, by rejection.
 fn random_pattern(n: usize, separation_deg: f64, seed: u64) -> Pattern {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut dots: Vec<Vec3> = Vec::new();
-    while dots.len() < n {
-        let d = random_direction(&mut rng);
-        if dots
-            .iter()
-            .all(|e| angle_between(e, &d).to_degrees() > separation_deg)
-        {
-            dots.push(d);
-        }
-    }
-    Pattern::new(dots).unwrap()
+    crate::common::spread_pattern(n, separation_deg.to_radians(), seed)
 }
 
 /// How often the ray from `origin` along `direction` crosses a mesh (T. Möller, B. Trumbore, "Fast,

@@ -1,8 +1,5 @@
 //! The Monte Carlo loop: what it counts, and that it repeats itself.
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use spindoe::geometry::random_direction;
 use spindoe::pattern::Pattern;
 use spindoe::recognize::observed::observed_frames;
 use spindoe::recognize::robust::RobustRecognizer;
@@ -10,8 +7,7 @@ use spindoe::validate::{Trials, Validation};
 use spindoe::view::{ProtocolName, Trial};
 
 fn random_pattern(n: usize, seed: u64) -> Pattern {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    Pattern::new((0..n).map(|_| random_direction(&mut rng)).collect()).expect("distinct")
+    crate::common::spread_pattern(n, 0.0, seed)
 }
 
 /// The robust recognizer's successes on trials of a protocol.

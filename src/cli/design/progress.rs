@@ -37,7 +37,7 @@ const SEARCH_SHARE: f64 = 0.9;
 
 impl<'a> DesignProgress<'a> {
     pub fn new(config: &'a DesignConfig, arguments: &'a Arguments) -> Result<Self> {
-        let template = "{bar:25} {elapsed} gone, {eta} left  {msg}";
+        let template = "{bar:25} {elapsed} gone, {eta} left  {wide_msg}";
         Ok(Self {
             config,
             arguments,

@@ -5,7 +5,7 @@ use std::io::{Cursor, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::common::{done, spindoe};
+use crate::common::{done, files};
 use serde_json::Value;
 use spindoe::ball::Ball;
 use spindoe::geometry::Vec3;
@@ -13,22 +13,8 @@ use spindoe::pattern::Pattern;
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
-/// A folder with `pattern.csv` and `table.npz`.
 fn workshop() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
-    let pattern = crate::common::random_pattern(12, 5);
-    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
-    done(dir.path(), &["table", "pattern.csv", "-o", "table.npz"]);
-    dir
-}
-
-fn files(dir: &Path) -> Vec<String> {
-    let mut names: Vec<_> = fs::read_dir(dir)
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
-    names
+    crate::common::workshop(12)
 }
 
 /// The archive with the last byte but one of an array's data changed.
@@ -50,17 +36,9 @@ fn tampered(npz: &[u8], array: &str) -> Vec<u8> {
     zip.finish().unwrap().into_inner()
 }
 
-/// Runs the command on bad input: exit 2, one line that contains `needle`, nothing on standard output
-/// and no file more or less than before.
+/// Runs the command on bad input.
 fn refused(dir: &Path, arguments: &[&str], needle: &str) {
-    let before = files(dir);
-    let output = spindoe(dir, arguments);
-    let words = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {words}");
-    assert_eq!(words.lines().count(), 1, "{arguments:?}: {words}");
-    assert!(words.contains(needle), "{arguments:?}: {words}");
-    assert!(output.stdout.is_empty(), "{arguments:?}");
-    assert_eq!(files(dir), before, "{arguments:?}");
+    crate::common::refused(dir, arguments, 2, needle);
 }
 
 #[test]

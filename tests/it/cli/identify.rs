@@ -13,11 +13,7 @@ use spindoe::view::Trial;
 use spindoe::{ProtocolName, Trials};
 
 fn workshop() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
-    let pattern = crate::common::random_pattern(20, 5);
-    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
-    done(dir.path(), &["table", "pattern.csv", "-o", "table.npz"]);
-    dir
+    crate::common::workshop(20)
 }
 
 #[test]

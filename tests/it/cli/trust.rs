@@ -1,31 +1,15 @@
 //! What a user relies on: nothing invented is answered, nothing is lost or mixed, nothing hangs.
 
 use std::fs;
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use spindoe::files::FolderLock;
 
-use crate::common::{done, spindoe};
+use crate::common::{done, refused, spindoe};
 
 fn workshop() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
-    let pattern = crate::common::random_pattern(20, 5);
-    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
-    done(dir.path(), &["table", "pattern.csv", "-o", "table.npz"]);
-    dir
-}
-
-/// Runs the command on what it must refuse: this exit code, one line with `needle`, in no time.
-fn refused(dir: &Path, arguments: &[&str], code: i32, needle: &str) {
-    let begun = Instant::now();
-    let output = spindoe(dir, arguments);
-    let words = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {words}");
-    assert_eq!(words.lines().count(), 1, "{arguments:?}: {words}");
-    assert!(words.contains(needle), "{arguments:?}: {words}");
-    assert!(begun.elapsed() < Duration::from_secs(20), "{arguments:?}");
+    crate::common::workshop(20)
 }
 
 #[test]

@@ -116,16 +116,61 @@ pub fn assert_as_measured(what: &str, found: &Proportion, (successes, trials): (
 /// `n` dots at random, no two nearer than 0.3 rad where `n <= 20`.
 #[allow(dead_code)]
 pub fn random_pattern(n: usize, seed: u64) -> Pattern {
+    spread_pattern(n, if n <= 20 { 0.3 } else { 0.1 }, seed)
+}
+
+/// The same with this angle between any two, radians.
+#[allow(dead_code)]
+pub fn spread_pattern(n: usize, separation_rad: f64, seed: u64) -> Pattern {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let least = if n <= 20 { 0.3f64 } else { 0.1 };
     let mut dots: Vec<Vec3> = Vec::new();
     while dots.len() < n {
         let dot = random_direction(&mut rng);
-        if dots.iter().all(|d| d.dot(&dot) < least.cos()) {
+        if dots.iter().all(|d| d.dot(&dot) < separation_rad.cos()) {
             dots.push(dot);
         }
     }
     Pattern::new(dots).expect("distinct unit vectors")
+}
+
+/// A folder with a pattern of `n` dots, pattern.csv, and its table, table.npz.
+#[allow(dead_code)]
+pub fn workshop(n: usize) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().expect("a folder");
+    let pattern = random_pattern(n, 5);
+    let csv = dir.path().join("pattern.csv");
+    pattern.write_csv(&csv).expect("a file");
+    done(dir.path(), &["table", "pattern.csv", "-o", "table.npz"]);
+    dir
+}
+
+/// The names of a folder's files, in order.
+#[allow(dead_code)]
+pub fn files(dir: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(dir).expect("a folder");
+    let name = |e: std::io::Result<std::fs::DirEntry>| e.expect("a file").file_name();
+    let names = entries.map(|e| name(e).into_string().expect("UTF-8"));
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    names
+}
+
+/// Runs the command on what it must refuse: this exit code, one line with `needle`, in no time; with 2, nothing on standard
+/// output and no file more or less than before.
+#[allow(dead_code)]
+pub fn refused(dir: &Path, arguments: &[&str], code: i32, needle: &str) {
+    let before = files(dir);
+    let begun = std::time::Instant::now();
+    let output = spindoe(dir, arguments);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {words}");
+    assert_eq!(words.lines().count(), 1, "{arguments:?}: {words}");
+    assert!(words.contains(needle), "{arguments:?}: {words}");
+    if code == 2 {
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+        assert_eq!(files(dir), before, "{arguments:?}");
+    }
+    assert!(begun.elapsed().as_secs() < 20, "{arguments:?}");
 }
 
 /// Those of these signals that a child hears: one that this process was started to ignore (`nohup`, a shell's `&`) it ignores too.
