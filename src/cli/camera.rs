@@ -25,8 +25,8 @@ const FLAGS: [(&str, &str); 4] = [
 
 #[derive(Debug, Args)]
 pub struct CameraArguments {
-    /// The camera, on rendered frames of which patterns are measured: before dark and even surroundings, before any, or as
-    /// a TOML file says, as in `ball_px = 80` or `rps = [10, 60]`; flags come before it.
+    /// Measure on rendered frames of a camera: with a dark and even background, with any, or as a TOML file says, as in
+    /// `ball_px = 80` or `rps = [10, 60]`; flags come before it.
     #[arg(long, value_name = "dark|any|CAMERA.toml", help_heading = "Camera")]
     camera: Option<CameraSource>,
     #[command(flatten)]

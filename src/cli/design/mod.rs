@@ -27,8 +27,8 @@ use progress::DesignProgress;
 /// The answer to the first Ctrl-C.
 pub(super) const STOPPING: &str = "stopping: what was found is evaluated and written, which takes some 20 s; Ctrl-C again quits at \
                                    once and keeps the search for --resume";
-/// What more dots give, of 5 000 rendered frames before any surroundings (README, "How well it works").
-const MORE_DOTS: &str = "More dots serve most cameras better, where you can draw them: of rendered frames before any surroundings \
+/// What more dots give, of 5 000 rendered frames with any background (README, "How well it works").
+const MORE_DOTS: &str = "More dots serve most cameras better, where you can draw them: of rendered frames with any background \
                          dots40 answers 95.9 % right, dots20 90.7 %. `spindoe advise` says it of your camera.";
 /// Most dots of a design of which that is said.
 const FEW_DOTS: usize = 24;

@@ -31,7 +31,7 @@ Protocols (a view is a rotation uniform on SO(3)):
   clutter  noise of 5 deg, 20 % of the dots missed, two false dots
   image    noise of 1 px per axis on a ball of 30 px radius, 10 % missed, one false dot
 With --camera the views are instead frames of that camera, rendered and read by the whole
-estimator: some 10 ms each, before any surroundings some 50.
+estimator: some 10 ms each, with any background some 50.
 
 Several patterns are measured on the same rotations with the same random numbers, in all protocols; differences are
 against the first pattern, with 95 % intervals for pairs. Views with too few dots are counted as skipped.
