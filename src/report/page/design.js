@@ -2,16 +2,17 @@
 
 function designPage(d) {
   tiles(d);
+  // What a maker needs first, what explains it last.
   const ball = ballSection(d);
   if (d.stencil) stencilSection(d);
+  if (d.stencil) printSection(d);
   if (d.validation.length) ratesSection(d);
   const noise = d.sensitivity.length ? sensitivitySection(d) : null;
   cameraSection(d, noise);
-  if (d.search) searchSection(d);
-  if (d.features) featureSection(d, ball);
   dotSection(d, ball);
-  if (d.stencil) printSection(d);
+  if (d.search) searchSection(d);
   repeatSection(d);
+  if (d.features) featureSection(d, ball);
 }
 
 function tiles(d) {
@@ -26,7 +27,8 @@ function tiles(d) {
   ];
   const sparse = rate("sparse"),
     paper = rate("paper");
-  if (sparse)
+  if (d.ranking) row.push(...rankingTiles(d.ranking));
+  else if (sparse)
     row.push(
       tile(
         percent(sparse.identity.rate),
@@ -43,10 +45,21 @@ function tiles(d) {
   row.push(
     tile(
       `${fixed(d.bound.mean, 2)} / ${fixed(d.bound.worst, 2)}`,
-      "orientation error that the dots allow, mean / worst view, times a dot's noise",
+      "orientation error over a dot's noise, mean / worst view (Cram\u00e9r-Rao bound)",
     ),
   );
   tileRow(...row);
+}
+
+/** What was measured on rendered frames of the camera that the design was for. */
+function rankingTiles({ frames, winner }) {
+  return [
+    tile(
+      percent(winner.right.rate),
+      `of ${frames} rendered frames of your camera answered right (95 %: ${percent(winner.right.low)} to ${percent(winner.right.high)})`,
+    ),
+    tile(fixed(winner.mean_error_deg, 2) + "\u00b0", "mean orientation error of those frames"),
+  ];
 }
 
 /** What is said of a dot. */
@@ -504,13 +517,14 @@ function cameraSection(d, mark) {
       tile(fixed(f.sigma_deg, 2) + "\u00b0", "noise of a dot per axis, in the middle of the ball"),
       tile(
         `${fixed(f.error_deg, 2)}\u00b0 / ${fixed(f.worst_deg, 2)}\u00b0`,
-        "orientation error that the dots allow, mean / worst view",
+        "orientation error with dots of that noise, mean / worst view",
       ),
       tile(
         `${fixed(f.spin_rps, 3)} / ${fixed(f.spin_worst_rps, 3)} rps`,
         `error of the spin from ${given.frames} frames, mean / worst view`,
       ),
       tile(fixed(f.alias_rps, 0) + " rps", "alias limit: faster spins look like slower ones"),
+      ...(d.ranking ? rankingTiles(d.ranking) : []),
     );
     if (mark) mark(f.sigma_deg * d.sigma_per_noise);
   };
@@ -543,7 +557,7 @@ function cameraSection(d, mark) {
     out,
     el("p", {
       class: "lead",
-      text: "Noise: error over the ball's radius in pixels. Orientation: the Cram\u00e9r-Rao bound of the dots in view times that noise (root mean square, three axes together); an estimator that misses dots does worse. Spin: the slope through n such orientations at rate f, \u03c3 f \u221a(12 / n(n\u00b2\u22121)). Alias: at rate f, spins beyond f/2 revolutions per second cannot be distinguished from slower ones by one sequence at equal intervals.",
+      text: "Noise: error over the ball's radius in pixels. Orientation: the Cram\u00e9r-Rao bound of the dots in view times that noise (root mean square, three axes together): no estimate from dots of this noise is better, and one that misses dots is worse. Spin: the slope through n such orientations at rate f, \u03c3 f \u221a(12 / n(n\u00b2\u22121)). Alias: at rate f, spins beyond f/2 revolutions per second cannot be distinguished from slower ones by one sequence at equal intervals.",
     }),
   );
   update();
@@ -631,7 +645,7 @@ function featureSection(d, ball) {
       {},
       canvas,
       el("figcaption", {
-        text: `Shown are the features within ${short(f.reach)} of the origin${f.shown < f.total ? `, every ${Math.round(f.total / f.shown)}th of all` : ""}.`,
+        text: `Shown are the features within ${short(f.reach)} of the origin${f.shown < f.total ? `, 1 in ${Math.round(f.total / f.shown)} of all` : ""}.`,
       }),
     );
   node.append(host);

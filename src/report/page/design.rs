@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::recognize::paper::FeatureTree;
 use crate::report::folder::read_ball;
-use crate::report::{DesignReport, Seeds};
+use crate::report::{CameraRank, DesignReport, Seeds};
 use crate::stats::Proportion;
 use crate::stencil::StencilConfig;
 use crate::validate::{NamedValidation, SensitivityPoint};
@@ -72,6 +72,8 @@ pub struct DesignPage {
     /// Sigma of the sweeps over a dot's noise per tangent axis.
     sigma_per_noise: f64,
     camera: CameraFigures,
+    /// How the finalists were ranked for a camera, where they were.
+    ranking: Option<PageRanking>,
     search: PageSearch,
     stencil: Option<PageStencil>,
     features: Option<PageFeatures>,
@@ -84,6 +86,13 @@ struct PageSummary {
     mean_nearest_separation_deg: f64,
     min_visible: usize,
     mean_visible: f64,
+}
+
+/// What was measured of the winner on rendered frames of the camera.
+#[derive(Debug, Serialize)]
+struct PageRanking {
+    frames: u64,
+    winner: CameraRank,
 }
 
 #[derive(Debug, Serialize)]
@@ -156,7 +165,13 @@ impl DesignPage {
             standard_protocols,
             published: serde_json::from_str(PUBLISHED)
                 .map_err(|e| Error::Internal(format!("published.json: {e}")))?,
-            camera: CameraFigures::of(&protocol),
+            camera: CameraFigures::of(&report),
+            ranking: report.camera.as_ref().and_then(|camera| {
+                Some(PageRanking {
+                    frames: camera.frames,
+                    winner: *camera.finalists.first()?,
+                })
+            }),
             sigma_per_noise: sigma_per_noise(&report.sensitivity),
             spindoe_version: report.spindoe_version,
             command: report.command,
@@ -223,8 +238,19 @@ impl DesignPage {
 }
 
 impl CameraFigures {
-    /// The camera that a search was for, where it had one.
-    fn of(protocol: &Protocol) -> Self {
+    /// The camera that a design was for, where it had one: that of the ranking, or of the protocol.
+    fn of(report: &DesignReport) -> Self {
+        let stated = report.camera.as_ref().map(|camera| &camera.conditions);
+        let number = |name: &str| stated?.get(name)?.as_f64();
+        let usual = Self::of_protocol(&report.config.protocol);
+        Self {
+            pixels: number("ball_px").unwrap_or(usual.pixels),
+            rate: number("fps").unwrap_or(usual.rate),
+            ..usual
+        }
+    }
+
+    fn of_protocol(protocol: &Protocol) -> Self {
         match protocol.view().noise {
             Noise::Pixel {
                 sigma_px,
