@@ -62,6 +62,8 @@ pub struct AdviceConfig {
     pub change_frames: u64,
     /// Default: as stated.
     pub dot_size: DotSize,
+    /// Diameter of the ball, mm: larger dots are proposed as far as its stencil leaves room. Default: 40.
+    pub ball_mm: f64,
 }
 
 impl Default for AdviceConfig {
@@ -72,6 +74,7 @@ impl Default for AdviceConfig {
             sequence_frames: 10,
             change_frames: 512,
             dot_size: DotSize::Stated,
+            ball_mm: 40.0,
         }
     }
 }
@@ -117,7 +120,8 @@ impl AdviceConfig {
     /// Number of frames that [`advise`] reads for so many patterns, or is spared.
     pub fn frames(&self, patterns: usize, conditions: &CameraConditions) -> u64 {
         let single = self.race.max_frames + self.sequences * self.sequence_frames as u64;
-        patterns as u64 * single + changes_of(conditions).len() as u64 * self.change_frames
+        patterns as u64 * single
+            + changes_of(conditions, f64::INFINITY).len() as u64 * self.change_frames
     }
 }
 
@@ -157,7 +161,7 @@ pub fn advise(
     Ok(Advice {
         conditions: *conditions,
         patterns: ranked,
-        changes: changes(trials, best, config.change_frames, done)?,
+        changes: changes(trials, best, config, done)?,
         unique_up_to_rps: 0.5 * conditions.fps,
     })
 }
@@ -187,21 +191,25 @@ fn spin_of(
 fn changes(
     trials: &CameraTrials,
     racer: &Racer<'_>,
-    frames: u64,
+    config: &AdviceConfig,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<ChangeAdvice>> {
+    let ball_mm = config.ball_mm;
+    let largest = DotSize::LargestHole { ball_mm }.of(racer.pattern, &trials.conditions)?;
     let own = trials.with_dot_diameter(racer.dot_diameter).conditions;
-    let changed = changes_of(&own).into_iter().map(|(change, conditions)| {
-        let changed = CameraTrials {
-            conditions,
-            ..*trials
-        };
-        let outcomes = changed.frames(racer.pattern, 0..frames, done)?;
-        Ok(ChangeAdvice {
-            change,
-            frames: FrameRates::of(&outcomes, trials.seed),
-        })
-    });
+    let changed = changes_of(&own, largest)
+        .into_iter()
+        .map(|(change, conditions)| {
+            let changed = CameraTrials {
+                conditions,
+                ..*trials
+            };
+            let outcomes = changed.frames(racer.pattern, 0..config.change_frames, done)?;
+            Ok(ChangeAdvice {
+                change,
+                frames: FrameRates::of(&outcomes, trials.seed),
+            })
+        });
     let mut changes = changed.collect::<Result<Vec<_>>>()?;
     changes.sort_by(|a, b| {
         let [a, b] = [a, b].map(|c| c.frames.effective_error_deg);
@@ -210,8 +218,8 @@ fn changes(
     Ok(changes)
 }
 
-/// One change at a time, where it stays within the domain.
-fn changes_of(conditions: &CameraConditions) -> Vec<(String, CameraConditions)> {
+/// One change at a time, where it stays within the domain and dots within the largest.
+fn changes_of(conditions: &CameraConditions, largest_dot: f64) -> Vec<(String, CameraConditions)> {
     let now = *conditions;
     let (larger, wider, shorter) = (
         1.5 * now.ball_px,
@@ -258,6 +266,9 @@ fn changes_of(conditions: &CameraConditions) -> Vec<(String, CameraConditions)> 
             },
         ));
     }
-    changes.retain(|(_, changed)| changed.check().is_ok());
+    changes.retain(|(_, changed)| {
+        let is_possible = changed.dot_diameter <= largest_dot.max(now.dot_diameter);
+        is_possible && changed.check().is_ok()
+    });
     changes
 }

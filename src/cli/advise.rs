@@ -8,7 +8,9 @@ use super::camera::CameraArguments;
 use super::output::{Counter, quoted};
 use super::print_json;
 use crate::ball::Ball;
-use crate::camera::{Advice, AdviceConfig, CameraTrials, FrameRates, RaceConfig, advise};
+use crate::camera::{
+    Advice, AdviceConfig, CameraTrials, ChangeAdvice, FrameRates, RaceConfig, advise,
+};
 use crate::error::Result;
 use crate::pattern::{NamedPattern, shipped_designs};
 use crate::validate::check_samples;
@@ -69,6 +71,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         sequence_frames: arguments.sequence_frames,
         change_frames: arguments.samples.div_ceil(2),
         dot_size: arguments.camera.dot_size()?,
+        ball_mm: arguments.camera.ball_mm()?,
     };
     let trials = CameraTrials::new(conditions, arguments.seed);
     let counter = Counter::new(config.frames(patterns.len(), &conditions), "frames");
@@ -137,12 +140,18 @@ fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
         advice.unique_up_to_rps
     );
     if let Some(best) = advice.patterns.first() {
-        outln!(
-            "With {}, one change at a time, {} frames each:",
-            quoted(&best.name),
-            config.change_frames
-        );
-        for change in &advice.changes {
+        let helps = |change: &&ChangeAdvice| {
+            change.frames.effective_error_deg < best.frames.effective_error_deg
+        };
+        let mut helpful = advice.changes.iter().filter(helps).peekable();
+        match helpful.peek() {
+            Some(_) => outln!(
+                "What would help, one change at a time, {} frames each:",
+                config.change_frames
+            ),
+            None => outln!("No single change of the camera or of the dots was found to help."),
+        }
+        for change in helpful {
             let r = &change.frames;
             outln!(
                 "  error {} deg (right {:.1} %, wrong {:.2} %): {}",
@@ -154,6 +163,14 @@ fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
         }
     }
     outln!("Brackets are 95 % intervals (shares: Wilson).");
+    if let Some(best) = advice.patterns.first() {
+        let name = quoted(&best.name);
+        outln!(
+            "Take {name}. Print it with: spindoe stencil {name} -o stencil --ball-diameter-mm {} --dot-diameter-mm {:.1}",
+            config.ball_mm,
+            (10.0 * best.dot_diameter * config.ball_mm + 1e-6).floor() / 10.0
+        );
+    }
 }
 
 fn effective_error(rates: &FrameRates) -> String {

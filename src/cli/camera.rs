@@ -96,6 +96,11 @@ struct CameraFile {
 }
 
 impl CameraArguments {
+    /// Diameter of the ball, mm.
+    pub fn ball_mm(&self) -> Result<f64> {
+        Ok(self.both()?.ball_diameter_mm.unwrap_or(BALL_MM))
+    }
+
     /// The size of the dots: that stated, else the largest that each pattern's stencil allows.
     pub fn dot_size(&self) -> Result<DotSize> {
         let both = self.both()?;
