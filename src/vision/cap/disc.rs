@@ -41,11 +41,11 @@ pub(super) struct State {
 
 /// The disc that a cap cuts off.
 pub(super) struct Disc {
-    middle: Vec3,
-    tangents: [Vec3; 2],
-    sin: f64,
-    cos: f64,
-    blur: f64,
+    pub middle: Vec3,
+    pub tangents: [Vec3; 2],
+    pub sin: f64,
+    pub cos: f64,
+    pub blur: f64,
     /// Change in its plane along a pixel of u and v, and the sum of its squares.
     pub by_pixel: Matrix3x2<f64>,
     pub spread: f64,

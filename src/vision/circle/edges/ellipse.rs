@@ -108,7 +108,10 @@ impl Unrolled {
             return None;
         }
         let information = sums.symmetric();
-        let next = ellipse + information.cholesky()?.solve(&Parameters::from(sums.gradient));
+        let next = ellipse
+            + information
+                .cholesky()?
+                .solve(&Parameters::from(sums.gradient));
         let is_ellipse = next[3].hypot(next[4]) < 0.6 && next[2] > 2.0;
         let reaches = self.reaches[..RAYS].iter();
         let seen = reaches.filter(|reach| **reach > ellipse[2]).count();
