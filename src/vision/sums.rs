@@ -1,4 +1,4 @@
-//! Weighted normal equations, summed over pixels.
+//! Weighted normal equations, summed over pixels or edges.
 
 use nalgebra::SMatrix;
 
@@ -27,6 +27,12 @@ impl<const N: usize> Sums<N> {
         SMatrix::from_fn(|row, column| self.information[row.max(column)][row.min(column)])
     }
 
+    /// The residuals' standard deviation.
+    pub fn scatter(&self) -> f64 {
+        (self.squares / self.weights).sqrt()
+    }
+
+    /// Adds a pixel or an edge.
     pub fn add(&mut self, by: &[f64; N], residual: f64, weight: f64) {
         for (k, row) in self.information.iter_mut().enumerate() {
             let weighted = weight * by[k];

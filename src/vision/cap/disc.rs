@@ -41,14 +41,14 @@ pub(super) struct State {
 
 /// The disc that a cap cuts off.
 pub(super) struct Disc {
-    pub(super) middle: Vec3,
-    pub(super) tangents: [Vec3; 2],
-    pub(super) sin: f64,
-    pub(super) cos: f64,
-    pub(super) blur: f64,
+    pub middle: Vec3,
+    pub tangents: [Vec3; 2],
+    pub sin: f64,
+    pub cos: f64,
+    pub blur: f64,
     /// Change in its plane along a pixel of u and v, and the sum of its squares.
-    pub(super) by_pixel: Matrix3x2<f64>,
-    pub(super) spread: f64,
+    pub by_pixel: Matrix3x2<f64>,
+    pub spread: f64,
 }
 
 /// Where a pixel lies by the disc's edge.

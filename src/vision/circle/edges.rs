@@ -8,11 +8,12 @@ mod ellipse;
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 use self::ellipse::Parameters;
 use super::vote::Center;
 use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
+use crate::vision::sums::Sums;
 
 /// Rays around a center.
 const RAYS: usize = 72;
@@ -49,45 +50,6 @@ struct Edge {
     radius: f64,
     /// Fall of the brightness outwards (for dark balls, rise), per pixel; 0 for no edge.
     slope: f32,
-}
-
-/// Sums over edges, for a fit of the first `N` parameters of an outline.
-struct EdgeSums<const N: usize> {
-    /// Of `w J^T J`.
-    information: SMatrix<f64, N, N>,
-    /// Of `w J^T` times the residual.
-    gradient: SVector<f64, N>,
-    squares: f64,
-    /// Of the weights `w`: Tukey's times the root of the slope.
-    total: f64,
-    /// Of Tukey's alone.
-    weights: f64,
-    edges: usize,
-}
-
-impl<const N: usize> Default for EdgeSums<N> {
-    fn default() -> Self {
-        Self {
-            information: SMatrix::zeros(),
-            gradient: SVector::zeros(),
-            squares: 0.0,
-            total: 0.0,
-            weights: 0.0,
-            edges: 0,
-        }
-    }
-}
-
-impl<const N: usize> EdgeSums<N> {
-    /// The residuals' standard deviation.
-    fn scatter(&self) -> f64 {
-        (self.squares / self.total).sqrt()
-    }
-
-    /// The sum of `w J^T J` with the weights' mean 1.
-    fn mean_information(&self) -> SMatrix<f64, N, N> {
-        self.information * (self.weights / self.total)
-    }
 }
 
 /// Working memory.
@@ -208,19 +170,23 @@ impl Unrolled {
     /// One reweighted step; the new circle, the residuals' standard deviation, and the sum of `w J^T J` with the weights'
     /// mean 1.
     fn step(&self, circle: &Vector3<f64>, reach: f64) -> Option<(Vector3<f64>, f64, Matrix3<f64>)> {
-        let sums: EdgeSums<3> = self.sums(&circle_parameters(circle), reach);
-        if sums.weights < 4.0 {
+        let (sums, tukey, _) = self.sums::<3>(&circle_parameters(circle), reach);
+        if tukey < 4.0 {
             return None;
         }
         // A breath of a prior: short arcs leave the radius open.
-        let hold = Matrix3::from_diagonal_element(1e-3 * sums.total);
-        let step = (sums.information + hold).cholesky()?.solve(&sums.gradient);
-        Some((circle + step, sums.scatter(), sums.mean_information()))
+        let (information, total) = (sums.symmetric(), sums.weights);
+        let hold = Matrix3::from_diagonal_element(1e-3 * total);
+        let step = (information + hold)
+            .cholesky()?
+            .solve(&Vector3::from(sums.gradient));
+        Some((circle + step, sums.scatter(), information * (tukey / total)))
     }
 
-    /// The sums over the edges within reach of an outline.
-    fn sums<const N: usize>(&self, outline: &Parameters, reach: f64) -> EdgeSums<N> {
-        let mut sums = EdgeSums::<N>::default();
+    /// The sums over the edges within reach of an outline, for a fit of its first `N` parameters; the sum of Tukey's weights
+    /// without the slopes', and the number of the edges.
+    fn sums<const N: usize>(&self, outline: &Parameters, reach: f64) -> (Sums<N>, f64, usize) {
+        let (mut sums, mut total, mut count) = (Sums::default(), 0.0, 0);
         for ray in 0..RAYS {
             let Some((edge, (residual, j))) = self.nearest(ray, outline) else {
                 continue;
@@ -229,17 +195,13 @@ impl Unrolled {
             if t.abs() >= 1.0 {
                 continue;
             }
-            sums.edges += 1;
             let tukey = (1.0 - t * t).powi(2);
-            let weight = tukey * f64::from(edge.slope.sqrt());
-            let j = SVector::<f64, N>::from_fn(|k, _| j[k]);
-            sums.information += j * j.transpose() * weight;
-            sums.gradient += j * (weight * residual);
-            sums.squares += weight * residual * residual;
-            sums.total += weight;
-            sums.weights += tukey;
+            let by = std::array::from_fn(|k| j[k]);
+            sums.add(&by, residual, tukey * f64::from(edge.slope.sqrt()));
+            total += tukey;
+            count += 1;
         }
-        sums
+        (sums, total, count)
     }
 
     /// Finds the edges on all rays from a center (u, v, _) between two radii.

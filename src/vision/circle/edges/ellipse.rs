@@ -5,7 +5,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
-use super::{CORRELATED, Edge, EdgeSums, LAST_REACH, RAYS, TUKEY, Unrolled};
+use super::{CORRELATED, Edge, LAST_REACH, RAYS, TUKEY, Unrolled};
 use crate::image::GrayImage;
 use crate::vision::circle::{BallFit, Polarity};
 
@@ -103,19 +103,23 @@ impl Unrolled {
         ellipse: &Parameters,
         reach: f64,
     ) -> Option<(Parameters, f64, Information, f64)> {
-        let sums: EdgeSums<5> = self.sums(ellipse, reach);
-        if sums.weights < 8.0 {
+        let (sums, tukey, edges) = self.sums::<5>(ellipse, reach);
+        if tukey < 8.0 {
             return None;
         }
-        let next = ellipse + sums.information.cholesky()?.solve(&sums.gradient);
+        let information = sums.symmetric();
+        let next = ellipse
+            + information
+                .cholesky()?
+                .solve(&Parameters::from(sums.gradient));
         let is_ellipse = next[3].hypot(next[4]) < 0.6 && next[2] > 2.0;
         let reaches = self.reaches[..RAYS].iter();
         let seen = reaches.filter(|reach| **reach > ellipse[2]).count();
         is_ellipse.then_some((
             next,
             sums.scatter(),
-            sums.mean_information(),
-            sums.edges as f64 / seen as f64,
+            information * (tukey / sums.weights),
+            edges as f64 / seen as f64,
         ))
     }
 
