@@ -117,7 +117,7 @@ pub struct Arguments {
     )]
     camera_distance_radii: Option<[f64; 2]>,
     /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default:
-    /// 2.3,7.4].
+    /// that of the design, else 2.3,7.4].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
     dot_radius_deg: Option<[f64; 2]>,
     /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number,
@@ -171,7 +171,7 @@ fn range(text: &str) -> std::result::Result<[f64; 2], String> {
 }
 
 impl Arguments {
-    fn synth_config(&self) -> Result<SynthConfig> {
+    fn synth_config(&self, ball: &Ball) -> Result<SynthConfig> {
         let mut config: SynthConfig = match (&self.config, self.preset) {
             (Some(path), _) => {
                 let text = files::read_at_most(path, files::MAX_TEXT_BYTES)?;
@@ -196,8 +196,12 @@ impl Arguments {
             config.camera_distance_radii = distance;
             config.parallel_share = 0.0;
         }
-        if let Some(radius) = self.dot_radius_deg {
-            config.dot_radius_rad = radius.map(f64::to_radians);
+        match (self.dot_radius_deg, ball.design()) {
+            (Some(radius), _) => config.dot_radius_rad = radius.map(f64::to_radians),
+            (None, Some(design)) if self.config.is_none() => {
+                config.dot_radius_rad = [design.dot_diameter().asin(); 2];
+            }
+            (None, _) => {}
         }
         if let Some(sigma) = self.placement_sigma_deg {
             config.placement_sigma_rad = sigma.map(f64::to_radians);
@@ -237,8 +241,9 @@ impl Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let config = arguments.synth_config()?;
-    let pattern = Ball::read(&arguments.pattern)?.into_pattern();
+    let ball = Ball::read(&arguments.pattern)?;
+    let config = arguments.synth_config(&ball)?;
+    let pattern = ball.into_pattern();
     let Arguments { frames, seed, .. } = *arguments;
     require(
         (1..=MAX_FRAMES).contains(&frames),
