@@ -102,7 +102,7 @@ fn pattern(bytes: &[u8]) -> Result<()> {
 
 fn zones(bytes: &[u8]) -> Result<()> {
     in_folder(
-        &[("p.csv", ZONED_PATTERN.as_bytes()), ("p.zones.json", bytes)],
+        &[("p.csv", ZONED_PATTERN.as_bytes()), ("p.ball.json", bytes)],
         |folder| Pattern::read_csv(&folder.join("p.csv")).map(drop),
     )
 }

@@ -13,11 +13,14 @@
 pub mod features;
 mod placement;
 pub mod record;
+mod sizes;
 pub mod table;
 
+pub use crate::pattern::DesignRecord;
 pub use features::{Basis, BasisFrame, Feature, PairRule};
 pub use placement::Placement;
 pub use record::{CalibrationRecord, ObjectiveRecord, PaperConfig, VoteSum};
+pub use sizes::{USUAL_BALL_MM, usual_dot_mm};
 pub use table::TableMeta;
 
 use nalgebra::Matrix3;
@@ -46,6 +49,7 @@ pub struct Ball {
     recognizer: PaperConfig,
     objective: Option<ObjectiveRecord>,
     validation: Option<serde_json::Value>,
+    design: Option<DesignRecord>,
 }
 
 /// What is known of dots that were measured on the ball.
@@ -66,6 +70,7 @@ impl Ball {
             recognizer: PaperConfig::default(),
             objective: None,
             validation: None,
+            design: None,
         }
     }
 
@@ -115,6 +120,16 @@ impl Ball {
         self.objective = objective;
     }
 
+    /// Records what the pattern was designed for.
+    ///
+    /// # Errors
+    /// As [`DesignRecord::check`].
+    pub fn with_design(mut self, design: Option<DesignRecord>) -> Result<Self> {
+        design.as_ref().map_or(Ok(()), DesignRecord::check)?;
+        self.design = design;
+        Ok(self)
+    }
+
     /// Records the validation result that the ball's table ships with.
     pub fn set_validation(&mut self, validation: Option<serde_json::Value>) {
         self.validation = validation;
@@ -159,6 +174,11 @@ impl Ball {
     /// What the pattern was optimized for.
     pub fn objective(&self) -> Option<&ObjectiveRecord> {
         self.objective.as_ref()
+    }
+
+    /// What the pattern was designed for, where that is known: sizes, camera and criterion.
+    pub fn design(&self) -> Option<&DesignRecord> {
+        self.design.as_ref()
     }
 
     /// The validation result that the ball's table ships with.

@@ -31,7 +31,7 @@ use crate::geometry::Vec3;
 use crate::npz::{Archive, ArrayReader, Checked, Problem, add_array, one_line, open, read_array};
 #[cfg(feature = "native")]
 use crate::pattern::shipped_design;
-use crate::pattern::{KeepOut, LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
+use crate::pattern::{DesignRecord, KeepOut, LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
 
 /// Version of the file format of a ball whose dots are where the pattern has them.
 pub const FORMAT_VERSION: u32 = 1;
@@ -77,6 +77,9 @@ pub struct TableMeta {
     /// The pattern's zones without dots.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub keep_out: Vec<KeepOut>,
+    /// What the pattern was designed for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub design: Option<DesignRecord>,
 }
 
 impl Ball {
@@ -95,6 +98,7 @@ impl Ball {
             validation: self.validation().cloned(),
             calibration,
             keep_out: self.pattern().keep_out().to_vec(),
+            design: self.design().cloned(),
         }
     }
 
@@ -146,6 +150,16 @@ impl Ball {
         Ok(zip.finish().map_err(|e| internal(&e))?.into_inner())
     }
 
+    /// Writes the pattern as CSV atomically, and beside it its zones and what it was designed for
+    /// ([`sidecar_path`](crate::pattern::sidecar_path)).
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    #[cfg(feature = "native")]
+    pub fn write_csv(&self, path: &Path) -> Result<()> {
+        self.pattern().write_with(path, self.design())
+    }
+
     /// Reads a ball and checks its file for completeness (see the module's head).
     ///
     /// # Errors
@@ -156,7 +170,7 @@ impl Ball {
         Self::from_npz(path, &files::read_at_most(path, files::MAX_ARCHIVE_BYTES)?)
     }
 
-    /// Reads a ball from its `.npz`, from a pattern's CSV with the zones beside it, or from a folder
+    /// Reads a ball from its `.npz`, from a pattern's CSV with what stands beside it, or from a folder
     /// that holds either as `table.npz` or `pattern.csv`, as those of designs and calibrations do. Where there is no such file, the
     /// name of a [shipped design](crate::pattern::shipped_designs) will do.
     ///
@@ -178,15 +192,16 @@ impl Ball {
         if !path.exists()
             && let Some(shipped) = path.to_str().and_then(shipped_design)
         {
-            return Ok(Self::new(shipped?));
+            let shipped = shipped?;
+            return Self::new(shipped.pattern).with_design(shipped.design);
         }
         let bytes = files::read_at_most(path, files::MAX_ARCHIVE_BYTES)?;
         // A NumPy archive starts with "PK", as every ZIP does.
         if bytes.starts_with(b"PK") || path.extension().is_some_and(|e| e == "npz") {
             return Self::from_npz(path, &bytes);
         }
-        let pattern = Pattern::from_csv(path, &bytes)?.with_zones_of(path)?;
-        Ok(Self::new(pattern))
+        let (pattern, design) = Pattern::from_csv(path, &bytes)?.with_sidecar_of(path)?;
+        Self::new(pattern).with_design(design)
     }
 
     /// As [`Ball::read_npz`], from the file's bytes; `path` only names the file in errors.
@@ -216,6 +231,7 @@ impl Ball {
         let mut ball = Self::new(pattern)
             .with_pair_rule(meta.pair_rule)
             .and_then(|ball| ball.with_recognizer(meta.recognizer))
+            .and_then(|ball| ball.with_design(meta.design))
             .map_err(at("meta"))?;
         if let (Some(covariances), Some(record)) = (covariances, meta.calibration) {
             ball = ball

@@ -25,6 +25,11 @@ pub enum DotSize {
         /// The ball's diameter, mm.
         ball_mm: f64,
     },
+    /// As the pattern's design says ([`NamedPattern::design`]), else as [`DotSize::LargestHole`].
+    Designed {
+        /// The ball's diameter where the design says nothing, mm.
+        ball_mm: f64,
+    },
 }
 
 /// Largest dot that is proposed, ball diameters: the detector was trained up to here.
@@ -36,8 +41,9 @@ impl DotSize {
     /// # Errors
     /// [`crate::Error::Argument`] for a diameter of the ball outside its domain.
     pub fn of(self, pattern: &Pattern, conditions: &CameraConditions) -> Result<f64> {
-        let Self::LargestHole { ball_mm } = self else {
-            return Ok(conditions.dot_diameter);
+        let ball_mm = match self {
+            Self::Stated => return Ok(conditions.dot_diameter),
+            Self::LargestHole { ball_mm } | Self::Designed { ball_mm } => ball_mm,
         };
         let config = StencilConfig {
             ball_diameter_mm: ball_mm,
@@ -138,9 +144,13 @@ pub fn advise(
 ) -> Result<Advice> {
     let conditions = &trials.conditions;
     let racers = patterns.iter().map(|named| {
+        let dot_diameter = match (config.dot_size, &named.design) {
+            (DotSize::Designed { .. }, Some(design)) => design.dot_diameter(),
+            (size, _) => size.of(&named.pattern, conditions)?,
+        };
         Ok(Racer {
             pattern: &named.pattern,
-            dot_diameter: config.dot_size.of(&named.pattern, conditions)?,
+            dot_diameter,
         })
     });
     let racers = racers.collect::<Result<Vec<_>>>()?;

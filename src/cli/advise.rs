@@ -58,9 +58,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let inputs = arguments.inputs.iter();
         inputs
             .map(|path| {
+                let ball = Ball::read(path)?;
                 Ok(NamedPattern {
                     name: path.to_string_lossy().into_owned(),
-                    pattern: Ball::read(path)?.into_pattern(),
+                    design: ball.design().cloned(),
+                    pattern: ball.into_pattern(),
                 })
             })
             .collect::<Result<_>>()?

@@ -131,6 +131,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut evaluated = evaluate_calibration(&calibration, &source, &config, &evaluation)?;
     evaluated.report.command = Some(super::output::command_line());
+    evaluated.ball = evaluated.ball.with_design(clip.ball.design().cloned())?;
     evaluated.write(set.path())?;
     set.publish(&[], &[], "report.json")?;
     if arguments.json {

@@ -8,13 +8,12 @@ use serde::Deserialize;
 
 use super::output::one_of;
 use super::settings::read_toml;
+use crate::ball::USUAL_BALL_MM;
 use crate::camera::{CameraConditions, DotSize, FrameRates, Surroundings};
 use crate::error::{Error, Result};
 
 /// Frames of a camera where none are stated.
 pub const CAMERA_FRAMES: u64 = 1000;
-/// Diameter of a table tennis ball, mm.
-const BALL_MM: f64 = 40.0;
 /// The flags by the conditions that they state.
 const FLAGS: [(&str, &str); 4] = [
     ("exposure_s", "exposure_ms"),
@@ -72,7 +71,8 @@ struct CameraFile {
     /// Standard deviation of a pixel's noise, of 255 levels [default: that of the surroundings].
     #[arg(long, hide = true, value_name = "N", allow_negative_numbers = true)]
     noise_levels: Option<f64>,
-    /// Diameter of a dot, mm [default: 4; for `advise` the largest that each pattern's stencil allows].
+    /// Diameter of a dot, mm [default: a tenth of the ball's; for `advise` that of each design, else the
+    /// largest that its stencil allows].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     dot_diameter_mm: Option<f64>,
     /// Diameter of the ball, mm [default: 40].
@@ -98,16 +98,17 @@ struct CameraFile {
 impl CameraArguments {
     /// Diameter of the ball, mm.
     pub fn ball_mm(&self) -> Result<f64> {
-        Ok(self.both()?.ball_diameter_mm.unwrap_or(BALL_MM))
+        Ok(self.both()?.ball_diameter_mm.unwrap_or(USUAL_BALL_MM))
     }
 
-    /// The size of the dots: that stated, else the largest that each pattern's stencil allows.
+    /// The size of the dots: that stated, else that which each pattern was designed for, else the largest
+    /// that its stencil allows.
     pub fn dot_size(&self) -> Result<DotSize> {
         let both = self.both()?;
         Ok(match both.dot_diameter_mm {
             Some(_) => DotSize::Stated,
-            None => DotSize::LargestHole {
-                ball_mm: both.ball_diameter_mm.unwrap_or(BALL_MM),
+            None => DotSize::Designed {
+                ball_mm: both.ball_diameter_mm.unwrap_or(USUAL_BALL_MM),
             },
         })
     }
@@ -175,7 +176,7 @@ impl CameraArguments {
 
 impl CameraFile {
     fn conditions(&self) -> Result<CameraConditions> {
-        let ball_mm = self.ball_diameter_mm.unwrap_or(BALL_MM);
+        let ball_mm = self.ball_diameter_mm.unwrap_or(USUAL_BALL_MM);
         if !(1.0..=1000.0).contains(&ball_mm) {
             let problem = format!("expected 1 to 1000 mm, found {ball_mm}");
             return Err(Error::argument("ball_diameter_mm", problem));

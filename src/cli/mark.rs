@@ -35,12 +35,13 @@ pub struct Arguments {
     /// stickers, .svg or .gcode for a plotter.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper.
-    #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
-    ball_diameter_mm: f64,
-    /// Diameter of a dot.
-    #[arg(long, value_name = "MM", default_value_t = MarkConfig::default().dot_diameter_mm, allow_negative_numbers = true)]
-    dot_diameter_mm: f64,
+    /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper
+    /// [default: that of the design, else 40].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    ball_diameter_mm: Option<f64>,
+    /// Diameter of a dot [default: that of the design, else a tenth of the ball].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    dot_diameter_mm: Option<f64>,
     /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in
     /// degrees. May be repeated. By default the zones that stand beside the pattern.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = cone, allow_hyphen_values = true)]
@@ -154,14 +155,16 @@ impl Format {
 
 impl Arguments {
     /// Zones that are asked for, else those of the pattern.
-    fn config(&self, pattern: &Pattern) -> MarkConfig {
+    fn config(&self, ball: &Ball) -> MarkConfig {
         let zones = match self.keep_out.is_empty() {
-            true => pattern.keep_out().to_vec(),
+            true => ball.pattern().keep_out().to_vec(),
             false => self.keep_out.clone(),
         };
+        let [ball_diameter_mm, dot_diameter_mm] =
+            ball.sizes_mm(self.ball_diameter_mm, self.dot_diameter_mm);
         MarkConfig {
-            ball_diameter_mm: self.ball_diameter_mm,
-            dot_diameter_mm: self.dot_diameter_mm,
+            ball_diameter_mm,
+            dot_diameter_mm,
             keep_out: zones,
             date: Some(super::output::today()),
         }
@@ -186,8 +189,8 @@ impl Arguments {
         }
     }
 
-    fn drawing(&self, pattern: &Pattern, format: Format) -> Result<Drawing> {
-        let (config, page) = (self.config(pattern), self.page(format));
+    fn drawing(&self, pattern: &Pattern, config: &MarkConfig, format: Format) -> Result<Drawing> {
+        let page = self.page(format);
         match self.method {
             Method::Gores => {
                 let lobes = GoreConfig {
@@ -195,16 +198,16 @@ impl Arguments {
                     numbers: !self.no_numbers,
                     page,
                 };
-                gores(pattern, &config, &lobes)
+                gores(pattern, config, &lobes)
             }
             Method::Stickers => {
                 let sheet = StickerConfig {
                     bleed_mm: self.bleed_mm,
                     page,
                 };
-                stickers(pattern, &config, &sheet)
+                stickers(pattern, config, &sheet)
             }
-            Method::Plotter => plotter_drawing(pattern, &config, &self.plotter()),
+            Method::Plotter => plotter_drawing(pattern, config, &self.plotter()),
         }
     }
 }
@@ -226,16 +229,14 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
         reject_foreign(given, &OWN, arguments.method)
     })?;
     let format = Format::of(&arguments.output, arguments.method)?;
-    let pattern = Ball::read(&arguments.pattern)?.into_pattern();
-    let drawing = arguments.drawing(&pattern, format)?;
+    let ball = Ball::read(&arguments.pattern)?;
+    let (pattern, config) = (ball.pattern(), arguments.config(&ball));
+    let drawing = arguments.drawing(pattern, &config, format)?;
     let bytes = match format {
         Format::Svg => svg_text(&drawing).concat().into_bytes(),
         Format::Pdf => pdf_bytes(&drawing),
         Format::Dxf => dxf_text(&drawing).into_bytes(),
-        Format::Gcode => {
-            plotter_program(&pattern, &arguments.config(&pattern), &arguments.plotter())?
-                .into_bytes()
-        }
+        Format::Gcode => plotter_program(pattern, &config, &arguments.plotter())?.into_bytes(),
     };
     files::write_bytes(&arguments.output, &bytes)?;
     if arguments.json {

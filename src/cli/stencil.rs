@@ -43,7 +43,8 @@ pub struct Arguments {
     /// Number of interleaved knuckles of the hinge, odd [default: 3].
     #[arg(hide = true, long, value_name = "N")]
     knuckles: Option<usize>,
-    /// Diameter of a dot on the ball, or auto for the largest that fits [default: 4.0].
+    /// Diameter of a dot on the ball, or auto for the largest that fits [default: that of
+    /// the design, else a tenth of the ball].
     #[arg(long, value_name = "MM|auto", value_parser = hole, allow_negative_numbers = true, help_heading = "Sizes")]
     dot_diameter_mm: Option<Hole>,
     /// Diameter of the pen's tip: makes holes 0.4 mm wider, so that the tip passes through.
@@ -124,7 +125,7 @@ macro_rules! sizes {
 
 sizes! {
     /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper
-    /// [default: 40.0].
+    /// [default: that of the design, else 40].
     ball_diameter_mm: "MM" => ball_diameter_mm,
     /// Gap between ball and shell, per side; print the coupon to find yours [default: 0.2].
     clearance_mm: "MM" => clearance_mm,
@@ -162,8 +163,11 @@ sizes! {
 }
 
 impl Arguments {
-    fn config(&self, pattern: &Pattern) -> Result<StencilConfig> {
+    fn config(&self, ball: &Ball) -> Result<StencilConfig> {
+        let [ball_diameter_mm, hole_diameter_mm] = ball.sizes_mm(self.sizes.ball_diameter_mm, None);
         let mut config = StencilConfig {
+            ball_diameter_mm,
+            hole_diameter_mm,
             numbers: !self.no_numbers,
             closure: self.closure,
             ..StencilConfig::default()
@@ -182,12 +186,12 @@ impl Arguments {
             Some(Hole::Mm(diameter)) => config.hole_diameter_mm = diameter,
             Some(Hole::Auto) => {
                 config.validate()?;
-                match Stencil::largest_hole_mm(pattern, &config) {
+                match Stencil::largest_hole_mm(ball.pattern(), &config) {
                     Some(diameter) => config.hole_diameter_mm = diameter,
                     // The reason why not even the smallest fits.
                     None => {
                         config.hole_diameter_mm = 0.5;
-                        Stencil::check(pattern, &config)?;
+                        Stencil::check(ball.pattern(), &config)?;
                     }
                 }
             }
@@ -197,15 +201,15 @@ impl Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let pattern = Ball::read(&arguments.pattern)?.into_pattern();
-    let config = arguments.config(&pattern)?;
+    let ball = Ball::read(&arguments.pattern)?;
+    let (pattern, config) = (ball.pattern(), arguments.config(&ball)?);
     let dir = &arguments.output;
     if !arguments.overwrite {
         let advice = "choose another folder, or --overwrite it";
         files::reject_taken(dir, &FILES, "a stencil", advice)?;
     }
-    let stencil = Stencil::build(&pattern, &config)
-        .map_err(|error| with_largest(error, &pattern, &config))?;
+    let stencil =
+        Stencil::build(pattern, &config).map_err(|error| with_largest(error, pattern, &config))?;
     let rings = arguments.coupon.then(|| coupon(&config)).transpose()?;
     let set = Replacement::begin(dir)?;
     stencil.write(set.path())?;

@@ -22,7 +22,7 @@ use crate::pattern::Pattern;
 
 use super::axis::free_axis;
 use super::caliper::{Caliper, references};
-use super::drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape};
+use super::drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape, text_width};
 use super::labels::{Labels, Rectangle, Spot};
 use super::outline::{circle, circle_on_ball, facets};
 use super::{MarkConfig, Turned, longitude_latitude};
@@ -34,8 +34,10 @@ const STICKER_GAP_MM: f64 = 7.0;
 /// Distance of a table's lines, and of its columns, mm.
 const ROW_MM: f64 = 3.7;
 const COLUMN_MM: f64 = 26.0;
-/// Space between a map's rim and what is beside it, mm.
-const MAP_GAP_MM: f64 = 10.0;
+/// Space above and below a map, and between its rim and the dots that reach over it and its labels, mm.
+const MAP_GAP_MM: (f64, f64) = (3.0, 1.0);
+/// The widest label of a map.
+const MAP_LABEL: &str = "330 deg";
 /// Width of a sheet without bounds, mm.
 const SHEET_MM: f64 = 180.0;
 /// Width of lines, mm.
@@ -227,12 +229,26 @@ fn dots(
 /// Both maps, and where they lie.
 fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<serde_json::Value> {
     let radius = config.radius_mm();
-    // The greatest of 1:1, 1:2, ... at which both stand side by side.
-    let available = 0.5 * sheets.width - MAP_GAP_MM;
-    let divisor = (FRAC_PI_2 * radius / (0.5 * available)).ceil().max(1.0);
+    // The greatest of 1:1, 1:2, ... at which both stand side by side with their labels.
+    let label = text_width(MAP_LABEL, TEXT_MM);
+    let at_scale = |divisor: f64| Map {
+        center: Point::origin(),
+        sign: 1.0,
+        radius: radius / divisor,
+        beyond: FRAC_PI_2 * radius / divisor * config.dot_angle_rad() + MAP_GAP_MM.1,
+    };
+    let half_width = |map: &Map| {
+        let labels = (TAU / 12.0).cos() * (map.rim() + map.beyond) + label;
+        labels.max(map.rim() + map.beyond)
+    };
+    let mut divisor = 1.0;
+    while half_width(&at_scale(divisor)) > 0.25 * sheets.width {
+        divisor += 1.0;
+    }
+    let map = at_scale(divisor);
     let scale = 1.0 / divisor;
-    let rim = FRAC_PI_2 * radius * scale;
-    let height = 2.0 * (rim + MAP_GAP_MM) + 2.0 * ROW_MM;
+    let beside = map.beyond + TEXT_MM + MAP_GAP_MM.0;
+    let height = 2.0 * (map.rim() + beside) + 2.0 * ROW_MM;
     if height > sheets.height {
         return Err(Error::Internal("a map is higher than its page".to_owned()));
     }
@@ -243,14 +259,14 @@ fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<ser
     for (index, (sign, name)) in [(1.0, "north"), (-1.0, "south")].into_iter().enumerate() {
         let center = Point::new(
             (index as f64 + 0.5) * 0.5 * sheets.width,
-            -top - 2.0 * ROW_MM - MAP_GAP_MM - rim,
+            -top - 2.0 * ROW_MM - beside - map.rim(),
         );
-        let map = Map {
+        Map {
             center,
             sign,
-            radius: radius * scale,
-        };
-        map.draw(turned, config, sheets);
+            ..map
+        }
+        .draw(turned, config, sheets);
         places.push((name, center));
     }
     // Where the page's lower edge lies is known once it is full: places count from its upper edge.
@@ -269,15 +285,23 @@ fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<ser
 }
 
 /// One hemisphere.
+#[derive(Clone, Copy)]
 struct Map {
     center: Point,
     /// 1 for the northern one, -1 for the southern.
     sign: f64,
     /// Radius of the ball in the map, mm.
     radius: f64,
+    /// Distance of labels from the rim, farther than dots reach over it, mm.
+    beyond: f64,
 }
 
 impl Map {
+    /// Radius of the map's rim, the equator, mm.
+    fn rim(&self) -> f64 {
+        FRAC_PI_2 * self.radius
+    }
+
     fn place(&self, v: &Vec3) -> Point {
         let (longitude, latitude) = longitude_latitude(v);
         let r = self.radius * (FRAC_PI_2 - self.sign * latitude);
@@ -303,15 +327,25 @@ impl Map {
                 let (sin, cos) = angle.sin_cos();
                 Point::new(self.center.x + r * cos, self.center.y + self.sign * r * sin)
             };
-            let rim = self.radius * FRAC_PI_2;
-            let shape = Shape::Line(vec![self.center, towards(rim)]);
+            let shape = Shape::Line(vec![self.center, towards(self.rim())]);
             sheets.add(Item::new(Layer::Guides, shape));
-            let at = towards(rim + 0.7 * MAP_GAP_MM);
-            let at = Point::new(at.x, at.y - 0.5 * TEXT_MM);
+            // To the right and the left there is no space; the legend says where longitude 0 is.
+            let (sin, cos) = angle.sin_cos();
+            if sin.abs() < 0.1 {
+                continue;
+            }
+            let anchor = match cos {
+                _ if cos.abs() < 0.1 => Anchor::Middle,
+                _ if cos > 0.0 => Anchor::Start,
+                _ => Anchor::End,
+            };
+            let at = towards(self.rim() + self.beyond);
+            let below = if self.sign * sin > 0.0 { 0.0 } else { TEXT_MM };
+            let at = Point::new(at.x, at.y - below);
             let words = format!("{} deg", 30 * k);
-            let taken = Rectangle::of_words(at, Anchor::Middle, TEXT_MM, &words);
+            let taken = Rectangle::of_words(at, anchor, TEXT_MM, &words);
             labels.taken.push(taken);
-            sheets.words(at.x, at.y, Anchor::Middle, words);
+            sheets.words(at.x, at.y, anchor, words);
         }
         let belongs = |v: &Vec3| self.sign * v.z >= 0.0;
         for zone in &turned.keep_out {

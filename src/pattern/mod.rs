@@ -8,6 +8,7 @@
 pub(crate) mod crowding;
 mod keep_out;
 mod shipped;
+mod sidecar;
 mod visible;
 
 use std::fmt::Write as _;
@@ -22,10 +23,11 @@ use crate::files;
 use crate::files::csv::{Format, Row, Rows};
 use crate::geometry::{Vec3, angle_between, pair_rotation, random_direction};
 
-pub use keep_out::{KeepOut, zones_path};
+pub use keep_out::KeepOut;
 #[cfg(feature = "native")]
 pub(crate) use shipped::shipped_design;
 pub use shipped::{NamedPattern, shipped_designs};
+pub use sidecar::{DesignRecord, sidecar_path};
 
 /// Minimum number of dots of a pattern.
 pub const MIN_DOTS: usize = 4;
@@ -125,14 +127,15 @@ impl Pattern {
         self.dots.is_empty()
     }
 
-    /// Reads a pattern from a CSV file, with the zones that stand beside it ([`zones_path`]).
+    /// Reads a pattern from a CSV file, with the zones that stand beside it ([`sidecar_path`]).
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
     #[cfg(feature = "native")]
     pub fn read_csv(path: &Path) -> Result<Self> {
-        Self::from_csv(path, &files::read_at_most(path, files::MAX_TEXT_BYTES)?)?
-            .with_zones_of(path)
+        let bytes = files::read_at_most(path, files::MAX_TEXT_BYTES)?;
+        let (pattern, _) = Self::from_csv(path, &bytes)?.with_sidecar_of(path)?;
+        Ok(pattern)
     }
 
     /// The dots of a CSV file's bytes, without zones; `path` only names the file in errors.
@@ -186,16 +189,13 @@ impl Pattern {
         text
     }
 
-    /// Writes the pattern as CSV atomically, and its zones beside it ([`zones_path`]).
+    /// Writes the pattern as CSV atomically, and its zones beside it ([`sidecar_path`]).
     ///
     /// # Errors
     /// [`Error::Write`].
     #[cfg(feature = "native")]
     pub fn write_csv(&self, path: &Path) -> Result<()> {
-        // Never zones of one pattern beside the dots of another, even for a moment.
-        files::remove_if_present(&zones_path(path))?;
-        files::write_bytes(path, self.to_csv().as_bytes())?;
-        self.write_zones(path)
+        self.write_with(path, None)
     }
 
     /// SHA-256 (lower-case hex) of the coordinates as little-endian f64, row by row.

@@ -1,21 +1,29 @@
 //! The designs that the crate ships.
 
-use super::Pattern;
+use super::{DesignRecord, Pattern};
 use crate::error::{Error, Result};
 
-/// The designs that the crate ships, by name.
-const SHIPPED: [(&str, &str); 8] = [
-    ("dots12", include_str!("../../designs/dots12/pattern.csv")),
-    ("dots16", include_str!("../../designs/dots16/pattern.csv")),
-    ("dots20", include_str!("../../designs/dots20/pattern.csv")),
-    (
-        "dots20-paper",
-        include_str!("../../designs/dots20-paper/pattern.csv"),
-    ),
-    ("dots24", include_str!("../../designs/dots24/pattern.csv")),
-    ("dots28", include_str!("../../designs/dots28/pattern.csv")),
-    ("dots32", include_str!("../../designs/dots32/pattern.csv")),
-    ("dots40", include_str!("../../designs/dots40/pattern.csv")),
+/// A design by its folder's name.
+macro_rules! shipped {
+    ($name:literal) => {
+        (
+            $name,
+            include_str!(concat!("../../designs/", $name, "/pattern.csv")),
+            include_str!(concat!("../../designs/", $name, "/pattern.ball.json")),
+        )
+    };
+}
+
+/// The designs that the crate ships: name, dots, and what stands beside them.
+const SHIPPED: [(&str, &str, &str); 8] = [
+    shipped!("dots12"),
+    shipped!("dots16"),
+    shipped!("dots20"),
+    shipped!("dots20-paper"),
+    shipped!("dots24"),
+    shipped!("dots28"),
+    shipped!("dots32"),
+    shipped!("dots40"),
 ];
 
 /// A pattern and its name.
@@ -25,6 +33,8 @@ pub struct NamedPattern {
     pub name: String,
     /// The pattern.
     pub pattern: Pattern,
+    /// What it was designed for, where that is known.
+    pub design: Option<DesignRecord>,
 }
 
 /// The designs that the crate ships.
@@ -32,22 +42,25 @@ pub struct NamedPattern {
 /// # Errors
 /// [`Error::Internal`] where one cannot be read.
 pub fn shipped_designs() -> Result<Vec<NamedPattern>> {
-    let named = |(name, csv): &(&str, &str)| {
-        Ok(NamedPattern {
-            name: (*name).to_owned(),
-            pattern: read(name, csv)?,
-        })
-    };
-    SHIPPED.iter().map(named).collect()
+    SHIPPED.iter().map(read).collect()
 }
 
 /// The design that the crate ships under this name, if there is one.
 #[cfg(feature = "native")]
-pub(crate) fn shipped_design(name: &str) -> Option<Result<Pattern>> {
-    let found = SHIPPED.iter().find(|(shipped, _)| *shipped == name);
-    found.map(|(name, csv)| read(name, csv))
+pub(crate) fn shipped_design(name: &str) -> Option<Result<NamedPattern>> {
+    let found = SHIPPED.iter().find(|(shipped, ..)| *shipped == name);
+    found.map(read)
 }
 
-fn read(name: &str, csv: &str) -> Result<Pattern> {
-    Pattern::from_csv(name.as_ref(), csv.as_bytes()).map_err(|e| Error::Internal(e.to_string()))
+fn read((name, csv, beside): &(&str, &str, &str)) -> Result<NamedPattern> {
+    let internal = |e: Error| Error::Internal(e.to_string());
+    let pattern = Pattern::from_csv(name.as_ref(), csv.as_bytes()).map_err(internal)?;
+    let (pattern, design) = pattern
+        .with_sidecar(name.as_ref(), beside.as_bytes())
+        .map_err(internal)?;
+    Ok(NamedPattern {
+        name: (*name).to_owned(),
+        pattern,
+        design,
+    })
 }

@@ -416,7 +416,7 @@ impl CalibrationEvaluation {
     /// [`Error::Write`] on an I/O failure.
     pub fn write(&self, dir: &Path) -> Result<()> {
         files::create_dir(dir)?;
-        self.ball.pattern().write_csv(&dir.join("pattern.csv"))?;
+        self.ball.write_csv(&dir.join("pattern.csv"))?;
         self.ball.write_npz(&dir.join("table.npz"))?;
         files::write_bytes(
             &dir.join("offsets.csv"),

@@ -29,6 +29,7 @@ use std::time::Instant;
 
 use super::page::DesignPage;
 use super::{CameraRecord, DesignEvaluation, EvaluationConfig, REPORT, evaluate};
+use crate::ball::DesignRecord;
 use crate::design::state::{Checkpoint, ShardRecord};
 use crate::design::{
     Candidate, DesignConfig, DesignObserver, SearchState, Shard, Stage, design, search_rounds,
@@ -226,11 +227,13 @@ impl DesignJob {
             ..self.config.clone()
         };
         let command = observer.command(&searched);
-        let mut found = evaluate(&outcome, &searched, &self.evaluation, &mut |what| {
+        let found = evaluate(&outcome, &searched, &self.evaluation, &mut |what| {
             observer.step(what);
         })?;
+        let camera = observer.camera();
+        let mut found = found.with_design(self.record(camera.as_ref()))?;
         found.report.command = command;
-        found.report.camera = observer.camera();
+        found.report.camera = camera;
         found.report.timing.search_s = search_s;
         let results = Replacement::begin(&self.dir)?;
         found.write(results.path())?;
@@ -242,6 +245,19 @@ impl DesignJob {
         // The pattern is replaced at once: it is what a search leaves at any time.
         results.publish(&[], &[PATTERN], REPORT)?;
         Ok(found)
+    }
+
+    /// What the pattern is designed for.
+    fn record(&self, camera: Option<&CameraRecord>) -> DesignRecord {
+        DesignRecord {
+            ball_diameter_mm: self.stencil.ball_diameter_mm,
+            dot_diameter_mm: self.stencil.hole_diameter_mm,
+            camera: camera.map(|camera| camera.conditions.clone()),
+            criterion: Some(match camera {
+                Some(_) => "error on frames of the camera".to_owned(),
+                None => format!("identity, protocol {}", self.config.protocol.name()),
+            }),
+        }
     }
 
     /// Where the search, or a shard of it, starts.
@@ -393,7 +409,8 @@ impl<'a> Keeper<'a> {
             for name in RESULTS {
                 files::remove_any(&self.path(name))?;
             }
-            pattern.write_csv(&path)?;
+            let record = self.job.record(None);
+            pattern.write_with(&path, Some(&record))?;
         }
         self.saved = Some(best.dots.clone());
         Ok(())

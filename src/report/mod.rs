@@ -19,7 +19,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::ball::{Ball, ObjectiveRecord};
+use crate::ball::{Ball, DesignRecord, ObjectiveRecord};
 use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
@@ -109,6 +109,9 @@ pub struct DesignReport {
     pub objective: ObjectiveRecord,
     /// The winner.
     pub pattern: PatternReport,
+    /// What it was designed for, as it stands beside the pattern and in the table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub design: Option<DesignRecord>,
     /// The orientation bound of its dots, in units of the dots' noise.
     pub orientation_bound: BoundSummary,
     /// Mean distance from each feature of its table to the nearest other one, without unit: the
@@ -276,6 +279,7 @@ pub fn evaluate(
             summary: pattern.summary(),
             dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
         },
+        design: None,
         validation,
         sensitivity,
         camera: None,
@@ -350,6 +354,16 @@ fn sweep(
 }
 
 impl DesignEvaluation {
+    /// Records in ball and report what the pattern was designed for.
+    ///
+    /// # Errors
+    /// As [`DesignRecord::check`].
+    pub fn with_design(mut self, design: DesignRecord) -> Result<Self> {
+        self.report.design = Some(design.clone());
+        self.ball = self.ball.with_design(Some(design))?;
+        Ok(self)
+    }
+
     /// Writes everything but the stencil to `dir`, each file atomically.
     ///
     /// # Errors
@@ -357,7 +371,7 @@ impl DesignEvaluation {
     pub fn write(&self, dir: &Path) -> Result<()> {
         files::create_dir(dir)?;
         let ball = &self.ball;
-        ball.pattern().write_csv(&dir.join("pattern.csv"))?;
+        ball.write_csv(&dir.join("pattern.csv"))?;
         ball.write_npz(&dir.join("table.npz"))?;
         let csv = sensitivity_csv(&self.report.sensitivity);
         files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;

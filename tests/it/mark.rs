@@ -278,12 +278,18 @@ fn numbers_are_never_covered() {
     };
     for drawing in drawn_lobes().flat_map(sheets) {
         for page in &drawing.pages {
-            let numbers = boxes(&page.items, Layer::Notes);
-            let numbers: Vec<_> = numbers
-                .iter()
-                .filter(|(words, _)| words.len() < 3)
-                .collect();
-            for (k, (number, frame)) in numbers.iter().enumerate() {
+            let words = boxes(&page.items, Layer::Notes);
+            for (k, (label, frame)) in words.iter().enumerate() {
+                for (other, others) in &words[..k] {
+                    let apart = frame[0] > others[2]
+                        || others[0] > frame[2]
+                        || frame[1] > others[3]
+                        || others[1] > frame[3];
+                    assert!(apart, "{}: {label} covers {other}", drawing.title);
+                }
+            }
+            let numbers: Vec<_> = words.iter().filter(|(words, _)| words.len() < 3).collect();
+            for (number, frame) in &numbers {
                 for item in page
                     .items
                     .iter()
@@ -301,13 +307,6 @@ fn numbers_are_never_covered() {
                         "{}: {number} is {nearest} mm off a dot or cut",
                         drawing.title
                     );
-                }
-                for (other, others) in &numbers[..k] {
-                    let apart = frame[0] > others[2]
-                        || others[0] > frame[2]
-                        || frame[1] > others[3]
-                        || others[1] > frame[3];
-                    assert!(apart, "{}: {number} covers {other}", drawing.title);
                 }
                 assert!(
                     frame[0] > 0.0 && frame[2] < page.width_mm && frame[3] < page.height_mm,

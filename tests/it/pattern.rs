@@ -217,7 +217,7 @@ proptest! {
 #[test]
 fn shipped_designs_are_written_as_the_writer_writes_them() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    for spindoe::pattern::NamedPattern { name, pattern } in
+    for spindoe::pattern::NamedPattern { name, pattern, .. } in
         spindoe::pattern::shipped_designs().unwrap()
     {
         let path = root.join("designs").join(&name).join("pattern.csv");

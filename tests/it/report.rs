@@ -280,7 +280,7 @@ fn pictures_are_drawn_from_the_folder() {
 fn zones_live_beside_the_pattern_and_in_its_table() {
     use spindoe::KeepOut;
     use spindoe::geometry::Vec3;
-    use spindoe::pattern::zones_path;
+    use spindoe::pattern::sidecar_path;
 
     let dir = tempfile::tempdir().unwrap();
     let csv = dir.path().join("ball.csv");
@@ -305,7 +305,7 @@ fn zones_live_beside_the_pattern_and_in_its_table() {
     let other = Pattern::new(spiral_directions(9).collect()).unwrap();
     std::fs::write(&csv, other.to_csv()).unwrap();
     let error = Pattern::read_csv(&csv).unwrap_err();
-    assert!(error.to_string().contains("zones.json"), "{error}");
+    assert!(error.to_string().contains("ball.json"), "{error}");
     other.write_csv(&csv).unwrap();
-    assert!(!zones_path(&csv).exists());
+    assert!(!sidecar_path(&csv).exists());
 }

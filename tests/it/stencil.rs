@@ -9,10 +9,13 @@ use std::process::Command;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use spindoe::ball::{Ball, DesignRecord};
 use spindoe::geometry::{Rotation, Vec3, angle_between, random_direction, spiral_directions};
 use spindoe::pattern::Pattern;
 use spindoe::stencil::coupon::coupon;
-use spindoe::stencil::{HalfName, Mesh, Stencil, StencilConfig, max_margin_seam, shapes};
+use spindoe::stencil::{
+    Bed, COMMON_BEDS, HalfName, Mesh, Stencil, StencilConfig, max_margin_seam, shapes,
+};
 
 /// `n` dots at least `separation_deg` apart, by rejection.
 fn random_pattern(n: usize, separation_deg: f64, seed: u64) -> Pattern {
@@ -843,6 +846,9 @@ fn zones_become_windows() {
         for window in found {
             let zone = stencil.zones()[window.zone];
             assert!(window.axis.dot(&zone.axis) > 1.0 - 1e-12);
+            // A cone of half the angle a cuts a ball of 20 mm radius in a circle of 20 sin(a).
+            let on_ball = 20.0 * zone.half_angle_rad.sin();
+            assert!((window.zone_radius_mm - on_ball).abs() < 1e-9);
             let limit = stencil.config().inner_radius_mm() * zone.half_angle_rad.sin();
             assert!(window.radius_mm >= 2.0 && window.radius_mm < limit + 1e-9);
             let [u, v] = spindoe::geometry::tangent_frame(&window.axis);
@@ -858,6 +864,130 @@ fn zones_become_windows() {
         }
     }
     assert!(windows >= 3, "{windows} windows: nothing was tested");
+}
+
+/// Holes and ball are those of the design, whatever form it comes in, unless flags say otherwise.
+#[test]
+fn a_design_brings_its_sizes_along() {
+    let dir = tempfile::tempdir().unwrap();
+    let record = DesignRecord {
+        ball_diameter_mm: 43.0,
+        dot_diameter_mm: 5.2,
+        camera: None,
+        criterion: None,
+    };
+    let plain = Ball::new(random_pattern(12, 28.0, 3));
+    plain.write_csv(&dir.path().join("plain.csv")).unwrap();
+    let ball = plain.with_design(Some(record)).unwrap();
+    let folder = dir.path().join("design");
+    std::fs::create_dir(&folder).unwrap();
+    ball.write_csv(&folder.join("pattern.csv")).unwrap();
+    ball.write_npz(&dir.path().join("table.npz")).unwrap();
+    let cases: [(&[&str], [f64; 2]); 7] = [
+        (&["design"], [43.0, 5.2]),
+        (&["design/pattern.csv"], [43.0, 5.2]),
+        (&["table.npz"], [43.0, 5.2]),
+        (&["design", "--hole-diameter-mm", "3.1"], [43.0, 3.1]),
+        (&["design", "--ball-diameter-mm", "86"], [86.0, 10.4]),
+        (&["plain.csv"], [40.0, 4.0]),
+        (&["plain.csv", "--ball-diameter-mm", "220"], [220.0, 22.0]),
+    ];
+    for (arguments, sizes) in cases {
+        let output = spindoe(
+            dir.path(),
+            &[arguments, &["-o", "out", "--overwrite"]].concat(),
+        );
+        let words = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let text = std::fs::read_to_string(dir.path().join("out/stencil.json")).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let found =
+            ["ball_diameter_mm", "hole_diameter_mm"].map(|k| json["parameters"][k].as_f64());
+        assert_eq!(found, sizes.map(Some), "{arguments:?}");
+        assert!(
+            words.contains(&format!("holes of {} mm", sizes[1])),
+            "{words}"
+        );
+        // Shell, tab and hinge stand out by 10 to 20 mm: 220 mm is too large for beds of 220.
+        let fits = if sizes[0] > 200.0 {
+            "256 x 256"
+        } else {
+            "all common beds"
+        };
+        assert!(words.contains(fits), "{words}");
+    }
+}
+
+/// Beds are rectangles, and halves may stand either way on them.
+#[test]
+fn beds_hold_what_is_smaller_than_they_are() {
+    let bed = Bed {
+        printers: "",
+        size_mm: [250.0, 210.0, 100.0],
+    };
+    for (size, holds) in [
+        ([240.0, 200.0, 100.0], true),
+        ([200.0, 240.0, 90.0], true),
+        ([240.0, 212.0, 90.0], false),
+        ([249.0, 100.0, 90.0], false),
+        ([100.0, 100.0, 101.0], false),
+    ] {
+        assert_eq!(bed.holds(size), holds, "{size:?}");
+    }
+    assert!(
+        COMMON_BEDS
+            .windows(2)
+            .all(|b| b[0].size_mm[0] <= b[1].size_mm[0])
+    );
+}
+
+/// A number that reads as another upside down has a line engraved beneath it, others have none.
+#[test]
+fn numbers_that_turn_into_others_are_underlined() {
+    let turned = |dot: usize| -> Option<String> {
+        let digits = dot.to_string();
+        let turned = digits
+            .chars()
+            .rev()
+            .map(|c| "01----9-86".chars().nth(c as usize - 48));
+        let turned: Option<String> = turned.collect();
+        turned.filter(|t| !t.contains('-'))
+    };
+    for dot in 0..64 {
+        let other = turned(dot).filter(|t| !t.starts_with('0'));
+        let other = other.and_then(|t| t.parse::<usize>().ok());
+        let ambiguous = other.is_some_and(|other| other != dot && other < 64);
+        assert_eq!(spindoe::pattern::reads_upside_down(dot), ambiguous, "{dot}");
+    }
+    let pattern = Pattern::new(spiral_directions(12).collect()).unwrap();
+    let stencil = Stencil::build(&pattern, &StencilConfig::default()).unwrap();
+    for name in HalfName::BOTH {
+        let mesh = stencil.placed_half(name, 0.0);
+        for number in &stencil.half(name).numbers {
+            let own = |v: Vec3| match name {
+                HalfName::A => v,
+                HalfName::B => Vec3::new(v.x, -v.y, -v.z),
+            };
+            let d = number.direction;
+            let up = (Vec3::z() - d.z * d).normalize();
+            let radius = stencil.config().outer_radius_mm();
+            // Digits end half their height below their middle; with a line beneath, the middle of both is
+            // lower, and the line lies around 0.6 of the height below it.
+            let right = up.cross(&d);
+            let lined = [-0.1, 0.0, 0.1].iter().all(|side| {
+                let off = number.height_mm * (0.6 * up + *side * right);
+                let p = (radius * d - off).normalize();
+                let start = stencil.config().inner_radius_mm() + 0.5;
+                let out = first_hit(&mesh, &own(start * p), &own(p));
+                start + out < radius - 0.2
+            });
+            assert_eq!(lined, [6, 9].contains(&number.dot), "{}", number.dot);
+        }
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-use crate::ball::Ball;
+use crate::ball::{Ball, usual_dot_mm};
 #[cfg(feature = "vision")]
 use crate::camera::RaceConfig;
 #[cfg(feature = "vision")]
@@ -124,7 +124,7 @@ pub struct Arguments {
     /// measure yours.
     #[arg(long, value_name = "MM", default_value_t = StencilConfig::default().ball_diameter_mm, allow_negative_numbers = true)]
     pub(super) ball_diameter_mm: f64,
-    /// Diameter of a dot, which is that of the stencil's holes at the ball, mm [default: 4; with --camera the largest that the
+    /// Diameter of a dot, which is that of the stencil's holes at the ball, mm [default: a tenth of the ball; with --camera the largest that the
     /// number of dots leaves room for].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub(super) dot_diameter_mm: Option<f64>,
@@ -362,7 +362,7 @@ impl Arguments {
             ball_diameter_mm: self.ball_diameter_mm,
             hole_diameter_mm: self
                 .dot_diameter_mm
-                .unwrap_or(StencilConfig::default().hole_diameter_mm),
+                .unwrap_or_else(|| usual_dot_mm(self.ball_diameter_mm)),
             ..StencilConfig::default()
         }
     }

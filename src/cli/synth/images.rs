@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::{Arguments, Content, range};
+use crate::ball::{Ball, DesignRecord};
 use crate::cli::output::Counter;
 use crate::error::{Error, Result, require};
 use crate::files::{self, Replacement};
@@ -84,7 +85,8 @@ pub struct Ranges {
     /// Distance of the camera in ball radii: one number, or LOW,HIGH [default: 6,60].
     #[arg(long, hide = true, value_parser = range, allow_hyphen_values = true, value_name = "RADII")]
     camera_distance_radii: Option<[f64; 2]>,
-    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default: 2.3,7.4].
+    /// Radius of the dots as an angle, degrees: one number, or LOW,HIGH; one for a ball [default: that of the
+    /// design, else 2.3,7.4].
     #[arg(long, hide = true, value_parser = range, allow_hyphen_values = true, value_name = "DEG")]
     dot_radius_deg: Option<[f64; 2]>,
     /// Standard deviation of the drawn dots from the pattern, degrees per tangent axis: one number, or LOW,HIGH; one for a
@@ -108,7 +110,7 @@ pub(super) fn size(text: &str) -> std::result::Result<[usize; 2], String> {
 
 impl Ranges {
     /// Sets what is given.
-    fn apply(&self, config: &mut SynthConfig) -> Result<()> {
+    fn apply(&self, config: &mut SynthConfig, designed: Option<&DesignRecord>) -> Result<()> {
         if let Some(size) = self.size_px {
             let [low, high] = size;
             let is_whole = size
@@ -130,6 +132,8 @@ impl Ranges {
         }
         if let Some(radius) = self.dot_radius_deg {
             config.dot_radius_rad = radius.map(f64::to_radians);
+        } else if let Some(design) = designed {
+            config.dot_radius_rad = [design.dot_diameter().asin(); 2];
         }
         if let Some(sigma) = self.placement_sigma_deg {
             config.placement_sigma_rad = sigma.map(f64::to_radians);
@@ -156,9 +160,13 @@ impl Arguments {
         self.preset.clone().unwrap_or(usual)
     }
 
-    fn synth_config(&self) -> Result<SynthConfig> {
-        let mut config = self.preset().config()?;
-        self.ranges.apply(&mut config)?;
+    fn synth_config(&self, ball: &Ball) -> Result<SynthConfig> {
+        let preset = self.preset();
+        let mut config = preset.config()?;
+        // A file states its own sizes.
+        let is_file = matches!(preset, Preset::File(_));
+        let designed = ball.design().filter(|_| !is_file);
+        self.ranges.apply(&mut config, designed)?;
         config.kind = self.kind.unwrap_or(config.kind);
         config.ball_px = self.ball_px.or(config.ball_px);
         config.image_px = self.image_size.or(config.image_px);
@@ -201,9 +209,9 @@ impl Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let config = arguments.synth_config()?;
-    let clip = arguments.clip_config(&config)?;
     let ball = arguments.ball()?;
+    let config = arguments.synth_config(&ball)?;
+    let clip = arguments.clip_config(&config)?;
     let pattern = ball.pattern();
     let seed = arguments.seed;
     let frames = arguments
@@ -220,7 +228,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         .map(|s| Sequence::random(pattern, &config, s, seed, frames));
     let sequence = sequence.transpose()?;
     let (folder, set) = arguments.begin()?;
-    pattern.write_csv(&set.path().join("pattern.csv"))?;
+    ball.write_csv(&set.path().join("pattern.csv"))?;
     ball.write_npz(&set.path().join("table.npz"))?;
     let origin = Origin {
         seed,

@@ -5,7 +5,7 @@ mod dots;
 mod images;
 mod orientations;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{ArgMatches, Args, ValueEnum};
 
@@ -13,7 +13,6 @@ use super::output::{one_of, reject_foreign, unit};
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
-use crate::pattern::{NamedPattern, shipped_designs};
 #[cfg(feature = "vision")]
 use crate::synth::SynthKind;
 use crate::view::ProtocolName;
@@ -165,13 +164,7 @@ const OWN: &[(&str, &[Content])] = &[
 impl Arguments {
     /// The ball: the given one, or the shipped one of 20 dots.
     fn ball(&self) -> Result<Ball> {
-        if let Some(path) = &self.pattern {
-            return Ball::read(path);
-        }
-        let is_usual = |design: &NamedPattern| design.name == PATTERN;
-        let found = shipped_designs()?.into_iter().find(is_usual);
-        let found = found.ok_or_else(|| Error::Internal(format!("no design {PATTERN}")))?;
-        Ok(Ball::new(found.pattern))
+        Ball::read(self.pattern.as_deref().unwrap_or(Path::new(PATTERN)))
     }
 
     /// The file to write.

@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use spindoe::Error;
-use spindoe::ball::{Ball, CalibrationRecord, Feature, ObjectiveRecord, PairRule};
+use spindoe::ball::{Ball, CalibrationRecord, DesignRecord, Feature, ObjectiveRecord, PairRule};
 use spindoe::geometry::tangent_frame;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -209,14 +209,138 @@ fn a_ball_reads_from_a_table_a_pattern_and_a_folder_with_either() {
     assert_eq!(Ball::read(&at("ball")).expect("reads"), table());
 }
 
+/// A ball designed for dots of 5.2 mm on 42 mm.
+fn designed() -> Ball {
+    let record = DesignRecord {
+        ball_diameter_mm: 42.0,
+        dot_diameter_mm: 5.2,
+        camera: Some(json!({"ball_px": 45.5, "fps": 240})),
+        criterion: Some("identity, protocol sparse".into()),
+    };
+    table().with_design(Some(record)).expect("sizes")
+}
+
+#[test]
+fn what_a_design_knows_comes_back_from_every_form() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    let ball = designed();
+    ball.write_csv(&at("pattern.csv")).expect("writes");
+    ball.write_npz(&at("alone.npz")).expect("writes");
+    for form in ["pattern.csv", "alone.npz", "."] {
+        let read = Ball::read(&at(form)).expect("reads");
+        assert_eq!(read.design(), ball.design(), "{form}");
+        assert_eq!(read.pattern(), ball.pattern(), "{form}");
+    }
+    // As other programs find it.
+    let text = std::fs::read_to_string(at("pattern.ball.json")).expect("reads");
+    let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(json["design"]["dot_diameter_mm"], 5.2);
+    assert_eq!(json["pattern_sha256"], ball.pattern().sha256());
+    let shipped = Ball::read("dots12".as_ref()).expect("reads");
+    let sizes = shipped
+        .design()
+        .map(|d| [d.ball_diameter_mm, d.dot_diameter_mm]);
+    assert_eq!(sizes, Some([40.0, 6.0]));
+    // A pattern by itself takes away what belonged to another.
+    ball.pattern()
+        .write_csv(&at("pattern.csv"))
+        .expect("writes");
+    assert_eq!(
+        Ball::read(&at("pattern.csv")).expect("reads").design(),
+        None
+    );
+    assert!(!at("pattern.ball.json").exists());
+}
+
+#[test]
+fn files_from_before_designs_were_recorded_still_read() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    let zone = |z: f64| {
+        json!({
+            "format_version": 1,
+            "pattern_sha256": table().pattern().sha256(),
+            "keep_out": [{"axis": [0.0, 0.0, z], "half_angle_rad": 1e-3}],
+        })
+        .to_string()
+    };
+    table().pattern().write_csv(&at("p.csv")).expect("writes");
+    std::fs::write(at("p.zones.json"), zone(1.0)).expect("writes");
+    let read = Ball::read(&at("p.csv")).expect("reads");
+    assert_eq!(read.pattern().keep_out().len(), 1);
+    assert_eq!(read.design(), None);
+    // Writing leaves one file.
+    read.write_csv(&at("p.csv")).expect("writes");
+    assert!(at("p.ball.json").exists() && !at("p.zones.json").exists());
+    assert_eq!(Ball::read(&at("p.csv")).expect("reads"), read);
+    let text = String::from_utf8_lossy(&table().to_npz().expect("packs")).into_owned();
+    assert!(
+        !text.contains("design"),
+        "a table without a record is as before"
+    );
+}
+
+#[test]
+fn sizes_that_cannot_be_are_rejected_with_their_place() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    for (ball, dot, place) in [
+        (40.0, 41.0, "dot_diameter_mm"),
+        (40.0, -1.0, "dot_diameter_mm"),
+        (0.0, 4.0, "ball_diameter_mm"),
+    ] {
+        let record = DesignRecord {
+            ball_diameter_mm: ball,
+            dot_diameter_mm: dot,
+            camera: None,
+            criterion: None,
+        };
+        assert!(table().with_design(Some(record)).is_err());
+        table().pattern().write_csv(&at("p.csv")).expect("writes");
+        let text = json!({
+            "format_version": 2,
+            "pattern_sha256": table().pattern().sha256(),
+            "design": {"ball_diameter_mm": ball, "dot_diameter_mm": dot},
+        });
+        std::fs::write(at("p.ball.json"), text.to_string()).expect("writes");
+        let error = Ball::read(&at("p.csv"))
+            .expect_err("no such sizes")
+            .to_string();
+        assert!(
+            error.contains("p.ball.json") && error.contains(place),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn sizes_follow_the_design_unless_they_are_stated() {
+    let (plain, designed) = (table(), designed());
+    // Nothing is known: table tennis, and dots of a tenth of the ball.
+    assert_eq!(plain.sizes_mm(None, None), [40.0, 4.0]);
+    assert_eq!(plain.sizes_mm(Some(220.0), None), [220.0, 22.0]);
+    assert_eq!(plain.sizes_mm(Some(220.0), Some(9.5)), [220.0, 9.5]);
+    assert_eq!(designed.sizes_mm(None, None), [42.0, 5.2]);
+    assert_eq!(designed.sizes_mm(None, Some(3.3)), [42.0, 3.3]);
+    // 84 / 42 as large, and 5.2 * 42.3 / 42 = 5.237.
+    assert_eq!(designed.sizes_mm(Some(84.0), None), [84.0, 10.4]);
+    assert_eq!(designed.sizes_mm(Some(42.3), None), [42.3, 5.2]);
+}
+
 #[test]
 fn shipped_designs_are_read_by_their_names_unless_there_is_such_a_file() {
     let shipped = spindoe::pattern::shipped_designs().expect("they read");
     assert!(shipped.iter().any(|s| s.name == "dots40"));
-    for spindoe::pattern::NamedPattern { name, pattern } in shipped {
+    for spindoe::pattern::NamedPattern {
+        name,
+        pattern,
+        design,
+    } in shipped
+    {
         assert_eq!(
             Ball::read(name.as_ref()).expect("reads"),
-            Ball::new(pattern)
+            Ball::new(pattern).with_design(design).expect("sizes")
         );
     }
     let error = Ball::read("dots41".as_ref()).expect_err("no such design");

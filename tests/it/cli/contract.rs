@@ -597,6 +597,10 @@ fn the_reported_command_repeats_a_design_with_keep_out_cones_and_resumes_it() {
         "min_visible=0",
         "--config",
         "seam_margin_deg=0",
+        "--ball-diameter-mm",
+        "41.5",
+        "--dot-diameter-mm",
+        "5.2",
     ];
     // An axis whose bits change when it is normalized twice, and an angle whose bits change on the way to
     // radians and back.
@@ -618,6 +622,24 @@ fn the_reported_command_repeats_a_design_with_keep_out_cones_and_resumes_it() {
     done(dir.path(), &[&words[..], &["--output", "b"]].concat());
     let read = |out: &str| fs::read(dir.path().join(out).join("pattern.csv")).unwrap();
     assert_eq!(read("a"), read("b"));
+    // What it was designed for stands beside the pattern, in the table and in the report.
+    let sidecar: Value =
+        serde_json::from_slice(&fs::read(dir.path().join("a/pattern.ball.json")).unwrap()).unwrap();
+    assert_eq!(sidecar["design"], report["design"]);
+    assert_eq!(sidecar["design"]["dot_diameter_mm"], 5.2);
+    assert_eq!(sidecar["design"]["ball_diameter_mm"], 41.5);
+    assert_eq!(sidecar["keep_out"].as_array().unwrap().len(), 1);
+    let table = Ball::read_npz(&dir.path().join("a/table.npz")).unwrap();
+    assert_eq!(
+        serde_json::to_value(table.design()).unwrap(),
+        report["design"]
+    );
+    let drawing = fs::read(dir.path().join("a/stencil/drawing.pdf")).unwrap();
+    assert!(drawing.starts_with(b"%PDF"));
+    assert_eq!(
+        drawing,
+        fs::read(dir.path().join("b/stencil/drawing.pdf")).unwrap()
+    );
     // The same command continues what the first one left.
     done(
         dir.path(),
