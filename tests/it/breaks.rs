@@ -301,7 +301,24 @@ fn the_corpus_of_fuzzing() {
 
 /// Inputs of the corpus that each reader takes, of so many.
 #[cfg(feature = "vision")]
-const VALID: &[(&str, usize, usize)] = &[];
+const VALID: &[(&str, usize, usize)] = &[
+    ("table", 2, 80),
+    ("pattern", 2, 80),
+    ("zones", 1, 80),
+    ("observed", 4, 80),
+    ("orientations", 6, 80),
+    ("times", 1, 80),
+    ("circles", 1, 1),
+    ("trajectories", 1, 80),
+    ("camera", 1, 5),
+    ("weights", 4, 80),
+    ("checkpoint", 0, 159),
+    ("picture", 8, 80),
+    ("pipe", 12, 80),
+    ("video", 0, 80),
+    ("synth", 1, 80),
+    ("report", 1, 1),
+];
 
 /// The corpus of a target: an archive of what coverage-guided runs kept.
 #[cfg(feature = "vision")]

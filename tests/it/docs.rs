@@ -51,7 +51,8 @@ fn every_command_of_the_documents_is_understood() {
         let text = std::fs::read_to_string(&document).unwrap();
         let text = text.replace("\\\n", " ");
         for line in text.lines().filter(|l| l.starts_with("    ")) {
-            if !line.contains("spindoe ") || line.contains(" = ") {
+            // Shell variables, and lines of other files.
+            if !line.contains("spindoe ") || line.contains(" = ") || line.contains('$') {
                 continue;
             }
             for words in commands(line) {

@@ -204,10 +204,10 @@ impl<'a> Report<'a> {
             TimeSource::SameNumber => format!("{}, so no spin: give --fps", times.problem()?),
             TimeSource::Names { fps } => {
                 let fps = fps?;
-                format!("times from the names, in nanoseconds: {fps:.2} fps on average")
+                format!("from the names, in nanoseconds: {fps:.2} fps on average")
             }
             TimeSource::Rate { fps } => format!("{fps} fps as given by --fps"),
-            TimeSource::Table => "times from the table".into(),
+            TimeSource::Table => "from the table".into(),
             TimeSource::Video(clock) => video_words(&clock),
         };
         Some(words)
@@ -310,7 +310,7 @@ impl<'a> Report<'a> {
             errln!("{} of them independently", summary.alone);
         }
         if let Some(words) = self.times_words() {
-            errln!("{words}");
+            errln!("times: {words}");
         }
         match &self.spin {
             Some(Ok(summary)) => {

@@ -30,10 +30,10 @@ fn cut_and_damaged_videos_are_said() {
     }
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
-    done(dir.path(), &["sample", "--frames", "40"]);
+    done(dir.path(), &["synth", "--frames", "40"]);
     std::fs::create_dir(at("frames")).unwrap();
     // The names are nanoseconds, all of the same length.
-    let mut names: Vec<_> = std::fs::read_dir(at("sample/clip/images"))
+    let mut names: Vec<_> = std::fs::read_dir(at("sample/images"))
         .unwrap()
         .map(|e| e.unwrap().path())
         .collect();
