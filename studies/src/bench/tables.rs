@@ -7,7 +7,8 @@ use std::process::Command;
 use spindoe::files;
 use spindoe_studies::Outcome;
 
-const BEGIN: &str = "<!-- bench ";
+/// On a line of its own: a text may speak of the mark.
+const BEGIN: &str = "\n<!-- bench ";
 const END: &str = "<!-- end -->";
 
 #[derive(clap::Args)]
