@@ -69,8 +69,8 @@ pub use frame::{FrameEstimate, FrameRejection, Hypothesis, Pose, Timings};
 pub use orientations::{NamedFrame, orientations, turned_covariance};
 pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
 pub use sequence::{
-    FrameInDoubt, ImageWork, SequenceConfig, SequenceSummary, estimate_passes, estimate_sequence,
-    estimate_spin, frames_in_doubt, held_images, second_pass,
+    FrameInDoubt, ImageResults, ImageWork, SequenceConfig, SequenceSummary, estimate_passes,
+    estimate_sequence, estimate_spin, frames_in_doubt, held_images, second_pass,
 };
 pub use sequence_view::SequenceView;
 pub use tracker::{Tracker, TrackerConfig, TrackerState};

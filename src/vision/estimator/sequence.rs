@@ -69,8 +69,6 @@ impl Default for SequenceConfig {
 pub struct SequenceSummary {
     /// Frames with a pose after the first pass.
     pub alone: usize,
-    /// Estimates of the second pass.
-    pub again: usize,
     /// Frames with a pose now.
     pub together: usize,
 }
@@ -232,6 +230,9 @@ impl<D: DotDetector> Estimator<D> {
 pub type ImageWork<'a, W> =
     dyn Fn(usize, ImageView<'_>, &mut EstimatorWorkspace<W>) -> Option<FrameEstimate> + Sync + 'a;
 
+/// What comes of the work on images, with their numbers, or why they cannot be had.
+pub type ImageResults<E> = Result<Vec<(usize, FrameEstimate)>, E>;
+
 /// Estimates the frames of one sequence in both passes, all with one prior; without times, in the first alone. `times_s` are in
 /// seconds, one a frame, each later than the one before. `on_images` does the work on the images with these numbers, which
 /// ascend, and returns what comes of it in their order.
@@ -244,10 +245,7 @@ pub fn estimate_passes<D: DotDetector, E>(
     prior: &Prior,
     count: usize,
     times_s: Option<&[f64]>,
-    mut on_images: impl FnMut(
-        &[usize],
-        &ImageWork<'_, D::Workspace>,
-    ) -> Result<Vec<(usize, FrameEstimate)>, E>,
+    mut on_images: impl FnMut(&[usize], &ImageWork<'_, D::Workspace>) -> ImageResults<E>,
 ) -> Result<(Vec<FrameEstimate>, SequenceSummary), E> {
     let mut frames = vec![FrameEstimate::default(); count];
     let all: Vec<usize> = (0..count).collect();
@@ -273,16 +271,10 @@ pub fn second_pass<D: DotDetector, E>(
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &mut [FrameEstimate],
-    mut on_images: impl FnMut(
-        &[usize],
-        &ImageWork<'_, D::Workspace>,
-    ) -> Result<Vec<(usize, FrameEstimate)>, E>,
+    mut on_images: impl FnMut(&[usize], &ImageWork<'_, D::Workspace>) -> ImageResults<E>,
 ) -> Result<SequenceSummary, E> {
     let answered = |frames: &[FrameEstimate]| frames.iter().filter(|f| f.pose().is_some()).count();
-    let mut summary = SequenceSummary {
-        alone: answered(frames),
-        ..SequenceSummary::default()
-    };
+    let alone = answered(frames);
     let mut tried: Vec<Option<FrameInDoubt>> = vec![None; frames.len()];
     loop {
         let mut doubts = frames_in_doubt(config, times_s, frames);
@@ -293,7 +285,6 @@ pub fn second_pass<D: DotDetector, E>(
         for doubt in &doubts {
             tried[doubt.frame] = Some(*doubt);
         }
-        summary.again += doubts.len();
         let numbers: Vec<usize> = doubts.iter().map(|d| d.frame).collect();
         let before = &*frames;
         let again = |k: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace<D::Workspace>| {
@@ -304,16 +295,17 @@ pub fn second_pass<D: DotDetector, E>(
             frames[k] = settled;
         }
     }
-    summary.together = answered(frames);
-    Ok(summary)
+    Ok(SequenceSummary {
+        alone,
+        together: answered(frames),
+    })
 }
 
 /// The work on images that are all at hand, on all cores: for [`estimate_passes`] and [`second_pass`].
 pub fn held_images<'a, D: DotDetector + Sync>(
     estimator: &'a Estimator<D>,
     images: &'a [ImageView<'a>],
-) -> impl FnMut(&[usize], &ImageWork<'_, D::Workspace>) -> Result<Vec<(usize, FrameEstimate)>, Infallible>
-{
+) -> impl FnMut(&[usize], &ImageWork<'_, D::Workspace>) -> ImageResults<Infallible> {
     |numbers, work| {
         let chunks: Vec<_> = numbers.chunks(CHUNK).collect();
         let found = concurrency::map(&chunks, |chunk| {

@@ -13,7 +13,7 @@ use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::estimator::{SequenceConfig, held_images, second_pass};
+use spindoe::vision::estimator::{ImageWork, SequenceConfig, held_images, second_pass};
 use spindoe::vision::{Estimator, FrameEstimate, NamedDetector};
 use spindoe_studies::frames::{
     DOTS20, all_conditions, alone, estimator, good_conditions, orientation,
@@ -58,9 +58,14 @@ fn clip(
     };
     let first = outcomes(&frames, &truths);
     let views: Vec<ImageView<'_>> = images.iter().map(ImageView::from).collect();
-    let (config, held) = (SequenceConfig::default(), held_images(estimator, &views));
-    let Ok(summary) = second_pass(estimator, &config, &times_s, &mut frames, held);
-    Ok(([first, outcomes(&frames, &truths)], summary.again))
+    let (config, mut again) = (SequenceConfig::default(), 0);
+    let mut held = held_images(estimator, &views);
+    let counted = |numbers: &[usize], work: &ImageWork<'_, _>| {
+        again += numbers.len();
+        held(numbers, work)
+    };
+    let Ok(_) = second_pass(estimator, &config, &times_s, &mut frames, counted);
+    Ok(([first, outcomes(&frames, &truths)], again))
 }
 
 #[derive(clap::Args)]
