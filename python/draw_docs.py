@@ -35,8 +35,9 @@ def spin(spindoe, aside):
 
 
 def synth(spindoe, aside):
-    for name, flags in {"contact_sheet": [], "good": ["--preset", "good"]}.items():
-        run(spindoe, "synth", PATTERN, "--out", aside / name, "--frames", "64", "--seed", "6", *flags)
+    for name, flags in {"contact_sheet": ["--dot-radius-deg", "2.3,7.4"], "good": ["--preset", "good"]}.items():
+        run(spindoe, "synth", PATTERN, "--out", aside / name, "--frames", "64", "--seed", "6",
+            *flags)
         shutil.copy(aside / name / "contact_sheet.png", f"docs/synth/{name}.png")
 
 
