@@ -35,7 +35,7 @@ def spin(spindoe, aside):
 
 
 def synth(spindoe, aside):
-    for name, flags in {"contact_sheet": [], "good": ["--preset", "good"]}.items():
+    for name, flags in {"contact_sheet": ["--config=dot_radius_deg=2.3,7.4"], "good": ["--preset", "good"]}.items():
         run(spindoe, "synth", PATTERN, "--as=images", "-o", aside / name, "--frames", "64", "--seed", "6", *flags)
         shutil.copy(aside / name / "contact_sheet.png", f"docs/synth/{name}.png")
 

@@ -21,7 +21,7 @@
 //! Guaranteed: dots lie where the pattern has them, within 0.01 mm in the file (facets of outlines,
 //! rounding). Not guaranteed: that paper stretches over a ball. A lobe is as long as the ball's
 //! meridian in its middle and up to `1 / cos(pi / lobes)` too long along its edges (3.5 % for 12
-//! lobes, 0.9 % for 24).
+//! lobes, 0.9 % for 24), more where a cut goes around a dot.
 //!
 //! Every sheet has a title block at its foot: the pattern, ball and dots, a bar of 50 mm, and the date
 //! that [`MarkConfig::date`] states. Nothing here reads a clock, so that the same arguments give the

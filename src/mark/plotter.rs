@@ -105,7 +105,7 @@ pub struct PlotterPath {
 /// The pen's paths over all dots, by growing longitude, with the rotation from the pattern's frame.
 ///
 /// # Errors
-/// [`Error::Argument`] where a parameter is outside its domain, or a dot lies over both ends of
+/// [`crate::Error::Argument`] where a parameter is outside its domain, or a dot lies over both ends of
 /// every axis.
 pub fn plotter_paths(
     pattern: &Pattern,

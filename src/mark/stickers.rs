@@ -36,8 +36,8 @@ const ROW_MM: f64 = 3.7;
 const COLUMN_MM: f64 = 26.0;
 /// Space above and below a map, and between its rim and the dots that reach over it and its labels, mm.
 const MAP_GAP_MM: (f64, f64) = (3.0, 1.0);
-/// The widest label of a map.
-const MAP_LABEL: &str = "330 deg";
+/// The widest label of a map, and the height of labels, mm.
+const MAP_LABEL: (&str, f64) = ("330 deg", 2.0);
 /// Width of a sheet without bounds, mm.
 const SHEET_MM: f64 = 180.0;
 /// Width of lines, mm.
@@ -230,7 +230,7 @@ fn dots(
 fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<serde_json::Value> {
     let radius = config.radius_mm();
     // The greatest of 1:1, 1:2, ... at which both stand side by side with their labels.
-    let label = text_width(MAP_LABEL, TEXT_MM);
+    let label = text_width(MAP_LABEL.0, MAP_LABEL.1) + MAP_GAP_MM.1;
     let at_scale = |divisor: f64| Map {
         center: Point::origin(),
         sign: 1.0,
@@ -247,7 +247,7 @@ fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<ser
     }
     let map = at_scale(divisor);
     let scale = 1.0 / divisor;
-    let beside = map.beyond + TEXT_MM + MAP_GAP_MM.0;
+    let beside = map.beyond + MAP_LABEL.1 + MAP_GAP_MM.0;
     let height = 2.0 * (map.rim() + beside) + 2.0 * ROW_MM;
     if height > sheets.height {
         return Err(Error::Internal("a map is higher than its page".to_owned()));
@@ -340,12 +340,13 @@ impl Map {
                 _ => Anchor::End,
             };
             let at = towards(self.rim() + self.beyond);
-            let below = if self.sign * sin > 0.0 { 0.0 } else { TEXT_MM };
+            let height = MAP_LABEL.1;
+            let below = if self.sign * sin > 0.0 { 0.0 } else { height };
             let at = Point::new(at.x, at.y - below);
             let words = format!("{} deg", 30 * k);
-            let taken = Rectangle::of_words(at, anchor, TEXT_MM, &words);
+            let taken = Rectangle::of_words(at, anchor, height, &words);
             labels.taken.push(taken);
-            sheets.words(at.x, at.y, anchor, words);
+            sheets.add(Item::words(at, anchor, height, words));
         }
         let belongs = |v: &Vec3| self.sign * v.z >= 0.0;
         for zone in &turned.keep_out {
