@@ -53,7 +53,6 @@ mod spin_plot;
 mod spin_stretches;
 mod spin_summary;
 mod stencil;
-#[cfg(feature = "vision")]
 mod synth;
 mod table;
 mod validate;

@@ -887,7 +887,7 @@ fn a_design_brings_its_sizes_along() {
         (&["design"], [43.0, 5.2]),
         (&["design/pattern.csv"], [43.0, 5.2]),
         (&["table.npz"], [43.0, 5.2]),
-        (&["design", "--hole-diameter-mm", "3.1"], [43.0, 3.1]),
+        (&["design", "--dot-diameter-mm", "3.1"], [43.0, 3.1]),
         (&["design", "--ball-diameter-mm", "86"], [86.0, 10.4]),
         (&["plain.csv"], [40.0, 4.0]),
         (&["plain.csv", "--ball-diameter-mm", "220"], [220.0, 22.0]),

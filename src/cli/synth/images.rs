@@ -235,7 +235,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         pattern_sha256: pattern.sha256(),
         pattern: pattern.dots().iter().map(|d| (*d).into()).collect(),
         config: config.clone(),
-        sequence: clip.clone(),
+        sequence: clip,
     };
     let clock = Instant::now();
     let counter = Counter::new(frames as u64, "frames");
