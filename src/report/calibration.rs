@@ -413,7 +413,7 @@ impl CalibrationEvaluation {
     /// Writes the folder's files to `dir`, each atomically.
     ///
     /// # Errors
-    /// [`Error::Write`] on an I/O failure.
+    /// [`crate::Error::Write`] on an I/O failure.
     pub fn write(&self, dir: &Path) -> Result<()> {
         files::create_dir(dir)?;
         self.ball.write_csv(&dir.join("pattern.csv"))?;
