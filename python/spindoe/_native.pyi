@@ -48,6 +48,10 @@ MIN_CONFIDENCE_DOTS: float
 MIN_CONFIDENCE_IMAGES: float
 
 def command(arguments: list[str]) -> int: ...
+def read_trajectories(
+    dir: _Path,
+) -> tuple[list[tuple[int, _Floats, _Floats, list[float] | None]], str]: ...
+def onnx_bytes(head: str, weights: _Path | None) -> bytes: ...
 def fit_spin(
     times_s: _Floats,
     quaternions: _Floats,
