@@ -195,7 +195,7 @@ class Design:
         """
         folder = os.path.join(os.fspath(self.out), "shards", str(index))
         begun = os.path.exists(os.path.join(folder, "search.json"))
-        flags = [word for word in self._flags if not word.startswith("--config=output=")]
+        flags = [word for word in self._flags if not word.startswith("--output=")]
         flags += [f"--output={folder}", f"--shard={index}/{count}", *(["--resume"] if begun else [])]
         _native.DesignJob(flags).run_shard(_progress_callback(callback), None)
         return folder
@@ -266,5 +266,6 @@ def _words(flags: dict[str, Any]) -> list[str]:
             if one is None:
                 continue
             text = str(one).lower() if isinstance(one, bool) else one
-            words.append(f"--config={name.rstrip('_')}={text}")
+            # The folder is no setting: flags such as --resume ask for it.
+            words.append(f"--output={text}" if name == "output" else f"--config={name}={text}")
     return words

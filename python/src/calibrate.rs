@@ -6,6 +6,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use spindoe::Pattern;
+use spindoe::ball::DesignRecord;
 use spindoe::calibrate::{CalibrationConfig, calibrate};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
@@ -100,6 +101,7 @@ fn in_space(direction: &Vec3, covariance: &Matrix2<f64>) -> Matrix3<f64> {
 pub fn run<'py>(
     py: Python<'py>,
     nominal: &Pattern,
+    design: Option<DesignRecord>,
     clip: &Clip,
     config: &CalibrationConfig,
     evaluation: Option<CalibrationEvaluationConfig>,
@@ -124,7 +126,8 @@ pub fn run<'py>(
             to_json(&evaluated.or_raise()?.report)
         })
         .transpose()?;
-    let own = calibration.ball(Some(nominal.sha256())).or_raise()?;
+    let own = calibration.ball(Some(nominal.sha256()));
+    let own = own.and_then(|ball| ball.with_design(design)).or_raise()?;
     let numbers = calibration.nominal_numbers();
     let number = |j: usize| {
         let at = numbers.iter().position(|n| *n == Some(j as u16));

@@ -9,6 +9,7 @@ use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
+use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::report::calibration::CalibrationEvaluationConfig;
@@ -160,6 +161,8 @@ struct Slot {
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Estimator {
     inner: Arc<spindoe::Estimator<NamedDetector>>,
+    /// What the ball was designed for: a calibration of it knows that too.
+    design: Option<DesignRecord>,
     slots: Mutex<Vec<Slot>>,
 }
 
@@ -273,6 +276,7 @@ impl Estimator {
         let inner = spindoe::Estimator::for_ball(&table.0, config, detector).or_raise()?;
         Ok(Self {
             inner: Arc::new(inner),
+            design: table.0.design().cloned(),
             slots: Mutex::new(Vec::new()),
         })
     }
@@ -407,6 +411,7 @@ impl Estimator {
         // As designed, whatever is known of the dots.
         let nominal = Self {
             inner: Arc::new(self.inner.for_pattern(pattern).or_raise()?),
+            design: self.design.clone(),
             slots: Mutex::new(Vec::new()),
         };
         let clip = if paths.is_empty() {
@@ -425,7 +430,7 @@ impl Estimator {
         };
         let evaluation =
             evaluation.map(|(samples, seed)| CalibrationEvaluationConfig { samples, seed });
-        calibrate::run(py, pattern, &clip, &config, evaluation)
+        calibrate::run(py, pattern, self.design.clone(), &clip, &config, evaluation)
     }
 
     /// A tracker that shares this estimator.

@@ -41,7 +41,10 @@ pub fn read_trajectories(py: Python<'_>, dir: PathBuf) -> PyResult<(Vec<Trajecto
 
 /// The bytes of a net as ONNX: that of a file, or the built-in one of this head.
 #[pyfunction]
-pub fn onnx_bytes(head: &str, weights: Option<PathBuf>) -> PyResult<std::borrow::Cow<'static, [u8]>> {
+pub fn onnx_bytes(
+    head: &str,
+    weights: Option<PathBuf>,
+) -> PyResult<std::borrow::Cow<'static, [u8]>> {
     let weights = match weights {
         Some(path) => Weights::read(&path),
         None => head.parse::<Head>().and_then(Weights::built_in),

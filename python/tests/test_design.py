@@ -65,7 +65,7 @@ def test_a_callback_ends_a_design(tmp_path):
 def test_bad_flags_are_named(tmp_path):
     with pytest.raises(ValueError, match="--dots"):
         spindoe.Design(tmp_path / "d", dots=2)
-    with pytest.raises(ValueError, match="--min-dots"):
+    with pytest.raises(ValueError, match="min_dots"):
         spindoe.Design(tmp_path / "d", min_dots=2)
     with pytest.raises(ValueError, match="resume"):
         spindoe.Design(tmp_path / "d", resume=True)

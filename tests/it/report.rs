@@ -97,7 +97,7 @@ fn estimate(path: &Path) {
         sources: Vec::new(),
     };
     assert!(batch.frames[5].estimate.pose().is_none());
-    let page = EstimatePage::new(&pattern, &batch, &[], |_| Ok(None)).unwrap();
+    let page = EstimatePage::new(&pattern, &batch, None, |_| Ok(None)).unwrap();
     std::fs::write(path, page.html().unwrap()).unwrap();
 }
 

@@ -247,19 +247,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(target) = overlay {
         target.draw(&estimators[judgment.table()], &batch)?;
     }
-    #[cfg(feature = "plot")]
-    if let Some(path) = &arguments.report {
-        let estimator = &estimators[judgment.table()];
-        page::write(
-            path,
-            estimator,
-            estimator.pattern(),
-            &batch,
-            arguments.max_spin_rps,
-        )?;
-    }
     let frame = arguments.frame()?;
     let report = Report::new(arguments, frame, &batch, &judgment);
+    #[cfg(feature = "plot")]
+    if let Some(path) = &arguments.report {
+        page::write(path, &estimators[judgment.table()], &batch, &report)?;
+    }
     let text = report.orientations_csv();
     if let (Some(mut file), Some(path)) = (file, &arguments.output) {
         file.write_all(text.as_bytes())

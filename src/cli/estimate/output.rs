@@ -130,6 +130,13 @@ impl<'a> Report<'a> {
         }
     }
 
+    /// The spin where the frames have times, by the axes that the estimates are in.
+    #[cfg(feature = "plot")]
+    pub fn spin(&self) -> Option<Result<SpinSummary, SpinRejection>> {
+        let turned = |summary: SpinSummary| summary.turned(&self.frame.turn());
+        self.spin.clone().map(|spin| spin.map(turned))
+    }
+
     pub fn orientations_csv(&self) -> String {
         self.orientations.to_csv()
     }

@@ -2,44 +2,24 @@
 
 use std::path::Path;
 
+use super::output::Report;
 use super::{Picture, overlay};
 use crate::error::Result;
 use crate::files;
-use crate::pattern::Pattern;
 use crate::plot::frame_thumbnail;
 use crate::report::page::EstimatePage;
-use crate::spin::Measurement;
-use crate::spin::alias::{AliasConfig, alternatives};
-use crate::vision::estimator::{Batch, SequenceOutcome};
+use crate::vision::estimator::Batch;
 use crate::vision::{Estimator, NamedDetector};
 
-/// Alternatives are listed up to this multiple of the largest spin searched.
-const LISTED_BEYOND: f64 = 2.0;
-
-/// Writes the page of `batch`.
+/// Writes the page of `batch`, with the spin that is reported of it.
 pub(super) fn write(
     path: &Path,
     estimator: &Estimator<NamedDetector>,
-    pattern: &Pattern,
     batch: &Batch<Picture>,
-    max_spin_rps: f64,
+    report: &Report<'_>,
 ) -> Result<()> {
-    let others = match &batch.sequence {
-        SequenceOutcome::Estimated { spin: Ok(fit), .. } => {
-            let measurements: Vec<Measurement> = batch
-                .frames
-                .iter()
-                .filter_map(|f| Some(Measurement::new(f.time_s?, f.estimate.pose()?.rotation)))
-                .collect();
-            let config = AliasConfig {
-                max_rps: LISTED_BEYOND * max_spin_rps,
-                ..AliasConfig::default()
-            };
-            alternatives(&measurements, fit, &config)
-        }
-        _ => Vec::new(),
-    };
-    let page = EstimatePage::new(pattern, batch, &others, |shown| {
+    let spin = report.spin();
+    let page = EstimatePage::new(estimator.pattern(), batch, spin.as_ref(), |shown| {
         overlay::drawn(estimator, shown)
             .map(|frame| frame_thumbnail(&frame))
             .transpose()

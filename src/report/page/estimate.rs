@@ -9,9 +9,9 @@ use crate::design::KeepOut;
 use crate::error::Result;
 use crate::geometry::to_wxyz;
 use crate::pattern::Pattern;
-use crate::spin::Fit;
-use crate::spin::alias::Alternative;
+use crate::spin::SpinRejection;
 use crate::spin::robust::standard_deviations;
+use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
 use crate::vision::estimator::{Batch, BatchFrame, FrameRejection, SequenceOutcome};
 
@@ -69,15 +69,15 @@ struct PageAlternative {
 
 impl EstimatePage {
     /// The page of `batch`. `picture` gives a frame's overlay as a PNG file where there is one; where
-    /// all together are too large, evenly chosen ones are shown. `alternatives` are the spins that
-    /// the times cannot distinguish from the estimate.
+    /// all together are too large, evenly chosen ones are shown. `spin` is what was found of it, where the
+    /// frames have times.
     ///
     /// # Errors
     /// Those of `picture`.
     pub fn new<K>(
         pattern: &Pattern,
         batch: &Batch<K>,
-        alternatives: &[Alternative],
+        spin: Option<&std::result::Result<SpinSummary, SpinRejection>>,
         mut picture: impl FnMut(&BatchFrame<K>) -> Result<Option<Vec<u8>>>,
     ) -> Result<Self> {
         let mut frames: Vec<PageFrame> = batch.frames.iter().map(PageFrame::new).collect();
@@ -94,23 +94,17 @@ impl EstimatePage {
             left = rest;
             frames[k].picture = Some(text);
         }
-        let outcome = match &batch.sequence {
-            SequenceOutcome::Estimated { spin, .. } => Some(spin),
-            SequenceOutcome::NoTimes | SequenceOutcome::TimesNotIncreasing => None,
-        };
         Ok(Self {
             dots: pattern.dots().iter().map(|d| (*d).into()).collect(),
             keep_out: pattern.keep_out().to_vec(),
             frames,
-            spin: outcome
-                .and_then(|spin| spin.as_ref().ok())
-                .map(|fit| PageSpin::new(fit, alternatives)),
+            spin: spin.and_then(|spin| spin.as_ref().ok()).map(PageSpin::new),
             spin_rejection: match &batch.sequence {
                 SequenceOutcome::NoTimes => Some("the frames have no times".to_owned()),
                 SequenceOutcome::TimesNotIncreasing => Some("the times do not increase".to_owned()),
-                SequenceOutcome::Estimated { spin, .. } => {
-                    spin.as_ref().err().map(ToString::to_string)
-                }
+                SequenceOutcome::Estimated { .. } => spin
+                    .and_then(|spin| spin.as_ref().err())
+                    .map(ToString::to_string),
             },
         })
     }
@@ -185,7 +179,8 @@ impl PageFrame {
 }
 
 impl PageSpin {
-    fn new(fit: &Fit, alternatives: &[Alternative]) -> Self {
+    fn new(summary: &SpinSummary) -> Self {
+        let fit = &summary.fit;
         let axis = |v: &crate::geometry::Vec3| v.try_normalize(0.0).unwrap_or_default();
         let own = axis(&fit.motion.spin);
         let rps = |rad_s: f64| rad_s / std::f64::consts::TAU;
@@ -204,7 +199,8 @@ impl PageSpin {
             inliers: fit.inliers,
             time_s: fit.motion.time_s,
             orientation_wxyz: to_wxyz(&fit.motion.orientation),
-            alternatives: alternatives
+            alternatives: summary
+                .alternatives
                 .iter()
                 .map(|a| PageAlternative {
                     rps: rps(a.spin.norm()),
