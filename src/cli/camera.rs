@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::output::one_of;
 use super::settings::read_toml;
@@ -49,7 +49,7 @@ impl std::str::FromStr for CameraSource {
 }
 
 /// What a file, or the flags, may state.
-#[derive(Debug, Clone, Default, PartialEq, Args, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Camera")]
 struct CameraFile {
@@ -120,24 +120,13 @@ impl CameraArguments {
 
     /// Rejects properties of a camera where there is none.
     pub fn reject_without_camera(&self) -> Result<()> {
-        let s = &self.stated;
-        let stated = [
-            ("ball_px", s.ball_px.is_some()),
-            ("fps", s.fps.is_some()),
-            ("exposure_ms", s.exposure_ms.is_some()),
-            ("camera_distance_radii", s.camera_distance_radii.is_some()),
-            ("defocus_px", s.defocus_px.is_some()),
-            ("noise_levels", s.noise_levels.is_some()),
-            ("dot_diameter_mm", s.dot_diameter_mm.is_some()),
-            ("ball_diameter_mm", s.ball_diameter_mm.is_some()),
-            ("rps", s.rps.is_some()),
-            ("max_speed_m_s", s.max_speed_m_s.is_some()),
-            ("surroundings", s.surroundings.is_some()),
-        ];
-        match stated.iter().find(|(_, is_stated)| *is_stated) {
+        let stated = serde_json::to_value(&self.stated)
+            .map_err(|e| Error::Internal(format!("a camera as JSON: {e}")))?;
+        let mut stated = stated.as_object().into_iter().flatten();
+        match stated.find(|(_, value)| !value.is_null()) {
             Some((name, _)) if !self.is_given() => {
                 let problem = "is of a camera: expected --camera dark, any, or a file beside it";
-                Err(Error::argument(*name, problem))
+                Err(Error::argument(name.clone(), problem))
             }
             _ => Ok(()),
         }

@@ -11,7 +11,7 @@ use crate::cli::camera::{CAMERA_FRAMES, print_frames};
 use crate::cli::output::Counter;
 use crate::cli::print_json;
 use crate::error::{Error, Result};
-use crate::files::{self, Replacement};
+use crate::files;
 use crate::validate::check_samples;
 
 /// Frames of a camera at each point of a sweep where none are stated.
@@ -118,11 +118,7 @@ fn several(arguments: &Arguments, balls: Vec<Ball>, conditions: &CameraCondition
 /// The stated camera, and others that differ from it in one property.
 fn sweep(arguments: &Arguments, ball: &Ball, conditions: &CameraConditions) -> Result<()> {
     let sweep = CameraSweep::around(conditions);
-    let set = arguments
-        .output
-        .as_deref()
-        .map(Replacement::begin)
-        .transpose()?;
+    let set = arguments.begin()?;
     let frames = arguments.samples.unwrap_or(POINT_FRAMES);
     let total = frames.saturating_mul(sweep.cameras.len() as u64);
     let counter = Counter::new(total, "frames");

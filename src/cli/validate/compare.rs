@@ -7,10 +7,9 @@ use crate::ball::Ball;
 use crate::cli::output::{Counter, quoted};
 use crate::cli::print_json;
 use crate::error::Result;
-use crate::files::{self, Replacement};
+use crate::files;
 use crate::recognize::RecognizerName;
 use crate::report::compare::{Comparison, Contest, Entry, compare};
-use crate::report::reject_design;
 use crate::stats::PairedDifference;
 use crate::view::ProtocolName;
 
@@ -41,11 +40,7 @@ pub(super) fn run(arguments: &Arguments, balls: Vec<Ball>) -> Result<()> {
         &["protocol", "sigma-deg"],
     )?;
     let entries = entries(&arguments.inputs, balls);
-    let begin = |dir: &Path| {
-        reject_design(dir, "choose another folder")?;
-        Replacement::begin(dir)
-    };
-    let set = arguments.output.as_deref().map(begin).transpose()?;
+    let set = arguments.begin()?;
     let recognizers = match arguments.recognizer {
         Some(one) => vec![one],
         None => RecognizerName::ALL.to_vec(),

@@ -16,7 +16,9 @@ use super::output::{Counter, one_of};
 use super::print_json;
 use crate::ball::Ball;
 use crate::error::{Error, Result};
+use crate::files::Replacement;
 use crate::recognize::RecognizerName;
+use crate::report::reject_design;
 use crate::validate::{NamedValidation, SensitivityConfig, ValidationConfig};
 use crate::view::{Protocol, ProtocolName};
 
@@ -102,6 +104,15 @@ impl Arguments {
             Some(sigma) => protocol.with_sigma_rad(sigma.to_radians()),
             None => protocol,
         }
+    }
+
+    /// Begins the folder that is written to, where there is one; one that holds a design is refused.
+    fn begin(&self) -> Result<Option<Replacement>> {
+        let begin = |dir: &PathBuf| {
+            reject_design(dir, "choose another folder")?;
+            Replacement::begin(dir)
+        };
+        self.output.as_ref().map(begin).transpose()
     }
 
     /// Rejects flags that were given and have no meaning beside `what`.

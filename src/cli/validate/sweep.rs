@@ -5,8 +5,7 @@ use crate::ball::Ball;
 use crate::cli::output::Counter;
 use crate::cli::print_json;
 use crate::error::Result;
-use crate::files::{self, Replacement};
-use crate::report::reject_design;
+use crate::files;
 use crate::validate::{SensitivityConfig, sensitivity, sensitivity_csv};
 
 pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
@@ -23,11 +22,7 @@ pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
             .unwrap_or(SensitivityConfig::default().samples),
         seed: arguments.seed,
     };
-    let set = arguments.output.as_deref().map(|dir| {
-        reject_design(dir, "choose another folder")?;
-        Replacement::begin(dir)
-    });
-    let set = set.transpose()?;
+    let set = arguments.begin()?;
     let protocol = arguments.protocol();
     let count = 2 * config.sigmas_deg.len() + config.alphas.len();
     let counter = Counter::new(count as u64, "points");
