@@ -4,8 +4,9 @@
     draw_docs.py SPINDOE [NAME...]
 
 SPINDOE is the command; run it in the repository's root. Without names it draws all that take seconds: `stencil`,
-`spin`, `synth`, `marking`, `report`. `objectives`, `recognizer` and `search` take minutes to an hour and are drawn only
-when named. `marking` needs cairosvg, `report` playwright with a Chromium.
+`clip`, `images`, `calibrate`, `python`, `spin`, `synth`, `marking`, `report`. `camera`, `objectives`, `recognizer` and
+`search` take minutes to an hour and are drawn only when named. `clip` and `images` need Pillow, `python` the package with matplotlib,
+`marking` cairosvg, `report` playwright with a Chromium.
 """
 
 import shutil
@@ -25,6 +26,61 @@ def run(*words):
 
 def stencil(spindoe, _):
     run(spindoe, "stencil", PATTERN, "-o", "stencils/dots20", "--overwrite")
+
+
+def clip(spindoe, aside):
+    """A moving picture: one turn of a ball, with what was found in each frame."""
+    from PIL import Image
+
+    run(spindoe, "synth", "-o", aside / "clip", "--rps", "10", "--frames", "36", "--ball-px", "120", "--seed", "3")
+    run(spindoe, "estimate", "--table", aside / "clip/table.npz", aside / "clip", "--overlay", aside / "seen", "-o",
+        aside / "orientations.csv")
+    frames = [Image.open(path).convert("RGB") for path in sorted((aside / "seen").glob("[0-9]*.png"))]
+    frames[0].save("docs/clip.webp", save_all=True, append_images=frames[1:], duration=100, loop=0, quality=60, method=6)
+
+
+def images(spindoe, aside):
+    from PIL import Image
+
+    run(spindoe, "synth", PATTERN, "--as=images", "-o", aside / "set", "--frames", "16", "--seed", "4")
+    run(spindoe, "estimate", "--table", aside / "set/table.npz", aside / "set", "--no-sequence", "--overlay",
+        aside / "seen", "-o", aside / "orientations.csv")
+    sheet = Image.open(aside / "seen/contact_sheet.png").convert("RGB")
+    sheet.save("docs/detector.webp", quality=80, method=6)
+
+
+def calibrate(spindoe, aside):
+    run(spindoe, "synth", PATTERN, "-o", aside / "clip", "--preset", "good", "--frames", "120", "--rps", "3", "--ball-px",
+        "90", "--seed", "5")
+    run(spindoe, "calibrate", "--table", aside / "clip/table.npz", aside / "clip", "-o", aside / "ball")
+    shutil.copy(aside / "ball/offsets.png", "docs/calibrate.png")
+
+
+def camera(spindoe, aside):
+    run(spindoe, "validate", "dots20", "dots40", "--camera", "any", "--sweep", "camera", "--samples", "200", "-o",
+        aside / "sweep")
+    print(sorted(p.name for p in (aside / "sweep").iterdir()))
+    shutil.copy(aside / "sweep/sensitivity_ball_px.png", "docs/camera.png")
+
+
+def python(spindoe, aside):
+    """What `spindoe.plot` draws of a frame and of its spin."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    import spindoe as package
+
+    run(spindoe, "synth", PATTERN, "-o", aside / "clip", "--ball-px", "120", "--seed", "8")
+    paths = sorted((aside / "clip/images").glob("*.png"))
+    frames = [(255 * plt.imread(path)).round().astype("uint8") for path in paths]
+    times_s = [1e-9 * int(path.stem) for path in paths]
+    found = package.Estimator(PATTERN).estimate_sequence(frames, times_s, color="rgb")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4))
+    found.frames[0].plot(frames[0], ax=left)
+    found.spin.plot(ax=right)
+    figure.savefig("docs/python.png", dpi=110, bbox_inches="tight")
 
 
 def spin(spindoe, aside):
@@ -79,8 +135,8 @@ def search(spindoe, aside):
     shutil.copy(aside / "search" / "progress.png", "docs/search_30_minutes.png")
 
 
-QUICK = [stencil, spin, synth, marking, report]
-SLOW = [objectives, recognizer, search]
+QUICK = [stencil, clip, images, calibrate, python, spin, synth, marking, report]
+SLOW = [camera, objectives, recognizer, search]
 
 
 def main():

@@ -34,8 +34,10 @@ pub struct CameraArguments {
 
 /// What `--camera` names.
 #[derive(Debug, Clone, PartialEq)]
-enum CameraSource {
+pub enum CameraSource {
+    /// The usual camera before these.
     Surroundings(Surroundings),
+    /// What a file states.
     File(PathBuf),
 }
 
@@ -139,11 +141,7 @@ impl CameraArguments {
 
     fn both(&self) -> Result<CameraFile> {
         let file = match &self.camera {
-            Some(CameraSource::File(path)) => read(path)?,
-            Some(CameraSource::Surroundings(surroundings)) => CameraFile {
-                surroundings: Some(*surroundings),
-                ..CameraFile::default()
-            },
+            Some(source) => source.read()?,
             None => CameraFile::default(),
         };
         let stated = self.stated.clone();
@@ -160,6 +158,32 @@ impl CameraArguments {
             max_speed_m_s: stated.max_speed_m_s.or(file.max_speed_m_s),
             surroundings: stated.surroundings.or(file.surroundings),
         })
+    }
+}
+
+impl std::fmt::Display for CameraSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Surroundings(surroundings) => f.write_str(surroundings.as_str()),
+            Self::File(path) => path.display().fmt(f),
+        }
+    }
+}
+
+impl CameraSource {
+    /// The conditions that it states.
+    pub fn conditions(&self) -> Result<CameraConditions> {
+        self.read()?.conditions().map_err(named_as_flag)
+    }
+
+    fn read(&self) -> Result<CameraFile> {
+        match self {
+            Self::File(path) => read(path),
+            Self::Surroundings(surroundings) => Ok(CameraFile {
+                surroundings: Some(*surroundings),
+                ..CameraFile::default()
+            }),
+        }
     }
 }
 
@@ -213,11 +237,6 @@ fn named_as_flag(error: Error) -> Error {
         }
         error => error,
     }
-}
-
-/// The conditions that a file states.
-pub fn read_conditions(path: &Path) -> Result<CameraConditions> {
-    read(path)?.conditions().map_err(named_as_flag)
 }
 
 fn read(path: &Path) -> Result<CameraFile> {

@@ -88,9 +88,11 @@ pub struct Arguments {
     /// given.
     #[arg(long, conflicts_with = "protocol")]
     no_learning: bool,
-    /// Reject orientations with a lower confidence than this, 0 to 1 [default: 0.5; the paper's
-    /// recognizer: 0].
-    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    /// Least confidence.
+    #[arg(long, value_name = "P", allow_negative_numbers = true, help = format!(
+        "Reject orientations with a lower confidence than this, 0 to 1 [default: {}; the paper's recognizer: 0]",
+        recognize::MIN_CONFIDENCE_DOTS
+    ))]
     min_confidence: Option<f64>,
     /// Print one JSON object instead, with every dot's identity and the rival poses.
     #[arg(long)]

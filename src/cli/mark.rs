@@ -6,6 +6,7 @@ use clap::{ArgMatches, Args, ValueEnum};
 
 use super::design::cone;
 use super::output::reject_foreign;
+use super::pattern::PatternSource;
 use super::print_json;
 use crate::ball::Ball;
 use crate::design::KeepOut;
@@ -26,8 +27,8 @@ Examples:
   spindoe mark pattern.csv --as plotter -o egg.svg
   spindoe mark pattern.csv --as plotter -o ball.gcode --config pen_diameter_mm=0.8")]
 pub struct Arguments {
-    /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
-    pattern: PathBuf,
+    #[command(flatten)]
+    pattern: PatternSource,
     /// The marking method.
     #[arg(long = "as", value_enum, value_name = "METHOD")]
     method: Method,
@@ -229,7 +230,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
         reject_foreign(given, &OWN, arguments.method)
     })?;
     let format = Format::of(&arguments.output, arguments.method)?;
-    let ball = Ball::read(&arguments.pattern)?;
+    let ball = arguments.pattern.ball()?;
     let (pattern, config) = (ball.pattern(), arguments.config(&ball));
     let drawing = arguments.drawing(pattern, &config, format)?;
     let bytes = match format {

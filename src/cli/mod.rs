@@ -43,6 +43,7 @@ mod memory;
 mod merge;
 mod old;
 mod output;
+mod pattern;
 mod precession;
 mod report;
 mod settings;

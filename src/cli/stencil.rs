@@ -16,11 +16,12 @@ use crate::stencil::{
 #[cfg(feature = "mark")]
 use super::mark::Paper;
 use super::output::one_of;
+use super::pattern::PatternSource;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
-    pattern: PathBuf,
+    #[command(flatten)]
+    pattern: PatternSource,
     /// Folder for the files; made if it does not exist.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -201,7 +202,7 @@ impl Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let ball = Ball::read(&arguments.pattern)?;
+    let ball = arguments.pattern.ball()?;
     let (pattern, config) = (ball.pattern(), arguments.config(&ball)?);
     let dir = &arguments.output;
     if !arguments.overwrite {

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::ball::{Ball, PairRule};
+use super::pattern::PatternSource;
+use crate::ball::PairRule;
 use crate::error::Result;
 
 #[derive(Debug, Args)]
@@ -16,9 +17,8 @@ max_angle_deg; the archive's meta says so.
 Example:
   spindoe table pattern.csv -o table.npz")]
 pub struct Arguments {
-    /// The pattern: its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or calibration.
-    #[arg(value_name = "PATTERN")]
-    pattern: PathBuf,
+    #[command(flatten)]
+    pattern: PatternSource,
     /// The file to write.
     #[arg(short, long, value_name = "TABLE.npz")]
     output: PathBuf,
@@ -35,7 +35,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         min_cross: arguments.min_cross,
         max_angle_rad: arguments.max_angle_deg.to_radians(),
     };
-    let ball = Ball::read(&arguments.pattern)?.with_pair_rule(rule)?;
+    let ball = arguments.pattern.ball()?.with_pair_rule(rule)?;
     ball.write_npz(&arguments.output)?;
     let dots = ball.pattern().dots();
     errln!(

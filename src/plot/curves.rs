@@ -1,5 +1,4 @@
-//! Rates over a parameter with their intervals, plain line plots, and predicted against observed
-//! rates.
+//! Rates over a parameter with their intervals, predicted against observed rates, and points.
 
 use std::path::Path;
 
@@ -13,7 +12,7 @@ use super::canvas::{
 use super::{RatePoint, RateScale};
 use crate::error::{Error, Result};
 
-/// Width and height of the pictures of [`rate_curves`] and [`line_plot`], pixels.
+/// Width and height of the pictures of [`rate_curves`] and [`scatter_plot`], pixels.
 pub const CURVES_SIZE: (u32, u32) = (1000, 640);
 /// Width and height of [`reliability_plot`]'s picture, pixels.
 pub const RELIABILITY_SIZE: (u32, u32) = (760, 780);
@@ -69,18 +68,16 @@ pub struct LineSeries {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Lines, for [`line_plot`].
+/// Points, for [`scatter_plot`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct LinePlot {
+pub struct ScatterPlot {
     /// Title of the plot.
     pub title: String,
     /// Label of the horizontal axis, with its unit.
     pub x_label: String,
     /// Label of the vertical axis, with its unit.
     pub y_label: String,
-    /// Whether the vertical axis is logarithmic; every y must then be positive.
-    pub log_y: bool,
-    /// The lines.
+    /// The points; those of a series look alike.
     pub series: Vec<LineSeries>,
 }
 
@@ -158,56 +155,24 @@ pub fn reliability_plot(path: &Path, plot: &ReliabilityPlot) -> Result<()> {
     })
 }
 
-/// Draws lines through points.
+/// Draws points, each by a mark.
 ///
 /// # Errors
-/// [`Error::Argument`] for no points at all, numbers that are not finite, or on a logarithmic axis
-/// not positive; [`Error::Write`] where the file cannot be written.
-pub fn line_plot(path: &Path, plot: &LinePlot) -> Result<()> {
-    draw_points(path, plot, true)
-}
-
-/// As [`line_plot`], with a mark for each point and no lines between them.
-///
-/// # Errors
-/// As [`line_plot`].
-pub fn scatter_plot(path: &Path, plot: &LinePlot) -> Result<()> {
-    draw_points(path, plot, false)
-}
-
-fn draw_points(path: &Path, plot: &LinePlot, joined: bool) -> Result<()> {
+/// [`Error::Argument`] for no points at all or numbers that are not finite; [`Error::Write`] where the file cannot be
+/// written.
+pub fn scatter_plot(path: &Path, plot: &ScatterPlot) -> Result<()> {
     let points = || plot.series.iter().flat_map(|s| &s.points);
     let x = Axis::linear("x", points().map(|p| p.0), Unit::Plain, UNBOUNDED)?;
-    let linear = Axis::linear("y", points().map(|p| p.1), Unit::Plain, UNBOUNDED)?;
-    let y = if plot.log_y {
-        logarithmic("y", points().map(|p| p.1))?
-    } else {
-        linear
-    };
+    let y = Axis::linear("y", points().map(|p| p.1), Unit::Plain, UNBOUNDED)?;
     picture(path, CURVES_SIZE, |root| {
         let area = titled(root, &plot.title)?;
-        let sign = if joined { Sign::Line } else { Sign::Series };
-        let keys = keys(plot.series.iter().map(|s| &s.name), sign);
+        let keys = keys(plot.series.iter().map(|s| &s.name), Sign::Series);
         let area = with_legend(&area, &keys)?;
-        let chart = chart(
-            &area,
-            (&x, &plot.x_label),
-            (&y, &plot.y_label),
-            (true, true),
-        )?;
+        let axes = ((&x, &*plot.x_label), (&y, &*plot.y_label));
+        let chart = chart(&area, axes.0, axes.1, (true, true))?;
         for (i, series) in plot.series.iter().enumerate() {
-            let drawn: Vec<_> = series
-                .points
-                .iter()
-                .map(|p| chart.backend_coord(&(p.0, y.position(p.1))))
-                .collect();
-            if !joined || drawn.len() == 1 {
-                for at in &drawn {
-                    mark(root, i, *at)?;
-                }
-            }
-            if joined {
-                root.draw(&PathElement::new(drawn, stroke(color(i), 2.0)))?;
+            for point in &series.points {
+                mark(root, i, chart.backend_coord(point))?;
             }
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! Plots as PNG or SVG files, by the name's ending: the ball, rates with their intervals, features in hash space, plain lines.
+//! Plots as PNG or SVG files, by the name's ending: the ball, rates with their intervals, features in hash space, measured values.
 //!
 //! Every function checks its data, draws in memory and writes the file atomically. Text is set in a
 //! built-in font, so that a machine without fonts draws the same picture; for the same data the
@@ -23,8 +23,8 @@ mod values;
 pub use ball::{BallDrawing, VIEWS_SIZE, pattern_views};
 pub use bars::{BARS_SIZE, BarChart, BarGroup, bar_comparison};
 pub use curves::{
-    CURVES_SIZE, CurvePlot, LinePlot, LineSeries, RELIABILITY_SIZE, RateSeries, ReliabilityPlot,
-    line_plot, rate_curves, reliability_plot, scatter_plot,
+    CURVES_SIZE, CurvePlot, LineSeries, RELIABILITY_SIZE, RateSeries, ReliabilityPlot, ScatterPlot,
+    rate_curves, reliability_plot, scatter_plot,
 };
 pub use features::{FEATURES_SIZE, feature_plot};
 pub use offsets::{OFFSET_SCALE, OffsetDot, OffsetMark, offset_views};
@@ -35,9 +35,7 @@ pub use overlay::{
 };
 pub use recognition::{RECOGNITION_VIEW_SIZE, RecognitionView, recognition_views};
 pub use stencil::{STENCIL_SIZE, stencil_views};
-pub use values::{
-    PathGroup, PathPlot, ValuePlot, ValuePoint, ValueSeries, path_groups, value_curves,
-};
+pub use values::{ValuePlot, ValuePoint, ValueSeries, value_curves};
 
 use crate::error::{Error, Result};
 

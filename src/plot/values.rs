@@ -1,5 +1,4 @@
-//! Plots of measured values with intervals over a parameter, of curves beside them, and of many
-//! paths.
+//! Plots of measured values with intervals over a parameter, and of curves beside them.
 
 use std::path::Path;
 
@@ -95,63 +94,6 @@ pub fn value_curves(path: &Path, plot: &ValuePlot) -> Result<()> {
                 .map(|p| [p.low, p.y, p.high].map(|v| at(p.x, v)))
                 .collect();
             draw_rates(root, i, &drawn, false)?;
-        }
-        Ok(())
-    })
-}
-
-/// Paths of one kind.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PathGroup {
-    /// Its name in the legend.
-    pub name: String,
-    /// The points (x, y) of each path, in the order in which they are joined.
-    pub paths: Vec<Vec<(f64, f64)>>,
-}
-
-/// Many paths in a few colors, for [`path_groups`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct PathPlot {
-    /// Title of the plot.
-    pub title: String,
-    /// Label of the horizontal axis, with its unit.
-    pub x_label: String,
-    /// Label of the vertical axis, with its unit.
-    pub y_label: String,
-    /// The groups, one color each.
-    pub groups: Vec<PathGroup>,
-}
-
-/// Draws many thin paths, colored by group; empty groups have no place in the legend.
-///
-/// # Errors
-/// As [`value_curves`].
-pub fn path_groups(path: &Path, plot: &PathPlot) -> Result<()> {
-    let points = || plot.groups.iter().flat_map(|g| g.paths.iter().flatten());
-    let unbounded = (f64::NEG_INFINITY, f64::INFINITY);
-    let x = Axis::linear("x", points().map(|p| p.0), Unit::Plain, unbounded)?;
-    let y = Axis::linear("y", points().map(|p| p.1), Unit::Plain, unbounded)?;
-    picture(path, CURVES_SIZE, |root| {
-        let area = titled(root, &plot.title)?;
-        let groups = || plot.groups.iter().enumerate();
-        let drawn = groups().filter(|(_, g)| !g.paths.is_empty());
-        let keys: Vec<Key> = drawn
-            .map(|(i, g)| Key {
-                name: format!("{} ({})", g.name, g.paths.len()),
-                sign: Sign::Line(i),
-            })
-            .collect();
-        let area = with_legend(&area, &keys)?;
-        let axes = ((&x, &*plot.x_label), (&y, &*plot.y_label));
-        let chart = chart(&area, axes.0, axes.1, (true, true))?;
-        for (i, group) in groups() {
-            for path in &group.paths {
-                let at = path
-                    .iter()
-                    .map(|p| chart.backend_coord(p))
-                    .collect::<Vec<_>>();
-                root.draw(&PathElement::new(at, stroke(color(i), 1.0)))?;
-            }
         }
         Ok(())
     })

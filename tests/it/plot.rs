@@ -69,6 +69,122 @@ fn check_svg(path: &Path, size: (u32, u32), draw: impl Fn(&Path) -> Result<()>) 
     assert!(shapes > 8 && words > 3, "{shapes} shapes, {words} words");
 }
 
+/// The colors of the first series.
+const COLORS: [&str; 3] = ["#0072B2", "#D55E00", "#009E73"];
+
+/// A plot with linear axes, read as a reader does: by its grid and the numbers at it.
+struct Shown {
+    /// Slope and offset from a position to a value, of x and y.
+    scales: [(f64, f64); 2],
+    /// The round marks, in the first series' color, but for the legend's.
+    marks: Vec<(f64, f64)>,
+    /// Lines of at least two points with their colors, but for the legend's.
+    lines: Vec<(String, Vec<(f64, f64)>)>,
+}
+
+impl Shown {
+    fn of(draw: impl Fn(&Path) -> Result<()>) -> Self {
+        use svg::parser::Event;
+        let (dir, _aside) = folder();
+        let path = dir.join("shown.svg");
+        draw(&path).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let (mut grid, mut numbers) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+        let (mut marks, mut lines) = (Vec::new(), Vec::new());
+        let mut anchor = String::new();
+        for event in svg::read(&text).unwrap() {
+            let (tag, of) = match &event {
+                Event::Tag(tag, _, of) => (*tag, of),
+                Event::Text(words) => {
+                    let words = words.trim();
+                    let (words, unit) = match words.strip_suffix(" %") {
+                        Some(words) => (words, 0.01),
+                        None => (words, 1.0),
+                    };
+                    let axis = usize::from(anchor == "end");
+                    if let Ok(number) = words.parse::<f64>() {
+                        numbers[axis].push(number * unit);
+                    }
+                    continue;
+                }
+                _ => continue,
+            };
+            let number = |name: &str| of[name].parse::<f64>().unwrap();
+            match tag {
+                "text" if !of.is_empty() => anchor = of["text-anchor"].to_string(),
+                "line" if *of["stroke"] == *"#E2E2E2" => {
+                    let is_flat = number("y1") == number("y2");
+                    grid[usize::from(is_flat)].push(number(if is_flat { "y1" } else { "x1" }));
+                }
+                "circle" if *of["fill"] == *COLORS[0] => marks.push((number("cx"), number("cy"))),
+                "polyline" => {
+                    let points = of["points"].split_whitespace().map(|point| {
+                        let (x, y) = point.split_once(',').unwrap();
+                        (x.parse().unwrap(), y.parse().unwrap())
+                    });
+                    lines.push((of["stroke"].to_string(), points.collect()));
+                }
+                _ => {}
+            }
+        }
+        let scales = [0, 1].map(|axis| {
+            let (grid, numbers) = (&mut grid[axis], &mut numbers[axis]);
+            assert!(grid.len() > 2, "{axis}: {grid:?}");
+            assert_eq!(grid.len(), numbers.len(), "{axis}: {grid:?} {numbers:?}");
+            // Rows count downwards, values upwards.
+            grid.sort_by(f64::total_cmp);
+            numbers.sort_by(f64::total_cmp);
+            if axis == 1 {
+                grid.reverse();
+            }
+            let last = grid.len() - 1;
+            let slope = (numbers[last] - numbers[0]) / (grid[last] - grid[0]);
+            let offset = numbers[0] - slope * grid[0];
+            for (at, number) in grid.iter().zip(&*numbers) {
+                assert!(
+                    (slope * at + offset - number).abs() < 1.5 * slope.abs(),
+                    "{at} {number}"
+                );
+            }
+            (slope, offset)
+        });
+        Self {
+            scales,
+            marks: marks.split_off(1),
+            lines,
+        }
+    }
+
+    /// Asserts that these positions show these values, to two drawn pixels.
+    fn assert_shown(&self, drawn: &[(f64, f64)], values: &[(f64, f64)]) {
+        assert_eq!(drawn.len(), values.len());
+        let [x, y] = self.scales;
+        for (at, value) in drawn.iter().zip(values) {
+            let off = [x.0 * at.0 + x.1 - value.0, y.0 * at.1 + y.1 - value.1];
+            assert!(
+                off[0].abs() < 2.0 * x.0.abs() && off[1].abs() < 2.0 * y.0.abs(),
+                "{at:?} {value:?}"
+            );
+        }
+    }
+
+    /// Asserts that the first series' marks show these values.
+    fn assert_marks(&self, values: &[(f64, f64)]) {
+        self.assert_shown(&self.marks, values);
+    }
+
+    /// Asserts that a line of this color joins these values.
+    fn assert_line(&self, color: &str, values: &[(f64, f64)]) {
+        let of_color = self.lines.iter().filter(|(c, _)| c == color);
+        // The legend's sign stands before it.
+        let (_, drawn) = of_color
+            .skip(1)
+            .find(|(_, p)| p.len() == values.len())
+            .expect("a line");
+        self.assert_shown(drawn, values);
+    }
+}
+
 fn pattern(n: usize) -> Pattern {
     Pattern::new(spiral_directions(n).collect()).unwrap()
 }
@@ -156,6 +272,12 @@ fn rates_are_drawn_with_intervals() {
         check(name, CURVES_SIZE, 0.03, |path| {
             rate_curves(path, &curves(scale))
         });
+    }
+    let plot = curves(RateScale::Success);
+    let shown = Shown::of(|path| rate_curves(path, &plot));
+    for (series, color) in plot.series.iter().zip(COLORS) {
+        let points = series.points.iter().map(|p| (p.x, p.rate));
+        shown.assert_line(color, &points.collect::<Vec<_>>());
     }
     let path = Path::new("/tmp/never.png");
     let mut empty = curves(RateScale::Success);
@@ -292,39 +414,31 @@ fn rates_stand_side_by_side() {
 }
 
 #[test]
-fn lines_are_drawn() {
+fn points_are_where_their_values_are() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let plot = LinePlot {
-        title: "Objective over the optimizer's steps".into(),
-        x_label: "step".into(),
-        y_label: "mean distance to the nearest feature (no unit)".into(),
-        log_y: false,
-        series: (1..=5)
-            .map(|start| LineSeries {
-                name: format!("start {start}"),
-                points: (0..200)
-                    .map(|k| {
-                        let noise: f64 = rng.random();
-                        let t = f64::from(k) / 40.0 / f64::from(start);
-                        (f64::from(k), 0.06 - 0.05 * (-t).exp() + 1e-3 * noise)
-                    })
-                    .collect(),
-            })
-            .collect(),
+    let mut points = || (0..40).map(|_| (rng.random(), 5.0 * rng.random::<f64>() - 2.0));
+    let plot = ScatterPlot {
+        title: "Does the objective predict failures?".into(),
+        x_label: "objective".into(),
+        y_label: "failures [%]".into(),
+        series: [
+            ("random", points().collect()),
+            ("descended", points().collect()),
+        ]
+        .map(|(name, points): (&str, Vec<(f64, f64)>)| LineSeries {
+            name: name.into(),
+            points,
+        })
+        .into(),
     };
-    check("lines.png", CURVES_SIZE, 0.02, |path| {
-        line_plot(path, &plot)
+    check("scatter.png", CURVES_SIZE, 0.02, |path| {
+        scatter_plot(path, &plot)
     });
-    let log = LinePlot {
-        log_y: true,
-        ..plot.clone()
-    };
-    check("lines_log.png", CURVES_SIZE, 0.02, |path| {
-        line_plot(path, &log)
-    });
-    let mut negative = log;
-    negative.series[0].points[0].1 = -1.0;
-    let error = line_plot(Path::new("/tmp/never.png"), &negative).unwrap_err();
+    let shown = Shown::of(|path| scatter_plot(path, &plot));
+    shown.assert_marks(&plot.series[0].points);
+    let mut wrong = plot;
+    wrong.series[0].points[0].1 = f64::NAN;
+    let error = scatter_plot(Path::new("/tmp/never.png"), &wrong).unwrap_err();
     assert!(matches!(error, Error::Argument { .. }), "{error}");
 }
 
@@ -351,7 +465,7 @@ fn reliability_is_drawn() {
 }
 
 #[test]
-fn values_and_paths_are_drawn() {
+fn values_are_drawn_with_intervals() {
     let point = |i: usize| {
         let (x, y) = (i as f64 * 0.02, 80.0 - i as f64 * 0.2);
         ValuePoint {
@@ -375,6 +489,10 @@ fn values_and_paths_are_drawn() {
         }],
     };
     check("values.png", CURVES_SIZE, 0.01, |p| value_curves(p, &plot));
+    let shown = Shown::of(|path| value_curves(path, &plot));
+    let values = plot.values[0].points.iter().map(|p| (p.x, p.y));
+    shown.assert_marks(&values.collect::<Vec<_>>());
+    shown.assert_line(COLORS[1], &plot.lines[0].points);
     let refused = |change: fn(&mut ValuePlot)| {
         let mut plot = plot.clone();
         change(&mut plot);
@@ -387,25 +505,4 @@ fn values_and_paths_are_drawn() {
     refused(|p| p.values[0].points[3].y = f64::NAN);
     refused(|p| p.lines[0].points[0].1 = f64::INFINITY);
     refused(|p| (p.values, p.lines) = (Vec::new(), Vec::new()));
-
-    let flight = |i: usize| {
-        let at = |k: usize| {
-            (
-                k as f64 * 0.1,
-                0.3 + i as f64 * 0.02 - 0.001 * (k * k) as f64,
-            )
-        };
-        (0..20).map(at).collect()
-    };
-    let group = |name: &str, n: usize| PathGroup {
-        name: name.into(),
-        paths: (0..n).map(flight).collect(),
-    };
-    let plot = PathPlot {
-        title: "Flights".into(),
-        x_label: "distance (m)".into(),
-        y_label: "height (m)".into(),
-        groups: vec![group("slow", 5), group("none", 0), group("fast", 3)],
-    };
-    check("paths.png", CURVES_SIZE, 0.01, |p| path_groups(p, &plot));
 }

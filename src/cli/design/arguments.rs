@@ -10,6 +10,8 @@ use crate::ball::{Ball, usual_dot_mm};
 #[cfg(feature = "vision")]
 use crate::camera::RaceConfig;
 #[cfg(feature = "vision")]
+use crate::cli::camera::CameraSource;
+#[cfg(feature = "vision")]
 use crate::cli::output::Counter;
 use crate::cli::output::{one_of, quoted};
 use crate::design::objective::NAME_BEFORE;
@@ -159,8 +161,8 @@ pub struct Arguments {
     /// The camera that the pattern is for, as for `spindoe advise`: it chooses the number of dots where
     /// --dots is not given, and ranks the finalists by what it would see of them.
     #[cfg(feature = "vision")]
-    #[arg(long, value_name = "CAMERA.toml")]
-    pub(super) camera: Option<PathBuf>,
+    #[arg(long, value_name = "dark|any|CAMERA.toml")]
+    pub(super) camera: Option<CameraSource>,
     /// Frames of the camera for each pattern that is not clearly worse than another; some 10 ms a frame
     /// and core, in any surroundings some 50.
     #[cfg(feature = "vision")]
@@ -244,10 +246,10 @@ impl Arguments {
     fn objective(&self, dots: usize, protocol: &Protocol) -> Result<Objective> {
         let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));
         #[cfg(feature = "vision")]
-        if let (ObjectiveName::Coverage, Some(path)) = (name, &self.camera) {
+        if let (ObjectiveName::Coverage, Some(camera)) = (name, &self.camera) {
             use crate::camera::{COVERAGE_FRAMES, coverage};
 
-            let conditions = super::camera::conditions(path, &self.stencil())?;
+            let conditions = super::camera::conditions(camera, &self.stencil())?;
             let counter = Counter::new(COVERAGE_FRAMES, "frames of the camera");
             let measured = coverage(&conditions, dots, &|n| counter.add(n))?;
             counter.finish();
@@ -390,8 +392,8 @@ impl Arguments {
             self.stencil().hole_diameter_mm
         ));
         #[cfg(feature = "vision")]
-        if let Some(path) = &self.camera {
-            add(format!("--camera {}", quoted(&path.to_string_lossy())));
+        if let Some(camera) = &self.camera {
+            add(format!("--camera {}", quoted(&camera.to_string())));
         }
         if self.protocol == ProtocolName::Image {
             add(format!("--ball-px {}", self.ball_px));

@@ -4,7 +4,6 @@
 //! many dots leave room for; then the winner's search runs as asked. Both choices are races on rendered
 //! frames of the camera ([`crate::camera`]), of seeds that nothing else uses.
 
-use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::Arguments;
@@ -12,7 +11,7 @@ use crate::camera::{
     CameraConditions, CameraTrials, FrameRates, MAX_DOT, RaceConfig, RaceResult, Racer,
     race_patterns,
 };
-use crate::cli::camera::read_conditions;
+use crate::cli::camera::CameraSource;
 use crate::cli::output::Counter;
 use crate::design::search::feasible::packed_separation;
 use crate::design::{Candidate, DesignConfig, SearchState, design};
@@ -42,10 +41,10 @@ pub(super) struct CameraRanking {
 impl CameraRanking {
     /// The ranking that the arguments ask for; `None` without a camera.
     pub fn new(arguments: &Arguments) -> Result<Option<Self>> {
-        let Some(path) = &arguments.camera else {
+        let Some(camera) = &arguments.camera else {
             return Ok(None);
         };
-        let conditions = conditions(path, &arguments.stencil())?;
+        let conditions = conditions(camera, &arguments.stencil())?;
         Ok(Some(Self {
             trials: CameraTrials::new(conditions, arguments.seed ^ RANKING),
             race: RaceConfig::of_frames(arguments.camera_frames),
@@ -97,11 +96,14 @@ fn rank_of(candidate: &Candidate, rates: &FrameRates) -> CameraRank {
     }
 }
 
-/// The camera of a file before dots as large as the stencil's holes.
-pub(super) fn conditions(path: &Path, stencil: &StencilConfig) -> Result<CameraConditions> {
+/// A camera before dots as large as the stencil's holes.
+pub(super) fn conditions(
+    camera: &CameraSource,
+    stencil: &StencilConfig,
+) -> Result<CameraConditions> {
     Ok(CameraConditions {
         dot_diameter: stencil.hole_diameter_mm / stencil.ball_diameter_mm,
-        ..read_conditions(path)?
+        ..camera.conditions()?
     })
 }
 
@@ -116,7 +118,7 @@ struct Tried {
 /// best of a few brief searches.
 pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Arguments> {
     let mut chosen = arguments.clone();
-    let Some(path) = &arguments.camera else {
+    let Some(camera) = &arguments.camera else {
         return Ok(chosen);
     };
     if arguments.dots.is_some() || arguments.pattern.is_some() {
@@ -126,7 +128,7 @@ pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Argume
         let problem = "must be given here: with --camera alone it would be chosen anew";
         return Err(Error::argument("dots", problem));
     }
-    let trials = CameraTrials::new(read_conditions(path)?, arguments.seed ^ CHOICE);
+    let trials = CameraTrials::new(camera.conditions()?, arguments.seed ^ CHOICE);
     let tried = brief_searches(arguments, stop)?;
     let racers = tried.iter().map(|tried| Racer {
         pattern: &tried.pattern,

@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{ArgMatches, Args, ValueEnum};
 
+#[cfg(feature = "vision")]
+use super::camera::CameraSource;
 use super::output::{one_of, reject_foreign, unit};
 use crate::ball::Ball;
 use crate::error::{Error, Result};
@@ -102,8 +104,8 @@ pub struct Arguments {
     /// The camera that orientations come from, as for `spindoe advise`: frame rate, noise, outliers and lost frames are what
     /// it gives of the pattern in rendered frames.
     #[cfg(feature = "vision")]
-    #[arg(long, value_name = "CAMERA.toml")]
-    camera: Option<PathBuf>,
+    #[arg(long, value_name = "dark|any|CAMERA.toml")]
+    camera: Option<CameraSource>,
     #[cfg(feature = "vision")]
     #[command(flatten)]
     ranges: images::Ranges,

@@ -49,8 +49,8 @@ struct Usual {
 impl Arguments {
     fn usual(&self) -> Result<Usual> {
         #[cfg(feature = "vision")]
-        if let Some(path) = &self.camera {
-            return self.of_camera(path);
+        if let Some(camera) = &self.camera {
+            return self.of_camera(camera);
         }
         Ok(Usual {
             rps: 50.0,
@@ -60,13 +60,13 @@ impl Arguments {
 
     /// What the camera gives of the pattern.
     #[cfg(feature = "vision")]
-    fn of_camera(&self, path: &std::path::Path) -> Result<Usual> {
+    fn of_camera(&self, camera: &crate::cli::camera::CameraSource) -> Result<Usual> {
         use crate::camera::{CameraTrials, FrameRates};
-        use crate::cli::camera::{CAMERA_FRAMES, read_conditions};
+        use crate::cli::camera::CAMERA_FRAMES;
         use crate::cli::output::Counter;
         use rand::RngExt as _;
 
-        let conditions = read_conditions(path)?;
+        let conditions = camera.conditions()?;
         let ball = self.ball()?;
         let trials = CameraTrials::new(conditions, self.seed);
         let counter = Counter::new(CAMERA_FRAMES, "frames");

@@ -18,7 +18,7 @@ use spindoe::ball::Ball;
 use spindoe::design::descent::descend;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::pattern::{Pattern, random_pattern};
-use spindoe::plot::{LinePlot, LineSeries, scatter_plot};
+use spindoe::plot::{LineSeries, ScatterPlot, scatter_plot};
 use spindoe::recognize::RecognizerName;
 use spindoe::validate::ValidationConfig;
 use spindoe::view::{Protocol, ProtocolName};
@@ -143,11 +143,10 @@ impl Args {
             let path = dir.join(format!("objective_{}.png", value.replace(' ', "_")));
             scatter_plot(
                 &path,
-                &LinePlot {
+                &ScatterPlot {
                     title: format!("Does {value} predict failures? {count} patterns of 20 dots"),
                     x_label: (*value).into(),
                     y_label: format!("failures, sparse protocol, of {trials} [%]"),
-                    log_y: false,
                     series: series.to_vec(),
                 },
             )?;
