@@ -173,7 +173,7 @@ fn camera(bytes: &[u8]) -> Result<()> {
     let center = Pixel { u, v };
     let circle = BallCircle::new(center, radius);
     for camera in [
-        Camera::Perspective(Intrinsics { fx, fy, cx, cy }),
+        Camera::Perspective(Intrinsics::pinhole(fx, fy, cx, cy)),
         Camera::Near {
             inverse_distance: fx,
         },

@@ -37,41 +37,96 @@ Color = Literal["gray", "rgb", "bgr"]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, init=False)
 class Camera:
-    """What is known of the camera. Pixels: u right, v down, (0, 0) the center of the top-left one."""
+    """What is known of the camera. Pixels: u right, v down, (0, 0) the center of the top-left one.
 
-    kind: Literal["unknown", "parallel", "distance", "pinhole"] = "unknown"
-    numbers: tuple[float, ...] = (0.07, 0.05)
+    ``Camera(K, dist)`` is one with intrinsics, as OpenCV and ROS have them; `read` takes them from a file. ``Camera()`` is one
+    of which nothing is known.
+
+    Args:
+        matrix: The intrinsic matrix, rows ``fx s cx``, ``0 fy cy``, ``0 0 1``.
+        distortion: OpenCV's coefficients: k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]]; of a fisheye k1 to k4.
+        fisheye: Whether they are those of OpenCV's ``fisheye`` module, ROS' ``equidistant``.
+    """
+
+    kind: Literal["unknown", "parallel", "distance", "pinhole", "fisheye"]
+    numbers: tuple[float, ...]
+    """Of intrinsics fx, fy, cx, cy, skew, and the distortion."""
+
+    def __init__(
+        self, matrix: ArrayLike | None = None, distortion: ArrayLike | None = None, *, fisheye: bool = False
+    ) -> None:
+        if matrix is None:
+            if distortion is not None:
+                raise ValueError("distortion: expected the matrix with it")
+            self._set("unknown", (0.07, 0.05))
+            return
+        k = floats("matrix", matrix)
+        if k.shape != (3, 3):
+            raise ValueError(f"matrix: expected shape (3, 3), found {k.shape}")
+        _native.check_matrix(k.tolist())
+        numbers = [k[0, 0], k[1, 1], k[0, 2], k[1, 2], k[0, 1]]
+        if distortion is not None:
+            numbers.extend(floats("distortion", distortion).ravel())
+        elif fisheye:
+            numbers.extend([0.0] * 4)
+        self._set("fisheye" if fisheye else "pinhole", tuple(map(float, numbers)))
+        # The coefficients are checked where they are used.
+        _native.project_points(self._given(), np.array([[0.0, 0.0, -1.0]]))
+
+    def _set(self, kind: str, numbers: tuple[float, ...]) -> None:
+        object.__setattr__(self, "kind", kind)
+        object.__setattr__(self, "numbers", numbers)
+
+    @classmethod
+    def _of(cls, kind: str, *numbers: float) -> Camera:
+        camera = cls.__new__(cls)
+        camera._set(kind, tuple(float(x) for x in numbers))
+        return camera
 
     @classmethod
     def unknown(cls, inverse_distance: float = 0.07, sigma: float = 0.05) -> Camera:
         """Neither intrinsics nor distance: that is estimated, from this expectation of the ball radii
         over the camera's distance, and its standard deviation."""
-        return cls("unknown", (float(inverse_distance), float(sigma)))
+        return cls._of("unknown", inverse_distance, sigma)
 
     @classmethod
     def parallel(cls) -> Camera:
         """Parallel rays: for a ball that is small compared with its distance."""
-        return cls("parallel", ())
+        return cls._of("parallel")
 
     @classmethod
     def at_distance(cls, radii: float) -> Camera:
         """From a known distance to the ball's center, in ball radii."""
-        return cls("distance", (float(radii),))
+        return cls._of("distance", radii)
 
     @classmethod
     def pinhole(cls, fx: float, fy: float, cx: float, cy: float) -> Camera:
         """Known focal lengths and principal point, pixels, without distortion."""
-        return cls("pinhole", (float(fx), float(fy), float(cx), float(cy)))
+        return cls([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Camera:
-        """The camera of an intrinsic matrix of shape (3, 3), as OpenCV and ROS have it."""
-        k = floats("matrix", matrix)
-        if k.shape != (3, 3):
-            raise ValueError(f"matrix: expected shape (3, 3), found {k.shape}")
-        return cls.pinhole(k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+        """The camera of an intrinsic matrix of shape (3, 3) without distortion: ``Camera(matrix)``."""
+        return cls(matrix)
+
+    @classmethod
+    def read(cls, path: PathLike) -> Camera:
+        """The intrinsics of a file: OpenCV's YAML or JSON, or ROS' camera_info."""
+        kind, numbers = _native.read_intrinsics(os.fspath(path))
+        return cls._of(kind, *numbers)
+
+    @property
+    def has_intrinsics(self) -> bool:
+        """Whether its intrinsics are known: then orientations are in its frame, and balls have a position."""
+        return self.kind in ("pinhole", "fisheye")
+
+    def project(self, points: ArrayLike) -> Floats:
+        """Pixels ``u, v``, shape (n, 2), of points in OpenCV's frame (x right, y down, z forward), shape (n, 3), with the
+        distortion: ``cv2.projectPoints`` without a pose."""
+        optical = floats("points", points)
+        return _native.project_points(self._given(), optical * [1.0, -1.0, -1.0])
 
     def view(self, circle: ArrayLike) -> BallView:
         """The view of a ball whose outline is the circle ``u, v, radius``, pixels."""

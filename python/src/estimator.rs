@@ -24,7 +24,7 @@ use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::{
     BallCircle, Budget, Camera, CnnDetector, DetectorName, EstimatorConfig, FrameEstimate,
-    Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior,
+    Intrinsics, Lens, NamedDetector, OutlinePrior, Pixel, Prior,
 };
 use spindoe::{DotUncertainty, Vec3};
 
@@ -120,6 +120,66 @@ fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {
     }
 }
 
+/// The intrinsics of a lens by kind and numbers: fx, fy, cx, cy, skew, and the distortion as OpenCV has it.
+fn intrinsics(kind: &str, numbers: &[f64]) -> PyResult<Intrinsics> {
+    let [fx, fy, cx, cy, skew, distortion @ ..] = numbers else {
+        return Err(value_error("camera", "expected fx, fy, cx, cy and skew"));
+    };
+    let lens = match kind {
+        "fisheye" => Lens::fisheye(distortion),
+        _ => Lens::polynomial(distortion),
+    };
+    let matrix = Matrix3::new(*fx, *skew, *cx, 0.0, *fy, *cy, 0.0, 0.0, 1.0);
+    Intrinsics::from_matrix(&matrix, lens.or_raise()?).or_raise()
+}
+
+/// Those of a file, as [`intrinsics`] takes them.
+#[pyfunction]
+pub fn read_intrinsics(path: std::path::PathBuf) -> PyResult<(&'static str, Vec<f64>)> {
+    let k = Intrinsics::read(&path).or_raise()?;
+    let mut numbers = vec![k.fx, k.fy, k.cx, k.cy, k.skew];
+    let kind = match k.lens {
+        Lens::Ideal => "pinhole",
+        Lens::Polynomial { k, p, s } => {
+            numbers.extend([k[0], k[1], p[0], p[1], k[2], k[3], k[4], k[5]]);
+            numbers.extend(s);
+            "pinhole"
+        }
+        Lens::Fisheye { k } => {
+            numbers.extend(k);
+            "fisheye"
+        }
+    };
+    Ok((kind, numbers))
+}
+
+/// The matrix of a camera as rows, checked: [`Intrinsics::from_matrix`].
+#[pyfunction]
+pub fn check_matrix(matrix: [[f64; 3]; 3]) -> PyResult<()> {
+    let matrix = Matrix3::from_fn(|row, column| matrix[row][column]);
+    Intrinsics::from_matrix(&matrix, Lens::Ideal).or_raise()?;
+    Ok(())
+}
+
+/// Pixels `u, v` of points in the camera frame.
+#[pyfunction]
+pub fn project_points<'py>(
+    py: Python<'py>,
+    camera: (String, Vec<f64>),
+    points: Numbers<'py>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let CameraModel::Known(Camera::Perspective(k)) = camera_model(&camera.0, &camera.1)? else {
+        return Err(value_error(
+            "camera",
+            "expected one whose intrinsics are known",
+        ));
+    };
+    let points = vectors("points", &points)?;
+    let pixels: Vec<Pixel> = points.iter().map(|p| k.project(p)).collect();
+    let at = |(i, axis): (usize, usize)| [pixels[i].u, pixels[i].v][axis];
+    Ok(Array2::from_shape_fn((pixels.len(), 2), at).into_pyarray(py))
+}
+
 /// What is known of the camera, by kind and numbers.
 fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
     if numbers.iter().any(|x| !x.is_finite()) {
@@ -138,15 +198,10 @@ fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
             let problem = format!("expected more than 1 ball radius, found {distance}");
             Err(value_error("distance_radii", problem))
         }
-        ("pinhole", &[fx, fy, cx, cy]) if fx > 0.0 && fy > 0.0 => {
-            Ok(CameraModel::Known(Camera::Perspective(Intrinsics {
-                fx,
-                fy,
-                cx,
-                cy,
-            })))
+        ("pinhole" | "fisheye", _) => {
+            let intrinsics = intrinsics(kind, numbers)?;
+            Ok(CameraModel::Known(Camera::Perspective(intrinsics)))
         }
-        ("pinhole", _) => Err(value_error("intrinsics", "expected positive focal lengths")),
         _ => Err(value_error("camera", format!("no such kind: {kind:?}"))),
     }
 }

@@ -30,7 +30,9 @@ mod _native {
     #[pymodule_export]
     use super::design::{DesignJob, merge};
     #[pymodule_export]
-    use super::estimator::{BallView, Estimator, Tracker};
+    use super::estimator::{
+        BallView, Estimator, Tracker, check_matrix, project_points, read_intrinsics,
+    };
     #[pymodule_export]
     use super::pattern::{HashTable, Pattern};
     #[pymodule_export]

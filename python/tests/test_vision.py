@@ -215,7 +215,8 @@ def test_cameras(table, clip):
         spindoe.Camera.unknown(),
         spindoe.Camera.parallel(),
     ]
-    assert spindoe.Camera.from_matrix(matrix) == cameras[0]
+    assert spindoe.Camera.from_matrix(matrix) == spindoe.Camera(matrix) == cameras[0]
+    assert pickle.loads(pickle.dumps(cameras[0])) == cameras[0] and spindoe.Camera() == cameras[2]
     for camera in cameras:
         found = spindoe.Estimator(table, camera=camera).estimate(image, color="rgb")
         assert found.pose and _off(found.pose, truth) < 8.0
@@ -225,6 +226,58 @@ def test_cameras(table, clip):
             spindoe.Estimator(table, camera=bad)
     optical = Rotation.from_matrix(np.diag([1.0, -1, -1])) * found.pose.as_rotation()
     assert (found.pose.as_rotation("optical") * optical.inv()).magnitude() < 1e-12
+
+
+LENSES = [
+    ([-0.28, 0.09, 0.0012, -0.0001], False),
+    ([-0.28, 0.09, 0.0012, -0.0001, -0.01], False),
+    ([0.4, 0.1, 0.001, -0.002, 0.03, 0.5, 0.2, 0.01], False),
+    ([-0.1, 0.02, 0.001, 0.0, 0.0, 0.01, 0.0, 0.0, 2e-3, 1e-3, -1e-3, 5e-4], False),
+    ([-0.02, 0.004, -0.002, 0.0004], True),
+]
+
+
+@pytest.mark.parametrize(("distortion", "fisheye"), LENSES)
+def test_points_are_projected_as_opencv_does(distortion, fisheye):
+    cv2 = pytest.importorskip("cv2")
+    k = np.array([[820.0, 0.0 if not fisheye else 0.7, 655.5], [0.0, 810.0, 500.25], [0.0, 0.0, 1.0]])
+    camera = spindoe.Camera(k, distortion, fisheye=fisheye)
+    points = np.random.default_rng(3).uniform([-0.6, -0.5, 1.0], [0.6, 0.5, 3.0], (200, 3))
+    if fisheye:
+        # OpenCV's alpha is the skew over fx.
+        skew = k[0, 1] / k[0, 0]
+        seen, _ = cv2.fisheye.projectPoints(
+            points[:, None], np.zeros(3), np.zeros(3), np.diag(np.diag(k)) + k * [[0, 0, 1]], np.array(distortion), alpha=skew
+        )
+    else:
+        seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), k, np.array(distortion))
+    assert np.abs(camera.project(points) - seen[:, 0]).max() < 1e-9
+    view = camera.view((300.0, 200.0, 40.0))
+    pixels = np.array([[300.0, 200.0], [320.0, 190.0]])
+    directions, _ = view.back_project(pixels)
+    assert np.allclose(view.project(directions), pixels, atol=1e-9)
+
+
+def test_intrinsics_are_those_of_files(tmp_path):
+    path = tmp_path / "camera.yaml"
+    k, distortion = np.array([[820.0, 0.0, 655.5], [0.0, 810.0, 500.25], [0.0, 0.0, 1.0]]), [-0.2, 0.1, 0.001, 0.002, 0.0]
+    expected = spindoe.Camera(k, distortion)
+    data = ", ".join(map(str, k.ravel()))
+    path.write_text(f"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [{data}]\ndistortion_coefficients: {distortion}\n")
+    points = np.array([[0.1, 0.2, 1.0]])
+    assert np.array_equal(spindoe.Camera.read(path).project(points), expected.project(points))
+    cv2 = pytest.importorskip("cv2")
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("camera_matrix", k)
+    storage.write("distortion_coefficients", np.array(distortion))
+    storage.release()
+    assert np.array_equal(spindoe.Camera.read(path).project(points), expected.project(points))
+    with pytest.raises(ValueError, match="transposed"):
+        spindoe.Camera(k.T)
+    with pytest.raises(ValueError, match="found 3"):
+        spindoe.Camera(k, [0.1, 0.2, 0.3])
+    with pytest.raises(ValueError, match="matrix"):
+        spindoe.Camera(distortion=distortion)
 
 
 def test_pixels_and_directions_are_inverse():

@@ -52,15 +52,10 @@ pub struct ImageArguments {
         allow_negative_numbers = true
     )]
     camera_distance_radii: Option<f64>,
-    /// The camera's focal lengths and principal point in pixels: the distance then follows from the
-    /// ball's size.
-    #[arg(
-        long,
-        value_name = "FX,FY,CX,CY",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
-    intrinsics: Vec<f64>,
+    /// The camera's focal lengths and principal point in pixels, and OpenCV's distortion k1,k2,p1,p2,.. behind them; or a
+    /// file of them, as OpenCV (YAML, JSON) or ROS (camera_info) writes it. The distance then follows from the ball's size.
+    #[arg(long, value_name = "FX,FY,CX,CY|FILE", allow_negative_numbers = true)]
+    intrinsics: Option<String>,
     /// Frames per second, for frames at equal intervals.
     #[arg(
         long,
@@ -87,22 +82,22 @@ impl ImageArguments {
     }
 
     pub(super) fn camera(&self) -> Result<CameraModel> {
-        match (&self.intrinsics[..], self.camera_distance_radii) {
-            ([], None) => Ok(CameraModel::default()),
-            ([], Some(distance)) if distance > 1.0 => Ok(CameraModel::Known(Camera::Near {
+        match (&self.intrinsics, self.camera_distance_radii) {
+            (None, None) => Ok(CameraModel::default()),
+            (None, Some(distance)) if distance > 1.0 => Ok(CameraModel::Known(Camera::Near {
                 inverse_distance: 1.0 / distance,
             })),
-            ([], Some(distance)) => {
+            (None, Some(distance)) => {
                 let problem = format!("expected more than 1 ball radius, found {distance}");
                 Err(Error::argument("camera_distance_radii", problem))
             }
-            (&[fx, fy, cx, cy], _) if fx > 0.0 && fy > 0.0 => {
-                let intrinsics = Intrinsics { fx, fy, cx, cy };
+            (Some(text), _) => {
+                let numbers = text.split(',').map(|n| n.trim().parse().ok());
+                let intrinsics = match numbers.collect::<Option<Vec<f64>>>() {
+                    Some(numbers) => Intrinsics::from_numbers(&numbers)?,
+                    None => Intrinsics::read(text.as_ref())?,
+                };
                 Ok(CameraModel::Known(Camera::Perspective(intrinsics)))
-            }
-            _ => {
-                let problem = "expected FX,FY,CX,CY with positive focal lengths";
-                Err(Error::argument("intrinsics", problem))
             }
         }
     }

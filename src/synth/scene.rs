@@ -245,12 +245,12 @@ fn pinhole(circle: &BallCircle, distance: f64, off_axis: f64, azimuth: f64) -> C
     let focal = circle.radius * off_axis.cos() / half_angle.tan();
     let off = focal * off_axis.tan();
     let (s, c) = azimuth.sin_cos();
-    Camera::Perspective(Intrinsics {
-        fx: focal,
-        fy: focal,
-        cx: circle.center.u - off * c,
-        cy: circle.center.v - off * s,
-    })
+    Camera::Perspective(Intrinsics::pinhole(
+        focal,
+        focal,
+        circle.center.u - off * c,
+        circle.center.v - off * s,
+    ))
 }
 
 /// Spin and exposure such that the arc stays within its bound, short arcs as often as long ones.

@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::camera::{BallCircle, Camera, Pixel};
+use crate::vision::lens::Lens;
 
 /// The ball's outline: an ellipse.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -94,6 +95,13 @@ impl View {
             good(k.fx) && good(k.fy) && k.cx.is_finite() && k.cy.is_finite(),
             "intrinsics",
             "positive focal lengths and a finite principal point",
+            format_args!("{k:?}"),
+        )?;
+        let is_pinhole = k.lens == Lens::Ideal && k.skew == 0.0;
+        require(
+            is_pinhole,
+            "intrinsics",
+            "no distortion",
             format_args!("{k:?}"),
         )?;
         let focal = [k.fx, k.fy];

@@ -19,8 +19,8 @@
 //! U = b (X / cos theta) (1 / w),   V = b Y / w,   w = (cos theta - X tan alpha sin theta) / B
 //! ```
 //!
-//! up to a shift, with the short half axis `b` and `B = sqrt(1 - e^2)` (the homography of the turn by `theta`). With intrinsics the projection is that of a pinhole camera. The
-//! ball's center then lies at the distance `d = R / sin(alpha)`, for the half angle `alpha` under
+//! up to a shift, with the short half axis `b` and `B = sqrt(1 - e^2)` (the homography of the turn by `theta`). With intrinsics the projection is that of a pinhole camera with
+//! its [`Lens`](super::lens::Lens). The ball's center then lies at the distance `d = R / sin(alpha)`, for the half angle `alpha` under
 //! which the ball is seen, and a ray `q` meets the sphere at its nearer intersection.
 //!
 //! Directions are in the *view frame*, whose z points from the ball's center to the camera; it is
@@ -34,6 +34,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2};
 
+pub use super::intrinsics::{Intrinsics, Pixel};
 use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 use crate::image::Roi;
@@ -52,15 +53,6 @@ const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e9;
 const FARTHEST: f64 = 1e6;
 /// Step of the finite difference by the inverse distance.
 const DIFFERENCE: f64 = 1e-6;
-
-/// A position in an image, pixels: u right, v down, the center of the top-left pixel at (0, 0).
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Pixel {
-    /// To the right.
-    pub u: f64,
-    /// Downwards.
-    pub v: f64,
-}
 
 /// The ball's outline in an image: a circle, or an ellipse where the ball is seen to be off the optical axis of a
 /// camera whose intrinsics are unknown.
@@ -115,19 +107,6 @@ impl BallCircle {
     }
 }
 
-/// A pinhole camera without distortion.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Intrinsics {
-    /// Focal length in pixels along u.
-    pub fx: f64,
-    /// Focal length in pixels along v.
-    pub fy: f64,
-    /// Principal point, u.
-    pub cx: f64,
-    /// Principal point, v.
-    pub cy: f64,
-}
-
 impl Intrinsics {
     /// Those of a camera with square pixels that sees a ball at `1 / inverse_distance` radii as this ellipse; `None` for a
     /// circle, which any camera may see that looks straight at the ball.
@@ -137,12 +116,12 @@ impl Intrinsics {
         let focal = tilt.shape * circle.radius / tan_half;
         let tan = (1.0 - tilt.cos * tilt.cos).sqrt() / tilt.cos;
         let center = Self::from_ellipse(circle, inverse_distance).center;
-        Some(Self {
-            fx: focal,
-            fy: focal,
-            cx: center.u - focal * tan * tilt.along.x,
-            cy: center.v - focal * tan * tilt.along.y,
-        })
+        Some(Self::pinhole(
+            focal,
+            focal,
+            center.u - focal * tan * tilt.along.x,
+            center.v - focal * tan * tilt.along.y,
+        ))
     }
 
     /// The circle of [`BallView::new`] that such a camera has for an ellipse.
@@ -223,8 +202,9 @@ impl BallView {
     /// The view of a ball with the outline `circle`.
     ///
     /// The outline of a sphere off the optical axis of a pinhole is an ellipse. There `circle` has its center where the ball's
-    /// center is seen, and the radius `sqrt(fx fy) |q| tan a`, with `q` the ray to the center at unit depth and `a` the half
-    /// angle of the ball: to first order in `a` the ellipse's half-axis across the direction to the principal point.
+    /// center is seen, and the radius `sqrt(fx fy) |q| m tan a`, with `q` the ray to the center at unit depth, `m` the lens'
+    /// magnification there ([`Intrinsics::scale_at`]) and `a` the half angle of the ball: without distortion to first order in
+    /// `a` the ellipse's half-axis across the direction to the principal point.
     ///
     /// # Errors
     /// [`Error::Argument`] where the radius or a focal length is not within 1e-6 to 1e9 pixels, a center farther
@@ -271,12 +251,13 @@ impl BallView {
             );
             return Err(Error::argument("intrinsics", problem));
         }
-        let ray = ray(&k, circle.center);
+        let ray = k.ray(circle.center).ok_or_else(|| {
+            Error::argument("circle", "expected a center that the camera's lens shows")
+        })?;
         // Angle between the rays to the center and to the outline, across the direction to the
         // principal point, where the distance from the pinhole to the image point is that of the
         // center.
-        let focal = (k.fx * k.fy).sqrt() * ray.norm();
-        let half_angle = (circle.radius / focal).atan();
+        let half_angle = (circle.radius / k.scale_at(&ray)).atan();
         let distance = 1.0 / half_angle.sin();
         if distance > FARTHEST {
             let problem = format!("expected a ball within 1e6 of its radii, found {distance:e}");
@@ -382,13 +363,7 @@ impl BallView {
                 intrinsics: k,
                 to_camera,
                 distance,
-            } => {
-                let p = to_camera * (direction - Vec3::z() * distance);
-                Pixel {
-                    u: k.cx + k.fx * p.x / -p.z,
-                    v: k.cy + k.fy * p.y / p.z,
-                }
-            }
+            } => k.project(&(to_camera * (direction - Vec3::z() * distance))),
         }
     }
 
@@ -408,7 +383,7 @@ impl BallView {
                 distance,
             } => {
                 // Ray from the camera at (0, 0, d) in the view frame along q: |d e_z + s q|^2 = 1.
-                let q = (to_camera.inverse() * ray(&intrinsics, pixel)).normalize();
+                let q = (to_camera.inverse() * intrinsics.ray(pixel)?).normalize();
                 let along = -distance * q.z;
                 let off = (distance * distance - along * along).max(0.0);
                 if !q.z.is_finite() || off.sqrt() > 1.0 + BEYOND_LIMB {
@@ -434,7 +409,11 @@ impl BallView {
                 to_camera,
                 distance,
             } => {
-                let q = (to_camera.inverse() * ray(&intrinsics, pixel)).normalize();
+                // A pixel that the lens does not show is beyond any ball.
+                let Some(ray) = intrinsics.ray(pixel) else {
+                    return Vector2::repeat(f64::INFINITY);
+                };
+                let q = (to_camera.inverse() * ray).normalize();
                 let nearest = Vec3::z() * distance - q * (distance * q.z);
                 nearest.xy() * (nearest.norm() / nearest.xy().norm().max(1e-12))
             }
@@ -492,16 +471,7 @@ impl BallView {
             } => {
                 let turn = to_camera.to_rotation_matrix();
                 let p = turn * (direction - Vec3::z() * distance);
-                let (x, y) = (p.x / p.z, p.y / p.z);
-                let by_point = Matrix2x3::new(
-                    -k.fx / p.z,
-                    0.0,
-                    k.fx * x / p.z,
-                    0.0,
-                    k.fy / p.z,
-                    -k.fy * y / p.z,
-                );
-                by_point * turn.matrix()
+                k.jacobian(&p) * turn.matrix()
             }
         }
     }
@@ -583,11 +553,6 @@ fn plane(direction: &Vec3, inverse_distance: f64) -> Vector2<f64> {
 /// Whether a point is one of an image; not so for NaN.
 fn is_near(u: f64, v: f64) -> bool {
     u.abs() <= *LENGTHS.end() && v.abs() <= *LENGTHS.end()
-}
-
-/// The ray through a pixel, camera frame (x right, y up, z towards the camera), with z = -1.
-pub(super) fn ray(k: &Intrinsics, pixel: Pixel) -> Vec3 {
-    Vec3::new((pixel.u - k.cx) / k.fx, (k.cy - pixel.v) / k.fy, -1.0)
 }
 
 /// The direction seen at `(x, y)` radii from the outline's center, from a camera at `1 / k` radii.

@@ -77,6 +77,8 @@ impl Grid {
             fy: k.fy / self.side,
             cx: (k.cx - (self.left + self.half())) / self.side,
             cy: (k.cy - (self.top + self.half())) / self.side,
+            skew: k.skew / self.side,
+            lens: k.lens,
         }
     }
 }
@@ -101,12 +103,7 @@ mod tests {
         assert_eq!(found.radius, 10.0);
         assert_eq!(grid.circle_to_part(&found), circle);
         // The camera's axis is the same point of either.
-        let k = Intrinsics {
-            fx: 800.0,
-            fy: 800.0,
-            cx: 120.5,
-            cy: 7.5,
-        };
+        let k = Intrinsics::pinhole(800.0, 800.0, 120.5, 7.5);
         let half = grid.intrinsics_to_part(&k);
         assert_eq!((half.fx, half.cx, half.cy), (400.0, 10.0, 0.0));
     }

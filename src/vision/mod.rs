@@ -25,6 +25,8 @@ pub mod detector;
 pub mod estimator;
 pub mod frame_table;
 mod grid;
+pub mod intrinsics;
+pub mod lens;
 pub mod net;
 pub mod outline;
 pub mod patch;
@@ -33,13 +35,15 @@ mod sums;
 pub mod verdict;
 
 pub use blob::{BlobConfig, BlobDetector};
-pub use camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
+pub use camera::{BallCircle, BallView, Camera, Pixel};
 pub use circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, find_ball};
 pub use detect::{DotDetection, DotDetector};
 pub use detector::{DetectorName, NamedDetector};
 pub use estimator::{
     Budget, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, OutlinePrior, Pose, Prior,
 };
+pub use intrinsics::Intrinsics;
+pub use lens::Lens;
 pub use net::CnnDetector;
 pub use outline::{Outline, OutlineSource};
 pub use patch::Patch;

@@ -416,20 +416,20 @@ fn rates_stand_side_by_side() {
 #[test]
 fn points_are_where_their_values_are() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let mut points = || (0..40).map(|_| (rng.random(), 5.0 * rng.random::<f64>() - 2.0));
+    let mut points = || -> Vec<(f64, f64)> {
+        let mut point = || (rng.random(), 5.0 * rng.random::<f64>() - 2.0);
+        (0..40).map(|_| point()).collect()
+    };
     let plot = ScatterPlot {
         title: "Does the objective predict failures?".into(),
         x_label: "objective".into(),
         y_label: "failures [%]".into(),
-        series: [
-            ("random", points().collect()),
-            ("descended", points().collect()),
-        ]
-        .map(|(name, points): (&str, Vec<(f64, f64)>)| LineSeries {
-            name: name.into(),
-            points,
-        })
-        .into(),
+        series: [("random", points()), ("descended", points())]
+            .map(|(name, points)| LineSeries {
+                name: name.into(),
+                points,
+            })
+            .into(),
     };
     check("scatter.png", CURVES_SIZE, 0.02, |path| {
         scatter_plot(path, &plot)

@@ -178,12 +178,12 @@ impl SharedCamera {
                 let [min, max] = [MIN_INVERSE_DISTANCE, MAX_INVERSE_DISTANCE];
                 let focal = circle.radius / (inverse_focal * circle.radius).clamp(min, max);
                 // The radius is that of the ray to the center, at its length: see BallView::new.
-                Camera::Perspective(Intrinsics {
-                    fx: focal,
-                    fy: focal,
-                    cx: circle.center.u - focal * axis.x,
-                    cy: circle.center.v - focal * axis.y,
-                })
+                Camera::Perspective(Intrinsics::pinhole(
+                    focal,
+                    focal,
+                    circle.center.u - focal * axis.x,
+                    circle.center.v - focal * axis.y,
+                ))
             }
         }
     }

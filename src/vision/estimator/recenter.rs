@@ -9,11 +9,11 @@
 //! Geometry in Computer Vision", 2nd ed., Sec. 8.4).
 //!
 //! The surroundings of the ball are resampled for that camera; its focal length is
-//! `sqrt(fx fy) |q|`, with `q` the ray to the center at unit depth, so that the ball keeps its size
+//! `sqrt(fx fy) |q| m`, with `q` the ray to the center at unit depth and `m` the lens' magnification there, so that the ball keeps its size
 //! up to a radius of [`MAX_RADIUS`]. There the outline is fitted and the dots are detected; both are
 //! mapped back with their covariances. Outlines of the image are then as
 //! [`BallView`](crate::vision::camera::BallView) has them: the center is where the ball's
-//! center is seen, the radius `sqrt(fx fy) |q| tan a`.
+//! center is seen, the radius `sqrt(fx fy) |q| m tan a`. Distortion is undone here, and nowhere else.
 //!
 //! Without intrinsics an outline that is an ellipse beyond doubt tells the angle, and for a ball at a usual distance
 //! everything else ([`Intrinsics::of_ellipse`]): the ball is seen by such a camera, and a circle fitted there. Dots and
@@ -23,14 +23,15 @@
 //! What lies beyond the image's border is continued from there: where the ball is cut, so is its
 //! outline.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
+use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use super::{FrameEstimate, Outline};
 use crate::geometry::{Rotation, Vec3};
 use crate::image::GrayImage;
-use crate::vision::camera::{BallCircle, Intrinsics, Pixel, ray};
+use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::{BallFinder, BallFit, CircleConfig, Polarity};
 use crate::vision::detect::DotDetection;
+use crate::vision::intrinsics::Intrinsics;
 
 /// Balls farther off the optical axis than this are recentered: one degree, where the axes of the
 /// outline differ by 1 part in 6000.
@@ -69,7 +70,7 @@ pub(super) struct VirtualCamera {
 impl VirtualCamera {
     /// The camera for a ball with this outline; `None` where it is on the axis or not before the camera.
     pub fn new(intrinsics: &Intrinsics, circle: &BallCircle) -> Option<Self> {
-        let towards = ray(intrinsics, circle.center);
+        let towards = intrinsics.ray(circle.center)?;
         let off_axis = towards.xy().norm().atan();
         if !(off_axis > MIN_OFF_AXIS_RAD && circle.radius > 0.0) {
             return None;
@@ -80,7 +81,7 @@ impl VirtualCamera {
         Some(Self {
             intrinsics: *intrinsics,
             to_camera: *to_camera.to_rotation_matrix().matrix(),
-            focal: scale * mean_focal(intrinsics) * towards.norm(),
+            focal: scale * intrinsics.scale_at(&towards),
             side: (2.0 * REACH * radius).ceil() as usize + 1,
             radius,
         })
@@ -104,7 +105,7 @@ impl VirtualCamera {
     /// Resamples the surroundings of the ball.
     pub fn look(&self, image: &GrayImage, into: &mut GrayImage) {
         // Samples a side of a pixel's square, so that none of the image's pixels is passed over.
-        let shrunk = mean_focal(&self.intrinsics) / self.focal;
+        let shrunk = self.intrinsics.focal() / self.focal;
         let fine = (shrunk.ceil() as usize).clamp(1, 64);
         let weight = 1.0 / (fine * fine) as f32;
         let sub = |k: usize| (k as f64 + 0.5) / fine as f64 - 0.5;
@@ -130,24 +131,12 @@ impl VirtualCamera {
 
     /// Where a pixel of the virtual image lies in the image.
     fn image_of(&self, pixel: Pixel) -> Pixel {
-        let (q, k) = (self.ray(pixel), &self.intrinsics);
-        Pixel {
-            u: k.cx - k.fx * q.x / q.z,
-            v: k.cy + k.fy * q.y / q.z,
-        }
+        self.intrinsics.project(&self.ray(pixel))
     }
 
     /// d(pixel of the image)/d(pixel of the virtual image).
     fn jacobian(&self, pixel: Pixel) -> Matrix2<f64> {
-        let (q, k) = (self.ray(pixel), &self.intrinsics);
-        let by_ray = Matrix2x3::new(
-            -k.fx / q.z,
-            0.0,
-            k.fx * q.x / (q.z * q.z),
-            0.0,
-            k.fy / q.z,
-            -k.fy * q.y / (q.z * q.z),
-        );
+        let by_ray = self.intrinsics.jacobian(&self.ray(pixel));
         let turn = self.to_camera.fixed_columns::<2>(0);
         by_ray * turn * Matrix2::new(1.0, 0.0, 0.0, -1.0) / self.focal
     }
@@ -159,11 +148,9 @@ impl VirtualCamera {
             circle.center.v - self.middle(),
         );
         let tan = circle.radius / Vector2::new(du, dv).norm().hypot(self.focal);
-        let center = self.image_of(circle.center);
-        BallCircle::new(
-            center,
-            tan * mean_focal(&self.intrinsics) * ray(&self.intrinsics, center).norm(),
-        )
+        let ray = self.ray(circle.center);
+        let scale = self.intrinsics.scale_at(&(ray / -ray.z));
+        BallCircle::new(self.intrinsics.project(&ray), tan * scale)
     }
 
     /// A fit in the virtual image as one in the image.
@@ -353,9 +340,11 @@ impl Recentering {
 /// ellipse's center and the mean of its half-axes as the radius. Its covariance grows by what a
 /// fit to a part of the ellipse may be off.
 fn outline_of_fit(k: &Intrinsics, fitted: &Outline) -> Outline {
-    let focal = mean_focal(k);
-    let at = ray(k, fitted.circle.center).xy();
-    let (off, radius) = (at.norm(), fitted.circle.radius / focal);
+    let Some(ray) = k.ray(fitted.circle.center) else {
+        return *fitted;
+    };
+    let (at, off) = (ray.xy(), ray.xy().norm());
+    let radius = fitted.circle.radius * ray.norm() / k.scale_at(&ray);
     if off < MIN_OFF_AXIS_RAD {
         return *fitted;
     }
@@ -373,13 +362,8 @@ fn outline_of_fit(k: &Intrinsics, fitted: &Outline) -> Outline {
         tan_half *= radius / (0.25 * (far - near) + 0.5 * across);
     }
     let to = at * (tan_off / off);
-    let circle = BallCircle::new(
-        Pixel {
-            u: k.cx + k.fx * to.x,
-            v: k.cy - k.fy * to.y,
-        },
-        focal * tan_off.hypot(1.0) * tan_half,
-    );
+    let to = Vec3::new(to.x, to.y, -1.0);
+    let circle = BallCircle::new(k.project(&to), k.scale_at(&to) * tan_half);
     let stretch = 0.5 * (fitted.circle.radius - circle.radius);
     Outline {
         circle,
@@ -388,22 +372,13 @@ fn outline_of_fit(k: &Intrinsics, fitted: &Outline) -> Outline {
     }
 }
 
-fn mean_focal(k: &Intrinsics) -> f64 {
-    (k.fx * k.fy).sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::vision::camera::{BallView, Camera};
     use crate::vision::outline::OutlineSource;
 
-    const INTRINSICS: Intrinsics = Intrinsics {
-        fx: 420.0,
-        fy: 400.0,
-        cx: -140.0,
-        cy: 90.0,
-    };
+    const INTRINSICS: Intrinsics = Intrinsics::pinhole(420.0, 400.0, -140.0, 90.0);
     const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 41.0, v: 37.0 }, 28.0);
 
     #[test]
@@ -441,12 +416,7 @@ mod tests {
     /// A circle with the center and the mean half-axis of the ellipse leads back to the cone.
     #[test]
     fn the_outline_of_a_fit_is_that_of_the_cone() {
-        let k = Intrinsics {
-            fx: 300.0,
-            fy: 300.0,
-            cx: 0.0,
-            cy: 0.0,
-        };
+        let k = Intrinsics::pinhole(300.0, 300.0, 0.0, 0.0);
         for (off_axis, half) in [(0.44f64, 0.125f64), (0.17, 0.125), (0.44, 0.033)] {
             let (near, far) = ((off_axis - half).tan(), (off_axis + half).tan());
             let across = half.sin() / (half.cos().powi(2) - off_axis.sin().powi(2)).sqrt();

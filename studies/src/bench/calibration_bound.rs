@@ -44,12 +44,7 @@ const TURNS: f64 = 3.0;
 /// Pixels from the ball's center, for a radius of 1, of a direction.
 fn unit_view() -> Outcome<View> {
     let focal = 1.0 / (1.0 / DISTANCE).asin().tan();
-    let camera = Camera::Perspective(Intrinsics {
-        fx: focal,
-        fy: focal,
-        cx: 0.0,
-        cy: 0.0,
-    });
+    let camera = Camera::Perspective(Intrinsics::pinhole(focal, focal, 0.0, 0.0));
     let circle = BallCircle::new(Pixel { u: 0.0, v: 0.0 }, 1.0);
     Ok(View::new(&camera, circle)?)
 }

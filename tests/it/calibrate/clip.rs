@@ -109,12 +109,7 @@ fn frame<R: Rng>(
     let middle = Pixel { u: 39.5, v: 40.5 };
     // A pinhole that looks straight at the ball.
     let focal = config.radius / (1.0 / config.distance).asin().tan();
-    let camera = Camera::Perspective(Intrinsics {
-        fx: focal,
-        fy: focal,
-        cx: middle.u,
-        cy: middle.v,
-    });
+    let camera = Camera::Perspective(Intrinsics::pinhole(focal, focal, middle.u, middle.v));
     let circle = BallCircle::new(middle, config.radius);
     let view = View::new(&camera, circle).unwrap();
     let mut normal = |sigma: f64| -> f64 {

@@ -10,12 +10,7 @@ use spindoe::synth::view::View;
 use spindoe::vision::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 
 const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 31.0, v: 29.5 }, 28.0);
-const PINHOLE: Camera = Camera::Perspective(Intrinsics {
-    fx: 320.0,
-    fy: 320.0,
-    cx: -80.0,
-    cy: 150.0,
-});
+const PINHOLE: Camera = Camera::Perspective(Intrinsics::pinhole(320.0, 320.0, -80.0, 150.0));
 
 const NEAR: Camera = Camera::Near {
     inverse_distance: 0.11,
@@ -45,12 +40,7 @@ fn an_ellipse_is_the_outline_of_a_ball_off_the_axis() {
         let mut draw = |from: f64, to: f64| rng.random_range(from..to);
         let focal = draw(150.0, 900.0);
         let off = focal * Vector2::new(draw(-0.6, 0.6), draw(-0.6, 0.6));
-        let k = Intrinsics {
-            fx: focal,
-            fy: focal,
-            cx: 320.0,
-            cy: 240.0,
-        };
+        let k = Intrinsics::pinhole(focal, focal, 320.0, 240.0);
         let center = Pixel {
             u: k.cx + off.x,
             v: k.cy + off.y,
@@ -102,12 +92,7 @@ fn parallel_rays_follow_the_closed_form() {
 #[test]
 fn a_pinhole_sees_the_ball_where_geometry_says() {
     // On the optical axis a ball of the half angle a is at the distance 1 / sin a, its outline at f tan a.
-    let k = Intrinsics {
-        fx: 500.0,
-        fy: 500.0,
-        cx: 200.0,
-        cy: 100.0,
-    };
+    let k = Intrinsics::pinhole(500.0, 500.0, 200.0, 100.0);
     let circle = BallCircle::new(Pixel { u: 200.0, v: 100.0 }, 50.0);
     let view = BallView::new(&Camera::Perspective(k), circle).expect("valid");
     let half_angle = (50.0f64 / 500.0).atan();

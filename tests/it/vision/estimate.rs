@@ -66,12 +66,7 @@ fn survey(camera: Camera, kind: impl Fn(&mut Scene)) -> (usize, usize, usize, f6
 
 #[test]
 fn drawn_balls_are_told() {
-    let perspective = Camera::Perspective(Intrinsics {
-        fx: 400.0,
-        fy: 400.0,
-        cx: -60.0,
-        cy: 90.0,
-    });
+    let perspective = Camera::Perspective(Intrinsics::pinhole(400.0, 400.0, -60.0, 90.0));
     let (right, wrong, _, error) = survey(Camera::Orthographic, |_| {});
     assert!(right >= 57 && wrong <= 1 && error < 1.2);
     let (right, wrong, _, error) = survey(Camera::Orthographic, |s| {

@@ -9,7 +9,7 @@ use spindoe::pattern::Pattern;
 use spindoe::vision::estimator::CameraModel;
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior,
+    Intrinsics, Lens, NamedDetector, OutlinePrior, Pixel, Prior,
 };
 
 use crate::common::ball::blur;
@@ -39,10 +39,31 @@ struct Cast {
     center: Vec3,
     /// Pattern to camera frame.
     rotation: Rotation,
+    /// OpenCV's k1, k2, p1, p2.
+    distortion: [f64; 4],
+}
+
+/// Where a lens shows a point at unit depth, y down.
+fn distorted([k1, k2, p1, p2]: [f64; 4], [x, y]: [f64; 2]) -> [f64; 2] {
+    let r2 = x * x + y * y;
+    let g = 1.0 + k1 * r2 + k2 * r2 * r2;
+    [
+        x * g + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+        y * g + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+    ]
 }
 
 impl Cast {
     fn random(distance: f64, off_axis_rad: f64, rng: &mut ChaCha8Rng) -> Self {
+        Self::through([0.0; 4], distance, off_axis_rad, rng)
+    }
+
+    fn through(
+        distortion: [f64; 4],
+        distance: f64,
+        off_axis_rad: f64,
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
         let (sin, cos) = off_axis_rad.sin_cos();
         let (y, x) = (std::f64::consts::TAU * rng.random::<f64>()).sin_cos();
         let center = Vec3::new(sin * x, sin * y, -cos) * distance;
@@ -50,23 +71,35 @@ impl Cast {
         let focal = RADIUS_PX * cos / (1.0 / distance).asin().tan();
         let middle = 0.5 * (SIDE as f64 - 1.0);
         let shift = |rng: &mut ChaCha8Rng| 4.0 * rng.random::<f64>() - 2.0;
+        // The ball near the middle of the image, wherever the lens shows it.
+        let [u, v] = distorted(distortion, [sin / cos * x, -sin / cos * y]);
         let intrinsics = Intrinsics {
-            fx: focal,
-            fy: focal,
-            cx: middle + shift(rng) - focal * sin / cos * x,
-            cy: middle + shift(rng) + focal * sin / cos * y,
+            lens: Lens::polynomial(&distortion).expect("a lens"),
+            ..Intrinsics::pinhole(
+                focal,
+                focal,
+                middle + shift(rng) - focal * u,
+                middle + shift(rng) - focal * v,
+            )
         };
         Self {
             intrinsics,
             center,
             rotation: random_rotation(rng),
+            distortion,
         }
     }
 
     /// The light on a point of the image.
     fn light(&self, dots: &[Vec3], behind: Behind, u: f64, v: f64) -> f64 {
         let k = &self.intrinsics;
-        let ray = Vec3::new((u - k.cx) / k.fx, (k.cy - v) / k.fy, -1.0).normalize();
+        let seen = [(u - k.cx) / k.fx, (v - k.cy) / k.fy];
+        let mut at = seen;
+        for _ in 0..30 {
+            let shown = distorted(self.distortion, at);
+            at = [at[0] + seen[0] - shown[0], at[1] + seen[1] - shown[1]];
+        }
+        let ray = Vec3::new(at[0], -at[1], -1.0).normalize();
         let along = ray.dot(&self.center);
         let inside = 1.0 - (self.center.norm_squared() - along * along);
         let lamp = Vec3::new(-0.4, 0.6, 0.7).normalize();
@@ -196,6 +229,69 @@ fn errors_before(behind: Behind, distance: f64, off_axis_deg: f64, told: Told) -
         errors.len()
     );
     errors
+}
+
+/// Errors of the answers through a lens, sorted, degrees; with its distortion told or left out.
+fn errors_through(distortion: [f64; 4], is_told: bool) -> Vec<f64> {
+    let pattern = crate::common::random_pattern(20, 5);
+    let mut rng = ChaCha8Rng::seed_from_u64(341);
+    let mut errors = Vec::new();
+    for k in 0..TRIALS {
+        let off_axis = [12.0, 24.0][k % 2];
+        let cast = Cast::through(distortion, 12.0, f64::to_radians(off_axis), &mut rng);
+        let image = cast.image(&pattern, Behind::Dark, |light| light, &mut rng);
+        let known = match is_told {
+            true => cast.intrinsics,
+            false => Intrinsics {
+                lens: Lens::Ideal,
+                ..cast.intrinsics
+            },
+        };
+        let estimator = estimator(&pattern, Camera::Perspective(known).into());
+        let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+        estimator.estimate(
+            &image,
+            &Prior::default(),
+            &Budget::default(),
+            &mut ws,
+            &mut out,
+        );
+        if let Some(pose) = out.pose() {
+            errors.push(pose.rotation.angle_to(&cast.rotation).to_degrees());
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    let median = errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN);
+    println!(
+        "{distortion:?}, told {is_told}: {} answered, median {median:.3} deg",
+        errors.len()
+    );
+    errors
+}
+
+#[test]
+fn distortion_costs_nothing_where_it_is_known() {
+    let plain = errors_through([0.0; 4], true);
+    let middle = |errors: &[f64]| errors[errors.len() / 2];
+    for distortion in [
+        [-0.1, 0.0, 0.0, 0.0],
+        [-0.25, 0.05, 0.001, -0.002],
+        [-0.4, 0.15, 0.0, 0.0],
+    ] {
+        let known = errors_through(distortion, true);
+        assert!(
+            known.len() + 1 >= plain.len(),
+            "{} of {}",
+            known.len(),
+            plain.len()
+        );
+        assert!(
+            middle(&known) < 1.1 * middle(&plain) + 0.02,
+            "{distortion:?}"
+        );
+        let unknown = errors_through(distortion, false);
+        assert!(middle(&unknown) > 2.0 * middle(&known), "{distortion:?}");
+    }
 }
 
 #[test]

@@ -270,12 +270,7 @@ fn a_warm_tracker_of_whole_frames_does_not_allocate() {
 fn a_region_gives_the_frames_pixels_and_is_within_the_frame() {
     let clip = clip(11, 2);
     let (image, truth) = &clip.frames[0];
-    let intrinsics = Intrinsics {
-        fx: 900.0,
-        fy: 900.0,
-        cx: 400.0,
-        cy: 300.0,
-    };
+    let intrinsics = Intrinsics::pinhole(900.0, 900.0, 400.0, 300.0);
     let settings = EstimatorConfig {
         camera: Camera::Perspective(intrinsics).into(),
         ..EstimatorConfig::default()

@@ -105,7 +105,7 @@ class SpinCore:
             raise ValueError(f"frame: expected optical or camera, found {settings.frame!r}")
         self.settings = settings
         k = settings.intrinsics
-        self.camera = spindoe.Camera.unknown() if k is None else spindoe.Camera.pinhole(*k)
+        self.camera = spindoe.Camera() if k is None else spindoe.Camera.pinhole(*k)
         estimator = spindoe.Estimator(
             settings.table, camera=self.camera, min_confidence=settings.min_confidence
         )
