@@ -69,7 +69,8 @@ fn register_font() -> Result<()> {
     let registered = *REGISTERED.get_or_init(|| {
         [
             (FontStyle::Normal, dejavu::sans::regular()),
-            (FontStyle::Bold, dejavu::sans::bold()),
+            // The cut that engraves the stencil's numbers, too: a third one would add 350 kB to the wheel.
+            (FontStyle::Bold, dejavu::sans_condensed::bold()),
         ]
         .into_iter()
         .all(|(style, bytes)| plotters::style::register_font(FONT, style, bytes).is_ok())
@@ -274,7 +275,8 @@ pub(super) fn styled_text(
 pub(super) fn titled<'a>(area: &Area<'a>, title: &str) -> Drawn<Area<'a>> {
     let (width, _) = area.dim_in_pixel();
     let mut size = TITLE;
-    let available = width as i32 - px(30.0);
+    // An SVG is shown in the reader's own font, which is a tenth wider.
+    let available = 9 * (width as i32 - px(30.0)) / 10;
     while size > LABEL && bold(size).box_size(title)?.0 as i32 > available {
         size -= 1.0;
     }
