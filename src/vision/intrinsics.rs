@@ -210,7 +210,7 @@ impl Intrinsics {
     pub fn jacobian(&self, point: &Vec3) -> Matrix2x3<f64> {
         let at = at_unit_depth(point);
         let by_point = Matrix2x3::new(-1.0, 0.0, -at.x, 0.0, 1.0, -at.y) / point.z;
-        self.to_pixels() * self.lens.distort(&at).1 * by_point
+        self.matrix() * self.lens.distort(&at).1 * by_point
     }
 
     /// The ray through a pixel, camera frame, with z = -1; `None` where the lens shows nothing there.
@@ -233,7 +233,7 @@ impl Intrinsics {
         (self.fx * self.fy).sqrt()
     }
 
-    fn to_pixels(&self) -> Matrix2<f64> {
+    fn matrix(&self) -> Matrix2<f64> {
         Matrix2::new(self.fx, self.skew, 0.0, self.fy)
     }
 }
