@@ -4,9 +4,8 @@
     draw_docs.py SPINDOE [NAME...]
 
 SPINDOE is the command; run it in the repository's root. Without names it draws all that take seconds: `stencil`,
-`clip`, `images`, `calibrate`, `python`, `spin`, `synth`, `marking`, `report`. `camera`, `objectives`, `recognizer` and
-`search` take minutes to an hour and are drawn only when named. `clip` and `images` need Pillow, `python` the package with matplotlib,
-`marking` cairosvg, `report` playwright with a Chromium.
+`clip`, `images`, `calibrate`, `spin`, `synth`, `marking`, `report`. `objectives`, `recognizer` and `search` take
+minutes to an hour and are drawn only when named. `clip` and `images` need Pillow, `marking` cairosvg, `report` playwright with a Chromium.
 """
 
 import shutil
@@ -54,33 +53,6 @@ def calibrate(spindoe, aside):
         "90", "--seed", "5")
     run(spindoe, "calibrate", "--table", aside / "clip/table.npz", aside / "clip", "-o", aside / "ball")
     shutil.copy(aside / "ball/offsets.png", "docs/calibrate.png")
-
-
-def camera(spindoe, aside):
-    run(spindoe, "validate", "dots20", "dots40", "--camera", "any", "--sweep", "camera", "--samples", "200", "-o",
-        aside / "sweep")
-    print(sorted(p.name for p in (aside / "sweep").iterdir()))
-    shutil.copy(aside / "sweep/sensitivity_ball_px.png", "docs/camera.png")
-
-
-def python(spindoe, aside):
-    """What `spindoe.plot` draws of a frame and of its spin."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    import spindoe as package
-
-    run(spindoe, "synth", PATTERN, "-o", aside / "clip", "--ball-px", "120", "--seed", "8")
-    paths = sorted((aside / "clip/images").glob("*.png"))
-    frames = [(255 * plt.imread(path)).round().astype("uint8") for path in paths]
-    times_s = [1e-9 * int(path.stem) for path in paths]
-    found = package.Estimator(PATTERN).estimate_sequence(frames, times_s, color="rgb")
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4))
-    found.frames[0].plot(frames[0], ax=left)
-    found.spin.plot(ax=right)
-    figure.savefig("docs/python.png", dpi=110, bbox_inches="tight")
 
 
 def spin(spindoe, aside):
@@ -135,8 +107,8 @@ def search(spindoe, aside):
     shutil.copy(aside / "search" / "progress.png", "docs/search_30_minutes.png")
 
 
-QUICK = [stencil, clip, images, calibrate, python, spin, synth, marking, report]
-SLOW = [camera, objectives, recognizer, search]
+QUICK = [stencil, clip, images, calibrate, spin, synth, marking, report]
+SLOW = [objectives, recognizer, search]
 
 
 def main():

@@ -65,15 +65,12 @@ class Camera:
         k = floats("matrix", matrix)
         if k.shape != (3, 3):
             raise ValueError(f"matrix: expected shape (3, 3), found {k.shape}")
-        _native.check_matrix(k.tolist())
-        numbers = [k[0, 0], k[1, 1], k[0, 2], k[1, 2], k[0, 1]]
         if distortion is not None:
-            numbers.extend(floats("distortion", distortion).ravel())
-        elif fisheye:
-            numbers.extend([0.0] * 4)
-        self._set("fisheye" if fisheye else "pinhole", tuple(map(float, numbers)))
-        # The coefficients are checked where they are used.
-        _native.project_points(self._given(), np.array([[0.0, 0.0, -1.0]]))
+            coefficients = floats("distortion", distortion).ravel().tolist()
+        else:
+            coefficients = [0.0] * 4 if fisheye else []
+        kind, numbers = _native.intrinsics_of(k.tolist(), coefficients, fisheye)
+        self._set(kind, tuple(numbers))
 
     def _set(self, kind: str, numbers: tuple[float, ...]) -> None:
         object.__setattr__(self, "kind", kind)
@@ -104,7 +101,7 @@ class Camera:
     @classmethod
     def pinhole(cls, fx: float, fy: float, cx: float, cy: float) -> Camera:
         """Known focal lengths and principal point, pixels, without distortion."""
-        return cls([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        return cls._of("pinhole", fx, fy, cx, cy, 0.0)
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Camera:

@@ -125,18 +125,13 @@ fn intrinsics(kind: &str, numbers: &[f64]) -> PyResult<Intrinsics> {
     let [fx, fy, cx, cy, skew, distortion @ ..] = numbers else {
         return Err(value_error("camera", "expected fx, fy, cx, cy and skew"));
     };
-    let lens = match kind {
-        "fisheye" => Lens::fisheye(distortion),
-        _ => Lens::polynomial(distortion),
-    };
+    let lens = lens(kind == "fisheye", distortion)?;
     let matrix = Matrix3::new(*fx, *skew, *cx, 0.0, *fy, *cy, 0.0, 0.0, 1.0);
-    Intrinsics::from_matrix(&matrix, lens.or_raise()?).or_raise()
+    Intrinsics::from_matrix(&matrix, lens).or_raise()
 }
 
-/// Those of a file, as [`intrinsics`] takes them.
-#[pyfunction]
-pub fn read_intrinsics(path: std::path::PathBuf) -> PyResult<(&'static str, Vec<f64>)> {
-    let k = Intrinsics::read(&path).or_raise()?;
+/// Kind and numbers, as [`intrinsics`] takes them.
+fn packed(k: &Intrinsics) -> (&'static str, Vec<f64>) {
     let mut numbers = vec![k.fx, k.fy, k.cx, k.cy, k.skew];
     let kind = match k.lens {
         Lens::Ideal => "pinhole",
@@ -150,15 +145,33 @@ pub fn read_intrinsics(path: std::path::PathBuf) -> PyResult<(&'static str, Vec<
             "fisheye"
         }
     };
-    Ok((kind, numbers))
+    (kind, numbers)
 }
 
-/// The matrix of a camera as rows, checked: [`Intrinsics::from_matrix`].
+/// The intrinsics of a file, by kind and numbers.
 #[pyfunction]
-pub fn check_matrix(matrix: [[f64; 3]; 3]) -> PyResult<()> {
+pub fn read_intrinsics(path: std::path::PathBuf) -> PyResult<(&'static str, Vec<f64>)> {
+    Ok(packed(&Intrinsics::read(&path).or_raise()?))
+}
+
+/// Those of a matrix, by rows, and OpenCV's distortion.
+#[pyfunction]
+pub fn intrinsics_of(
+    matrix: [[f64; 3]; 3],
+    distortion: Vec<f64>,
+    fisheye: bool,
+) -> PyResult<(&'static str, Vec<f64>)> {
     let matrix = Matrix3::from_fn(|row, column| matrix[row][column]);
-    Intrinsics::from_matrix(&matrix, Lens::Ideal).or_raise()?;
-    Ok(())
+    let lens = lens(fisheye, &distortion)?;
+    Ok(packed(&Intrinsics::from_matrix(&matrix, lens).or_raise()?))
+}
+
+fn lens(fisheye: bool, distortion: &[f64]) -> PyResult<Lens> {
+    match fisheye {
+        true => Lens::fisheye(distortion),
+        false => Lens::polynomial(distortion),
+    }
+    .or_raise()
 }
 
 /// Pixels `u, v` of points in the camera frame.

@@ -31,7 +31,7 @@ mod _native {
     use super::design::{DesignJob, merge};
     #[pymodule_export]
     use super::estimator::{
-        BallView, Estimator, Tracker, check_matrix, project_points, read_intrinsics,
+        BallView, Estimator, Tracker, intrinsics_of, project_points, read_intrinsics,
     };
     #[pymodule_export]
     use super::pattern::{HashTable, Pattern};

@@ -78,7 +78,7 @@ impl Grid {
             cx: (k.cx - (self.left + self.half())) / self.side,
             cy: (k.cy - (self.top + self.half())) / self.side,
             skew: k.skew / self.side,
-            lens: k.lens,
+            ..*k
         }
     }
 }

@@ -260,34 +260,64 @@ impl Field {
     }
 }
 
+/// A list, or a mapping between its keys or behind one.
+#[derive(Debug, PartialEq)]
+enum Level {
+    List,
+    Mapping { key: Option<String> },
+}
+
+impl Level {
+    /// Ends a value: the next of a mapping is a key.
+    fn end_value(&mut self) {
+        if let Self::Mapping { key } = self {
+            *key = None;
+        }
+    }
+}
+
 /// The fields of the first level. Events are read one after the other, however deep a file goes.
 fn fields(text: &str) -> std::result::Result<Vec<(String, Field)>, saphyr_parser::ScanError> {
     // OpenCV's first line is not YAML's.
     let text = text.strip_prefix("%YAML:1.0").unwrap_or(text);
     let mut fields: Vec<(String, Field)> = Vec::new();
-    // Whether each level is a list, and whether a key of the first level comes next.
-    let (mut levels, mut is_key) = (Vec::new(), true);
+    let mut levels: Vec<Level> = Vec::new();
     for event in Parser::new_from_str(text) {
         match event?.0 {
-            Event::MappingStart(..) => levels.push(false),
-            Event::SequenceStart(..) => levels.push(true),
+            Event::MappingStart(..) => levels.push(Level::Mapping { key: None }),
+            Event::SequenceStart(..) => levels.push(Level::List),
             Event::MappingEnd | Event::SequenceEnd => {
                 levels.pop();
-                is_key = true;
-            }
-            Event::Scalar(value, ..) if levels == [false] && is_key => {
-                fields.push((value.into_owned(), Field::default()));
-                is_key = false;
+                levels.last_mut().map_or((), Level::end_value);
             }
             Event::Scalar(value, ..) => {
-                if let Some((_, field)) = fields.last_mut() {
-                    match levels.last() {
-                        Some(true) => field.listed.push(value.into_owned()),
-                        _ if levels.len() == 1 => field.text = value.into_owned(),
-                        _ => {}
+                let is_first = levels.len() == 1;
+                // Of a matrix only the data: others of its keys may have lists, too.
+                let is_data = levels.get(1).is_none_or(|level| match level {
+                    Level::List => true,
+                    Level::Mapping { key } => key.as_deref() == Some("data"),
+                });
+                match levels.last_mut() {
+                    Some(Level::Mapping { key: key @ None }) => {
+                        if is_first {
+                            fields.push((value.to_string(), Field::default()));
+                        }
+                        *key = Some(value.into_owned());
                     }
+                    Some(level) => {
+                        if let Some((_, field)) = fields.last_mut() {
+                            match level {
+                                Level::List if is_data => field.listed.push(value.into_owned()),
+                                Level::Mapping { .. } if is_first => {
+                                    field.text = value.into_owned();
+                                }
+                                _ => {}
+                            }
+                        }
+                        level.end_value();
+                    }
+                    None => {}
                 }
-                is_key = true;
             }
             Event::DocumentEnd => break,
             _ => {}
@@ -320,8 +350,9 @@ mod tests {
              cols: 4\n  data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]\n"
         );
         let json = r#"{"K": [[650, 0, 320.5], [0, 640, 240.25], [0, 0, 1]], "dist": [[-0.28, 0.09, 0.0012, -0.0001, 0]]}"#;
+        let flat = opencv.replace("rows: 1\n   cols: 5\n   dt: d", "sizes: [ 5 ]\n   dt: d");
         let lens = Lens::polynomial(&[-0.28, 0.09, 0.0012, -1e-4, 0.0]).expect("a lens");
-        for text in [&*opencv, &*ros, json] {
+        for text in [&*opencv, &*flat, &*ros, json] {
             let k = read(text).expect(text);
             assert_eq!([k.fx, k.fy, k.cx, k.cy], EXPECTED);
             assert_eq!((k.skew, k.lens), (0.0, lens));

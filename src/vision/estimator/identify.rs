@@ -204,7 +204,7 @@ impl<D: DotDetector> Estimator<D> {
             Detections::All => self.recognizers.len(),
         };
         'search: for pass in 0..passes {
-            // An expected orientation may be told by doubtful detections alone.
+            // Doubtful detections alone may show an expected orientation.
             let is_hopeless = hint.is_none() && promise_of(&best) < PROMISING;
             if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
                 break;

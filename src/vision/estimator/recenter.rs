@@ -18,7 +18,7 @@
 //! Without intrinsics an outline that is an ellipse beyond doubt tells the angle, and for a ball at a usual distance
 //! everything else ([`Intrinsics::of_ellipse`]): the ball is seen by such a camera, and a circle fitted there. Dots and
 //! outline are those of the ellipse when they are mapped back; the distance stays open, and to which side the ball stands
-//! is told by the dots when they are fitted.
+//! follows from the dots when they are fitted.
 //!
 //! What lies beyond the image's border is continued from there: where the ball is cut, so is its
 //! outline.

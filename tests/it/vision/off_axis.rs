@@ -9,7 +9,7 @@ use spindoe::pattern::Pattern;
 use spindoe::vision::estimator::CameraModel;
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    Intrinsics, Lens, NamedDetector, OutlinePrior, Pixel, Prior,
+    Intrinsics, Lens, OutlinePrior, Pixel, Prior,
 };
 
 use crate::common::ball::blur;
@@ -163,13 +163,26 @@ impl Cast {
     }
 }
 
-fn estimator(pattern: &Pattern, camera: CameraModel) -> Estimator<NamedDetector> {
+/// What an estimator that knows so much of the camera, and of the outline, makes of an image.
+fn estimated(
+    pattern: &Pattern,
+    camera: CameraModel,
+    image: &GrayImage,
+    outline: Option<OutlinePrior>,
+) -> FrameEstimate {
     let config = EstimatorConfig {
         camera,
         ..EstimatorConfig::default()
     };
     let detector = DetectorName::Cnn.build().expect("weights");
-    Estimator::new(pattern, config, detector).expect("valid settings")
+    let estimator = Estimator::new(pattern, config, detector).expect("valid settings");
+    let prior = Prior {
+        outline,
+        ..Prior::default()
+    };
+    let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
+    estimator.estimate(image, &prior, &Budget::default(), &mut ws, &mut out);
+    out
 }
 
 /// What the estimator is told.
@@ -197,19 +210,8 @@ fn errors_before(behind: Behind, distance: f64, off_axis_deg: f64, told: Told) -
             Told::Nothing => CameraModel::default(),
             _ => Camera::Perspective(cast.intrinsics).into(),
         };
-        let estimator = estimator(&pattern, camera);
-        let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
         let circle = (told == Told::IntrinsicsAndOutline).then(|| cast.circle());
-        estimator.estimate(
-            &image,
-            &Prior {
-                outline: circle.map(OutlinePrior::given),
-                ..Prior::default()
-            },
-            &Budget::default(),
-            &mut ws,
-            &mut out,
-        );
+        let out = estimated(&pattern, camera, &image, circle.map(OutlinePrior::given));
         if behind == Behind::Alike && out.fit.is_some() {
             continue;
         }
@@ -247,15 +249,7 @@ fn errors_through(distortion: [f64; 4], is_told: bool) -> Vec<f64> {
                 ..cast.intrinsics
             },
         };
-        let estimator = estimator(&pattern, Camera::Perspective(known).into());
-        let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-        estimator.estimate(
-            &image,
-            &Prior::default(),
-            &Budget::default(),
-            &mut ws,
-            &mut out,
-        );
+        let out = estimated(&pattern, Camera::Perspective(known).into(), &image, None);
         if let Some(pose) = out.pose() {
             errors.push(pose.rotation.angle_to(&cast.rotation).to_degrees());
         }
@@ -329,16 +323,12 @@ fn dots_lie_where_the_images_own_pixels_show_them() {
         let off_axis: f64 = [0.0, 0.2][k % 2];
         let cast = Cast::random(12.0, off_axis, &mut rng);
         let image = cast.image(&pattern, Behind::Dark, srgb, &mut rng);
-        let estimator = estimator(&pattern, Camera::Perspective(cast.intrinsics).into());
-        let prior = Prior {
-            outline: Some(OutlinePrior {
-                circle: cast.circle(),
-                sigma_px: 1e-3,
-            }),
-            ..Prior::default()
+        let outline = OutlinePrior {
+            circle: cast.circle(),
+            sigma_px: 1e-3,
         };
-        let (mut ws, mut out) = (estimator.workspace(), FrameEstimate::default());
-        estimator.estimate(&image, &prior, &Budget::default(), &mut ws, &mut out);
+        let camera = Camera::Perspective(cast.intrinsics).into();
+        let out = estimated(&pattern, camera, &image, Some(outline));
         let Some(pose) = out.pose() else { continue };
         turns.push(pose.rotation.angle_to(&cast.rotation).to_degrees());
         for (dot, name) in out.dots.iter().zip(&out.assignment) {
