@@ -288,7 +288,9 @@ fn fields(text: &str) -> std::result::Result<Vec<(String, Field)>, saphyr_parser
             Event::SequenceStart(..) => levels.push(Level::List),
             Event::MappingEnd | Event::SequenceEnd => {
                 levels.pop();
-                levels.last_mut().map_or((), Level::end_value);
+                if let Some(level) = levels.last_mut() {
+                    level.end_value();
+                }
             }
             Event::Scalar(value, ..) => {
                 let is_first = levels.len() == 1;
