@@ -98,21 +98,23 @@ impl Intrinsics {
             );
         }
         let rest = [k[(1, 0)], k[(2, 0)], k[(2, 1)], k[(2, 2)] - 1.0];
-        let is_good = k.iter().all(|x| x.is_finite()) && k[(0, 0)] > 0.0 && k[(1, 1)] > 0.0;
-        if !is_good || rest.iter().any(|x| *x != 0.0) {
+        let read = Self {
+            skew: k[(0, 1)],
+            lens,
+            ..Self::pinhole(k[(0, 0)], k[(1, 1)], k[(0, 2)], k[(1, 2)])
+        };
+        if !read.is_a_camera() || rest.iter().any(|x| *x != 0.0) {
             return refused(format!(
                 "expected rows fx s cx, 0 fy cy, 0 0 1 with positive focal lengths, found {:?}",
                 k.transpose().as_slice()
             ));
         }
-        Ok(Self {
-            fx: k[(0, 0)],
-            fy: k[(1, 1)],
-            cx: k[(0, 2)],
-            cy: k[(1, 2)],
-            skew: k[(0, 1)],
-            lens,
-        })
+        Ok(read)
+    }
+
+    fn is_a_camera(&self) -> bool {
+        let numbers = [self.fx, self.fy, self.cx, self.cy, self.skew];
+        numbers.iter().all(|x| x.is_finite()) && self.fx > 0.0 && self.fy > 0.0
     }
 
     /// Those of numbers: fx, fy, cx, cy, and the coefficients of [`Lens::polynomial`].
@@ -120,20 +122,18 @@ impl Intrinsics {
     /// # Errors
     /// [`Error::Argument`] for other numbers.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self> {
-        match numbers {
-            [fx, fy, cx, cy, distortion @ ..]
-                if *fx > 0.0 && *fy > 0.0 && numbers.iter().all(|x| x.is_finite()) =>
-            {
-                Ok(Self {
-                    lens: Lens::polynomial(distortion)?,
-                    ..Self::pinhole(*fx, *fy, *cx, *cy)
-                })
-            }
-            _ => {
-                let problem = "expected fx, fy, cx, cy with positive focal lengths, and the distortion behind them";
-                Err(Error::argument("intrinsics", problem))
+        if let [fx, fy, cx, cy, distortion @ ..] = numbers {
+            let read = Self {
+                lens: Lens::polynomial(distortion)?,
+                ..Self::pinhole(*fx, *fy, *cx, *cy)
+            };
+            if read.is_a_camera() {
+                return Ok(read);
             }
         }
+        let problem =
+            "expected fx, fy, cx, cy with positive focal lengths, and the distortion behind them";
+        Err(Error::argument("intrinsics", problem))
     }
 
     /// Reads the intrinsics of a file: OpenCV's YAML or JSON, or ROS' camera_info.

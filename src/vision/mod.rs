@@ -32,6 +32,7 @@ pub mod outline;
 pub mod patch;
 mod rim;
 mod sums;
+mod tilt;
 pub mod verdict;
 
 pub use blob::{BlobConfig, BlobDetector};
