@@ -8,7 +8,7 @@ use std::io::{Cursor, Write};
 use std::path::Path;
 
 use nalgebra::Matrix2;
-use spindoe::image::{Picture};
+use spindoe::image::Picture;
 use spindoe::design::DesignConfig;
 use spindoe::design::state::Checkpoint;
 use spindoe::recognize::observed::ObservedReader;
@@ -32,7 +32,7 @@ use zip::write::SimpleFileOptions;
 pub type Reader = fn(&[u8]) -> Result<()>;
 
 /// All readers, by the names of their targets.
-pub const READERS: [(&str, Reader); 16] = [
+pub const READERS: [(&str, Reader); 17] = [
     ("table", table),
     ("pattern", pattern),
     ("zones", zones),
@@ -42,6 +42,7 @@ pub const READERS: [(&str, Reader); 16] = [
     ("circles", circles),
     ("trajectories", trajectories),
     ("camera", camera),
+    ("intrinsics", intrinsics),
     ("weights", weights),
     ("checkpoint", checkpoint),
     ("picture", picture),
@@ -189,6 +190,18 @@ fn camera(bytes: &[u8]) -> Result<()> {
             let _ = view.project(&direction);
             let _ = view.back_project(pixel, &Matrix2::identity());
         }
+    }
+    Ok(())
+}
+
+/// A camera's file, and a pixel through its lens.
+fn intrinsics(bytes: &[u8]) -> Result<()> {
+    let text = String::from_utf8_lossy(bytes);
+    let read = Intrinsics::from_text(Path::new("c.yaml"), &text)?;
+    let pixel = Pixel { u: 20.0, v: 30.0 };
+    if let Some(ray) = read.ray(pixel) {
+        assert!(ray.z == -1.0, "{ray:?}");
+        let _ = (read.project(&ray), read.jacobian(&ray), read.scale_at(&ray));
     }
     Ok(())
 }

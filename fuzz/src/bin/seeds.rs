@@ -154,6 +154,13 @@ fn main() -> Done {
     )?;
     let numbers: [f32; 9] = [0.5, 900.0, 320.0, 240.0, 300.0, 200.0, 30.0, 310.0, 205.0];
     seed("camera", "near", numbers.map(f32::to_le_bytes).concat())?;
+    let ros = "image_width: 640\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [900, 0.5, 320, 0, 901, 240, 0, 0, 1]\n\
+               distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0.05, 0, 1e-3, 0]}\n";
+    seed("intrinsics", "ros", ros)?;
+    let opencv = "%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 900., 0., 320., 0., 901., 240., 0., 0., 1. ]\n";
+    seed("intrinsics", "opencv", opencv)?;
+    let json = r#"{"K": [[900, 0, 320], [0, 901, 240], [0, 0, 1]], "D": [0.1, 0, 0, 0], "distortion_model": "equidistant"}"#;
+    seed("intrinsics", "json", json)?;
     seed("weights", "meta", &built_in_weights()[0])?;
     let zones = format!(
         "{{\"format_version\":1,\"pattern_sha256\":\"{}\",\"keep_out\":[{{\"axis\":[0,0,-1],\"half_angle_rad\":0.2}}]}}",
