@@ -35,14 +35,14 @@ pub struct CalibrationConfig {
 }
 
 impl Default for CalibrationConfig {
-    /// Dots drawn to 3 deg, with 0.1 deg that all views of a dot share (measured on rendered clips), marks
+    /// Dots drawn to 3 deg, with 0.05 deg that all views of a dot share (measured on rendered clips), marks
     /// up to 12 deg off; 5 frames or more of a probability of 0.9, a third of those with a ball; 4 rounds;
     /// nothing extra; a smooth rotation.
     fn default() -> Self {
         Self {
             estimator: EstimatorConfig::default(),
             placement_sigma_rad: 3f64.to_radians(),
-            shared_sigma_rad: 0.1f64.to_radians(),
+            shared_sigma_rad: 0.05f64.to_radians(),
             max_offset_rad: 12f64.to_radians(),
             min_frames: 5,
             trusted: 0.9,
