@@ -31,6 +31,7 @@ pub mod net;
 pub mod outline;
 pub mod patch;
 mod rim;
+pub mod smear;
 mod sums;
 mod tilt;
 pub mod verdict;

@@ -22,7 +22,7 @@ mod disc;
 mod tests;
 mod tone;
 
-use nalgebra::{Matrix2, Matrix3x2, SMatrix, SVector, Vector2};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 
 use super::ball_pixels::BallPixels;
 use super::camera::{BallView, Pixel};
@@ -35,6 +35,12 @@ pub(super) use tone::{CapShape, Tone};
 const STEPS: usize = 8;
 /// A shorter step of the middle, over the dot's radius, ends the iteration: the next would be a tenth of it.
 const CONVERGED: f64 = 1e-2;
+/// Maximum number of steps of the blur's iteration: a long smear is far from the round blur it starts from.
+const BLUR_STEPS: usize = 24;
+/// The part of a step that is gone: whole ones go to and fro where a smear is long.
+const BLUR_STEP: f64 = 0.6;
+/// A smaller change of the blur's variance, over that, ends its iteration.
+const BLUR_CONVERGED: f64 = 0.02;
 /// Angular radii that the iteration starts from where no dot of the ball is known, radians.
 const RADII: [f64; 3] = [0.09, 0.06, 0.13];
 /// Angular radii that a dot may have, radians.
@@ -69,12 +75,12 @@ const LEAST_VARIANCE: f64 = 1e-8;
 /// Variance of the tone curve's bend from dot to dot: what else makes an edge uneven.
 const TONE_DRIFT: f64 = 1e-3;
 
-/// Number of unknowns.
+/// Number of unknowns of a cap.
 const UNKNOWNS: usize = 9;
+/// And with how its blur is stretched.
+const STRETCHED: usize = UNKNOWNS + 2;
 /// The places of radius, blur and the tone curve's bend among them.
 const SHAPE: [usize; 3] = [2, 3, 8];
-type Unknowns = SVector<f64, UNKNOWNS>;
-type Information = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 /// A fitted cap.
 #[derive(Debug, Clone, Copy)]
@@ -86,24 +92,49 @@ pub(super) struct Cap {
     pub shape: CapShape,
 }
 
+/// The covariance of a dot's blur in the image, px^2: `s I + [[p, q], [q, -p]]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DotBlur {
+    /// The dot's middle, view frame.
+    pub middle: Vec3,
+    /// Its angular radius, radians.
+    pub radius: f64,
+    /// `s, p, q`, px^2.
+    pub blur: Vector3<f64>,
+    /// Covariance of these, px^4.
+    pub covariance: Matrix3<f64>,
+}
+
 /// Fits caps; keeps its memory.
 #[derive(Debug)]
 pub(super) struct CapFitter {
     samples: Vec<Sample>,
+    /// Where the last fit ended that found a cap.
+    converged: Option<Converged>,
+}
+
+/// A cap that was found, and what it was found by.
+#[derive(Debug, Clone, Copy)]
+struct Converged {
+    state: State,
+    tangents: [Vec3; 2],
+    shape: CapShape,
+    variance: f64,
 }
 
 impl Default for CapFitter {
     fn default() -> Self {
         Self {
             samples: Vec::with_capacity(EXPECTED_PIXELS),
+            converged: None,
         }
     }
 }
 
 /// The weighted normal equations at a state.
-struct Equations {
-    information: Information,
-    gradient: Unknowns,
+struct Equations<const N: usize> {
+    information: SMatrix<f64, N, N>,
+    gradient: SVector<f64, N>,
     /// Weighted mean square of the residuals.
     variance: f64,
 }
@@ -117,6 +148,7 @@ impl CapFitter {
         near: Pixel,
         shape: Option<CapShape>,
     ) -> Option<Cap> {
+        self.converged = None;
         let expected = pixels.view.direction(near)?;
         if let Some(shape) = shape {
             return self.fit_from(pixels, &expected, shape);
@@ -146,7 +178,7 @@ impl CapFitter {
         let mut variance = None;
         for _ in 0..STEPS {
             let disc = Disc::new(pixels.view, &state, &tangents)?;
-            let now = self.equations(&disc, &state, &shape, variance)?;
+            let now = self.equations::<UNKNOWNS>(&disc, &state, &shape.expected(), variance)?;
             let step = now.information.cholesky()?.solve(&now.gradient);
             let moved = step.fixed_rows::<2>(0).norm();
             state = state.moved(&step, &tangents);
@@ -156,9 +188,55 @@ impl CapFitter {
                 return None;
             }
             if variance.is_some() && moved < CONVERGED * radius {
+                self.converged = Some(Converged {
+                    state,
+                    tangents,
+                    shape,
+                    variance: now.variance,
+                });
                 return judged(pixels.view, &state, &tangents, &now);
             }
             variance = Some(now.variance);
+        }
+        None
+    }
+
+    /// How the dot of the last fit is blurred, by the same pixels; `None` where they do not say.
+    pub fn blur(&self, view: &BallView) -> Option<DotBlur> {
+        let Converged {
+            mut state,
+            tangents,
+            shape,
+            mut variance,
+        } = self.converged?;
+        // Other dots move otherwise.
+        let mut expected = shape.expected();
+        expected[1].1 = state.blur * state.blur;
+        for _ in 0..BLUR_STEPS {
+            let disc = Disc::new(view, &state, &tangents)?;
+            let now = self.equations::<STRETCHED>(&disc, &state, &expected, Some(variance))?;
+            let step = now.information.cholesky()?.solve(&now.gradient) * BLUR_STEP;
+            let before = state.blur;
+            state = state.moved(&step, &tangents);
+            variance = now.variance;
+            if !RADIUS.contains(&state.radius) {
+                return None;
+            }
+            let change =
+                2.0 * before * (state.blur - before).abs() + step.fixed_rows::<2>(UNKNOWNS).norm();
+            if change < BLUR_CONVERGED * before * before {
+                let spread = variance * (DEGREES + 3.0) / (DEGREES + 1.0);
+                let covariance = now.information.try_inverse()? * spread;
+                let at = [SHAPE[1], UNKNOWNS, UNKNOWNS + 1];
+                // From the deviation to the variance.
+                let by = [2.0 * state.blur, 1.0, 1.0];
+                return Some(DotBlur {
+                    middle: state.middle,
+                    radius: state.radius,
+                    blur: Vector3::new(state.blur * state.blur, state.stretch.x, state.stretch.y),
+                    covariance: Matrix3::from_fn(|i, j| by[i] * covariance[(at[i], at[j])] * by[j]),
+                });
+            }
         }
         None
     }
@@ -228,17 +306,18 @@ impl CapFitter {
             ink: 1.0 - mean(inside) / light,
             light,
             slope: Vector2::zeros(),
+            stretch: Vector2::zeros(),
         }
     }
 
-    fn equations(
+    fn equations<const N: usize>(
         &self,
         disc: &Disc,
         state: &State,
-        shape: &CapShape,
+        expected: &[(f64, f64); 3],
         variance: Option<f64>,
-    ) -> Option<Equations> {
-        let mut sums = Sums::<UNKNOWNS>::default();
+    ) -> Option<Equations<N>> {
+        let mut sums = Sums::<N>::default();
         for sample in &self.samples {
             let (shown, by) = state.shown(disc, sample);
             let residual = sample.value - shown;
@@ -248,17 +327,17 @@ impl CapFitter {
             sums.add(&by, residual, weight);
         }
         let now = [state.radius, state.blur, state.bend];
-        for ((k, now), (expected, spread)) in SHAPE.into_iter().zip(now).zip(shape.expected()) {
+        for ((k, now), (expected, spread)) in SHAPE.into_iter().zip(now).zip(expected) {
             let known = variance.unwrap_or(FIRST_VARIANCE) / spread;
             sums.information[k][k] += known;
             sums.gradient[k] += known * (expected - now);
         }
-        let free = self.samples.len().saturating_sub(UNKNOWNS);
+        let free = self.samples.len().saturating_sub(N);
         let share = free as f64 / self.samples.len() as f64;
         let variance = sums.squares / (sums.weights * share);
         (variance.is_finite() && free > 0).then(|| Equations {
             information: sums.symmetric(),
-            gradient: Unknowns::from(sums.gradient),
+            gradient: SVector::from(sums.gradient),
             variance: variance.max(LEAST_VARIANCE),
         })
     }
@@ -286,7 +365,12 @@ fn bounds(
 }
 
 /// The cap, where it is a dot.
-fn judged(view: &BallView, state: &State, tangents: &[Vec3; 2], fit: &Equations) -> Option<Cap> {
+fn judged(
+    view: &BallView,
+    state: &State,
+    tangents: &[Vec3; 2],
+    fit: &Equations<UNKNOWNS>,
+) -> Option<Cap> {
     let stored = |light: f64| Tone::shown(state.bend, light.max(DARKEST)).0;
     let contrast = stored(state.light) - stored(state.light * (1.0 - state.ink));
     if state.ink < MIN_INK || contrast < MIN_CONTRAST * fit.variance.sqrt() {

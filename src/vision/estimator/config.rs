@@ -162,6 +162,9 @@ pub struct EstimatorConfig {
     pub min_confidence: f64,
     /// Width of the outline's edge, in radii, from which on a refusal is put down to blur.
     pub max_blur: f64,
+    /// Whether it is measured how the named dots are blurred: [`FrameEstimate::blurs`](super::FrameEstimate::blurs).
+    #[serde(default)]
+    pub measures_blur: bool,
 }
 
 impl Default for EstimatorConfig {
@@ -192,6 +195,7 @@ impl Default for EstimatorConfig {
             trust: TrustMap::default(),
             min_confidence: MIN_CONFIDENCE_IMAGES,
             max_blur: 0.6,
+            measures_blur: false,
         }
     }
 }

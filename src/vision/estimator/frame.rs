@@ -14,6 +14,7 @@ use crate::vision::circle::{BallFit, NoBall};
 use crate::vision::detect::DotDetection;
 use crate::vision::grid::Grid;
 use crate::vision::outline::Outline;
+use crate::vision::smear::DotBlur;
 
 /// An accepted orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,6 +121,9 @@ pub struct FrameEstimate {
     pub dots: Vec<DotDetection>,
     /// For each detection the pattern's dot that it is; `None` for a false one, or one that was left out.
     pub assignment: Vec<Option<u16>>,
+    /// How the named dots are blurred, where they were measured in the image's pixels; none unless
+    /// [`EstimatorConfig::measures_blur`](super::EstimatorConfig::measures_blur).
+    pub blurs: Vec<DotBlur>,
     /// The orientation, or why there is none.
     pub outcome: std::result::Result<Pose, FrameRejection>,
     /// Time taken, for all outlines that were tried.
@@ -171,6 +175,7 @@ impl Default for FrameEstimate {
             attempts: 0,
             standing: Standing::default(),
             hypotheses: [None; 2],
+            blurs: Vec::with_capacity(EXPECTED_DOTS),
         }
     }
 }
@@ -264,6 +269,7 @@ impl FrameEstimate {
         self.timings = Timings::default();
         (self.earlier_attempts, self.attempts) = (0, 0);
         self.hypotheses = [None; 2];
+        self.blurs.clear();
         self.standing = Standing::Likely;
     }
 
@@ -275,6 +281,7 @@ impl FrameEstimate {
             });
             self.circle = self.outline.map(|o| o.circle);
             self.assignment.fill(None);
+            self.blurs.clear();
         }
     }
 }

@@ -49,6 +49,7 @@ impl<D: DotDetector> Estimator<D> {
             if refined.is_none() {
                 out.dots.clone_from(&ws.detected);
                 out.assignment.clone_from(&ws.named);
+                out.blurs.clear();
             }
         }
         out.timings.identify += begun.elapsed();
@@ -87,6 +88,7 @@ impl<D: DotDetector> Estimator<D> {
         ws.indices
             .sort_unstable_by(|a, b| off_middle(a).total_cmp(&off_middle(b)));
         let (mut shape, mut is_any) = (None, false);
+        out.blurs.clear();
         for &i in &ws.indices {
             let dot = &mut out.dots[i];
             let Some(cap) = ws.caps.fit(&pixels, dot.pixel, shape) else {
@@ -96,6 +98,9 @@ impl<D: DotDetector> Estimator<D> {
             if is_near(dot, cap.pixel) {
                 (dot.pixel, dot.covariance) = (cap.pixel, cap.covariance);
                 is_any = true;
+                if self.config.measures_blur {
+                    out.blurs.extend(ws.caps.blur(&view));
+                }
             }
         }
         let is_found = out.outline.is_some_and(|o| !o.is_given());

@@ -23,6 +23,7 @@ mod recognizer;
 mod residuals;
 mod robustness;
 mod sequences;
+mod smear;
 mod spin_coverage;
 mod spin_decay;
 mod spin_rates;
@@ -63,6 +64,8 @@ enum Command {
     Robustness(robustness::Args),
     /// How near orientations come to what the pixels hold.
     Limit(limit::Args),
+    /// How far a ball turns during the exposure, by the smear of its dots.
+    Smear(smear::Args),
     /// How often images that show no ball are answered.
     Noise(noise::Args),
     /// How often a flipped camera is told apart.
@@ -124,6 +127,7 @@ fn main() -> Outcome {
         Command::Residuals(args) => args.run(),
         Command::Robustness(args) => args.run(),
         Command::Limit(args) => args.run(),
+        Command::Smear(args) => args.run(),
         Command::Noise(args) => args.run(),
         Command::Mirror(args) => args.run(),
         Command::Sequences(args) => args.run(),

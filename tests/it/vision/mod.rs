@@ -14,5 +14,6 @@ mod off_axis;
 mod outline;
 mod pipe;
 mod sequence;
+mod smear;
 mod tracker;
 mod window;
