@@ -16,7 +16,7 @@ use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
 use crate::report::{
-    CHECKPOINT, DesignEvaluation, DesignJob, EvaluationConfig, JobObserver as _, Start,
+    CHECKPOINT, DesignEvaluation, DesignJob, JobObserver as _, Start,
 };
 
 pub use arguments::Arguments;
@@ -135,17 +135,11 @@ fn run_all_shards(
 impl Arguments {
     /// The job that these arguments describe.
     pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
-        let config = self.config()?;
-        self.stencil().validate()?;
-        self.check_holes(&config)?;
-        config.check()?;
+        let dir = self.output.clone().unwrap_or_else(free_folder);
         let job = DesignJob {
-            evaluation: EvaluationConfig::of_samples(config.samples),
-            config,
-            stencil: self.stencil(),
-            dir: self.output.clone().unwrap_or_else(free_folder),
             #[cfg(feature = "plot")]
             pictures: self.pictures.clone(),
+            ..DesignJob::of(self.config()?, dir)
         };
         let start = if self.resume {
             Start::Resume
