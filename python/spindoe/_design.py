@@ -309,5 +309,7 @@ def design_of_flags(out: PathLike, flags: Sequence[str]) -> Design:
     given = json.loads(settings)
     goal = given["bound_goal"]
     given["bound_goal"] = None if goal is None else (goal["mean"], goal["worst"])
-    given["keep_out"] = [KeepOut(tuple(z["axis"]), z["half_angle_rad"]) for z in given["keep_out"]]
+    given["keep_out"] = tuple(
+        KeepOut(tuple(zone["axis"]), zone["half_angle_rad"]) for zone in given["keep_out"]
+    )
     return Design(out, pattern=None if native is None else Pattern._of(native), **given)

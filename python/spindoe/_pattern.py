@@ -92,7 +92,7 @@ class Pattern:
     @property
     def keep_out(self) -> tuple[KeepOut, ...]:
         """Cones without dots that its file states."""
-        return tuple(KeepOut(axis, half_angle_rad) for axis, half_angle_rad in self._handle.keep_out())
+        return tuple(KeepOut((x, y, z), angle) for (x, y, z), angle in self._handle.keep_out())
 
     @property
     def sha256(self) -> str:

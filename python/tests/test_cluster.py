@@ -77,7 +77,7 @@ def test_flags_of_the_command_line(tmp_path):
     ]
     zones = [((0.0, 0.0, 1.0), math.radians(25.0)), ((1.0, 0.0, 0.0), math.radians(9.0))]
     expected = spindoe.Design(
-        "d", dots=12, keep_out=[spindoe.KeepOut(*zone) for zone in zones], bound_goal=(0.7, 0.9),
+        "d", dots=12, keep_out=tuple(spindoe.KeepOut(*zone) for zone in zones), bound_goal=(0.7, 0.9),
         min_separation_rad=math.radians(20.0), objective="mean-nn", dot_diameter_mm=3.5,
     )
     assert design_of_flags("d", words) == expected

@@ -14,10 +14,10 @@ use crate::cli::camera::CameraSource;
 #[cfg(feature = "vision")]
 use crate::cli::output::Counter;
 use crate::cli::output::{one_of, quoted};
-use crate::design::objective::NAME_BEFORE;
-use crate::design::objective::bound::BoundSummary;
 #[cfg(feature = "vision")]
 use crate::design::Objective;
+use crate::design::objective::NAME_BEFORE;
+use crate::design::objective::bound::BoundSummary;
 use crate::design::{DesignConfig, DesignRequest, KeepOut, ObjectiveName, Shard};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;

@@ -15,9 +15,7 @@ use super::output::quoted;
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
-use crate::report::{
-    CHECKPOINT, DesignEvaluation, DesignJob, JobObserver as _, Start,
-};
+use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, JobObserver as _, Start};
 
 pub use arguments::Arguments;
 #[cfg(feature = "mark")]
