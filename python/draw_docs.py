@@ -65,26 +65,29 @@ def camera(spindoe, aside):
     """What one property of a camera does to single frames, all else as it is."""
     import matplotlib.pyplot as plt
 
-    run(spindoe, "validate", PATTERN, "--camera", "any", "--ball-px", "45", "--sweep", "camera", "--samples", "200", "-o",
-        aside / "sweep")
+    run(spindoe, "validate", PATTERN, "--camera", "any", "--ball-px", "45", "--exposure-ms", "0.5", "--sweep", "camera",
+        "--samples", "100", "-o", aside / "sweep")
     with (aside / "sweep/sensitivity.csv").open(newline="") as file:
         points = list(csv.DictReader(file))
-    figure, axes = plt.subplots(1, len(CAMERA), figsize=(11, 2.8), sharey=True, layout="constrained")
-    for ax, (name, words) in zip(axes, CAMERA.items(), strict=True):
+    figure, axes = plt.subplots(
+        2, len(CAMERA), figsize=(11, 4), sharex="col", sharey="row", height_ratios=[1.5, 1], layout="constrained"
+    )
+    for (rates, errors), (name, words) in zip(axes.T, CAMERA.items(), strict=True):
         own = [{k: float(v) for k, v in p.items() if k != "parameter"} for p in points if p["parameter"] == name]
         values = [p["value"] for p in own]
         for kind, color in [("right", "#2a9d3a"), ("wrong", "#d1495b")]:
-            rates = [100 * p[kind] for p in own]
+            found = [100 * p[kind] for p in own]
             bounds = [[100 * abs(p[kind] - p[f"{kind}_{end}"]) for p in own] for end in ("low", "high")]
-            ax.errorbar(values, rates, bounds, fmt="o-", markersize=3, capsize=3, color=color, label=kind)
-        ax.set_xscale("log")
-        ax.set_xticks(values, [f"{v:.3g}" for v in values])
-        ax.minorticks_off()
-        ax.tick_params(labelsize=7)
-        ax.set_xlabel(words, fontsize=9)
-    axes[0].set_ylabel("of frames, %")
-    axes[0].set_ylim(-3, 103)
-    axes[0].legend(fontsize=8, loc="center right")
+            rates.errorbar(values, found, bounds, fmt="o-", markersize=3, capsize=3, color=color, label=kind)
+        errors.plot(values, [p["mean_error_deg"] for p in own], "o-", markersize=3, color="#1f4e79")
+        errors.set_xscale("log")
+        errors.set_xticks(values, [f"{v:.3g}" for v in values])
+        errors.minorticks_off()
+        errors.tick_params(labelsize=7)
+        errors.set_xlabel(words, fontsize=9)
+    axes[0, 0].set(ylabel="frames, %", ylim=(-3, 103))
+    axes[0, 0].legend(fontsize=8, loc="center right")
+    axes[1, 0].set(ylabel="mean error, deg", ylim=(0, None))
     figure.savefig("docs/camera.png", dpi=100)
 
 
