@@ -41,6 +41,8 @@ def _estimate(clip: str, table: str, target: str, flags: list[str]) -> dict[str,
     digest = inputs_sha256(clip, table, flags)
     found = _kept(target, digest)
     if found is None:
+        # What follows from other inputs must not stand for this clip's result where it has none.
+        Path(target).unlink(missing_ok=True)
         command = [sys.executable, "-m", "spindoe", "estimate", clip, "--table", table, "--json", *flags]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
@@ -154,8 +156,10 @@ def batch(
 
 def main(words: list[str] | None = None) -> int:
     """The command line; returns the exit code: 3 where no clip has a result."""
-    parser = argparse.ArgumentParser(prog="python -m spindoe.batch", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m spindoe.batch", description=__doc__, allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("clips", nargs="+", help="folders of images, or videos")
     parser.add_argument("--table", required=True, help="the pattern's table, or the pattern")
     parser.add_argument("-o", "--output", dest="out", required=True, help="folder for the results")

@@ -50,8 +50,10 @@ def search(
 
 def main(words: list[str] | None = None) -> int:
     """The command line; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m spindoe.search", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m spindoe.search", description=__doc__, allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--shards", type=int, required=True, help="number of shards")
     parser.add_argument("-o", "--output", dest="out", required=True, help="folder, the same on all machines")
     _cluster.add_arguments(parser)
