@@ -222,11 +222,12 @@ def test_what_a_task_raises_is_raised_here(cluster):
 def test_a_killed_worker_is_replaced(cluster, whole, tmp_path):
     out = tmp_path / "d"
     killed = []
+    over = threading.Event()
 
     def kill_once() -> None:
         """Kills the worker of shard 1 once its checkpoint is there."""
         checkpoint = out / "shards/1/search.json"
-        for _ in range(6000):
+        while not over.is_set():
             if checkpoint.exists():
                 pids = [int(p) for p in os.listdir("/proc") if p.isdigit() and _is_shard(int(p))]
                 if pids:
@@ -237,8 +238,11 @@ def test_a_killed_worker_is_replaced(cluster, whole, tmp_path):
 
     killer = threading.Thread(target=kill_once)
     killer.start()
-    found = search.search(spindoe.Design(out, **SMALL), 2, ray="auto")
-    killer.join()
+    try:
+        found = search.search(spindoe.Design(out, **SMALL), 2, ray="auto")
+    finally:
+        over.set()
+        killer.join()
     assert killed, "no worker was killed while it worked"
     assert {name: (out / name).read_bytes() for name in FILES} == whole
     assert found.report["starts"] == 8
