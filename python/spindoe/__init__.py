@@ -23,7 +23,7 @@ from ._pattern import HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
 from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
 from ._spin import Alias, Spin, fit_spin
-from ._stencil import Stencil
+from ._stencil import Stencil, StencilSettings
 from ._synth import Truth, synth
 from ._vision import (
     BallView,
@@ -62,6 +62,7 @@ __all__ = [
     "Spin",
     "SteadyMark",
     "Stencil",
+    "StencilSettings",
     "Tracker",
     "TrackerState",
     "Trajectory",
