@@ -236,18 +236,18 @@ impl Arguments {
     /// # Errors
     /// [`Error::Argument`] for what that program decides, and what shards have no part in.
     pub(in crate::cli) fn sharded_request(&self) -> Result<DesignRequest> {
-        let mut given = vec![
+        let given = [
             ("budget", self.budget.is_some()),
             ("resume", self.resume),
             ("shard", self.shard.is_some()),
             ("shards", self.shards.is_some()),
             ("output", self.output.is_some()),
             ("json", self.json),
+            #[cfg(feature = "vision")]
+            ("camera", self.camera.is_some()),
+            #[cfg(feature = "plot")]
+            ("pictures", !self.pictures.is_empty()),
         ];
-        #[cfg(feature = "vision")]
-        given.push(("camera", self.camera.is_some()));
-        #[cfg(feature = "plot")]
-        given.push(("pictures", !self.pictures.is_empty()));
         if let Some((flag, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
             return Err(Error::argument(flag, "expected none in a search in shards"));
         }

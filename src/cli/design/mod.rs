@@ -134,11 +134,10 @@ impl Arguments {
     /// The job that these arguments describe.
     pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
         let dir = self.output.clone().unwrap_or_else(free_folder);
-        let job = DesignJob {
-            #[cfg(feature = "plot")]
-            pictures: self.pictures.clone(),
-            ..DesignJob::of(self.config()?, dir)
-        };
+        #[cfg_attr(not(feature = "plot"), expect(unused_mut))]
+        let mut job = DesignJob::of(self.config()?, dir);
+        #[cfg(feature = "plot")]
+        job.pictures.clone_from(&self.pictures);
         let start = if self.resume {
             Start::Resume
         } else {
