@@ -4,10 +4,12 @@
     draw_docs.py SPINDOE [NAME...]
 
 SPINDOE is the command; run it in the repository's root. Without names it draws all that take seconds: `stencil`,
-`clip`, `images`, `calibrate`, `spin`, `synth`, `marking`, `report`. `objectives`, `recognizer` and `search` take
-minutes to an hour and are drawn only when named. `clip` and `images` need Pillow, `marking` cairosvg, `report` playwright with a Chromium.
+`clip`, `images`, `camera`, `calibrate`, `spin`, `synth`, `marking`, `python`, `report`. `objectives`, `recognizer`
+and `search` take minutes to an hour and are drawn only when named. `clip` and `images` need Pillow, `camera`
+matplotlib, `python` this package with it, `marking` cairosvg, `report` playwright with a Chromium.
 """
 
+import csv
 import shutil
 import subprocess
 import sys
@@ -25,6 +27,7 @@ def run(*words):
 
 def stencil(spindoe, _):
     run(spindoe, "stencil", PATTERN, "-o", "stencils/dots20", "--overwrite")
+    shutil.copy("stencils/dots20/stencil.png", "docs/stencil.png")
 
 
 def clip(spindoe, aside):
@@ -46,6 +49,46 @@ def images(spindoe, aside):
         aside / "seen", "-o", aside / "orientations.csv")
     sheet = Image.open(aside / "seen/contact_sheet.png").convert("RGB")
     sheet.save("docs/detector.webp", quality=80, method=6)
+
+
+# Properties of a camera that a sweep varies, in words.
+CAMERA = {
+    "ball_px": "ball in the image, pixels",
+    "exposure_ms": "exposure, ms",
+    "noise_levels": "noise, of 255 levels",
+    "defocus_px": "blur of the lens, pixels",
+    "dot_diameter": "dot, of the ball's diameter",
+}
+
+
+def camera(spindoe, aside):
+    """What one property of a camera does to single frames, all else as it is."""
+    import matplotlib.pyplot as plt
+
+    run(spindoe, "validate", PATTERN, "--camera", "any", "--ball-px", "45", "--exposure-ms", "0.5", "--sweep", "camera",
+        "--samples", "100", "-o", aside / "sweep")
+    with (aside / "sweep/sensitivity.csv").open(newline="") as file:
+        points = list(csv.DictReader(file))
+    figure, axes = plt.subplots(
+        2, len(CAMERA), figsize=(11, 4), sharex="col", sharey="row", height_ratios=[1.5, 1], layout="constrained"
+    )
+    for (rates, errors), (name, words) in zip(axes.T, CAMERA.items(), strict=True):
+        own = [{k: float(v) for k, v in p.items() if k != "parameter"} for p in points if p["parameter"] == name]
+        values = [p["value"] for p in own]
+        for kind, color in [("right", "#2a9d3a"), ("wrong", "#d1495b")]:
+            found = [100 * p[kind] for p in own]
+            bounds = [[100 * abs(p[kind] - p[f"{kind}_{end}"]) for p in own] for end in ("low", "high")]
+            rates.errorbar(values, found, bounds, fmt="o-", markersize=3, capsize=3, color=color, label=kind)
+        errors.plot(values, [p["mean_error_deg"] for p in own], "o-", markersize=3, color="#1f4e79")
+        errors.set_xscale("log")
+        errors.set_xticks(values, [f"{v:.3g}" for v in values])
+        errors.minorticks_off()
+        errors.tick_params(labelsize=7)
+        errors.set_xlabel(words, fontsize=9)
+    axes[0, 0].set(ylabel="frames, %", ylim=(-3, 103))
+    axes[0, 0].legend(fontsize=8, loc="center right")
+    axes[1, 0].set(ylabel="mean error, deg", ylim=(0, None))
+    figure.savefig("docs/camera.png", dpi=100)
 
 
 def calibrate(spindoe, aside):
@@ -70,6 +113,29 @@ def synth(spindoe, aside):
 
 def marking(spindoe, _):
     run(sys.executable, "tests/python/draw_marks.py", spindoe, PATTERN, "docs/marking")
+
+
+def python(_, __):
+    """The package's own plots: a pattern, a frame that was read, and the spin of its sequence."""
+    import matplotlib.pyplot as plt
+
+    # The package that is installed, not its sources beside this file.
+    sys.path.remove(str(Path(__file__).resolve().parent))
+    import spindoe as package
+
+    table = package.HashTable.load("designs/dots20/table.npz")
+    drawn = package.synth(table.pattern, 12, seed=10, fps=350, spin_rad_s=(40, 150, 20), ball_px=[120, 120])
+    images, truths = zip(*drawn, strict=True)
+    times = [truth.time_s for truth in truths]
+    found = package.Estimator(table).estimate_sequence(images, times, color="rgb")
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), width_ratios=[1.6, 1, 1], layout="constrained")
+    table.pattern.plot(axes[0])
+    frame = found.frames[6]
+    frame.plot(images[6], table=table, ax=axes[1])
+    u, v, radius = frame.circle
+    axes[1].set(xlim=(u - 1.3 * radius, u + 1.3 * radius), ylim=(v + 1.3 * radius, v - 1.3 * radius))
+    found.spin.plot(axes[2])
+    figure.savefig("docs/python.png", dpi=100)
 
 
 def report(spindoe, aside):
@@ -103,11 +169,11 @@ def recognizer(_, __):
 
 
 def search(spindoe, aside):
-    run(spindoe, "design", "--seed", "0", "--budget", "30m", "-o", aside / "search")
+    run(spindoe, "design", "--seed", "0", "--budget", "30m", "--pictures", "png", "-o", aside / "search")
     shutil.copy(aside / "search" / "progress.png", "docs/search_30_minutes.png")
 
 
-QUICK = [stencil, clip, images, calibrate, spin, synth, marking, report]
+QUICK = [stencil, clip, images, camera, calibrate, spin, synth, marking, python, report]
 SLOW = [objectives, recognizer, search]
 
 

@@ -19,11 +19,11 @@ from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
-from ._pattern import HashTable, Pattern, PatternSummary
+from ._pattern import HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
 from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
 from ._spin import Alias, Spin, fit_spin
-from ._stencil import Stencil
+from ._stencil import Stencil, StencilSettings
 from ._synth import Truth, synth
 from ._vision import (
     BallView,
@@ -50,6 +50,7 @@ __all__ = [
     "Hint",
     "Identification",
     "Identifications",
+    "KeepOut",
     "Pattern",
     "PatternSummary",
     "Pose",
@@ -61,6 +62,7 @@ __all__ = [
     "Spin",
     "SteadyMark",
     "Stencil",
+    "StencilSettings",
     "Tracker",
     "TrackerState",
     "Trajectory",

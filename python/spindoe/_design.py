@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import KW_ONLY, dataclass, fields
+from typing import Any, Literal
 
 from . import _native
-from ._common import Progress, progress_of
-from ._pattern import HashTable, PathLike, Pattern, Tabled, as_table
+from ._common import Progress, progress_of, settings_json
+from ._pattern import HashTable, KeepOut, PathLike, Pattern, Tabled, as_table
 from ._recognize import ProtocolName, RecognizerName
 
 
@@ -125,35 +125,93 @@ class DesignResult:
         return f"<DesignResult {self.pattern!r} in {self.dir}>"
 
 
-class Design:
-    """A search for a pattern: what ``spindoe design`` does, with its names, units and defaults.
+ObjectiveName = Literal["mean-nn", "whitened-nn", "confusion", "coverage"]
 
-    Args:
-        out: The folder for pattern, table, stencil, plots and report.
-        dots: Number of dots.
-        seed: Seed of the random starts.
-        flags: Any other setting of ``spindoe design --print-config``: ``starts=8``,
-            ``min_separation_deg=20``, ``keep_out=["0,0,1,25"]``, ``objective="confusion"``; and ``pattern``, one to
-            improve.
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """A search for a pattern: what ``spindoe design`` does, with its defaults. What is None follows from the
+    rest.
 
     Raises:
-        ValueError: For a flag that does not exist or is outside its domain.
+        ValueError: For a value outside its domain, and dots so large that they do not fit.
     """
 
-    __slots__ = ("_flags", "out")
     out: PathLike
+    """The folder for pattern, table, stencil and report."""
+    _: KW_ONLY
+    pattern: Tabled | None = None
+    """A pattern to improve instead of starting at random."""
+    dots: int | None = None
+    """Number of dots, 4 to 64; None: those of `pattern`, else 20."""
+    seed: int = 0
+    """Seed of the random starts; the seeds of all trials are derived from it."""
+    starts: int = 16
+    """Random starts per round."""
+    rounds: int = 1
+    """Rounds."""
+    scout_steps: int = 20
+    """Descent steps from every start."""
+    climb_steps: int = 60
+    """Further descent steps of the best quarter of the starts."""
+    samples: int = 10_000
+    """Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a fifth of it
+    for each point of the sensitivity sweeps."""
+    protocol: ProtocolName = "sparse"
+    """The views to optimize for."""
+    ball_px: float = 60.0
+    """Diameter of the ball in the image, pixels; sets the noise of the protocol ``image``."""
+    pixel_noise: float = 1.0
+    """Error of a detected dot per image axis, pixels; sets the noise of the protocol ``image``."""
+    blur: float = 0.0
+    """Length of the motion blur at the ball, pixels; an eighth of it counts as further error per axis."""
+    objective: ObjectiveName | None = None
+    """What a descent minimizes; None: ``confusion``, for more than 24 dots ``whitened-nn``."""
+    bound_weight: float = 10.0
+    """Weight of the orientation bound's worst direction beside the objective."""
+    bound_goal: tuple[float, float] | None = None
+    """Orientation bound, mean and worst over the directions in units of a dot's noise, that is preferred;
+    None: from 20 dots on that of the published SpinDOE pattern; ``(1e9, 1e9)`` prefers none."""
+    basis_weight: float = 0.0
+    """Weight of the pairs' quality as bases, for the paper's recognizer."""
+    min_separation_rad: float | None = None
+    """Minimum angle between two dots, radians; None: the separation that the stencil's holes need, at least
+    18 degrees."""
+    min_visible: int | None = None
+    """Minimum number of visible dots from any direction; None: 3 in 10 of them."""
+    seam_margin_rad: float | None = None
+    """Minimum angle between a dot and the stencil's seam, radians, 0 sets no limit; None: 10 degrees, less
+    for more than 24 dots."""
+    keep_out: Sequence[KeepOut] = ()
+    """Cones without dots; none: those of `pattern`."""
+    ball_diameter_mm: float = 40.0
+    """Diameter of the ball that the stencil fits, millimeters."""
+    dot_diameter_mm: float | None = None
+    """Diameter of a dot, which is that of the stencil's holes at the ball, millimeters; None: a tenth of the
+    ball."""
+    pictures: Sequence[Literal["png", "svg"]] = ()
+    """Formats in which the ball, its features, its rates and the search are drawn too."""
 
-    def __init__(self, out: PathLike, *, dots: int = 20, seed: int = 0, **flags: Any) -> None:
-        for taken in ("resume", "budget", "json", "shard", "shards", "config", "output"):
-            if taken in flags:
-                raise ValueError(f"{taken}: expected as an argument of run, or not at all")
-        self.out = out
-        given: dict[str, Any] = {"seed": seed, **flags, "output": os.fspath(out)}
-        if "pattern" not in flags:
-            given = {"dots": dots, **given}
-        self._flags = _words(given)
-        # Wrong flags are reported here, not once the search begins.
-        _native.DesignJob(self._flags)
+    def __post_init__(self) -> None:
+        # A value outside its domain is reported here, not once the search begins.
+        self._job(self.out)
+
+    def _job(self, folder: PathLike, *, is_unlimited: bool = False) -> _native.DesignJob:
+        pattern = None if self.pattern is None else as_table(self.pattern).pattern._handle
+        settings = self._settings()
+        return _native.DesignJob(folder, pattern, settings, list(self.pictures), is_unlimited)
+
+    def _settings(self) -> str:
+        """The fields by the library's names, as JSON."""
+        given: dict[str, Any] = {
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if field.name not in ("out", "pattern", "pictures")
+        }
+        given["keep_out"] = [KeepOut(*zone)._asdict() for zone in self.keep_out]
+        if self.bound_goal is not None:
+            given["bound_goal"] = dict(zip(("mean", "worst"), self.bound_goal, strict=True))
+        return settings_json(given)
 
     def run(
         self,
@@ -168,16 +226,13 @@ class Design:
         Args:
             callback: Called with the progress, on another thread; what it raises ends the search.
             resume: Continue the search saved in the folder.
-            budget_s: Begin rounds until this time is spent, seconds.
+            budget_s: Begin rounds until this time is spent, seconds, instead of `rounds`.
         """
-        flags = list(self._flags) + (["--resume"] if resume else [])
-        if budget_s is not None:
-            if not budget_s > 0.0:
-                raise ValueError(f"budget_s: expected a positive number, found {budget_s}")
-            flags += ["--budget", f"{max(1, round(1000 * budget_s))}ms"]
-        job = _native.DesignJob(flags)
-        table, report = job.run(_progress_callback(callback), budget_s)
-        return DesignResult(str(job.dir()), HashTable._of(table), json.loads(report))
+        if budget_s is not None and not budget_s > 0.0:
+            raise ValueError(f"budget_s: expected a positive number, found {budget_s}")
+        job = self._job(self.out, is_unlimited=budget_s is not None)
+        table, report = job.run(_progress_callback(callback), resume, budget_s)
+        return DesignResult(os.fspath(self.out), HashTable._of(table), json.loads(report))
 
     def run_shard(
         self,
@@ -195,13 +250,8 @@ class Design:
         """
         folder = os.path.join(os.fspath(self.out), "shards", str(index))
         begun = os.path.exists(os.path.join(folder, "search.json"))
-        flags = [word for word in self._flags if not word.startswith("--output=")]
-        flags += [f"--output={folder}", f"--shard={index}/{count}", *(["--resume"] if begun else [])]
-        _native.DesignJob(flags).run_shard(_progress_callback(callback), None)
+        self._job(folder).run_shard(index, count, _progress_callback(callback), begun)
         return folder
-
-    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        return _design, (self.out, self._flags)
 
 
 def merge(
@@ -249,23 +299,17 @@ def _progress_callback(
     return report
 
 
-def _design(out: PathLike, flags: list[str]) -> Design:
-    """What unpickling calls."""
-    design = Design.__new__(Design)
-    design.out = out
-    design._flags = flags
-    return design
+def design_of_flags(out: PathLike, flags: Sequence[str]) -> Design:
+    """The design that flags of ``spindoe design`` ask for.
 
-
-def _words(flags: dict[str, Any]) -> list[str]:
-    """Settings as the command line has them."""
-    words = []
-    for name, value in flags.items():
-        several = isinstance(value, Sequence) and not isinstance(value, str)
-        for one in value if several else [value]:
-            if one is None:
-                continue
-            text = str(one).lower() if isinstance(one, bool) else one
-            # The folder is no setting: flags such as --resume ask for it.
-            words.append(f"--output={text}" if name == "output" else f"--config={name}={text}")
-    return words
+    Raises:
+        ValueError: For a flag that does not exist, is outside its domain, or says where and when to search.
+    """
+    native, settings = _native.design_request(list(flags))
+    given = json.loads(settings)
+    goal = given["bound_goal"]
+    given["bound_goal"] = None if goal is None else (goal["mean"], goal["worst"])
+    given["keep_out"] = tuple(
+        KeepOut(tuple(zone["axis"]), zone["half_angle_rad"]) for zone in given["keep_out"]
+    )
+    return Design(out, pattern=None if native is None else Pattern._of(native), **given)

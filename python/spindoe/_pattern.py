@@ -6,7 +6,7 @@ import json
 import math
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +34,15 @@ class PatternSummary:
     """Minimum number of dots with z > 0 over all viewing directions (sampled)."""
     mean_visible: float
     """Mean number of dots with z > 0 over all viewing directions."""
+
+
+class KeepOut(NamedTuple):
+    """A cone that stays free of dots: a printed logo."""
+
+    axis: tuple[float, float, float]
+    """Its axis, a unit vector in the pattern's frame."""
+    half_angle_rad: float
+    """Angle between the axis and the nearest dot's center, radians."""
 
 
 class Pattern:
@@ -81,6 +90,11 @@ class Pattern:
         return copy
 
     @property
+    def keep_out(self) -> tuple[KeepOut, ...]:
+        """Cones without dots that its file states."""
+        return tuple(KeepOut((x, y, z), angle) for (x, y, z), angle in self._handle.keep_out())
+
+    @property
     def sha256(self) -> str:
         """SHA-256 of the coordinates as little-endian float64, row by row."""
         return self._handle.sha256()
@@ -107,8 +121,13 @@ class Pattern:
     def __repr__(self) -> str:
         return f"<Pattern of {len(self)} dots, {self.sha256[:8]}>"
 
-    def __reduce__(self) -> tuple[type[Pattern], tuple[Floats]]:
-        return Pattern, (self._dots,)
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        return _pattern, (self._dots, self._handle.keep_out())
+
+
+def _pattern(dots: Floats, keep_out: list[tuple[tuple[float, float, float], float]]) -> Pattern:
+    """What unpickling calls."""
+    return Pattern._of(_native.Pattern(dots).with_keep_out(keep_out))
 
 
 class HashTable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,54 @@ from ._pattern import PathLike, Pattern, as_pattern
 
 if TYPE_CHECKING:
     import trimesh
+    from typing_extensions import Unpack
+
+
+class StencilSettings(TypedDict, total=False):
+    """What a stencil may have otherwise than usual: lengths in millimeters, angles in radians."""
+
+    ball_diameter_mm: float
+    """Diameter of the ball; 40. Table-tennis balls are 40.0 to 40.6 mm: measure yours."""
+    clearance_mm: float
+    """Gap between ball and shell, per side; 0.2."""
+    wall_mm: float
+    """Thickness of the shell; 2.8."""
+    ceiling_relief_mm: float
+    """How much farther from the ball the dome's inside lies around its top; 0.3."""
+    hole_diameter_mm: float
+    """Diameter of a dot on the ball; 4."""
+    throat_mm: float
+    """Length of the cylindrical throat at the ball before a hole widens; 0.8."""
+    taper_rad: float
+    """Half-angle of the cone by which a hole widens outwards; 30 degrees."""
+    min_web_mm: float
+    """Minimum material between two holes, and between a hole and a rim, the hinge or the tab; 0.8."""
+    seam_margin_rad: float
+    """Wanted distance of the dots' centers from the seam; 10 degrees."""
+    seam_gap_mm: float
+    """Gap between the two rims, square to their cone; 0.2."""
+    closure: Literal["screw", "pin"]
+    """What holds the hinge together; a screw."""
+    screw_diameter_mm: float
+    """Nominal diameter of the hinge's screw or pin; 3."""
+    bore_allowance_mm: float
+    """By how much the bore is wider than the screw; 0.2."""
+    hinge_length_mm: float
+    """Length of the hinge along its screw; 15."""
+    knuckles: int
+    """Number of interleaved knuckles, odd; 3."""
+    knuckle_clearance_mm: float
+    """Gap between knuckles, and between knuckles and the other half's shell; 0.4."""
+    knuckle_wall_mm: float
+    """Material around the screw's bore; 1.2."""
+    tab_mm: float
+    """How far the thumb tab reaches beyond the shell; 6."""
+    numbers: bool
+    """Whether the dots' numbers are engraved; true."""
+    nozzle_mm: float
+    """Width of the printer's nozzle: no wall may be thinner; 0.4."""
+    chord_error_mm: float
+    """Maximum distance of a facet from the surface that it stands for; 0.02."""
 
 
 class Stencil:
@@ -21,8 +69,7 @@ class Stencil:
 
     Args:
         pattern: The pattern, or its dots of shape (n, 3).
-        settings: Any field of the library's ``StencilConfig``, lengths in millimeters, angles in
-            radians: ``ball_diameter_mm``, ``hole_diameter_mm``, ``clearance_mm``, ``wall_mm``, ...
+        settings: Any of `StencilSettings`, lengths in millimeters, angles in radians.
 
     Raises:
         ValueError: For a setting outside its domain, or holes that do not fit.
@@ -32,13 +79,15 @@ class Stencil:
     _handle: _native.Stencil
     pattern: Pattern
 
-    def __init__(self, pattern: Pattern | ArrayLike, **settings: Any) -> None:
+    def __init__(self, pattern: Pattern | ArrayLike, **settings: Unpack[StencilSettings]) -> None:
         self.pattern = as_pattern(pattern)
         self._settings = settings
         self._handle = _native.Stencil.build(self.pattern._handle, settings_json(settings))
 
     @staticmethod
-    def largest_hole_mm(pattern: Pattern | ArrayLike, **settings: Any) -> float | None:
+    def largest_hole_mm(
+        pattern: Pattern | ArrayLike, **settings: Unpack[StencilSettings]
+    ) -> float | None:
         """Diameter of the largest hole that fits, mm; None where none does."""
         native = as_pattern(pattern)._handle
         return _native.Stencil.largest_hole_mm(native, settings_json(settings))
@@ -71,6 +120,6 @@ class Stencil:
         return _stencil, (self.pattern, self._settings)
 
 
-def _stencil(pattern: Pattern, settings: dict[str, Any]) -> Stencil:
+def _stencil(pattern: Pattern, settings: StencilSettings) -> Stencil:
     """What unpickling calls."""
     return Stencil(pattern, **settings)

@@ -46,8 +46,10 @@ def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float =
         style: Of the dots: arguments of `matplotlib.patches.Polygon`.
     """
     from matplotlib.patches import Polygon
+    from matplotlib.patheffects import withStroke
 
     ax = _axes(ax)
+    rim_of_number = [withStroke(linewidth=2.5, foreground=DOT)]
     given = {"color": DOT, **style}
     around = np.linspace(0.0, 2.0 * np.pi, 25)
     for side, shift in ((1.0, -1.1), (-1.0, 1.1)):
@@ -62,8 +64,10 @@ def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float =
             rim = np.outer(np.cos(around), first) + np.outer(np.sin(around), second)
             outline = np.cos(dot_radius_rad) * dot + np.sin(dot_radius_rad) * rim
             ax.add_patch(Polygon(outline[:, :2] + [shift, 0.0], **given))
-            x, y = dot[:2] * 0.82
-            ax.annotate(str(index), (x + shift, y), ha="center", va="center", fontsize=7)
+            ax.annotate(
+                str(index), dot[:2] + [shift, 0.0], ha="center", va="center", fontsize=7,
+                color="white", path_effects=rim_of_number,
+            )
         ax.annotate("+z" if side > 0 else "-z", (shift, -1.18), ha="center", va="center")
     ax.set(xlim=(-2.25, 2.25), ylim=(-1.3, 1.15), aspect="equal")
     ax.axis("off")
@@ -143,7 +147,7 @@ def frame(
 
 
 def spin(found: Spin, ax: Axes | None = None, **style: Any) -> Axes:
-    """Draws the spin's components in revolutions per second with their 95 % intervals, and the
+    """Draws the spin's components in revolutions per second with their 95 % intervals, and names the
     magnitudes of the aliases.
 
     Args:
@@ -159,11 +163,11 @@ def spin(found: Spin, ax: Axes | None = None, **style: Any) -> Axes:
     values = [*components, found.rps]
     bars = None if errors is None else [*errors, 1.96 * (found.std_rps or 0.0)]
     ax.errorbar(range(4), values, bars, **{"fmt": "o", "capsize": 5, "color": DOT, **style})
-    for alias in found.aliases:
-        rps = float(np.linalg.norm(alias.spin_rad_s) / (2.0 * np.pi))
-        ax.plot([3], [rps], marker="_", markersize=14, color=LEFT_OUT)
+    others = [np.linalg.norm(alias.spin_rad_s) / (2.0 * np.pi) for alias in found.aliases]
     ax.axhline(0.0, color="0.8", linewidth=0.8)
     ax.set_xticks(range(4), names)
     ax.set_ylabel("revolutions per second")
-    ax.set_title(f"{found.inliers} inliers, {len(found.aliases)} aliases", fontsize=9)
+    # Aliases are far off: on the same axis they would leave nothing to be seen of the intervals.
+    words = f"; or {', '.join(f'{rps:.0f}' for rps in others)} rps" if others else ""
+    ax.set_title(f"{found.inliers} inliers{words}", fontsize=9)
     return ax

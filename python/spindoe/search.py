@@ -2,7 +2,7 @@
 
     python -m spindoe.search --shards 8 -o my-ball --ray auto --seed 7 --config rounds=20
 
-Other flags are those of ``spindoe design``. The folder must be the same on all machines: the shards'
+Other flags are those of ``spindoe design`` that say what is searched. The folder must be the same on all machines: the shards'
 checkpoints lie in it, from which a shard whose worker died is taken up again. The result is that of
 ``spindoe design --config shards=8`` with the same flags.
 """
@@ -12,10 +12,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from typing import Any
 
 from . import _cluster
-from ._design import Design, DesignResult, merge
+from ._design import Design, DesignResult, design_of_flags, merge
 from ._pattern import PathLike
 
 
@@ -49,41 +48,18 @@ def search(
     return merge(folders, design.out, resume=not is_done)
 
 
-def _flags(words: list[str]) -> dict[str, Any]:
-    """Flags of ``spindoe design`` as arguments of `Design`."""
-    flags: dict[str, list[str]] = {}
-    name = None
-    for word in words:
-        if word.startswith("--"):
-            flag, has_value, value = word[2:].partition("=")
-            name = flag.replace("-", "_")
-            flags.setdefault(name, []).extend([value] if has_value else [])
-        elif name is None:
-            raise ValueError(f"{word}: expected a flag of spindoe design")
-        else:
-            flags[name].append(word)
-    settings: dict[str, list[str]] = {}
-    for word in flags.pop("config", []):
-        name, has_value, value = word.partition("=")
-        if not has_value:
-            raise ValueError(f"--config: expected KEY=VALUE, found {word}")
-        settings.setdefault(name, []).append(value)
-    return {
-        name: values[0] if len(values) == 1 else values or True
-        for name, values in {**flags, **settings}.items()
-    }
-
-
 def main(words: list[str] | None = None) -> int:
     """The command line; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m spindoe.search", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m spindoe.search", description=__doc__, allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--shards", type=int, required=True, help="number of shards")
     parser.add_argument("-o", "--output", dest="out", required=True, help="folder, the same on all machines")
     _cluster.add_arguments(parser)
     arguments, rest = parser.parse_known_args(words)
     try:
-        design = Design(arguments.out, **_flags(rest))
+        design = design_of_flags(arguments.out, rest)
         found = search(
             design, arguments.shards, ray=arguments.ray, cpus=arguments.cpus, verbose=True
         )

@@ -9,19 +9,28 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::json;
 use spindoe::Error;
-use spindoe::design::{DesignConfig, DesignObserver, SearchState, Shard, Stage};
+use spindoe::design::{DesignConfig, DesignObserver, DesignRequest, SearchState, Shard, Stage};
+use spindoe::report::plots::PictureFormat;
 use spindoe::report::{JobObserver, Start};
 
 use crate::errors::OrRaise;
-use crate::pattern::{HashTable, to_json};
+use crate::pattern::{HashTable, Pattern, overlay, to_json};
 use crate::work::interruptible;
 
-/// A design as `spindoe design` with the same flags runs it.
+/// A design, checked.
 #[pyclass(frozen, module = "spindoe._native")]
-pub struct DesignJob {
-    job: spindoe::DesignJob,
-    start: Start,
-    shard: Option<Shard>,
+pub struct DesignJob(spindoe::DesignJob);
+
+fn start(resume: bool) -> Start {
+    if resume { Start::Resume } else { Start::Fresh }
+}
+
+/// What flags of `spindoe design` ask for: the pattern to improve, and the rest as JSON.
+#[pyfunction]
+pub fn design_request(flags: Vec<OsString>) -> PyResult<(Option<Pattern>, String)> {
+    let request = spindoe::cli::design_request(flags).map_err(PyValueError::new_err)?;
+    let settings = to_json(&request)?;
+    Ok((request.pattern.map(Pattern), settings))
 }
 
 /// Runs work under an observer that calls Python, and maps what it ended with.
@@ -63,10 +72,9 @@ pub fn merge(
     resume: bool,
     callback: Option<Py<PyAny>>,
 ) -> PyResult<(HashTable, String)> {
-    let start = if resume { Start::Resume } else { Start::Fresh };
-    let (job, command) = spindoe::cli::merge_job(&shards, out).or_raise()?;
+    let (job, command) = spindoe::DesignJob::of_shards(&shards, out).or_raise()?;
     let found = observed(py, callback, None, command, |stop, observer| {
-        job.merge(&shards, start, stop, observer)
+        job.merge(&shards, start(resume), stop, observer)
     })?;
     Ok((HashTable::new(found.ball), to_json(&found.report)?))
 }
@@ -133,24 +141,25 @@ impl JobObserver for Observer<'_> {
 
 #[pymethods]
 impl DesignJob {
-    /// The job of these flags of `spindoe design`.
+    /// The job of a request, whose other fields than the pattern are JSON.
     #[new]
-    fn new(flags: Vec<OsString>) -> PyResult<Self> {
-        let request = spindoe::cli::design_job(flags).map_err(PyValueError::new_err)?;
-        Ok(Self {
-            job: request.job,
-            start: request.start,
-            shard: request.shard,
-        })
-    }
-
-    /// The configuration of the search, as JSON.
-    fn settings(&self) -> PyResult<String> {
-        to_json(&self.job.config)
-    }
-
-    fn dir(&self) -> PathBuf {
-        self.job.dir.clone()
+    fn new(
+        dir: PathBuf,
+        pattern: Option<&Pattern>,
+        settings: &str,
+        pictures: Vec<String>,
+        unlimited: bool,
+    ) -> PyResult<Self> {
+        let mut request: DesignRequest = overlay(&DesignRequest::default(), settings)?;
+        request.pattern = pattern.map(|pattern| pattern.0.clone());
+        if unlimited {
+            request.rounds = DesignRequest::UNLIMITED_ROUNDS;
+        }
+        let formats = pictures.iter().map(|name| name.parse::<PictureFormat>());
+        Ok(Self(spindoe::DesignJob {
+            pictures: formats.collect::<spindoe::Result<_>>().or_raise()?,
+            ..spindoe::DesignJob::of(request.config().or_raise()?, dir)
+        }))
     }
 
     /// Runs it; the table, and the report as JSON.
@@ -158,26 +167,27 @@ impl DesignJob {
         &self,
         py: Python<'_>,
         callback: Option<Py<PyAny>>,
+        resume: bool,
         budget_s: Option<f64>,
     ) -> PyResult<(HashTable, String)> {
         let found = observed(py, callback, budget_s, None, |stop, observer| {
-            self.job.run(self.start, stop, observer)
+            self.0.run(start(resume), stop, observer)
         })?;
         Ok((HashTable::new(found.ball), to_json(&found.report)?))
     }
 
-    /// Runs the shard that the flags ask for.
+    /// Runs shard `index` of `count`.
     fn run_shard(
         &self,
         py: Python<'_>,
+        index: usize,
+        count: usize,
         callback: Option<Py<PyAny>>,
-        command: Option<String>,
+        resume: bool,
     ) -> PyResult<()> {
-        let Some(shard) = self.shard else {
-            return Err(PyValueError::new_err("shard: expected K/N, found none"));
-        };
-        observed(py, callback, None, command, |stop, observer| {
-            self.job.run_shard(shard, self.start, stop, observer)
+        let shard = Shard::new(index, count).or_raise()?;
+        observed(py, callback, None, None, |stop, observer| {
+            self.0.run_shard(shard, start(resume), stop, observer)
         })?;
         Ok(())
     }

@@ -28,7 +28,7 @@ mod _native {
     #[pymodule_export]
     use super::command::command;
     #[pymodule_export]
-    use super::design::{DesignJob, merge};
+    use super::design::{DesignJob, design_request, merge};
     #[pymodule_export]
     use super::estimator::{
         BallView, Estimator, Tracker, intrinsics_of, project_points, read_intrinsics,

@@ -74,6 +74,24 @@ impl Pattern {
         self.0.sha256()
     }
 
+    /// The cones without dots: axis, and half angle in radians.
+    fn keep_out(&self) -> Vec<([f64; 3], f64)> {
+        let zones = self.0.keep_out().iter();
+        zones
+            .map(|zone| (zone.axis.into(), zone.half_angle_rad))
+            .collect()
+    }
+
+    /// The same dots with these cones without any.
+    fn with_keep_out(&self, zones: Vec<([f64; 3], f64)>) -> PyResult<Self> {
+        let zone = |(axis, half_angle_rad): ([f64; 3], f64)| spindoe::KeepOut {
+            axis: axis.into(),
+            half_angle_rad,
+        };
+        let zones = zones.into_iter().map(zone).collect();
+        Ok(Self(self.0.clone().with_keep_out(zones).or_raise()?))
+    }
+
     fn summary(&self) -> PyResult<String> {
         to_json(&self.0.summary())
     }

@@ -12,8 +12,10 @@ import textwrap
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import spindoe
+from spindoe import _native
 
 SMALL = {"dots": 12, "starts": 2, "scout_steps": 2, "climb_steps": 2, "samples": 100}
 
@@ -62,13 +64,45 @@ def test_a_callback_ends_a_design(tmp_path):
         spindoe.Design(tmp_path / "d", **SMALL).run(enough)
 
 
-def test_bad_flags_are_named(tmp_path):
-    with pytest.raises(ValueError, match="--dots"):
-        spindoe.Design(tmp_path / "d", dots=2)
-    with pytest.raises(ValueError, match="min_dots"):
+def test_bad_settings_are_named(tmp_path):
+    for settings, words in [
+        ({"dots": 2}, "dots: expected 4 to 64"),
+        ({"starts": -1}, "starts: .*default: 16"),
+        ({"samples": 0}, "samples: expected at least 1"),
+        ({"protocol": "easy"}, "protocol: .*sparse"),
+        ({"pictures": ["gif"]}, "pictures: expected one of png, svg"),
+        ({"dot_diameter_mm": 0.0}, "dot_diameter_mm"),
+        ({"dots": 40, "dot_diameter_mm": 12.0}, "dot_diameter_mm: 40 holes of 12 mm"),
+        ({"min_separation_rad": 1.5}, "min_separation_rad: expected 0 to"),
+        ({"bound_goal": (0.0, 1.0)}, "bound_goal: expected two positive"),
+        ({"keep_out": [((0.0, 0.0, 2.0), 0.3)]}, "keep_out: expected a unit axis"),
+        ({"dots": 21, "pattern": "designs/dots20/pattern.csv"}, "dots: expected none beside"),
+        ({"protocol": "image", "ball_px": float("nan")}, "ball_px: expected a finite number"),
+    ]:
+        if "pattern" in settings:
+            settings["pattern"] = ROOT / settings["pattern"]
+        with pytest.raises(ValueError, match=words):
+            spindoe.Design(tmp_path / "d", **settings)
+    with pytest.raises(TypeError, match="min_dots"):
         spindoe.Design(tmp_path / "d", min_dots=2)
-    with pytest.raises(ValueError, match="resume"):
-        spindoe.Design(tmp_path / "d", resume=True)
+    with pytest.raises(ValueError, match="budget_s"):
+        spindoe.Design(tmp_path / "d").run(budget_s=0.0)
+    assert not (tmp_path / "d").exists()
+
+
+def test_defaults_are_those_of_the_library():
+    pattern, theirs = _native.design_request([])
+    assert pattern is None
+    assert json.loads(spindoe.Design("d")._settings()) == json.loads(theirs)
+
+
+def test_zones_of_a_pattern_travel_with_it(pattern, tmp_path):
+    zone = spindoe.KeepOut((0.0, 0.0, 1.0), 0.05)
+    with_zone = spindoe.Pattern._of(pattern._handle.with_keep_out([zone]))
+    design = pickle.loads(pickle.dumps(spindoe.Design(tmp_path / "d", pattern=with_zone, starts=3)))
+    assert design.pattern.keep_out == (zone,) and design.starts == 3
+    with_zone.save(tmp_path / "zone.csv")
+    assert spindoe.HashTable.load(tmp_path / "zone.csv").pattern.keep_out == (zone,)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")

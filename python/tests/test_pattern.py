@@ -95,3 +95,10 @@ def test_a_stencil_is_two_closed_bodies(pattern, tmp_path):
     assert trimesh.load(tmp_path / "half_a.stl").is_watertight
     with pytest.raises(ValueError, match="hole_diameter_mm|holes"):
         spindoe.Stencil(pattern, hole_diameter_mm=15.0)
+
+
+def test_the_stencil_s_settings_are_those_of_the_library(pattern):
+    with pytest.raises(ValueError, match="^none: no such setting") as caught:
+        spindoe.Stencil(pattern, none=1)
+    theirs = str(caught.value).split("expected one of ")[1].split(", ")
+    assert set(spindoe.StencilSettings.__annotations__) == set(theirs)

@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
 use crate::geometry::spiral_directions;
 use crate::pattern::Pattern;
+use crate::report::CHECKPOINT;
 use crate::report::calibration::{
     CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, CalibrationSource,
     FILES, evaluate_calibration,
@@ -53,6 +54,9 @@ pub struct Arguments {
     /// The folder to write to.
     #[arg(short, long, value_name = "DIR", default_value = "calibrated")]
     output: PathBuf,
+    /// Replace a calibration that the folder holds already, with all its files.
+    #[arg(long)]
+    overwrite: bool,
     /// Take steady marks that the pattern lacks into it.
     #[arg(long)]
     learn_extra: bool,
@@ -95,12 +99,18 @@ const STAND_IN_DOTS: usize = 20;
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config()?;
+    // Its pattern is not to stand beside another's stencil and search.
+    let of_design = [CHECKPOINT, "stencil"];
     files::reject_taken(
         &arguments.output,
-        &FILES,
-        "a calibration",
+        &of_design,
+        "a design",
         "choose another folder",
     )?;
+    if !arguments.overwrite {
+        let advice = "choose another folder, or --overwrite it";
+        files::reject_taken(&arguments.output, &FILES, "a calibration", advice)?;
+    }
     if arguments.samples > 0 {
         check_samples(arguments.samples)?;
     }
@@ -133,7 +143,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     evaluated.report.command = Some(super::output::command_line());
     evaluated.ball = evaluated.ball.with_design(clip.ball.design().cloned())?;
     evaluated.write(set.path())?;
-    set.publish(&[], &[], "report.json")?;
+    set.publish(&FILES, &[], "report.json")?;
     if arguments.json {
         return super::print_json(&evaluated.report);
     }

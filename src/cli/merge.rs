@@ -12,7 +12,7 @@ use super::output::Progress;
 use super::print_json;
 use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
 use crate::error::Result;
-use crate::report::{DesignJob, EvaluationConfig, JobObserver, Start, whole_search};
+use crate::report::{DesignJob, JobObserver, Start};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -65,26 +65,8 @@ impl JobObserver for MergeProgress {
     }
 }
 
-/// The job that merges shards: that of the first one's search.
-///
-/// # Errors
-/// Those of reading it.
-pub(super) fn job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option<String>)> {
-    let first = shards.first().cloned().unwrap_or_default();
-    let (config, command) = whole_search(&first)?;
-    let job = DesignJob {
-        evaluation: EvaluationConfig::of_samples(config.samples),
-        stencil: config.constraints.stencil.clone().unwrap_or_default(),
-        config,
-        dir: out,
-        #[cfg(feature = "plot")]
-        pictures: Vec::new(),
-    };
-    Ok((job, command))
-}
-
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let (job, command) = job(&arguments.shards, arguments.output.clone())?;
+    let (job, command) = DesignJob::of_shards(&arguments.shards, &arguments.output)?;
     check_for_design()?;
     let stop = stop_on_interrupt(super::design::STOPPING)?;
     let clock = Instant::now();

@@ -65,10 +65,9 @@ use std::process::ExitCode;
 
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
-use crate::design::Shard;
+use crate::design::DesignRequest;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::report::{DesignJob, Start};
 
 /// Designs dot patterns for balls, evaluates them, and writes the files needed to use them.
 #[derive(Debug, Parser)]
@@ -330,23 +329,11 @@ fn error_words(error: &Error, name: &str) -> String {
     }
 }
 
-/// What the flags of `spindoe design` ask for.
-#[derive(Debug)]
-pub struct DesignRequest {
-    /// The design.
-    pub job: DesignJob,
-    /// Where it starts.
-    pub start: Start,
-    /// The shard of it that is to run, where not all is.
-    pub shard: Option<Shard>,
-}
-
-/// The job that `spindoe design` with these flags would run, for callers from other languages: they
-/// get its defaults, names and units.
+/// What flags of `spindoe design` ask for, for a search whose shards another program hands out.
 ///
 /// # Errors
 /// One line that names the flag and what was expected.
-pub fn design_job(
+pub fn design_request(
     flags: impl IntoIterator<Item = OsString>,
 ) -> std::result::Result<DesignRequest, String> {
     let words = ["spindoe".into(), "design".into()].into_iter().chain(flags);
@@ -358,22 +345,9 @@ pub fn design_job(
     let Command::Design(arguments) = parsed.cli.command else {
         return Err("expected the flags of design".to_owned());
     };
-    let (job, start) = arguments
-        .job()
-        .map_err(|error| error_words(&error, "design"))?;
-    Ok(DesignRequest {
-        job,
-        start,
-        shard: arguments.shard,
-    })
-}
-
-/// The job that `spindoe merge` would run on these shards, and the command that its report names.
-///
-/// # Errors
-/// Those of reading the first shard.
-pub fn merge_job(shards: &[PathBuf], out: PathBuf) -> Result<(DesignJob, Option<String>)> {
-    merge::job(shards, out)
+    arguments
+        .sharded_request()
+        .map_err(|error| error_words(&error, "design"))
 }
 
 /// Prints help where it was requested, or one line on the error in the arguments.

@@ -15,6 +15,7 @@ mod config;
 pub mod constraints;
 pub mod descent;
 pub mod objective;
+mod request;
 pub mod search;
 pub mod state;
 
@@ -22,5 +23,6 @@ pub use crate::pattern::random_pattern;
 pub use config::DesignConfig;
 pub use constraints::{Constraints, KeepOut};
 pub use objective::{Objective, ObjectiveName, OrientationBound};
+pub use request::DesignRequest;
 pub use search::{DesignObserver, DesignOutcome, Stage, design, search_rounds};
 pub use state::{Candidate, Milestone, SearchState, Shard};

@@ -111,6 +111,31 @@ impl DesignJob {
         }
     }
 
+    /// The job of a search: its winner is evaluated on as many trials as its candidates were tried on, and
+    /// has the stencil of the constraints.
+    pub fn of(config: DesignConfig, dir: impl Into<PathBuf>) -> Self {
+        Self {
+            evaluation: EvaluationConfig::of_samples(config.samples),
+            stencil: config.constraints.stencil.clone().unwrap_or_default(),
+            config,
+            ..Self::new(dir)
+        }
+    }
+
+    /// The job that merges shards, that of the first one's search, and the command that runs the whole
+    /// search.
+    ///
+    /// # Errors
+    /// As [`Checkpoint::load`]; [`Error::Input`] for a search of one piece.
+    pub fn of_shards(
+        shards: &[PathBuf],
+        dir: impl Into<PathBuf>,
+    ) -> Result<(Self, Option<String>)> {
+        let first = shards.first().map(PathBuf::as_path);
+        let (file, record) = read_shard(&checkpoint_of(first.unwrap_or(Path::new(""))))?;
+        Ok((Self::of(file.config, dir), record.command))
+    }
+
     /// Searches, evaluates and writes everything. Setting `stop` ends the search after the current
     /// work.
     ///
@@ -302,15 +327,6 @@ fn checkpoint_of(path: &Path) -> PathBuf {
     } else {
         path.to_path_buf()
     }
-}
-
-/// The whole search that a shard belongs to: its configuration, and the command that runs it.
-///
-/// # Errors
-/// As [`Checkpoint::load`]; [`Error::Input`] for a search of one piece.
-pub fn whole_search(shard: &Path) -> Result<(DesignConfig, Option<String>)> {
-    let (file, record) = read_shard(&checkpoint_of(shard))?;
-    Ok((file.config, record.command))
 }
 
 /// A shard's checkpoint, with what it says of the shard.

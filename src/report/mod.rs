@@ -38,7 +38,7 @@ use crate::view::{Protocol, ProtocolName};
 
 #[cfg(feature = "cli")]
 pub(crate) use job::reject_design;
-pub use job::{CHECKPOINT, DesignJob, JobObserver, Start, whole_search};
+pub use job::{CHECKPOINT, DesignJob, JobObserver, Start};
 
 /// The report within a folder, the last file to appear.
 pub(crate) const REPORT: &str = "report.json";

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-use crate::ball::{Ball, usual_dot_mm};
+use crate::ball::Ball;
 #[cfg(feature = "vision")]
 use crate::camera::RaceConfig;
 #[cfg(feature = "vision")]
@@ -14,17 +14,17 @@ use crate::cli::camera::CameraSource;
 #[cfg(feature = "vision")]
 use crate::cli::output::Counter;
 use crate::cli::output::{one_of, quoted};
+#[cfg(feature = "vision")]
+use crate::design::Objective;
 use crate::design::objective::NAME_BEFORE;
 use crate::design::objective::bound::BoundSummary;
-use crate::design::search::feasible::packed_separation;
-use crate::design::{Constraints, DesignConfig, KeepOut, Objective, ObjectiveName, Shard};
-use crate::error::{Error, Result, require};
+use crate::design::{DesignConfig, DesignRequest, KeepOut, ObjectiveName, Shard};
+use crate::error::{Error, Result};
 use crate::geometry::Vec3;
-use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 #[cfg(feature = "plot")]
 use crate::report::plots::PictureFormat;
 use crate::stencil::StencilConfig;
-use crate::view::{Noise, Protocol, ProtocolName};
+use crate::view::ProtocolName;
 
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
@@ -61,7 +61,7 @@ pub struct Arguments {
         hide = true,
         long,
         value_name = "N",
-        default_value_t = 1,
+        default_value_t = DesignConfig::default().rounds,
         conflicts_with = "budget"
     )]
     rounds: usize,
@@ -135,7 +135,7 @@ pub struct Arguments {
     #[arg(
         long,
         value_name = "PX",
-        default_value_t = 60.0,
+        default_value_t = DesignRequest::default().ball_px,
         allow_negative_numbers = true
     )]
     ball_px: f64,
@@ -144,7 +144,7 @@ pub struct Arguments {
         hide = true,
         long,
         value_name = "PX",
-        default_value_t = 1.0,
+        default_value_t = DesignRequest::default().pixel_noise,
         allow_negative_numbers = true
     )]
     pixel_noise: f64,
@@ -154,7 +154,7 @@ pub struct Arguments {
         hide = true,
         long,
         value_name = "PX",
-        default_value_t = 0.0,
+        default_value_t = DesignRequest::default().blur,
         allow_negative_numbers = true
     )]
     blur: f64,
@@ -180,133 +180,98 @@ pub struct Arguments {
     pub(super) json: bool,
 }
 
-/// Dots of the published SpinDOE pattern, and its orientation bound.
-const PUBLISHED_DOTS: usize = 20;
-const PUBLISHED_BOUND: BoundSummary = BoundSummary {
-    mean: 0.686,
-    worst: 0.894,
-};
-/// Bounds that every pattern meets.
-const NO_GOAL: BoundSummary = BoundSummary {
-    mean: 1e9,
-    worst: 1e9,
-};
-/// Number of rounds within a budget: no limit but time.
-const MAX_ROUNDS: usize = 1 << 32;
-/// Fraction of a blur's length that counts as error of a dot's center, per axis.
-const BLUR_SHARE: f64 = 0.125;
-/// Minimum separation for any hole size, degrees: nearer dots merge in a small image.
-const MIN_SEPARATION_DEG: f64 = 18.0;
-
 /// Minimum width of a dot in the image, pixels: 3 mm on a ball of 40 mm and 50 pixels. On rendered
 /// frames smaller dots cost 5 to 20 points of correct answers.
 const MIN_DOT_PX: f64 = 3.75;
 
 impl Arguments {
-    pub(super) fn config(&self) -> Result<DesignConfig> {
-        let from = match &self.pattern {
-            Some(path) => Some(Ball::read(path)?.into_pattern()),
-            None => None,
-        };
-        let dots = from
-            .as_ref()
-            .map(Pattern::len)
-            .or(self.dots)
-            .unwrap_or(DesignConfig::default().dots);
-        let protocol = self.protocol()?;
-        Ok(DesignConfig {
-            dots,
+    /// What these arguments ask for, without the pattern.
+    fn request(&self) -> DesignRequest {
+        DesignRequest {
+            pattern: None,
+            dots: self.dots,
             seed: self.seed,
             starts: self.starts,
-            rounds: self.budget.map_or(self.rounds, |_| MAX_ROUNDS),
+            rounds: match self.budget {
+                Some(_) => DesignRequest::UNLIMITED_ROUNDS,
+                None => self.rounds,
+            },
             scout_steps: self.scout_steps,
             climb_steps: self.climb_steps,
             samples: self.samples,
-            protocol,
-            constraints: Constraints {
-                min_separation_rad: self.min_separation_deg().to_radians(),
-                min_visible: self.min_visible.unwrap_or(3 * dots / 10),
-                seam_margin_rad: self.seam_margin_deg(dots).to_radians(),
-                keep_out: match &from {
-                    Some(pattern) if self.keep_out.is_empty() => pattern.keep_out().to_vec(),
-                    _ => self.keep_out.iter().map(|c| c.keep_out).collect(),
-                },
-                stencil: Some(self.stencil()),
-                ..Constraints::default()
-            },
-            objective: self.objective(dots, &protocol)?,
+            protocol: self.protocol,
+            ball_px: self.ball_px,
+            pixel_noise: self.pixel_noise,
+            blur: self.blur,
+            objective: self.objective,
             bound_weight: self.bound_weight,
-            bound_goal: self.bound_goal(dots),
+            bound_goal: self.bound_goal,
             basis_weight: self.basis_weight,
-            from: from.map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
+            min_separation_rad: self.min_separation_deg.map(f64::to_radians),
+            min_visible: self.min_visible,
+            seam_margin_rad: self.seam_margin_deg.map(f64::to_radians),
+            keep_out: self.keep_out.iter().map(|c| c.keep_out).collect(),
+            ball_diameter_mm: self.ball_diameter_mm,
+            dot_diameter_mm: self.dot_diameter_mm,
+        }
+    }
+
+    /// What these arguments ask for.
+    ///
+    /// # Errors
+    /// Those of reading the pattern.
+    fn whole_request(&self) -> Result<DesignRequest> {
+        let pattern = match &self.pattern {
+            Some(path) => Some(Ball::read(path)?.into_pattern()),
+            None => None,
+        };
+        Ok(DesignRequest {
+            pattern,
+            ..self.request()
         })
     }
 
-    /// The objective, for the protocol's views; coverage for those of the camera, where one is given.
-    fn objective(&self, dots: usize, protocol: &Protocol) -> Result<Objective> {
-        let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));
+    /// What these arguments ask for, checked, where another program hands out the shards.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for what that program decides, and what shards have no part in.
+    pub(in crate::cli) fn sharded_request(&self) -> Result<DesignRequest> {
+        let given = [
+            ("budget", self.budget.is_some()),
+            ("resume", self.resume),
+            ("shard", self.shard.is_some()),
+            ("shards", self.shards.is_some()),
+            ("output", self.output.is_some()),
+            ("json", self.json),
+            #[cfg(feature = "vision")]
+            ("camera", self.camera.is_some()),
+            #[cfg(feature = "plot")]
+            ("pictures", !self.pictures.is_empty()),
+        ];
+        if let Some((flag, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
+            return Err(Error::argument(flag, "expected none in a search in shards"));
+        }
+        let request = self.whole_request()?;
+        request.config()?;
+        Ok(request)
+    }
+
+    /// The configuration of the search; what the objective `coverage` counts is that of the camera, where one
+    /// is given.
+    pub(super) fn config(&self) -> Result<DesignConfig> {
+        #[cfg_attr(not(feature = "vision"), expect(unused_mut))]
+        let mut config = self.whole_request()?.config()?;
         #[cfg(feature = "vision")]
-        if let (ObjectiveName::Coverage, Some(camera)) = (name, &self.camera) {
+        if let (ObjectiveName::Coverage, Some(camera)) = (config.objective.name(), &self.camera) {
             use crate::camera::{COVERAGE_FRAMES, coverage};
 
             let conditions = super::camera::conditions(camera, &self.stencil())?;
             let counter = Counter::new(COVERAGE_FRAMES, "frames of the camera");
-            let measured = coverage(&conditions, dots, &|n| counter.add(n))?;
+            let measured = coverage(&conditions, config.dots, &|n| counter.add(n))?;
             counter.finish();
-            return Ok(Objective::Coverage(measured));
+            config.objective = Objective::Coverage(measured);
         }
-        Ok(Objective::for_view(name, protocol.view()))
-    }
-
-    fn bound_goal(&self, dots: usize) -> Option<BoundSummary> {
-        let published = (dots >= PUBLISHED_DOTS).then_some(PUBLISHED_BOUND);
-        self.bound_goal
-            .or(published)
-            .filter(|goal| *goal != NO_GOAL)
-    }
-
-    fn min_separation_deg(&self) -> f64 {
-        self.min_separation_deg.unwrap_or_else(|| {
-            let holes = self.stencil().min_separation_rad().to_degrees();
-            // Rounded up to a tenth, so that the reported command reproduces it.
-            MIN_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
-        })
-    }
-
-    /// Rejects holes so large that the dots do not fit. The message is in millimeters, the unit of
-    /// the flag.
-    pub(super) fn check_holes(&self, config: &DesignConfig) -> Result<()> {
-        // Other numbers of dots are rejected elsewhere.
-        if self.min_separation_deg.is_some() || !(MIN_DOTS..=MAX_DOTS).contains(&config.dots) {
-            return Ok(());
-        }
-        let reached = packed_separation(config.dots);
-        let fits = |stencil: &StencilConfig| stencil.min_separation_rad() <= reached;
-        let asked = self.stencil();
-        if fits(&asked) {
-            return Ok(());
-        }
-        let smaller = |tenths: u32| StencilConfig {
-            hole_diameter_mm: f64::from(tenths) / 10.0,
-            ..asked.clone()
-        };
-        let hint = (5..(10.0 * asked.hole_diameter_mm) as u32)
-            .rev()
-            .map(smaller)
-            .find(fits)
-            .map_or("no hole fits".to_owned(), |s| {
-                format!("holes of at most {:.1} mm fit", s.hole_diameter_mm)
-            });
-        let problem = format!(
-            "{} holes of {} mm, with the wall that the stencil needs between them, must be {:.1} degrees apart \
-             on a ball of {} mm, and the largest separation found for so many dots is {:.1}; {hint}",
-            config.dots,
-            asked.hole_diameter_mm,
-            asked.min_separation_rad().to_degrees(),
-            asked.ball_diameter_mm,
-            reached.to_degrees(),
-        );
-        Err(Error::argument("dot_diameter_mm", problem))
+        Ok(config)
     }
 
     /// A warning where the camera sees the dots so small that its detector misses many.
@@ -326,47 +291,8 @@ impl Arguments {
         })
     }
 
-    fn seam_margin_deg(&self, dots: usize) -> f64 {
-        let by_default = if dots <= 24 {
-            10.0
-        } else {
-            240.0 / dots as f64
-        };
-        self.seam_margin_deg.unwrap_or(by_default)
-    }
-
-    fn protocol(&self) -> Result<Protocol> {
-        let protocol = Protocol::standard(self.protocol);
-        if let Noise::Pixel { .. } = protocol.view().noise {
-            for (name, value, minimum) in [
-                ("ball_px", self.ball_px, 4.0),
-                ("pixel_noise", self.pixel_noise, 0.0),
-                ("blur", self.blur, 0.0),
-            ] {
-                let expected = format!("at least {minimum} pixels");
-                require(
-                    value.is_finite() && value >= minimum,
-                    name,
-                    &expected,
-                    value,
-                )?;
-            }
-            return Ok(protocol.with_noise(Noise::Pixel {
-                radius_px: 0.5 * self.ball_px,
-                sigma_px: self.pixel_noise.hypot(BLUR_SHARE * self.blur),
-            }));
-        }
-        Ok(protocol)
-    }
-
     pub(super) fn stencil(&self) -> StencilConfig {
-        StencilConfig {
-            ball_diameter_mm: self.ball_diameter_mm,
-            hole_diameter_mm: self
-                .dot_diameter_mm
-                .unwrap_or_else(|| usual_dot_mm(self.ball_diameter_mm)),
-            ..StencilConfig::default()
-        }
+        self.request().stencil()
     }
 
     /// The command that reproduces this design, independent of other versions' defaults.
@@ -406,7 +332,13 @@ impl Arguments {
 
     /// The settings that the design follows from.
     fn settings(&self, config: &DesignConfig) -> Vec<(&'static str, String)> {
-        let goal = config.bound_goal.unwrap_or(NO_GOAL);
+        let goal = config.bound_goal.unwrap_or(DesignRequest::NO_GOAL);
+        let separation_deg = self
+            .min_separation_deg
+            .unwrap_or_else(|| self.request().usual_separation_deg());
+        let margin_deg = self
+            .seam_margin_deg
+            .unwrap_or_else(|| DesignRequest::usual_seam_margin_deg(config.dots));
         let mut all = vec![
             ("starts", config.starts.to_string()),
             ("rounds", config.rounds.to_string()),
@@ -416,12 +348,9 @@ impl Arguments {
             ("bound_weight", config.bound_weight.to_string()),
             ("bound_goal", format!("{},{}", goal.mean, goal.worst)),
             ("basis_weight", config.basis_weight.to_string()),
-            ("min_separation_deg", self.min_separation_deg().to_string()),
+            ("min_separation_deg", separation_deg.to_string()),
             ("min_visible", config.constraints.min_visible.to_string()),
-            (
-                "seam_margin_deg",
-                self.seam_margin_deg(config.dots).to_string(),
-            ),
+            ("seam_margin_deg", margin_deg.to_string()),
         ];
         if let Some(count) = self.shards.or(self.shard.map(|shard| shard.count)) {
             all.push(("shards", count.to_string()));

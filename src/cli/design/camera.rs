@@ -158,12 +158,14 @@ fn brief_searches(arguments: &Arguments, stop: &AtomicBool) -> Result<Vec<Tried>
         tried
             .dot_diameter_mm
             .get_or_insert_with(|| hole_for(dots, arguments));
-        let config = DesignConfig {
-            starts: STARTS.min(arguments.starts),
-            rounds: 1,
-            ..tried.config()?
-        };
-        let found = design(&config, &mut SearchState::default(), stop, &mut ());
+        let found = tried.config().and_then(|config| {
+            let config = DesignConfig {
+                starts: STARTS.min(arguments.starts),
+                rounds: 1,
+                ..config
+            };
+            design(&config, &mut SearchState::default(), stop, &mut ())
+        });
         counter.add(1);
         let Ok(found) = found else { continue };
         let hole_mm = tried.stencil().hole_diameter_mm;

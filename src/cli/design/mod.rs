@@ -15,9 +15,7 @@ use super::output::quoted;
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
-use crate::report::{
-    CHECKPOINT, DesignEvaluation, DesignJob, EvaluationConfig, JobObserver as _, Start,
-};
+use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, JobObserver as _, Start};
 
 pub use arguments::Arguments;
 #[cfg(feature = "mark")]
@@ -135,18 +133,11 @@ fn run_all_shards(
 impl Arguments {
     /// The job that these arguments describe.
     pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
-        let config = self.config()?;
-        self.stencil().validate()?;
-        self.check_holes(&config)?;
-        config.check()?;
-        let job = DesignJob {
-            evaluation: EvaluationConfig::of_samples(config.samples),
-            config,
-            stencil: self.stencil(),
-            dir: self.output.clone().unwrap_or_else(free_folder),
-            #[cfg(feature = "plot")]
-            pictures: self.pictures.clone(),
-        };
+        let dir = self.output.clone().unwrap_or_else(free_folder);
+        #[cfg_attr(not(feature = "plot"), expect(unused_mut))]
+        let mut job = DesignJob::of(self.config()?, dir);
+        #[cfg(feature = "plot")]
+        job.pictures.clone_from(&self.pictures);
         let start = if self.resume {
             Start::Resume
         } else {

@@ -8,7 +8,7 @@ use spindoe::Ball;
 use spindoe::geometry::angle_between;
 
 use super::clip::drawn;
-use crate::common::{done, random_pattern, spindoe};
+use crate::common::{done, random_pattern, refused, spindoe};
 
 /// A clip of 40 frames of a ball drawn from `nominal.csv`, whose dots are in `drawn.csv`.
 fn clip(dir: &Path) {
@@ -69,6 +69,27 @@ fn a_clip_gives_a_table_of_the_ball_as_drawn() {
     };
     // Without taking the gauge off: that alone leaves a part.
     assert!(rms(true) < 0.5 * rms(false), "{} {}", rms(true), rms(false));
+
+    // It is not replaced unasked, nor mixed with a design.
+    fs::write(dir.join("ball/offsets.csv"), "of before").unwrap();
+    let again: Vec<_> = calibrate.split_whitespace().collect();
+    let refusal =
+        "holds a calibration already (pattern.csv); choose another folder, or --overwrite it";
+    refused(dir, &again, 2, refusal);
+    fs::create_dir(dir.join("ball/stencil")).unwrap();
+    let replace = [&again[..], &["--overwrite"]].concat();
+    refused(
+        dir,
+        &replace,
+        2,
+        "holds a design already (stencil); choose another folder",
+    );
+    fs::remove_dir(dir.join("ball/stencil")).unwrap();
+    done(dir, &replace);
+    assert_eq!(
+        fs::read_to_string(dir.join("ball/offsets.csv")).unwrap(),
+        offsets
+    );
 
     // All commands take the table.
     done(dir, &["validate", "ball/table.npz", "--samples", "100"]);

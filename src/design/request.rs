@@ -1,0 +1,290 @@
+//! What is asked of a design, and the configuration that follows from it.
+
+use serde::{Deserialize, Serialize};
+
+use super::config::DesignConfig;
+use super::constraints::{Constraints, KeepOut};
+use super::objective::bound::BoundSummary;
+use super::objective::{Objective, ObjectiveName};
+use super::search::feasible::packed_separation;
+use crate::ball::{USUAL_BALL_MM, usual_dot_mm};
+use crate::error::{Error, Result, require};
+use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
+use crate::stencil::StencilConfig;
+use crate::view::{Noise, Protocol, ProtocolName};
+
+/// Dots of the published SpinDOE pattern, and its orientation bound.
+const PUBLISHED_DOTS: usize = 20;
+const PUBLISHED_BOUND: BoundSummary = BoundSummary {
+    mean: 0.686,
+    worst: 0.894,
+};
+/// Fraction of a blur's length that counts as error of a dot's center, per axis.
+const BLUR_SHARE: f64 = 0.125;
+/// Minimum separation for any hole size, degrees: nearer dots merge in a small image.
+const MIN_SEPARATION_DEG: f64 = 18.0;
+
+/// What one decides of a design. What is left open (`None`) follows from the rest:
+/// [`DesignRequest::config`] settles it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DesignRequest {
+    /// A pattern to improve instead of starting at random.
+    #[serde(skip)]
+    pub pattern: Option<Pattern>,
+    /// Number of dots, 4 to 64. Open: those of `pattern`, else 20.
+    pub dots: Option<usize>,
+    /// Seed of the random starts; the seeds of all trials are derived from it.
+    pub seed: u64,
+    /// Random starts per round.
+    pub starts: usize,
+    /// Rounds.
+    pub rounds: usize,
+    /// Descent steps from every start.
+    pub scout_steps: u64,
+    /// Further descent steps of the best quarter of the starts.
+    pub climb_steps: u64,
+    /// Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a
+    /// fifth of it for each point of the sensitivity sweeps.
+    pub samples: u64,
+    /// The views to optimize for.
+    pub protocol: ProtocolName,
+    /// Diameter of the ball in the image, pixels; sets the noise of [`ProtocolName::Image`].
+    pub ball_px: f64,
+    /// Error of a detected dot per image axis, pixels; sets the noise of [`ProtocolName::Image`].
+    pub pixel_noise: f64,
+    /// Length of the motion blur at the ball, pixels; an eighth of it counts as further error per axis.
+    pub blur: f64,
+    /// Objective that a descent minimizes. Open: [`ObjectiveName::for_dots`].
+    pub objective: Option<ObjectiveName>,
+    /// Weight of the orientation bound's worst direction beside the objective.
+    pub bound_weight: f64,
+    /// Orientation bound, in units of a dot's noise, that is preferred: a pattern short of it is chosen only
+    /// where none reaches it. Open: from 20 dots on that of the published SpinDOE pattern.
+    pub bound_goal: Option<BoundSummary>,
+    /// Weight of the pairs' quality as bases, for the paper's recognizer.
+    pub basis_weight: f64,
+    /// Minimum angle between two dots, radians. Open: the separation that the stencil's holes need,
+    /// at least 18 degrees.
+    pub min_separation_rad: Option<f64>,
+    /// Minimum number of visible dots from any direction. Open: 3 in 10 of them.
+    pub min_visible: Option<usize>,
+    /// Minimum angle between a dot and the stencil's seam, radians; 0 sets no limit. Open: 10 degrees,
+    /// less for more than 24 dots.
+    pub seam_margin_rad: Option<f64>,
+    /// Cones without dots. Empty: the zones of `pattern`.
+    pub keep_out: Vec<KeepOut>,
+    /// Diameter of the ball that the stencil fits, mm.
+    pub ball_diameter_mm: f64,
+    /// Diameter of a dot, which is that of the stencil's holes at the ball, mm. Open: a tenth of the ball.
+    pub dot_diameter_mm: Option<f64>,
+}
+
+impl Default for DesignRequest {
+    /// The values of [`DesignConfig::default`] and [`StencilConfig::default`], a ball of 60 pixels
+    /// with an error of 1 pixel, and everything else open.
+    fn default() -> Self {
+        let config = DesignConfig::default();
+        Self {
+            pattern: None,
+            dots: None,
+            seed: config.seed,
+            starts: config.starts,
+            rounds: config.rounds,
+            scout_steps: config.scout_steps,
+            climb_steps: config.climb_steps,
+            samples: config.samples,
+            protocol: config.protocol.name(),
+            ball_px: 60.0,
+            pixel_noise: 1.0,
+            blur: 0.0,
+            objective: None,
+            bound_weight: config.bound_weight,
+            bound_goal: None,
+            basis_weight: config.basis_weight,
+            min_separation_rad: None,
+            min_visible: None,
+            seam_margin_rad: None,
+            keep_out: Vec::new(),
+            ball_diameter_mm: USUAL_BALL_MM,
+            dot_diameter_mm: None,
+        }
+    }
+}
+
+impl DesignRequest {
+    /// A bound that every pattern meets: as a goal it prefers none.
+    pub const NO_GOAL: BoundSummary = BoundSummary {
+        mean: 1e9,
+        worst: 1e9,
+    };
+    /// Number of rounds where something else ends the search.
+    pub const UNLIMITED_ROUNDS: usize = 1 << 32;
+
+    /// The whole configuration, checked.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the field that is outside its domain, or holes so large that the
+    /// dots do not fit.
+    pub fn config(&self) -> Result<DesignConfig> {
+        let dots = self.dot_count()?;
+        let protocol = self.protocol()?;
+        let config = DesignConfig {
+            dots,
+            seed: self.seed,
+            starts: self.starts,
+            rounds: self.rounds,
+            scout_steps: self.scout_steps,
+            climb_steps: self.climb_steps,
+            samples: self.samples,
+            protocol,
+            constraints: Constraints {
+                min_separation_rad: self
+                    .min_separation_rad
+                    .unwrap_or_else(|| self.usual_separation_deg().to_radians()),
+                min_visible: self.min_visible.unwrap_or(3 * dots / 10),
+                seam_margin_rad: self
+                    .seam_margin_rad
+                    .unwrap_or_else(|| Self::usual_seam_margin_deg(dots).to_radians()),
+                keep_out: match &self.pattern {
+                    Some(pattern) if self.keep_out.is_empty() => pattern.keep_out().to_vec(),
+                    _ => self.keep_out.clone(),
+                },
+                stencil: Some(self.stencil()),
+                ..Constraints::default()
+            },
+            objective: Objective::for_view(
+                self.objective.unwrap_or(ObjectiveName::for_dots(dots)),
+                protocol.view(),
+            ),
+            bound_weight: self.bound_weight,
+            bound_goal: self.bound_goal(dots)?,
+            basis_weight: self.basis_weight,
+            from: self
+                .pattern
+                .as_ref()
+                .map(|p| p.dots().iter().map(|d| [d.x, d.y, d.z]).collect()),
+        };
+        self.stencil().validate().map_err(of_dots)?;
+        self.check_holes(dots)?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The stencil that draws the pattern.
+    pub fn stencil(&self) -> StencilConfig {
+        StencilConfig {
+            ball_diameter_mm: self.ball_diameter_mm,
+            hole_diameter_mm: self
+                .dot_diameter_mm
+                .unwrap_or_else(|| usual_dot_mm(self.ball_diameter_mm)),
+            ..StencilConfig::default()
+        }
+    }
+
+    fn dot_count(&self) -> Result<usize> {
+        match (&self.pattern, self.dots) {
+            (Some(pattern), Some(dots)) if pattern.len() != dots => {
+                let problem = format!("expected none beside a pattern of {}", pattern.len());
+                Err(Error::argument("dots", problem))
+            }
+            (Some(pattern), _) => Ok(pattern.len()),
+            (None, dots) => Ok(dots.unwrap_or(DesignConfig::default().dots)),
+        }
+    }
+
+    fn protocol(&self) -> Result<Protocol> {
+        let protocol = Protocol::standard(self.protocol);
+        if let Noise::Pixel { .. } = protocol.view().noise {
+            for (name, value, minimum) in [
+                ("ball_px", self.ball_px, 4.0),
+                ("pixel_noise", self.pixel_noise, 0.0),
+                ("blur", self.blur, 0.0),
+            ] {
+                let expected = format!("at least {minimum} pixels");
+                require(
+                    value.is_finite() && value >= minimum,
+                    name,
+                    &expected,
+                    value,
+                )?;
+            }
+            return Ok(protocol.with_noise(Noise::Pixel {
+                radius_px: 0.5 * self.ball_px,
+                sigma_px: self.pixel_noise.hypot(BLUR_SHARE * self.blur),
+            }));
+        }
+        Ok(protocol)
+    }
+
+    fn bound_goal(&self, dots: usize) -> Result<Option<BoundSummary>> {
+        let published = (dots >= PUBLISHED_DOTS).then_some(PUBLISHED_BOUND);
+        let goal = self.bound_goal.or(published);
+        if let Some(BoundSummary { mean, worst }) = goal {
+            let is_bound = mean > 0.0 && worst > 0.0 && mean.max(worst).is_finite();
+            let found = format!("{mean}, {worst}");
+            require(is_bound, "bound_goal", "two positive numbers", found)?;
+        }
+        Ok(goal.filter(|goal| *goal != Self::NO_GOAL))
+    }
+
+    /// The minimum separation where it is open, degrees: that of the holes rounded up to a tenth, so that a
+    /// command reproduces it.
+    pub(crate) fn usual_separation_deg(&self) -> f64 {
+        let holes = self.stencil().min_separation_rad().to_degrees();
+        MIN_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
+    }
+
+    /// The seam's margin where it is open, degrees.
+    pub(crate) fn usual_seam_margin_deg(dots: usize) -> f64 {
+        if dots <= 24 {
+            10.0
+        } else {
+            240.0 / dots as f64
+        }
+    }
+
+    /// Rejects holes so large that the dots do not fit. The message is in millimeters, the unit of
+    /// the field.
+    fn check_holes(&self, dots: usize) -> Result<()> {
+        // Other numbers of dots are rejected elsewhere.
+        if self.min_separation_rad.is_some() || !(MIN_DOTS..=MAX_DOTS).contains(&dots) {
+            return Ok(());
+        }
+        let reached = packed_separation(dots);
+        let fits = |stencil: &StencilConfig| stencil.min_separation_rad() <= reached;
+        let asked = self.stencil();
+        if fits(&asked) {
+            return Ok(());
+        }
+        let smaller = |tenths: u32| StencilConfig {
+            hole_diameter_mm: f64::from(tenths) / 10.0,
+            ..asked.clone()
+        };
+        let hint = (5..(10.0 * asked.hole_diameter_mm) as u32)
+            .rev()
+            .map(smaller)
+            .find(fits)
+            .map_or("no hole fits".to_owned(), |s| {
+                format!("holes of at most {:.1} mm fit", s.hole_diameter_mm)
+            });
+        let problem = format!(
+            "{dots} holes of {} mm, with the wall that the stencil needs between them, must be {:.1} degrees apart \
+             on a ball of {} mm, and the largest separation found for so many dots is {:.1}; {hint}",
+            asked.hole_diameter_mm,
+            asked.min_separation_rad().to_degrees(),
+            asked.ball_diameter_mm,
+            reached.to_degrees(),
+        );
+        Err(Error::argument("dot_diameter_mm", problem))
+    }
+}
+
+/// The stencil's error by the field's name here: its holes are the dots.
+fn of_dots(error: Error) -> Error {
+    match error {
+        Error::Argument { parameter, problem } if parameter.as_str() == "hole_diameter_mm" => {
+            Error::argument("dot_diameter_mm", problem)
+        }
+        other => other,
+    }
+}
