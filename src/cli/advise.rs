@@ -26,8 +26,8 @@ Examples:
   spindoe advise --ball-px 45 --fps 240 --exposure-ms 0.5
   spindoe advise mine.csv --camera camera.toml --json")]
 pub struct Arguments {
-    /// Patterns: for each its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or
-    /// calibration [default: the shipped designs].
+    /// Patterns: for each the name of a shipped one (dots20), its CSV (unit vectors x,y,z), a table (.npz), or the
+    /// folder of a design or calibration [default: the shipped designs].
     #[arg(value_name = "PATTERN")]
     inputs: Vec<PathBuf>,
     /// Frames of a pattern that stays to the end; half as many for a change of the camera.
@@ -89,27 +89,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
     outln!("seed {seed}; frames alone:");
     outln!(
-        "{:16} {:>4} {:>8} {:>7}  {:>24}  {:>22}  {:>9}  {:>20}",
+        "{:12} {:>4} {:>6} {:>6}  {:>24}  {:>20}  {:>17}",
         "pattern",
         "dots",
-        "diameter",
+        "wide",
         "frames",
         "right",
         "wrong",
-        "mean, deg",
         "error, deg"
     );
     for p in &advice.patterns {
         let r = &p.frames;
         outln!(
-            "{:16} {:>4} {:>7.1}% {:>7}  {:>24}  {:>22}  {:>9.2}  {:>20}",
+            "{:12} {:>4} {:>5.1}% {:>6}  {:>24}  {:>20}  {:>17}",
             quoted(&p.name),
             p.dots,
             100.0 * p.dot_diameter,
             r.right.trials,
             r.right.to_string(),
             r.wrong.to_string(),
-            r.mean_error_deg,
             effective_error(r)
         );
     }
