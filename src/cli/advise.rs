@@ -20,7 +20,7 @@ use crate::validate::check_samples;
 The patterns race on rendered frames of the camera, the same scenes for all, read by the whole estimator. One that is
 clearly worse than the best leaves early; those that stay are also tried on sequences. The error column is the root mean
 square error of an orientation over sqrt(right - 2 wrong): a spin from many frames errs in proportion to it.
-It takes some 40 seconds of one core, in any surroundings two minutes.
+It takes less than a minute of one core, in any surroundings some two.
 
 Examples:
   spindoe advise --ball-px 45 --fps 240 --exposure-ms 0.5

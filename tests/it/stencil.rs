@@ -1069,13 +1069,14 @@ fn a_half_in_pieces_is_the_half() {
             let half = stencil.half(name);
             assert_eq!(half.pieces.len(), segments);
             assert!(half.screws >= 2 * segments);
-            let placed: Vec<Mesh> = half.pieces.iter().map(|piece| {
+            let placed = half.pieces.iter().map(|piece| {
                 piece.check.require_solid("a piece").unwrap();
                 assert_eq!(piece.check.genus() as usize, piece.through_holes);
                 assert!(piece.mesh.bounding_box().min_mm[2].abs() < 1e-5);
                 let back = Rotation::from_axis_angle(&Vec3::z_axis(), -piece.turn_rad);
                 piece.mesh.mapped(|v| back * v)
             });
+            let placed: Vec<Mesh> = placed.collect();
             let parts: f64 = half.pieces.iter().map(|piece| piece.check.volume_mm3).sum();
             let missing = 1.0 - parts / half.check.volume_mm3;
             assert!(

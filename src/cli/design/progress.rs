@@ -46,7 +46,8 @@ const EVALUATION_ROUNDS: f64 = 0.7;
 
 impl<'a> DesignProgress<'a> {
     pub fn new(job: &'a DesignJob, arguments: &'a Arguments) -> Result<Self> {
-        let template = "{bar:25} {elapsed} gone, {eta} left  {wide_msg}";
+        // Three columns less than a terminal of 80, where Ctrl-C is echoed without a new line.
+        let template = "{bar:12} {elapsed} gone, {eta} left  {msg:44!}";
         Ok(Self {
             config: &job.config,
             arguments,
@@ -101,19 +102,26 @@ impl<'a> DesignProgress<'a> {
     fn words(&self, state: &SearchState, stage: Stage) -> String {
         let what = match stage {
             Stage::Scout | Stage::Climb | Stage::Try => format!(
-                "round {}: {} of {} starts scouted, {} climbed",
+                "round {}: {} scouted, {} climbed",
                 state.round + 1,
                 state.scouted.len(),
-                self.config.starts,
                 state.climbed.len()
             ),
             Stage::Halve => "last trial of the best".to_owned(),
         };
-        let best = match state.milestones.last() {
-            Some(m) => format!("best {}", m.identity),
-            None => "none tried yet".to_owned(),
-        };
-        format!("{what}; {} identity: {best}", self.config.protocol.name())
+        match state.milestones.last() {
+            Some(m) => format!("{what}, best {:.1} %", 100.0 * m.identity.rate),
+            None => what,
+        }
+    }
+
+    /// What a plain line adds to that: the best rate whole.
+    fn more(&self, state: &SearchState) -> String {
+        let protocol = self.config.protocol.name();
+        match state.milestones.last() {
+            Some(m) => format!("; {protocol} identity: {}", m.identity),
+            None => format!(" of {} starts", self.config.starts),
+        }
     }
 }
 
@@ -161,7 +169,9 @@ impl DesignObserver for DesignProgress<'_> {
         let what = self.words(state, stage);
         let done = self.position(share);
         let elapsed_s = state.elapsed_s;
-        self.line.show(done, &what, || left(elapsed_s, share));
+        let more = self.more(state);
+        let more = || format!("{more}{}", left(elapsed_s, share));
+        self.line.show(done, &what, more);
         Ok(())
     }
 
