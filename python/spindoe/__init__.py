@@ -19,7 +19,7 @@ from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
-from ._pattern import HashTable, KeepOut, Pattern, PatternSummary
+from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
 from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
 from ._spin import Alias, Spin, fit_spin
@@ -43,6 +43,7 @@ __all__ = [
     "Camera",
     "Design",
     "DesignProgress",
+    "DesignRecord",
     "DesignResult",
     "Estimator",
     "FrameEstimate",

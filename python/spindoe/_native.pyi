@@ -83,7 +83,7 @@ def merge(
     shards: _Sequence[_Path], out: _Path, resume: bool, callback: Callable[[str], object] | None
 ) -> tuple[HashTable, str]: ...
 def independent_frame(
-    pattern: Pattern, preset: str, settings: str, seed: int, k: int
+    table: HashTable, preset: str, settings: str, seed: int, k: int
 ) -> tuple[NDArray[np.uint8], str]: ...
 def net_graph(net: str) -> str: ...
 def samples_per_frame(net: str) -> int: ...
@@ -254,9 +254,16 @@ class BallView:
 
 class Stencil:
     @staticmethod
-    def build(pattern: Pattern, settings: str) -> Stencil: ...
+    def build(
+        table: HashTable,
+        ball_diameter_mm: float | None,
+        hole_diameter_mm: float | None,
+        settings: str,
+    ) -> Stencil: ...
     @staticmethod
-    def largest_hole_mm(pattern: Pattern, settings: str) -> float | None: ...
+    def largest_hole_mm(
+        table: HashTable, ball_diameter_mm: float | None, settings: str
+    ) -> float | None: ...
     def half(self, name: str) -> tuple[_Floats, NDArray[np.uint32]]: ...
     def save(self, dir: _Path) -> None: ...
     def description(self) -> str: ...
@@ -264,7 +271,7 @@ class Stencil:
 class Sequence:
     def __new__(
         cls,
-        pattern: Pattern,
+        table: HashTable,
         preset: str,
         settings: str,
         seed: int,

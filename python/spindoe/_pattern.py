@@ -130,6 +130,20 @@ def _pattern(dots: Floats, keep_out: list[tuple[tuple[float, float, float], floa
     return Pattern._of(_native.Pattern(dots).with_keep_out(keep_out))
 
 
+@dataclass(frozen=True, slots=True)
+class DesignRecord:
+    """What a pattern was designed for."""
+
+    ball_diameter_mm: float
+    """Diameter of the ball, mm."""
+    dot_diameter_mm: float
+    """Diameter of a dot on it, mm."""
+    camera: dict[str, Any] | None = None
+    """The camera's conditions, where it was designed for a camera: as in ``report.json``."""
+    criterion: str | None = None
+    """What it was chosen by among the candidates, in words."""
+
+
 class HashTable:
     """A ball with its hash table: what a design ships.
 
@@ -217,6 +231,12 @@ class HashTable:
         return self._handle.dot_covariances()
 
     @property
+    def design(self) -> DesignRecord | None:
+        """What the pattern was designed for: sizes, camera and criterion; None where that is not known."""
+        record = self.meta.get("design")
+        return None if record is None else DesignRecord(**record)
+
+    @property
     def meta(self) -> dict[str, Any]:
         """The metadata: version, recognizer, pair rule, objective, and the validation it shipped with."""
         meta: dict[str, Any] = json.loads(self._handle.meta())
@@ -247,3 +267,9 @@ def as_table(given: Tabled) -> HashTable:
     if isinstance(given, (str, os.PathLike)):
         return HashTable.load(given)
     raise ValueError(f"table: expected a HashTable, a Pattern or a path, found {type(given).__name__}")
+
+
+def as_ball(given: Tabled | ArrayLike) -> HashTable:
+    """As `as_table`, or the table of dots."""
+    is_table = isinstance(given, (HashTable, Pattern, str, os.PathLike))
+    return as_table(given if is_table else Pattern(given))

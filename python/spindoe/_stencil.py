@@ -10,18 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._common import Floats, settings_json
-from ._pattern import PathLike, Pattern, as_pattern
+from ._pattern import HashTable, PathLike, Pattern, Tabled, as_ball
 
 if TYPE_CHECKING:
     import trimesh
     from typing_extensions import Unpack
 
 
+_KNOWN = ("ball_diameter_mm", "hole_diameter_mm")
+
+
 class StencilSettings(TypedDict, total=False):
     """What a stencil may have otherwise than usual: lengths in millimeters, angles in radians."""
 
     ball_diameter_mm: float
-    """Diameter of the ball; 40. Table-tennis balls are 40.0 to 40.6 mm: measure yours."""
+    """Diameter of the ball; that of the design, else 40. Table-tennis balls are 40.0 to 40.6 mm: measure yours."""
     clearance_mm: float
     """Gap between ball and shell, per side; 0.2."""
     wall_mm: float
@@ -29,7 +32,7 @@ class StencilSettings(TypedDict, total=False):
     ceiling_relief_mm: float
     """How much farther from the ball the dome's inside lies around its top; 0.3."""
     hole_diameter_mm: float
-    """Diameter of a dot on the ball; 4."""
+    """Diameter of a dot; that of the design, as much larger or smaller on a ball of another size, else a tenth of the ball's."""
     throat_mm: float
     """Length of the cylindrical throat at the ball before a hole widens; 0.8."""
     taper_rad: float
@@ -68,29 +71,36 @@ class Stencil:
     """Two half shells with a hole for every dot.
 
     Args:
-        pattern: The pattern, or its dots of shape (n, 3).
+        pattern: A table, a pattern, the path of either, or dots of shape (n, 3).
         settings: Any of `StencilSettings`, lengths in millimeters, angles in radians.
 
     Raises:
         ValueError: For a setting outside its domain, or holes that do not fit.
     """
 
-    __slots__ = ("_handle", "_settings", "pattern")
+    __slots__ = ("_ball", "_handle", "_settings")
     _handle: _native.Stencil
-    pattern: Pattern
+    _ball: HashTable
 
-    def __init__(self, pattern: Pattern | ArrayLike, **settings: Unpack[StencilSettings]) -> None:
-        self.pattern = as_pattern(pattern)
+    def __init__(self, pattern: Tabled | ArrayLike, **settings: Unpack[StencilSettings]) -> None:
+        self._ball = as_ball(pattern)
         self._settings = settings
-        self._handle = _native.Stencil.build(self.pattern._handle, settings_json(settings))
+        ball_mm, hole_mm, rest = _parted(settings)
+        self._handle = _native.Stencil.build(self._ball._handle, ball_mm, hole_mm, rest)
 
     @staticmethod
     def largest_hole_mm(
-        pattern: Pattern | ArrayLike, **settings: Unpack[StencilSettings]
+        pattern: Tabled | ArrayLike, **settings: Unpack[StencilSettings]
     ) -> float | None:
         """Diameter of the largest hole that fits, mm; None where none does."""
-        native = as_pattern(pattern)._handle
-        return _native.Stencil.largest_hole_mm(native, settings_json(settings))
+        native = as_ball(pattern)._handle
+        ball_mm, _, rest = _parted(settings)
+        return _native.Stencil.largest_hole_mm(native, ball_mm, rest)
+
+    @property
+    def pattern(self) -> Pattern:
+        """The pattern that it draws."""
+        return self._ball.pattern
 
     def arrays(self, half: Literal["a", "b"]) -> tuple[Floats, NDArray[np.uint32]]:
         """Vertices, shape (n, 3), millimeters, and triangles, shape (m, 3), of a half as it is printed."""
@@ -117,9 +127,15 @@ class Stencil:
         return f"<Stencil of {self.pattern!r}>"
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        return _stencil, (self.pattern, self._settings)
+        return _stencil, (self._ball, self._settings)
 
 
-def _stencil(pattern: Pattern, settings: StencilSettings) -> Stencil:
+def _parted(settings: StencilSettings) -> tuple[float | None, float | None, str]:
+    """The diameters that a design may know, and what else is set."""
+    rest = {name: value for name, value in settings.items() if name not in _KNOWN}
+    return settings.get("ball_diameter_mm"), settings.get("hole_diameter_mm"), settings_json(rest)
+
+
+def _stencil(ball: HashTable, settings: StencilSettings) -> Stencil:
     """What unpickling calls."""
-    return Stencil(pattern, **settings)
+    return Stencil(ball, **settings)

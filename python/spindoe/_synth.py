@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._common import Floats, settings_json, to_scipy, triple
-from ._pattern import Pattern, as_pattern
+from ._pattern import Tabled, as_ball
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -65,7 +65,7 @@ def _truth(text: str) -> Truth:
 
 
 def synth(
-    pattern: Pattern | ArrayLike,
+    pattern: Tabled | ArrayLike,
     frames: int | None = None,
     *,
     seed: int = 0,
@@ -79,7 +79,8 @@ def synth(
     """Draws synthetic images, one after another: the same seed gives the same images.
 
     Args:
-        pattern: The pattern, or its dots of shape (n, 3).
+        pattern: A table, a pattern, the path of either, or dots of shape (n, 3). Dots are as large as a design
+            says, unless ``dot_radius_rad`` is given.
         frames: Number of images; without end where not given (only without `fps`).
         seed: Of everything random.
         preset: ``"good"``, conditions that a user arranges; ``"wide"``, those that the detector is
@@ -94,7 +95,7 @@ def synth(
     Yields:
         Image of shape (height, width, 3), uint8, rgb, and its `Truth`.
     """
-    native = as_pattern(pattern)._handle
+    native = as_ball(pattern)._handle
     given = settings_json(settings)
     if fps is None:
         alone = {"spin_rad_s": spin_rad_s, "exposure_s": exposure_s, "drift_px": drift_px}

@@ -10,27 +10,56 @@ use spindoe::stencil::HalfName;
 
 use crate::arrays::rows;
 use crate::errors::{OrRaise, value_error};
-use crate::pattern::{Pattern, overlay, to_json};
+use crate::pattern::{HashTable, overlay, to_json};
 use crate::work::interruptible;
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Stencil(spindoe::Stencil);
 
+/// The sizes given, else those of the ball's design, with the settings.
+fn config(
+    table: &HashTable,
+    ball_diameter_mm: Option<f64>,
+    hole_diameter_mm: Option<f64>,
+    settings: &str,
+) -> PyResult<StencilConfig> {
+    let [ball_diameter_mm, hole_diameter_mm] = table.0.sizes_mm(ball_diameter_mm, hole_diameter_mm);
+    Ok(StencilConfig {
+        ball_diameter_mm,
+        hole_diameter_mm,
+        ..overlay(&StencilConfig::default(), settings)?
+    })
+}
+
 #[pymethods]
 impl Stencil {
     #[staticmethod]
-    fn build(py: Python<'_>, pattern: &Pattern, settings: &str) -> PyResult<Self> {
-        let config: StencilConfig = overlay(&StencilConfig::default(), settings)?;
-        let built = interruptible(py, |_| spindoe::Stencil::build(&pattern.0, &config))?;
+    fn build(
+        py: Python<'_>,
+        table: &HashTable,
+        ball_diameter_mm: Option<f64>,
+        hole_diameter_mm: Option<f64>,
+        settings: &str,
+    ) -> PyResult<Self> {
+        let config = config(table, ball_diameter_mm, hole_diameter_mm, settings)?;
+        let pattern = table.0.pattern();
+        let built = interruptible(py, |_| spindoe::Stencil::build(pattern, &config))?;
         Ok(Self(built.or_raise()?))
     }
 
     /// Diameter of the largest hole that fits, mm.
     #[staticmethod]
-    fn largest_hole_mm(pattern: &Pattern, settings: &str) -> PyResult<Option<f64>> {
-        let config: StencilConfig = overlay(&StencilConfig::default(), settings)?;
+    fn largest_hole_mm(
+        table: &HashTable,
+        ball_diameter_mm: Option<f64>,
+        settings: &str,
+    ) -> PyResult<Option<f64>> {
+        let config = config(table, ball_diameter_mm, None, settings)?;
         config.validate().or_raise()?;
-        Ok(spindoe::Stencil::largest_hole_mm(&pattern.0, &config))
+        Ok(spindoe::Stencil::largest_hole_mm(
+            table.0.pattern(),
+            &config,
+        ))
     }
 
     /// Vertices and triangles of half "a" or "b".

@@ -7,13 +7,13 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{self, ClipConfig, Frame};
 
 use crate::errors::{OrRaise, value_error};
-use crate::pattern::{Pattern, overlay, to_json};
+use crate::pattern::{HashTable, overlay, to_json};
 
 /// An image, eight bits a channel, and its truth as JSON.
 type Rendered<'py> = (Bound<'py, PyArray3<u8>>, String);
 
-fn config(preset: &str, settings: &str) -> PyResult<SynthConfig> {
-    let defaults = match preset {
+fn config(table: &HashTable, preset: &str, settings: &str) -> PyResult<SynthConfig> {
+    let mut defaults = match preset {
         "good" => SynthConfig::good(),
         "wide" => SynthConfig::default(),
         other => {
@@ -21,6 +21,9 @@ fn config(preset: &str, settings: &str) -> PyResult<SynthConfig> {
             return Err(value_error("preset", problem));
         }
     };
+    if let Some(design) = table.0.design() {
+        defaults.dot_radius_rad = [design.dot_radius_rad(); 2];
+    }
     overlay(&defaults, settings)
 }
 
@@ -35,14 +38,14 @@ fn rendered<'py>(py: Python<'py>, frame: &Frame) -> PyResult<Rendered<'py>> {
 #[pyfunction]
 pub fn independent_frame<'py>(
     py: Python<'py>,
-    pattern: &Pattern,
+    table: &HashTable,
     preset: &str,
     settings: &str,
     seed: u64,
     k: usize,
 ) -> PyResult<Rendered<'py>> {
-    let config = config(preset, settings)?;
-    let drawn = py.detach(|| dataset::independent_frame(&pattern.0, &config, seed, k));
+    let config = config(table, preset, settings)?;
+    let drawn = py.detach(|| dataset::independent_frame(table.0.pattern(), &config, seed, k));
     rendered(py, &drawn.or_raise()?)
 }
 
@@ -55,7 +58,7 @@ impl Sequence {
     #[new]
     #[allow(clippy::too_many_arguments)]
     fn new(
-        pattern: &Pattern,
+        table: &HashTable,
         preset: &str,
         settings: &str,
         seed: u64,
@@ -71,8 +74,8 @@ impl Sequence {
             exposure_s,
             drift_px,
         };
-        let config = config(preset, settings)?;
-        let random = dataset::Sequence::random(&pattern.0, &config, &sequence, seed, frames);
+        let config = config(table, preset, settings)?;
+        let random = dataset::Sequence::random(table.0.pattern(), &config, &sequence, seed, frames);
         Ok(Self(random.or_raise()?))
     }
 

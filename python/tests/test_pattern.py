@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import pickle
+import shutil
 
 import numpy as np
 import pytest
@@ -83,6 +85,42 @@ def test_a_damaged_table_is_refused(table):
         spindoe.HashTable.build(table.pattern, kappa=-1.0)
     with pytest.raises(ValueError, match="no such setting"):
         spindoe.HashTable.build(table.pattern, kapa=1.0)
+
+
+def test_a_ball_knows_what_its_design_knows(table, pattern, root, tmp_path):
+    design = table.design
+    assert (design.ball_diameter_mm, design.dot_diameter_mm) == (40.0, 4.0)
+    assert spindoe.HashTable.load(root / "designs/dots20/pattern.csv").design == design
+    assert spindoe.HashTable.load(root / "designs/dots20").design == design
+    assert spindoe.HashTable.load("dots20").design == design
+    assert pickle.loads(pickle.dumps(table)).design == design
+    # Dots alone know nothing.
+    assert spindoe.HashTable.build(pattern).design is None
+
+
+def test_what_a_design_knows_travels(root, pattern, tmp_path):
+    shutil.copy(root / "designs/dots20/pattern.csv", tmp_path)
+    record = json.loads((root / "designs/dots20/pattern.ball.json").read_text())
+    camera = {"ball_px": 45.0}
+    record["design"] = {
+        "ball_diameter_mm": 52.0, "dot_diameter_mm": 3.9, "camera": camera, "criterion": "the camera",
+    }
+    (tmp_path / "pattern.ball.json").write_text(json.dumps(record))
+    ball = spindoe.HashTable.load(tmp_path)
+    assert ball.design == spindoe.DesignRecord(52.0, 3.9, camera, "the camera")
+
+    def sizes(stencil):
+        parameters = stencil.description["parameters"]
+        return parameters["ball_diameter_mm"], parameters["hole_diameter_mm"]
+
+    assert sizes(spindoe.Stencil(tmp_path)) == (52.0, 3.9)
+    assert sizes(spindoe.Stencil(ball, ball_diameter_mm=104.0)) == (104.0, 7.8)
+    assert sizes(spindoe.Stencil(ball, hole_diameter_mm=4.5)) == (52.0, 4.5)
+    # Without a design the dots are a tenth of the ball.
+    assert sizes(spindoe.Stencil(pattern, ball_diameter_mm=60.0)) == (60.0, 6.0)
+    _, truth = next(spindoe.synth(ball, 1, seed=3))
+    drawn = truth.everything["dots"][0]["radius_rad"]
+    assert drawn == pytest.approx(np.arcsin(0.075), rel=0.02)
 
 
 def test_a_stencil_is_two_closed_bodies(pattern, tmp_path):

@@ -20,14 +20,14 @@ use crate::validate::check_samples;
 The patterns race on rendered frames of the camera, the same scenes for all, read by the whole estimator. One that is
 clearly worse than the best leaves early; those that stay are also tried on sequences. The error column is the root mean
 square error of an orientation over sqrt(right - 2 wrong): a spin from many frames errs in proportion to it.
-It takes about a minute of one core, in any surroundings about four.
+It takes less than a minute of one core, in any surroundings some two.
 
 Examples:
   spindoe advise --ball-px 45 --fps 240 --exposure-ms 0.5
   spindoe advise mine.csv --camera camera.toml --json")]
 pub struct Arguments {
-    /// Patterns: for each its CSV (unit vectors x,y,z), a table (.npz), or the folder of a design or
-    /// calibration [default: the shipped designs].
+    /// Patterns: for each the name of a shipped one (dots20), its CSV (unit vectors x,y,z), a table (.npz), or the
+    /// folder of a design or calibration [default: the shipped designs].
     #[arg(value_name = "PATTERN")]
     inputs: Vec<PathBuf>,
     /// Frames of a pattern that stays to the end; half as many for a change of the camera.
@@ -89,27 +89,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
     outln!("seed {seed}; frames alone:");
     outln!(
-        "{:16} {:>4} {:>8} {:>7}  {:>24}  {:>22}  {:>9}  {:>20}",
+        "{:12} {:>4} {:>6} {:>6}  {:>24}  {:>20}  {:>17}",
         "pattern",
         "dots",
-        "diameter",
+        "wide",
         "frames",
         "right",
         "wrong",
-        "mean, deg",
         "error, deg"
     );
     for p in &advice.patterns {
         let r = &p.frames;
         outln!(
-            "{:16} {:>4} {:>7.1}% {:>7}  {:>24}  {:>22}  {:>9.2}  {:>20}",
+            "{:12} {:>4} {:>5.1}% {:>6}  {:>24}  {:>20}  {:>17}",
             quoted(&p.name),
             p.dots,
             100.0 * p.dot_diameter,
             r.right.trials,
             r.right.to_string(),
             r.wrong.to_string(),
-            r.mean_error_deg,
             effective_error(r)
         );
     }

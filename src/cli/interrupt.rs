@@ -4,6 +4,7 @@
 //! On Linux, a signal that was ignored when the process began stays so: `nohup` keeps a command
 //! running.
 
+use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -72,8 +73,12 @@ fn interrupted(signal: i32) {
         .is_some_and(|stop| !stop.swap(true, Ordering::Relaxed));
     if is_asked {
         let answer = *ANSWER.lock().unwrap_or_else(PoisonError::into_inner);
-        // On a line of its own: a bar may stand on this one.
-        errln!("\nspindoe: {answer}");
+        // In place of the bar that may stand on this line, which is drawn anew beneath.
+        let clear = match std::io::stderr().is_terminal() {
+            true => "\r\x1b[K",
+            false => "",
+        };
+        errln!("{clear}spindoe: {answer}");
     } else {
         files::remove_all_asides();
         std::process::exit(128 + signal);

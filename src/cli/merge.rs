@@ -57,7 +57,7 @@ impl DesignObserver for MergeProgress {
 
 impl JobObserver for MergeProgress {
     fn step(&mut self, what: &str) {
-        self.line.say(what);
+        self.line.say(0, what);
     }
 
     fn command(&self, _: &DesignConfig) -> Option<String> {

@@ -202,8 +202,9 @@ impl Progress {
         }
     }
 
-    /// Shows the current work at once.
-    pub fn say(&self, what: &str) {
+    /// Sets the steps done and shows the current work at once.
+    pub fn say(&self, done: u64, what: &str) {
+        self.bar.set_position(done);
         if is_quiet() {
             return;
         }

@@ -10,7 +10,7 @@ use crate::files::{self, Replacement};
 use crate::pattern::Pattern;
 use crate::stencil::coupon::coupon;
 use crate::stencil::{
-    Bed, COMMON_BEDS, Closure, HalfName, HoleSide, Stencil, StencilConfig, stl_bytes,
+    Bed, COMMON_BEDS, Closure, HalfName, HoleSide, Stencil, StencilConfig, piece_files, stl_bytes,
 };
 
 #[cfg(feature = "mark")]
@@ -41,6 +41,9 @@ pub struct Arguments {
     /// What holds the hinge together: an M3 screw (or --screw-diameter-mm), or a printed pin.
     #[arg(long, value_parser = one_of(&Closure::ALL, Closure::as_str), default_value = "screw")]
     closure: Closure,
+    /// Cut each half into so many pieces, screwed together by ribs, for a bed that holds no whole half.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    segments: usize,
     /// Number of interleaved knuckles of the hinge, odd [default: 3].
     #[arg(hide = true, long, value_name = "N")]
     knuckles: Option<usize>,
@@ -171,6 +174,7 @@ impl Arguments {
             hole_diameter_mm,
             numbers: !self.no_numbers,
             closure: self.closure,
+            segments: self.segments,
             ..StencilConfig::default()
         };
         config.knuckles = self.knuckles.unwrap_or(config.knuckles);
@@ -231,7 +235,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let sheet = crate::mark::stencil_sheet(&stencil, arguments.paper.into(), Some(&date));
         files::write_bytes(&set.path().join(DRAWING), &crate::mark::pdf_bytes(&sheet))?;
     }
-    set.publish(&FILES, &[], "stencil.json")?;
+    let pieces = piece_files();
+    let replaced = FILES.into_iter().chain(pieces.iter().map(String::as_str));
+    set.publish(&replaced.collect::<Vec<_>>(), &[], "stencil.json")?;
     print_words(&stencil);
     outln!("written to {}", dir.display());
     Ok(())
@@ -268,6 +274,15 @@ fn print_words(stencil: &Stencil) {
             half.check.triangles,
             half.check.volume_mm3
         );
+        if !half.pieces.is_empty() {
+            let screw = stencil.config().screw_diameter_mm;
+            outln!(
+                "  {} pieces, held by {} M{screw} screws of {:.0} mm and by glue in the rim",
+                half.pieces.len(),
+                half.screws,
+                4.0 * screw
+            );
+        }
         if !half.unnumbered.is_empty() {
             outln!("  no place for the numbers of dots {:?}", half.unnumbered);
         }
@@ -291,7 +306,7 @@ fn print_words(stencil: &Stencil) {
     }
 }
 
-/// Which beds hold the halves.
+/// Which beds hold the halves, or their pieces.
 fn print_bed(stencil: &Stencil) {
     let [width, depth, height] = stencil.print_size_mm();
     let area = |bed: &Bed| format!("{} x {} mm", bed.size_mm[0], bed.size_mm[1]);
@@ -304,9 +319,16 @@ fn print_bed(stencil: &Stencil) {
             first.printers
         ),
         None => format!(
-            "fits no common bed, up to {}: `spindoe mark` marks a ball without a printer",
+            "fits no common bed, up to {}",
             COMMON_BEDS.last().map(area).unwrap_or_default()
         ),
     };
-    outln!("a half takes {width:.0} x {depth:.0} mm, {height:.0} mm high: {fits}");
+    let is_whole = stencil.config().segments == 1;
+    let part = if is_whole { "half" } else { "piece" };
+    outln!("a {part} takes {width:.0} x {depth:.0} mm, {height:.0} mm high: {fits}");
+    if is_whole && holding.len() < COMMON_BEDS.len() {
+        outln!(
+            "For a smaller bed, --segments 2 or 4 cuts each half into so many pieces; `spindoe mark` needs no printer."
+        );
+    }
 }

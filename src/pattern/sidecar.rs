@@ -36,6 +36,11 @@ impl DesignRecord {
         self.dot_diameter_mm / self.ball_diameter_mm
     }
 
+    /// Angle between a dot's center and its edge, seen from the ball's center, radians.
+    pub fn dot_radius_rad(&self) -> f64 {
+        self.dot_diameter().asin()
+    }
+
     /// Checks the diameters.
     ///
     /// # Errors

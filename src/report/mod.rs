@@ -195,6 +195,12 @@ impl EvaluationConfig {
         }
     }
 
+    /// How many steps [`evaluate`] names.
+    pub fn steps(&self) -> usize {
+        let points = ProtocolName::ALL.len() + self.sensitivity.sigmas_deg.len();
+        RecognizerName::ALL.len() * points + self.sensitivity.alphas.len()
+    }
+
     /// Checks the numbers of trials.
     ///
     /// # Errors

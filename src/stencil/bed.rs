@@ -1,6 +1,6 @@
 //! Which printers' beds hold a half.
 
-use super::Stencil;
+use super::{Half, Mesh, Stencil};
 
 /// Space around a half on the bed, for skirt or brim, mm per side.
 const AROUND_MM: f64 = 2.0;
@@ -52,16 +52,17 @@ impl Bed {
 }
 
 impl Stencil {
-    /// Width, depth and height of the space that holds either half as it is printed, mm.
+    /// Width, depth and height of the space that holds each half, or each of their pieces, as it is printed, mm.
     pub fn print_size_mm(&self) -> [f64; 3] {
-        let bounds = self.halves.each_ref().map(|half| half.mesh.bounding_box());
+        let printed = self.halves.iter().flat_map(Half::printed);
+        let bounds: Vec<_> = printed.map(Mesh::bounding_box).collect();
         [0, 1, 2].map(|i| {
-            let sides = bounds.map(|b| b.max_mm[i] - b.min_mm[i]);
-            sides[0].max(sides[1])
+            let sides = bounds.iter().map(|b| b.max_mm[i] - b.min_mm[i]);
+            sides.fold(0.0, f64::max)
         })
     }
 
-    /// The [`COMMON_BEDS`] that hold either half.
+    /// The [`COMMON_BEDS`] that hold each half, or each of their pieces.
     pub fn beds(&self) -> impl Iterator<Item = &'static Bed> {
         let size = self.print_size_mm();
         COMMON_BEDS.iter().filter(move |bed| bed.holds(size))

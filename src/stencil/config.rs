@@ -1,5 +1,6 @@
 //! The stencil's parameters, their defaults and their domains.
 
+use super::segments;
 use crate::error::{Result, require};
 
 /// Smallest hole that is made, mm.
@@ -95,6 +96,10 @@ pub struct StencilConfig {
     pub knuckle_wall_mm: f64,
     /// How far the thumb tab reaches beyond the shell, mm. Default 6.
     pub tab_mm: f64,
+    /// Number of pieces of each half, screwed together, for printers whose bed holds no whole half. Default
+    /// 1.
+    #[serde(default = "whole")]
+    pub segments: usize,
     /// Whether the dots' numbers are engraved beside their holes, and each half's name, the ball's
     /// diameter and the pattern's id. Default true.
     pub numbers: bool,
@@ -102,6 +107,11 @@ pub struct StencilConfig {
     pub nozzle_mm: f64,
     /// Maximum distance of a facet from the surface that it stands for, mm. Default 0.02.
     pub chord_error_mm: f64,
+}
+
+/// A half that is one piece.
+fn whole() -> usize {
+    1
 }
 
 impl Default for StencilConfig {
@@ -125,6 +135,7 @@ impl Default for StencilConfig {
             knuckle_clearance_mm: 0.4,
             knuckle_wall_mm: 1.2,
             tab_mm: 6.0,
+            segments: whole(),
             numbers: true,
             nozzle_mm: 0.4,
             chord_error_mm: 0.02,
@@ -223,6 +234,7 @@ impl StencilConfig {
                 degrees,
             )?;
         }
+        segments::check(self.segments)?;
         require(
             (3..=9).contains(&self.knuckles) && !self.knuckles.is_multiple_of(2),
             "knuckles",

@@ -12,7 +12,7 @@ use crate::files;
 #[cfg(feature = "native")]
 use super::Closure;
 use super::config::degrees;
-use super::{HalfName, HoleSide, Mesh, Stencil, threemf};
+use super::{HalfName, HoleSide, Mesh, Stencil, segments, threemf};
 
 /// Gap between the two halves in the 3MF file, mm.
 const LAYOUT_GAP_MM: f64 = 5.0;
@@ -31,7 +31,8 @@ const FRAMES: &str = "stencil = R * pattern, R the unit quaternion given; millim
 
 impl Stencil {
     /// Writes `half_a.stl`, `half_b.stl`, `stencil.3mf` and `stencil.json` to `dir`, which is made
-    /// if it does not exist, and `pin.stl` for a hinge that has one. Each file is written atomically.
+    /// if it does not exist, `pin.stl` for a hinge that has one, and `half_a_1.stl` and so on for halves
+    /// that are cut into pieces. Each file is written atomically.
     ///
     /// # Errors
     /// [`Error::Write`] where the system refuses.
@@ -40,6 +41,16 @@ impl Stencil {
         files::create_dir(dir)?;
         for (half, name) in HalfName::BOTH.into_iter().zip(HALF_FILES) {
             files::write_bytes(&dir.join(name), &self.half_stl_bytes(half)?)?;
+        }
+        for half in HalfName::BOTH {
+            for k in 0..segments::MAX_PIECES {
+                let path = dir.join(piece_file(half, k));
+                match self.half(half).pieces.get(k) {
+                    Some(piece) => files::write_bytes(&path, &self.stl_bytes(&piece.mesh)?)?,
+                    // That of a stencil which is replaced.
+                    None => files::remove_if_present(&path)?,
+                }
+            }
         }
         let pin = dir.join("pin.stl");
         match self.config.closure {
@@ -66,6 +77,15 @@ impl Stencil {
         };
         let half = |i: usize| {
             let h = &self.halves[i];
+            let pieces = h.pieces.iter().enumerate().map(|(k, piece)| {
+                json!({
+                    "file": piece_file(HalfName::BOTH[i], k),
+                    "turn_deg": degrees(piece.turn_rad),
+                    "check": piece.check,
+                    "through_holes": piece.through_holes,
+                    "bounding_box": piece.mesh.bounding_box(),
+                })
+            });
             json!({
                 "file": HALF_FILES[i],
                 "check": h.check,
@@ -74,6 +94,8 @@ impl Stencil {
                 "unnumbered_dots": h.unnumbered,
                 "labels": h.labels,
                 "bounding_box": h.mesh.bounding_box(),
+                "pieces": pieces.collect::<Vec<_>>(),
+                "screws": h.screws,
             })
         };
         let dots = self.layout.dots.iter().zip(&self.sides).enumerate();
@@ -136,7 +158,11 @@ impl Stencil {
     /// # Errors
     /// [`Error::Internal`] where the mesh cannot be encoded.
     pub fn half_stl_bytes(&self, name: HalfName) -> Result<Vec<u8>> {
-        let mut bytes = stl_bytes(&self.half(name).mesh)?;
+        self.stl_bytes(&self.half(name).mesh)
+    }
+
+    fn stl_bytes(&self, mesh: &Mesh) -> Result<Vec<u8>> {
+        let mut bytes = stl_bytes(mesh)?;
         // 80 bytes: the hash takes 64 of them. A binary file must not begin with "solid".
         let header = format!("{STL_HEADER:<16}{:.64}", self.pattern_sha256);
         for (byte, &c) in bytes[..80].iter_mut().zip(header.as_bytes()) {
@@ -145,27 +171,51 @@ impl Stencil {
         Ok(bytes)
     }
 
-    /// One 3MF model with both halves as named objects, side by side.
+    /// One 3MF model with both halves, or their pieces, as named objects, side by side.
     ///
     /// # Errors
     /// [`Error::Internal`] where the archive cannot be packed.
     pub fn threemf_bytes(&self) -> Result<Vec<u8>> {
         let tag = &self.pattern_sha256[..8.min(self.pattern_sha256.len())];
         let mut x = 0.0;
-        let objects = HalfName::BOTH.map(|name| {
-            let mesh = &self.half(name).mesh;
-            let bounds = mesh.bounding_box();
-            let shift_mm = x - bounds.min_mm[0];
-            x += bounds.max_mm[0] - bounds.min_mm[0] + LAYOUT_GAP_MM;
-            threemf::Object {
-                name: format!("stencil {tag} {name}"),
-                mesh,
-                shift_mm,
+        let mut objects = Vec::new();
+        for name in HalfName::BOTH {
+            let half = self.half(name);
+            for (k, mesh) in half.printed().into_iter().enumerate() {
+                let bounds = mesh.bounding_box();
+                let shift_mm = x - bounds.min_mm[0];
+                x += bounds.max_mm[0] - bounds.min_mm[0] + LAYOUT_GAP_MM;
+                let piece = match half.pieces.len() {
+                    0 => String::new(),
+                    count => format!(", piece {} of {count}", k + 1),
+                };
+                objects.push(threemf::Object {
+                    name: format!("stencil {tag} {name}{piece}"),
+                    mesh,
+                    shift_mm,
+                });
             }
-        });
+        }
         let title = format!("Ball stencil for pattern {}", self.pattern_sha256);
         threemf::package(&title, &objects)
     }
+}
+
+/// Name of the file of a half's piece.
+fn piece_file(half: HalfName, piece: usize) -> String {
+    let half = match half {
+        HalfName::A => "a",
+        HalfName::B => "b",
+    };
+    format!("half_{half}_{}.stl", piece + 1)
+}
+
+/// Names of the files of all pieces that there can be.
+pub fn piece_files() -> Vec<String> {
+    let halves = HalfName::BOTH.into_iter();
+    halves
+        .flat_map(|half| (0..segments::MAX_PIECES).map(move |k| piece_file(half, k)))
+        .collect()
 }
 
 /// A mesh as binary STL, millimeters.

@@ -1,23 +1,27 @@
 //! One half: its marks chosen, its solid built, cleaned and checked.
 
 use crate::error::{Error, Result};
-use crate::geometry::Vec3;
+use crate::geometry::{Rotation, Vec3};
 
 use super::layout::{self, Cut, Layout};
-use super::mesh::Mesh;
+use super::mesh::{Mesh, MeshCheck};
+use super::segments::Cuts;
 use super::solid::Solid;
-use super::{Half, HalfName, Joint, StencilConfig, clean, marks, parts};
+use super::{Half, HalfName, Joint, Piece, StencilConfig, clean, marks, parts};
 
 /// How far cleaning may move the surface, as fractions of the chord error: tried in this order.
 const CLEANING: [f64; 3] = [0.2, 0.05, 0.005];
 /// Chord errors that are tried, as shares of the one asked for.
 const FINENESS: [f64; 4] = [1.0, 0.9, 0.8, 0.7];
+/// Directions in which a piece is laid on the bed, over half a turn: the one that takes the smallest square.
+const TURNS: usize = 90;
 
 /// The numbers to engrave in one half, and its holes (both in its own frame).
 fn marks(
     layout: &Layout,
     name: HalfName,
     labels: &[String],
+    cuts: Option<&Cuts>,
     config: &StencilConfig,
     joint: &Joint,
 ) -> Result<marks::Marks> {
@@ -37,6 +41,7 @@ fn marks(
     }
     let windows = layout.windows.iter().filter(|w| w.half == name);
     obstacles.extend(windows.flat_map(|w| w.points(config)));
+    obstacles.extend(cuts.iter().flat_map(|cuts| cuts.points(config)));
     let around = marks::Surroundings {
         holes: &holes,
         obstacles: &obstacles,
@@ -59,14 +64,15 @@ pub(super) fn build(
     config: &StencilConfig,
     joint: &Joint,
 ) -> Result<Half> {
-    let marks = marks(layout, name, labels, config, joint)?;
+    let cuts = Cuts::choose(layout, name, config, joint)?;
+    let marks = marks(layout, name, labels, cuts.as_ref(), config, joint)?;
     let up = Vec3::new(0.0, 0.0, joint.lip_mm);
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"
     )));
     // Nearly coincident surfaces may make the mesh intersect itself; other facets may avoid that.
     // Where cleaning causes it, less cleaning may avoid it.
-    'tried: for fineness in FINENESS {
+    for fineness in FINENESS {
         let tessellated = StencilConfig {
             chord_error_mm: fineness * config.chord_error_mm,
             ..config.clone()
@@ -88,14 +94,26 @@ pub(super) fn build(
                 .map(|w| (name.own_frame(&w.axis), w.radius_mm))
                 .collect(),
             marks: marks.tools.clone(),
+            cuts: cuts.as_ref(),
         };
-        let raw = part.solid()?.mesh().mapped(|v| v + up);
-        for share in CLEANING {
-            let mesh = clean::cleaned(&raw, share * config.chord_error_mm).rounded();
-            outcome = checked(mesh, name, part.through_holes());
-            if outcome.is_ok() {
-                break 'tried;
-            }
+        let solid = part.solid()?;
+        let whole = finished(&solid.mesh().mapped(|v| v + up), config, |mesh| {
+            checked(mesh, &name.to_string(), part.through_holes())
+        });
+        outcome = whole.and_then(|(mesh, check)| {
+            Ok(Half {
+                mesh,
+                check,
+                through_holes: part.through_holes(),
+                pieces: pieces(&solid, &part, up)?,
+                screws: cuts.as_ref().map_or(0, |cuts| cuts.screw_count(config)),
+                numbers: Vec::new(),
+                unnumbered: Vec::new(),
+                labels: Vec::new(),
+            })
+        });
+        if outcome.is_ok() {
+            break;
         }
     }
     outcome.map(|half| Half {
@@ -106,27 +124,76 @@ pub(super) fn build(
     })
 }
 
-/// The half with this mesh, if it passes all checks.
-fn checked(mesh: Mesh, name: HalfName, through_holes: usize) -> Result<Half> {
+/// The pieces of a half, each as it is printed; none of a half that stays whole.
+fn pieces(solid: &Solid, part: &parts::Shell<'_>, up: Vec3) -> Result<Vec<Piece>> {
+    let Some(cuts) = part.cuts else {
+        return Ok(Vec::new());
+    };
+    let piece = |(k, wedge): (usize, Mesh)| {
+        let raw = solid.within(&Solid::new(&wedge)?)?.mesh();
+        let (turn_rad, raw) = laid(&raw.mapped(|v| v + up));
+        let through_holes = part.through_holes_of(k, cuts);
+        let name = format!("piece {} of {}", k + 1, part.name);
+        let (mesh, check) = finished(&raw, part.config, |mesh| {
+            checked(mesh, &name, through_holes)
+        })?;
+        Ok(Piece {
+            mesh,
+            check,
+            through_holes,
+            turn_rad,
+        })
+    };
+    cuts.wedges().into_iter().enumerate().map(piece).collect()
+}
+
+/// The mesh turned about z so that it takes the smallest square, and the turn.
+fn laid(mesh: &Mesh) -> (f64, Mesh) {
+    let turned = (0..TURNS).map(|k| {
+        let angle = std::f64::consts::PI * k as f64 / TURNS as f64;
+        let turn = Rotation::from_axis_angle(&Vec3::z_axis(), angle);
+        (angle, mesh.mapped(|v| turn * v))
+    });
+    let side = |(_, mesh): &(f64, Mesh)| {
+        let bounds = mesh.bounding_box();
+        let [x, y] = [0, 1].map(|i| bounds.max_mm[i] - bounds.min_mm[i]);
+        x.max(y)
+    };
+    let smallest = turned.min_by(|a, b| side(a).total_cmp(&side(b)));
+    smallest.unwrap_or_else(|| (0.0, mesh.clone()))
+}
+
+/// `raw` without slivers and rounded, and what `check` says of it: cleaned as much as passes.
+fn finished(
+    raw: &Mesh,
+    config: &StencilConfig,
+    check: impl Fn(&Mesh) -> Result<MeshCheck>,
+) -> Result<(Mesh, MeshCheck)> {
+    let mut outcome = Err(Error::Internal("no cleaning was tried".into()));
+    for share in CLEANING {
+        let mesh = clean::cleaned(raw, share * config.chord_error_mm).rounded();
+        outcome = check(&mesh).map(|check| (mesh, check));
+        if outcome.is_ok() {
+            break;
+        }
+    }
+    outcome
+}
+
+/// What is found of a mesh with so many through-holes, if it passes all checks.
+fn checked(mesh: &Mesh, name: &str, through_holes: usize) -> Result<MeshCheck> {
     let check = mesh.check();
-    check.require_solid(&name.to_string())?;
+    check.require_solid(name)?;
     if check.genus() != through_holes as i64 {
         return Err(Error::Internal(format!(
             "{name}: expected {through_holes} through-holes, found {}",
             check.genus()
         )));
     }
-    if Solid::new(&mesh)?.self_intersects() {
+    if Solid::new(mesh)?.self_intersects() {
         return Err(Error::Internal(format!(
             "{name}: the surface intersects itself"
         )));
     }
-    Ok(Half {
-        mesh,
-        check,
-        through_holes,
-        numbers: Vec::new(),
-        unnumbered: Vec::new(),
-        labels: Vec::new(),
-    })
+    Ok(check)
 }

@@ -50,6 +50,7 @@ mod mesh;
 mod parts;
 mod pin;
 mod seam;
+mod segments;
 pub mod shapes;
 mod solid;
 mod threemf;
@@ -58,7 +59,7 @@ mod windows;
 
 pub use bed::{Bed, COMMON_BEDS};
 pub use config::{Closure, StencilConfig};
-pub use export::stl_bytes;
+pub use export::{piece_files, stl_bytes};
 pub use joint::Joint;
 pub use marks::{DotNumber, Label};
 pub use mesh::{BoundingBox, Mesh, MeshCheck};
@@ -132,12 +133,40 @@ pub struct Half {
     pub check: MeshCheck,
     /// Holes that lead through it: those of dots, and the bores of its knuckles.
     pub through_holes: usize,
+    /// What is printed in its place where it is cut; empty where it stays whole
+    /// ([`StencilConfig::segments`]).
+    pub pieces: Vec<Piece>,
+    /// Screws that hold the pieces together.
+    pub screws: usize,
     /// Where the dots' numbers are engraved.
     pub numbers: Vec<DotNumber>,
     /// Dots of this half whose number found no place.
     pub unnumbered: Vec<usize>,
     /// The half's name with the ball's diameter, and the pattern's id, where they found a place.
     pub labels: Vec<Label>,
+}
+
+/// A piece of a half that is cut.
+#[derive(Debug, Clone)]
+pub struct Piece {
+    /// The mesh, mm, already rounded to 32-bit floats.
+    pub mesh: Mesh,
+    /// What was found when it was checked.
+    pub check: MeshCheck,
+    /// Holes that lead through it: those of dots and screws, and the bores of its knuckles.
+    pub through_holes: usize,
+    /// Turn about z from the half's place on the bed to the piece's, radians.
+    pub turn_rad: f64,
+}
+
+impl Half {
+    /// What is printed: the half, or its pieces.
+    pub fn printed(&self) -> Vec<&Mesh> {
+        match self.pieces.as_slice() {
+            [] => vec![&self.mesh],
+            pieces => pieces.iter().map(|piece| &piece.mesh).collect(),
+        }
+    }
 }
 
 /// A stencil for one pattern.

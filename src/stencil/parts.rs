@@ -13,6 +13,7 @@ use super::joint::Joint;
 use super::layout::{Cut, arm_outline};
 use super::marks::floor;
 use super::mesh::Mesh;
+use super::segments::Cuts;
 use super::solid::Solid;
 use super::{HalfName, StencilConfig, shapes};
 
@@ -39,6 +40,8 @@ pub(super) struct Shell<'a> {
     pub windows: Vec<(Vec3, f64)>,
     /// Prisms over its engraved marks, which end at the engraving's [`floor`].
     pub marks: Vec<Mesh>,
+    /// Where it is cut into pieces.
+    pub cuts: Option<&'a Cuts>,
 }
 
 impl Shell<'_> {
@@ -54,6 +57,7 @@ impl Shell<'_> {
         if self.name == HalfName::A {
             added.push(self.tab());
         }
+        added.extend(self.cuts.iter().flat_map(|cuts| cuts.ribs(config)));
         let body = body.plus(&solids(&added)?)?;
         let mut tools = vec![shapes::sphere(config.inner_radius_mm(), chord), self.bore()];
         tools.extend(self.rim());
@@ -64,6 +68,7 @@ impl Shell<'_> {
         let cuts = self.holes.iter().filter(|(_, cut)| *cut != Cut::None);
         tools.extend(cuts.map(|(dot, _)| self.drill(dot)));
         tools.extend(self.windows.iter().map(|(axis, r)| self.window(axis, *r)));
+        tools.extend(self.cuts.iter().flat_map(|cuts| cuts.bores(config)));
         let mut tools = solids(&tools)?;
         if !self.marks.is_empty() {
             tools.push(Solid::union(&solids(&self.marks)?)?.minus(&[Solid::new(&floor(config))?])?);
@@ -71,11 +76,28 @@ impl Shell<'_> {
         body.minus(&tools)
     }
 
-    /// How many holes lead through the finished half: those of dots, its windows,
-    /// and its knuckles.
+    /// How many holes lead through the finished half: those of dots, its windows, its knuckles and its
+    /// ribs' screws.
     pub fn through_holes(&self) -> usize {
+        let screws = self.cuts.map_or(0, |cuts| cuts.screw_count(self.config));
+        self.openings().count() + self.knuckles().count() + screws
+    }
+
+    /// Directions of the holes through the wall: those of dots, and windows.
+    fn openings(&self) -> impl Iterator<Item = &Vec3> {
         let dots = self.holes.iter().filter(|(_, cut)| *cut == Cut::Through);
-        dots.count() + self.windows.len() + self.knuckles().count()
+        let windows = self.windows.iter().map(|(axis, _)| axis);
+        dots.map(|(dot, _)| dot).chain(windows)
+    }
+
+    /// How many holes lead through the wedge `piece` of the finished half.
+    pub fn through_holes_of(&self, piece: usize, cuts: &Cuts) -> usize {
+        let is_here = |direction: &&Vec3| cuts.piece_of(direction) == piece;
+        let hinge = match cuts.piece_of(&Vec3::x()) == piece {
+            true => self.knuckles().count(),
+            false => 0,
+        };
+        self.openings().filter(is_here).count() + hinge + cuts.screws_of(piece, self.config)
     }
 
     /// Extents along y of its knuckles.

@@ -77,6 +77,14 @@ impl Solid {
         Self(self.0.difference(&tool)).checked("difference")
     }
 
+    /// What this solid and `other` share.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where the engine fails.
+    pub fn within(&self, other: &Self) -> Result<Self> {
+        Self(self.0.intersection(&other.0)).checked("intersection")
+    }
+
     /// This solid together with `others`.
     ///
     /// # Errors

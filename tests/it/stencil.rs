@@ -14,7 +14,7 @@ use spindoe::geometry::{Rotation, Vec3, angle_between, random_direction, spiral_
 use spindoe::pattern::Pattern;
 use spindoe::stencil::coupon::coupon;
 use spindoe::stencil::{
-    Bed, COMMON_BEDS, HalfName, Mesh, Stencil, StencilConfig, max_margin_seam, shapes,
+    Bed, COMMON_BEDS, HalfName, HoleSide, Mesh, Stencil, StencilConfig, max_margin_seam, shapes,
 };
 
 /// `n` dots at least `separation_deg` apart, by rejection.
@@ -1035,5 +1035,162 @@ fn the_pin_goes_through_the_bore_and_snaps() {
         let barb = barb.map(radius).fold(0.0, f64::max);
         // Wider than the bore, but not when the slot of 0.6 mm is pressed shut.
         assert!(barb > bore && barb - 0.3 < bore, "{barb} mm in {bore} mm");
+    }
+}
+
+/// The pieces of a large ball's halves are solids that make up the half, none of which cuts a hole.
+#[test]
+fn a_half_in_pieces_is_the_half() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("designs/dots20/pattern.csv");
+    let pattern = Pattern::read_csv(&path).unwrap();
+    for segments in [2, 4] {
+        let config = StencilConfig {
+            ball_diameter_mm: 220.0,
+            hole_diameter_mm: 22.0,
+            segments,
+            numbers: false,
+            chord_error_mm: 0.3,
+            ..StencilConfig::default()
+        };
+        let stencil = Stencil::build(&pattern, &config).unwrap();
+        let whole = Stencil::build(
+            &pattern,
+            &StencilConfig {
+                segments: 1,
+                ..config.clone()
+            },
+        );
+        let whole = whole.unwrap();
+        let [width, depth, _] = stencil.print_size_mm();
+        let [whole_width, whole_depth, _] = whole.print_size_mm();
+        assert!(width * depth < 0.8 * whole_width * whole_depth);
+        let askew = Vec3::new(0.31, 0.17, 0.93).normalize();
+        for name in HalfName::BOTH {
+            let half = stencil.half(name);
+            assert_eq!(half.pieces.len(), segments);
+            assert!(half.screws >= 2 * segments);
+            let placed = half.pieces.iter().map(|piece| {
+                piece.check.require_solid("a piece").unwrap();
+                assert_eq!(piece.check.genus() as usize, piece.through_holes);
+                assert!(piece.mesh.bounding_box().min_mm[2].abs() < 1e-5);
+                let back = Rotation::from_axis_angle(&Vec3::z_axis(), -piece.turn_rad);
+                piece.mesh.mapped(|v| back * v)
+            });
+            let placed: Vec<Mesh> = placed.collect();
+            let parts: f64 = half.pieces.iter().map(|piece| piece.check.volume_mm3).sum();
+            let missing = 1.0 - parts / half.check.volume_mm3;
+            assert!(
+                (0.0..0.01).contains(&missing),
+                "{name}: {missing} of the half is missing"
+            );
+            let holding = |p: &Vec3| -> Vec<usize> {
+                let inside = |mesh: &Mesh| crossings(mesh, p, &askew) % 2 == 1;
+                (0..segments).filter(|&k| inside(&placed[k])).collect()
+            };
+            // Around each hole the wall is one piece's.
+            let up = Vec3::new(0.0, 0.0, stencil.joint().lip_mm);
+            let radius = config.inner_radius_mm() + 0.3 * config.wall_mm;
+            for (dot, side) in stencil.dots().iter().zip(stencil.sides()) {
+                let is_own = matches!(
+                    (side, name),
+                    (HoleSide::A, HalfName::A) | (HoleSide::B, HalfName::B)
+                );
+                if !is_own {
+                    continue;
+                }
+                let own = if name == HalfName::A {
+                    *dot
+                } else {
+                    Vec3::new(dot.x, -dot.y, -dot.z)
+                };
+                let [u, v] = spindoe::geometry::tangent_frame(&own);
+                let edge = 0.5 * config.hole_diameter_mm + 0.5;
+                let around: Vec<_> = (0..8)
+                    .map(|k| {
+                        let (sin, cos) = (f64::from(k) * std::f64::consts::FRAC_PI_4).sin_cos();
+                        let p = (radius * radius - edge * edge).sqrt() * own
+                            + edge * (cos * u + sin * v);
+                        holding(&(p + up))
+                    })
+                    .collect();
+                assert!(
+                    around.iter().all(|k| k.len() == 1 && *k == around[0]),
+                    "{name}: {around:?}"
+                );
+            }
+            // Of the half's wall no place is in two pieces, and few are in the gaps.
+            let mut rng = ChaCha8Rng::seed_from_u64(4);
+            let (mut wall, mut gaps) = (0, 0);
+            for _ in 0..300 {
+                let direction = random_direction(&mut rng);
+                let p = radius * Vec3::new(direction.x, direction.y, direction.z.abs()) + up;
+                if crossings(&half.mesh, &p, &askew) % 2 == 1 {
+                    wall += 1;
+                    let pieces = holding(&p).len();
+                    assert!(pieces <= 1);
+                    gaps += usize::from(pieces == 0);
+                }
+            }
+            assert!(
+                wall > 150 && gaps <= 3,
+                "{gaps} of {wall} places are in no piece"
+            );
+        }
+    }
+}
+
+/// A stencil in pieces is replaced with its pieces; one for which there is no place says so.
+#[test]
+fn pieces_come_and_go_with_their_stencil() {
+    let dir = tempfile::tempdir().unwrap();
+    write_pattern(dir.path());
+    let build = |more: &[&str]| {
+        let usual = [
+            "pattern.csv",
+            "-o",
+            "s",
+            "--overwrite",
+            "--ball-diameter-mm",
+            "120",
+            "--no-numbers",
+        ];
+        let coarse = ["--dot-diameter-mm", "6", "--config", "chord_error_mm=0.2"];
+        spindoe(dir.path(), &[&usual[..], &coarse, more].concat())
+    };
+    let done = build(&["--segments", "3"]);
+    assert!(
+        done.status.success(),
+        "{}",
+        String::from_utf8_lossy(&done.stderr)
+    );
+    let words = String::from_utf8(done.stdout).unwrap();
+    assert!(
+        words.contains("3 pieces") && words.contains("a piece takes"),
+        "{words}"
+    );
+    let pieces = |half: &str| {
+        (1..=3)
+            .map(|k| format!("half_{half}_{k}.stl"))
+            .collect::<Vec<_>>()
+    };
+    let there = |name: &String| dir.path().join("s").join(name).exists();
+    let all = [pieces("a"), pieces("b")].concat();
+    assert!(all.iter().all(there));
+    assert_eq!(
+        model_part(&dir.path().join("s/stencil.3mf"))
+            .matches("<object ")
+            .count(),
+        6
+    );
+    assert!(build(&[]).status.success());
+    assert!(!all.iter().any(there));
+    for (segments, words) in [("7", "1 to 6"), ("0", "1 to 6"), ("many", "--segments")] {
+        let refused = build(&["--segments", segments]);
+        assert_eq!(refused.status.code(), Some(2));
+        let line = String::from_utf8(refused.stderr).unwrap();
+        assert!(
+            line.contains(words) && line.trim().lines().count() == 1,
+            "{line}"
+        );
     }
 }

@@ -15,7 +15,7 @@ use super::output::quoted;
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
-use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, JobObserver as _, Start};
+use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, Start};
 
 pub use arguments::Arguments;
 #[cfg(feature = "mark")]
@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (job, start) = arguments.job()?;
     check_for_design()?;
     let clock = Instant::now();
-    let mut progress = DesignProgress::new(&job.config, arguments)?;
+    let mut progress = DesignProgress::new(&job, arguments)?;
     if let Some(shard) = arguments.shard {
         let done = job.run_shard(shard, start, &stop, &mut progress)?;
         progress.finish();
@@ -121,7 +121,7 @@ fn run_all_shards(
         // Of a search that was stopped, later shards have not begun.
         let begun = start == Start::Resume && dir.join(CHECKPOINT).exists();
         let start = if begun { Start::Resume } else { Start::Fresh };
-        progress.step(&format!("shard {shard}"));
+        progress.begin_shard(shard);
         if !part.run_shard(shard, start, stop, progress)? {
             return Ok(None);
         }

@@ -8,11 +8,11 @@ use super::camera::CameraRanking;
 use crate::cli::output::Progress;
 #[cfg(feature = "vision")]
 use crate::design::Candidate;
-use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
+use crate::design::{DesignConfig, DesignObserver, SearchState, Shard, Stage};
 use crate::error::Result;
 #[cfg(feature = "vision")]
 use crate::report::CameraRecord;
-use crate::report::JobObserver;
+use crate::report::{DesignJob, JobObserver};
 
 /// Shows the progress of a design, and ends it when its budget is spent.
 pub(super) struct DesignProgress<'a> {
@@ -25,6 +25,13 @@ pub(super) struct DesignProgress<'a> {
     ranking: Option<CameraRanking>,
     /// Start of the current round, in seconds of the search.
     round_began_s: f64,
+    /// The shard that runs, from 0, and their number.
+    shard: (usize, usize),
+    /// Steps of the evaluation that have begun, and their number.
+    evaluated: (usize, usize),
+    /// Share of all work that the bar shows, and that it showed when the evaluation began.
+    shown: f64,
+    searched: f64,
 }
 
 /// Steps of the bar.
@@ -34,30 +41,53 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// Fraction of a budget after which no round of the search begins; the remaining time is for the
 /// last trial and the evaluation.
 const SEARCH_SHARE: f64 = 0.9;
+/// How long the evaluation takes, in rounds of the search.
+const EVALUATION_ROUNDS: f64 = 0.7;
 
 impl<'a> DesignProgress<'a> {
-    pub fn new(config: &'a DesignConfig, arguments: &'a Arguments) -> Result<Self> {
-        let template = "{bar:25} {elapsed} gone, {eta} left  {wide_msg}";
+    pub fn new(job: &'a DesignJob, arguments: &'a Arguments) -> Result<Self> {
+        // Three columns less than a terminal of 80, where Ctrl-C is echoed without a new line.
+        let template = "{bar:12} {elapsed} gone, {eta} left  {msg:44!}";
         Ok(Self {
-            config,
+            config: &job.config,
             arguments,
             line: Progress::new(STEPS, template, SILENCE),
             warning: arguments.dot_size_warning(),
             #[cfg(feature = "vision")]
             ranking: CameraRanking::new(arguments)?,
             round_began_s: 0.0,
+            shard: (0, 1),
+            evaluated: (0, job.evaluation.steps() + 1),
+            shown: 0.0,
+            searched: 0.0,
         })
+    }
+
+    /// One of several shards begins.
+    pub fn begin_shard(&mut self, shard: Shard) {
+        self.shard = (shard.index.saturating_sub(1), shard.count);
+        let done = self.position(0.0);
+        self.line.say(done, &format!("shard {shard}"));
+    }
+
+    /// The bar's position when this share of all work is done: it never goes back.
+    fn position(&mut self, share: f64) -> u64 {
+        self.shown = self.shown.max(share.min(1.0));
+        (STEPS as f64 * self.shown) as u64
     }
 
     pub fn finish(&self) {
         self.line.finish();
     }
 
-    /// Share of the search that is done, in [0, 1].
+    /// Share of all work that is done while the search goes on, in [0, 1].
     fn share(&self, state: &SearchState, stage: Stage) -> f64 {
         if let Some(budget) = self.arguments.budget {
             return (state.elapsed_s / budget.as_secs_f64()).min(1.0);
         }
+        let (shard, shards) = self.shard;
+        let rounds = (shards * self.config.rounds) as f64;
+        let before = (shard * self.config.rounds) as f64;
         let starts = self.config.starts as f64;
         // Scouting and climbing take about as long as each other.
         let in_round = match stage {
@@ -65,26 +95,33 @@ impl<'a> DesignProgress<'a> {
             Stage::Climb => 0.45 + 0.45 * 4.0 * state.climbed.len() as f64 / starts,
             Stage::Try | Stage::Halve => 0.0,
         };
-        ((state.round as f64 + in_round) / self.config.rounds as f64).min(1.0)
+        (before + state.round as f64 + in_round) / (rounds + EVALUATION_ROUNDS)
     }
 
     /// Stage and best rate, in words.
     fn words(&self, state: &SearchState, stage: Stage) -> String {
         let what = match stage {
             Stage::Scout | Stage::Climb | Stage::Try => format!(
-                "round {}: {} of {} starts scouted, {} climbed",
+                "round {}: {} scouted, {} climbed",
                 state.round + 1,
                 state.scouted.len(),
-                self.config.starts,
                 state.climbed.len()
             ),
             Stage::Halve => "last trial of the best".to_owned(),
         };
-        let best = match state.milestones.last() {
-            Some(m) => format!("best {}", m.identity),
-            None => "none tried yet".to_owned(),
-        };
-        format!("{what}; {} identity: {best}", self.config.protocol.name())
+        match state.milestones.last() {
+            Some(m) => format!("{what}, best {:.1} %", 100.0 * m.identity.rate),
+            None => what,
+        }
+    }
+
+    /// What a plain line adds to that: the best rate whole.
+    fn more(&self, state: &SearchState) -> String {
+        let protocol = self.config.protocol.name();
+        match state.milestones.last() {
+            Some(m) => format!("; {protocol} identity: {}", m.identity),
+            None => format!(" of {} starts", self.config.starts),
+        }
     }
 }
 
@@ -94,7 +131,7 @@ fn left(elapsed_s: f64, share: f64) -> String {
         return String::new();
     }
     let left = elapsed_s * (1.0 - share) / share;
-    format!("; {left:.0} s left of the search")
+    format!("; {left:.0} s left")
 }
 
 impl JobObserver for DesignProgress<'_> {
@@ -106,7 +143,14 @@ impl JobObserver for DesignProgress<'_> {
     }
 
     fn step(&mut self, what: &str) {
-        self.line.say(what);
+        let (begun, steps) = self.evaluated;
+        if begun == 0 {
+            self.searched = self.shown;
+        }
+        let share = begun as f64 / steps as f64;
+        let done = self.position(self.searched + (1.0 - self.searched) * share);
+        self.evaluated.0 += 1;
+        self.line.say(done, what);
     }
 
     fn command(&self, searched: &DesignConfig) -> Option<String> {
@@ -123,17 +167,20 @@ impl DesignObserver for DesignProgress<'_> {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
         let share = self.share(state, stage);
         let what = self.words(state, stage);
-        let done = (STEPS as f64 * share) as u64;
+        let done = self.position(share);
         let elapsed_s = state.elapsed_s;
-        self.line.show(done, &what, || left(elapsed_s, share));
+        let more = self.more(state);
+        let more = || format!("{more}{}", left(elapsed_s, share));
+        self.line.show(done, &what, more);
         Ok(())
     }
 
     #[cfg(feature = "vision")]
     fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
+        let done = self.position(0.0);
         match &mut self.ranking {
             Some(ranking) => {
-                self.line.say("ranking the finalists for the camera");
+                self.line.say(done, "ranking the finalists for the camera");
                 ranking.rank(finalists)
             }
             None => Ok(()),

@@ -133,7 +133,7 @@ impl Ranges {
         if let Some(radius) = self.dot_radius_deg {
             config.dot_radius_rad = radius.map(f64::to_radians);
         } else if let Some(design) = designed {
-            config.dot_radius_rad = [design.dot_diameter().asin(); 2];
+            config.dot_radius_rad = [design.dot_radius_rad(); 2];
         }
         if let Some(sigma) = self.placement_sigma_deg {
             config.placement_sigma_rad = sigma.map(f64::to_radians);

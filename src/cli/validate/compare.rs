@@ -194,13 +194,20 @@ fn print_differences(found: &Comparison) {
         outln!("  none");
     }
     for c in clear {
+        let rates = [
+            ("identity", &c.identity_difference),
+            ("orientation", &c.orientation_difference),
+        ];
+        let clear = rates.iter().filter(|(_, d)| is_clear(d));
+        let words: Vec<String> = clear
+            .map(|(rate, d)| format!("{rate} {}", signed(d)))
+            .collect();
         outln!(
-            "  {:<9}{:<8}{}: identity {}, orientation {}",
+            "  {:<9}{:<8}{}: {}",
             c.validation.protocol.as_str(),
             c.recognizer.as_str(),
             c.name,
-            signed(&c.identity_difference),
-            signed(&c.orientation_difference)
+            words.join(", ")
         );
     }
 }

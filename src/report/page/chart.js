@@ -309,10 +309,13 @@ function curves(spec) {
 function failures(spec) {
   const host = el("div");
   const draw = (width) => {
-    const left = Math.min(150, width * 0.34),
+    // Where there is no space beside the points, words stand above them.
+    const narrow = width < 480,
+      left = narrow ? 14 : 210,
       right = 20,
       row = 20,
-      gap = 16,
+      head = narrow ? 22 : 0,
+      gap = 16 + head,
       top = 8;
     const tall = spec.groups.map((g) => g.rates.filter(Boolean).length * row + gap);
     const height = top + tall.reduce((a, b) => a + b, 0) + 46;
@@ -357,13 +360,22 @@ function failures(spec) {
     const seen = [];
     let y = top;
     spec.groups.forEach((group, g) => {
-      const middle = y + (tall[g] - gap) / 2 + gap / 2;
+      const middle = y + tall[g] / 2,
+        [name, what] = narrow
+          ? [
+              { x: 0, y: y + 18 },
+              { x: 62, y: y + 18 },
+            ]
+          : [
+              { x: 0, y: middle - 2 },
+              { x: 0, y: middle + 13 },
+            ];
       svg.append(
-        el("text", { x: 0, y: middle - 2, style: "font-weight:600", text: group.name }),
-        el("text", { class: "soft", x: 0, y: middle + 13, text: group.what || "" }),
+        el("text", { ...name, style: "font-weight:600", text: group.name }),
+        el("text", { ...what, class: "soft", text: group.what || "" }),
         el("line", { class: "grid", x1: 0, x2: width - right, y1: y + tall[g], y2: y + tall[g] }),
       );
-      y += gap / 2;
+      y += head + (gap - head) / 2;
       group.rates.forEach((rate, i) => {
         if (!rate) return;
         const s = spec.series[i],
@@ -391,7 +403,7 @@ function failures(spec) {
         });
         y += row;
       });
-      y += gap / 2;
+      y += (gap - head) / 2;
     });
     inspect(svg, seen, [width, height]);
     return svg;

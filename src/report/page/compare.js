@@ -8,7 +8,7 @@ function comparePage(d) {
     "All balls turn together: drag one, or use the arrow keys.",
   );
   const views = [];
-  const row = el("div", { class: "frames" });
+  const row = el("div", { class: "frames balls" });
   d.patterns.forEach((p) => {
     const view = new View(`The ball of ${p.name}. Arrow keys turn it.`, (v) => {
       const ball = {

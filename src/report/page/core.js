@@ -67,18 +67,24 @@ const short = (x) =>
   Number.isFinite(x) ? String(+x.toPrecision(3)).replace("-", "\u2212") : "\u2013";
 const DEG = Math.PI / 180;
 
-/** A fraction in percent, with enough decimals that neither 0 nor 100 is shown for anything else. */
-function percent(rate) {
-  const value = 100 * rate,
-    rest = Math.min(value, 100 - value);
-  if (rest <= 0) return value.toFixed(0) + " %";
-  const digits = Math.min(4, Math.max(1, Math.ceil(1 - Math.log10(rest))));
-  return value.toFixed(digits) + " %";
+/** Decimals of a fraction in percent, enough that neither 0 nor 100 is shown for anything else. */
+function decimals(rate) {
+  const rest = Math.min(100 * rate, 100 - 100 * rate);
+  return rest <= 0 ? 0 : Math.min(4, Math.max(1, Math.ceil(1 - Math.log10(rest))));
 }
+/** A fraction in percent. */
+const percent = (rate, digits = decimals(rate)) => (100 * rate).toFixed(digits) + " %";
 /** For ticks, which are round. */
 const wholePercent = (v) => short(100 * v) + " %";
-const interval = (p) =>
-  `${percent(p.rate)} [${percent(p.low).slice(0, -2)}, ${percent(p.high).slice(0, -2)}]`;
+/** A rate and the ends of its interval in percent, with the same decimals. */
+function percents(p) {
+  const digits = Math.max(...[p.rate, p.low, p.high].map(decimals));
+  return [p.rate, p.low, p.high].map((rate) => percent(rate, digits));
+}
+function interval(p) {
+  const [rate, low, high] = percents(p);
+  return `${rate} [${low.slice(0, -2)}, ${high.slice(0, -2)}]`;
+}
 
 /** The value of a color variable of the page. */
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

@@ -3,9 +3,9 @@
 function designPage(d) {
   tiles(d);
   // What a maker needs first, what explains it last.
+  if (d.stencil) MAIN.append(el("div", { class: "two" }, printSection(d), drawSection(d)));
   const ball = ballSection(d);
   if (d.stencil) stencilSection(d);
-  if (d.stencil) printSection(d);
   if (d.validation.length) ratesSection(d);
   const noise = d.sensitivity.length ? sensitivitySection(d) : null;
   cameraSection(d, noise);
@@ -29,12 +29,7 @@ function tiles(d) {
     paper = rate("paper");
   if (d.ranking) row.push(...rankingTiles(d.ranking));
   else if (sparse)
-    row.push(
-      tile(
-        percent(sparse.identity.rate),
-        `of views of four dots identified (95 %: ${percent(sparse.identity.low)} to ${percent(sparse.identity.high)})`,
-      ),
-    );
+    row.push(rateTile(sparse.identity, "of views of four dots identified"));
   if (paper)
     row.push(
       tile(
@@ -54,10 +49,7 @@ function tiles(d) {
 /** What was measured on rendered frames of the camera that the design was for. */
 function rankingTiles({ frames, winner }) {
   return [
-    tile(
-      percent(winner.right.rate),
-      `of ${frames} rendered frames of your camera answered right (95 %: ${percent(winner.right.low)} to ${percent(winner.right.high)})`,
-    ),
+    rateTile(winner.right, `of ${frames} rendered frames of your camera answered right`),
     tile(fixed(winner.mean_error_deg, 2) + "\u00b0", "mean orientation error of those frames"),
   ];
 }
@@ -196,7 +188,7 @@ function ballSection(d) {
       controls,
       caption: `${seam}${zones}Frame of the pattern: x right, y up, z towards the viewer at the start.`,
       beside: [
-        el("h3", { text: "Dot" }),
+        el("h3", { class: "screen-only", text: "Dot" }),
         info,
         el("h3", { text: "Pattern" }),
         list([
@@ -599,7 +591,7 @@ function searchSection(d) {
   } else if (s.milestones.length)
     node.append(
       el("p", {
-        text: `After ${fixed(minutes(s.milestones[0]), 1)} minutes, one round: ${interval(s.milestones[0].identity)} of ${s.milestones[0].identity.trials} \u201c${s.protocol}\u201d views identified.`,
+        text: `After ${fixed(minutes(s.milestones[0]), 1)} minutes, one round: ${interval(s.milestones[0].identity)} of ${s.milestones[0].identity.trials.toLocaleString("en")} \u201c${s.protocol}\u201d views identified.`,
       }),
     );
   if (s.finalists.length)
@@ -761,33 +753,52 @@ function dotSection(d, ball) {
 }
 
 function printSection(d) {
-  const s = d.stencil.parameters;
-  const node = section("print", "Print it", null);
+  const stencil = d.stencil,
+    s = stencil.parameters,
+    part = s.segments > 1 ? "piece" : "half",
+    bed = stencil.beds[0];
+  const node = section(
+    "print",
+    "Print it",
+    "Measure the ball with a caliper first: table-tennis balls are 40.0 to 40.6 mm. The coupon (spindoe stencil --coupon) finds your printer's clearance.",
+  );
   const rows = [
+    ["files", `stencil/stencil.3mf, or each ${part} as STL`],
     ["nozzle", `${fixed(s.nozzle_mm, 2)} mm`],
-    ["layers", "0.2 mm"],
-    ["perimeters", "at least two"],
-    ["supports", "none"],
-    ["laid", "each half as it is in its file, rim down"],
+    ["layers", "0.2 mm, at least two perimeters"],
+    ["supports", `none: each ${part} as it is in its file, rim down`],
     [
       "filament",
-      `about ${fixed((d.stencil.volumes_mm3.reduce((a, b) => a + b, 0) / 1000) * 1.24, 0)} g of PLA at full infill`,
+      `about ${fixed((stencil.volumes_mm3.reduce((a, b) => a + b, 0) / 1000) * 1.24, 0)} g of PLA at full infill`,
     ],
-  ];
-  if (s.closure !== "snap" && s.screw_diameter_mm)
-    rows.push([
-      "pin",
+    [
+      "hinge",
       s.closure === "pin"
         ? "the printed pin"
         : `M${short(s.screw_diameter_mm)} screw of at least ${Math.ceil(s.hinge_length_mm + 3)} mm with a lock nut`,
+    ],
+  ];
+  if (stencil.print_size_mm)
+    rows.splice(1, 0, [
+      "bed",
+      `a ${part} takes ${stencil.print_size_mm.map((c) => fixed(c, 0)).join(" \u00d7 ")} mm: ` +
+        (bed ? `${bed.printers}, and larger ones` : "no common bed holds it"),
     ]);
-  node.append(
-    list(rows),
-    el("p", {
-      class: "lead",
-      text: "Measure the ball with a caliper first: table-tennis balls are 40.0 to 40.6 mm. Print the coupon (spindoe stencil --coupon) to find your printer's clearance.",
-    }),
-  );
+  node.append(list(rows));
+  return node;
+}
+
+function drawSection(d) {
+  const node = section("draw", "Draw it", null);
+  const steps = [
+    "Lay the ball in half B, close half A, and hold the stencil at its tab.",
+    `Draw through the holes with a permanent marker: first around the edge, ${fixed(d.dot_diameter_mm, 1)} mm wide at the ball, then fill.`,
+    "Leave the ball in until the ink is dry.",
+    "The number beside each hole is the dot's in every table here; 6 and 9 are underlined.",
+    "stencil/drawing.pdf has the sections and the table of holes. Without a printer: spindoe mark.",
+  ];
+  node.append(el("ol", {}, ...steps.map((text) => el("li", { text }))));
+  return node;
 }
 
 function repeatSection(d) {

@@ -83,19 +83,27 @@ function turningBall(d) {
       labels = dotLabels(v, ball, 1.35).concat(axes.labels);
     if (d.spin && d.spin.rps > 0) {
       const n = d.spin.axis,
-        out = times(v.turn, n)[2] >= 0;
+        seen = times(v.turn, n),
+        side = Math.hypot(seen[0], seen[1]) || 1,
+        out = seen[2] >= 0;
       for (const [from, to] of [
         [1.0, 1.27],
         [-1.27, -1.0],
       ])
-        if (from > 0 === out || Math.abs(times(v.turn, n)[2]) < 0.999)
+        if (from > 0 === out || Math.abs(seen[2]) < 0.999)
           lines.push({
             from: n.map((c) => c * from),
             to: n.map((c) => c * to),
             color: "--seam",
             width: 4,
           });
-      labels.push({ at: n.map((c) => c * 1.32), text: "\u03c9", color: "--seam", size: 17 });
+      labels.push({
+        at: n.map((c) => c * 1.27),
+        text: "\u03c9",
+        color: "--seam",
+        size: 17,
+        offset: [(12 * seen[0]) / side, (-12 * seen[1]) / side],
+      });
     }
     return { reach: 1.35, ball, lines, labels };
   });

@@ -16,6 +16,12 @@ function tile(value, words) {
   return el("div", { class: "tile" }, el("b", { text: value }), el("span", { text: words }));
 }
 
+/** A rate as a tile, with its interval after the words. */
+function rateTile(p, words) {
+  const [rate, low, high] = percents(p);
+  return tile(rate, `${words} (95 %: ${low.slice(0, -2)} to ${high})`);
+}
+
 /** Tiles with the values that count, at the top of a page. */
 function tileRow(...tiles) {
   MAIN.append(el("div", { class: "tiles" }, ...tiles));
@@ -43,10 +49,14 @@ function turnable(view, { controls, caption, beside }) {
   );
 }
 
+/** The words of a command, none of which is broken at its hyphens. */
+const unbroken = (command) =>
+  command.split(" ").flatMap((word, i) => [i ? " " : "", el("span", { class: "word", text: word })]);
+
 /** How to make the page's values again: the command, where there is one, and what it used. */
 function repeatable(command, without, facts) {
   section("repeat", "Repeat it", null).append(
-    command ? el("pre", { text: command }) : el("p", { text: without }),
+    command ? el("pre", {}, ...unbroken(command)) : el("p", { text: without }),
     list(facts),
   );
 }

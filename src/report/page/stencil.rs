@@ -24,6 +24,9 @@ struct StencilFile {
     half_b: HalfPart,
     parameters: Value,
     joint: JointPart,
+    print_size_mm: Option<[f64; 3]>,
+    #[serde(default)]
+    beds: Vec<Value>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -70,6 +73,9 @@ pub(super) struct PageStencil {
     lip_mm: f64,
     dots: Vec<Value>,
     pub parameters: Value,
+    /// Space that a half or piece takes on the bed, where the file says it, and beds that have it.
+    print_size_mm: Option<[f64; 3]>,
+    beds: Vec<Value>,
 }
 
 impl PageStencil {
@@ -99,6 +105,8 @@ impl PageStencil {
             lip_mm: file.joint.lip_mm,
             dots: file.dots,
             parameters: file.parameters,
+            print_size_mm: file.print_size_mm,
+            beds: file.beds,
         }))
     }
 }

@@ -425,28 +425,50 @@ class Stage {
   }
 }
 
-/** Labels of a ball's dots that face the viewer: white on the dot where it is large enough, else beside it. */
+/**
+ * Labels of a ball's dots that face the viewer: white on the dot where it is large enough, else beside it where no
+ * other dot or label is.
+ */
 function dotLabels(view, ball, reach) {
   const out = multiply(view.turn, ball.turn),
     scale =
       (Math.min(view.node.clientWidth, view.node.clientHeight) / 2 / reach) *
       view.zoom *
       ball.radius;
-  const large = Math.sin(ball.dotAngle) * scale;
-  return ball.dots.flatMap((d, i) => {
-    const seen = times(out, d),
-      z = seen[2],
-      text = String(ball.names ? ball.names[i] : i),
-      size = 13;
-    if (z < 0.1) return [];
+  const large = Math.sin(ball.dotAngle) * scale,
+    size = 13;
+  // Those nearest to the viewer choose first.
+  const shown = ball.dots
+    .map((d, i) => ({ d, seen: times(out, d), text: String(ball.names ? ball.names[i] : i) }))
+    .filter((dot) => dot.seen[2] >= 0.1)
+    .sort((a, b) => b.seen[2] - a.seen[2]);
+  const taken = [];
+  const isFree = (x, y, own) =>
+    taken.every((p) => Math.hypot(p[0] - x, p[1] - y) > 1.2 * size) &&
+    shown.every(
+      (dot) =>
+        dot === own ||
+        Math.hypot(dot.seen[0] * scale - x, -dot.seen[1] * scale - y) > large + 0.45 * size,
+    );
+  return shown.flatMap((dot) => {
+    const { d, seen, text } = dot,
+      z = seen[2];
     const at = times(ball.turn, d).map((c, k) => c * ball.radius + ball.center[k]);
     if (large * z > 4.5 * text.length + 2.5) return [{ at, text, color: "#ffffff", size }];
-    // Beside it, towards the ball's middle: its rim is an ellipse that is narrow in that direction.
-    const side = Math.hypot(seen[0], seen[1]) || 1,
-      by = large * z + 10;
-    return [
-      { at, text, color: "#1d2330", size, offset: [(-seen[0] / side) * by, (seen[1] / side) * by] },
-    ];
+    // Beside it, first towards the ball's middle: its rim is an ellipse that is narrow in that direction.
+    const inwards = Math.atan2(seen[1], -seen[0]);
+    for (const turn of [0, 45, -45, 90, -90, 135, -135, 180]) {
+      const angle = inwards + turn * DEG,
+        narrow = Math.abs(Math.cos(turn * DEG)),
+        by = large * (z * narrow + 1 - narrow) + 10,
+        offset = [Math.cos(angle) * by, Math.sin(angle) * by],
+        x = seen[0] * scale + offset[0],
+        y = -seen[1] * scale + offset[1];
+      if (!isFree(x, y, dot)) continue;
+      taken.push([x, y]);
+      return [{ at, text, color: "#1d2330", size, offset }];
+    }
+    return [];
   });
 }
 
