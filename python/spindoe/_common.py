@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Progress = Callable[[int, int], object]
+Axes = Literal["camera", "optical"]
+"""x right, y up, z towards the camera; or x right, y down, z forward (REP 103)."""
+Frame = Literal["camera", "optical", "view", "optical_view"]
+"""The camera's frame, or without intrinsics the view frame, whose z points from the ball to the camera; each in either axes."""
 
 
 def floats(name: str, values: ArrayLike) -> Floats:

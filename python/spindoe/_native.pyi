@@ -12,7 +12,7 @@ _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
 _Hint = tuple[tuple[float, float, float, float], _Floats, float]
 _Identified = tuple[_Floats, _Ints, float, float, float, list[tuple[_Floats, float]]]
-_Pose = tuple[_Floats, _Floats, float, float, float, float, tuple[float, float] | None, bool]
+_Pose = tuple[_Floats, _Floats, float, float, float, float, tuple[float, float] | None, bool, str]
 _Frame = tuple[
     tuple[float, float, float] | None,
     _Floats,
@@ -31,6 +31,8 @@ _Spin = tuple[
     int,
     _Floats,
     list[tuple[_Floats, float]],
+    str,
+    tuple[str, float, _Floats, float | None],
 ]
 _Calibrated = tuple[
     HashTable,
@@ -60,12 +62,22 @@ def fit_spin(
     matched: _Ints | None,
     covariances: _Floats | None,
     view_turns: _Floats | None,
+    frame: str,
     method: str,
+    model: str,
+    at_s: float | None,
     max_rps: float,
     sigma_rad: float,
     prior: tuple[float, float] | None,
     quatera: tuple[int, int, float, int] | None,
 ) -> _Spin | str: ...
+def in_axes(
+    frame: str,
+    axes: str,
+    wxyz: _Floats,
+    vectors: list[_Floats],
+    covariance: _Floats | None,
+) -> tuple[str, _Floats, list[_Floats], _Floats | None]: ...
 def validate(
     table: HashTable,
     protocol: str,
@@ -207,7 +219,7 @@ class Estimator:
         max_rps: float,
         progress: Callable[[int, int], object] | None,
     ) -> tuple[
-        list[_Frame], int, tuple[_Floats, _Floats, _Floats | None], _Spin | str | None
+        list[_Frame], int, tuple[_Floats, _Floats, _Floats | None, str], _Spin | str | None
     ]: ...
     def calibrate(
         self,

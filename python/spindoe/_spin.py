@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _native
-from ._common import Floats, Rejection, floats, to_scipy
+from ._common import Axes, Floats, Frame, Rejection, floats, to_scipy
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    import matplotlib.axes
     from scipy.spatial.transform import Rotation
 
 
@@ -21,7 +21,7 @@ class Alias:
     """Another spin that explains the same orientations."""
 
     spin_rad_s: Floats
-    """Spin vector, camera frame, rad/s."""
+    """Spin vector, rad/s, in the frame of the estimate."""
     log_likelihood_ratio: float
     """Natural logarithm of its likelihood over that of the estimate; 0 is a tie."""
 
@@ -30,17 +30,20 @@ class Alias:
 class Spin:
     """A spin with its uncertainty. True where a truth value is wanted.
 
-    The model: ``R(t) = exp([w]x (t - t0)) R(t0)`` with the spin ``w`` in the camera frame.
+    The model: ``R(t) = exp([p]x tau) R(t0) exp([q]x tau)`` with ``tau = (1 - exp(-c (t - t0))) / c``. A constant spin has
+    ``p = w``, no ``c`` and no ``q``; one that decays has a rate ``c``; a ball that precesses also a rotation ``q`` that is fixed
+    in the ball, and the spin is the mean one, along ``p``.
     """
 
     time_s: float
-    """Reference time t0, seconds."""
+    """The time t0 of the spin, seconds: by default the middle of the orientations."""
     spin_rad_s: Floats
-    """Spin vector, camera frame, rad/s, right-hand rule; shape (3,)."""
+    """Spin vector, in `frame`, rad/s, right-hand rule; shape (3,)."""
     quaternion_wxyz: Floats
-    """Orientation at the reference time, pattern to camera, scalar first; shape (4,)."""
+    """Orientation at that time, pattern to `frame`, scalar first; shape (4,)."""
     covariance: Floats | None
-    """Covariance of the spin vector, (rad/s)^2, shape (3, 3); None where the method has none."""
+    """Covariance of the spin vector, in `frame`, (rad/s)^2, shape (3, 3), with what the frames' errors have in common and with
+    the lack of fit; None where the method has none."""
     sigma_rad: float | None
     """Noise of an orientation per axis, radians."""
     log_likelihood: float | None
@@ -50,6 +53,17 @@ class Spin:
     """Of each orientation, in order of time; empty where it is not known."""
     aliases: tuple[Alias, ...] = ()
     """Other spins that the sampling cannot tell apart, the likeliest first."""
+    frame: Frame = "camera"
+    """The frame of all that is said of the spin; `as_frame` gives it in other axes."""
+    model: Literal["constant", "decaying", "precessing"] = "constant"
+    """The motion: by evidence, unless one was asked for."""
+    decay_per_s: float = 0.0
+    """The rate ``c`` at which the spin decays."""
+    body_rate_rad_s: Floats = field(default_factory=lambda: np.zeros(3))
+    """The rotation ``q`` that is fixed in the ball, pattern frame, rad/s; shape (3,)."""
+    lack_of_fit: float | None = None
+    """How much more parts of the sequence differ from the motion than their noise explains, a ratio of variances by which
+    `covariance` is widened; None where that is not evident."""
 
     @property
     def rps(self) -> float:
@@ -58,7 +72,7 @@ class Spin:
 
     @property
     def axis(self) -> Floats:
-        """Unit vector of the axis, camera frame."""
+        """Unit vector of the axis, in `frame`."""
         axis: Floats = self.spin_rad_s / np.linalg.norm(self.spin_rad_s)
         return axis
 
@@ -86,9 +100,30 @@ class Spin:
         if time_s is None:
             return start
         elapsed = np.asarray(time_s, dtype=np.float64)[..., None] - self.time_s
-        return Rotation.from_rotvec(elapsed * self.spin_rad_s) * start
+        c, q = self.decay_per_s, self.body_rate_rad_s
+        tau = -np.expm1(-c * elapsed) / c if c else elapsed
+        p = self.spin_rad_s
+        if np.any(q):
+            p = p - self.axis * (self.axis @ start.apply(q))
+        return Rotation.from_rotvec(tau * p) * start * Rotation.from_rotvec(tau * q)
 
-    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+    def as_frame(self, frame: Axes) -> Spin:
+        """The same spin in other axes: x right, y up, z towards the camera for ``"camera"``; x right, y down, z forward (REP
+        103) for ``"optical"``. A spin in the view frame stays in the view frame."""
+        vectors = [self.spin_rad_s, *(alias.spin_rad_s for alias in self.aliases)]
+        name, quaternion, (spin, *others), covariance = _native.in_axes(
+            self.frame, frame, self.quaternion_wxyz, vectors, self.covariance
+        )
+        aliases = tuple(
+            Alias(other, alias.log_likelihood_ratio)
+            for other, alias in zip(others, self.aliases, strict=True)
+        )
+        return replace(
+            self, spin_rad_s=spin, quaternion_wxyz=quaternion, covariance=covariance, aliases=aliases,
+            frame=cast("Frame", name),
+        )
+
+    def plot(self, ax: matplotlib.axes.Axes | None = None, **style: Any) -> matplotlib.axes.Axes:
         """Draws the components with error bars, and the aliases; see `spindoe.plot.spin`."""
         from . import plot
 
@@ -102,7 +137,7 @@ class Spin:
         std = "" if self.std_rps is None else f" +- {self.std_rps:.3f}"
         aliases = f", {len(self.aliases)} aliases" if self.aliases else ""
         return (
-            f"<Spin {self.rps:.3f}{std} rps, [{x:.2f} {y:.2f} {z:.2f}] rad/s, "
+            f"<Spin {self.rps:.3f}{std} rps, [{x:.2f} {y:.2f} {z:.2f}] rad/s ({self.frame}), {self.model}, "
             f"{self.inliers} inliers{aliases}>"
         )
 
@@ -111,8 +146,10 @@ def spin_of(found: Any) -> Spin | Rejection:
     """The native part's answer."""
     if isinstance(found, str):
         return Rejection(found)
-    spin = Spin(*found)
-    spin.aliases = tuple(Alias(*alias) for alias in found[-1])
+    spin = Spin(*found[:8])
+    aliases, spin.frame, motion = found[8:]
+    spin.aliases = tuple(Alias(*alias) for alias in aliases)
+    spin.model, spin.decay_per_s, spin.body_rate_rad_s, spin.lack_of_fit = motion
     return spin
 
 
@@ -126,7 +163,10 @@ def fit_spin(
     matched: ArrayLike | None = None,
     covariances_rad2: ArrayLike | None = None,
     view_turns_rad: ArrayLike | None = None,
+    frame: Frame = "camera",
     method: Literal["robust", "quatera"] = "robust",
+    model: Literal["auto", "constant", "decaying", "precessing"] = "auto",
+    at_s: float | None = None,
     max_rps: float = 175.0,
     sigma_rad: float = np.deg2rad(2.0),
     prior_rps: tuple[float, float] | None = None,
@@ -145,12 +185,16 @@ def fit_spin(
             hand-drawn dots.
         matched: Number of dots behind each orientation, shape (n,); with the residuals the frames'
             weights follow.
-        covariances_rad2: Covariance of each orientation's error, a rotation vector in the camera frame,
+        covariances_rad2: Covariance of each orientation's error, a rotation vector in `frame`,
             shape (n, 3, 3): the frames' weights, in place of the residuals.
         view_turns_rad: Of orientations that were brought from view frames into one: the turn about x
             and y that each contains, and its standard deviations, shape (n, 4). One error that all share,
             which widens the covariance.
-        method: ``"robust"``, or ``"quatera"``, the paper's.
+        frame: The frame that the orientations are in.
+        method: ``"robust"``, or ``"quatera"``, the paper's, of constant spins.
+        model: How the ball moves: ``"constant"``, ``"decaying"``, ``"precessing"``, or the one for which
+            there is evidence.
+        at_s: The time of the spin, seconds, within `times_s`; by default the middle.
         max_rps: Largest spin considered, revolutions per second.
         sigma_rad: First estimate of the orientations' noise per axis, radians.
         prior_rps: Expected magnitude and its standard deviation, revolutions per second.
@@ -177,7 +221,10 @@ def fit_spin(
             None if matched is None else np.asarray(matched, dtype=np.int64),
             None if covariances_rad2 is None else floats("covariances_rad2", covariances_rad2),
             None if view_turns_rad is None else floats("view_turns_rad", view_turns_rad),
+            frame,
             method,
+            model,
+            None if at_s is None else float(at_s),
             float(max_rps),
             float(sigma_rad),
             prior_rps,

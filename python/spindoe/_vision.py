@@ -6,15 +6,17 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._common import (
+    Axes,
     Floats,
+    Frame,
     Ints,
     Progress,
     Rejection,
@@ -30,7 +32,7 @@ from ._spin import Spin, spin_of
 
 if TYPE_CHECKING:
     from ._calibrate import Calibration
-    from matplotlib.axes import Axes
+    import matplotlib.axes
     from scipy.spatial.transform import Rotation
 
 Color = Literal["gray", "rgb", "bgr"]
@@ -210,30 +212,30 @@ class Pose:
     hinted: bool
     """Whether a hint decided: the dots alone gave no orientation, or another one."""
 
-    @property
-    def frame(self) -> Literal["camera", "view"]:
-        """The frame of the orientation: the camera's, or without intrinsics the view frame, whose z points from this ball to
-        the camera; axes x right, y up, z towards the camera."""
-        return "camera" if self.distance is None else "view"
+    frame: Frame = "camera"
+    """The frame of the orientation: the camera's, or without intrinsics the view frame, whose z points from this ball to
+    the camera. `as_frame` gives the pose in other axes."""
 
-    def as_rotation(self, frame: Literal["camera", "optical"] = "camera") -> Rotation:
-        """SciPy's rotation, pattern to camera: x right, y up, z towards the camera for ``"camera"``; x
-        right, y down, z forward (REP 103) for ``"optical"``."""
-        from scipy.spatial.transform import Rotation
+    def as_frame(self, frame: Axes) -> Pose:
+        """The same pose in other axes: x right, y up, z towards the camera for ``"camera"``; x right, y down, z forward (REP
+        103) for ``"optical"``. One in the view frame stays in the view frame."""
+        name, quaternion, _, covariance = _native.in_axes(
+            self.frame, frame, self.quaternion_wxyz, [], self.covariance
+        )
+        return replace(
+            self, quaternion_wxyz=quaternion, covariance=cast("Floats", covariance), frame=cast("Frame", name)
+        )
 
-        rotation = to_scipy(self.quaternion_wxyz)
-        if frame == "camera":
-            return rotation
-        if frame == "optical":
-            return Rotation.from_quat([1.0, 0.0, 0.0, 0.0]) * rotation
-        raise ValueError(f"frame: expected camera or optical, found {frame!r}")
+    def as_rotation(self, frame: Axes | None = None) -> Rotation:
+        """SciPy's rotation from the pattern; in the axes of `frame`, or in others as `as_frame`."""
+        return to_scipy((self if frame is None else self.as_frame(frame)).quaternion_wxyz)
 
     def __bool__(self) -> Literal[True]:
         return True
 
     def __repr__(self) -> str:
         w, x, y, z = self.quaternion_wxyz
-        return f"<Pose wxyz [{w:.4f} {x:.4f} {y:.4f} {z:.4f}], p = {self.confidence:.4f}>"
+        return f"<Pose wxyz [{w:.4f} {x:.4f} {y:.4f} {z:.4f}] ({self.frame}), p = {self.confidence:.4f}>"
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -258,7 +260,9 @@ class FrameEstimate:
         """Number of detections that are matched with a dot of the pattern."""
         return int(np.count_nonzero(self.assignment >= 0))
 
-    def plot(self, image: NDArray[Any], *, table: Tabled, ax: Axes | None = None) -> Axes:
+    def plot(
+        self, image: NDArray[Any], *, table: Tabled, ax: matplotlib.axes.Axes | None = None
+    ) -> matplotlib.axes.Axes:
         """Draws outline, detections and the identified pattern onto the image; see
         `spindoe.plot.frame`."""
         from . import plot
@@ -287,6 +291,8 @@ class SequenceEstimate:
     view_turns_rad: Floats | None
     """The turns of the view frame about x and y, and their standard deviations, shape (frames, 4);
     None where the poses are in the camera frame."""
+    frame: Frame
+    """The frame of these orientations and of the spin."""
 
     @property
     def confidences(self) -> Floats:
@@ -450,7 +456,11 @@ class Estimator:
             if bar is not None:
                 bar.close()
         answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
-        return SequenceEstimate([frame_of(f) for f in found], answer, independently, *rows)
+        quaternions, covariances, turns, frame = rows
+        estimates = [frame_of(f) for f in found]
+        return SequenceEstimate(
+            estimates, answer, independently, quaternions, covariances, turns, cast("Frame", frame)
+        )
 
     def calibrate(
         self,

@@ -13,8 +13,9 @@ use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::report::calibration::CalibrationEvaluationConfig;
+use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::Orientations;
-use spindoe::spin::robust::{RobustEstimator, SpinConfig};
+use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
     CameraDistance, CameraModel, EstimatorWorkspace, ImageWork, NamedFrame, Pose, SequenceConfig,
@@ -43,7 +44,7 @@ use crate::work::on_all_cores;
 const FRAMES_AT_ONCE: usize = 64;
 
 /// Quaternion, covariance, confidences, residuals in radians and pixels, inverse distance with its
-/// standard deviation, whether a hint was given.
+/// standard deviation, whether a hint was given, frame.
 type PoseTuple<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -53,6 +54,7 @@ type PoseTuple<'py> = (
     f64,
     Option<(f64, f64)>,
     bool,
+    &'static str,
 );
 
 /// Circle, dots `u, v, probability`, their covariances, assignment, pose or reason, seconds of the
@@ -76,6 +78,9 @@ fn pose_tuple<'py>(py: Python<'py>, pose: &Pose) -> PoseTuple<'py> {
         pose.residual_px,
         pose.distance.map(|d| (d.inverse_distance, d.sigma)),
         pose.hinted,
+        CameraFrame::Camera
+            .of_view(pose.distance.is_some())
+            .as_str(),
     )
 }
 
@@ -235,6 +240,11 @@ pub struct Estimator {
 }
 
 impl Estimator {
+    /// The frame of what is estimated.
+    fn frame(&self) -> CameraFrame {
+        CameraFrame::Camera.of_view(self.inner.config().camera.is_view())
+    }
+
     fn slot(&self) -> Slot {
         let mut kept = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
         kept.pop().unwrap_or_else(|| Slot {
@@ -430,7 +440,8 @@ impl Estimator {
             estimate,
         });
         let named: Vec<_> = named.collect();
-        let orientations = orientations(&named, CameraFrame::default(), times.is_some());
+        let frame = self.frame();
+        let orientations = orientations(&named, frame, times.is_some());
         let spin = match &times {
             Some(_) => Some(spin_of(py, &orientations, &config)?),
             None => None,
@@ -521,7 +532,10 @@ impl Estimator {
             max_latency,
         };
         let inner = spindoe::vision::estimator::Tracker::new(Arc::clone(&self.inner), config);
-        Ok(Tracker(Mutex::new((inner.or_raise()?, Buffers::default()))))
+        Ok(Tracker {
+            state: Mutex::new((inner.or_raise()?, Buffers::default())),
+            frame: self.frame(),
+        })
     }
 }
 
@@ -532,11 +546,11 @@ fn spin_of<'py>(
     config: &SequenceConfig,
 ) -> PyResult<Answer<spin::Found<'py>>> {
     let measurements = orientations.measurements();
-    let mut estimator = RobustEstimator::new(orientations.spin_config(config.spin));
-    match py.detach(|| estimator.fit(&measurements)) {
-        Ok(fit) => {
-            let inliers = estimator.inlier_probabilities();
-            let found = spin::to_tuple(py, &fit, &measurements, inliers, &config.spin);
+    let frame = orientations.camera_frame.unwrap_or_default();
+    let config = orientations.spin_config(config.spin);
+    match py.detach(|| SpinEstimate::fit(&measurements, MotionModel::Auto, &config)) {
+        Ok(estimate) => {
+            let found = spin::estimate_tuple(py, &estimate, None, &measurements, frame, &config)?;
             Ok(Answer::Found(found))
         }
         Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
@@ -582,7 +596,10 @@ fn check_times(times: &[f64], images: usize) -> PyResult<()> {
 type TrackerState = (spindoe::vision::estimator::Tracker<NamedDetector>, Buffers);
 
 #[pyclass(frozen, module = "spindoe._native")]
-pub struct Tracker(Mutex<TrackerState>);
+pub struct Tracker {
+    state: Mutex<TrackerState>,
+    frame: CameraFrame,
+}
 
 #[pymethods]
 impl Tracker {
@@ -601,7 +618,7 @@ impl Tracker {
         let samples = pixels.samples("image", Channels::named(color)?)?;
         let (frame, fitted) = py
             .detach(|| {
-                let mut guard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);
                 let (tracker, buffers) = &mut *guard;
                 let image = samples.read(buffers);
                 let state = tracker.update(image, time_s, outline.as_ref())?;
@@ -611,8 +628,8 @@ impl Tracker {
         let spin = match fitted {
             // Aliases are listed where they are asked for: their search is no work for every frame.
             Ok(fit) => {
-                let none = SpinConfig::default();
-                Answer::Found(spin::to_tuple(py, &fit, &[], &[], &none))
+                let constant = FittedMotion::Constant(fit);
+                Answer::Found(spin::to_tuple(py, &fit, &constant, self.frame, &[], &[]))
             }
             Err(rejection) => Answer::Rejected(rejection.to_string()),
         };
@@ -620,7 +637,7 @@ impl Tracker {
     }
 
     fn reset(&self) {
-        let mut guard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         guard.0.reset();
     }
 }

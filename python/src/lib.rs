@@ -40,7 +40,7 @@ mod _native {
     #[pymodule_export]
     use super::recognizer::Recognizer;
     #[pymodule_export]
-    use super::spin::fit_spin;
+    use super::spin::{fit_spin, in_axes};
     #[pymodule_export]
     use super::stencil::Stencil;
     #[pymodule_export]

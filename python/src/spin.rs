@@ -4,24 +4,27 @@ use nalgebra::{Matrix3, Vector2};
 use numpy::ndarray::{Array2, ArrayViewD, arr1};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use spindoe::geometry::to_wxyz;
-use spindoe::spin::alias::{AliasConfig, alternatives};
+use spindoe::Vec3;
+use spindoe::geometry::{CameraFrame, to_wxyz};
+use spindoe::spin::alias::{AliasConfig, Alternative};
+use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
-use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
+use spindoe::spin::robust::{MagnitudePrior, SpinConfig};
 use spindoe::spin::shared::ViewTurn;
 use spindoe::spin::{Fit, Measurement};
+use spindoe::vision::estimator::turned_covariance;
 
 use crate::arrays::{
-    Numbers, block3, blocks3, quaternion, require_shape, rotation, square, vector,
+    Numbers, block3, blocks3, matrix3, quaternion, require_shape, rotation, square, vector,
 };
-use crate::errors::{Answer, spin_rejection, value_error};
+use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
 
 /// Aliases are listed up to this multiple of the largest spin searched, as the command lists them.
 const LISTED_BEYOND: f64 = 2.0;
 
 /// A fit: reference time, spin, orientation then, covariance, noise, log-likelihood, inliers,
-/// probabilities, aliases.
+/// probabilities, aliases; frame; motion, rate of decay, rate fixed in the ball then, lack of fit.
 pub type Found<'py> = (
     f64,
     Bound<'py, PyArray1<f64>>,
@@ -32,14 +35,17 @@ pub type Found<'py> = (
     usize,
     Bound<'py, PyArray1<f64>>,
     Vec<(Bound<'py, PyArray1<f64>>, f64)>,
+    &'static str,
+    (&'static str, f64, Bound<'py, PyArray1<f64>>, Option<f64>),
 );
 
 /// A file of orientations for Python: quaternions (n, 4), covariances (n, 3, 3), NaN where there is none, and the turns of the view
-/// frame (n, 4), where it turns.
+/// frame (n, 4), where it turns, and the frame.
 pub type Rows<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray3<f64>>,
     Option<Bound<'py, PyArray2<f64>>>,
+    &'static str,
 );
 
 /// The orientations of a sequence for Python.
@@ -71,6 +77,7 @@ pub fn rows<'py>(py: Python<'py>, file: &Orientations) -> Rows<'py> {
         quaternions.into_pyarray(py),
         blocks3(py, &covariances),
         turned.then(|| turns.into_pyarray(py)),
+        file.camera_frame.unwrap_or_default().as_str(),
     )
 }
 
@@ -100,20 +107,52 @@ fn view_turn(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<ViewTurn> {
     })
 }
 
-/// A fit for Python.
-pub fn to_tuple<'py>(
+/// An estimate for Python, whose spin is that at `at_s`, by default in the middle; its aliases are searched for in `measurements`.
+pub fn estimate_tuple<'py>(
     py: Python<'py>,
-    fit: &Fit,
+    estimate: &SpinEstimate,
+    at_s: Option<f64>,
     measurements: &[Measurement],
-    probabilities: &[f64],
+    frame: CameraFrame,
     config: &SpinConfig,
-) -> Found<'py> {
+) -> PyResult<Found<'py>> {
+    let [from, to] = estimate.span_s();
+    if let Some(at) = at_s.filter(|at| !(from..=to).contains(at)) {
+        let problem =
+            format!("expected a time within the orientations' {from} to {to} s, found {at}");
+        return Err(value_error("at_s", problem));
+    }
     let listed = AliasConfig {
         max_rps: LISTED_BEYOND * config.max_rps,
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };
-    let others = py.detach(|| alternatives(measurements, fit, &listed));
+    let at_s = at_s.unwrap_or(estimate.middle_s());
+    let (summary, probabilities) = py.detach(|| {
+        let summary = estimate.summary(measurements, at_s, &listed, measurements.len());
+        (summary, estimate.inlier_probabilities(measurements))
+    });
+    let motion = &estimate.motion;
+    let aliases = &summary.alternatives;
+    Ok(to_tuple(
+        py,
+        &summary.fit,
+        motion,
+        frame,
+        &probabilities,
+        aliases,
+    ))
+}
+
+/// A fit for Python, of this motion.
+pub fn to_tuple<'py>(
+    py: Python<'py>,
+    fit: &Fit,
+    motion: &FittedMotion,
+    frame: CameraFrame,
+    probabilities: &[f64],
+    aliases: &[Alternative],
+) -> Found<'py> {
     (
         fit.motion.time_s,
         vector(py, &fit.motion.spin),
@@ -123,11 +162,59 @@ pub fn to_tuple<'py>(
         fit.log_likelihood,
         fit.inliers,
         PyArray1::from_slice(py, probabilities),
-        others
+        aliases
             .iter()
             .map(|a| (vector(py, &a.spin), a.log_likelihood_ratio))
             .collect(),
+        frame.as_str(),
+        (
+            motion.model().as_str(),
+            motion.decay_per_s(),
+            vector(py, &motion.body_rate(fit.motion.time_s)),
+            fit.lack_of_fit,
+        ),
     )
+}
+
+/// A frame by name.
+fn camera_frame(name: &str) -> PyResult<CameraFrame> {
+    name.parse().or_raise()
+}
+
+/// An orientation, vectors and their covariances in other axes of their frame: that frame's name, and all of them.
+#[pyfunction]
+#[allow(clippy::type_complexity)]
+pub fn in_axes<'py>(
+    py: Python<'py>,
+    frame: &str,
+    axes: &str,
+    wxyz: [f64; 4],
+    vectors: Vec<[f64; 3]>,
+    covariance: Option<Numbers<'py>>,
+) -> PyResult<(
+    &'static str,
+    Bound<'py, PyArray1<f64>>,
+    Vec<Bound<'py, PyArray1<f64>>>,
+    Option<Bound<'py, PyArray2<f64>>>,
+)> {
+    let Some(axes) = CameraFrame::AXES
+        .into_iter()
+        .find(|one| one.as_str() == axes)
+    else {
+        let problem = format!("expected camera or optical, found {axes:?}");
+        return Err(value_error("frame", problem));
+    };
+    let (frame, turn) = camera_frame(frame)?.in_axes(axes);
+    let covariance = covariance.map(|c| matrix3("covariance", &c)).transpose()?;
+    Ok((
+        frame.as_str(),
+        quaternion(py, &(turn * rotation("quaternion_wxyz", wxyz)?)),
+        vectors
+            .iter()
+            .map(|v| vector(py, &(turn * Vec3::from(*v))))
+            .collect(),
+        covariance.map(|c| square(py, &turned_covariance(&turn, &c))),
+    ))
 }
 
 /// The spin of time-stamped orientations, or the reason why there is none. Rows of NaN are frames
@@ -135,8 +222,8 @@ pub fn to_tuple<'py>(
 /// noise and of the errors that frames share, covariances and turns of the view frame more exactly, as in a file of orientations.
 #[pyfunction]
 #[pyo3(signature = (
-    times_s, quaternions, confidences, residuals_rad, matched, covariances, view_turns, method, max_rps, sigma_rad, prior,
-    quatera
+    times_s, quaternions, confidences, residuals_rad, matched, covariances, view_turns, frame, method, model, at_s, max_rps,
+    sigma_rad, prior, quatera
 ))]
 #[allow(clippy::too_many_arguments)]
 pub fn fit_spin<'py>(
@@ -148,7 +235,10 @@ pub fn fit_spin<'py>(
     matched: Option<PyReadonlyArrayDyn<'py, i64>>,
     covariances: Option<Numbers<'py>>,
     view_turns: Option<Numbers<'py>>,
+    frame: &str,
     method: &str,
+    model: &str,
+    at_s: Option<f64>,
     max_rps: f64,
     sigma_rad: f64,
     prior: Option<(f64, f64)>,
@@ -230,13 +320,15 @@ pub fn fit_spin<'py>(
         ..SpinConfig::default()
     };
     let config = file.spin_config(config);
+    let frame = camera_frame(frame)?;
+    let model: MotionModel = model.parse().or_raise()?;
     let fitted = match method {
-        "robust" => {
-            let mut estimator = RobustEstimator::new(config);
-            py.detach(|| estimator.fit(&measurements))
-                .map(|fit| (fit, estimator.inlier_probabilities().to_vec()))
-        }
+        "robust" => py.detach(|| SpinEstimate::fit(&measurements, model, &config)),
         "quatera" => {
+            if !matches!(model, MotionModel::Auto | MotionModel::Constant) {
+                let problem = format!("expected constant with the method quatera, found {model}");
+                return Err(value_error("model", problem));
+            }
             let defaults = QuateraConfig::default();
             let (run, iterations, threshold, joining) = quatera.unwrap_or((
                 defaults.run,
@@ -252,13 +344,20 @@ pub fn fit_spin<'py>(
                 max_rps,
                 ..defaults
             });
-            py.detach(|| estimator.fit(&measurements)).map(|fit| {
-                let inliers = estimator
-                    .inliers()
-                    .iter()
-                    .map(|&is| f64::from(u8::from(is)));
-                (fit, inliers.collect())
-            })
+            let found = py.detach(|| estimator.fit(&measurements));
+            let members = estimator.inliers().iter();
+            let members: Vec<f64> = members.map(|&is| f64::from(u8::from(is))).collect();
+            return match found {
+                Ok(fit) => {
+                    let estimate = SpinEstimate::of_constant(fit, &measurements);
+                    let mut found =
+                        estimate_tuple(py, &estimate, at_s, &measurements, frame, &config)?;
+                    // Its own, by the plane of the quaternions.
+                    found.7 = PyArray1::from_vec(py, members);
+                    Ok(Answer::Found(found))
+                }
+                Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
+            };
         }
         other => {
             let problem = format!("expected robust or quatera, found {other:?}");
@@ -266,8 +365,8 @@ pub fn fit_spin<'py>(
         }
     };
     match fitted {
-        Ok((fit, probabilities)) => {
-            let found = to_tuple(py, &fit, &measurements, &probabilities, &config);
+        Ok(estimate) => {
+            let found = estimate_tuple(py, &estimate, at_s, &measurements, frame, &config)?;
             Ok(Answer::Found(found))
         }
         Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),

@@ -38,6 +38,30 @@ class Image:
     data: Any = b""
 
 
+@dataclass
+class RegionOfInterest:
+    x_offset: int = 0
+    y_offset: int = 0
+    height: int = 0
+    width: int = 0
+    do_rectify: bool = False
+
+
+@dataclass
+class CameraInfo:
+    header: Header = field(default_factory=Header)
+    height: int = 0
+    width: int = 0
+    distortion_model: str = ""
+    d: Any = field(default_factory=lambda: np.zeros(0))
+    k: Any = field(default_factory=lambda: np.zeros(9))
+    r: Any = field(default_factory=lambda: np.zeros(9))
+    p: Any = field(default_factory=lambda: np.zeros(12))
+    binning_x: int = 0
+    binning_y: int = 0
+    roi: RegionOfInterest = field(default_factory=RegionOfInterest)
+
+
 class Numbers:
     """Fields that are floats, as in the generated messages: anything else is refused."""
 
@@ -68,10 +92,26 @@ class Pose:
     orientation: Quaternion = field(default_factory=Quaternion)
 
 
+class Covariance:
+    """A field `covariance` of 36 numbers: anything else is refused."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "covariance":
+            assert isinstance(value, np.ndarray) and value.dtype == np.float64
+            assert value.shape == (36,)
+        object.__setattr__(self, name, value)
+
+
 @dataclass
-class PoseStamped:
-    header: Header = field(default_factory=Header)
+class PoseWithCovariance(Covariance):
     pose: Pose = field(default_factory=Pose)
+    covariance: Any = field(default_factory=lambda: np.zeros(36))
+
+
+@dataclass
+class PoseWithCovarianceStamped:
+    header: Header = field(default_factory=Header)
+    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
 
 
 @dataclass
@@ -81,15 +121,9 @@ class Twist:
 
 
 @dataclass
-class TwistWithCovariance:
+class TwistWithCovariance(Covariance):
     twist: Twist = field(default_factory=Twist)
     covariance: Any = field(default_factory=lambda: np.zeros(36))
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name == "covariance":
-            assert isinstance(value, np.ndarray) and value.dtype == np.float64
-            assert value.shape == (36,)
-        object.__setattr__(self, name, value)
 
 
 @dataclass
@@ -128,7 +162,11 @@ class Logger:
     def debug(self, line: str) -> None:
         self.lines.append(("debug", line))
 
-    def warning(self, line: str) -> None:
+    def info(self, line: str) -> None:
+        self.lines.append(("info", line))
+
+    def warning(self, line: str, *, throttle_duration_sec: float = 0.0) -> None:
+        assert throttle_duration_sec >= 0.0
         self.lines.append(("warning", line))
 
     def error(self, line: str, *, throttle_duration_sec: float = 0.0) -> None:
@@ -180,20 +218,22 @@ SENSOR_DATA = object()
 
 def install(patch: Any) -> ModuleType:
     """Puts the modules where the node imports them from; returns `rclpy`, whose `events` are what was
-    called and whose `spin` delivers `incoming` to the node's subscription, then ends as Ctrl-C does."""
+    called and whose `spin` delivers `first`, a `CameraInfo`, and the images `incoming` to the node, then ends as Ctrl-C does."""
     modules = {
         name: ModuleType(name)
         for name in (
             "rclpy", "rclpy.node", "rclpy.qos", "sensor_msgs", "sensor_msgs.msg", "geometry_msgs",
-            "geometry_msgs.msg", "rcl_interfaces", "rcl_interfaces.msg",
+            "geometry_msgs.msg", "rcl_interfaces", "rcl_interfaces.msg", "std_msgs", "std_msgs.msg",
         )
     }
     rclpy: Any = modules["rclpy"]
-    rclpy.events, rclpy.incoming, rclpy.node_of = [], [], None
+    rclpy.events, rclpy.incoming, rclpy.node_of, rclpy.first = [], [], None, None
 
     def spin(node: Node) -> None:
         rclpy.events.append("spin")
         rclpy.node_of = node
+        if rclpy.first is not None:
+            node.subscriptions["camera_info"][1](rclpy.first)
         _, callback, _ = node.subscriptions["image"]
         for message in rclpy.incoming:
             callback(message)
@@ -205,9 +245,10 @@ def install(patch: Any) -> ModuleType:
     contents: dict[str, dict[str, Any]] = {
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {"qos_profile_sensor_data": SENSOR_DATA},
-        "sensor_msgs.msg": {"Image": Image},
+        "sensor_msgs.msg": {"Image": Image, "CameraInfo": CameraInfo},
+        "std_msgs.msg": {"Header": Header},
         "geometry_msgs.msg": {
-            "PoseStamped": PoseStamped,
+            "PoseWithCovarianceStamped": PoseWithCovarianceStamped,
             "TwistWithCovarianceStamped": TwistWithCovarianceStamped,
         },
         "rcl_interfaces.msg": {"ParameterDescriptor": ParameterDescriptor},

@@ -18,10 +18,11 @@ sys.path.insert(0, str(ROOT / "python/examples/ros2_spindoe"))
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from spindoe_ros import bag
-from spindoe_ros.core import OPTICAL, Settings, SpinCore, image_of
+from spindoe_ros.core import Settings, SpinCore, image_of
 
 TABLE = str(ROOT / "designs/dots20/table.npz")
 SPIN = np.array([30.0, 100.0, -40.0])
+OPTICAL = np.diag([1.0, -1.0, -1.0])
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +34,7 @@ def recorded(pattern, tmp_path_factory):
     truths = []
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         topic = writer.add_connection("/image", "sensor_msgs/msg/Image", typestore=store)
+        cameras = writer.add_connection("/camera_info", "sensor_msgs/msg/CameraInfo", typestore=store)
         other = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
         clip = spindoe.synth(
             pattern, 16, seed=6, fps=350.0, spin_rad_s=SPIN, ball_px=[90, 90],
@@ -44,6 +46,13 @@ def recorded(pattern, tmp_path_factory):
             stamp = types["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9)
             header = types["std_msgs/msg/Header"](stamp, "camera_optical_frame")
             height, width, _ = image.shape
+            fx, fy, cx, cy = (truth.everything["intrinsics"][name] for name in ("fx", "fy", "cx", "cy"))
+            k = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1], dtype=np.float64)
+            whole = types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+            info = types["sensor_msgs/msg/CameraInfo"](
+                header, height, width, "plumb_bob", np.zeros(5), k, np.eye(3).ravel(), np.zeros(12), 0, 0, whole
+            )
+            writer.write(cameras, ns, store.serialize_cdr(info, info.__msgtype__))
             # Rows padded as drivers do, and blue first.
             rows = np.zeros((height, 3 * width + 5), np.uint8)
             rows[:, : 3 * width] = image[..., ::-1].reshape(height, -1)
@@ -58,9 +67,7 @@ def recorded(pattern, tmp_path_factory):
 
 def test_a_bag_is_answered(recorded, tmp_path):
     path, truths = recorded
-    intrinsics = truths[0].everything["intrinsics"]
-    k = tuple(intrinsics[name] for name in ("fx", "fy", "cx", "cy"))
-    core = SpinCore(Settings(TABLE, intrinsics=k))
+    core = SpinCore(Settings(TABLE))
     answers = bag.process(path, tmp_path / "out", core)
     assert len(answers) == len(truths)
 
@@ -82,12 +89,12 @@ def test_a_bag_is_answered(recorded, tmp_path):
         if pose is None:
             continue
         assert pose.header.frame_id == "camera_optical_frame"
-        q = pose.pose.orientation
+        q = pose.pose.pose.orientation
         expected = Rotation.from_matrix(OPTICAL) * truth.as_rotation()
         off = Rotation.from_quat([q.x, q.y, q.z, q.w]) * expected.inv()
         assert np.rad2deg(off.magnitude()) < 8.0
         # In front of the camera, at its distance of 20 radii of 20 mm.
-        p = pose.pose.position
+        p = pose.pose.pose.position
         assert p.z > 0.0 and np.hypot(np.hypot(p.x, p.y), p.z) == pytest.approx(0.4, rel=0.1)
     last = twists[max(twists)].twist
     angular = last.twist.angular
@@ -99,11 +106,12 @@ def test_a_bag_is_answered(recorded, tmp_path):
 
 def test_the_same_bag_again_is_a_new_beginning(recorded, tmp_path):
     core = SpinCore(Settings(TABLE, frame="camera"))
-    first = bag.process(recorded[0], tmp_path / "1", core)
-    second = bag.process(recorded[0], tmp_path / "2", core)
-    assert np.array_equal(first[-1].spin_rad_s, second[-1].spin_rad_s)
-    # Without intrinsics the camera is not known as well.
-    assert np.linalg.norm(first[-1].spin_rad_s - SPIN) < 8.0
+    # Without the topic nothing is known of the camera.
+    first = bag.process(recorded[0], tmp_path / "1", core, camera_info="/none")
+    second = bag.process(recorded[0], tmp_path / "2", core, camera_info="/none")
+    assert np.array_equal(first[-1].spin.spin_rad_s, second[-1].spin.spin_rad_s)
+    assert np.linalg.norm(first[-1].spin.spin_rad_s - SPIN) < 8.0
+    assert first[-1].frame_id_of("camera", first[-1].spin) == "camera_view"
     assert first[0].position_m is None and "at least 3" in first[0].reason
 
 

@@ -19,7 +19,7 @@ TABLE = str(ROOT / "designs/dots20/table.npz")
 SPIN = np.array([30.0, 100.0, -40.0])
 OPTICAL = np.diag([1.0, -1.0, -1.0])
 PARAMETERS = {
-    "table": "", "frame": "optical", "intrinsics": [0.0] * 4, "ball_radius_m": 0.02,
+    "table": "", "frame": "optical", "intrinsics": [0.0] * 4, "rectified": False, "ball_radius_m": 0.02,
     "min_confidence": spindoe.MIN_CONFIDENCE_IMAGES, "window": 12, "memory_s": 0.25, "max_rps": 175.0,
 }
 
@@ -69,15 +69,33 @@ def test_it_declares_its_parameters(rclpy):
 def test_its_topics(rclpy):
     node = rclpy.module.SpinNode()
     kind, _, qos = node.subscriptions["image"]
-    assert list(node.subscriptions) == ["image"] and kind is ros.Image and qos is ros.SENSOR_DATA
+    assert kind is ros.Image and qos is ros.SENSOR_DATA
+    kind, _, qos = node.subscriptions["camera_info"]
+    assert len(node.subscriptions) == 2 and kind is ros.CameraInfo and qos is ros.SENSOR_DATA
     found = {topic: publisher.kind for topic, publisher in node.publishers.items()}
-    assert found == {"ball/pose": ros.PoseStamped, "ball/twist": ros.TwistWithCovarianceStamped}
+    assert found == {"ball/pose": ros.PoseWithCovarianceStamped, "ball/twist": ros.TwistWithCovarianceStamped}
 
 
-def test_it_answers_images(rclpy, clip, monkeypatch):
+def numbers(clip):
     intrinsics = clip[0][1].everything["intrinsics"]
-    k = [float(intrinsics[name]) for name in ("fx", "fy", "cx", "cy")]
-    monkeypatch.setattr(ros.Node, "overrides", {"table": TABLE, "intrinsics": k})
+    return [float(intrinsics[name]) for name in ("fx", "fy", "cx", "cy")]
+
+
+def camera_info(clip, model="plumb_bob", distortion=()):
+    """As a driver sends it."""
+    fx, fy, cx, cy = numbers(clip)
+    k = np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
+    return ros.CameraInfo(distortion_model=model, d=np.array(distortion, dtype=np.float64), k=k)
+
+
+@pytest.mark.parametrize("known_by", ["parameter", "camera_info"])
+def test_it_answers_images(rclpy, clip, monkeypatch, known_by):
+    overrides = {"table": TABLE}
+    if known_by == "parameter":
+        overrides["intrinsics"] = numbers(clip)
+    else:
+        rclpy.first = camera_info(clip)
+    monkeypatch.setattr(ros.Node, "overrides", overrides)
     rclpy.incoming = list(messages(clip))
     rclpy.module.main()
     assert rclpy.events == ["init", "spin", "shutdown"]
@@ -91,7 +109,11 @@ def test_it_answers_images(rclpy, clip, monkeypatch):
         assert message.header in headers and message.header.frame_id == "camera_optical_frame"
     for message in poses:
         truth = truths[message.header.stamp.sec, message.header.stamp.nanosec]
-        q, p = message.pose.orientation, message.pose.position
+        q, p = message.pose.pose.orientation, message.pose.pose.position
+        covariance = message.pose.covariance.reshape(6, 6)
+        # The ball's distance is known to about 1 %, its direction much better.
+        assert np.all(np.linalg.eigvalsh(covariance) > 0.0) and 0.002 < np.sqrt(covariance[2, 2]) < 0.02
+        assert np.rad2deg(np.sqrt(np.trace(covariance[3:, 3:]))) < 5.0
         expected = Rotation.from_matrix(OPTICAL) * truth.as_rotation()
         off = Rotation.from_quat([q.x, q.y, q.z, q.w]) * expected.inv()
         assert np.rad2deg(off.magnitude()) < 8.0
@@ -105,12 +127,52 @@ def test_it_answers_images(rclpy, clip, monkeypatch):
     assert not any(level == "warning" for level, _ in node.logger.lines)
 
 
+def test_without_a_camera_frames_and_positions_say_so(rclpy, clip):
+    rclpy.incoming = list(messages(clip))
+    rclpy.module.main()
+    node = rclpy.node_of
+    poses, twists = node.publishers["ball/pose"].sent, node.publishers["ball/twist"].sent
+    assert len(poses) >= 8 and twists
+    for message in [*poses, *twists]:
+        assert message.header.frame_id == "camera_optical_frame_view"
+    for message in poses:
+        p = message.pose.pose.position
+        assert np.isnan([p.x, p.y, p.z]).all() and message.pose.covariance[0] >= 1e6
+    warnings = [line for level, line in node.logger.lines if level == "warning"]
+    assert warnings and all("view frame" in line for line in warnings)
+
+
+def test_what_camera_info_says(rclpy, clip):
+    core = sys.modules["spindoe_ros.core"]
+    info = camera_info(clip, distortion=[-0.2, 0.05, 0.001, -0.002, 0.0])
+    fx, fy, cx, cy = numbers(clip)
+    known = spindoe.Camera([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], [-0.2, 0.05, 0.001, -0.002, 0.0])
+    assert core.camera_of(info) == known
+    # A region of interest and binned pixels: those of the whole sensor, moved and divided.
+    info.roi.x_offset, info.roi.y_offset, info.binning_x, info.binning_y = 30, 8, 2, 2
+    point = [[0.1, -0.05, 1.0]]
+    moved = (known.project(point) - [30, 8]) / 2.0
+    assert np.allclose(core.camera_of(info).project(point), moved)
+    info.p = np.array([900.0, 0, 320, 0, 0, 900, 240, 0, 0, 0, 1, 0])
+    info.roi.x_offset = info.roi.y_offset = info.binning_x = info.binning_y = 0
+    assert core.camera_of(info, rectified=True) == spindoe.Camera.pinhole(900, 900, 320, 240)
+    fisheye = camera_info(clip, "equidistant", [0.01, 0.0, 0.0, 0.0])
+    assert core.camera_of(fisheye).kind == "fisheye"
+    assert core.camera_of(ros.CameraInfo()) is None
+    node = rclpy.module.SpinNode()
+    _, on_info, _ = node.subscriptions["camera_info"]
+    on_info(camera_info(clip, "ftheta"))
+    assert [line for level, line in node.logger.lines if level == "error" and "ftheta" in line]
+    on_info(camera_info(clip))
+    on_info(camera_info(clip))
+    assert [level for level, _ in node.logger.lines].count("info") == 1
+
+
 def test_parameters_reach_the_core(rclpy, clip, monkeypatch):
     monkeypatch.setattr(
         ros.Node, "overrides", {"table": TABLE, "frame": "camera", "min_confidence": 1.0, "window": 5}
     )
     node = rclpy.module.SpinNode()
-    assert [level for level, _ in node.logger.lines] == ["warning"]
     _, on_image, _ = node.subscriptions["image"]
     for message in messages(clip[:3]):
         on_image(message)

@@ -32,6 +32,48 @@ def test_the_spin_is_that_of_the_rotations():
     assert np.allclose(found.axis, SPIN / np.linalg.norm(SPIN))
 
 
+def _moving(decay=0.0, body=(0.0, 0.0, 0.0), count=105):
+    times = np.arange(count) / 350.0
+    tau = (-np.expm1(-decay * times) / decay if decay else times)[:, None]
+    start = Rotation.random(random_state=1)
+    rotations = Rotation.from_rotvec(tau * SPIN) * start * Rotation.from_rotvec(tau * np.array(body))
+    axis = SPIN / np.linalg.norm(SPIN)
+    mean = SPIN + axis * (axis @ start.apply(body))
+    return times, rotations, lambda t: mean * np.exp(-decay * t)
+
+
+@pytest.mark.parametrize(
+    ("model", "decay", "body"),
+    [("constant", 0.0, (0, 0, 0)), ("decaying", 0.1, (0, 0, 0)), ("precessing", 0.1, (12, -6, 9))],
+)
+def test_the_motion_is_that_of_the_rotations(model, decay, body):
+    times, rotations, spin = _moving(decay, body)
+    found = spindoe.fit_spin(times, rotations)
+    assert found and found.model == model and found.frame == "camera"
+    middle = 0.5 * (times[0] + times[-1])
+    assert found.time_s == pytest.approx(middle)
+    assert np.allclose(found.spin_rad_s, spin(middle), atol=0.02)
+    assert found.decay_per_s == pytest.approx(decay, abs=2e-3)
+    assert np.allclose(found.body_rate_rad_s, np.array(body) * np.exp(-decay * middle), atol=0.05)
+    assert (found.as_rotation(times) * rotations.inv()).magnitude().max() < 2e-3
+    first = spindoe.fit_spin(times, rotations, at_s=times[0])
+    assert first and first.time_s == times[0] and np.allclose(first.spin_rad_s, spin(0.0), atol=0.05)
+    with pytest.raises(ValueError, match="at_s"):
+        spindoe.fit_spin(times, rotations, at_s=-1.0)
+
+
+def test_a_model_that_is_asked_for():
+    times, rotations, _ = _moving(0.1)
+    constant = spindoe.fit_spin(times, rotations, model="constant")
+    assert constant and constant.model == "constant" and constant.lack_of_fit is not None
+    assert constant.lack_of_fit > 4.0
+    precessing = spindoe.fit_spin(times, rotations, model="precessing")
+    assert precessing and precessing.model == "precessing"
+    for bad in ({"model": "wobbling"}, {"frame": "map"}, {"method": "quatera", "model": "decaying"}):
+        with pytest.raises(ValueError, match=list(bad)[-1]):
+            spindoe.fit_spin(times, rotations, **bad)
+
+
 def test_order_is_by_name():
     xyzw = _sequence(0.02).as_quat()
     a = spindoe.fit_spin(TIMES, xyzw, order="xyzw")

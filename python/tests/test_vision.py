@@ -228,6 +228,35 @@ def test_cameras(table, clip):
     assert (found.pose.as_rotation("optical") * optical.inv()).magnitude() < 1e-12
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_frames_are_named_and_turned(clip, table, known):
+    intrinsics = clip[0][1].everything["intrinsics"]
+    k = [intrinsics[name] for name in ("fx", "fy", "cx", "cy")]
+    camera = spindoe.Camera.pinhole(*k) if known else spindoe.Camera()
+    images, truths = zip(*clip, strict=True)
+    estimator = spindoe.Estimator(table, camera=camera)
+    found = estimator.estimate_sequence(images, [t.time_s for t in truths], color="rgb")
+    frame, optical = ("camera", "optical") if known else ("view", "optical_view")
+    turn = np.diag([1.0, -1.0, -1.0])
+    assert found.spin and found.frame == found.spin.frame == frame
+    spin = found.spin.as_frame("optical")
+    assert spin.frame == optical and np.allclose(spin.spin_rad_s, turn @ found.spin.spin_rad_s)
+    assert np.allclose(spin.covariance, turn @ found.spin.covariance @ turn)
+    assert len(spin.aliases) == len(found.spin.aliases)
+    for one, other in zip(spin.aliases, found.spin.aliases, strict=True):
+        assert np.allclose(one.spin_rad_s, turn @ other.spin_rad_s)
+    back = spin.as_frame("camera")
+    assert back.frame == frame and np.allclose(back.spin_rad_s, found.spin.spin_rad_s)
+    expected = Rotation.from_matrix(turn) * found.spin.as_rotation(0.01)
+    assert (spin.as_rotation(0.01) * expected.inv()).magnitude() < 1e-9
+    pose = next(f.pose for f in found.frames if f.pose)
+    seen = pose.as_frame("optical")
+    assert pose.frame == frame and seen.frame == optical and seen.confidence == pose.confidence
+    assert np.allclose(seen.covariance, turn @ pose.covariance @ turn)
+    with pytest.raises(ValueError, match="frame: expected camera or optical"):
+        pose.as_frame("view")
+
+
 LENSES = [
     ([-0.28, 0.09, 0.0012, -0.0001], False),
     ([-0.28, 0.09, 0.0012, -0.0001, -0.01], False),

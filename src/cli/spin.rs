@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
+use super::motion::{Motion, Theory};
 use super::output::one_of;
-use super::precession::Precession;
 use super::spin_stretches::{self as stretches, Holding};
 use super::spin_summary;
 use crate::error::{Error, Result};
@@ -14,13 +14,13 @@ use crate::files;
 use crate::geometry::CameraFrame;
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::AliasConfig;
-use crate::spin::decay::{DecayFit, DecayOutcome, fit_decay};
+use crate::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use crate::spin::orientations::Orientations;
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
-use crate::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
+use crate::spin::robust::{MagnitudePrior, SpinConfig};
 use crate::spin::summary::SpinSummary;
 use crate::spin::windows::spin_over_time;
-use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
+use crate::spin::{MIN_FRAMES, Measurement, SpinRejection};
 
 /// Alternatives are listed up to this multiple of the largest spin searched.
 pub(super) const LISTED_BEYOND: f64 = 2.0;
@@ -38,23 +38,12 @@ enum Method {
     Robust,
 }
 
-/// How a ball moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-pub(super) enum Motion {
-    /// At one spin.
-    #[default]
-    Constant,
-    /// At a spin that the air slows down.
-    Decaying,
-    /// As an uneven ball without torque.
-    Precessing,
-}
-
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Orientations: CSV with a header,
     /// frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence (seconds; quaternion scalar
-    /// first, pattern to camera, empty where there is none); - is standard input.
+    /// first, pattern to camera or to what a column camera_frame says, empty where there is none); - is
+    /// standard input.
     orientations: PathBuf,
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
@@ -85,17 +74,20 @@ pub struct Arguments {
     /// the file, else 2].
     #[arg(hide = true, long, allow_negative_numbers = true)]
     orientation_sigma_deg: Option<f64>,
-    /// How the ball moves. A decaying spin, |w|(t) = |w0| exp(-c t), is reported at the first orientation; an uneven
-    /// ball precesses: its spin's axis drifts through the ball and circles the angular momentum, and the spin reported
-    /// is the mean one. Without evidence for either it is the constant spin.
-    #[arg(long, value_enum, default_value_t)]
-    motion: Motion,
+    /// How the ball moves: at a constant spin; at one that decays, |w|(t) = |w0| exp(-c t); precessing, as an uneven ball does:
+    /// its spin's axis drifts through the ball and circles the angular momentum, and the spin reported is the mean one; or auto,
+    /// the one of these for which there is evidence.
+    #[arg(long, value_parser = one_of(&MotionModel::ALL, MotionModel::as_str), default_value_t)]
+    motion: MotionModel,
+    /// The time that the spin is reported at, in seconds, within the file's [default: the middle].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    at: Option<f64>,
     /// Write where one constant spin holds, also where none holds over the whole file, as CSV:
-    /// from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg (rad/s).
+    /// from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg,camera_frame (rad/s).
     #[arg(long, value_name = "FILE")]
     stretches: Option<PathBuf>,
     /// Write the spin over time, of runs of ten orientations that overlap by half, also where no constant spin
-    /// holds, as CSV: time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames (rad/s).
+    /// holds, as CSV: time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames,camera_frame (rad/s).
     #[arg(long, value_name = "FILE")]
     windows: Option<PathBuf>,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
@@ -162,8 +154,10 @@ impl Arguments {
             let problem = format!("expected at least {MIN_FRAMES}, found {}", self.window);
             return Err(Error::argument("window", problem));
         }
-        if self.method == Method::Quatera && (self.motion != Motion::Constant || self.draws()) {
-            let problem = "the paper's method has no --motion and no --picture, expected robust";
+        let is_constant = matches!(self.motion, MotionModel::Auto | MotionModel::Constant);
+        if self.method == Method::Quatera && (!is_constant || self.draws()) {
+            let problem =
+                "the paper's method has constant spins only and no --picture, expected robust";
             return Err(Error::argument("--method", problem));
         }
         Ok(())
@@ -191,17 +185,31 @@ impl Arguments {
         &self,
         measurements: &[Measurement],
         config: SpinConfig,
-    ) -> std::result::Result<Fit, SpinRejection> {
+    ) -> std::result::Result<SpinEstimate, SpinRejection> {
         match self.method {
-            Method::Robust => RobustEstimator::new(config).fit(measurements),
+            Method::Robust => SpinEstimate::fit(measurements, self.motion, &config),
             Method::Quatera => {
                 let max_rps = self.max_spin_rps;
                 let options = QuateraConfig {
                     max_rps,
                     ..QuateraConfig::default()
                 };
-                QuateraEstimator::new(options).fit(measurements)
+                let fit = QuateraEstimator::new(options).fit(measurements)?;
+                Ok(SpinEstimate::of_constant(fit, measurements))
             }
+        }
+    }
+
+    /// What theory expects of the decay of a spin, rad/s.
+    fn theory(&self, spin_rad_s: f64) -> Theory {
+        let ball = Ball {
+            radius_m: 0.5e-3 * self.ball_diameter_mm,
+            mass_kg: 1e-3 * self.ball_mass_g,
+        };
+        let air = Air::default();
+        Theory {
+            creeping: creeping_decay(&ball, &air),
+            boundary_layer: boundary_layer_decay(&ball, &air, spin_rad_s),
         }
     }
 }
@@ -219,12 +227,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let measurements = file.measurements();
     let config = arguments.config(&file);
     let frame = file.camera_frame.unwrap_or_default();
-    let written = arguments.frame.unwrap_or(frame).of_view(frame.is_view());
-    let turn = written.turn() * frame.turn();
+    let shown = frame.in_axes(arguments.frame.unwrap_or(frame));
+    let (written, turn) = shown;
     let held = Holding::new(&measurements, &config);
     if let Some(path) = &arguments.stretches {
         let held = held.stretches().map_err(|r| r.in_file(&input.name))?;
-        stretches::write(path, &measurements, held, &turn)?;
+        stretches::write(path, &measurements, held, &shown)?;
     }
     let over_time = || {
         let windows = spin_over_time(&measurements, config.window, &config);
@@ -236,7 +244,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .map(|_| over_time())
         .transpose()?;
     if let (Some(path), Some(windows)) = (&arguments.windows, &windows) {
-        stretches::write_windows(path, windows, config.window, &turn)?;
+        stretches::write_windows(path, windows, config.window, &shown)?;
     }
     let request = Request {
         arguments,
@@ -250,13 +258,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let in_parts = |json: &mut serde_json::Value, with_stretches: bool| {
         if with_stretches {
             let held = held.stretches().unwrap_or_default();
-            json["stretches"] = stretches::to_json(&measurements, held, &turn);
+            json["stretches"] = stretches::to_json(&measurements, held, &shown);
         }
         if let Some(windows) = &windows {
-            json["windows"] = stretches::windows_to_json(windows, config.window, &turn);
+            json["windows"] = stretches::windows_to_json(windows, config.window, &shown);
         }
     };
-    let (summary, decay, precession) = match request.summary() {
+    let (summary, motion) = match request.summary() {
         Ok(found) => found,
         Err(error) => {
             if let (Error::NoAnswer { reason, .. }, true) = (&error, arguments.json) {
@@ -281,19 +289,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if noise > SUSPICIOUS_NOISE * expected {
         errln!(
             "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {expected} deg: is it one?",
-            if matches!(decay, Some(DecayOutcome::Found { .. })) {
-                "decaying"
-            } else {
-                "constant"
-            },
+            motion.estimate.motion.model(),
         );
     }
     let found = Found {
         method: arguments.method,
         summary: summary.turned(&turn),
         camera_frame: written,
-        decay: decay.map(|d| Decay::new(d, arguments)),
-        precession,
+        motion,
     };
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.picture {
@@ -321,51 +324,51 @@ struct Request<'a> {
 }
 
 impl Request<'_> {
-    /// The spin, and what was found of a decay or a precession that was asked for.
-    fn summary(&self) -> Result<(SpinSummary, Option<DecayOutcome>, Option<Precession>)> {
-        let (arguments, measurements, config) = (self.arguments, self.measurements, self.config);
-        let rejected = |r: SpinRejection| self.rejected(r);
+    /// The spin, and the motion.
+    fn summary(&self) -> Result<(SpinSummary, Motion)> {
+        let (arguments, measurements) = (self.arguments, self.measurements);
+        let config = SpinConfig {
+            shared: self.file.shared_error(),
+            ..*self.config
+        };
         let listed = AliasConfig {
             max_rps: LISTED_BEYOND * arguments.max_spin_rps,
             sigma_rad: config.sigma_rad,
             ..AliasConfig::default()
         };
-        let frames = self.file.rows.len();
-        if arguments.motion == Motion::Precessing {
-            let fitted = Precession::fit(measurements, config, &listed, frames);
-            let (summary, found) = fitted.map_err(rejected)?;
-            return Ok((summary, None, Some(found)));
-        }
-        if arguments.motion == Motion::Decaying {
-            let outcome = fit_decay(measurements, config).map_err(rejected)?;
-            // A decaying spin has its aliases only while it is nearly constant.
-            let constant = match outcome {
-                DecayOutcome::Found { .. } => &measurements[..arguments.window],
-                DecayOutcome::Constant { .. } => measurements,
-            };
-            let summary = SpinSummary {
-                orientations: measurements.len(),
-                ..SpinSummary::new(constant, &outcome.start(), &listed, frames)
-            };
-            return Ok((summary, Some(outcome), None));
-        }
-        let config = SpinConfig {
-            shared: self.file.shared_error(),
-            ..*config
-        };
-        let fit = arguments.fit(measurements, config).map_err(rejected)?;
-        if self.held.contradicts(&fit) {
+        let estimate = arguments
+            .fit(measurements, config)
+            .map_err(|r| self.rejected(r))?;
+        if let FittedMotion::Constant(fit) = &estimate.motion
+            && self.held.contradicts(fit)
+        {
             let reason = format!(
                 "no constant spin holds over the {} orientations (best: {}){}",
                 measurements.len(),
                 fit.inliers,
-                self.held.words()
+                self.held.words(self.arguments.motion)
             );
             let path = self.name.to_path_buf();
             return Err(Error::NoAnswer { path, reason });
         }
-        let summary = SpinSummary::new(measurements, &fit, &listed, frames);
-        Ok((summary, None, None))
+        let [from, to] = estimate.span_s();
+        if let Some(at) = arguments.at.filter(|at| !(from..=to).contains(at)) {
+            let problem =
+                format!("expected a time within the orientations' {from} to {to} s, found {at}");
+            return Err(Error::argument("--at", problem));
+        }
+        let frames = self.file.rows.len();
+        let asked_for = arguments.motion;
+        let (summary, motion) = Motion::new(
+            estimate,
+            asked_for,
+            measurements,
+            arguments.at,
+            &listed,
+            frames,
+        );
+        let theory = arguments.theory(summary.fit.motion.spin.norm());
+        Ok((summary, motion.with_theory(theory)))
     }
 
     /// A rejection as this file's error.
@@ -374,7 +377,7 @@ impl Request<'_> {
         match rejection {
             SpinRejection::NoConsensus { .. } => Error::NoAnswer {
                 path,
-                reason: format!("{rejection}{}", self.held.words()),
+                reason: format!("{rejection}{}", self.held.words(self.arguments.motion)),
             },
             SpinRejection::TooFewFrames { .. } if rows > 0 && self.measurements.is_empty() => {
                 Error::NoAnswer {
@@ -387,81 +390,15 @@ impl Request<'_> {
     }
 }
 
-/// The estimated decay, and the theoretical one, 1/s.
-struct Decay {
-    outcome: DecayOutcome,
-    creeping: f64,
-    boundary_layer: f64,
-}
-
-impl Decay {
-    fn new(outcome: DecayOutcome, arguments: &Arguments) -> Self {
-        let ball = Ball {
-            radius_m: 0.5e-3 * arguments.ball_diameter_mm,
-            mass_kg: 1e-3 * arguments.ball_mass_g,
-        };
-        let air = Air::default();
-        Self {
-            creeping: creeping_decay(&ball, &air),
-            boundary_layer: boundary_layer_decay(&ball, &air, outcome.start().motion.spin.norm()),
-            outcome,
-        }
-    }
-
-    fn to_json(&self) -> serde_json::Value {
-        let determined = self.outcome.determined();
-        let interval = determined.map(DecayFit::interval_per_s);
-        let decaying = self.outcome.found();
-        json!({
-            "c_per_s": decaying.map(|d| d.motion.decay_per_s),
-            "std_per_s": decaying.map(DecayFit::std_per_s),
-            "low_per_s": interval.map(|i| i.low),
-            "high_per_s": interval.map(|i| i.high),
-            "ln_bayes_factor": determined.map(|d| d.ln_bayes_factor),
-            "creeping_flow_per_s": self.creeping,
-            "boundary_layer_per_s": self.boundary_layer,
-        })
-    }
-
-    fn print(&self) {
-        let interval = self.outcome.determined().map(DecayFit::interval_per_s);
-        let within = interval.map(|i| format!("[{:.4}, {:.4}]", i.low, i.high));
-        match (self.outcome.found(), within) {
-            (Some(d), Some(within)) => outln!(
-                "  decay     c = {:.4} /s, 95 % interval {within}",
-                d.motion.decay_per_s
-            ),
-            (_, Some(within)) => outln!(
-                "  decay     no evidence for one: the spin is constant (c, 95 % interval {within} /s)"
-            ),
-            (_, None) => {
-                outln!("  decay     left open by these orientations: the spin is taken as constant")
-            }
-        }
-        outln!(
-            "  theory    12 pi mu r / m = {:.5} /s (creeping flow); {:.4} /s with a boundary layer",
-            self.creeping,
-            self.boundary_layer
-        );
-    }
-}
-
 /// Everything that is reported.
 pub(super) struct Found {
     method: Method,
     pub(super) summary: SpinSummary,
     camera_frame: CameraFrame,
-    decay: Option<Decay>,
-    precession: Option<Precession>,
+    pub(super) motion: Motion,
 }
 
 impl Found {
-    /// The decay for which there is evidence.
-    #[cfg(feature = "plot")]
-    pub(super) fn decaying(&self) -> Option<&DecayFit> {
-        self.decay.as_ref()?.outcome.found()
-    }
-
     fn to_json(&self) -> serde_json::Value {
         let mut json = spin_summary::to_json(&self.summary, self.camera_frame);
         json["method"] = match self.method {
@@ -469,23 +406,13 @@ impl Found {
             Method::Robust => "robust",
         }
         .into();
-        if let Some(decay) = &self.decay {
-            json["decay"] = decay.to_json();
-        }
-        if let Some(precession) = &self.precession {
-            json["precession"] = precession.to_json();
-        }
+        self.motion.add_to(&mut json);
         json
     }
 
     fn print(&self) {
-        for line in spin_summary::lines(&self.summary, self.camera_frame) {
-            outln!("{line}");
-        }
-        if let Some(decay) = &self.decay {
-            decay.print();
-        }
-        for line in self.precession.iter().flat_map(Precession::lines) {
+        let lines = spin_summary::lines(&self.summary, self.camera_frame);
+        for line in lines.iter().chain(&self.motion.lines()) {
             outln!("{line}");
         }
     }

@@ -6,6 +6,7 @@ use super::spin::Found;
 use super::spin_summary::std_along;
 use crate::error::{Error, Result};
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
+use crate::spin::estimate::FittedMotion;
 use crate::spin::windows::WindowFit;
 
 /// Half-width of a 95 % interval in standard deviations.
@@ -38,16 +39,16 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> 
     };
     let curve = |i: usize| {
         let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
-        let rate = found.decaying().map(|d| d.motion.rate_at(t));
-        (t, rate.map_or(found.summary.fit.motion.rps(), |r| r / TAU))
+        (t, found.motion.estimate.at(t).motion.rps())
     };
-    let name = match found.decaying() {
-        Some(d) => format!(
+    let name = match &found.motion.estimate.motion {
+        FittedMotion::Constant(_) => "constant spin fitted to all".into(),
+        FittedMotion::Decaying(fit) => format!(
             "fit to all, c = {:.4} +- {:.4} /s",
-            d.motion.decay_per_s,
-            d.std_per_s()
+            fit.motion.decay_per_s,
+            fit.std_per_s()
         ),
-        None => "constant spin fitted to all".into(),
+        FittedMotion::Precessing(_) => "mean spin of the precession fitted to all".into(),
     };
     let plot = ValuePlot {
         title: "Spin over time".into(),

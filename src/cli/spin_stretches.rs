@@ -8,8 +8,9 @@ use serde_json::{Value, json};
 
 use crate::error::Result;
 use crate::files;
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{CameraFrame, Rotation, Vec3};
 use crate::spin::decay::{DecayOutcome, fit_decay};
+use crate::spin::estimate::MotionModel;
 use crate::spin::robust::{SpinConfig, standard_deviations};
 use crate::spin::windows::{Stretch, WindowFit, constant_stretches};
 use crate::spin::{Fit, Measurement, SpinRejection};
@@ -53,11 +54,13 @@ impl<'a> Holding<'a> {
         2 * fit.inliers < self.measurements.len() && self.held() > fit.inliers
     }
 
-    /// What holds instead of one constant spin, the beginning of a reason's end; nothing where nothing does.
-    pub fn words(&self) -> String {
+    /// What holds instead of one spin of the motion that was tried, the beginning of a reason's end; nothing where nothing does.
+    pub fn words(&self, tried: MotionModel) -> String {
         let mut words = String::new();
-        if let Ok(DecayOutcome::Found { .. }) = fit_decay(self.measurements, self.config) {
-            words += "; a decaying spin holds (--decay)";
+        if tried == MotionModel::Constant
+            && let Ok(DecayOutcome::Found { .. }) = fit_decay(self.measurements, self.config)
+        {
+            words += "; a decaying spin holds (--motion decaying)";
         }
         let mut stretches = self.stretches().unwrap_or_default().to_vec();
         if stretches.is_empty() {
@@ -80,14 +83,15 @@ impl<'a> Holding<'a> {
     }
 }
 
-/// Writes stretches as a table; the spins turned.
+/// Writes stretches as a table; the spins turned into that frame.
 pub(super) fn write(
     path: &Path,
     measurements: &[Measurement],
     stretches: &[Stretch],
-    turn: &Rotation,
+    (frame, turn): &(CameraFrame, Rotation),
 ) -> Result<()> {
-    let mut text = String::from("from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg\n");
+    let mut text =
+        String::from("from_s,to_s,orientations,inliers,rps,wx,wy,wz,sigma_deg,camera_frame\n");
     for stretch in stretches {
         let (from, to) = times_s(measurements, stretch);
         let fit = stretch.fit.turned(turn);
@@ -96,7 +100,7 @@ pub(super) fn write(
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{from},{to},{},{},{},{},{},{},{}",
+            "{from},{to},{},{},{},{},{},{},{},{frame}",
             stretch.orientations.len(),
             fit.inliers,
             fit.motion.rps(),
@@ -119,7 +123,7 @@ fn times_s(measurements: &[Measurement], stretch: &Stretch) -> (f64, f64) {
 pub(super) fn to_json(
     measurements: &[Measurement],
     stretches: &[Stretch],
-    turn: &Rotation,
+    (frame, turn): &(CameraFrame, Rotation),
 ) -> Value {
     let one = |stretch: &Stretch| {
         let (from, to) = times_s(measurements, stretch);
@@ -132,6 +136,7 @@ pub(super) fn to_json(
             "rps": fit.motion.rps(),
             "spin_rad_s": fit.motion.spin.as_slice(),
             "sigma_deg": fit.sigma_rad.map(f64::to_degrees),
+            "camera_frame": frame,
         })
     };
     stretches.iter().map(one).collect()
@@ -147,9 +152,10 @@ pub(super) fn write_windows(
     path: &Path,
     windows: &[WindowFit],
     frames: usize,
-    turn: &Rotation,
+    (frame, turn): &(CameraFrame, Rotation),
 ) -> Result<()> {
-    let mut text = String::from("time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames\n");
+    let mut text =
+        String::from("time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames,camera_frame\n");
     for window in windows {
         let fit = window.fit.turned(turn);
         let [x, y, z] = fit.motion.spin.into();
@@ -157,7 +163,7 @@ pub(super) fn write_windows(
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{},{x},{y},{z},{},{std},{},{frames}",
+            "{},{x},{y},{z},{},{std},{},{frames},{frame}",
             window.time_s,
             fit.motion.rps(),
             fit.inliers
@@ -167,7 +173,11 @@ pub(super) fn write_windows(
 }
 
 /// The spins of runs of so many `frames` as JSON, turned.
-pub(super) fn windows_to_json(windows: &[WindowFit], frames: usize, turn: &Rotation) -> Value {
+pub(super) fn windows_to_json(
+    windows: &[WindowFit],
+    frames: usize,
+    (frame, turn): &(CameraFrame, Rotation),
+) -> Value {
     let one = |window: &WindowFit| {
         let fit = window.fit.turned(turn);
         json!({
@@ -177,6 +187,7 @@ pub(super) fn windows_to_json(windows: &[WindowFit], frames: usize, turn: &Rotat
             "std_rad_s": deviations(&fit).map(<[f64; 3]>::from),
             "inliers": fit.inliers,
             "frames": frames,
+            "camera_frame": frame,
         })
     };
     windows.iter().map(one).collect()

@@ -40,6 +40,7 @@ pub(super) fn fit_json(fit: &Fit, frame: CameraFrame) -> Value {
     );
     json["sigma_deg"] = json!(fit.sigma_rad.map(f64::to_degrees));
     json["inliers"] = fit.inliers.into();
+    json["lack_of_fit"] = json!(fit.lack_of_fit);
     json["time_s"] = fit.motion.time_s.into();
     json["orientation_wxyz"] = json!(to_wxyz(&fit.motion.orientation));
     json["camera_frame"] = frame.as_str().into();

@@ -64,6 +64,12 @@ impl CameraFrame {
         }
     }
 
+    /// The same frame in the axes of another one, and the rotation that leads there.
+    pub fn in_axes(self, axes: Self) -> (Self, Rotation) {
+        let to = axes.of_view(self.is_view());
+        (to, to.turn() * self.turn())
+    }
+
     fn is_optical(self) -> bool {
         matches!(self, Self::Optical | Self::OpticalView)
     }

@@ -10,11 +10,11 @@
 //! shows its coverage. Not guaranteed: a drift of the axis, as that of an uneven ball, counts as
 //! noise; see [`super::precession`].
 
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 use super::evidence::{MotionFit, Outcome, Richer, compare};
 use super::mixture::{Blocks, Mixture, Noise, RatePrior, duration, ln_likelihood_of_outliers};
-use super::motion::{ConstantSpin, DecayingSpin, LocalFrame};
+use super::motion::{ConstantSpin, DecayingSpin, Motion};
 use super::robust::SpinConfig;
 use super::{Fit, Interval, Measurement, SpinRejection};
 
@@ -58,14 +58,26 @@ impl DecayFit {
     /// Orientation and spin at the first measurement's time, with the spin's covariance (the decay
     /// being estimated as well).
     pub fn start(&self) -> Fit {
-        let basis = LocalFrame::of(&self.motion.start.spin).basis;
-        let of_spin = self.covariance.rates.fixed_view::<3, 3>(0, 0);
+        self.at(self.motion.start.time_s)
+    }
+
+    /// The same at another time, seconds.
+    pub fn at(&self, time_s: f64) -> Fit {
+        let motion = self.motion.rebased(time_s).start;
+        let elapsed = time_s - self.motion.start.time_s;
+        let slowed = (-self.motion.decay_per_s * elapsed).exp();
+        // In the frame of the spin, its axis last: exp(-c t) w by w and c.
+        let mut by_rates = SMatrix::<f64, 3, 4>::identity() * slowed;
+        by_rates[(2, DECAY)] = -elapsed * motion.spin.norm();
+        let basis = self.motion.local_frame().basis;
+        let of_spin = by_rates * self.covariance.rates * by_rates.transpose();
         Fit {
-            motion: self.motion.start,
+            motion,
             spin_covariance: Some(basis * of_spin * basis.transpose()),
             sigma_rad: Some(self.sigma_rad),
             log_likelihood: Some(self.log_likelihood),
             inliers: self.inliers,
+            lack_of_fit: self.lack_of_fit,
         }
     }
 
@@ -150,6 +162,10 @@ impl Richer<4> for DecayingSpin {
         starts
             .map(|start| mixture.ln_maximum(start))
             .fold(ln_likelihood_of_outliers(measurements), f64::max)
+    }
+
+    fn weight_of_evidence(&self, independent: &Blocks<4>, widened: &Blocks<4>) -> f64 {
+        (std_per_s(independent) / std_per_s(widened)).powi(2)
     }
 
     fn ln_occam(covariance: &Blocks<4>, max_decay_per_s: f64, _: &SpinConfig) -> f64 {

@@ -4,7 +4,9 @@
 //! [`PrecessingSpin`](super::motion::PrecessingSpin), and compares it with the motion that it contains. The odds are
 //! by Laplace's method those of the likelihoods at one noise, times the share of the prior's range that the
 //! measurements leave to the rates beyond (R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90,
-//! 1995, eq. 5). Odds of 20 to 1 or more are evidence; with less the answer is the constant spin.
+//! 1995, eq. 5). Odds of 20 to 1 or more are evidence; with less the answer is the constant spin. Errors that are not independent
+//! ([`super::widening`]) weigh less: the logarithm of the likelihoods' ratio, a square of the rates over their covariance, is
+//! taken with the wider one.
 //!
 //! # Starts
 //! Over a long sequence a wrong rate loses full turns. The fit starts from the constant spin of
@@ -20,6 +22,7 @@ use super::chance::expected_by_chance;
 use super::mixture::{Blocks, Mixture, RatePrior, Settled, Spread, duration, is_majority};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
 use super::robust::{RobustEstimator, SpinConfig, TIE_MARGIN};
+use super::widening::widened;
 use super::{Fit, MIN_FRAMES, Measurement, SpinRejection, check};
 use crate::concurrency;
 use nalgebra::{Matrix3, SMatrix};
@@ -55,6 +58,15 @@ pub struct MotionFit<M, const P: usize> {
     pub inliers: usize,
     /// Natural logarithm of the odds for this motion against the simpler one that it contains.
     pub ln_bayes_factor: f64,
+    /// As that of [`Fit`].
+    pub lack_of_fit: Option<f64>,
+}
+
+impl<M, const P: usize> MotionFit<M, P> {
+    /// Whether there is evidence for it: odds of 20 to 1 or better.
+    pub fn is_evident(&self) -> bool {
+        self.ln_bayes_factor > TIE_MARGIN
+    }
 }
 
 /// The outcome of looking for a motion beyond a constant spin.
@@ -137,6 +149,10 @@ pub(super) trait Richer<const P: usize>: Motion<P> + Send + Sync {
         config: &SpinConfig,
     ) -> f64;
 
+    /// What the covariance by independent noise makes of the rates beyond the simpler motion over what the wider one does:
+    /// squares over variances.
+    fn weight_of_evidence(&self, independent: &Blocks<P>, widened: &Blocks<P>) -> f64;
+
     /// Logarithm of the share of the prior's range that the measurements leave to the rates beyond the simpler
     /// motion.
     fn ln_occam(covariance: &Blocks<P>, scale: f64, config: &SpinConfig) -> f64;
@@ -172,32 +188,8 @@ pub(super) fn compare<M: Richer<P>, const P: usize>(
     config.check()?;
     check(measurements, M::needed(config))?;
     let constant = RobustEstimator::new(*config).fit(measurements);
-    let steady = constant.as_ref().ok().map(|fit| &fit.motion);
-    let richer = most_likely::<M, P>(measurements, steady, config).map(|(best, covariance)| {
-        let Settled {
-            motion, sigma_rad, ..
-        } = best.settled;
-        let ln_bayes_factor = best.settled.log_posterior
-            - motion.ln_simpler(measurements, sigma_rad, steady, config)
-            + M::ln_occam(&covariance, best.scale, config);
-        MotionFit {
-            motion,
-            covariance,
-            scale: best.scale,
-            sigma_rad,
-            log_likelihood: best.settled.log_likelihood,
-            inliers: best.settled.inliers,
-            ln_bayes_factor,
-        }
-    });
-    let duration_s = duration(measurements);
-    let is_determined = |fit: &MotionFit<M, P>| {
-        fit.motion
-            .is_determined(&fit.covariance, fit.scale, duration_s)
-    };
-    let rival = richer.filter(is_determined);
-    match rival {
-        Some(fit) if fit.ln_bayes_factor > TIE_MARGIN => Ok(Outcome::Found {
+    match fitted::<M, P>(measurements, constant.as_ref().ok(), config) {
+        Some(fit) if fit.is_evident() => Ok(Outcome::Found {
             fit,
             constant: constant.ok(),
         }),
@@ -206,6 +198,47 @@ pub(super) fn compare<M: Richer<P>, const P: usize>(
             rival,
         }),
     }
+}
+
+/// The motion `M` and the odds for it, where the measurements determine it; `constant` is their constant spin, if one holds.
+pub(super) fn fitted<M: Richer<P>, const P: usize>(
+    measurements: &[Measurement],
+    constant: Option<&Fit>,
+    config: &SpinConfig,
+) -> Option<MotionFit<M, P>> {
+    if measurements.len() < M::needed(config) {
+        return None;
+    }
+    let steady = constant.map(|fit| &fit.motion);
+    let (best, independent) = most_likely::<M, P>(measurements, steady, config)?;
+    let Settled {
+        motion, sigma_rad, ..
+    } = best.settled;
+    let mixture = best.mixture(measurements, config);
+    let probabilities = mixture.probabilities(&best.settled);
+    let (covariance, lack_of_fit) = widened(
+        &independent,
+        &mixture,
+        &best.settled,
+        &probabilities,
+        config.shared.as_ref(),
+        &mut Vec::new(),
+    )?;
+    let gain =
+        best.settled.log_posterior - motion.ln_simpler(measurements, sigma_rad, steady, config);
+    let ln_bayes_factor = gain * motion.weight_of_evidence(&independent, &covariance)
+        + M::ln_occam(&covariance, best.scale, config);
+    let is_determined = motion.is_determined(&covariance, best.scale, duration(measurements));
+    is_determined.then_some(MotionFit {
+        motion,
+        covariance,
+        scale: best.scale,
+        sigma_rad,
+        log_likelihood: best.settled.log_likelihood,
+        inliers: best.settled.inliers,
+        ln_bayes_factor,
+        lack_of_fit,
+    })
 }
 
 /// A maximum and the covariance of its parameters.

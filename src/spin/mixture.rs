@@ -192,6 +192,15 @@ impl<const P: usize> Blocks<P> {
         })
     }
 
+    /// All of it multiplied.
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self {
+            turn: self.turn * factor,
+            both: self.both * factor,
+            rates: self.rates * factor,
+        }
+    }
+
     /// The covariance of a function of the parameters with these derivatives.
     pub fn propagated<const D: usize>(
         &self,
@@ -208,7 +217,7 @@ impl<const P: usize> Blocks<P> {
 
 /// The normal equations of a weighted step.
 #[derive(Debug, Clone, Copy)]
-struct Normal<const P: usize> {
+pub(super) struct Normal<const P: usize> {
     weight: f64,
     jacobian: SMatrix<f64, 3, P>,
     squared: SMatrix<f64, P, P>,
@@ -238,7 +247,7 @@ impl<const P: usize> Step<P> {
 }
 
 impl<const P: usize> Normal<P> {
-    fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             weight: 0.0,
             jacobian: SMatrix::zeros(),
@@ -248,13 +257,30 @@ impl<const P: usize> Normal<P> {
         }
     }
 
-    fn add(&mut self, weight: f64, error: &Vec3, jacobian: &SMatrix<f64, 3, P>) {
+    pub fn add(&mut self, weight: f64, error: &Vec3, jacobian: &SMatrix<f64, 3, P>) {
         let weighted = jacobian * weight;
         self.weight += weight;
         self.error += error * weight;
         self.jacobian += weighted;
         self.squared += weighted.tr_mul(jacobian);
         self.pull += weighted.tr_mul(error);
+    }
+
+    /// Those of the measurements of both.
+    pub fn joined(&self, other: &Self) -> Self {
+        Self {
+            weight: self.weight + other.weight,
+            jacobian: self.jacobian + other.jacobian,
+            squared: self.squared + other.squared,
+            error: self.error + other.error,
+            pull: self.pull + other.pull,
+        }
+    }
+
+    /// What a step without priors takes from the weighted squared errors; `None` where the rates are undetermined.
+    pub fn reduction(&self) -> Option<f64> {
+        let step = self.step(&SVector::zeros(), &RatePrior::none(), 0.0)?;
+        Some(step.length)
     }
 
     /// The step with a damping (a share of the diagonal); `None` where the rates are undetermined.
@@ -600,7 +626,7 @@ impl<const P: usize> Mixture<'_, P> {
         let jacobian = at.motion.jacobian();
         let probability = |m: &Measurement| {
             let variance = (at.sigma_rad * m.sigma_scale).powi(2);
-            posterior(m.confidence, jacobian(m).0.norm_squared(), variance).0
+            inlier_probability(m.confidence, jacobian(m).0.norm_squared(), variance)
         };
         self.measurements.iter().map(probability).collect()
     }
@@ -645,13 +671,13 @@ impl<const P: usize> Mixture<'_, P> {
             d if d.is_finite() => d / (d - 2.0).max(1.0),
             _ => 1.0,
         };
-        let covariance = information.inverse()?;
-        Some(Blocks {
-            turn: covariance.turn * widening,
-            both: covariance.both * widening,
-            rates: covariance.rates * widening,
-        })
+        Some(information.inverse()?.scaled(widening))
     }
+}
+
+/// Probability that a frame with the squared error `square` is an inlier.
+pub(super) fn inlier_probability(confidence: f64, square: f64, variance: f64) -> f64 {
+    posterior(confidence, square, variance).0
 }
 
 /// Probability that a frame with the squared error `square` is an inlier, and the mixture's density.

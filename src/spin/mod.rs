@@ -19,7 +19,7 @@
 //! The other modules: [`orientations`] is the file that they read, [`alias`] lists the spins that
 //! the sampling cannot distinguish, [`summary`] says all of a sequence at once; [`windows`] and
 //! [`decay`] (with the theory in [`air`]) follow a spin through a long sequence, [`precession`] that
-//! of an uneven ball; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
+//! of an uneven ball, and [`estimate`] takes the motion for which there is evidence; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
 //! published ones.
 //!
 //! Not guaranteed, by any estimator: that aliases, spins which agree at all the given times, are
@@ -28,6 +28,7 @@
 pub mod air;
 pub mod alias;
 pub mod decay;
+pub mod estimate;
 pub mod evidence;
 pub mod motion;
 pub mod orientations;
@@ -44,6 +45,7 @@ pub mod windows;
 mod chance;
 mod mixture;
 mod search;
+mod widening;
 
 use nalgebra::Matrix3;
 
@@ -132,6 +134,9 @@ pub struct Fit {
     pub log_likelihood: Option<f64>,
     /// Number of inliers.
     pub inliers: usize,
+    /// How much more parts of the sequence differ from the motion than their noise explains, a ratio of variances by which the
+    /// covariance is widened; `None` where that is not evident.
+    pub lack_of_fit: Option<f64>,
 }
 
 impl Fit {

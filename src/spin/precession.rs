@@ -12,7 +12,7 @@
 //!
 //! Guaranteed: no precession without evidence. Not guaranteed: a ball with three different moments is
 //! described to first order in the unevenness only; other torques than that of the air are not modeled;
-//! errors that frames share ([`super::shared`]) count as motion.
+//! errors that frames share count as motion as far as neither [`SpinConfig::shared`] nor a lack of fit tells of them.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
@@ -71,12 +71,26 @@ impl PrecessionFit {
     /// The mean spin, at the first measurement's time: along the angular momentum, camera frame. With
     /// its covariance (the precession being estimated as well), the noise and the number of inliers.
     pub fn mean(&self) -> Fit {
+        self.mean_at(self.motion.space.time_s)
+    }
+
+    /// The same at another time, seconds.
+    pub fn mean_at(&self, time_s: f64) -> Fit {
+        let elapsed = time_s - self.motion.space.time_s;
+        // The decay slows all of the motion alike.
+        let spin =
+            |motion: &PrecessingSpin| motion.mean().spin * (-motion.decay_per_s * elapsed).exp();
         Fit {
-            motion: self.motion.mean(),
-            spin_covariance: Some(self.covariance_of(|motion| motion.mean().spin)),
+            motion: ConstantSpin {
+                time_s,
+                orientation: self.motion.at(time_s),
+                spin: spin(&self.motion),
+            },
+            spin_covariance: Some(self.covariance_of(spin)),
             sigma_rad: Some(self.sigma_rad),
             log_likelihood: Some(self.log_likelihood),
             inliers: self.inliers,
+            lack_of_fit: self.lack_of_fit,
         }
     }
 
@@ -254,6 +268,16 @@ impl Richer<7> for PrecessingSpin {
         starts
             .map(|start| mixture.ln_maximum(start.rebased(self.space.time_s)))
             .fold(ln_likelihood_of_outliers(measurements), f64::max)
+    }
+
+    fn weight_of_evidence(&self, independent: &Blocks<7>, widened: &Blocks<7>) -> f64 {
+        let square = |covariance: &Blocks<7>| {
+            let solved = of_body(covariance).cholesky()?.solve(&self.body_rate);
+            Some(self.body_rate.dot(&solved))
+        };
+        let squares = square(widened).zip(square(independent));
+        // Without a precession there is nothing to weigh.
+        squares.map_or(0.0, |(wide, own)| if own > 0.0 { wide / own } else { 1.0 })
     }
 
     fn ln_occam(covariance: &Blocks<7>, scale: f64, _: &SpinConfig) -> f64 {

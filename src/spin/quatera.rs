@@ -222,6 +222,7 @@ impl QuateraEstimator {
             sigma_rad: None,
             log_likelihood: None,
             inliers,
+            lack_of_fit: None,
         })
     }
 

@@ -14,9 +14,10 @@ use nalgebra::Matrix3;
 
 use super::chance::expected_by_chance;
 use super::mixture::{Mixture, Noise, RatePrior, Settled, Spread};
-use super::motion::{ConstantSpin, LocalFrame};
+use super::motion::{ConstantSpin, LocalFrame, Motion};
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
-use super::shared::{Part, SharedError, shared_covariance};
+use super::shared::{Part, SharedError};
+use super::widening::widened;
 use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check, require};
 use crate::geometry::Vec3;
 
@@ -175,7 +176,7 @@ pub struct RobustEstimator {
     seen: Vec<Seen>,
     shortlist: Shortlist,
     probabilities: Vec<f64>,
-    parts: Vec<Part>,
+    parts: Vec<Part<3>>,
     candidates: [Option<Settled<ConstantSpin>>; KEPT],
 }
 
@@ -398,42 +399,43 @@ impl RobustEstimator {
             motion: best.motion.rebased(measurements[0].time_s),
             ..*best
         };
+        let known = self.covariance(measurements, &at_first);
         Ok(Fit {
             motion: at_first.motion,
-            spin_covariance: self.covariance(measurements, &at_first),
+            spin_covariance: known.map(|(covariance, _)| covariance),
             sigma_rad: Some(best.sigma_rad),
             log_likelihood: Some(best.log_likelihood),
             inliers,
+            lack_of_fit: known.and_then(|(_, lack_of_fit)| lack_of_fit),
         })
     }
 
-    /// Covariance of the spin; leaves the probabilities that the frames are inliers in place.
+    /// Covariance of the spin, and the lack of fit; leaves the probabilities that the frames are inliers in place.
     fn covariance(
         &mut self,
         measurements: &[Measurement],
         best: &Settled<ConstantSpin>,
-    ) -> Option<Matrix3<f64>> {
-        let mixture = self.mixture(measurements);
+    ) -> Option<(Matrix3<f64>, Option<f64>)> {
+        let mixture = Mixture {
+            measurements,
+            noise: self.config.noise(),
+            prior: RatePrior::none(),
+        };
         self.probabilities.clear();
         let probabilities = &mut self.probabilities;
         let covariance = mixture
             .covariance(best, false, |p| probabilities.push(p))
             .or_else(|| mixture.covariance(best, true, |_| ()))?;
-        let basis = LocalFrame::of(&best.motion.spin).basis;
-        let own = basis * covariance.rates * basis.transpose();
-        let Some(shared) = &self.config.shared else {
-            return Some(own);
-        };
-        let (sigma_rad, parts) = (best.sigma_rad, &mut self.parts);
-        let added = shared_covariance(
-            measurements,
-            &best.motion,
-            sigma_rad,
+        let (covariance, lack_of_fit) = widened(
+            &covariance,
+            &mixture,
+            best,
             &self.probabilities,
-            shared,
-            parts,
+            self.config.shared.as_ref(),
+            &mut self.parts,
         )?;
-        Some(own + added)
+        let basis = best.motion.local_frame().basis;
+        Some((basis * covariance.rates * basis.transpose(), lack_of_fit))
     }
 }
 

@@ -22,10 +22,10 @@
 //! angle `a` off the optical axis, of deviation `s_a` along either image axis. Smallest rotations along a path that does not lead through the axis
 //! lack a roll of half the solid angle that they span with it, at the rate `a x n' / 2` about z: `s_a^2 |n'|^2 / 4` there.
 
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
 use super::Measurement;
-use super::motion::{ConstantSpin, LocalFrame, Motion};
+use super::motion::Motion;
 use crate::geometry::{CameraFrame, Rotation, Vec3};
 
 /// Frames that are looked at; longer sequences are sampled evenly, since the sum goes over pairs.
@@ -138,23 +138,24 @@ fn turn_rate_covariance(
 
 /// A frame's part in the sum.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Part {
+pub(super) struct Part<const P: usize> {
     weight: f64,
-    jacobian: Matrix3<f64>,
+    jacobian: SMatrix<f64, 3, P>,
     /// The side seen: the direction towards the camera, pattern frame.
     side: Vec3,
 }
 
-/// What the shared error adds to the covariance of the spin; `None` where the fit leaves the spin
-/// undetermined. `parts` is working memory.
-pub(super) fn shared_covariance(
+/// What the shared error adds to the covariance of a motion's rates, local frame, without the turns of the view frame; `None`
+/// where the fit leaves the rates undetermined. `prior` has the inverse variances of the rates before the fit, `parts` is
+/// working memory.
+pub(super) fn shared_covariance<M: Motion<P>, const P: usize>(
     measurements: &[Measurement],
-    motion: &ConstantSpin,
+    motion: &M,
     sigma_rad: f64,
     probabilities: &[f64],
-    shared: &SharedError,
-    parts: &mut Vec<Part>,
-) -> Option<Matrix3<f64>> {
+    (shared, prior): (&SharedError, &SVector<f64, P>),
+    parts: &mut Vec<Part<P>>,
+) -> Option<SMatrix<f64, P, P>> {
     let stride = measurements.len().div_ceil(MAX_FRAMES).max(1);
     parts.clear();
     // By the frames, not by those that count: a sequence as long then needs no more.
@@ -167,21 +168,22 @@ pub(super) fn shared_covariance(
         parts.push(Part {
             weight: p / (sigma_rad * m.sigma_scale).powi(2),
             jacobian: jacobian(m).1,
-            side: motion.at(m.time_s).inverse() * Vec3::z(),
+            side: motion.predict(m.time_s).inverse() * Vec3::z(),
         });
     }
     let total: f64 = parts.iter().map(|p| p.weight).sum();
     let mean = parts
         .iter()
         .map(|p| p.jacobian * p.weight)
-        .sum::<Matrix3<f64>>()
+        .sum::<SMatrix<f64, 3, P>>()
         / total;
-    let mut information = Matrix3::zeros();
+    // The frames that are left out say as much: against a prior it counts how much all say.
+    let mut information = SMatrix::<f64, P, P>::from_diagonal(&(prior / stride as f64));
     for part in parts.iter_mut() {
         part.jacobian -= mean;
         information += part.jacobian.tr_mul(&part.jacobian) * part.weight;
     }
-    let mut meat = Matrix3::zeros();
+    let mut meat = SMatrix::<f64, P, P>::zeros();
     for (i, a) in parts.iter().enumerate() {
         for (j, b) in parts[i..].iter().enumerate() {
             let angle = a.side.dot(&b.side).clamp(-1.0, 1.0).acos();
@@ -195,7 +197,5 @@ pub(super) fn shared_covariance(
         }
     }
     let inverse = information.cholesky()?.inverse();
-    let sandwich = inverse * meat * inverse * shared.sigma_rad.powi(2);
-    let basis = LocalFrame::of(&motion.spin).basis;
-    Some(basis * sandwich * basis.transpose() + shared.turn_rate_covariance)
+    Some(inverse * meat * inverse * shared.sigma_rad.powi(2))
 }

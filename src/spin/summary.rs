@@ -52,20 +52,13 @@ impl SpinSummary {
         config: &AliasConfig,
         frames: usize,
     ) -> Self {
-        let mut angles: Vec<f64> = measurements
-            .iter()
-            .map(|m| fit.motion.at(m.time_s).angle_to(&m.orientation))
-            .collect();
-        angles.sort_unstable_by(f64::total_cmp);
-        angles.truncate(fit.inliers);
-        let squares: f64 = angles.iter().map(|a| a * a).sum();
         let times: Vec<f64> = measurements.iter().map(|m| m.time_s).collect();
         let sigma_rad = fit.sigma_rad.unwrap_or(config.sigma_rad);
         Self {
             fit: *fit,
             alternatives: alternatives(measurements, fit, config),
             unique_up_to_rps: unique_up_to_rps(&times, sigma_rad, config.max_rps),
-            residual_rad: (squares / angles.len().max(1) as f64).sqrt(),
+            residual_rad: residual_rad(measurements, fit.inliers, |t| fit.motion.at(t)),
             frames,
             orientations: measurements.len(),
         }
@@ -80,6 +73,20 @@ impl SpinSummary {
         }
         self
     }
+}
+
+/// Root mean square angle between a motion and the orientations that agree with it, the nearest so many, radians.
+pub(super) fn residual_rad(
+    measurements: &[Measurement],
+    inliers: usize,
+    motion: impl Fn(f64) -> Rotation,
+) -> f64 {
+    let angle = |m: &Measurement| motion(m.time_s).angle_to(&m.orientation);
+    let mut angles: Vec<f64> = measurements.iter().map(angle).collect();
+    angles.sort_unstable_by(f64::total_cmp);
+    angles.truncate(inliers);
+    let squares: f64 = angles.iter().map(|a| a * a).sum();
+    (squares / angles.len().max(1) as f64).sqrt()
 }
 
 /// The spin, revolutions per second, up to which orientations at these times (seconds, increasing)

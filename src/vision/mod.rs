@@ -28,6 +28,7 @@ mod grid;
 pub mod intrinsics;
 pub mod lens;
 pub mod net;
+mod off_center;
 pub mod outline;
 pub mod patch;
 mod rim;
@@ -47,5 +48,6 @@ pub use estimator::{
 pub use intrinsics::Intrinsics;
 pub use lens::Lens;
 pub use net::CnnDetector;
+pub use off_center::OffCenter;
 pub use outline::{Outline, OutlineSource};
 pub use patch::Patch;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use spindoe::calibrate::{CalibrationConfig, DotState, calibrate};
-use spindoe::geometry::spiral_directions;
+use spindoe::geometry::{CameraFrame, spiral_directions};
 use spindoe::pattern::Pattern;
 use spindoe::recognize::RecognizerName;
 use spindoe::report::calibration::{
@@ -18,7 +18,9 @@ use spindoe::report::page::{CalibrationPage, DesignPage, EstimatePage};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::DetectorName;
-use spindoe::vision::estimator::{Batch, BatchFrame, Budget, Prior, SequenceOutcome, TimeSource};
+use spindoe::vision::estimator::{
+    Batch, BatchFrame, Budget, NamedFrame, Prior, SequenceOutcome, TimeSource, orientations,
+};
 use spindoe::{Ball, Estimator, EstimatorConfig, FrameEstimate};
 
 use crate::common::{done, spindoe};
@@ -97,7 +99,13 @@ fn estimate(path: &Path) {
         sources: Vec::new(),
     };
     assert!(batch.frames[5].estimate.pose().is_none());
-    let page = EstimatePage::new(&pattern, &batch, None, |_| Ok(None)).unwrap();
+    let named = batch.frames.iter().map(|frame| NamedFrame {
+        name: &frame.name,
+        time_s: frame.time_s,
+        estimate: &frame.estimate,
+    });
+    let rows = orientations(&named.collect::<Vec<_>>(), CameraFrame::View, false);
+    let page = EstimatePage::new(&pattern, &batch, &rows, None, |_| Ok(None)).unwrap();
     std::fs::write(path, page.html().unwrap()).unwrap();
 }
 

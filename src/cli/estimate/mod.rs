@@ -14,11 +14,9 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::images::{ImageArguments, order_warning, read_balls, unused_warning};
 use super::output::{Counter, one_of};
-use super::spin::Motion;
 use crate::ball::Ball;
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::error::{Error, Result, require};
@@ -26,6 +24,7 @@ use crate::files;
 use crate::geometry::CameraFrame;
 use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use crate::source::pipe::PipeFormat;
+use crate::spin::estimate::MotionModel;
 use crate::vision::estimator::{
     Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
 };
@@ -42,11 +41,12 @@ Times: a name that is a whole number is a time in nanoseconds; a video's frames 
 or --fps override both. Where all frames have a time, the spin is estimated, and its prediction is a hint for
 frames that cannot be estimated independently (--no-sequence turns this off).
 
-Orientations: CSV, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence; scalar first; the fields are
-empty where a frame is rejected. The confidence is the probability that the orientation is correct. The
-quaternion maps the pattern's frame to the camera's. --frame camera: x right, y up, z towards the camera.
---frame optical: x right, y down, z forward, R_optical = diag(1,-1,-1) R_camera; the spin's vector is rotated
-likewise. The last column, camera_frame, says which it is.
+Orientations: CSV, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence,camera_frame and the covariance;
+scalar first; the fields are empty where a frame is rejected. The confidence is the probability that the orientation
+is correct. The quaternion maps the pattern's frame to that of the column camera_frame: camera, or without
+--intrinsics view, whose z points from the ball to the camera; x right, y up, z towards the camera. With --frame
+optical they are optical and optical_view: x right, y down, z forward, R_optical = diag(1,-1,-1) R_camera; the
+covariance and the spin's vector are rotated likewise.
 
 All frames together decide whether the table fits these images, which of several tables it is, and whether the
 images are mirrored: frames of another ball are identified by accident now and then, but not one after the other.
@@ -115,10 +115,15 @@ pub struct Arguments {
     /// Maximum spin considered, revolutions per second.
     #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
     max_spin_rps: f64,
-    /// How the ball moves: at a constant spin, or precessing as an uneven ball does; with evidence for that the spin
-    /// reported is the mean one.
-    #[arg(long, value_parser = motion(), default_value = "constant", conflicts_with_all = ["no_sequence", "follow"])]
-    motion: Motion,
+    /// How the ball moves: at a constant or a decaying spin, precessing as an uneven ball does (the spin reported is then the mean
+    /// one), or auto, the one of these for which there is evidence. The spin is that in the middle of the clip.
+    #[arg(
+        long,
+        value_parser = one_of(&MotionModel::ALL, MotionModel::as_str),
+        default_value_t,
+        conflicts_with_all = ["no_sequence", "follow"]
+    )]
+    motion: MotionModel,
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
@@ -141,14 +146,6 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     max_latency_ms: Option<f64>,
-}
-
-/// Takes a motion of a clip. A decay needs longer flights than clips show.
-fn motion() -> impl TypedValueParser<Value = Motion> {
-    PossibleValuesParser::new(["constant", "precessing"]).map(|name| match name.as_str() {
-        "precessing" => Motion::Precessing,
-        _ => Motion::Constant,
-    })
 }
 
 /// What only a set of files has.

@@ -7,25 +7,32 @@ use serde_json::{Value, json};
 
 use super::verdict::Judgment;
 use super::{Arguments, Picture};
-use crate::cli::precession::Precession;
-use crate::cli::spin::{LISTED_BEYOND, Motion};
+use crate::cli::motion::Motion;
+use crate::cli::spin::LISTED_BEYOND;
 use crate::cli::spin_summary;
 use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
 use crate::source::video::VideoClock;
 use crate::spin::SpinRejection;
 use crate::spin::alias::AliasConfig;
-use crate::spin::orientations::Orientations;
-use crate::spin::robust::{RobustEstimator, SpinConfig};
+#[cfg(feature = "plot")]
+use crate::spin::estimate::FittedMotion;
+use crate::spin::estimate::SpinEstimate;
+use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
-use crate::vision::FrameEstimate;
 use crate::vision::estimator::{
     Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, TimeSource, orientations,
     turned_covariance,
 };
+use crate::vision::{FrameEstimate, OffCenter};
 
 /// Skipped files that are named.
 const MAX_NAMED: usize = 5;
+
+/// Fields of view along the longer side for which a cost is named, degrees: that of a 25 mm lens before a sensor of half an inch,
+/// and that of a phone.
+const FIELDS_DEG: [f64; 2] = [15.0, 65.0];
 
 /// Everything that is reported.
 pub(super) struct Report<'a> {
@@ -36,8 +43,7 @@ pub(super) struct Report<'a> {
     judgment: &'a Judgment,
     orientations: Orientations,
     /// Where the frames have times.
-    spin: Option<Result<SpinSummary, SpinRejection>>,
-    precession: Option<Precession>,
+    spin: Option<Result<(SpinSummary, Motion), SpinRejection>>,
 }
 
 /// The file of orientations.
@@ -57,7 +63,7 @@ fn spin(
     arguments: &Arguments,
     batch: &Batch<Picture>,
     orientations: &Orientations,
-) -> Option<Result<(SpinSummary, Option<Precession>), SpinRejection>> {
+) -> Option<Result<(SpinSummary, Motion), SpinRejection>> {
     if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
         return None;
     }
@@ -71,13 +77,19 @@ fn spin(
         ..AliasConfig::default()
     };
     let measurements = orientations.measurements();
-    if arguments.motion == Motion::Precessing {
-        let fit = Precession::fit(&measurements, &config, &listed, batch.frames.len());
-        return Some(fit.map(|(summary, found)| (summary, Some(found))));
-    }
-    let fit = RobustEstimator::new(config).fit(&measurements);
-    let summary = |fit| SpinSummary::new(&measurements, &fit, &listed, batch.frames.len());
-    Some(fit.map(|fit| (summary(fit), None)))
+    let frames = batch.frames.len();
+    let estimate = SpinEstimate::fit(&measurements, arguments.motion, &config);
+    let found = |estimate| {
+        Motion::new(
+            estimate,
+            arguments.motion,
+            &measurements,
+            None,
+            &listed,
+            frames,
+        )
+    };
+    Some(estimate.map(found))
 }
 
 /// The outcome of a frame, in words.
@@ -114,11 +126,7 @@ impl<'a> Report<'a> {
         judgment: &'a Judgment,
     ) -> Self {
         let orientations = file_of(frame, batch);
-        let (spin, precession) = match spin(arguments, batch, &orientations) {
-            Some(Ok((summary, precession))) => (Some(Ok(summary)), precession),
-            Some(Err(rejection)) => (Some(Err(rejection)), None),
-            None => (None, None),
-        };
+        let spin = spin(arguments, batch, &orientations);
         Self {
             arguments,
             frame,
@@ -126,15 +134,24 @@ impl<'a> Report<'a> {
             judgment,
             orientations,
             spin,
-            precession,
         }
     }
 
-    /// The spin where the frames have times, by the axes that the estimates are in.
+    /// The spin and its motion where the frames have times, by the crate's axes.
     #[cfg(feature = "plot")]
-    pub fn spin(&self) -> Option<Result<SpinSummary, SpinRejection>> {
-        let turned = |summary: SpinSummary| summary.turned(&self.frame.turn());
-        self.spin.clone().map(|spin| spin.map(turned))
+    pub fn spin(&self) -> Option<Result<(SpinSummary, FittedMotion), SpinRejection>> {
+        let turned = |(summary, motion): &(SpinSummary, Motion)| {
+            let summary = summary.clone().turned(&self.frame.turn());
+            (summary, motion.estimate.motion)
+        };
+        let spin = self.spin.as_ref()?;
+        Some(spin.as_ref().map(turned).map_err(|rejection| *rejection))
+    }
+
+    /// The orientations.
+    #[cfg(feature = "plot")]
+    pub fn orientations(&self) -> &Orientations {
+        &self.orientations
     }
 
     pub fn orientations_csv(&self) -> String {
@@ -142,8 +159,10 @@ impl<'a> Report<'a> {
     }
 
     pub fn to_json(&self) -> Value {
-        let frames = self.batch.frames.iter();
-        let frames: Vec<Value> = frames.map(|frame| self.frame_json(frame)).collect();
+        let frames = self.batch.frames.iter().zip(&self.orientations.rows);
+        let frames: Vec<Value> = frames
+            .map(|(frame, row)| self.frame_json(frame, row))
+            .collect();
         let mut json = json!({
             "detector": self.arguments.source.detector,
             "frame": self.frame,
@@ -158,11 +177,9 @@ impl<'a> Report<'a> {
             })).collect::<Vec<_>>(),
         });
         match &self.spin {
-            Some(Ok(summary)) => {
+            Some(Ok((summary, motion))) => {
                 json["spin"] = spin_summary::to_json(summary, self.frame);
-                if let Some(precession) = &self.precession {
-                    json["spin"]["precession"] = precession.to_json();
-                }
+                motion.add_to(&mut json["spin"]);
             }
             Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
             None => {}
@@ -220,7 +237,28 @@ impl<'a> Report<'a> {
         Some(words)
     }
 
-    fn frame_json(&self, shown: &BatchFrame<Picture>) -> Value {
+    /// What it costs that no camera is given, where the ball stands off the center.
+    fn off_center_words(&self) -> Option<String> {
+        let seen = self.batch.frames.iter().filter_map(|frame| {
+            frame.estimate.pose()?;
+            Some((frame.estimate.circle?, frame.size?))
+        });
+        let off = OffCenter::farthest(seen).filter(|_| self.frame.is_view())?;
+        let angle = |field_deg: f64| off.angle_rad(field_deg.to_radians()).to_degrees();
+        let [narrow, wide] = FIELDS_DEG;
+        Some(format!(
+            "no camera is given, and the ball stands up to {:.0} px off the center of {} x {}: the view frame of orientations and \
+             spin is turned against the camera's by {:.1} deg if the field of view is {narrow} deg, {:.1} deg if it is {wide} \
+             (--intrinsics)",
+            off.offset_px,
+            off.size[0],
+            off.size[1],
+            angle(narrow),
+            angle(wide),
+        ))
+    }
+
+    fn frame_json(&self, shown: &BatchFrame<Picture>, row: &OrientationRow) -> Value {
         let frame = &shown.estimate;
         let dots: Vec<Value> = frame
             .dots
@@ -265,6 +303,15 @@ impl<'a> Report<'a> {
         match &shown.unreadable {
             Some(words) => json["refusal"] = words.clone().into(),
             None => add_pose(self.frame, frame, &mut json),
+        }
+        // Of a sequence in one frame, as in the file of orientations.
+        if let (Some(orientation), Some(covariance)) = (&row.orientation, &row.covariance) {
+            json["orientation_wxyz"] = json!(to_wxyz(orientation));
+            json["covariance_rad2"] = json!(rows(covariance));
+        }
+        if let Some(turn) = &row.turn {
+            json["view_turn_rad"] = json!([turn.turn_rad.x, turn.turn_rad.y]);
+            json["view_turn_std_rad"] = json!([turn.deviation_rad.x, turn.deviation_rad.y]);
         }
         json
     }
@@ -319,10 +366,13 @@ impl<'a> Report<'a> {
         if let Some(words) = self.times_words() {
             errln!("times: {words}");
         }
+        if let Some(words) = self.off_center_words() {
+            errln!("{words}");
+        }
         match &self.spin {
-            Some(Ok(summary)) => {
+            Some(Ok((summary, motion))) => {
                 let mut lines = spin_summary::lines(summary, self.frame);
-                lines.extend(self.precession.iter().flat_map(Precession::lines));
+                lines.extend(motion.lines());
                 errln!("spin: {}", lines.join("\n"));
             }
             Some(Err(rejection)) => errln!("spin: {rejection}"),

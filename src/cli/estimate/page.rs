@@ -19,10 +19,16 @@ pub(super) fn write(
     report: &Report<'_>,
 ) -> Result<()> {
     let spin = report.spin();
-    let page = EstimatePage::new(estimator.pattern(), batch, spin.as_ref(), |shown| {
-        overlay::drawn(estimator, shown)
-            .map(|frame| frame_thumbnail(&frame))
-            .transpose()
-    })?;
+    let page = EstimatePage::new(
+        estimator.pattern(),
+        batch,
+        report.orientations(),
+        spin.as_ref(),
+        |shown| {
+            overlay::drawn(estimator, shown)
+                .map(|frame| frame_thumbnail(&frame))
+                .transpose()
+        },
+    )?;
     files::write_bytes(path, page.html()?.as_bytes())
 }

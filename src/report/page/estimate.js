@@ -21,20 +21,31 @@ function estimatePage(d) {
   gallery(d);
 }
 
-/** The orientation that a spin predicts at a time. */
-function predicted(spin, time) {
-  const w = spin.spin_rad_s,
-    rate = Math.hypot(...w);
-  const start = fromQuaternion(spin.orientation_wxyz);
-  return rate > 0
-    ? multiply(
-        rotation(
-          w.map((c) => c / rate),
-          rate * (time - spin.time_s),
-        ),
-        start,
+/** A turn by a rotation vector. */
+function turned(vector) {
+  const angle = Math.hypot(...vector);
+  return angle > 0
+    ? rotation(
+        vector.map((c) => c / angle),
+        angle,
       )
-    : start;
+    : IDENTITY;
+}
+
+/** The orientation that a spin predicts at a time: exp(p tau) R exp(q tau), q fixed in the ball, on the clock of its decay. */
+function predicted(spin, time) {
+  const start = fromQuaternion(spin.orientation_wxyz),
+    c = spin.decay_per_s,
+    t = time - spin.time_s,
+    tau = c ? -Math.expm1(-c * t) / c : t,
+    q = spin.body_rate_rad_s,
+    u = spin.axis,
+    along = times(start, q).reduce((sum, x, i) => sum + x * u[i], 0),
+    p = spin.spin_rad_s.map((x, i) => x - u[i] * along);
+  return multiply(
+    multiply(turned(p.map((x) => x * tau)), start),
+    turned(q.map((x) => x * tau)),
+  );
 }
 const apart = (a, b) => {
   const m = multiply(a, transpose(b));
@@ -45,7 +56,7 @@ function turningBall(d) {
   const node = section(
     "ball",
     "The ball",
-    "As the camera sees it: x right, y up. The slider goes through the frames; drag the ball to look at it from elsewhere.",
+    "As the camera sees it: x right, y up, z towards the camera. The slider goes through the frames; drag the ball to look at it from elsewhere.",
   );
   const state = {
       k: Math.max(
@@ -163,12 +174,21 @@ function turningBall(d) {
   show(state.k);
 }
 
+const FRAMES = {
+  camera: "Camera frame",
+  view: "View frame (no camera is known: its z points from the ball to the camera)",
+};
+
 function spinSection(d) {
   const s = d.spin,
     node = section(
       "spin",
       "The spin",
-      "Camera frame, right-hand rule: a positive component turns counter-clockwise seen from that axis' tip.",
+      `${FRAMES[d.camera_frame]}, right-hand rule: a positive component turns counter-clockwise seen from that axis' tip. ` +
+        `The motion is ${s.motion}; the spin is that at ${fixed(s.time_s, 4)} s.` +
+        (s.lack_of_fit
+          ? ` Parts of the sequence differ ${fixed(Math.sqrt(s.lack_of_fit), 1)} times as much as their noise explains; the deviations count it.`
+          : ""),
     );
   const plus = (x, e) =>
     fixed(x, 2) + (e === undefined || e === null ? "" : " \u00b1 " + fixed(e, 2));
@@ -225,7 +245,7 @@ function overTime(d) {
   });
   ["x", "y", "z"].forEach((name, j) => {
     const series = [0, 1, 2].map((i) => ({
-      name: "to camera " + "xyz"[i],
+      name: `to ${d.camera_frame} ` + "xyz"[i],
       color: `var(--c${i})`,
       line: false,
       points: columns.map(({ x, m }) => ({ x, y: m[3 * i + j] })),

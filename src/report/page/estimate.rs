@@ -7,9 +7,11 @@ use serde::Serialize;
 use super::{Page, rounded};
 use crate::design::KeepOut;
 use crate::error::Result;
-use crate::geometry::to_wxyz;
+use crate::geometry::{CameraFrame, Rotation, to_wxyz};
 use crate::pattern::Pattern;
 use crate::spin::SpinRejection;
+use crate::spin::estimate::FittedMotion;
+use crate::spin::orientations::Orientations;
 use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
@@ -18,10 +20,11 @@ use crate::vision::estimator::{Batch, BatchFrame, FrameRejection, SequenceOutcom
 /// Bytes that the pictures of a page may take together: with all else it stays below 6 MB.
 const MAX_PICTURES: usize = 5_000_000;
 
-/// What the page of an estimate shows. Orientations map the pattern's frame to the camera's (x
-/// right, y up, z from the ball towards the camera).
+/// What the page of an estimate shows. Orientations map the pattern's frame to the camera's, or to the view frame where the camera
+/// is unknown (x right, y up, z from the ball towards the camera).
 #[derive(Debug, Serialize)]
 pub struct EstimatePage {
+    camera_frame: CameraFrame,
     dots: Vec<[f64; 3]>,
     keep_out: Vec<KeepOut>,
     frames: Vec<PageFrame>,
@@ -55,8 +58,13 @@ pub struct PageSpin {
     std_rps: Option<f64>,
     sigma_deg: Option<f64>,
     inliers: usize,
+    lack_of_fit: Option<f64>,
     time_s: f64,
     orientation_wxyz: [f64; 4],
+    motion: &'static str,
+    decay_per_s: f64,
+    /// The rotation that is fixed in the ball at that time, pattern frame.
+    body_rate_rad_s: [f64; 3],
     alternatives: Vec<PageAlternative>,
 }
 
@@ -68,19 +76,27 @@ struct PageAlternative {
 }
 
 impl EstimatePage {
-    /// The page of `batch`. `picture` gives a frame's overlay as a PNG file where there is one; where
-    /// all together are too large, evenly chosen ones are shown. `spin` is what was found of it, where the
-    /// frames have times.
+    /// The page of `batch`, whose frames have these orientations. `picture` gives a frame's overlay as a PNG file where there is one; where
+    /// all together are too large, evenly chosen ones are shown. `spin` is what was found of it and of its motion, in the axes of
+    /// [`CameraFrame::Camera`], where the frames have times.
     ///
     /// # Errors
     /// Those of `picture`.
     pub fn new<K>(
         pattern: &Pattern,
         batch: &Batch<K>,
-        spin: Option<&std::result::Result<SpinSummary, SpinRejection>>,
+        orientations: &Orientations,
+        spin: Option<&std::result::Result<(SpinSummary, FittedMotion), SpinRejection>>,
         mut picture: impl FnMut(&BatchFrame<K>) -> Result<Option<Vec<u8>>>,
     ) -> Result<Self> {
-        let mut frames: Vec<PageFrame> = batch.frames.iter().map(PageFrame::new).collect();
+        let axes = orientations.camera_frame.unwrap_or_default();
+        let shown = batch.frames.iter().zip(&orientations.rows);
+        let mut frames: Vec<PageFrame> = shown
+            .map(|(frame, row)| {
+                let orientation = row.orientation.map(|q| axes.turn() * q);
+                PageFrame::new(frame, orientation.as_ref())
+            })
+            .collect();
         let mut left = MAX_PICTURES;
         for k in evenly(batch.frames.len()) {
             let Some(png) = picture(&batch.frames[k])? else {
@@ -95,10 +111,13 @@ impl EstimatePage {
             frames[k].picture = Some(text);
         }
         Ok(Self {
+            camera_frame: CameraFrame::Camera.of_view(axes.is_view()),
             dots: pattern.dots().iter().map(|d| (*d).into()).collect(),
             keep_out: pattern.keep_out().to_vec(),
             frames,
-            spin: spin.and_then(|spin| spin.as_ref().ok()).map(PageSpin::new),
+            spin: spin
+                .and_then(|spin| spin.as_ref().ok())
+                .map(|(summary, motion)| PageSpin::new(summary, motion)),
             spin_rejection: match &batch.sequence {
                 SequenceOutcome::NoTimes => Some("the frames have no times".to_owned()),
                 SequenceOutcome::TimesNotIncreasing => Some("the times do not increase".to_owned()),
@@ -150,14 +169,14 @@ fn evenly(n: usize) -> Vec<usize> {
 }
 
 impl PageFrame {
-    fn new<K>(shown: &BatchFrame<K>) -> Self {
+    fn new<K>(shown: &BatchFrame<K>, orientation: Option<&Rotation>) -> Self {
         let frame: &FrameEstimate = &shown.estimate;
         let pose = frame.pose();
         let rejection = frame.outcome.as_ref().err();
         Self {
             name: shown.name.clone(),
             time_s: shown.time_s,
-            orientation_wxyz: pose.map(|p| to_wxyz(&p.rotation)),
+            orientation_wxyz: orientation.map(to_wxyz),
             confidence: pose.map(|p| rounded(p.confidence)),
             residual_deg: pose.map(|p| rounded(p.residual_rad.to_degrees())),
             dots: frame.dots.len(),
@@ -179,7 +198,7 @@ impl PageFrame {
 }
 
 impl PageSpin {
-    fn new(summary: &SpinSummary) -> Self {
+    fn new(summary: &SpinSummary, motion: &FittedMotion) -> Self {
         let fit = &summary.fit;
         let axis = |v: &crate::geometry::Vec3| v.try_normalize(0.0).unwrap_or_default();
         let own = axis(&fit.motion.spin);
@@ -197,6 +216,10 @@ impl PageSpin {
                 .map(|c| rps(own.dot(&(c * own)).max(0.0).sqrt())),
             sigma_deg: fit.sigma_rad.map(f64::to_degrees),
             inliers: fit.inliers,
+            lack_of_fit: fit.lack_of_fit,
+            motion: motion.model().as_str(),
+            decay_per_s: motion.decay_per_s(),
+            body_rate_rad_s: motion.body_rate(fit.motion.time_s).into(),
             time_s: fit.motion.time_s,
             orientation_wxyz: to_wxyz(&fit.motion.orientation),
             alternatives: summary

@@ -44,8 +44,12 @@ impl Motion<3> for ConstantSpin {
         self.at(time_s)
     }
 
+    fn local_frame(&self) -> LocalFrame {
+        LocalFrame::of(&self.spin)
+    }
+
     fn jacobian(self) -> impl Fn(&Measurement) -> (Vec3, Matrix3<f64>) {
-        let frame = LocalFrame::of(&self.spin);
+        let frame = self.local_frame();
         let to_local = frame.basis.transpose();
         let (start, inverse) = (self.time_s, self.orientation.conjugate().into_inner());
         #[inline(always)]

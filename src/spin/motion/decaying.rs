@@ -50,8 +50,12 @@ impl Motion<4> for DecayingSpin {
         self.at(time_s)
     }
 
+    fn local_frame(&self) -> LocalFrame {
+        LocalFrame::of(&self.start.spin)
+    }
+
     fn jacobian(self) -> impl Fn(&Measurement) -> (Vec3, SMatrix<f64, 3, 4>) {
-        let frame = LocalFrame::of(&self.start.spin);
+        let frame = self.local_frame();
         let to_local = frame.basis.transpose();
         let (start, decay) = (self.start.time_s, self.decay_per_s);
         let inverse = self.start.orientation.conjugate().into_inner();

@@ -52,6 +52,9 @@ pub(super) trait Motion<const P: usize>: Copy {
     /// The orientation at `time_s`, pattern to camera.
     fn predict(&self, time_s: f64) -> Rotation;
 
+    /// The frame that errors and spins are written in.
+    fn local_frame(&self) -> LocalFrame;
+
     /// The error of a measurement, carried back to the reference time, and its derivative by the rates
     /// with the sign changed.
     ///

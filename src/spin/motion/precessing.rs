@@ -122,8 +122,12 @@ impl Motion<7> for PrecessingSpin {
         self.at(time_s)
     }
 
+    fn local_frame(&self) -> LocalFrame {
+        LocalFrame::of(&self.space.spin)
+    }
+
     fn jacobian(self) -> impl Fn(&Measurement) -> (Vec3, SMatrix<f64, 3, 7>) {
-        let frame = LocalFrame::of(&self.space.spin);
+        let frame = self.local_frame();
         let to_local = frame.basis.transpose();
         let (start, decay, body) = (self.space.time_s, self.decay_per_s, self.body_rate);
         let (body_axis, body_rate) = axis_and_rate(&body);

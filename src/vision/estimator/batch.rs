@@ -182,6 +182,8 @@ pub struct BatchFrame<K> {
 }
 
 /// What became of the frames as a sequence.
+// One a batch: two hundred bytes are less trouble than a box.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone)]
 pub enum SequenceOutcome {
     /// Some frame has no time, or there is only one.

@@ -26,6 +26,7 @@ mod sequences;
 mod smear;
 mod spin_coverage;
 mod spin_decay;
+mod spin_motion;
 mod spin_rates;
 mod stencils;
 mod tables;
@@ -82,6 +83,8 @@ enum Command {
     SpinRates(spin_rates::Args),
     /// Coverage of the interval of a spin's decay.
     SpinDecay(spin_decay::Args),
+    /// How often the motion of a spin is the right one.
+    SpinMotion(spin_motion::Args),
     /// Patterns on the same rendered frames of one camera.
     CameraFamily(camera_family::Args),
     /// Whether a race of patterns finds the order of many more frames.
@@ -136,6 +139,7 @@ fn main() -> Outcome {
         Command::SpinCoverage(args) => args.run(),
         Command::SpinRates(args) => args.run(),
         Command::SpinDecay(args) => args.run(),
+        Command::SpinMotion(args) => args.run(),
         Command::CameraFamily(args) => args.run(),
         Command::CameraRace(args) => args.run(),
         Command::Objectives(args) => args.run(),

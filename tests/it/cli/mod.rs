@@ -2,6 +2,7 @@
 
 mod compare;
 mod contract;
+mod frames;
 mod identify;
 mod spin;
 mod trust;

@@ -218,17 +218,18 @@ fn a_simulated_flight_comes_back_with_its_decay_and_a_plot() {
     assert!(output.status.success());
     let truth: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(truth["outliers"].as_u64().unwrap() > 0);
-    let output = run(&[
-        "spin",
-        &csv,
-        "--motion=decaying",
-        "--picture",
-        &png,
-        "--json",
-    ]);
+    // The truth is that at the beginning.
+    let rows = Orientations::read_csv(csv.as_ref()).unwrap().rows;
+    let [first_s, last_s] = [&rows[0], &rows[rows.len() - 1]].map(|row| row.time_s);
+    let at = format!("--at={first_s}");
+    let output = run(&["spin", &csv, &at, "--picture", &png, "--json"]);
     assert!(output.status.success(), "{output:?}");
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(found["orientations"], truth["orientations"]);
+    assert_eq!(
+        (&found["motion"], &found["time_s"]),
+        (&"decaying".into(), &first_s.into())
+    );
     let number = |v: &serde_json::Value| v.as_f64().unwrap();
     for i in 0..3 {
         let error = number(&found["spin_rad_s"][i]) - number(&truth["spin_rad_s"][i]);
@@ -250,15 +251,27 @@ fn a_simulated_flight_comes_back_with_its_decay_and_a_plot() {
     arguments.pop();
     assert!(run(&arguments).status.success());
     assert_eq!(std::fs::read(&csv).unwrap(), first);
-    let output = run(&["spin", &csv, "--motion=decaying"]);
-    let words = String::from_utf8(output.stdout).unwrap();
-    assert!(
-        words.contains("decay     c = ") && words.contains("12 pi mu r / m"),
-        "{words}"
-    );
-
-    // Taken as constant it is no good fit, which is said.
     let output = run(&["spin", &csv]);
+    let words = String::from_utf8(output.stdout).unwrap();
+    let middle = format!(
+        "the spin is that at {:.4} s, the middle",
+        0.5 * (first_s + last_s)
+    );
+    for expected in [
+        "decay     c = ",
+        "12 pi mu r / m",
+        "motion    decaying (odds",
+        &middle,
+    ] {
+        assert!(words.contains(expected), "{expected}: {words}");
+    }
+    let output = run(&["spin", &csv, "--at=-1"]);
+    assert_eq!(output.status.code(), Some(2));
+
+    // Taken as constant it is no good fit, which is said, and widens the covariance.
+    let output = run(&["spin", &csv, "--motion=constant"]);
+    let words = String::from_utf8(output.stdout).unwrap();
+    assert!(words.contains("lack of fit: parts"), "{words}");
     let message = String::from_utf8(output.stderr).unwrap();
     assert!(message.contains("off a constant spin"), "{message}");
     let output = run(&["spin", &csv, "--method", "quatera", "--motion=decaying"]);
@@ -407,12 +420,7 @@ fn a_precession_is_reported_with_its_interval_and_its_absence_too() {
     let spin = |measurements: &[Measurement]| {
         let text = Orientations::from_measurements(measurements).to_csv();
         let path = write(dir.path(), "orientations.csv", &text);
-        let output = run(&[
-            "spin",
-            path.to_str().unwrap(),
-            "--motion=precessing",
-            "--json",
-        ]);
+        let output = run(&["spin", path.to_str().unwrap(), "--json"]);
         assert_eq!(output.status.code(), Some(0), "{output:?}");
         let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         json
@@ -422,7 +430,9 @@ fn a_precession_is_reported_with_its_interval_and_its_absence_too() {
     let at = |t: f64| Rotation::from_scaled_axis(p * t) * Rotation::from_scaled_axis(q * t);
     let times = (0..60).map(|k| f64::from(k) / 350.0);
     let top: Vec<Measurement> = times.map(|t| Measurement::new(t, at(t))).collect();
-    let found = &spin(&top)["precession"];
+    let json = spin(&top);
+    let found = &json["precession"];
+    assert_eq!(json["motion"], "precessing");
     assert_eq!(found["outcome"], "precessing");
     let rate = found["rate_deg_s"].as_f64().unwrap();
     assert!((rate - q.norm().to_degrees()).abs() < 5.0, "{found}");
@@ -434,7 +444,9 @@ fn a_precession_is_reported_with_its_interval_and_its_absence_too() {
         ..Scenario::default()
     };
     let even = even.simulate(p, &mut stream(308, 0)).measurements;
-    let found = &spin(&even)["precession"];
+    let json = spin(&even);
+    let found = &json["precession"];
+    assert_eq!(json["motion"], "constant");
     assert_eq!(found["outcome"], "none");
     assert!(found["max_drift_deg_s"].as_f64().unwrap() > 0.0);
 }

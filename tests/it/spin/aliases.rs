@@ -137,6 +137,7 @@ fn a_start_beside_the_maximum_finds_the_same_aliases() {
             sigma_rad: None,
             log_likelihood: None,
             inliers: 10,
+            lack_of_fit: None,
         };
         let others = alternatives(&sequence.measurements, &truth, &AliasConfig::default());
         let [other] = others.as_slice() else {
@@ -160,6 +161,7 @@ fn absurd_durations_come_to_an_end() {
         sigma_rad: None,
         log_likelihood: None,
         inliers: 10,
+        lack_of_fit: None,
     };
     assert_eq!(
         alternatives(&measurements, &fit, &AliasConfig::default()),

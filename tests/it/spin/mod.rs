@@ -6,6 +6,7 @@ mod bound;
 mod decay;
 mod estimators;
 mod long;
+mod motion;
 mod precession;
 mod scipy;
 mod shared;

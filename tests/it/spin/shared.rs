@@ -8,45 +8,21 @@ use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::spin::Measurement;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::shared::SharedError;
+use spindoe::spin::simulate::SharedField;
 
-const SIGMA: f64 = 0.01;
-const CORRELATION: f64 = 0.7;
+const SHARED: SharedError = SharedError {
+    sigma_rad: 0.01,
+    correlation_rad: 0.7,
+    turn_rate_covariance: nalgebra::Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+};
 /// Independent noise of each frame.
 const NOISE: f64 = 0.004;
 /// SciPy's `chi2(3).ppf` of 0.5 and 0.99.
 const MEDIAN: f64 = 2.366;
 const BEYOND: f64 = 11.345;
-const FEATURES: usize = 60;
-
-/// A smooth random field of vectors on the sphere, by random Fourier features: its correlation is
-/// `exp(-|v - w|^2 / (2 l^2))` (A. Rahimi, B. Recht, NIPS 2007).
-struct Field {
-    waves: Vec<(Vec3, f64, Vec3)>,
-}
 
 fn normal(rng: &mut ChaCha8Rng) -> Vec3 {
     Vec3::from_fn(|_, _| rng.sample(StandardNormal))
-}
-
-impl Field {
-    fn new(rng: &mut ChaCha8Rng) -> Self {
-        let wave = |rng: &mut ChaCha8Rng| {
-            let phase = rng.random_range(0.0..std::f64::consts::TAU);
-            (normal(rng) / CORRELATION, phase, normal(rng))
-        };
-        Self {
-            waves: (0..FEATURES).map(|_| wave(rng)).collect(),
-        }
-    }
-
-    fn at(&self, side: &Vec3) -> Vec3 {
-        let sum: Vec3 = self
-            .waves
-            .iter()
-            .map(|(wave, phase, amplitude)| amplitude * (wave.dot(side) + phase).cos())
-            .sum();
-        sum * (SIGMA * (2.0 / FEATURES as f64).sqrt())
-    }
 }
 
 /// Squared Mahalanobis distances of spins from the truth.
@@ -61,7 +37,7 @@ fn distances(shared: Option<SharedError>, frames: usize) -> Vec<f64> {
     let mut distances: Vec<f64> = (0..300)
         .map(|k| {
             let mut rng = ChaCha8Rng::seed_from_u64(900 + k);
-            let field = Field::new(&mut rng);
+            let field = SharedField::random(&SHARED, &mut rng);
             let spin = normal(&mut rng).normalize() * rng.random_range(40.0..400.0);
             let start = random_rotation(&mut rng);
             let measurements: Vec<Measurement> = (0..frames)
@@ -86,13 +62,8 @@ fn distances(shared: Option<SharedError>, frames: usize) -> Vec<f64> {
 
 #[test]
 fn the_covariance_covers_what_frames_share() {
-    let shared = SharedError {
-        sigma_rad: SIGMA,
-        correlation_rad: CORRELATION,
-        turn_rate_covariance: nalgebra::Matrix3::zeros(),
-    };
     for frames in [8, 30, 200] {
-        let with = distances(Some(shared), frames);
+        let with = distances(Some(SHARED), frames);
         let beyond = with.iter().filter(|d| **d > BEYOND).count();
         let without = distances(None, frames);
         // Long sequences are sampled, and slow turns between their frames are smaller than the model's

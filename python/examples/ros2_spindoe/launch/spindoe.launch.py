@@ -7,7 +7,7 @@ from launch_ros.actions import Node
 
 
 def generate_launch_description() -> LaunchDescription:
-    arguments = ("table", ""), ("image", "/camera/image_raw")
+    arguments = ("table", ""), ("image", "/camera/image_raw"), ("camera_info", "/camera/camera_info")
     return LaunchDescription(
         [
             *[DeclareLaunchArgument(name, default_value=value) for name, value in arguments],
@@ -15,7 +15,7 @@ def generate_launch_description() -> LaunchDescription:
                 package="spindoe_ros",
                 executable="spindoe",
                 parameters=[{"table": LaunchConfiguration("table")}],
-                remappings=[("image", LaunchConfiguration("image"))],
+                remappings=[(name, LaunchConfiguration(name)) for name in ("image", "camera_info")],
             ),
         ]
     )

@@ -1,7 +1,8 @@
-"""What the node does, without ROS: image messages in, orientation and spin out.
+"""What the node does, without ROS: image and camera messages in, orientation and spin out.
 
-Frames: by default the camera's optical frame (REP 103: x right, y down, z forward), as the messages'
-``frame_id`` should say. Quaternions leave as ROS orders them, x, y, z, w.
+Frames: by default the axes of an optical frame (REP 103: x right, y down, z forward). With intrinsics answers are in the frame
+of the images' ``frame_id``. Without them they are in the view frame, whose z goes through the ball: another frame for every
+place of the ball, which `frame_id_of` names as such. Quaternions leave as ROS orders them, x, y, z, w.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 import spindoe
 
@@ -26,10 +26,12 @@ ENCODINGS: dict[str, tuple[str, int, Literal["gray", "rgb", "bgr"]]] = {
     "bgr8": ("u1", 3, "bgr"),
     "bgra8": ("u1", 4, "bgr"),
 }
-# From the frame of `spindoe` (x right, y up, z towards the camera) to the optical one.
-OPTICAL = np.diag([1.0, -1.0, -1.0])
-# Variance of what a spin says nothing about, (m/s)^2.
+# Variance of what is not measured: m^2, (m/s)^2.
 UNKNOWN = 1e6
+# Standard deviation of an outline's center and radius over its radius: most are within it (docs/measurements/detector.md).
+OUTLINE = 0.01
+# What a view frame's name adds to that of the camera's frame.
+VIEW = "_view"
 
 
 @dataclass(frozen=True)
@@ -39,9 +41,11 @@ class Settings:
     table: str
     """The pattern's table, ``.npz``, or the pattern, ``.csv``."""
     frame: Literal["optical", "camera"] = "optical"
-    intrinsics: tuple[float, float, float, float] | None = None
-    """Focal lengths and principal point ``fx, fy, cx, cy``, pixels; without them the ball's position is
-    not known, and is published as the origin."""
+    intrinsics: tuple[float, ...] | None = None
+    """``fx, fy, cx, cy`` in pixels, and OpenCV's distortion; they go before those of a ``CameraInfo``. Without either the ball's
+    position is not known."""
+    rectified: bool = False
+    """Whether the images are rectified: then the projection matrix of a ``CameraInfo`` counts, without distortion."""
     ball_radius_m: float = 0.02
     min_confidence: float = spindoe.MIN_CONFIDENCE_IMAGES
     window: int = 12
@@ -53,23 +57,68 @@ class Settings:
 class Answer:
     """What is published after an image."""
 
+    pose: spindoe.Pose | spindoe.Rejection
+    """In the axes of the settings."""
+    spin: spindoe.Spin | spindoe.Rejection
     position_m: NDArray[np.float64] | None
-    """Ball's center; None without intrinsics."""
-    quaternion_xyzw: NDArray[np.float64] | None
-    """Pattern to frame; None where the image has no answer."""
-    confidence: float
-    spin_rad_s: NDArray[np.float64] | None
-    """None where no spin is known."""
-    spin_covariance: NDArray[np.float64] | None
-    reason: str
-    """Why something is missing."""
+    """Ball's center; None without intrinsics, or without a ball."""
+    position_covariance: NDArray[np.float64] | None
+
+    @property
+    def reason(self) -> str:
+        """Why something is missing."""
+        return "; ".join(missing.reason for missing in (self.pose, self.spin) if not missing)
+
+    def frame_id_of(self, camera: str, found: spindoe.Pose | spindoe.Spin) -> str:
+        """The name of the frame of a pose or spin, by that of the camera."""
+        return camera + VIEW if "view" in found.frame else camera
+
+    def position(self) -> NDArray[np.float64]:
+        """The ball's center, NaN where it is not measured."""
+        return np.full(3, np.nan) if self.position_m is None else self.position_m
+
+    def pose_covariance(self) -> NDArray[np.float64]:
+        """Row-major 6 x 6 of ``PoseWithCovariance``: position first; about fixed axes."""
+        covariance = np.diag([UNKNOWN] * 6)
+        if self.position_covariance is not None:
+            covariance[:3, :3] = self.position_covariance
+        if self.pose:
+            covariance[3:, 3:] = self.pose.covariance
+        return covariance.ravel()
 
     def twist_covariance(self) -> NDArray[np.float64]:
         """Row-major 6 x 6 of ``TwistWithCovariance``: linear first, which is unknown."""
         covariance = np.diag([UNKNOWN] * 6)
-        if self.spin_covariance is not None:
-            covariance[3:, 3:] = self.spin_covariance
+        if self.spin and self.spin.covariance is not None:
+            covariance[3:, 3:] = self.spin.covariance
         return covariance.ravel()
+
+
+def camera_of(message: Any, rectified: bool = False) -> spindoe.Camera | None:
+    """The camera of a ``sensor_msgs/CameraInfo``, for images of its binning and region of interest; None where it is not
+    calibrated (``K[0] = 0``).
+
+    Raises:
+        ValueError: For a distortion model or a matrix that is not known.
+    """
+    k = np.array(message.k, dtype=np.float64).reshape(3, 3)
+    if k[0, 0] == 0.0:
+        return None
+    model = message.distortion_model
+    distortion = np.array(message.d, dtype=np.float64)
+    if rectified:
+        k = np.array(message.p, dtype=np.float64).reshape(3, 4)[:, :3]
+        model, distortion = "plumb_bob", np.zeros(0)
+    if model not in ("", "plumb_bob", "rational_polynomial", "equidistant"):
+        raise ValueError(
+            f"distortion_model: expected plumb_bob, rational_polynomial or equidistant, found {model!r}"
+        )
+    corner = np.array([message.roi.x_offset, message.roi.y_offset], dtype=np.float64)
+    binning = np.array([max(message.binning_x, 1), max(message.binning_y, 1)], dtype=np.float64)
+    k[:2, 2] -= corner
+    # As image_geometry has it: in the pixels of the whole sensor.
+    k[:2] /= binning[:, None]
+    return spindoe.Camera(k, distortion if distortion.size else None, fisheye=model == "equidistant")
 
 
 def image_of(message: Any) -> tuple[NDArray[Any], Literal["gray", "rgb", "bgr"]]:
@@ -104,16 +153,38 @@ class SpinCore:
         if settings.frame not in ("optical", "camera"):
             raise ValueError(f"frame: expected optical or camera, found {settings.frame!r}")
         self.settings = settings
+        self._table = spindoe.HashTable.load(settings.table) if settings.table.endswith(".npz") else settings.table
         k = settings.intrinsics
-        self.camera = spindoe.Camera() if k is None else spindoe.Camera.pinhole(*k)
-        estimator = spindoe.Estimator(
-            settings.table, camera=self.camera, min_confidence=settings.min_confidence
-        )
+        if k is None:
+            self._begin(spindoe.Camera())
+        else:
+            fx, fy, cx, cy, *distortion = k
+            matrix = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
+            self._begin(spindoe.Camera(matrix, distortion or None))
+
+    def _begin(self, camera: spindoe.Camera) -> None:
+        """A new beginning with this camera."""
+        settings = self.settings
+        self.camera = camera
+        estimator = spindoe.Estimator(self._table, camera=camera, min_confidence=settings.min_confidence)
         self.tracker = estimator.tracker(
             window=settings.window, memory_s=settings.memory_s, max_rps=settings.max_rps
         )
-        self._turn = OPTICAL if settings.frame == "optical" else np.eye(3)
         self._last_s: float | None = None
+
+    def on_camera_info(self, message: Any) -> bool:
+        """Takes a ``CameraInfo``, unless the settings have intrinsics; whether the camera is another one now.
+
+        Raises:
+            ValueError: As `camera_of`.
+        """
+        if self.settings.intrinsics is not None:
+            return False
+        camera = camera_of(message, self.settings.rectified)
+        if camera is None or camera == self.camera:
+            return False
+        self._begin(camera)
+        return True
 
     def on_image(self, message: Any) -> Answer:
         """Takes the next image. A stamp that goes back, as when a bag starts again, is a new beginning."""
@@ -123,32 +194,25 @@ class SpinCore:
         self._last_s = time_s
         image, color = image_of(message)
         state = self.tracker.update(image, time_s, color=color)
-        pose, spin = state.frame.pose, state.spin
-        reasons = [missing.reason for missing in (pose, spin) if not missing]
-        vector = covariance = None
-        if spin:
-            vector = self._turn @ spin.spin_rad_s
-            if spin.covariance is not None:
-                covariance = self._turn @ spin.covariance @ self._turn.T
-        return Answer(
-            self._position(state.frame.circle),
-            self._quaternion(pose) if pose else None,
-            pose.confidence if pose else 0.0,
-            vector,
-            covariance,
-            "; ".join(reasons),
-        )
+        pose, spin, axes = state.frame.pose, state.spin, self.settings.frame
+        pose = pose.as_frame(axes) if pose else pose
+        spin = spin.as_frame(axes) if spin else spin
+        return Answer(pose, spin, *self._position(state.frame.circle, pose))
 
-    def _quaternion(self, pose: spindoe.Pose) -> NDArray[np.float64]:
-        rotation = Rotation.from_matrix(self._turn) * pose.as_rotation()
-        return np.asarray(rotation.as_quat(), dtype=np.float64)
+    def _position(
+        self, circle: tuple[float, float, float] | None, pose: spindoe.Pose | spindoe.Rejection
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | tuple[None, None]:
+        """The ball's center by its size in the image, and its covariance by that of a pixel."""
+        if circle is None or not self.camera.has_intrinsics or not pose:
+            return None, None
 
-    def _position(self, circle: tuple[float, float, float] | None) -> NDArray[np.float64] | None:
-        """The ball's center by its size in the image."""
-        if circle is None or self.settings.intrinsics is None:
-            return None
-        view = self.camera.view(circle)
-        away = -view.as_rotation().apply([0.0, 0.0, 1.0])
-        return np.asarray(
-            self._turn @ away * self.settings.ball_radius_m / view.horizon, dtype=np.float64
-        )
+        def center(u: float, v: float, radius: float) -> NDArray[np.float64]:
+            view = self.camera.view((u, v, radius))
+            away = -view.as_rotation().apply([0.0, 0.0, 1.0]) * self.settings.ball_radius_m / view.horizon
+            turn = [1.0, -1.0, -1.0] if self.settings.frame == "optical" else [1.0, 1.0, 1.0]
+            return np.asarray(away * turn, dtype=np.float64)
+
+        found = center(*circle)
+        steps = np.eye(3) * (OUTLINE * circle[2])
+        slopes = [0.5 * (center(*(circle + step)) - center(*(circle - step))) for step in steps]
+        return found, np.array(sum(np.outer(slope, slope) for slope in slopes))

@@ -1,0 +1,332 @@
+//! The spin of a ball of which nobody knows how it moves: the motion by evidence, and the spin at a time.
+//!
+//! A constant spin, one that decays and one that precesses are fitted to the same orientations ([`robust`](super::robust),
+//! [`decay`](super::decay), [`precession`](super::precession)). Each contains the ones before it; a richer one is taken where
+//! the odds for it are 20 to 1 or better ([`evidence`](super::evidence)), the richest first. A spin that changes has a time: by
+//! default the middle between the first orientation and the last, where it is known best.
+//!
+//! ```
+//! use spindoe::spin::estimate::{MotionModel, SpinEstimate};
+//! use spindoe::spin::robust::SpinConfig;
+//! use spindoe::spin::simulate::Scenario;
+//!
+//! let flight = Scenario { frames: 210, decay_per_s: 0.09, ..Scenario::default() };
+//! let measurements = flight.sequence((60.0, 60.0), 5, 0).measurements;
+//! let estimate = SpinEstimate::fit(&measurements, MotionModel::Auto, &SpinConfig::default())?;
+//! assert_eq!(estimate.motion.model(), MotionModel::Decaying);
+//! let middle = estimate.at(estimate.middle_s());
+//! assert!((middle.motion.rps() - 60.0 * f64::exp(-0.09 * middle.motion.time_s)).abs() < 0.1);
+//! # Ok::<(), spindoe::spin::SpinRejection>(())
+//! ```
+//!
+//! The cost is linear in the orientations. A precession of more than sixteen thousand is looked for in the middle of them first.
+//!
+//! Guaranteed: where a motion is asked for, it is the answer wherever the orientations determine it, whatever the odds. Not
+//! guaranteed: that no other motion explains the orientations better; a lack of fit ([`Fit::lack_of_fit`]) says that one does.
+
+use super::alias::AliasConfig;
+use super::decay::DecayFit;
+use super::evidence::fitted;
+use super::mixture::inlier_probability;
+use super::precession::PrecessionFit;
+use super::robust::{RobustEstimator, SpinConfig};
+use super::summary::SpinSummary;
+use super::{Fit, Measurement, SpinRejection};
+use crate::error::Error;
+use crate::geometry::{Rotation, Vec3};
+
+/// Orientations, the middle ones, in which a precession that is not asked for must show: a minute at 300 frames per second. One that
+/// does not turns the spin's axis by less than some thousandths of a degree per second.
+const SEARCHED: usize = 16_384;
+
+/// How a ball is taken to move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MotionModel {
+    /// As the evidence says.
+    #[default]
+    Auto,
+    /// At one spin.
+    Constant,
+    /// At a spin that the air slows down.
+    Decaying,
+    /// As an uneven ball without torque but that of the air.
+    Precessing,
+}
+
+impl MotionModel {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Auto, Self::Constant, Self::Decaying, Self::Precessing];
+
+    /// As written in files and on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Constant => "constant",
+            Self::Decaying => "decaying",
+            Self::Precessing => "precessing",
+        }
+    }
+}
+
+impl std::fmt::Display for MotionModel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+impl std::str::FromStr for MotionModel {
+    type Err = Error;
+
+    fn from_str(name: &str) -> crate::error::Result<Self> {
+        crate::error::by_name(&Self::ALL, Self::as_str, "model", name)
+    }
+}
+
+/// A motion, as fitted.
+// One a sequence: a kilobyte is less trouble than a box.
+#[allow(clippy::large_enum_variant)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FittedMotion {
+    /// At one spin.
+    Constant(Fit),
+    /// At a spin that decays.
+    Decaying(DecayFit),
+    /// Precessing.
+    Precessing(PrecessionFit),
+}
+
+impl FittedMotion {
+    /// Which one it is; never [`MotionModel::Auto`].
+    pub fn model(&self) -> MotionModel {
+        match self {
+            Self::Constant(_) => MotionModel::Constant,
+            Self::Decaying(_) => MotionModel::Decaying,
+            Self::Precessing(_) => MotionModel::Precessing,
+        }
+    }
+
+    /// The orientation at `time_s`, pattern to camera.
+    pub fn predict(&self, time_s: f64) -> Rotation {
+        match self {
+            Self::Constant(fit) => fit.motion.at(time_s),
+            Self::Decaying(fit) => fit.motion.at(time_s),
+            Self::Precessing(fit) => fit.motion.at(time_s),
+        }
+    }
+
+    /// The spin at `time_s`, the mean one of a ball that precesses, with its covariance, and the orientation then.
+    pub fn at(&self, time_s: f64) -> Fit {
+        match self {
+            Self::Constant(fit) => Fit {
+                motion: fit.motion.rebased(time_s),
+                ..*fit
+            },
+            Self::Decaying(fit) => fit.at(time_s),
+            Self::Precessing(fit) => fit.mean_at(time_s),
+        }
+    }
+
+    /// Rate at which the spin decays, 1/s; 0 for a constant one.
+    pub fn decay_per_s(&self) -> f64 {
+        match self {
+            Self::Constant(_) => 0.0,
+            Self::Decaying(fit) => fit.motion.decay_per_s,
+            Self::Precessing(fit) => fit.motion.decay_per_s,
+        }
+    }
+
+    /// The rotation that is fixed in the ball at `time_s`, pattern frame, rad/s; 0 without a precession.
+    pub fn body_rate(&self, time_s: f64) -> Vec3 {
+        match self {
+            Self::Precessing(fit) => fit.motion.rebased(time_s).body_rate,
+            Self::Constant(_) | Self::Decaying(_) => Vec3::zeros(),
+        }
+    }
+}
+
+/// What became of a motion beyond the constant spin.
+#[allow(clippy::large_enum_variant)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Rival<F> {
+    /// It was not asked for.
+    NotFitted,
+    /// The orientations do not determine it: a ball that hardly turns, a short sequence.
+    Open,
+    /// The fit, with evidence or without.
+    Fitted(F),
+}
+
+impl<F> Rival<F> {
+    fn of(fit: Option<F>) -> Self {
+        fit.map_or(Self::Open, Self::Fitted)
+    }
+
+    /// The fit, if there is one.
+    pub fn fit(&self) -> Option<&F> {
+        match self {
+            Self::Fitted(fit) => Some(fit),
+            Self::NotFitted | Self::Open => None,
+        }
+    }
+}
+
+/// The spin of a sequence.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpinEstimate {
+    /// The motion that was taken.
+    pub motion: FittedMotion,
+    /// The constant spin that agrees with the most orientations, if any is.
+    pub constant: Option<Fit>,
+    /// What was found of a decay.
+    pub decaying: Rival<DecayFit>,
+    /// What was found of a precession.
+    pub precessing: Rival<PrecessionFit>,
+    /// Times of the first and the last orientation, seconds.
+    span_s: [f64; 2],
+    window: usize,
+}
+
+impl SpinEstimate {
+    /// Fits a motion, or with [`MotionModel::Auto`] takes the one for which there is evidence.
+    ///
+    /// # Errors
+    /// A [`SpinRejection`] where the settings or measurements are invalid, or the measurements too few, or where no such motion
+    /// agrees with more of them than chance explains.
+    pub fn fit(
+        measurements: &[Measurement],
+        model: MotionModel,
+        config: &SpinConfig,
+    ) -> Result<Self, SpinRejection> {
+        let constant = RobustEstimator::new(*config).fit(measurements);
+        // What no motion can do anything about.
+        if let Err(rejection) = &constant
+            && !matches!(rejection, SpinRejection::NoConsensus { .. })
+        {
+            return Err(*rejection);
+        }
+        let known = constant.as_ref().ok();
+        let wants = |one: MotionModel| model == one || model == MotionModel::Auto;
+        let decaying: Rival<DecayFit> = match wants(MotionModel::Decaying) {
+            true => Rival::of(fitted(measurements, known, config)),
+            false => Rival::NotFitted,
+        };
+        let is_asked_for = model != MotionModel::Auto;
+        let precessing: Rival<PrecessionFit> = match wants(MotionModel::Precessing) {
+            true if is_asked_for => Rival::of(fitted(measurements, known, config)),
+            true => Rival::of(precession_where_evident(measurements, known, config)),
+            false => Rival::NotFitted,
+        };
+        let precession = precessing.fit().filter(|f| is_asked_for || f.is_evident());
+        let decay = decaying.fit().filter(|f| is_asked_for || f.is_evident());
+        let motion = match (precession, decay) {
+            (Some(fit), _) => FittedMotion::Precessing(*fit),
+            (None, Some(fit)) => FittedMotion::Decaying(*fit),
+            (None, None) => FittedMotion::Constant(constant?),
+        };
+        Ok(Self {
+            motion,
+            constant: constant.ok(),
+            decaying,
+            precessing,
+            span_s: span_s(measurements),
+            window: config.window,
+        })
+    }
+
+    /// A constant spin that another estimator found.
+    pub fn of_constant(fit: Fit, measurements: &[Measurement]) -> Self {
+        Self {
+            motion: FittedMotion::Constant(fit),
+            constant: Some(fit),
+            decaying: Rival::NotFitted,
+            precessing: Rival::NotFitted,
+            span_s: span_s(measurements),
+            window: measurements.len(),
+        }
+    }
+
+    /// Times of the first orientation and the last, seconds.
+    pub fn span_s(&self) -> [f64; 2] {
+        self.span_s
+    }
+
+    /// The middle between the first orientation and the last, seconds.
+    pub fn middle_s(&self) -> f64 {
+        0.5 * (self.span_s[0] + self.span_s[1])
+    }
+
+    /// The spin at `time_s`; see [`FittedMotion::at`].
+    pub fn at(&self, time_s: f64) -> Fit {
+        self.motion.at(time_s)
+    }
+
+    /// For each of the measurements the probability that it is an inlier.
+    pub fn inlier_probabilities(&self, measurements: &[Measurement]) -> Vec<f64> {
+        let sigma_rad = self.at(self.span_s[0]).sigma_rad.unwrap_or_default();
+        let one = |m: &Measurement| {
+            let angle = self.motion.predict(m.time_s).angle_to(&m.orientation);
+            let variance = (sigma_rad * m.sigma_scale).powi(2);
+            inlier_probability(m.confidence, angle * angle, variance)
+        };
+        measurements.iter().map(one).collect()
+    }
+
+    /// What the `measurements`, which come from `frames` frames, say of the spin at `time_s`.
+    pub fn summary(
+        &self,
+        measurements: &[Measurement],
+        time_s: f64,
+        config: &AliasConfig,
+        frames: usize,
+    ) -> SpinSummary {
+        let fit = self.at(time_s);
+        let mut summary = match &self.motion {
+            FittedMotion::Constant(_) => SpinSummary::new(measurements, &fit, config, frames),
+            // A decaying spin has its aliases only while it is nearly constant.
+            FittedMotion::Decaying(_) => {
+                let after = measurements.partition_point(|m| m.time_s < time_s);
+                let count = self.window.min(measurements.len());
+                let from = after
+                    .saturating_sub(count / 2)
+                    .min(measurements.len() - count);
+                let part = &measurements[from..from + count];
+                SpinSummary::new(part, &fit, config, frames)
+            }
+            FittedMotion::Precessing(precession) => SpinSummary {
+                fit,
+                ..precession.summary(measurements, config, frames)
+            },
+        };
+        summary.orientations = measurements.len();
+        summary.residual_rad =
+            super::summary::residual_rad(measurements, fit.inliers, |t| self.motion.predict(t));
+        summary
+    }
+}
+
+/// The precession; of long recordings that of a part, unless that has evidence for one.
+fn precession_where_evident(
+    measurements: &[Measurement],
+    constant: Option<&Fit>,
+    config: &SpinConfig,
+) -> Option<PrecessionFit> {
+    let whole = || fitted(measurements, constant, config);
+    let rest = measurements.len().saturating_sub(SEARCHED);
+    if rest == 0 {
+        return whole();
+    }
+    let part = &measurements[rest / 2..rest / 2 + SEARCHED];
+    let own = RobustEstimator::new(*config).fit(part).ok();
+    let found: PrecessionFit = fitted(part, own.as_ref(), config)?;
+    if found.is_evident() {
+        whole()
+    } else {
+        Some(found)
+    }
+}
+
+/// Times of the first and the last measurement, seconds.
+fn span_s(measurements: &[Measurement]) -> [f64; 2] {
+    let time_s = |m: Option<&Measurement>| m.map_or(0.0, |m| m.time_s);
+    [measurements.first(), measurements.last()].map(time_s)
+}

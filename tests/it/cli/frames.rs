@@ -1,0 +1,107 @@
+//! Every output names the frame that it is in, and what an unknown camera costs is said.
+
+use std::path::Path;
+
+use serde_json::Value;
+use spindoe::geometry::{CameraFrame, Rotation, from_wxyz};
+use spindoe::spin::orientations::Orientations;
+
+use crate::common::spindoe;
+
+/// Runs `estimate` on the clip; its words, and what it wrote.
+fn estimate(dir: &Path, flags: &[&str]) -> (String, Orientations, Value, String) {
+    let run = |more: &[&str]| {
+        let usual = ["estimate", "--table", "dots20", "clip/images"];
+        let output = spindoe(dir, &[&usual, flags, more].concat());
+        let words = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{words}");
+        (words, String::from_utf8(output.stdout).unwrap())
+    };
+    let (words, _) = run(&["-o", "o.csv", "--report", "page.html"]);
+    let page = std::fs::read_to_string(dir.join("page.html")).unwrap();
+    let file = Orientations::read_csv(&dir.join("o.csv")).unwrap();
+    let json = serde_json::from_str(&run(&["--json"]).1).unwrap();
+    (words, file, json, page)
+}
+
+fn rotation(json: &Value) -> Option<Rotation> {
+    let wxyz: [f64; 4] = serde_json::from_value(json["orientation_wxyz"].clone()).ok()?;
+    Some(from_wxyz(wxyz, 1e-6).unwrap())
+}
+
+#[test]
+fn every_output_names_its_frame() {
+    let dir = tempfile::tempdir().unwrap();
+    let clip = "synth dots20 -o clip --image-size 640x480 --ball-px 60 --frames 8 --seed 3 --rps 20 --config drift_px=200,-60";
+    let made = spindoe(dir.path(), &clip.split(' ').collect::<Vec<_>>());
+    assert!(made.status.success());
+    let truth = std::fs::read_to_string(dir.path().join("clip/truth.json")).unwrap();
+    let truth: Value = serde_json::from_str(&truth).unwrap();
+    let k = &truth["frames"][0]["intrinsics"];
+    let number = |name: &str| k[name].as_f64().unwrap();
+    let known = ["fx", "fy", "cx", "cy"].map(|name| number(name).to_string());
+    let known = format!("--intrinsics={}", known.join(","));
+    for (flags, frame) in [
+        (vec![], CameraFrame::View),
+        (vec!["--frame=optical"], CameraFrame::OpticalView),
+        (vec![known.as_str()], CameraFrame::Camera),
+        (
+            vec![known.as_str(), "--frame=optical"],
+            CameraFrame::Optical,
+        ),
+    ] {
+        let (words, file, json, page) = estimate(dir.path(), &flags);
+        assert_eq!(file.camera_frame, Some(frame), "{flags:?}");
+        assert!(words.contains(frame.words()), "{flags:?}: {words}");
+        assert_eq!(json["frame"], frame.as_str());
+        assert_eq!(json["spin"]["camera_frame"], frame.as_str());
+        // The page has the crate's axes.
+        let shown = CameraFrame::Camera.of_view(frame.is_view());
+        assert!(page.contains(&format!("\"camera_frame\":\"{shown}\"")));
+        // The same orientations in JSON and in the file, with their covariances.
+        let frames = json["frames"].as_array().unwrap();
+        assert_eq!(frames.len(), file.rows.len());
+        let mut posed = 0;
+        for (one, row) in frames.iter().zip(&file.rows) {
+            let Some(orientation) = rotation(one) else {
+                assert!(row.orientation.is_none() && row.covariance.is_none());
+                continue;
+            };
+            posed += 1;
+            assert_eq!(one["camera_frame"], frame.as_str());
+            assert!(row.orientation.unwrap().angle_to(&orientation) < 1e-9);
+            let covariance = row.covariance.expect("a covariance");
+            for (i, j) in [(0, 0), (0, 1), (1, 2), (2, 2)] {
+                let value = one["covariance_rad2"][i][j].as_f64().unwrap();
+                assert!((value - covariance[(i, j)]).abs() <= 1e-12);
+            }
+            assert_eq!(row.turn.is_some(), frame.is_view());
+            assert_eq!(one["view_turn_rad"].is_array(), frame.is_view());
+        }
+        assert!(posed >= 6, "{posed} of 8");
+        let said = words
+            .lines()
+            .find(|line| line.starts_with("no camera is given"));
+        assert_eq!(said.is_some(), frame.is_view(), "{words}");
+        if let Some(line) = said {
+            // The ball farthest off the center, a pinhole's angle.
+            let px = line
+                .split("up to ")
+                .nth(1)
+                .unwrap()
+                .split(' ')
+                .next()
+                .unwrap();
+            let deg = line
+                .split("camera's by ")
+                .nth(1)
+                .unwrap()
+                .split(' ')
+                .next()
+                .unwrap();
+            let (px, deg): (f64, f64) = (px.parse().unwrap(), deg.parse().unwrap());
+            let expected = (px / 320.0 * 7.5f64.to_radians().tan()).atan().to_degrees();
+            assert!(px > 70.0 && (deg - expected).abs() < 0.06, "{line}");
+        }
+    }
+}
