@@ -81,7 +81,9 @@ def _frames(folder, table, command):
 
 def _compare(theirs, ours):
     assert len(theirs["frames"]) == len(ours.frames) > 0
-    for their, frame in zip(theirs["frames"], ours.frames, strict=True):
+    # Both are in the one view frame of the sequence.
+    assert theirs["frame"] == ours.frame == "view"
+    for their, frame, wxyz in zip(theirs["frames"], ours.frames, ours.quaternions_wxyz, strict=True):
         assert their["dots"] == len(frame.dots)
         for dot, row in zip(their["detections"], frame.dots, strict=True):
             assert abs(dot["u"] - row[0]) <= TOLERANCE and abs(dot["v"] - row[1]) <= TOLERANCE
@@ -89,13 +91,14 @@ def _compare(theirs, ours):
         quaternion = their.get("orientation_wxyz")
         assert bool(frame.pose) == (quaternion is not None)
         if frame.pose:
-            assert np.abs(frame.pose.quaternion_wxyz - quaternion).max() <= TOLERANCE
+            assert np.abs(wxyz - quaternion).max() <= TOLERANCE
             assert frame.pose.confidence == pytest.approx(their["confidence"], abs=TOLERANCE)
     spin = theirs.get("spin")
     if spin is None:
         assert ours.spin.reason == theirs["spin_refusal"]
         return
     assert ours.spin and ours.spin.inliers == spin["inliers"]
+    assert (ours.spin.model, ours.spin.time_s) == (spin["motion"], spin["time_s"])
     assert np.abs(ours.spin.spin_rad_s - spin["spin_rad_s"]).max() <= TOLERANCE
     assert np.abs(ours.spin.covariance - spin["covariance_rad2_s2"]).max() <= TOLERANCE
     assert np.abs(ours.spin.std_rad_s - spin["std_rad_s"]).max() <= TOLERANCE

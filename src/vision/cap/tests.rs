@@ -81,6 +81,7 @@ fn derivatives_are_those_of_finite_differences() {
         ink: 0.7,
         light: 0.6,
         slope: Vector2::new(0.3, -0.2),
+        stretch: Vector2::new(0.1, -0.15),
     };
     let mut disc = Disc::new(&view, &state, &tangents).expect("a value");
     let at = view.project(&middle);
@@ -95,26 +96,26 @@ fn derivatives_are_those_of_finite_differences() {
             ray: direction * view.horizon() - Vec3::z(),
             value: 0.0,
         };
-        let (shown, by) = state.shown(&disc, &sample);
+        let (shown, by) = state.shown::<STRETCHED>(&disc, &sample);
         for (k, by) in by.into_iter().enumerate() {
-            let mut change = Unknowns::zeros();
+            let mut change = SVector::<f64, STRETCHED>::zeros();
             change[k] = step;
             let moved = state.moved(&change, &tangents);
-            let before = disc.by_pixel;
+            let (before, spread) = (disc.by_pixel, disc.spread);
             // The blur's width in the plane is held.
             disc = Disc {
                 by_pixel: before,
-                spread: before.norm_squared(),
+                spread,
                 ..Disc::new(&view, &moved, &tangents).expect("a value")
             };
-            let difference = (moved.shown(&disc, &sample).0 - shown) / step;
+            let difference = (moved.shown::<STRETCHED>(&disc, &sample).0 - shown) / step;
             assert!(
                 (difference - by).abs() < 0.05 * (1.0 + by.abs()),
                 "{k}: {difference} {by}"
             );
             disc = Disc {
                 by_pixel: before,
-                spread: before.norm_squared(),
+                spread,
                 ..Disc::new(&view, &state, &tangents).expect("a value")
             };
         }
