@@ -311,6 +311,7 @@ const VALID: &[(&str, usize, usize)] = &[
     ("circles", 1, 1),
     ("trajectories", 1, 80),
     ("camera", 1, 5),
+    ("intrinsics", 0, 0),
     ("weights", 4, 80),
     ("checkpoint", 0, 159),
     ("picture", 8, 80),
