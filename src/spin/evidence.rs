@@ -5,7 +5,7 @@
 //! by Laplace's method those of the likelihoods at one noise, times the share of the prior's range that the
 //! measurements leave to the rates beyond (R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90,
 //! 1995, eq. 5). Odds of 20 to 1 or more are evidence; with less the answer is the constant spin. Errors that are not independent
-//! ([`super::widening`]) weigh less: the logarithm of the likelihoods' ratio, a square of the rates over their covariance, is
+//! (`widening.rs`) weigh less: the logarithm of the likelihoods' ratio, a square of the rates over their covariance, is
 //! taken with the wider one.
 //!
 //! # Starts
