@@ -175,7 +175,7 @@ impl Default for FrameEstimate {
             attempts: 0,
             standing: Standing::default(),
             hypotheses: [None; 2],
-            blurs: Vec::with_capacity(EXPECTED_DOTS),
+            blurs: Vec::new(),
         }
     }
 }
