@@ -21,8 +21,8 @@ bin=$venv/env/bin
 pip=("$bin/python" -m pip --quiet --disable-pip-version-check)
 wheels=${WHEELS:-$venv/wheels}
 mkdir -p "$wheels"
-"${pip[@]}" install "maturin>=1.9.4,<2" || nothing_tested "PyPI cannot be reached"
-(cd "$here" && "$bin/maturin" build --quiet --release --out "$wheels")
+"${pip[@]}" install "maturin>=1.16,<2" || nothing_tested "PyPI cannot be reached"
+(cd "$here" && "$bin/maturin" build --quiet --release --compression-level 9 --out "$wheels")
 wheel=$(ls -t "$wheels"/spindoe-*.whl | head -n 1)
 bytes=$(stat -c %s "$wheel")
 echo "$(basename "$wheel"): $bytes bytes"
