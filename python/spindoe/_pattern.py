@@ -271,5 +271,6 @@ def as_table(given: Tabled) -> HashTable:
 
 def as_ball(given: Tabled | ArrayLike) -> HashTable:
     """As `as_table`, or the table of dots."""
-    is_table = isinstance(given, (HashTable, Pattern, str, os.PathLike))
-    return as_table(given if is_table else Pattern(given))
+    if isinstance(given, (HashTable, Pattern, str, os.PathLike)):
+        return as_table(given)
+    return as_table(Pattern(given))
