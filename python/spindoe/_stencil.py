@@ -63,6 +63,8 @@ class StencilSettings(TypedDict, total=False):
     """Whether the dots' numbers are engraved; true."""
     nozzle_mm: float
     """Width of the printer's nozzle: no wall may be thinner; 0.4."""
+    segments: int
+    """Pieces of a half, cut along meridians, for beds that are too small; 1."""
     chord_error_mm: float
     """Maximum distance of a facet from the surface that it stands for; 0.02."""
 

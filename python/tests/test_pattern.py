@@ -119,8 +119,9 @@ def test_what_a_design_knows_travels(root, pattern, tmp_path):
     # Without a design the dots are a tenth of the ball.
     assert sizes(spindoe.Stencil(pattern, ball_diameter_mm=60.0)) == (60.0, 6.0)
     _, truth = next(spindoe.synth(ball, 1, seed=3))
-    drawn = truth.everything["dots"][0]["radius_rad"]
-    assert drawn == pytest.approx(np.arcsin(0.075), rel=0.02)
+    # Drawn dots scatter by up to a tenth; 0.1 would be those of no design.
+    drawn = np.mean([dot["radius_rad"] for dot in truth.everything["dots"]])
+    assert drawn == pytest.approx(np.arcsin(0.075), rel=0.05)
 
 
 def test_a_stencil_is_two_closed_bodies(pattern, tmp_path):
