@@ -149,18 +149,19 @@ fn pieces(solid: &Solid, part: &parts::Shell<'_>, up: Vec3) -> Result<Vec<Piece>
 
 /// The mesh turned about z so that it takes the smallest square, and the turn.
 fn laid(mesh: &Mesh) -> (f64, Mesh) {
-    let turned = (0..TURNS).map(|k| {
-        let angle = std::f64::consts::PI * k as f64 / TURNS as f64;
+    let turned = |angle: f64| {
         let turn = Rotation::from_axis_angle(&Vec3::z_axis(), angle);
-        (angle, mesh.mapped(|v| turn * v))
-    });
-    let side = |(_, mesh): &(f64, Mesh)| {
-        let bounds = mesh.bounding_box();
-        let [x, y] = [0, 1].map(|i| bounds.max_mm[i] - bounds.min_mm[i]);
-        x.max(y)
+        mesh.mapped(|v| turn * v)
     };
-    let smallest = turned.min_by(|a, b| side(a).total_cmp(&side(b)));
-    smallest.unwrap_or_else(|| (0.0, mesh.clone()))
+    let sides = (0..TURNS).map(|k| {
+        let angle = std::f64::consts::PI * k as f64 / TURNS as f64;
+        let bounds = turned(angle).bounding_box();
+        let [x, y] = [0, 1].map(|i| bounds.max_mm[i] - bounds.min_mm[i]);
+        (x.max(y), angle)
+    });
+    let smallest = sides.min_by(|a, b| a.0.total_cmp(&b.0));
+    let angle = smallest.map_or(0.0, |(_, angle)| angle);
+    (angle, turned(angle))
 }
 
 /// `raw` without slivers and rounded, and what `check` says of it: cleaned as much as passes.

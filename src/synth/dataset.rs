@@ -5,6 +5,7 @@
 //! seed is the same scene for every pattern; only the dots differ. [`super::folder`] writes frames
 //! to disk.
 
+use nalgebra::Quaternion;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -116,6 +117,28 @@ pub struct FrameTruth {
     pub sensor: Sensor,
     /// The pattern's dots on the part of the ball in the camera's sight.
     pub dots: Vec<DotTruth>,
+}
+
+impl FrameTruth {
+    /// Orientation at mid-exposure, pattern to view frame.
+    pub fn orientation(&self) -> Rotation {
+        of_wxyz(self.quaternion_wxyz)
+    }
+
+    /// Orientation at mid-exposure, pattern to camera frame.
+    pub fn camera_orientation(&self) -> Rotation {
+        of_wxyz(self.camera_quaternion_wxyz)
+    }
+
+    /// Rotation vector from the beginning of the exposure to its end, view frame, radians.
+    pub fn turn(&self) -> Vec3 {
+        let to_camera = self.camera_orientation() * self.orientation().inverse();
+        to_camera.inverse() * Vec3::from(self.spin_rad_s) * self.exposure_s
+    }
+}
+
+fn of_wxyz([w, x, y, z]: [f64; 4]) -> Rotation {
+    Rotation::new_normalize(Quaternion::new(w, x, y, z))
 }
 
 /// A frame with its truth.

@@ -79,17 +79,15 @@ impl Smear {
     /// Of the dots of a ball that moves by `shift` pixels while the shutter is open, for turns in the camera frame; `None` of
     /// too few.
     pub fn new(view: &BallView, blurs: &[DotBlur], shift: Vector2<f64>) -> Option<Self> {
+        let to_view = view.to_camera().inverse().to_rotation_matrix();
         let smeared = blurs.iter().filter_map(|dot| {
             let radius = dot.radius * view.circle().radius;
             let [of_blur, of_radius, px2] = MODEL_ERROR;
             let left_out = Vector3::new(of_blur * dot.blur.x, of_radius * radius * radius, px2);
             let covariance =
                 dot.covariance + Matrix3::from_diagonal_element(left_out.norm_squared());
-            let to_view = view.to_camera().inverse();
             Some(Smeared {
-                by_turn: view.jacobian(&dot.middle)
-                    * -dot.middle.cross_matrix()
-                    * to_view.to_rotation_matrix(),
+                by_turn: view.jacobian(&dot.middle) * -dot.middle.cross_matrix() * to_view,
                 blur: dot.blur,
                 information: covariance.try_inverse()?,
             })

@@ -2,11 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 use spindoe::Result;
 use spindoe::camera::FrameOutcome;
-use spindoe::geometry::Rotation;
 use spindoe::image::ImageView;
 use spindoe::pattern::{Pattern, shipped_designs};
 use spindoe::synth::SynthConfig;
@@ -69,21 +67,9 @@ pub fn alone<'a>(
     found
 }
 
-/// The true orientation, pattern to view frame.
-pub fn orientation(truth: &FrameTruth) -> Rotation {
-    let [w, x, y, z] = truth.quaternion_wxyz;
-    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
-}
-
-/// The true orientation, pattern to camera frame.
-pub fn camera_orientation(truth: &FrameTruth) -> Rotation {
-    let [w, x, y, z] = truth.camera_quaternion_wxyz;
-    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
-}
-
 /// What became of a frame.
 pub fn outcome(found: &FrameEstimate, truth: &FrameTruth) -> FrameOutcome {
-    FrameOutcome::of(found, &orientation(truth))
+    FrameOutcome::of(found, &truth.orientation())
 }
 
 /// The first `count` frames of a seed, each given to all estimators, and judged.

@@ -139,6 +139,15 @@ struct Equations<const N: usize> {
     variance: f64,
 }
 
+impl<const N: usize> Equations<N> {
+    /// The covariance of the unknowns.
+    fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
+        // The information of Student's distribution is less than its weights' by this.
+        let spread = self.variance * (DEGREES + 3.0) / (DEGREES + 1.0);
+        Some(self.information.try_inverse()? * spread)
+    }
+}
+
 impl CapFitter {
     /// Fits the dot that is seen near a pixel of an image; `None` where there is none
     /// to be seen. `shape` is that of the ball's other dots.
@@ -225,8 +234,7 @@ impl CapFitter {
             let change =
                 2.0 * before * (state.blur - before).abs() + step.fixed_rows::<2>(UNKNOWNS).norm();
             if change < BLUR_CONVERGED * before * before {
-                let spread = variance * (DEGREES + 3.0) / (DEGREES + 1.0);
-                let covariance = now.information.try_inverse()? * spread;
+                let covariance = now.covariance()?;
                 let at = [SHAPE[1], UNKNOWNS, UNKNOWNS + 1];
                 // From the deviation to the variance.
                 let by = [2.0 * state.blur, 1.0, 1.0];
@@ -376,9 +384,7 @@ fn judged(
     if state.ink < MIN_INK || contrast < MIN_CONTRAST * fit.variance.sqrt() {
         return None;
     }
-    // The information of Student's distribution is less than its weights' by this.
-    let spread = fit.variance * (DEGREES + 3.0) / (DEGREES + 1.0);
-    let covariance = fit.information.try_inverse()? * spread;
+    let covariance = fit.covariance()?;
     let of_middle = covariance.fixed_view::<2, 2>(0, 0)
         + Matrix2::from_diagonal_element(MODEL_ERROR.0 * MODEL_ERROR.0);
     let to_pixel = view.jacobian(&state.middle) * Matrix3x2::from_columns(tangents);

@@ -22,7 +22,7 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, FrameTruth, Sequence, independent_frame};
 use spindoe::vision::FrameEstimate;
 use spindoe::vision::estimator::{Tracker, TrackerConfig};
-use spindoe_studies::frames::{DOTS20, alone, estimator, good_conditions, orientation};
+use spindoe_studies::frames::{DOTS20, alone, estimator, good_conditions};
 use spindoe_studies::score::median;
 use spindoe_studies::table::{Table, figure};
 use spindoe_studies::{Outcome, row};
@@ -112,7 +112,7 @@ fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Resu
                 let frame = sequence.frame(k)?;
                 let time_s = frame.truth.time_s.unwrap_or_default();
                 let bytes = bytes(&frame.image, disc.then_some(place));
-                Ok((bytes, time_s, orientation(&frame.truth)))
+                Ok((bytes, time_s, frame.truth.orientation()))
             };
             let frames = (0..count).into_par_iter().map(frame);
             return Ok(Clip {
@@ -172,7 +172,7 @@ fn crops(pattern: &Pattern, seed: u64) -> spindoe::Result<(Vec<Sample>, Vec<[f64
         let raw = RawImage::new(width, height, RawPixel::Gray, &bytes)?;
         let watch = Stopwatch::start();
         let out = alone(&estimator, raw, &mut ws);
-        let sample = watch.stop(&out, &orientation(&frame.truth));
+        let sample = watch.stop(&out, &frame.truth.orientation());
         if k >= WARMUP {
             samples.push(sample);
             let t = out.timings;

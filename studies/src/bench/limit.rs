@@ -21,7 +21,7 @@ use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     NamedDetector, OutlinePrior, Prior,
 };
-use spindoe_studies::frames::{DOTS20, camera_orientation, orientation};
+use spindoe_studies::frames::DOTS20;
 use spindoe_studies::score::{mean, median, share};
 use spindoe_studies::table::{Table, figure};
 use spindoe_studies::{Outcome, row};
@@ -153,8 +153,8 @@ fn answer(
         return Ok(None);
     };
     let expected: Rotation = match known {
-        Known::Nothing => orientation(truth),
-        _ => camera_orientation(truth),
+        Known::Nothing => truth.orientation(),
+        _ => truth.camera_orientation(),
     };
     let off = (expected * pose.rotation.inverse()).scaled_axis();
     let inverse = pose.covariance.try_inverse();

@@ -21,7 +21,7 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::estimator::OutlineMethod;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
-use spindoe_studies::frames::{DOTS20, alone, good_conditions, orientation};
+use spindoe_studies::frames::{DOTS20, alone, good_conditions};
 use spindoe_studies::pictures::pictures;
 use spindoe_studies::score::{RATES, rates};
 use spindoe_studies::table::Table;
@@ -244,7 +244,7 @@ impl Args {
                 let made = |k: usize| {
                     let frame = independent_frame(&pattern, &set.config, seed, k)?;
                     Ok(Item {
-                        rotation: orientation(&frame.truth),
+                        rotation: frame.truth.orientation(),
                         image: frame.image,
                     })
                 };

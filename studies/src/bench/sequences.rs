@@ -15,9 +15,7 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
 use spindoe::vision::estimator::{ImageWork, SequenceConfig, held_images, second_pass};
 use spindoe::vision::{Estimator, FrameEstimate, NamedDetector};
-use spindoe_studies::frames::{
-    DOTS20, all_conditions, alone, estimator, good_conditions, orientation,
-};
+use spindoe_studies::frames::{DOTS20, all_conditions, alone, estimator, good_conditions};
 use spindoe_studies::score::{RATES, rates};
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
@@ -47,7 +45,7 @@ fn clip(
     for k in 0..count {
         let frame = sequence.frame(k)?;
         frames.push(alone(estimator, &frame.image, &mut ws));
-        truths.push(orientation(&frame.truth));
+        truths.push(frame.truth.orientation());
         times_s.push(frame.truth.time_s.unwrap_or_default());
         images.push(frame.image);
     }

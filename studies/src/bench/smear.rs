@@ -4,10 +4,9 @@ use nalgebra::Vector2;
 use spindoe::geometry::Vec3;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::FrameTruth;
 use spindoe::vision::smear::Turn;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
-use spindoe_studies::frames::{DOTS20, camera_orientation, each, orientation};
+use spindoe_studies::frames::{DOTS20, each};
 use spindoe_studies::score::{bins, median, share};
 use spindoe_studies::table::{Table, figure};
 use spindoe_studies::{Outcome, row};
@@ -56,12 +55,6 @@ impl Seen {
     }
 }
 
-/// The turn over the exposure in the view frame, in which the pose is.
-fn truth(truth: &FrameTruth) -> Vec3 {
-    let to_camera = camera_orientation(truth) * orientation(truth).inverse();
-    to_camera.inverse() * Vec3::from(truth.spin_rad_s) * truth.exposure_s
-}
-
 impl Args {
     pub fn run(&self) -> Outcome {
         let pattern = Pattern::read_csv(DOTS20.as_ref())?;
@@ -97,7 +90,7 @@ impl Args {
                 self.seed,
                 self.frames,
                 |frame, [found]| Seen {
-                    truth: truth(&frame.truth),
+                    truth: frame.truth.turn(),
                     is_answered: found.pose().is_some(),
                     turn: estimator[0]
                         .smear(&found, Vector2::zeros())

@@ -624,8 +624,7 @@ fn an_outline_that_is_known_well_is_believed() {
     let mut errors = [Vec::new(), Vec::new()];
     for k in 0..40 {
         let frame = independent_frame(&pattern, &config, 91, k).expect("a frame");
-        let [w, x, y, z] = frame.truth.quaternion_wxyz;
-        let truth = Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+        let truth = frame.truth.orientation();
         let known = OutlinePrior {
             circle: BallCircle::new(frame.truth.center, frame.truth.radius_px),
             sigma_px: 0.05,

@@ -96,9 +96,7 @@ fn hidden_parts_cost_few_answers_and_no_more_with_the_net() {
                 &mut ws,
                 &mut out,
             );
-            let [w, x, y, z] = frame.truth.quaternion_wxyz;
-            let truth =
-                spindoe::geometry::Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+            let truth = frame.truth.orientation();
             out.pose()
                 .is_some_and(|p| p.rotation.angle_to(&truth).to_degrees() < 20.0)
         };

@@ -2,22 +2,11 @@
 
 use nalgebra::Vector2;
 use spindoe::Pattern;
-use spindoe::geometry::{Rotation, Vec3};
+use spindoe::geometry::Vec3;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{FrameTruth, independent_frame};
+use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::smear::Turn;
 use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
-
-fn rotation([w, x, y, z]: [f64; 4]) -> Rotation {
-    nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z))
-}
-
-/// View frame, radians.
-fn truth(truth: &FrameTruth) -> Vec3 {
-    let to_camera =
-        rotation(truth.camera_quaternion_wxyz) * rotation(truth.quaternion_wxyz).inverse();
-    to_camera.inverse() * Vec3::from(truth.spin_rad_s) * truth.exposure_s
-}
 
 /// True and found turns of so many frames whose ball turns by `max_rad` at most.
 fn turns(max_rad: f64, frames: usize, measures_blur: bool) -> Vec<(Vec3, Option<Turn>)> {
@@ -40,7 +29,7 @@ fn turns(max_rad: f64, frames: usize, measures_blur: bool) -> Vec<(Vec3, Option<
         estimator.estimate(&frame.image, &prior, &budget, &mut ws, &mut found);
         assert!(measures_blur || found.blurs.is_empty());
         let smear = estimator.smear(&found, Vector2::zeros());
-        (truth(&frame.truth), smear.and_then(|s| s.turn()))
+        (frame.truth.turn(), smear.and_then(|s| s.turn()))
     };
     (0..frames).map(turn).collect()
 }

@@ -3,7 +3,6 @@
 
 use std::sync::Arc;
 
-use spindoe::geometry::Rotation;
 use spindoe::image::{ImageView, RawImage, RawPixel, RgbImage, Roi};
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
@@ -68,11 +67,6 @@ fn raw(bytes: &[u8]) -> RawImage<'_> {
     RawImage::new(SIZE[0], SIZE[1], RawPixel::Gray, bytes).unwrap()
 }
 
-fn rotation(truth: &FrameTruth) -> Rotation {
-    let [w, x, y, z] = truth.quaternion_wxyz;
-    Rotation::new_normalize(nalgebra::Quaternion::new(w, x, y, z))
-}
-
 fn outline(truth: &FrameTruth) -> BallCircle {
     BallCircle::new(truth.center, truth.radius_px)
 }
@@ -135,7 +129,7 @@ fn the_window_has_what_the_whole_frame_has() {
         if let (Some(a), Some(b)) = (state.frame.pose(), alone.pose()) {
             both += 1;
             assert!(a.rotation.angle_to(&b.rotation).to_degrees() < 1.5);
-            assert!(a.rotation.angle_to(&rotation(truth)).to_degrees() < 20.0);
+            assert!(a.rotation.angle_to(&truth.orientation()).to_degrees() < 20.0);
             let (a, b) = (state.frame.circle.unwrap(), alone.circle.unwrap());
             assert!(
                 apart(&a, &b) < 0.3 && (a.radius - b.radius).abs() < 0.3,
@@ -170,7 +164,7 @@ fn a_disc_that_stands_still_is_not_the_ball() {
         for (frame, count) in [(state.frame, &mut followed), (&alone, &mut found)] {
             if let (Some(pose), Some(circle)) = (frame.pose(), frame.circle) {
                 assert!(apart(&circle, &outline(truth)) < 0.2 * truth.radius_px);
-                assert!(pose.rotation.angle_to(&rotation(truth)).to_degrees() < 20.0);
+                assert!(pose.rotation.angle_to(&truth.orientation()).to_degrees() < 20.0);
                 *count += 1;
             }
         }
@@ -417,7 +411,7 @@ fn a_small_ball_in_a_very_large_frame_is_found() {
         &mut found,
     );
     let pose = found.pose().expect("the ball is seen");
-    assert!(pose.rotation.angle_to(&rotation(truth)).to_degrees() < 20.0);
+    assert!(pose.rotation.angle_to(&truth.orientation()).to_degrees() < 20.0);
     let circle = found.circle.unwrap();
     let off = Pixel {
         u: truth.center.u + left as f64 - circle.center.u,
@@ -511,7 +505,7 @@ fn neighbors_know_where_the_ball_is() {
         let pose = frames[k].pose().expect("a pose");
         let outline = frames[k].outline.expect("an outline");
         assert_eq!(outline.source, OutlineSource::Neighbors);
-        let truth = rotation(&clip.frames[k].1);
+        let truth = clip.frames[k].1.orientation();
         assert!(pose.rotation.angle_to(&truth).to_degrees() < 20.0);
     }
     // A wrong expectation changes nothing where there is no ball.

@@ -18,7 +18,7 @@ use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
 use spindoe::vision::estimator::{Hypothesis, PoseEvidence, TrustMap};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, NamedDetector};
-use spindoe_studies::frames::{all_conditions, alone, estimator, good_conditions, orientation};
+use spindoe_studies::frames::{all_conditions, alone, estimator, good_conditions};
 use spindoe_studies::noise::NoiseField;
 use spindoe_studies::pictures::pictures;
 use spindoe_studies::score::{Claim, bins, claimed, share};
@@ -108,7 +108,7 @@ impl Sources {
         let image = match kind {
             Kind::Ball => {
                 let frame = independent_frame(&self.own, &config, seed, k as usize)?;
-                return Ok((frame.image, Some(orientation(&frame.truth))));
+                return Ok((frame.image, Some(frame.truth.orientation())));
             }
             Kind::Mirrored => mirrored(&render(&self.own, &config)?),
             Kind::OtherDesign => {
