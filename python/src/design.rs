@@ -11,7 +11,7 @@ use serde_json::json;
 use spindoe::Error;
 use spindoe::design::{DesignConfig, DesignObserver, DesignRequest, SearchState, Shard, Stage};
 use spindoe::report::plots::PictureFormat;
-use spindoe::report::{JobObserver, Start};
+use spindoe::report::{JobObserver, ShardedJob, Start};
 
 use crate::errors::OrRaise;
 use crate::pattern::{HashTable, Pattern, overlay, to_json};
@@ -72,7 +72,7 @@ pub fn merge(
     resume: bool,
     callback: Option<Py<PyAny>>,
 ) -> PyResult<(HashTable, String)> {
-    let (job, command) = spindoe::DesignJob::of_shards(&shards, out).or_raise()?;
+    let ShardedJob { job, command } = spindoe::DesignJob::of_shards(&shards, out).or_raise()?;
     let found = observed(py, callback, None, command, |stop, observer| {
         job.merge(&shards, start(resume), stop, observer)
     })?;

@@ -8,6 +8,7 @@
 //! - [`race_patterns`] finds the best of several patterns, with few frames for those that are clearly
 //!   worse,
 //! - [`advise`] races the shipped designs, or others, and tries changes of the camera,
+//! - [`rank_finalists`] races those of a search,
 //! - [`CameraSweep`] varies one property of the camera at a time,
 //! - [`coverage`] fits the assumptions of an objective to what the camera shows.
 //!
@@ -19,6 +20,7 @@ mod conditions;
 mod coverage;
 mod frames;
 mod racing;
+mod ranking;
 mod sequences;
 mod sweep;
 mod trials;
@@ -28,6 +30,7 @@ pub use conditions::{CameraConditions, Surroundings};
 pub use coverage::{COVERAGE_FRAMES, coverage};
 pub use frames::{FrameOutcome, FrameRates, paired};
 pub use racing::{RaceConfig, RaceResult, Racer, race, race_patterns};
+pub use ranking::{finalist_ranking, rank_finalists};
 pub use sequences::{SPIN_TOLERANCE, SpinRates};
 pub use sweep::{CameraParameter, CameraPoint, CameraSweep, SweptCamera, sweep_csv};
 pub use trials::CameraTrials;

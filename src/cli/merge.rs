@@ -12,7 +12,7 @@ use super::output::Progress;
 use super::print_json;
 use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
 use crate::error::Result;
-use crate::report::{DesignJob, JobObserver, Start};
+use crate::report::{DesignJob, JobObserver, ShardedJob, Start};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -66,7 +66,7 @@ impl JobObserver for MergeProgress {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let (job, command) = DesignJob::of_shards(&arguments.shards, &arguments.output)?;
+    let ShardedJob { job, command } = DesignJob::of_shards(&arguments.shards, &arguments.output)?;
     check_for_design()?;
     let stop = stop_on_interrupt(super::design::STOPPING)?;
     let clock = Instant::now();

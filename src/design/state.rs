@@ -22,6 +22,7 @@ use serde_json::Value;
 
 use super::config::DesignConfig;
 use super::objective;
+use super::ranking::CameraRecord;
 use crate::error::{Error, Result, require};
 #[cfg(feature = "native")]
 use crate::files;
@@ -247,6 +248,9 @@ pub struct ShardRecord {
     pub shard: Shard,
     /// The command that runs the whole search, where a command ran the shard.
     pub command: Option<String>,
+    /// The camera that ranks the finalists of all shards, where one does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraRecord>,
 }
 
 /// A search on disk, of one piece or a shard's.

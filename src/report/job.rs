@@ -28,11 +28,12 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::page::DesignPage;
-use super::{CameraRecord, DesignEvaluation, EvaluationConfig, REPORT, evaluate};
+use super::{DesignEvaluation, EvaluationConfig, REPORT, evaluate};
 use crate::ball::DesignRecord;
 use crate::design::state::{Checkpoint, ShardRecord};
 use crate::design::{
-    Candidate, DesignConfig, DesignObserver, SearchState, Shard, Stage, design, search_rounds,
+    CameraRecord, Candidate, DesignConfig, DesignObserver, SearchState, Shard, Stage, design,
+    search_rounds,
 };
 use crate::error::{Error, Result};
 use crate::files::{self, FolderLock, Replacement};
@@ -60,6 +61,8 @@ pub struct DesignJob {
     pub evaluation: EvaluationConfig,
     /// Configuration of the stencil.
     pub stencil: StencilConfig,
+    /// The camera that ranks the finalists; `None` where the protocol's rates do.
+    pub camera: Option<CameraRecord>,
     /// The output folder.
     pub dir: PathBuf,
     /// Formats in which the ball, its features, rates and their course are drawn too.
@@ -89,14 +92,18 @@ pub trait JobObserver: DesignObserver {
     fn command(&self, _searched: &DesignConfig) -> Option<String> {
         None
     }
-
-    /// How the finalists were ranked for a camera, for the report; `None` where they were not.
-    fn camera(&self) -> Option<CameraRecord> {
-        None
-    }
 }
 
 impl JobObserver for () {}
+
+/// The merge of a search's shards.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShardedJob {
+    /// The job of the whole search.
+    pub job: DesignJob,
+    /// The command that runs the whole search, where a command ran the shards.
+    pub command: Option<String>,
+}
 
 impl DesignJob {
     /// The default design in this folder.
@@ -105,6 +112,7 @@ impl DesignJob {
             config: DesignConfig::default(),
             evaluation: EvaluationConfig::default(),
             stencil: StencilConfig::default(),
+            camera: None,
             dir: dir.into(),
             #[cfg(feature = "plot")]
             pictures: Vec::new(),
@@ -122,18 +130,20 @@ impl DesignJob {
         }
     }
 
-    /// The job that merges shards, that of the first one's search, and the command that runs the whole
-    /// search.
+    /// The job that merges shards: that of the first one's search.
     ///
     /// # Errors
     /// As [`Checkpoint::load`]; [`Error::Input`] for a search of one piece.
-    pub fn of_shards(
-        shards: &[PathBuf],
-        dir: impl Into<PathBuf>,
-    ) -> Result<(Self, Option<String>)> {
+    pub fn of_shards(shards: &[PathBuf], dir: impl Into<PathBuf>) -> Result<ShardedJob> {
         let first = shards.first().map(PathBuf::as_path);
         let (file, record) = read_shard(&checkpoint_of(first.unwrap_or(Path::new(""))))?;
-        Ok((Self::of(file.config, dir), record.command))
+        Ok(ShardedJob {
+            job: Self {
+                camera: record.camera,
+                ..Self::of(file.config, dir)
+            },
+            command: record.command,
+        })
     }
 
     /// Searches, evaluates and writes everything. Setting `stop` ends the search after the current
@@ -179,6 +189,7 @@ impl DesignJob {
         let record = ShardRecord {
             shard,
             command: observer.command(&self.config),
+            camera: self.camera.clone(),
         };
         let mut keeper = Keeper::new(self, Some(record), observer);
         let done = search_rounds(&shard.config(&self.config), &mut state, stop, &mut keeper)?;
@@ -202,7 +213,7 @@ impl DesignJob {
         observer: &mut dyn JobObserver,
     ) -> Result<DesignEvaluation> {
         self.check()?;
-        let merged = SearchState::merged(&self.config, finished_shards(&self.config, shards)?);
+        let merged = SearchState::merged(&self.config, finished_shards(self, shards)?);
         self.merge_state(merged.clone(), start)?;
         let _lock = FolderLock::take(&self.dir)?;
         // Another job may have ended in the folder before the lock was taken.
@@ -229,6 +240,10 @@ impl DesignJob {
     fn check(&self) -> Result<()> {
         self.stencil.validate()?;
         self.evaluation.check()?;
+        if self.camera.is_some() && cfg!(not(feature = "vision")) {
+            let problem = "ranks finalists on rendered frames, which this build does not have";
+            return Err(Error::argument("camera", problem));
+        }
         self.config.check()
     }
 
@@ -243,6 +258,7 @@ impl DesignJob {
         observer.begins(&state);
         let mut keeper = Keeper::new(self, None, observer);
         let outcome = design(&self.config, &mut state, stop, &mut keeper)?;
+        let camera = keeper.camera;
         let search_s = clock.elapsed().as_secs_f64();
         if outcome.stopped {
             observer.step("stopped: evaluating the best so far");
@@ -255,7 +271,6 @@ impl DesignJob {
         let found = evaluate(&outcome, &searched, &self.evaluation, &mut |what| {
             observer.step(what);
         })?;
-        let camera = observer.camera();
         let mut found = found.with_design(self.record(camera.as_ref()))?;
         found.report.command = command;
         found.report.camera = camera;
@@ -340,13 +355,14 @@ fn read_shard(path: &Path) -> Result<(Checkpoint, ShardRecord)> {
 }
 
 /// The states of all shards of a search, in their order.
-fn finished_shards(config: &DesignConfig, paths: &[PathBuf]) -> Result<Vec<SearchState>> {
+fn finished_shards(job: &DesignJob, paths: &[PathBuf]) -> Result<Vec<SearchState>> {
+    let config = &job.config;
     let mut found: Vec<(PathBuf, Shard, SearchState)> = Vec::new();
     for path in paths {
         let path = checkpoint_of(path);
-        let (file, ShardRecord { shard, .. }) = read_shard(&path)?;
+        let (file, ShardRecord { shard, camera, .. }) = read_shard(&path)?;
         let reject = |problem: String| Err(Error::input(&path, "shard", problem));
-        if file.config != *config {
+        if file.config != *config || camera != job.camera {
             return reject(format!(
                 "shard {shard} belongs to a search with other arguments"
             ));
@@ -386,6 +402,8 @@ struct Keeper<'a> {
     job: &'a DesignJob,
     shard: Option<ShardRecord>,
     observer: &'a mut dyn JobObserver,
+    /// How the finalists are ranked for a camera.
+    camera: Option<CameraRecord>,
     /// The dots of the pattern on disk.
     saved: Option<Vec<[f64; 3]>>,
 }
@@ -400,6 +418,7 @@ impl<'a> Keeper<'a> {
             job,
             shard,
             observer,
+            camera: job.camera.clone(),
             saved: None,
         }
     }
@@ -445,6 +464,11 @@ impl DesignObserver for Keeper<'_> {
     }
 
     fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
+        #[cfg(feature = "vision")]
+        if let Some(camera) = &mut self.camera {
+            self.observer.step("ranking the finalists for the camera");
+            crate::camera::rank_finalists(camera, finalists)?;
+        }
         self.observer.rank(finalists)
     }
 

@@ -22,13 +22,14 @@ use serde::{Deserialize, Serialize};
 use crate::ball::{Ball, DesignRecord, ObjectiveRecord};
 use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound};
+use crate::design::{
+    CameraRecord, Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound,
+};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::pattern::PatternSummary;
 use crate::recognize::RecognizerName;
 use crate::recognize::paper::FeatureTree;
-use crate::stats::Proportion;
 use crate::stencil::{Stencil, StencilConfig};
 use crate::validate::{
     NamedValidation, SensitivityConfig, SensitivityPoint, ValidationConfig, check_samples,
@@ -38,7 +39,7 @@ use crate::view::{Protocol, ProtocolName};
 
 #[cfg(feature = "cli")]
 pub(crate) use job::reject_design;
-pub use job::{CHECKPOINT, DesignJob, JobObserver, Start};
+pub use job::{CHECKPOINT, DesignJob, JobObserver, ShardedJob, Start};
 
 /// The report within a folder, the last file to appear.
 pub(crate) const REPORT: &str = "report.json";
@@ -144,34 +145,6 @@ impl DesignReport {
     pub fn write(&self, dir: &Path) -> Result<()> {
         folder::write_report(&dir.join(REPORT), self)
     }
-}
-
-/// How the finalists of a design were ranked for a camera.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct CameraRecord {
-    /// The camera's conditions, as JSON.
-    pub conditions: serde_json::Value,
-    /// Frames of a finalist that is not clearly worse than the best.
-    pub frames: u64,
-    /// Their seed.
-    pub seed: u64,
-    /// The finalists, the best first.
-    pub finalists: Vec<CameraRank>,
-}
-
-/// A finalist before the camera.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct CameraRank {
-    /// The start it came from.
-    pub start: usize,
-    /// Frames answered with an error under 20 degrees.
-    pub right: Proportion,
-    /// Frames answered with a larger one.
-    pub wrong: Proportion,
-    /// Mean error of the right ones, degrees.
-    pub mean_error_deg: f64,
-    /// Root mean square error over `sqrt(right - 2 wrong)`, degrees: what they were ranked by.
-    pub effective_error_deg: f64,
 }
 
 /// Configuration of the winner's evaluation.

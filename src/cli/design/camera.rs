@@ -9,15 +9,14 @@ use std::sync::atomic::AtomicBool;
 use super::Arguments;
 use crate::camera::{
     CameraConditions, CameraTrials, FrameRates, MAX_DOT, RaceConfig, RaceResult, Racer,
-    race_patterns,
+    finalist_ranking, race_patterns,
 };
 use crate::cli::camera::CameraSource;
 use crate::cli::output::Counter;
 use crate::design::search::feasible::packed_separation;
-use crate::design::{Candidate, DesignConfig, SearchState, design};
+use crate::design::{CameraRecord, DesignConfig, SearchState, design};
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
-use crate::report::{CameraRank, CameraRecord};
 use crate::stencil::StencilConfig;
 
 /// Numbers of dots that are tried.
@@ -31,69 +30,14 @@ const ROOM: f64 = 0.9;
 const CHOICE: u64 = 0xca3e_0001 << 32;
 const RANKING: u64 = 0xca3e_0002 << 32;
 
-/// Ranks the finalists of a search.
-pub(super) struct CameraRanking {
-    trials: CameraTrials,
-    race: RaceConfig,
-    record: Option<CameraRecord>,
-}
-
-impl CameraRanking {
-    /// The ranking that the arguments ask for; `None` without a camera.
-    pub fn new(arguments: &Arguments) -> Result<Option<Self>> {
-        let Some(camera) = &arguments.camera else {
-            return Ok(None);
-        };
-        let conditions = conditions(camera, &arguments.stencil())?;
-        Ok(Some(Self {
-            trials: CameraTrials::new(conditions, arguments.seed ^ RANKING),
-            race: RaceConfig::of_frames(arguments.camera_frames),
-            record: None,
-        }))
-    }
-
-    /// Puts the finalists in order.
-    pub fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
-        let patterns = finalists.iter().map(Candidate::pattern);
-        let patterns = patterns.collect::<Result<Vec<_>>>()?;
-        let racers = patterns.iter().map(|pattern| Racer {
-            pattern,
-            dot_diameter: self.trials.conditions.dot_diameter,
-        });
-        let racers: Vec<Racer<'_>> = racers.collect();
-        let standings = race_patterns(&self.trials, &racers, &self.race, &|_| ())?;
-        let place = |s: &RaceResult| finalists[s.entry].clone();
-        let ranked: Vec<Candidate> = standings.iter().map(place).collect();
-        let seed = self.trials.seed;
-        let ranks = ranked.iter().zip(&standings).map(|(candidate, standing)| {
-            let rates = FrameRates::of(&standing.outcomes, seed);
-            rank_of(candidate, &rates)
-        });
-        self.record = Some(CameraRecord {
-            conditions: serde_json::to_value(self.trials.conditions)
-                .map_err(|e| Error::Internal(format!("conditions as JSON: {e}")))?,
-            frames: self.race.max_frames,
-            seed,
-            finalists: ranks.collect(),
-        });
-        finalists.clone_from_slice(&ranked);
-        Ok(())
-    }
-
-    /// What the report tells.
-    pub fn record(&self) -> Option<CameraRecord> {
-        self.record.clone()
-    }
-}
-
-fn rank_of(candidate: &Candidate, rates: &FrameRates) -> CameraRank {
-    CameraRank {
-        start: candidate.start,
-        right: rates.right,
-        wrong: rates.wrong,
-        mean_error_deg: rates.mean_error_deg,
-        effective_error_deg: rates.effective_error_deg,
-    }
+/// The ranking of finalists that the arguments ask for; `None` without a camera.
+pub(super) fn ranking(arguments: &Arguments) -> Result<Option<CameraRecord>> {
+    let Some(camera) = &arguments.camera else {
+        return Ok(None);
+    };
+    let conditions = conditions(camera, &arguments.stencil())?;
+    let seed = arguments.seed ^ RANKING;
+    finalist_ranking(&conditions, arguments.camera_frames, seed).map(Some)
 }
 
 /// A camera before dots as large as the stencil's holes.

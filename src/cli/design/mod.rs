@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (job, start) = arguments.job()?;
     check_for_design()?;
     let clock = Instant::now();
-    let mut progress = DesignProgress::new(&job, arguments)?;
+    let mut progress = DesignProgress::new(&job, arguments);
     if let Some(shard) = arguments.shard {
         let done = job.run_shard(shard, start, &stop, &mut progress)?;
         progress.finish();
@@ -134,8 +134,12 @@ impl Arguments {
     /// The job that these arguments describe.
     pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
         let dir = self.output.clone().unwrap_or_else(free_folder);
-        #[cfg_attr(not(feature = "plot"), expect(unused_mut))]
+        #[cfg_attr(not(any(feature = "plot", feature = "vision")), expect(unused_mut))]
         let mut job = DesignJob::of(self.config()?, dir);
+        #[cfg(feature = "vision")]
+        {
+            job.camera = camera::ranking(self)?;
+        }
         #[cfg(feature = "plot")]
         job.pictures.clone_from(&self.pictures);
         let start = if self.resume {

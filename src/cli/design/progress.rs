@@ -3,15 +3,9 @@
 use std::time::Duration;
 
 use super::Arguments;
-#[cfg(feature = "vision")]
-use super::camera::CameraRanking;
 use crate::cli::output::Progress;
-#[cfg(feature = "vision")]
-use crate::design::Candidate;
 use crate::design::{DesignConfig, DesignObserver, SearchState, Shard, Stage};
 use crate::error::Result;
-#[cfg(feature = "vision")]
-use crate::report::CameraRecord;
 use crate::report::{DesignJob, JobObserver};
 
 /// Shows the progress of a design, and ends it when its budget is spent.
@@ -21,8 +15,6 @@ pub(super) struct DesignProgress<'a> {
     line: Progress,
     /// What is said once the arguments are known to be good.
     warning: Option<String>,
-    #[cfg(feature = "vision")]
-    ranking: Option<CameraRanking>,
     /// Start of the current round, in seconds of the search.
     round_began_s: f64,
     /// The shard that runs, from 0, and their number.
@@ -45,22 +37,23 @@ const SEARCH_SHARE: f64 = 0.9;
 const EVALUATION_ROUNDS: f64 = 0.7;
 
 impl<'a> DesignProgress<'a> {
-    pub fn new(job: &'a DesignJob, arguments: &'a Arguments) -> Result<Self> {
+    pub fn new(job: &'a DesignJob, arguments: &'a Arguments) -> Self {
         // Three columns less than a terminal of 80, where Ctrl-C is echoed without a new line.
         let template = "{bar:12} {elapsed} gone, {eta} left  {msg:44!}";
-        Ok(Self {
+        Self {
             config: &job.config,
             arguments,
             line: Progress::new(STEPS, template, SILENCE),
             warning: arguments.dot_size_warning(),
-            #[cfg(feature = "vision")]
-            ranking: CameraRanking::new(arguments)?,
             round_began_s: 0.0,
             shard: (0, 1),
-            evaluated: (0, job.evaluation.steps() + 1),
+            evaluated: (
+                0,
+                job.evaluation.steps() + 1 + usize::from(job.camera.is_some()),
+            ),
             shown: 0.0,
             searched: 0.0,
-        })
+        }
     }
 
     /// One of several shards begins.
@@ -156,11 +149,6 @@ impl JobObserver for DesignProgress<'_> {
     fn command(&self, searched: &DesignConfig) -> Option<String> {
         Some(self.arguments.command(searched))
     }
-
-    #[cfg(feature = "vision")]
-    fn camera(&self) -> Option<CameraRecord> {
-        self.ranking.as_ref().and_then(CameraRanking::record)
-    }
 }
 
 impl DesignObserver for DesignProgress<'_> {
@@ -173,18 +161,6 @@ impl DesignObserver for DesignProgress<'_> {
         let more = || format!("{more}{}", left(elapsed_s, share));
         self.line.show(done, &what, more);
         Ok(())
-    }
-
-    #[cfg(feature = "vision")]
-    fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
-        let done = self.position(0.0);
-        match &mut self.ranking {
-            Some(ranking) => {
-                self.line.say(done, "ranking the finalists for the camera");
-                ranking.rank(finalists)
-            }
-            None => Ok(()),
-        }
     }
 
     fn another_round(&mut self, state: &SearchState) -> bool {

@@ -117,6 +117,36 @@ fn a_merge_that_was_killed_is_continued() {
     assert!(said.contains("other/search.json"), "{said}");
 }
 
+#[test]
+fn a_merge_ranks_for_the_camera_of_its_shards() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let camera = ["--camera", "dark", "--config", "camera_frames=16"];
+    let flags = |more: &[&'static str]| [&camera[..], more].concat();
+    design(dir, &flags(&["--config", "shards=2", "--output", "whole"]));
+    design(dir, &flags(&["--shard", "1/2", "--output", "a"]));
+    design(dir, &flags(&["--shard", "2/2", "--output", "b"]));
+    design(dir, &["--shard", "2/2", "--output", "no-camera"]);
+    done(dir, &["merge", "b", "a", "--output", "merged"]);
+    let merged = report(&dir.join("merged"));
+    assert_eq!(report(&dir.join("whole")), merged);
+    let ranked = merged["camera"]["finalists"].as_array().unwrap();
+    assert_eq!(
+        ranked.len(),
+        merged["finalists"].as_array().unwrap().len(),
+        "{ranked:?}"
+    );
+    let error = |rank: &Value| rank["effective_error_deg"].as_f64().unwrap();
+    assert!(
+        ranked.is_sorted_by(|a, b| error(a) <= error(b)),
+        "{ranked:?}"
+    );
+    let output = spindoe(dir, &["merge", "a", "no-camera", "--output", "m"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("other arguments"), "{said}");
+}
+
 /// Runs a shard, and kills it once its first checkpoint is there.
 fn kill_in_the_middle(dir: &Path, flags: &[&str], checkpoint: &Path) {
     kill_once_there(dir, &[&["design"], &SMALL[..], flags].concat(), checkpoint);
