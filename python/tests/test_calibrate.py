@@ -146,7 +146,7 @@ def test_what_cannot_be_calibrated_has_a_reason(estimator, clip, tmp_path):
         ("color", clip[1], {}),
         ("placement_sigma_rad", clip[1], {"placement_sigma_rad": 2.0, "color": "rgb"}),
         ("placement_sigma_rad", clip[1], {"placement_sigma_rad": np.nan, "color": "rgb"}),
-        (r"images\[1\]", [black, black.astype(float)], {}),
+        (r"images\[1\]", [black, black.astype(np.int32)], {}),
         ("circle", clip[1], {"circle": (1.0, 2.0, -3.0), "color": "rgb"}),
     ]:
         with pytest.raises(ValueError, match=words):
