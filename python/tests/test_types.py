@@ -21,6 +21,7 @@ from cv2.typing import MatLike
 from PIL import Image
 
 import spindoe
+from spindoe_compat import DOE, SpinDOE
 
 table = spindoe.HashTable.load("dots20")
 read = cv2.imread("frame.png")
@@ -50,6 +51,9 @@ spindoe.synth(table, 3, ball_px=[60, 60], kind="fruit", stains=False)
 spindoe.synth(table, 3, ball_pixels=[60, 60])  # wrong
 spindoe.synth(table, 3, max_noise="none")  # wrong
 spindoe.Pattern.shipped("dots20").dots
+DOE(None, pattern=table, min_confidence=0.9)
+SpinDOE(None).estimate([0.0], [frame])[3].dtype
+DOE(None, min_confidenc=0.9)  # wrong
 settings: spindoe.EstimatorSettings = {"max_blur": 0.5}
 spindoe.Estimator(table, **settings)
 '''
