@@ -129,7 +129,7 @@ def cycle_of(graph: dict[str, set[str]]) -> list[str]:
     return next((found for name in sorted(graph) if (found := walk(name, []))), [])
 
 
-@pytest.mark.parametrize("package", ["spindoe"])
+@pytest.mark.parametrize("package", ["spindoe", "spindoe_ros"])
 def test_imports_run_one_way(package):
     modules = {path.stem: imports(path) for path in PACKAGE.with_name(package).glob("*.py")}
     assert cycle_of({name: at_once for name, (at_once, _) in modules.items()}) == []
