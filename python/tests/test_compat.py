@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import pickle
+import re
 import subprocess
 import sys
 import textwrap
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
+from conftest import ROOT
 from scipy.spatial.transform import Rotation
 
 import spindoe
@@ -352,3 +354,30 @@ def test_a_file_that_hides_the_package(pattern, tmp_path):
     # And by one that has the package by its name: as its own classes.
     found, table = pickle.loads(done.stdout)
     assert isinstance(found, spindoe.Identification) and table.pattern == pattern
+
+
+def test_the_page_of_their_scripts(clip, pattern, tmp_path):
+    """Its script runs in a folder like theirs, beside a `spindoe.py`; what it says is there is, what it says is not is not."""
+    page = (ROOT / "docs/authors.md").read_text()
+    section = page.split("\n## spindoe.py\n")[1].split("\n## ")[0]
+    script = "\n".join(line[4:] for line in section.splitlines() if line.startswith("    ") or not line)
+    for folder in ("python", "cad", "data/test"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "python/spindoe.py").write_text("raise ImportError('this is theirs')")
+    (tmp_path / "python/script.py").write_text(script)
+    pattern.save(tmp_path / "cad/ref_pattern.csv")
+    cv2 = pytest.importorskip("cv2")
+    for image, truth in clip:
+        assert cv2.imwrite(str(tmp_path / f"data/test/{370_000_000_000 + round(truth.time_s * 1e9)}.png"), image)
+    done = subprocess.run(
+        [sys.executable, "script.py"], capture_output=True, text=True, check=False, cwd=tmp_path / "python",
+        env={**os.environ, "PYTHONPATH": str(Path(spindoe.__file__).parents[1])},
+    )
+    assert done.returncode == 0, done.stderr
+    spin = np.array(done.stdout.strip("[]\n").split(), dtype=np.float64)
+    assert np.linalg.norm(spin - SPIN) < 8.0
+    for line in re.findall(r"from spindoe_compat import ([\w, ]+)", page):
+        assert set(line.split(", ")) <= set(compat.__all__)
+    absent = page.split("`BayGeoHasher.asSpherical`")[1].split("are not there")[0]
+    for name in ["asSpherical", *re.findall(r"`(?:\w+\.)?(\w+)`", absent)]:
+        assert not any(hasattr(one, name) for one in (BayGeoHasher, DOE, SpinDOE, SpinRegressor)), name
