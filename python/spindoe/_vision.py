@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypedDict, cast
 
@@ -535,8 +535,7 @@ class Estimator:
         """
         if times_s is not None and fps is not None:
             raise ValueError("fps: expected it or times_s, found both")
-        paths = _paths(images)
-        frames, order = frames_of([] if paths else images, color)
+        paths, frames, order = _clip(images, color)
         if paths and times_s is not None:
             raise ValueError("times_s: files have those of their names, their video, or fps")
         times = _times(times_s)
@@ -586,12 +585,14 @@ class Estimator:
         return _estimator, (self.table, *self._arguments)
 
 
-def _paths(images: Any) -> list[str]:
-    """The paths of a clip; none where it is of arrays."""
+def _clip(images: Any, color: Color | None) -> tuple[list[str], list[Any], Color]:
+    """The paths of a clip; or its frames, and the order of their channels."""
     if isinstance(images, (str, os.PathLike)):
-        return [os.fspath(images)]
-    is_files = isinstance(images, Sequence) and all(isinstance(one, (str, os.PathLike)) for one in images)
-    return [os.fspath(one) for one in images] if is_files else []
+        return [os.fspath(images)], [], "gray"
+    given = list(images) if isinstance(images, Iterable) else images
+    if given and all(isinstance(one, (str, os.PathLike)) for one in given):
+        return [os.fspath(one) for one in given], [], "gray"
+    return [], *frames_of(given, color)
 
 
 def _estimator(

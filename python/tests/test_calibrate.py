@@ -140,7 +140,8 @@ def test_what_cannot_be_calibrated_has_a_reason(estimator, clip, tmp_path):
     assert not nothing and "shows a ball" in nothing.reason
     for words, images, arguments in [
         ("found both", clip[1], {"times_s": [0.0], "fps": 60.0}),
-        ("times_s", clip[0], {"times_s": [0.0]}),
+        ("times_s: files have", clip[0], {"times_s": [0.0]}),
+        ("times_s: files have", iter(["a.png", "b.png"]), {"times_s": [0.0]}),
         ("times_s", clip[1], {"times_s": [0.0], "color": "rgb"}),
         ("fps", clip[1], {"fps": -1.0, "color": "rgb"}),
         ("color", clip[1], {}),
