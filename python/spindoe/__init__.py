@@ -21,14 +21,24 @@ from ._design import Design, DesignProgress, DesignResult, Proportion, Validatio
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
-from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
+from ._recognize import (
+    Hint,
+    Identification,
+    Identifications,
+    PaperSettings,
+    Recognizer,
+    RecognizerSettings,
+    Rival,
+)
 from ._spin import Alias, Spin, fit_spin
 from ._stencil import Stencil, StencilSettings
-from ._synth import Truth, synth
+from ._synth import SynthSettings, Truth, synth
 from ._vision import (
     BallView,
     Camera,
+    CircleSettings,
     Estimator,
+    EstimatorSettings,
     FrameEstimate,
     Pose,
     SequenceEstimate,
@@ -41,22 +51,26 @@ __all__ = [
     "BallView",
     "Calibration",
     "Camera",
+    "CircleSettings",
     "Design",
     "DesignProgress",
     "DesignRecord",
     "DesignResult",
     "Estimator",
+    "EstimatorSettings",
     "FrameEstimate",
     "HashTable",
     "Hint",
     "Identification",
     "Identifications",
     "KeepOut",
+    "PaperSettings",
     "Pattern",
     "PatternSummary",
     "Pose",
     "Proportion",
     "Recognizer",
+    "RecognizerSettings",
     "Rejection",
     "Rival",
     "SequenceEstimate",
@@ -64,6 +78,7 @@ __all__ = [
     "SteadyMark",
     "Stencil",
     "StencilSettings",
+    "SynthSettings",
     "Tracker",
     "TrackerState",
     "Trajectory",

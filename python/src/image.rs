@@ -1,11 +1,32 @@
 //! Camera images in NumPy's memory, read where they lie.
 
-use numpy::ndarray::ArrayViewD;
-use numpy::{PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::prelude::*;
-use spindoe::image::{DEFAULT_MAX_PIXELS, ImageView, RawImage, RawPixel, RawSamples};
+use std::path::PathBuf;
 
-use crate::errors::value_error;
+use numpy::ndarray::{Array3, ArrayViewD};
+use numpy::{IntoPyArray, PyArray3, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use spindoe::image::{DEFAULT_MAX_PIXELS, ImageView, RawImage, RawPixel, RawSamples, RgbImage};
+
+use crate::errors::{OrRaise, value_error};
+
+/// An image file as an array (height, width, 3), rgb: of `bytes`, where there are any, else of the path. 16 bits hold what
+/// files of 8 and of 16 bits have without rounding.
+#[pyfunction]
+pub fn read_image<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    bytes: Option<&[u8]>,
+) -> PyResult<Bound<'py, PyArray3<u16>>> {
+    let read = || match bytes {
+        Some(bytes) => RgbImage::decode(&path, bytes),
+        None => RgbImage::read(&path),
+    };
+    let image = py.detach(read).or_raise()?;
+    let (width, values) = (image.width(), image.values());
+    let at =
+        |(v, u, c): (usize, usize, usize)| (values[v * width + u][c] * 65_535.0).round() as u16;
+    Ok(Array3::from_shape_fn((image.height(), width, 3), at).into_pyarray(py))
+}
 
 /// The order of the channels, by name.
 pub fn channels(color: &str) -> PyResult<RawPixel> {
