@@ -219,6 +219,7 @@ class Estimator:
         circle: tuple[float, float, float] | None,
         independent: bool,
         max_rps: float,
+        exposure_s: float | None,
         progress: Callable[[int, int], object] | None,
     ) -> tuple[
         list[_Frame], int, tuple[_Floats, _Floats, _Floats | None, str], _Spin | str | None

@@ -456,6 +456,7 @@ class Estimator:
         circle: ArrayLike | None = None,
         independent: bool = False,
         max_rps: float = 175.0,
+        exposure_s: float | None = None,
         progress: bool | Progress = False,
     ) -> SequenceEstimate:
         """Estimates the frames of one sequence on all cores; with times they help each other, and give
@@ -468,6 +469,8 @@ class Estimator:
             circle: The ball's outline in all frames, where it is known.
             independent: Keep the frames from informing each other.
             max_rps: Largest spin considered, revolutions per second.
+            exposure_s: Time that the shutter is open for a frame, seconds. How far dots are smeared then settles which of the
+                spins is right that the frame rate leaves open; of an ``Estimator(..., measures_blur=True)``.
             progress: True shows a bar (with `tqdm`); a function is called with (done, total).
         """
         frames, order = frames_of(images, color)
@@ -481,6 +484,7 @@ class Estimator:
                 None if circle is None else triple("circle", circle),
                 independent,
                 float(max_rps),
+                None if exposure_s is None else float(exposure_s),
                 show,
             )
         finally:

@@ -14,13 +14,14 @@ use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::image::RawPixel;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
+use spindoe::spin::alias::SpinEvidence;
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
     CameraDistance, CameraModel, EstimatorWorkspace, ImageWork, NamedFrame, Pose, SequenceConfig,
-    SequenceSummary, TrackerConfig, estimate_passes, orientations,
+    SequenceSmears, SequenceSummary, TrackerConfig, estimate_passes, orientations,
 };
 use spindoe::vision::net::Weights;
 use spindoe::vision::net::detector::CnnConfig;
@@ -246,6 +247,22 @@ impl Estimator {
         CameraFrame::Camera.of_view(self.inner.config().camera.is_view())
     }
 
+    /// Rejects an exposure that is none, and one without blurs to read it by.
+    fn check_exposure(&self, exposure_s: Option<f64>) -> PyResult<()> {
+        let Some(exposure_s) = exposure_s else {
+            return Ok(());
+        };
+        if !(exposure_s > 0.0 && exposure_s.is_finite()) {
+            let problem = format!("expected a positive number of seconds, found {exposure_s}");
+            return Err(value_error("exposure_s", problem));
+        }
+        if !self.inner.config().measures_blur {
+            let problem = "expected an Estimator(..., measures_blur=True)";
+            return Err(value_error("exposure_s", problem));
+        }
+        Ok(())
+    }
+
     fn slot(&self) -> Slot {
         let mut kept = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
         kept.pop().unwrap_or_else(|| Slot {
@@ -411,7 +428,7 @@ impl Estimator {
 
     /// Frames of one sequence: all of them, how many had a pose before they informed each other, and
     /// the spin where there are times.
-    #[pyo3(signature = (images, color, times_s, circle, independent, max_rps, progress))]
+    #[pyo3(signature = (images, color, times_s, circle, independent, max_rps, exposure_s, progress))]
     #[allow(clippy::too_many_arguments, clippy::type_complexity)]
     fn estimate_sequence<'py>(
         &self,
@@ -422,6 +439,7 @@ impl Estimator {
         circle: Option<[f64; 3]>,
         independent: bool,
         max_rps: f64,
+        exposure_s: Option<f64>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<(
         Vec<FrameTuple<'py>>,
@@ -435,6 +453,7 @@ impl Estimator {
             check_times(times, images.len())?;
         }
         let config = sequence_config(max_rps)?;
+        self.check_exposure(exposure_s)?;
         let progress = progress.as_ref();
         let times = times_s.filter(|times| times.len() > 1);
         let informing = times.as_deref().filter(|_| !independent);
@@ -449,7 +468,13 @@ impl Estimator {
         let frame = self.frame();
         let orientations = orientations(&named, frame, times.is_some());
         let spin = match &times {
-            Some(_) => Some(spin_of(py, &orientations, &config)?),
+            Some(times) => {
+                let timed: Vec<_> = times.iter().copied().zip(&frames).collect();
+                let smears = exposure_s.and_then(|exposure_s| {
+                    SequenceSmears::new(&self.inner, &timed, exposure_s, &frame.turn())
+                });
+                Some(spin_of(py, &orientations, &config, smears.as_ref())?)
+            }
             None => None,
         };
         let tuples = frames.iter().map(|f| frame_tuple(py, f)).collect();
@@ -550,14 +575,22 @@ fn spin_of<'py>(
     py: Python<'py>,
     orientations: &Orientations,
     config: &SequenceConfig,
+    smears: Option<&SequenceSmears>,
 ) -> PyResult<Answer<spin::Found<'py>>> {
     let measurements = orientations.measurements();
     let frame = orientations.camera_frame.unwrap_or_default();
     let config = orientations.spin_config(config.spin);
-    match py.detach(|| SpinEstimate::fit(&measurements, MotionModel::Auto, &config)) {
+    let model = MotionModel::Auto;
+    let estimate = py.detach(|| match smears {
+        Some(smears) => SpinEstimate::fit_with(&measurements, model, &config, smears),
+        None => SpinEstimate::fit(&measurements, model, &config),
+    });
+    match estimate {
         Ok(estimate) => {
-            let found = spin::estimate_tuple(py, &estimate, None, &measurements, frame, &config)?;
-            Ok(Answer::Found(found))
+            let evidence = smears.map(|smears| smears as &(dyn SpinEvidence + Sync));
+            let measurements = &measurements;
+            spin::estimate_tuple(py, &estimate, None, measurements, frame, &config, evidence)
+                .map(Answer::Found)
         }
         Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
     }

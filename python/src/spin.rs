@@ -6,7 +6,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUnt
 use pyo3::prelude::*;
 use spindoe::Vec3;
 use spindoe::geometry::{CameraFrame, to_wxyz};
-use spindoe::spin::alias::{AliasConfig, Alternative};
+use spindoe::spin::alias::{AliasConfig, Alternative, SpinEvidence};
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
@@ -115,6 +115,7 @@ pub fn estimate_tuple<'py>(
     measurements: &[Measurement],
     frame: CameraFrame,
     config: &SpinConfig,
+    evidence: Option<&(dyn SpinEvidence + Sync)>,
 ) -> PyResult<Found<'py>> {
     let [from, to] = estimate.span_s();
     if let Some(at) = at_s.filter(|at| !(from..=to).contains(at)) {
@@ -130,6 +131,10 @@ pub fn estimate_tuple<'py>(
     let at_s = at_s.unwrap_or(estimate.middle_s());
     let (summary, probabilities) = py.detach(|| {
         let summary = estimate.summary(measurements, at_s, &listed, measurements.len());
+        let summary = match evidence {
+            Some(evidence) => summary.weighed(evidence, &listed),
+            None => summary,
+        };
         (summary, estimate.inlier_probabilities(measurements))
     });
     let motion = &estimate.motion;
@@ -351,7 +356,7 @@ pub fn fit_spin<'py>(
                 Ok(fit) => {
                     let estimate = SpinEstimate::of_constant(fit, &measurements);
                     let mut found =
-                        estimate_tuple(py, &estimate, at_s, &measurements, frame, &config)?;
+                        estimate_tuple(py, &estimate, at_s, &measurements, frame, &config, None)?;
                     // Its own, by the plane of the quaternions.
                     found.7 = PyArray1::from_vec(py, members);
                     Ok(Answer::Found(found))
@@ -366,7 +371,7 @@ pub fn fit_spin<'py>(
     };
     match fitted {
         Ok(estimate) => {
-            let found = estimate_tuple(py, &estimate, at_s, &measurements, frame, &config)?;
+            let found = estimate_tuple(py, &estimate, at_s, &measurements, frame, &config, None)?;
             Ok(Answer::Found(found))
         }
         Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),

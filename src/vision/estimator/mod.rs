@@ -80,7 +80,7 @@ pub use trust::{DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap}
 
 use std::sync::OnceLock;
 
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Matrix3;
 
 use super::camera::{BallView, Camera, Intrinsics};
 use super::cap::CapFitter;
@@ -90,7 +90,6 @@ use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
 use super::patch::Patch;
 use super::rim::RimFitter;
-use super::smear::Smear;
 use crate::ball::Ball;
 use crate::error::Result;
 use crate::geometry::Vec3;
@@ -298,12 +297,6 @@ impl<D: DotDetector> Estimator<D> {
     /// The view of a frame's ball.
     fn view(&self, frame: &FrameEstimate) -> Option<BallView> {
         self.config.camera.view_of(frame)
-    }
-
-    /// How the dots of a frame with a pose are smeared, whose ball moved by `shift` pixels while the shutter was open; `None` where
-    /// too few were measured: see [`EstimatorConfig::measures_blur`].
-    pub fn smear(&self, frame: &FrameEstimate, shift: Vector2<f64>) -> Option<Smear> {
-        Smear::new(&self.view(frame)?, &frame.blurs, shift)
     }
 
     /// The direction (camera frame) of each named dot, with its name.

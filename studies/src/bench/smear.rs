@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use spindoe::geometry::Vec3;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::vision::smear::Turn;
+use spindoe::vision::smear::{Smear, SmearedDot, Turn};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
 use spindoe_studies::frames::{DOTS20, each};
 use spindoe_studies::score::{bins, median, share};
@@ -32,11 +32,18 @@ pub struct Args {
     max_turn_deg: f64,
 }
 
+/// Lengths of smears that are told apart, over the dot's diameter.
+const LENGTHS: [f64; 9] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0];
+/// A squared residual that a blur that is the dot's own exceeds in 1 of 100, of three degrees of freedom.
+const OFF: f64 = 11.3;
+
 /// What came of a frame.
 struct Seen {
     truth: Vec3,
     is_answered: bool,
     turn: Option<Turn>,
+    /// Its dots under the true turn.
+    dots: Vec<SmearedDot>,
 }
 
 impl Seen {
@@ -77,6 +84,7 @@ impl Args {
             "median error of the angle, deg",
             "of the vector, deg",
         ]);
+        let mut dots: Vec<SmearedDot> = Vec::new();
         for &px in &self.px {
             let config = SynthConfig {
                 ball_px: Some([px; 2]),
@@ -89,12 +97,15 @@ impl Args {
                 &config,
                 self.seed,
                 self.frames,
-                |frame, [found]| Seen {
-                    truth: frame.truth.turn(),
-                    is_answered: found.pose().is_some(),
-                    turn: estimator[0]
-                        .smear(&found, Vector2::zeros())
-                        .and_then(|smear| smear.turn()),
+                |frame, [found]| {
+                    let truth = frame.truth.turn();
+                    let smear = estimator[0].smear(&found, Vector2::zeros());
+                    Seen {
+                        truth,
+                        is_answered: found.pose().is_some(),
+                        turn: smear.as_ref().and_then(Smear::turn),
+                        dots: smear.map_or(Vec::new(), |s| s.dots_under(&truth).collect()),
+                    }
                 },
             )?;
             for bin in bins(&TURNS_DEG) {
@@ -108,6 +119,24 @@ impl Args {
                 row!(table; px, name, these.len(), share(&these, |s| s.is_answered),
                     share(&these, |s| s.is_clear()), error(0), error(1));
             }
+            dots.extend(seen.iter().flat_map(|s| s.dots.iter().copied()));
+        }
+        println!();
+        let table = Table::new([
+            "smear over the dot's diameter",
+            "named dots",
+            "blur measured",
+            "median squared residual",
+            "residual that 1 of 100 exceeds",
+        ]);
+        for bin in bins(&LENGTHS) {
+            let is_in = |dot: &&SmearedDot| (bin.from..bin.to).contains(&dot.length);
+            let these: Vec<&SmearedDot> = dots.iter().filter(is_in).collect();
+            let squares: Vec<f64> = these.iter().filter_map(|dot| dot.square).collect();
+            row!(table; format!("{} to {}", bin.from, bin.to), these.len(),
+                share(&these, |dot| dot.square.is_some()),
+                figure(median(&squares, |square| *square), 2, ""),
+                share(&squares, |square| *square > OFF));
         }
         Ok(())
     }

@@ -3,7 +3,8 @@
 use std::f64::consts::TAU;
 
 use spindoe::geometry::Vec3;
-use spindoe::spin::alias::{AliasConfig, Alternative, alternatives};
+use spindoe::spin::alias::{AliasConfig, Alternative, SpinEvidence, alternatives};
+use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::simulate::{Scenario, Sequence, stream};
 use spindoe::spin::{Fit, Measurement};
@@ -49,6 +50,60 @@ fn even_times_report_the_tie_and_take_the_slowest() {
         };
         assert!(near(&other.spin, &truth), "{} beside {truth}", other.spin);
         assert!(other.log_likelihood_ratio.abs() < 1e-6, "{other:?}");
+    }
+}
+
+/// A spin's magnitude, as measured otherwise: revolutions per second and their deviation.
+struct Magnitude {
+    rps: f64,
+    std_rps: f64,
+}
+
+impl SpinEvidence for Magnitude {
+    fn ln_likelihood(&self, spin: &Vec3) -> f64 {
+        -0.5 * ((spin.norm() / TAU - self.rps) / self.std_rps).powi(2)
+    }
+}
+
+#[test]
+fn further_evidence_takes_the_alias_that_it_is_for() {
+    let config = SpinConfig {
+        max_rps: FPS,
+        ..SpinConfig::default()
+    };
+    let fit = |measurements: &[Measurement], evidence: &Magnitude| {
+        SpinEstimate::fit_with(measurements, MotionModel::Constant, &config, evidence).unwrap()
+    };
+    for i in 0..50 {
+        let sequence = fast(0.0, 64, i);
+        let (measurements, truth) = (&sequence.measurements, sequence.truth.spin);
+        let known = Magnitude {
+            rps: truth.norm() / TAU,
+            std_rps: 20.0,
+        };
+        // Aliases of equal magnitude are beyond what this knows.
+        if (2.0 * known.rps - FPS).abs() < 80.0 {
+            continue;
+        }
+        let estimate = fit(measurements, &known);
+        let found = estimate.at(estimate.middle_s()).motion.spin;
+        assert!(
+            (found - truth).norm() < 0.2 * truth.norm(),
+            "{found} beside {truth}"
+        );
+        let listed = AliasConfig::default();
+        let summary = estimate.summary(measurements, estimate.middle_s(), &listed, 10);
+        assert!(!summary.alternatives.is_empty());
+        let weighed = summary.weighed(&known, &listed);
+        let likeliest = weighed.alternatives.first().map(|a| a.log_likelihood_ratio);
+        assert!(likeliest.is_none_or(|ratio| ratio < 0.0), "{likeliest:?}");
+        // What says nothing changes nothing.
+        let open = Magnitude {
+            std_rps: f64::INFINITY,
+            ..known
+        };
+        let plain = SpinEstimate::fit(measurements, MotionModel::Constant, &config).unwrap();
+        assert_eq!(fit(measurements, &open), plain);
     }
 }
 

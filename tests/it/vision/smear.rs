@@ -1,10 +1,19 @@
 //! Turns during the exposure by the smear of dots, against what was rendered.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Vector2;
 use spindoe::Pattern;
-use spindoe::geometry::Vec3;
+use spindoe::geometry::{CameraFrame, Rotation, Vec3};
+use spindoe::image::ImageView;
+use spindoe::spin::alias::AliasConfig;
+use spindoe::spin::estimate::{MotionModel, SpinEstimate};
+use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::independent_frame;
+use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
+use spindoe::vision::estimator::{
+    NamedFrame, SequenceConfig, SequenceSmears, estimate_sequence, orientations,
+};
 use spindoe::vision::smear::Turn;
 use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
@@ -67,4 +76,61 @@ fn a_ball_at_rest_shows_no_turn() {
 #[test]
 fn blur_is_measured_where_it_is_asked_for() {
     assert!(turns(0.1, 3, false).iter().all(|t| t.1.is_none()));
+}
+
+/// At 120 frames per second 90 revolutions per second look like 30 about the other end of the axis; in half a millisecond they smear
+/// by 16 degrees, not by 5.
+#[test]
+fn smears_settle_what_the_frame_rate_leaves_open() {
+    const FPS: f64 = 120.0;
+    const EXPOSURE_S: f64 = 0.0005;
+    let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref()).unwrap();
+    let config = EstimatorConfig {
+        measures_blur: true,
+        ..EstimatorConfig::default()
+    };
+    let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build().unwrap()).unwrap();
+    for (seed, rps) in [(1, 90.0), (2, 30.0), (3, 90.0)] {
+        let clip = ClipConfig {
+            fps: FPS,
+            spin: Some([0.6 * rps * TAU, 0.0, 0.8 * rps * TAU]),
+            exposure_s: Some(EXPOSURE_S),
+            ..ClipConfig::default()
+        };
+        let sequence = Sequence::random(&pattern, &SynthConfig::good(), &clip, seed, 10).unwrap();
+        let frames: Vec<_> = (0..10).map(|k| sequence.frame(k).unwrap()).collect();
+        let times_s: Vec<f64> = frames.iter().map(|f| f.truth.time_s.unwrap()).collect();
+        let images: Vec<_> = frames.iter().map(|f| ImageView::from(&f.image)).collect();
+        let (found, _) =
+            estimate_sequence(&estimator, &SequenceConfig::default(), &times_s, &images);
+        let named = found
+            .iter()
+            .zip(&times_s)
+            .map(|(estimate, time_s)| NamedFrame {
+                name: "",
+                time_s: Some(*time_s),
+                estimate,
+            });
+        let rows = orientations(&named.collect::<Vec<_>>(), CameraFrame::View, true);
+        let (measurements, config) = (rows.measurements(), rows.spin_config(SpinConfig::default()));
+        let timed: Vec<_> = times_s.iter().copied().zip(&found).collect();
+        let still = Rotation::identity();
+        let smears = SequenceSmears::new(&estimator, &timed, EXPOSURE_S, &still).unwrap();
+        assert!(smears.frames() >= 8, "{}", smears.frames());
+        let model = MotionModel::Constant;
+        let slowest = SpinEstimate::fit(&measurements, model, &config).unwrap();
+        assert!((slowest.at(0.0).motion.rps() - 30.0).abs() < 1.0);
+        let settled = SpinEstimate::fit_with(&measurements, model, &config, &smears).unwrap();
+        assert!((settled.at(0.0).motion.rps() - rps).abs() < 1.0, "{rps}");
+        // The other one is not even listed.
+        let listed = AliasConfig::default();
+        let summary = settled
+            .summary(&measurements, 0.0, &listed, 10)
+            .weighed(&smears, &listed);
+        assert!(
+            summary.alternatives.is_empty(),
+            "{:?}",
+            summary.alternatives
+        );
+    }
 }
