@@ -22,6 +22,7 @@ from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
 from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
+from ._sequence import SequenceEstimate
 from ._spin import Alias, Spin, fit_spin
 from ._stencil import Stencil, StencilSettings
 from ._synth import Truth, synth
@@ -31,7 +32,6 @@ from ._vision import (
     Estimator,
     FrameEstimate,
     Pose,
-    SequenceEstimate,
     Tracker,
     TrackerState,
 )

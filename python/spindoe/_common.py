@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import uuid
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -70,6 +73,28 @@ def to_scipy(quaternion_wxyz: Floats) -> Rotation:
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(np.roll(quaternion_wxyz, -1, axis=-1))
+
+
+def rotation_matrix(quaternion_wxyz: Floats) -> Floats:
+    """The matrix of a unit quaternion, shape (3, 3)."""
+    w, x, y, z = quaternion_wxyz
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
+    """Writes a file that appears whole or not at all, with the rights that a new file has."""
+    aside = Path(f"{os.fspath(path)}.{uuid.uuid4().hex}.part")
+    try:
+        aside.write_bytes(content)
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
 
 
 def progress_of(progress: bool | Progress, total: int, unit: str) -> tuple[Progress | None, Any]:

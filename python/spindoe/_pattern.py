@@ -109,6 +109,11 @@ class Pattern:
 
         return plot.pattern(self, ax, **style)
 
+    def _repr_html_(self) -> str:
+        from . import _html
+
+        return _html.ball(self.dots, 0.1, repr(self))
+
     def __len__(self) -> int:
         return len(self._dots)
 
@@ -241,6 +246,13 @@ class HashTable:
         """The metadata: version, recognizer, pair rule, objective, and the validation it shipped with."""
         meta: dict[str, Any] = json.loads(self._handle.meta())
         return meta
+
+    def _repr_html_(self) -> str:
+        from . import _html
+
+        design = self.design
+        radius_rad = design.dot_diameter_mm / design.ball_diameter_mm if design else 0.1
+        return _html.ball(self.pattern.dots, radius_rad, repr(self))
 
     def __repr__(self) -> str:
         rows = len(self._handle.feature_dots())

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from scipy.spatial.transform import Rotation
 
+    from ._vision import Color
+
 RecognizerName = Literal["robust", "paper"]
 ProtocolName = Literal["paper", "sparse", "clutter", "image"]
 
@@ -88,12 +90,15 @@ class Identification:
         table: Tabled,
         dots: ArrayLike | None = None,
         circle: ArrayLike | None = None,
+        color: Color | None = None,
         ax: Axes | None = None,
     ) -> Axes:
         """Draws the identified pattern onto the image; see `spindoe.plot.identification`."""
         from . import plot
 
-        return plot.identification(self, image, table=table, dots=dots, circle=circle, ax=ax)
+        return plot.identification(
+            self, image, table=table, dots=dots, circle=circle, color=color, ax=ax
+        )
 
     def __bool__(self) -> Literal[True]:
         return True

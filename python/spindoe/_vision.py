@@ -22,6 +22,7 @@ from ._common import (
     Rejection,
     floats,
     progress_of,
+    rotation_matrix,
     settings_json,
     to_scipy,
     triple,
@@ -32,6 +33,7 @@ from ._spin import Spin, spin_of
 
 if TYPE_CHECKING:
     from ._calibrate import Calibration
+    from ._sequence import SequenceEstimate
     import matplotlib.axes
     from scipy.spatial.transform import Rotation
 
@@ -260,58 +262,61 @@ class FrameEstimate:
         """Number of detections that are matched with a dot of the pattern."""
         return int(np.count_nonzero(self.assignment >= 0))
 
+    def view(self, camera: Camera = Camera()) -> BallView:  # noqa: B008 (immutable)
+        """The view of the ball in which its orientation is, for projections.
+
+        Args:
+            camera: The estimator's; without intrinsics the view has the distance that the pose was found at.
+
+        Raises:
+            ValueError: Where the frame has no orientation, or its orientation needs the intrinsics.
+        """
+        if not self.pose or self.circle is None:
+            raise ValueError("frame: expected one with an orientation")
+        if camera.has_intrinsics:
+            return camera.view(self.circle)
+        if self.pose.frame in ("camera", "optical"):
+            raise ValueError("camera: expected the estimator's, whose intrinsics are known")
+        inverse = self.pose.distance[0] if self.pose.distance else 0.0
+        return (Camera.at_distance(1.0 / inverse) if inverse > 0.0 else Camera.parallel()).view(self.circle)
+
+    def expected_dots(
+        self, table: Tabled, camera: Camera = Camera()  # noqa: B008 (immutable)
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Where the orientation expects the pattern's dots: pixels ``u, v``, shape (n, 2), and which of them face the
+        camera, shape (n,).
+
+        Args:
+            table: The pattern, or its table.
+            camera: As in `view`.
+        """
+        view = self.view(camera)
+        pose = cast("Pose", self.pose).as_frame("camera")
+        seen = as_table(table).pattern.dots @ rotation_matrix(pose.quaternion_wxyz).T
+        towards = rotation_matrix(view._handle.to_camera())[:, 2]
+        return view.project(seen), seen @ towards > view.horizon
+
     def plot(
-        self, image: NDArray[Any], *, table: Tabled, ax: matplotlib.axes.Axes | None = None
+        self,
+        image: NDArray[Any],
+        *,
+        table: Tabled,
+        color: Color | None = None,
+        ax: matplotlib.axes.Axes | None = None,
     ) -> matplotlib.axes.Axes:
         """Draws outline, detections and the identified pattern onto the image; see
         `spindoe.plot.frame`."""
         from . import plot
 
-        return plot.frame(self, image, table=table, ax=ax)
+        return plot.frame(self, image, table=table, color=color, ax=ax)
+
+    def _repr_html_(self) -> str:
+        from . import _html
+
+        return _html.frame(self)
 
     def __repr__(self) -> str:
         return f"<FrameEstimate: {self.matched} of {len(self.dots)} dots, {self.pose!r}>"
-
-
-@dataclass(slots=True, eq=False, repr=False)
-class SequenceEstimate:
-    """The frames of one sequence, and its spin."""
-
-    frames: list[FrameEstimate]
-    """In the order of the images."""
-    spin: Spin | Rejection
-    """The spin, or why there is none."""
-    independent: int
-    """Number of frames that had an orientation before they informed each other."""
-    quaternions_wxyz: Floats
-    """Orientations, shape (frames, 4), NaN where there is none, in the frame of the spin: without
-    intrinsics the view frames of the poses are brought into one."""
-    covariances_rad2: Floats
-    """Covariances of their errors, rotation vectors in that frame; shape (frames, 3, 3)."""
-    view_turns_rad: Floats | None
-    """The turns of the view frame about x and y, and their standard deviations, shape (frames, 4);
-    None where the poses are in the camera frame."""
-    frame: Frame
-    """The frame of these orientations and of the spin."""
-
-    @property
-    def confidences(self) -> Floats:
-        """Probability of each orientation, 0 where there is none; shape (frames,)."""
-        return np.array([f.pose.confidence if f.pose else 0.0 for f in self.frames])
-
-    @property
-    def residuals_rad(self) -> Floats:
-        """Residual of each orientation, radians, NaN where there is none; shape (frames,)."""
-        return np.array([f.pose.residual_rad if f.pose else np.nan for f in self.frames])
-
-    @property
-    def matched(self) -> Ints:
-        """Number of matched dots of each frame; shape (frames,)."""
-        return np.array([f.matched for f in self.frames], dtype=np.int64)
-
-    def __repr__(self) -> str:
-        posed = sum(bool(frame.pose) for frame in self.frames)
-        return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
 
 
 def frame_of(found: Any) -> FrameEstimate:
@@ -331,13 +336,37 @@ def _times(times_s: ArrayLike | None) -> list[float] | None:
     return [float(time) for time in array]
 
 
-def _color(color: Color | None, image: Any) -> str:
+def _color(color: Color | None, image: Any) -> Color:
     """The order of the channels; that of three must be said, since files and cameras differ."""
     if color is not None:
         return color
     if np.ndim(image) == 2:
         return "gray"
     raise ValueError('color: expected "rgb" or "bgr" for images with channels (OpenCV reads bgr)')
+
+
+def rgb8(image: NDArray[Any], color: Color | None) -> NDArray[np.uint8]:
+    """An image to be shown: red, green, blue, shape (height, width, 3), uint8; a copy.
+
+    Args:
+        image: As in `Estimator.estimate`.
+        color: The order of its channels, as there.
+    """
+    order = _color(color, image)
+    expected = 2 if order == "gray" else 3
+    if order not in ("gray", "rgb", "bgr"):
+        raise ValueError(f"color: expected gray, rgb or bgr, found {order!r}")
+    if image.ndim != expected or image.shape[2:] not in ((), (3,)):
+        raise ValueError(f"image: expected {order}, found shape {image.shape}")
+    if image.dtype == np.uint16:
+        levels: NDArray[np.uint8] = (image >> 8).astype(np.uint8)
+    elif image.dtype == np.uint8:
+        levels = image
+    else:
+        raise ValueError(f"image: expected uint8 or uint16, found {image.dtype}")
+    if order == "gray":
+        return np.repeat(levels[..., None], 3, axis=2)
+    return np.array(levels[..., ::-1] if order == "bgr" else levels, order="C")
 
 
 class Estimator:
@@ -439,6 +468,8 @@ class Estimator:
             max_rps: Largest spin considered, revolutions per second.
             progress: True shows a bar (with `tqdm`); a function is called with (done, total).
         """
+        from ._sequence import SequenceEstimate
+
         frames = list(images)
         times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
@@ -457,9 +488,15 @@ class Estimator:
                 bar.close()
         answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
         quaternions, covariances, turns, frame = rows
-        estimates = [frame_of(f) for f in found]
         return SequenceEstimate(
-            estimates, answer, independently, quaternions, covariances, turns, cast("Frame", frame)
+            [frame_of(f) for f in found],
+            answer,
+            independently,
+            quaternions,
+            covariances,
+            turns,
+            cast("Frame", frame),
+            None if times is None else np.array(times),
         )
 
     def calibrate(
