@@ -22,6 +22,7 @@ from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
 from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
+from ._rerun import to_rerun
 from ._sequence import SequenceEstimate
 from ._spin import Alias, Spin, fit_spin
 from ._stencil import Stencil, StencilSettings
@@ -77,6 +78,7 @@ __all__ = [
     "merge",
     "read_trajectories",
     "synth",
+    "to_rerun",
     "validate",
     "write_onnx",
 ]
