@@ -269,14 +269,15 @@ class FrameEstimate:
             camera: The estimator's; without intrinsics the view has the distance that the pose was found at.
 
         Raises:
-            ValueError: Where the frame has no orientation, or its orientation needs the intrinsics.
+            ValueError: Where the frame has no orientation, or it is that of another camera.
         """
         if not self.pose or self.circle is None:
             raise ValueError("frame: expected one with an orientation")
+        if camera.has_intrinsics != (self.pose.frame in ("camera", "optical")):
+            known = "unknown" if camera.has_intrinsics else "known"
+            raise ValueError(f"camera: expected the estimator's, whose intrinsics are {known}")
         if camera.has_intrinsics:
             return camera.view(self.circle)
-        if self.pose.frame in ("camera", "optical"):
-            raise ValueError("camera: expected the estimator's, whose intrinsics are known")
         inverse = self.pose.distance[0] if self.pose.distance else 0.0
         return (Camera.at_distance(1.0 / inverse) if inverse > 0.0 else Camera.parallel()).view(self.circle)
 
@@ -285,6 +286,9 @@ class FrameEstimate:
     ) -> tuple[Floats, NDArray[np.bool_]]:
         """Where the orientation expects the pattern's dots: pixels ``u, v``, shape (n, 2), and which of them face the
         camera, shape (n,).
+
+        Without intrinsics the outline is taken for a circle: 30 degrees off the camera's axis, where it is an ellipse, dots
+        are off by about a tenth of its radius.
 
         Args:
             table: The pattern, or its table.

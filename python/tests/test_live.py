@@ -121,6 +121,15 @@ def test_a_frame_without_a_ball_says_why(estimator, table):
         live.draw(gray, state, table=table, scale=0)
 
 
+def test_another_cameras_frame_is_refused(last, estimator, table, camera):
+    image, state, _ = last
+    with pytest.raises(ValueError, match="camera: .* known"):
+        live.draw(image, state, table=table, color="rgb")
+    own = estimator.tracker().update(image, 0.0, color="rgb")
+    with pytest.raises(ValueError, match="camera: .* unknown"):
+        live.draw(image, own, table=table, camera=camera, color="rgb")
+
+
 def test_colors_of_the_image_are_kept(last, table):
     image, state, _ = last
     image = image.copy()
