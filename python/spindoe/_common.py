@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 import os
@@ -68,11 +69,25 @@ def wxyz(name: str, quaternion: ArrayLike) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
+def optional(module: str, extra: str) -> Any:
+    """A module that the package does without.
+
+    Raises:
+        ValueError: Where it is not installed: with what installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        name = module.partition(".")[0]
+        raise ValueError(f"{name}: expected it to be installed: pip install spindoe[{extra}]") from error
+
+
 def to_scipy(quaternion_wxyz: Floats) -> Rotation:
     """SciPy's rotation of a quaternion, or of many; SciPy puts the scalar last."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat(np.roll(quaternion_wxyz, -1, axis=-1))
+    rotation: Rotation = optional("scipy.spatial.transform", "scipy").Rotation.from_quat(
+        np.roll(quaternion_wxyz, -1, axis=-1)
+    )
+    return rotation
 
 
 def rotation_matrix(quaternion_wxyz: Floats) -> Floats:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._common import Floats
+from ._common import Floats, optional
 from ._pattern import PathLike, Tabled, as_table
 from ._sequence import SequenceEstimate
 from ._spin import Spin
@@ -58,14 +58,11 @@ def to_rerun(
     Raises:
         ValueError: Where Rerun is missing or there is no recording; for another number of images than of frames.
     """
-    try:
-        import rerun as rr
-    except ImportError as error:
-        raise ValueError("rerun: expected it to be installed: pip install spindoe[rerun]") from error
+    rr = optional("rerun", "rerun")
     if path is not None and recording is not None:
         raise ValueError("path: expected it or recording, found both")
     if path is not None:
-        stream = rr.RecordingStream("spindoe")
+        stream: rerun.RecordingStream = rr.RecordingStream("spindoe")
         stream.save(os.fspath(path))
     else:
         active = recording or rr.get_global_data_recording()

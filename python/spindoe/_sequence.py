@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._common import Floats, Frame, Ints, Rejection, write_whole
+from ._common import Floats, Frame, Ints, Rejection, optional, write_whole
 from ._native import __version__
 from ._pattern import PathLike
 from ._spin import Alias, Spin
@@ -106,10 +106,7 @@ class SequenceEstimate:
 
         Orientations and covariances are in the frame that ``camera_frame`` names; outlines are pixels.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ValueError("pandas: expected it to be installed: pip install spindoe[pandas]") from error
+        library = optional("pandas", "pandas")
         count = len(self.frames)
         posed = np.array([bool(f.pose) for f in self.frames], dtype=bool)
         circles = np.array([f.circle or (np.nan,) * 3 for f in self.frames]).reshape(count, 3)
@@ -130,7 +127,8 @@ class SequenceEstimate:
         columns |= {name: circles[:, k] for k, name in enumerate(("u_px", "v_px", "radius_px"))}
         columns["hinted"] = [bool(f.pose and f.pose.hinted) for f in self.frames]
         columns["reason"] = ["" if f.pose else f.pose.reason for f in self.frames]
-        return pandas.DataFrame(columns, index=pandas.RangeIndex(count, name="frame"))
+        table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(count, name="frame"))
+        return table
 
     def plot(self, ax: matplotlib.axes.Axes | None = None, **style: Any) -> matplotlib.axes.Axes:
         """Draws the rotation about the spin's axis over time with the fit; see `spindoe.plot.sequence`."""

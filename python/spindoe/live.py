@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._common import Floats, rotation_matrix
+from ._common import Floats, optional, rotation_matrix
 from ._pattern import PathLike, Tabled
 from ._vision import Camera, Color, Estimator, Image, Tracker, TrackerState, rgb8
 
@@ -54,11 +54,7 @@ class Followed(NamedTuple):
 
 
 def _opencv() -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise ValueError("cv2: expected OpenCV to be installed: pip install spindoe[live]") from error
-    return cv2
+    return optional("cv2", "live")
 
 
 def _projector(state: TrackerState, camera: Camera) -> tuple[tuple[float, float], Floats]:

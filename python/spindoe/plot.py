@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._common import Floats, floats, to_scipy, triple
+from ._common import Floats, floats, optional, to_scipy, triple
 from ._pattern import Pattern, Tabled, as_table
 from ._vision import Color, FrameEstimate, rgb8
 
@@ -26,9 +26,8 @@ LEFT_OUT = "#d1495b"
 def _axes(ax: Axes | None) -> Axes:
     if ax is not None:
         return ax
-    import matplotlib.pyplot as plt
-
-    return plt.figure().add_subplot()
+    made: Axes = optional("matplotlib.pyplot", "plot").figure().add_subplot()
+    return made
 
 
 def _ball(ax: Axes, center: tuple[float, float], radius: float) -> None:

@@ -18,6 +18,7 @@ import matplotlib.pyplot as plt
 from conftest import run
 
 import spindoe
+from spindoe import _cluster
 
 SPIN = (40.0, 150.0, -60.0)
 EASY = {"ball_px": [100, 100], "camera_distance_radii": [20, 20]}
@@ -149,10 +150,20 @@ def test_a_rejected_frame_has_a_row(found):
     assert rows["radius_px"][4] == found.frames[4].circle[2]
 
 
-def test_without_pandas_one_line_says_what_to_install(found, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ValueError, match=r"^pandas: .*pip install spindoe\[pandas\]$"):
-        found.to_dataframe()
+def test_where_an_extra_is_missing_one_line_says_what_to_install(found, table, monkeypatch):
+    for module, extra, call in [
+        ("pandas", "pandas", found.to_dataframe),
+        ("matplotlib.pyplot", "plot", found.plot),
+        ("matplotlib.pyplot", "plot", table.pattern.plot),
+        ("scipy.spatial.transform", "scipy", found.frames[0].pose.as_rotation),
+        ("scipy.spatial.transform", "scipy", found.spin.as_rotation),
+        ("trimesh", "mesh", lambda: spindoe.Stencil(table).to_trimesh("a")),
+        ("ray", "ray", lambda: list(_cluster.run(print, [()], ray="local"))),
+    ]:
+        with monkeypatch.context() as without:
+            without.setitem(sys.modules, module, None)
+            with pytest.raises(ValueError, match=rf"^{module.split('.')[0]}: .*pip install spindoe\[{extra}\]$"):
+                call()
 
 
 def test_the_package_needs_none_of_its_extras():
