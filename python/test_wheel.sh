@@ -28,7 +28,7 @@ bytes=$(stat -c %s "$wheel")
 echo "$(basename "$wheel"): $bytes bytes"
 [ "$bytes" -le 8000000 ] || { echo "expected at most 8 MB" >&2; exit 1; }
 "${pip[@]}" install "$wheel[test]"
-(cd "$here" && "$bin/mypy" --cache-dir "$venv/mypy" spindoe examples/*.py)
+(cd "$here" && "$bin/mypy" --cache-dir "$venv/mypy" spindoe spindoe_compat spindoe_ros examples/*.py)
 # Not from the folder that holds the sources: what is tested is the wheel.
 cd "$venv"
 "$bin/pytest" -q -rs --durations=15 -p no:cacheprovider -c "$here/pyproject.toml" --rootdir "$here" "$here/tests"

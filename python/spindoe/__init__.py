@@ -21,16 +21,26 @@ from ._design import Design, DesignProgress, DesignResult, Proportion, Validatio
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
-from ._recognize import Hint, Identification, Identifications, Recognizer, Rival
+from ._recognize import (
+    Hint,
+    Identification,
+    Identifications,
+    PaperSettings,
+    Recognizer,
+    RecognizerSettings,
+    Rival,
+)
 from ._rerun import to_rerun
 from ._sequence import SequenceEstimate
 from ._spin import Alias, Spin, fit_spin
 from ._stencil import Stencil, StencilSettings
-from ._synth import Truth, synth
+from ._synth import SynthSettings, Truth, synth
 from ._vision import (
     BallView,
     Camera,
+    CircleSettings,
     Estimator,
+    EstimatorSettings,
     FrameEstimate,
     Pose,
     Tracker,
@@ -42,22 +52,26 @@ __all__ = [
     "BallView",
     "Calibration",
     "Camera",
+    "CircleSettings",
     "Design",
     "DesignProgress",
     "DesignRecord",
     "DesignResult",
     "Estimator",
+    "EstimatorSettings",
     "FrameEstimate",
     "HashTable",
     "Hint",
     "Identification",
     "Identifications",
     "KeepOut",
+    "PaperSettings",
     "Pattern",
     "PatternSummary",
     "Pose",
     "Proportion",
     "Recognizer",
+    "RecognizerSettings",
     "Rejection",
     "Rival",
     "SequenceEstimate",
@@ -65,6 +79,7 @@ __all__ = [
     "SteadyMark",
     "Stencil",
     "StencilSettings",
+    "SynthSettings",
     "Tracker",
     "TrackerState",
     "Trajectory",

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ._common import Floats, Ints
 from ._pattern import HashTable, Pattern
-from ._vision import FrameEstimate, frame_of
+
+if TYPE_CHECKING:
+    from ._vision import FrameEstimate
 
 DotState = Literal["measured", "unseen", "doubtful", "missing"]
 
@@ -119,9 +121,9 @@ class Calibration:
         )
 
 
-def calibration_of(found: Any, nominal: Pattern) -> Calibration:
-    """The native part's answer."""
-    table, dots, marks, frames, counts, (noise, rate, smooth, inverse_distance), report = found
+def calibration_of(found: Any, frames: list[FrameEstimate], nominal: Pattern) -> Calibration:
+    """The native part's answer, its frames made."""
+    table, dots, marks, _, counts, (noise, rate, smooth, inverse_distance), report = found
     states, directions, covariances, views, expected, numbers = dots
     with_ball, fitted, with_other_balls = counts
     return Calibration(
@@ -134,7 +136,7 @@ def calibration_of(found: Any, nominal: Pattern) -> Calibration:
         expected_views=expected,
         numbers=numbers,
         marks=tuple(SteadyMark(*mark) for mark in marks),
-        frames=[frame_of(frame) for frame in frames],
+        frames=frames,
         with_ball=with_ball,
         fitted=fitted,
         with_other_balls=with_other_balls,

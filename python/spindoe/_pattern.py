@@ -79,6 +79,23 @@ class Pattern:
         """Reads a CSV file, one dot a row, ``x,y,z``, with or without a header."""
         return cls._of(_native.Pattern.load(path))
 
+    @classmethod
+    def shipped(cls, name: str) -> Pattern:
+        """A design that comes with the package, for instance ``"dots20"``; `HashTable.load` takes the names too.
+
+        Raises:
+            ValueError: For a name that is not one of `shipped_names`.
+        """
+        designs = dict(_native.shipped_designs())
+        if name not in designs:
+            raise ValueError(f"name: expected one of {', '.join(designs)}, found {name!r}")
+        return cls._of(designs[name])
+
+    @staticmethod
+    def shipped_names() -> tuple[str, ...]:
+        """The names of the designs that come with the package."""
+        return tuple(name for name, _ in _native.shipped_designs())
+
     def save(self, path: PathLike) -> None:
         """Writes a CSV file without a header; digits enough to read back the same bits."""
         self._handle.save(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +17,9 @@ from ._pattern import HashTable, Tabled, as_table
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from scipy.spatial.transform import Rotation
+    from typing_extensions import Unpack
 
-    from ._vision import Color
+    from ._image import Color, Image
 
 RecognizerName = Literal["robust", "paper"]
 ProtocolName = Literal["paper", "sparse", "clutter", "image"]
@@ -85,7 +86,7 @@ class Identification:
 
     def plot(
         self,
-        image: NDArray[Any] | None = None,
+        image: Image | None = None,
         *,
         table: Tabled,
         dots: ArrayLike | None = None,
@@ -170,6 +171,42 @@ class Identifications(Sequence[Identification | Rejection]):
     def __repr__(self) -> str:
         return f"<Identifications: {int(self.identified.sum())} of {len(self)} frames identified>"
 
+class RecognizerSettings(TypedDict, total=False):
+    """What the robust recognizer may expect otherwise than usual, or than ``expect`` says."""
+
+    visibility_limit: float
+    """Minimum z of a visible dot, camera frame, ball of radius 1; 0."""
+    detection_probability: float
+    """Probability that a dot well inside the visible cap is detected; 0.9."""
+    expected_false_dots: float
+    """Mean of the number of false dots of a view, where that varies; 0.5."""
+    usual_false_dots: int
+    """Or the number of nearly every view."""
+    foreign_share: float
+    """Share of the views that show something else than this ball; 0.2."""
+    noise: Literal["normal", "heavy_tailed", "random_axis"]
+    """Distribution of a dot's error; heavy-tailed."""
+    passes: int
+    """Maximum number of pairs of dots that the search aligns with the pattern; 64."""
+    mirror_doubt: float
+    """Probability of the pose below which a view is also searched mirrored; 0.9."""
+
+
+class PaperSettings(TypedDict, total=False):
+    """What the paper's recognizer may have otherwise than the table notes."""
+
+    k: int
+    """Number of nearest features that vote for each further dot."""
+    kappa: float
+    """Concentration of the Kent density."""
+    beta: float
+    """Its ovalness, ``0 <= 2 beta < kappa``."""
+    alpha: float
+    """Standard deviation of a dot's distance from the center, which is 1, in the score."""
+    verify_fraction: float
+    """Share of the bases with votes that is verified, best scores first."""
+    vote_sum: Literal["log-density", "density"]
+    """The sum that forms a basis' score."""
 
 
 class Recognizer:
@@ -184,12 +221,7 @@ class Recognizer:
             none; by default the table's noise over sqrt 3.
         min_confidence: Orientations with a smaller probability are rejected as ambiguous; by default
             ``MIN_CONFIDENCE_DOTS``, and 0 for the paper's recognizer, whose confidence is a share of votes.
-        settings: For ``"robust"`` ``visibility_limit``, ``detection_probability``,
-            ``expected_false_dots`` (the mean of a number that varies), ``usual_false_dots`` (that of
-            nearly every view), ``foreign_share`` (of the views, those that show something else than
-            this ball), ``noise`` (``"normal"``, ``"heavy_tailed"`` or ``"random_axis"``),
-            ``passes``, ``mirror_doubt``; for ``"paper"`` ``k``, ``kappa``, ``beta``, ``alpha``,
-            ``verify_fraction``, ``vote_sum``.
+        settings: Any of `RecognizerSettings`; for ``"paper"`` any of `PaperSettings`.
 
     An instance may be used from several threads.
     """
@@ -199,6 +231,27 @@ class Recognizer:
     table: HashTable
     """The table in use."""
 
+    @overload
+    def __init__(
+        self,
+        table: Tabled,
+        recognizer: Literal["robust"] = "robust",
+        *,
+        expect: ProtocolName | None = None,
+        sigma_rad: float | None = None,
+        min_confidence: float | None = None,
+        **settings: Unpack[RecognizerSettings],
+    ) -> None: ...
+    @overload
+    def __init__(
+        self,
+        table: Tabled,
+        recognizer: Literal["paper"],
+        *,
+        sigma_rad: float | None = None,
+        min_confidence: float | None = None,
+        **settings: Unpack[PaperSettings],
+    ) -> None: ...
     def __init__(
         self,
         table: Tabled,
@@ -219,7 +272,7 @@ class Recognizer:
         elif recognizer == "paper":
             if expect is not None:
                 raise ValueError("expect: the paper's recognizer has no expectations")
-            names = ("k", "kappa", "beta", "alpha", "verify_fraction", "vote_sum")
+            names = PaperSettings.__annotations__
             for name in settings:
                 if name not in names:
                     raise ValueError(f"{name}: no such setting, expected one of {', '.join(names)}")
@@ -344,7 +397,7 @@ class Recognizer:
 
 def _recognizer(
     table: HashTable,
-    recognizer: RecognizerName,
+    recognizer: Any,
     expect: ProtocolName | None,
     sigma_rad: float | None,
     min_confidence: float | None,

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ._common import Floats, optional
+from ._image import Color, Image, rgb8
 from ._pattern import PathLike, Tabled, as_table
 from ._sequence import SequenceEstimate
 from ._spin import Spin
-from ._vision import Color, FrameEstimate, TrackerState, rgb8
+from ._vision import FrameEstimate, TrackerState
 
 if TYPE_CHECKING:
     import rerun
@@ -25,7 +25,7 @@ def to_rerun(
     found: SequenceEstimate | Iterable[TrackerState],
     *,
     table: Tabled,
-    images: Iterable[NDArray[Any]] | None = None,
+    images: Iterable[Image] | None = None,
     color: Color | None = None,
     path: PathLike | None = None,
     recording: rerun.RecordingStream | None = None,
@@ -79,7 +79,7 @@ def to_rerun(
     ring = np.stack([np.cos(around), np.sin(around)], axis=1)
 
     rows = _rows(found)
-    shown: list[NDArray[Any] | None] = [None] * len(rows) if images is None else list(images)
+    shown: list[Image | None] = [None] * len(rows) if images is None else list(images)
     if len(shown) != len(rows):
         raise ValueError(f"images: expected {len(rows)}, found {len(shown)}")
     for k, ((time_s, frame, quaternion_wxyz, spin), image) in enumerate(zip(rows, shown, strict=True)):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,119 @@ from ._pattern import Tabled, as_ball
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
+    from typing_extensions import Unpack
+
+SynthKind = Literal[
+    "dotted", "other-pattern", "dotless", "logo-only", "seams-only", "fruit", "lamp", "wheel", "speckled", "noise",
+]
+
+
+class SynthSettings(TypedDict, total=False):
+    """What synthetic images may have otherwise than the preset. Pairs are ``[minimum, maximum]``; a value is drawn once for a
+    frame."""
+
+    kind: SynthKind
+    """What is shown."""
+    size_px: Sequence[int]
+    """Side of the square crop, pixels, log-uniform."""
+    fill: Sequence[float]
+    """The ball's diameter over the crop's side."""
+    ball_px: Sequence[float]
+    """The ball's diameter, pixels, log-uniform; where given, the crop's side follows from ``fill``."""
+    image_px: Sequence[int]
+    """Columns and rows of a whole frame, in which the ball lies anywhere; its diameter is that in the crop."""
+    off_center: float
+    """Maximum of the ball's center off the crop's, along either axis, over half the side."""
+    cut_share: float
+    """Share of the frames whose border cuts the ball."""
+    max_cut: float
+    """Maximum part of the diameter beyond the border."""
+    mirrored: bool
+    """Whether images are flipped left to right."""
+    camera_distance_radii: Sequence[float]
+    """Distance of the camera from the ball's center in ball radii, log-uniform."""
+    parallel_share: float
+    """Share of the frames taken along parallel rays."""
+    max_off_axis_rad: float
+    """Maximum angle between the optical axis and the ray to the ball's center, radians."""
+    dot_radius_rad: Sequence[float]
+    """Angular radius of the dots, radians."""
+    dot_radius_spread: Sequence[float]
+    """Relative standard deviation of the dots' radii within a ball."""
+    placement_sigma_rad: Sequence[float]
+    """Standard deviation of a dot's placement error, per tangent axis, radians."""
+    max_dot_elongation: float
+    """Maximum of (long axis - short axis) / (long + short) of a dot."""
+    ink_density: Sequence[float]
+    """Share of the light that a dot's ink takes: a worn pen leaves gray."""
+    max_streaks: float
+    """Maximum part of the ink that a streaky pen leaves out."""
+    colored_ink_share: float
+    """Share of the pens whose ink is colored."""
+    left_out: float
+    """Probability that a dot was not drawn."""
+    logo_probability: float
+    """Probability of a logo."""
+    logo_radius_rad: Sequence[float]
+    """Angular radius of the logo, radians."""
+    seam_probability: float
+    """Probability of a seam."""
+    stains: bool
+    """Whether the ball may be stained."""
+    rps: Sequence[float]
+    """Spin, revolutions per second."""
+    max_arc_rad: float
+    """Maximum angle that the ball turns during the exposure, radians."""
+    max_shift_px: float
+    """Maximum displacement of the ball during the exposure, pixels of a crop of 60."""
+    ambient: Sequence[float]
+    """Share of the light that comes from everywhere."""
+    second_lamp_share: float
+    """Share of the frames with a second lamp."""
+    shadow_share: float
+    """Share of the balls on which something casts a hard shadow."""
+    max_gloss: float
+    """Maximum strength of a lamp's highlight; 1 is a white surface in full light."""
+    max_limb: float
+    """Maximum darkening towards the limb."""
+    max_background: float
+    """Maximum brightness of the background against that of the ball's brightest part."""
+    texture_share: float
+    """Share of the frames with a textured background."""
+    clutter_share: float
+    """Share of the frames with discs, lamps or other balls in the background."""
+    ground_share: float
+    """Share of the frames with ground below the ball, most of them with its shadow there."""
+    occlusion_share: float
+    """Share of the frames in which something hides a part of the ball."""
+    cords_share: float
+    """Share of the frames in which cords or a net cross the whole ball."""
+    occluder_shadow_share: float
+    """Share of the occluders that cast a shadow on the ball."""
+    max_occlusion: float
+    """Maximum depth, over the diameter, to which a hand or a bat covers the ball."""
+    defocus_px: Sequence[float]
+    """Standard deviation of the lens' blur, pixels of a crop of 60."""
+    max_noise: float
+    """Maximum factor on the noise of a good camera."""
+    bad_exposure: float
+    """Share of the frames far over- or underexposed."""
+    gamma: Sequence[float]
+    """Exponent on the encoded values, log-uniform: a display's or an editor's correction."""
+    gamma_share: float
+    """Share of the frames with such an exponent; it is 1 elsewhere, and where the exposure is bad."""
+    mosaic_share: float
+    """Share of the color cameras with a Bayer mosaic."""
+    sharpen_share: float
+    """Share of the cameras that sharpen."""
+    jpeg_share: float
+    """Share of the frames compressed as JPEG."""
+    jpeg_quality: Sequence[float]
+    """Quality of the JPEG compression, 1 to 100."""
+    video_share: float
+    """Share of the frames compressed as video."""
+    video_qp: Sequence[float]
+    """Quantizer of the video compression, as H.264's QP."""
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -74,7 +187,7 @@ def synth(
     spin_rad_s: ArrayLike | None = None,
     exposure_s: float | None = None,
     drift_px: tuple[float, float] | None = None,
-    **settings: Any,
+    **settings: Unpack[SynthSettings],
 ) -> Iterator[tuple[NDArray[np.uint8], Truth]]:
     """Draws synthetic images, one after another: the same seed gives the same images.
 
@@ -89,8 +202,7 @@ def synth(
         spin_rad_s: Its spin, camera frame, rad/s; at random where not given.
         exposure_s: Exposure of the frames of a sequence, seconds.
         drift_px: Displacement of the ball over the whole sequence, pixels.
-        settings: Any field of the library's ``SynthConfig``: ``ball_px=[60, 60]``,
-            ``camera_distance_radii=[12, 12]``, ``max_noise=0.01``, ...
+        settings: Any of `SynthSettings`: ``ball_px=[60, 60]``, ``camera_distance_radii=[12, 12]``, ``max_noise=0.01``, ...
 
     Yields:
         Image of shape (height, width, 3), uint8, rgb, and its `Truth`.

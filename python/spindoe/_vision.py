@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypedDict, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
+from ._calibrate import Calibration, calibration_of
 from ._common import (
     Axes,
     Floats,
@@ -27,18 +28,16 @@ from ._common import (
     to_scipy,
     triple,
 )
+from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable, PathLike, Tabled, as_table
 from ._recognize import Hint
 from ._spin import Spin, spin_of
 
 if TYPE_CHECKING:
-    from ._calibrate import Calibration
     from ._sequence import SequenceEstimate
     import matplotlib.axes
     from scipy.spatial.transform import Rotation
-
-Color = Literal["gray", "rgb", "bgr"]
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+    from typing_extensions import Unpack
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -302,7 +301,7 @@ class FrameEstimate:
 
     def plot(
         self,
-        image: NDArray[Any],
+        image: Image,
         *,
         table: Tabled,
         color: Color | None = None,
@@ -340,37 +339,46 @@ def _times(times_s: ArrayLike | None) -> list[float] | None:
     return [float(time) for time in array]
 
 
-def _color(color: Color | None, image: Any) -> Color:
-    """The order of the channels; that of three must be said, since files and cameras differ."""
-    if color is not None:
-        return color
-    if np.ndim(image) == 2:
-        return "gray"
-    raise ValueError('color: expected "rgb" or "bgr" for images with channels (OpenCV reads bgr)')
+class CircleSettings(TypedDict):
+    """What is accepted as a ball; all of it, where some is set."""
+
+    min_radius_px: float
+    """Minimum radius, pixels; 8."""
+    max_radius: float
+    """Largest radius as a multiple of the image's longer side; 0.75."""
+    min_support: float
+    """Minimum share of the rays within the image on which the outline's edge is seen; 0.6."""
+    min_visible: float
+    """Minimum share of the whole circle that lies within the image; 0.3."""
+    min_contrast: float
+    """Minimum difference in brightness across the outline, where the image's values span 0 to 1; 0.016."""
+    rival_score: float
+    """Another circle counts as a second ball where its score is this part of the best one's; 0.6."""
 
 
-def rgb8(image: NDArray[Any], color: Color | None) -> NDArray[np.uint8]:
-    """An image to be shown: red, green, blue, shape (height, width, 3), uint8; a copy.
+class EstimatorSettings(TypedDict, total=False):
+    """What an estimator may have otherwise than usual."""
 
-    Args:
-        image: As in `Estimator.estimate`.
-        color: The order of its channels, as there.
-    """
-    order = _color(color, image)
-    expected = 2 if order == "gray" else 3
-    if order not in ("gray", "rgb", "bgr"):
-        raise ValueError(f"color: expected gray, rgb or bgr, found {order!r}")
-    if image.ndim != expected or image.shape[2:] not in ((), (3,)):
-        raise ValueError(f"image: expected {order}, found shape {image.shape}")
-    if image.dtype == np.uint16:
-        levels: NDArray[np.uint8] = (image >> 8).astype(np.uint8)
-    elif image.dtype == np.uint8:
-        levels = image
-    else:
-        raise ValueError(f"image: expected uint8 or uint16, found {image.dtype}")
-    if order == "gray":
-        return np.repeat(levels[..., None], 3, axis=2)
-    return np.array(levels[..., ::-1] if order == "bgr" else levels, order="C")
+    min_confidence: float
+    """Minimum probability of a pose that is accepted; ``MIN_CONFIDENCE_IMAGES``."""
+    placement_sigma_rad: float
+    """Standard deviation of a drawn dot's place from the pattern's, along one tangent axis, radians; 1.2 degrees."""
+    max_blur: float
+    """Width of the outline's edge, in radii, from which on a rejection is put down to blur; 0.6."""
+    outline: Literal["net", "edges"]
+    """How the outline is found: by its edges where they show it whole, else with a net; or by its edges alone."""
+    circle: CircleSettings
+    """What is accepted as a ball."""
+    dot_probability: Sequence[float]
+    """Minimum probability of the detections that are used first, and where these leave doubt; 0.5 and 0.15."""
+    doubtful_false_dots: float
+    """False dots expected beyond the recognizer's where doubtful detections are used; 1.5."""
+    recognizer: dict[str, Any]
+    """What is expected of the dots that are likely enough: all of ``settings["recognizer"]`` of an estimator."""
+    trust: dict[str, Any]
+    """From the recognizer's probability of a pose to the one that is reported: all of ``settings["trust"]``."""
+    measures_blur: bool
+    """Whether it is measured how the identified dots are blurred; false."""
 
 
 class Estimator:
@@ -382,12 +390,12 @@ class Estimator:
         camera: What is known of the camera; by default its distance is estimated with the orientation.
         detector: ``"cnn"``, the built-in net, or ``"blob"``.
         weights: Another net's weights, ``.npz``.
-        settings: Any field of the library's ``EstimatorConfig``, for instance ``min_confidence``,
-            ``placement_sigma_rad``, ``max_blur``.
+        settings: Any of `EstimatorSettings`.
 
-    Images are arrays of uint8 or uint16, shape (height, width) for gray and (height, width, 3) for
-    color. They are read where they lie; views of larger images need no copy. An instance may be used
-    from several threads.
+    An image is an array of uint8 or uint16, or of floats from 0 to 1: shape (height, width) or (height, width, 1) for gray,
+    (height, width, 3) for color, (height, width, 4) for color with alpha, which is left out. Arrays of whole numbers are read
+    where they lie; views of larger images need no copy. An image is also one of Pillow, or the path of an image file: these
+    say their channels themselves. An instance may be used from several threads.
     """
 
     __slots__ = ("_arguments", "_handle", "camera", "table")
@@ -404,7 +412,7 @@ class Estimator:
         camera: Camera = Camera(),  # noqa: B008 (immutable)
         detector: Literal["cnn", "blob"] = "cnn",
         weights: PathLike | None = None,
-        **settings: Any,
+        **settings: Unpack[EstimatorSettings],
     ) -> None:
         self.table = as_table(table)
         self.camera = camera
@@ -432,7 +440,7 @@ class Estimator:
 
         Args:
             image: The frame: a crop of the ball, or an image with the ball in it.
-            color: Order of the channels; needed where there are any.
+            color: Order of the channels, ``"rgb"``, ``"bgr"``, ``"rgba"`` or ``"bgra"``; needed for arrays that have them.
             circle: The ball's outline ``u, v, radius``, pixels, where it is known.
             hint: Prior orientation.
 
@@ -442,8 +450,7 @@ class Estimator:
         """
         return frame_of(
             self._handle.estimate(
-                image,
-                _color(color, image),
+                *pixels("image", image, color),
                 None if circle is None else triple("circle", circle),
                 None if hint is None else hint._given(),
             )
@@ -464,7 +471,7 @@ class Estimator:
         the spin.
 
         Args:
-            images: The frames: a sequence of arrays, or one array with the frames in front.
+            images: The frames: a sequence of images, or one array with the frames in front.
             times_s: Their times in seconds, increasing, shape (n,).
             color: As in `estimate`.
             circle: The ball's outline in all frames, where it is known.
@@ -474,13 +481,13 @@ class Estimator:
         """
         from ._sequence import SequenceEstimate
 
-        frames = list(images)
+        frames, order = frames_of(images, color)
         times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
             found, independently, rows, spin = self._handle.estimate_sequence(
                 frames,
-                _color(color, frames[0]) if frames else "gray",
+                order,
                 times,
                 None if circle is None else triple("circle", circle),
                 independent,
@@ -505,7 +512,7 @@ class Estimator:
 
     def calibrate(
         self,
-        images: Sequence[Image] | NDArray[Any] | PathLike | Sequence[PathLike],
+        images: Sequence[Image] | NDArray[Any] | PathLike,
         times_s: ArrayLike | None = None,
         *,
         fps: float | None = None,
@@ -543,11 +550,9 @@ class Estimator:
         Returns:
             A `Calibration`, which is true, or a `Rejection`, which is false and has a reason.
         """
-        from ._calibrate import calibration_of
-
         if times_s is not None and fps is not None:
             raise ValueError("fps: expected it or times_s, found both")
-        paths, frames = _clip(images)
+        paths, frames, order = _clip(images, color)
         if paths and times_s is not None:
             raise ValueError("times_s: files have those of their names, their video, or fps")
         times = _times(times_s)
@@ -556,7 +561,7 @@ class Estimator:
             found = self._handle.calibrate(
                 frames,
                 paths,
-                _color(color, frames[0]) if frames else "gray",
+                order,
                 times,
                 None if fps is None else float(fps),
                 None if circle is None else triple("circle", circle),
@@ -571,7 +576,7 @@ class Estimator:
                 bar.close()
         if isinstance(found, str):
             return Rejection(found)
-        return calibration_of(found, self.table.pattern)
+        return calibration_of(found, [frame_of(frame) for frame in found[3]], self.table.pattern)
 
     def tracker(
         self,
@@ -597,18 +602,18 @@ class Estimator:
         return _estimator, (self.table, *self._arguments)
 
 
-def _clip(images: Any) -> tuple[list[str], list[Any]]:
-    """The paths of a clip, or its frames."""
+def _clip(images: Any, color: Color | None) -> tuple[list[str], list[Any], Color]:
+    """The paths of a clip; or its frames, and the order of their channels."""
     if isinstance(images, (str, os.PathLike)):
-        return [os.fspath(images)], []
-    frames = list(images)
-    if frames and all(isinstance(frame, (str, os.PathLike)) for frame in frames):
-        return [os.fspath(frame) for frame in frames], []
-    return [], frames
+        return [os.fspath(images)], [], "gray"
+    given = list(images) if isinstance(images, Iterable) else images
+    if given and all(isinstance(one, (str, os.PathLike)) for one in given):
+        return [os.fspath(one) for one in given], [], "gray"
+    return [], *frames_of(given, color)
 
 
 def _estimator(
-    table: HashTable, camera: Camera, detector: Any, weights: Any, settings: dict[str, Any]
+    table: HashTable, camera: Camera, detector: Any, weights: Any, settings: EstimatorSettings
 ) -> Estimator:
     """What unpickling calls."""
     return Estimator(table, camera=camera, detector=detector, weights=weights, **settings)
@@ -675,9 +680,12 @@ class Tracker:
             circle: The ball's outline, where it is known.
         """
         given = None if circle is None else triple("circle", circle)
-        frame, spin = self._handle.update(image, _color(color, image), float(time_s), given)
+        frame, spin = self._handle.update(*pixels("image", image, color), float(time_s), given)
         return TrackerState(float(time_s), frame_of(frame), spin_of(spin))
 
     def reset(self) -> None:
         """Forgets everything: the next frame is the first of another trajectory."""
         self._handle.reset()
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("Tracker: cannot be pickled, since it follows a camera: pickle its estimator, and call tracker()")

@@ -27,8 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._common import Floats, optional, rotation_matrix
+from ._image import Color, Image, rgb8
 from ._pattern import PathLike, Tabled
-from ._vision import Camera, Color, Estimator, Image, Tracker, TrackerState, rgb8
+from ._vision import Camera, Estimator, Tracker, TrackerState
 
 Source = int | PathLike | Iterable[tuple[Image, float]]
 """A camera's index, a video, a folder of images, or images with their times in seconds."""
@@ -95,11 +96,12 @@ def draw(
         Blue, green, red, as OpenCV has it; shape (scale * height + 72, scale * width, 3), uint8.
     """
     cv2 = _opencv()
-    height, width = np.shape(image)[:2]
+    rgb = rgb8(image, color)
+    height, width = rgb.shape[:2]
     enlarged = max(1, -(-MIN_SIDE // max(1, min(height, width)))) if scale is None else scale
     if enlarged < 1:
         raise ValueError(f"scale: expected 1 or more, found {scale}")
-    shown = rgb8(image, color)[..., ::-1].repeat(enlarged, axis=0).repeat(enlarged, axis=1)
+    shown = rgb[..., ::-1].repeat(enlarged, axis=0).repeat(enlarged, axis=1)
     canvas = cv2.copyMakeBorder(shown, 0, 4 * LINE, 0, 0, cv2.BORDER_CONSTANT, value=(0, 0, 0))
     picture = canvas[: enlarged * height]
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._common import Floats, floats, optional, to_scipy, triple
+from ._image import Color, Image, rgb8
 from ._pattern import Pattern, Tabled, as_table
-from ._vision import Color, FrameEstimate, rgb8
+from ._vision import FrameEstimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +77,7 @@ def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float =
 
 def identification(
     found: Identification,
-    image: NDArray[Any] | None = None,
+    image: Image | None = None,
     *,
     table: Tabled,
     dots: ArrayLike | None = None,
@@ -101,10 +102,11 @@ def identification(
         place, sign = (0.0, 0.0, 1.0), 1.0
         ax.set(xlim=(-1.15, 1.15), ylim=(-1.15, 1.15), aspect="equal")
     else:
-        height, width = image.shape[:2]
+        shown = rgb8(image, color)
+        height, width = shown.shape[:2]
         middle = ((width - 1) / 2.0, (height - 1) / 2.0, min(width, height) / 2.0)
         place, sign = (middle if circle is None else triple("circle", circle)), -1.0
-        ax.imshow(rgb8(image, color))
+        ax.imshow(shown)
     u, v, radius = place
     _ball(ax, (u, v), radius)
 
@@ -129,7 +131,7 @@ def identification(
 
 def frame(
     found: FrameEstimate,
-    image: NDArray[Any],
+    image: Image,
     *,
     table: Tabled,
     color: Color | None = None,

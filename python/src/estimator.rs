@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::geometry::{CameraFrame, tangent_frame};
+use spindoe::image::RawPixel;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::Orientations;
@@ -34,7 +35,7 @@ use crate::arrays::{
 };
 use crate::calibrate::{self, Clip};
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
-use crate::image::{Buffers, Channels, Pixels, Samples};
+use crate::image::{Buffers, Pixels, Samples, channels};
 use crate::pattern::{HashTable, overlay, to_json};
 use crate::recognizer::{GivenHint, hint};
 use crate::spin;
@@ -266,7 +267,7 @@ impl Estimator {
         &self,
         py: Python<'_>,
         images: &[Bound<'_, PyAny>],
-        channels: Channels,
+        pixel: RawPixel,
         outline: Option<OutlinePrior>,
         (times_s, config): (Option<&[f64]>, &SequenceConfig),
         progress: Option<&Bound<'_, PyAny>>,
@@ -281,7 +282,7 @@ impl Estimator {
             let heard = progress.take();
             let mut found = Vec::with_capacity(numbers.len());
             for some in numbers.chunks(FRAMES_AT_ONCE) {
-                found.extend(self.on_images(py, images, some, channels, work)?);
+                found.extend(self.on_images(py, images, some, pixel, work)?);
                 if let Some(heard) = heard {
                     heard.call1((found.len(), images.len()))?;
                 }
@@ -298,7 +299,7 @@ impl Estimator {
         py: Python<'_>,
         images: &[Bound<'_, PyAny>],
         numbers: &[usize],
-        channels: Channels,
+        pixel: RawPixel,
         work: &ImageWork<'_, NamedWorkspace>,
     ) -> PyResult<Vec<(usize, FrameEstimate)>> {
         py.check_signals()?;
@@ -310,17 +311,20 @@ impl Estimator {
         let samples: Vec<(usize, Samples<'_>)> = held
             .iter()
             .zip(numbers)
-            .map(|(pixels, &k)| Ok((k, pixels.samples(&name(k), channels)?)))
+            .map(|(pixels, &k)| Ok((k, pixels.samples(&name(k), pixel)?)))
             .collect::<PyResult<_>>()?;
-        let found: Vec<_> = on_all_cores(py, || {
+        let found: spindoe::Result<Vec<_>> = on_all_cores(py, || {
             let one = |slot: &mut Slot, (k, image): &(usize, Samples<'_>)| {
-                let image = image.read(&mut slot.buffers);
-                Some((*k, work(*k, image, &mut slot.workspace)?))
+                let image = match image.view(&mut slot.buffers) {
+                    Ok(image) => image,
+                    Err(error) => return Some(Err(error)),
+                };
+                Some(Ok((*k, work(*k, image, &mut slot.workspace)?)))
             };
             let all = samples.par_iter().map_init(|| self.slot(), one);
-            all.collect()
+            all.flatten().collect()
         })?;
-        Ok(found.into_iter().flatten().collect())
+        found.or_raise()
     }
 }
 
@@ -377,7 +381,7 @@ impl Estimator {
         let outline = outline(circle)?;
         let hint = hint.map(self::hint).transpose()?;
         let pixels = Pixels::new("image", image)?;
-        let samples = pixels.samples("image", Channels::named(color)?)?;
+        let samples = pixels.samples("image", channels(color)?)?;
         let mut slot = self.slot();
         py.detach(|| {
             let Slot {
@@ -385,7 +389,7 @@ impl Estimator {
                 buffers,
                 frame,
             } = &mut slot;
-            let image = samples.read(buffers);
+            let image = samples.view(buffers)?;
             self.inner.estimate(
                 image,
                 &Prior {
@@ -397,7 +401,9 @@ impl Estimator {
                 workspace,
                 frame,
             );
-        });
+            Ok(())
+        })
+        .or_raise()?;
         let found = frame_tuple(py, &slot.frame);
         self.keep(slot);
         Ok(found)
@@ -424,7 +430,7 @@ impl Estimator {
         Option<Answer<spin::Found<'py>>>,
     )> {
         let outline = outline(circle)?;
-        let channels = Channels::named(color)?;
+        let pixel = channels(color)?;
         if let Some(times) = &times_s {
             check_times(times, images.len())?;
         }
@@ -433,7 +439,7 @@ impl Estimator {
         let times = times_s.filter(|times| times.len() > 1);
         let informing = times.as_deref().filter(|_| !independent);
         let sequence = (informing, &config);
-        let (frames, summary) = self.passes(py, &images, channels, outline, sequence, progress)?;
+        let (frames, summary) = self.passes(py, &images, pixel, outline, sequence, progress)?;
         let named = frames.iter().enumerate().map(|(k, estimate)| NamedFrame {
             name: "",
             time_s: times.as_ref().map(|times| times[k]),
@@ -499,10 +505,10 @@ impl Estimator {
             if let Some(times) = &times_s {
                 check_times(times, images.len())?;
             }
-            let (channels, progress) = (Channels::named(color)?, progress.as_ref());
+            let (pixel, progress) = (channels(color)?, progress.as_ref());
             let times_s = times_s.filter(|times| times.len() > 1);
             let sequence = (times_s.as_deref(), &SequenceConfig::default());
-            let (frames, _) = nominal.passes(py, &images, channels, outline, sequence, progress)?;
+            let (frames, _) = nominal.passes(py, &images, pixel, outline, sequence, progress)?;
             Clip { frames, times_s }
         } else {
             calibrate::read_clip(py, &nominal.inner, &paths, outline, fps)?
@@ -615,12 +621,12 @@ impl Tracker {
     ) -> PyResult<(FrameTuple<'py>, Answer<spin::Found<'py>>)> {
         let outline = outline(circle)?;
         let pixels = Pixels::new("image", image)?;
-        let samples = pixels.samples("image", Channels::named(color)?)?;
+        let samples = pixels.samples("image", channels(color)?)?;
         let (frame, fitted) = py
             .detach(|| {
                 let mut guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);
                 let (tracker, buffers) = &mut *guard;
-                let image = samples.read(buffers);
+                let image = samples.view(buffers)?;
                 let state = tracker.update(image, time_s, outline.as_ref())?;
                 Ok((state.frame.clone(), *state.spin))
             })

@@ -34,7 +34,9 @@ mod _native {
         BallView, Estimator, Tracker, intrinsics_of, project_points, read_intrinsics,
     };
     #[pymodule_export]
-    use super::pattern::{HashTable, Pattern};
+    use super::image::read_image;
+    #[pymodule_export]
+    use super::pattern::{HashTable, Pattern, shipped_designs};
     #[pymodule_export]
     use super::published::{onnx_bytes, read_trajectories};
     #[pymodule_export]

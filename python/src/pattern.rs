@@ -97,6 +97,16 @@ impl Pattern {
     }
 }
 
+/// The designs that the crate ships, by their names.
+#[pyfunction]
+pub fn shipped_designs() -> PyResult<Vec<(String, Pattern)>> {
+    let shipped = spindoe::pattern::shipped_designs().or_raise()?;
+    let named = shipped
+        .into_iter()
+        .map(|one| (one.name, Pattern(one.pattern)));
+    Ok(named.collect())
+}
+
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct HashTable(pub Arc<Ball>);
 

@@ -39,6 +39,13 @@ class Image:
 
 
 @dataclass
+class CompressedImage:
+    header: Header = field(default_factory=Header)
+    format: str = ""
+    data: Any = b""
+
+
+@dataclass
 class RegionOfInterest:
     x_offset: int = 0
     y_offset: int = 0
@@ -149,6 +156,10 @@ class Publisher:
     topic: str
     qos: Any
     sent: list[Any] = field(default_factory=list)
+    listeners: int = 0
+
+    def get_subscription_count(self) -> int:
+        return self.listeners
 
     def publish(self, message: Any) -> None:
         assert type(message) is self.kind, f"{self.topic}: {type(message).__name__}"
@@ -218,7 +229,8 @@ SENSOR_DATA = object()
 
 def install(patch: Any) -> ModuleType:
     """Puts the modules where the node imports them from; returns `rclpy`, whose `events` are what was
-    called and whose `spin` delivers `first`, a `CameraInfo`, and the images `incoming` to the node, then ends as Ctrl-C does."""
+    called and whose `spin` delivers `first`, a `CameraInfo`, and the messages `incoming` to the node's subscription of their type, then ends
+    as Ctrl-C does."""
     modules = {
         name: ModuleType(name)
         for name in (
@@ -234,9 +246,10 @@ def install(patch: Any) -> ModuleType:
         rclpy.node_of = node
         if rclpy.first is not None:
             node.subscriptions["camera_info"][1](rclpy.first)
-        _, callback, _ = node.subscriptions["image"]
         for message in rclpy.incoming:
-            callback(message)
+            for kind, callback, _ in node.subscriptions.values():
+                if type(message) is kind:
+                    callback(message)
         raise KeyboardInterrupt
 
     rclpy.init = lambda: rclpy.events.append("init")
@@ -245,7 +258,7 @@ def install(patch: Any) -> ModuleType:
     contents: dict[str, dict[str, Any]] = {
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {"qos_profile_sensor_data": SENSOR_DATA},
-        "sensor_msgs.msg": {"Image": Image, "CameraInfo": CameraInfo},
+        "sensor_msgs.msg": {"Image": Image, "CompressedImage": CompressedImage, "CameraInfo": CameraInfo},
         "std_msgs.msg": {"Header": Header},
         "geometry_msgs.msg": {
             "PoseWithCovarianceStamped": PoseWithCovarianceStamped,

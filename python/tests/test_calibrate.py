@@ -140,13 +140,14 @@ def test_what_cannot_be_calibrated_has_a_reason(estimator, clip, tmp_path):
     assert not nothing and "shows a ball" in nothing.reason
     for words, images, arguments in [
         ("found both", clip[1], {"times_s": [0.0], "fps": 60.0}),
-        ("times_s", clip[0], {"times_s": [0.0]}),
+        ("times_s: files have", clip[0], {"times_s": [0.0]}),
+        ("times_s: files have", iter(["a.png", "b.png"]), {"times_s": [0.0]}),
         ("times_s", clip[1], {"times_s": [0.0], "color": "rgb"}),
         ("fps", clip[1], {"fps": -1.0, "color": "rgb"}),
         ("color", clip[1], {}),
         ("placement_sigma_rad", clip[1], {"placement_sigma_rad": 2.0, "color": "rgb"}),
         ("placement_sigma_rad", clip[1], {"placement_sigma_rad": np.nan, "color": "rgb"}),
-        (r"images\[1\]", [black, black.astype(float)], {}),
+        (r"images\[1\]", [black, black.astype(np.int32)], {}),
         ("circle", clip[1], {"circle": (1.0, 2.0, -3.0), "color": "rgb"}),
     ]:
         with pytest.raises(ValueError, match=words):

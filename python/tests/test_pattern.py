@@ -9,6 +9,7 @@ import shutil
 import numpy as np
 import pytest
 import trimesh
+from conftest import ROOT
 
 import spindoe
 
@@ -141,3 +142,14 @@ def test_the_stencil_s_settings_are_those_of_the_library(pattern):
         spindoe.Stencil(pattern, none=1)
     theirs = str(caught.value).split("expected one of ")[1].split(", ")
     assert set(spindoe.StencilSettings.__annotations__) == set(theirs)
+
+
+def test_shipped_designs_are_the_repositorys():
+    folders = sorted(path.name for path in (ROOT / "designs").iterdir() if path.is_dir())
+    assert list(spindoe.Pattern.shipped_names()) == folders
+    for name in folders:
+        written = np.loadtxt(ROOT / "designs" / name / "pattern.csv", delimiter=",")
+        assert np.array_equal(spindoe.Pattern.shipped(name).dots, written)
+        assert spindoe.HashTable.load(name).pattern == spindoe.Pattern.shipped(name)
+    with pytest.raises(ValueError, match="name: expected one of dots12, .*found 'dots21'"):
+        spindoe.Pattern.shipped("dots21")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import matplotlib
 import numpy as np
 import pytest
+from PIL import Image
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -64,6 +65,10 @@ def test_colors_are_right_and_the_ball_fills_the_plot(pattern, estimator):
     assert np.array_equal(ax.images[0].get_array(), wide)
     sixteen = found.plot(bgr.astype(np.uint16) << 8, table=pattern, color="bgr")
     assert np.array_equal(sixteen.images[0].get_array(), wide)
+    # What else an image may be is shown as it is read.
+    for given, color in [(bgr / 255.0, "bgr"), (Image.fromarray(wide), None), (np.dstack([bgr, bgr[..., :1]]), "bgra")]:
+        shown = found.plot(given, table=pattern, color=color).images[0].get_array()
+        assert np.array_equal(shown, wide)
     u, v, radius = found.circle
     assert np.allclose(sorted(ax.get_xlim()), [u - 1.3 * radius, u + 1.3 * radius])
     assert np.allclose(ax.get_ylim(), [v + 1.3 * radius, v - 1.3 * radius])

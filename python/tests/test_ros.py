@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -13,12 +15,11 @@ from scipy.spatial.transform import Rotation
 import spindoe
 
 pytest.importorskip("rosbags")
-sys.path.insert(0, str(ROOT / "python/examples/ros2_spindoe"))
 
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from spindoe_ros import bag
-from spindoe_ros.core import Settings, SpinCore, image_of
+from spindoe_ros.core import MOSAICS, Settings, SpinCore, demosaic, image_of
 
 TABLE = str(ROOT / "designs/dots20/table.npz")
 SPIN = np.array([30.0, 100.0, -40.0])
@@ -26,22 +27,63 @@ OPTICAL = np.diag([1.0, -1.0, -1.0])
 
 
 @pytest.fixture(scope="module")
-def recorded(pattern, tmp_path_factory):
-    """A bag of one turning ball, as a camera's driver records it, and the truth."""
-    path = tmp_path_factory.mktemp("bag") / "in"
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
-    truths = []
-    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        topic = writer.add_connection("/image", "sensor_msgs/msg/Image", typestore=store)
-        cameras = writer.add_connection("/camera_info", "sensor_msgs/msg/CameraInfo", typestore=store)
-        other = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
-        clip = spindoe.synth(
+def clip(pattern):
+    """One turning ball, and its truth."""
+    return list(
+        spindoe.synth(
             pattern, 16, seed=6, fps=350.0, spin_rad_s=SPIN, ball_px=[90, 90],
             camera_distance_radii=[20, 20],
         )
+    )
+
+
+def padded(types, header, image):
+    """As many drivers send images: rows padded, and blue first."""
+    height, width, _ = image.shape
+    rows = np.zeros((height, 3 * width + 5), np.uint8)
+    rows[:, : 3 * width] = image[..., ::-1].reshape(height, -1)
+    return types["sensor_msgs/msg/Image"](header, height, width, "bgr8", 0, rows.shape[1], rows.ravel())
+
+
+def compressed(codec):
+    """Images of a codec, with the format that image_transport writes."""
+
+    def make(types, header, image):
+        cv2 = pytest.importorskip("cv2")
+        data = cv2.imencode(f".{codec}", image[..., ::-1])[1]
+        words = f"rgb8; {codec} compressed bgr8"
+        return types["sensor_msgs/msg/CompressedImage"](header, words, data.ravel())
+
+    return make
+
+
+def mosaic_of(image, colors):
+    """What a sensor with this filter sees of an image: one channel a pixel."""
+    mosaic = np.empty(image.shape[:2], image.dtype)
+    for place, color in enumerate(colors):
+        own = np.s_[place // 2 :: 2, place % 2 :: 2]
+        mosaic[own] = image[..., "rgb".index(color)][own]
+    return mosaic
+
+
+def bayer(colors):
+    def make(types, header, image):
+        height, width, _ = image.shape
+        data = mosaic_of(image, colors).ravel()
+        return types["sensor_msgs/msg/Image"](header, height, width, f"bayer_{colors}8", 0, width, data)
+
+    return make
+
+
+def record(path, clip, make=padded):
+    """A bag of a clip, as a camera's driver records it."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        topic = None
+        cameras = writer.add_connection("/camera_info", "sensor_msgs/msg/CameraInfo", typestore=store)
+        other = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
         for image, truth in clip:
-            truths.append(truth)
             ns = round(truth.time_s * 1e9)
             stamp = types["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9)
             header = types["std_msgs/msg/Header"](stamp, "camera_optical_frame")
@@ -53,16 +95,19 @@ def recorded(pattern, tmp_path_factory):
                 header, height, width, "plumb_bob", np.zeros(5), k, np.eye(3).ravel(), np.zeros(12), 0, 0, whole
             )
             writer.write(cameras, ns, store.serialize_cdr(info, info.__msgtype__))
-            # Rows padded as drivers do, and blue first.
-            rows = np.zeros((height, 3 * width + 5), np.uint8)
-            rows[:, : 3 * width] = image[..., ::-1].reshape(height, -1)
-            message = types["sensor_msgs/msg/Image"](
-                header, height, width, "bgr8", 0, rows.shape[1], rows.ravel()
-            )
+            message = make(types, header, image)
+            topic = topic or writer.add_connection("/image", message.__msgtype__, typestore=store)
             writer.write(topic, ns, store.serialize_cdr(message, message.__msgtype__))
             text = types["std_msgs/msg/String"]("hello")
             writer.write(other, ns, store.serialize_cdr(text, text.__msgtype__))
-    return path, truths
+
+
+@pytest.fixture(scope="module")
+def recorded(clip, tmp_path_factory):
+    """The bag, and the truth."""
+    path = tmp_path_factory.mktemp("bag") / "in"
+    record(path, clip)
+    return path, [truth for _, truth in clip]
 
 
 def test_a_bag_is_answered(recorded, tmp_path):
@@ -115,10 +160,143 @@ def test_the_same_bag_again_is_a_new_beginning(recorded, tmp_path):
     assert first[0].position_m is None and "at least 3" in first[0].reason
 
 
-def test_bags_and_settings_that_do_not_fit(recorded, tmp_path):
+def test_a_compressed_bag_has_the_answers_of_the_raw_one(clip, recorded, tmp_path):
+    raw = bag.process(recorded[0], tmp_path / "raw", SpinCore(Settings(TABLE)))
+    for codec in ("png", "jpeg"):
+        record(tmp_path / codec, clip, compressed(codec))
+        found = bag.process(tmp_path / codec, tmp_path / f"{codec}-out", SpinCore(Settings(TABLE)))
+        assert np.linalg.norm(found[-1].spin.spin_rad_s - OPTICAL @ SPIN) < 5.0
+        same = [np.array_equal(a.frame.dots, b.frame.dots) for a, b in zip(raw, found, strict=True)]
+        # Nothing is lost in a PNG; a JPEG is another picture.
+        assert all(same) if codec == "png" else not all(same)
+        with Reader(tmp_path / f"{codec}-out") as reader:
+            kinds = {c.topic: c.msgtype for c in reader.connections}
+        assert kinds["/image"] == "sensor_msgs/msg/CompressedImage"
+
+
+def test_a_bag_of_a_bayer_camera(clip, tmp_path):
+    record(tmp_path / "in", clip, bayer("grbg"))
+    answers = bag.process(tmp_path / "in", tmp_path / "out", SpinCore(Settings(TABLE)))
+    assert sum(bool(answer.pose) for answer in answers) >= 14
+    assert np.linalg.norm(answers[-1].spin.spin_rad_s - OPTICAL @ SPIN) < 5.0
+    # The colors are those of the camera: in the wrong order they would be others.
+    mean = np.mean([answer.image.mean(axis=(0, 1)) for answer in answers], axis=0)
+    assert np.allclose(mean, np.mean([image.mean(axis=(0, 1)) for image, _ in clip], axis=0), atol=0.5)
+
+
+@pytest.mark.parametrize("encoding", sorted(MOSAICS))
+def test_mosaics_are_made_color_as_opencv_does(encoding):
+    cv2 = pytest.importorskip("cv2")
+    kind, colors = MOSAICS[encoding]
+    rng = np.random.default_rng(1)
+    mosaic = rng.integers(0, np.iinfo(kind).max, (14, 21), dtype=kind, endpoint=True)
+    found = demosaic(mosaic, colors)
+    expected = cv2.cvtColor(mosaic, getattr(cv2, f"COLOR_Bayer{colors.upper()}2RGB"))
+    assert found.dtype == mosaic.dtype and np.array_equal(found[1:-1, 1:-1], expected[1:-1, 1:-1])
+    # A surface of one color is that color, to the border.
+    even = np.broadcast_to(np.array([200, 90, 30], kind), (6, 9, 3))
+    assert np.array_equal(demosaic(mosaic_of(even, colors), colors), even)
+    message = SimpleNamespace(
+        height=14, width=21, encoding=encoding, is_bigendian=0, step=21 * mosaic.itemsize, data=mosaic.tobytes()
+    )
+    image, color = image_of(message)
+    assert color == "rgb" and np.array_equal(image, found)
+    # The mosaic itself as a PNG.
+    packed = SimpleNamespace(format=f"{encoding}; png compressed {encoding}", data=cv2.imencode(".png", mosaic)[1])
+    image, color = image_of(packed)
+    # Rounded to 16 bits instead of 8.
+    off = image / (257.0 if kind == "u1" else 1.0) - found
+    assert color == "rgb" and np.abs(off).max() <= (0.5 if kind == "u1" else 0.0)
+    with pytest.raises(ValueError, match="at least 2 x 2"):
+        demosaic(mosaic[:1], colors)
+
+
+def test_what_is_no_compressed_image():
+    cases = [
+        ("16UC1; compressedDepth png", b"", "format: expected an image"),
+        ("rgb8; jpeg compressed bgr8", b"", "data: image: expected a PNG"),
+        ("jpeg", b"\xff\xd8\xff\xe0 and no more", "data: image"),
+    ]
+    for words, data, problem in cases:
+        with pytest.raises(ValueError, match=problem):
+            image_of(SimpleNamespace(format=words, data=data))
+
+
+def test_an_overlay_of_every_image(clip, recorded, tmp_path):
+    bag.process(recorded[0], tmp_path / "out", SpinCore(Settings(TABLE)), overlay=True)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Reader(tmp_path / "out") as reader:
+        connections = [c for c in reader.connections if c.topic == bag.OVERLAY]
+        drawn = [store.deserialize_cdr(raw, c.msgtype) for c, _, raw in reader.messages(connections=connections)]
+    assert len(drawn) == len(clip)
+    for message, (image, _) in zip(drawn, clip, strict=True):
+        pixels = message.data.reshape(message.height, message.width, 3)
+        changed = np.any(pixels != image, axis=2)
+        assert message.encoding == "rgb8" and 0.01 < changed.mean() < 0.2
+
+
+def leaves_nothing(folder, kept=()):
+    return {path.name for path in folder.iterdir()} == set(kept)
+
+
+def test_a_run_that_fails_leaves_nothing_behind(clip, recorded, tmp_path, monkeypatch):
     core = SpinCore(Settings(TABLE))
-    with pytest.raises(ValueError, match="topic"):
-        bag.process(recorded[0], tmp_path / "3", core, "/chatter")
+    with pytest.raises(ValueError, match="topic: expected images on /chatter, found /camera_info"):
+        bag.process(recorded[0], tmp_path / "out", core, "/chatter")
+    with pytest.raises(FileNotFoundError, match="none"):
+        bag.process(tmp_path / "none", tmp_path / "out", core)
+    damaged = tmp_path / "damaged"
+    damaged.mkdir()
+    (damaged / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
+    with pytest.raises(ValueError, match="damaged: "):
+        bag.process(damaged, tmp_path / "out", core)
+    shutil.rmtree(damaged)
+    assert leaves_nothing(tmp_path)
+
+    def cut_off(types, header, image):
+        message = padded(types, header, image)
+        if header.stamp.nanosec > 20_000_000:
+            message.data = message.data[:100]
+        return message
+
+    record(tmp_path / "in", clip, cut_off)
+    with pytest.raises(ValueError, match="data: expected .* rows"):
+        bag.process(tmp_path / "in", tmp_path / "out", core)
+    assert leaves_nothing(tmp_path, ["in"])
+
+    def interrupted(message):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(core, "on_image", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        bag.process(recorded[0], tmp_path / "out", core)
+    assert leaves_nothing(tmp_path, ["in"])
+    (tmp_path / "out").mkdir()
+    with pytest.raises(FileExistsError, match="out: expected a new bag"):
+        bag.process(recorded[0], tmp_path / "out", core)
+    assert leaves_nothing(tmp_path, ["in", "out"]) and leaves_nothing(tmp_path / "out")
+
+
+def test_the_command(recorded, tmp_path):
+    def run(*words):
+        return subprocess.run(
+            [sys.executable, "-m", "spindoe_ros.bag", *map(str, words)],
+            capture_output=True, text=True, check=False, cwd=tmp_path,
+        )
+
+    done = run(recorded[0], "out", "--table", TABLE, "--overlay")
+    assert done.returncode == 0 and done.stdout == "16 of 16 images answered: out\n", done.stderr
+    with Reader(tmp_path / "out") as reader:
+        assert {c.topic for c in reader.connections} == {"/image", bag.POSE, bag.TWIST, bag.OVERLAY}
+    refused = run(recorded[0], "other", "--table", TABLE, "--topic", "/chatter")
+    assert refused.returncode == 2 and refused.stderr.startswith("spindoe_ros.bag: topic: expected images")
+    assert refused.stderr.count("\n") == 1
+    again = run(recorded[0], "out", "--table", TABLE)
+    assert again.returncode == 1 and again.stderr == "spindoe_ros.bag: out: expected a new bag, found one that exists\n"
+    assert leaves_nothing(tmp_path, ["out"])
+
+
+def test_settings_that_do_not_fit():
     with pytest.raises(ValueError, match="frame"):
         SpinCore(Settings(TABLE, frame="map"))
     with pytest.raises(ValueError, match="window"):
@@ -127,12 +305,14 @@ def test_bags_and_settings_that_do_not_fit(recorded, tmp_path):
 
 @pytest.mark.parametrize(
     ("encoding", "big"),
-    [("mono8", 0), ("mono16", 0), ("mono16", 1), ("rgb8", 0), ("bgra8", 0), ("rgba8", 0)],
+    [
+        ("mono8", 0), ("mono16", 0), ("mono16", 1), ("rgb8", 0), ("bgra8", 0), ("rgba8", 0), ("rgb16", 1), ("bgr16", 0),
+    ],
 )
 def test_encodings(encoding, big):
     rng = np.random.default_rng(0)
     kind = np.dtype((">" if big else "<") + ("u2" if "16" in encoding else "u1"))
-    channels = {"mono8": 1, "mono16": 1, "rgb8": 3, "bgra8": 4, "rgba8": 4}[encoding]
+    channels = {"mono8": 1, "mono16": 1, "rgb8": 3, "bgra8": 4, "rgba8": 4}.get(encoding, 3)
     values = rng.integers(0, 256 ** kind.itemsize, (5, 7, channels)).astype(kind)
     rows = np.zeros((5, 7 * channels * kind.itemsize + 3), np.uint8)
     rows[:, :-3] = values.view(np.uint8).reshape(5, -1)
@@ -147,5 +327,5 @@ def test_encodings(encoding, big):
     with pytest.raises(ValueError, match="encoding"):
         image_of(message)
     message.encoding, message.data = encoding, b""
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match="data: expected 5 rows"):
         image_of(message)

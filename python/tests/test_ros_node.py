@@ -21,6 +21,7 @@ OPTICAL = np.diag([1.0, -1.0, -1.0])
 PARAMETERS = {
     "table": "", "frame": "optical", "intrinsics": [0.0] * 4, "rectified": False, "ball_radius_m": 0.02,
     "min_confidence": spindoe.MIN_CONFIDENCE_IMAGES, "window": 12, "memory_s": 0.25, "max_rps": 175.0,
+    "image_transport": "raw",
 }
 
 
@@ -28,7 +29,6 @@ PARAMETERS = {
 def rclpy(monkeypatch):
     """The stand-in, and the node's module imported over it."""
     stand_in = ros.install(monkeypatch)
-    monkeypatch.syspath_prepend(str(PACKAGE))
     for name in [name for name in sys.modules if name.startswith("spindoe_ros")]:
         monkeypatch.delitem(sys.modules, name)
     stand_in.module = importlib.import_module("spindoe_ros.node")
@@ -73,7 +73,59 @@ def test_its_topics(rclpy):
     kind, _, qos = node.subscriptions["camera_info"]
     assert len(node.subscriptions) == 2 and kind is ros.CameraInfo and qos is ros.SENSOR_DATA
     found = {topic: publisher.kind for topic, publisher in node.publishers.items()}
-    assert found == {"ball/pose": ros.PoseWithCovarianceStamped, "ball/twist": ros.TwistWithCovarianceStamped}
+    assert found == {
+        "ball/pose": ros.PoseWithCovarianceStamped, "ball/twist": ros.TwistWithCovarianceStamped, "ball/overlay": ros.Image,
+    }
+
+
+def test_compressed_images_have_a_topic_of_their_own(rclpy, clip, monkeypatch):
+    """Those of a lossless codec give the answers of the raw ones."""
+    cv2 = pytest.importorskip("cv2")
+    rclpy.incoming = list(messages(clip))
+    rclpy.module.main()
+    raw = rclpy.node_of
+    monkeypatch.setattr(ros.Node, "overrides", {"table": TABLE, "image_transport": "compressed"})
+    rclpy.incoming = [
+        ros.CompressedImage(message.header, "rgb8; png compressed bgr8", cv2.imencode(".png", image[..., ::-1])[1].tobytes())
+        for message, (image, _) in zip(messages(clip), clip, strict=True)
+    ]
+    rclpy.module.main()
+    node = rclpy.node_of
+    assert "image" not in node.subscriptions
+    kind, _, qos = node.subscriptions["image/compressed"]
+    assert kind is ros.CompressedImage and qos is ros.SENSOR_DATA
+    for topic in ("ball/pose", "ball/twist"):
+        sent, expected = (repr(one.publishers[topic].sent) for one in (node, raw))
+        assert sent == expected and raw.publishers[topic].sent
+    monkeypatch.setattr(ros.Node, "overrides", {"table": TABLE, "image_transport": "theora"})
+    with pytest.raises(ValueError, match="image_transport: expected raw or compressed, found 'theora'"):
+        rclpy.module.SpinNode()
+
+
+def test_an_overlay_for_who_listens(rclpy, clip):
+    node = rclpy.module.SpinNode()
+    _, on_image, _ = node.subscriptions["image"]
+    publisher = node.publishers["ball/overlay"]
+    first, second = messages(clip[:2])
+    on_image(first)
+    assert not publisher.sent
+    publisher.listeners = 1
+    on_image(second)
+    (sent,) = publisher.sent
+    image, truth = clip[1]
+    assert sent.header == second.header and sent.encoding == "rgb8" and sent.step == 3 * sent.width
+    drawn = np.frombuffer(sent.data, np.uint8).reshape(sent.height, sent.width, 3)
+    changed = np.any(drawn != image, axis=2)
+    # The outline and the dots are drawn where the truth has them, and nothing else.
+    u, v, radius = truth.circle
+    rows, columns = np.nonzero(changed)
+    off = np.hypot(columns - u, rows - v) - radius
+    dots = np.hypot(*(np.stack([columns, rows], 1)[:, None] - truth.dots[truth.visible]).transpose(2, 0, 1))
+    is_near = (np.abs(off) < 3.0) | (dots.min(axis=1) < 4.0)
+    assert 300 < changed.sum() < 1500 and is_near.mean() > 0.9
+    core = sys.modules["spindoe_ros.core"]
+    at_dots = np.rint(truth.dots[truth.visible]).astype(int)
+    assert np.mean([tuple(drawn[v, u]) == core.MATCHED_COLOR for u, v in at_dots]) > 0.7
 
 
 def numbers(clip):
@@ -177,7 +229,7 @@ def test_parameters_reach_the_core(rclpy, clip, monkeypatch):
     for message in messages(clip[:3]):
         on_image(message)
     assert not node.publishers["ball/pose"].sent
-    for name, value in [("frame", "map"), ("window", 1), ("table", "none.npz")]:
+    for name, value in [("frame", "map"), ("window", 1), ("table", "none.npz"), ("image_transport", "")]:
         monkeypatch.setattr(ros.Node, "overrides", {"table": TABLE, name: value})
         with pytest.raises((ValueError, OSError)):
             rclpy.module.SpinNode()
@@ -202,3 +254,6 @@ def test_the_package_is_whole():
     needed = {element.text for element in package.iter("exec_depend")}
     assert {"rclpy", "sensor_msgs", "geometry_msgs", "rcl_interfaces", "launch_ros"} <= needed
     assert package.findtext("name") == "spindoe_ros"
+    # What ROS starts is in the Python package.
+    setup = (PACKAGE / "setup.py").read_text()
+    assert '"spindoe = spindoe_ros.node:main"' in setup and "packages=[]" in setup

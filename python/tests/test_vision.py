@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 
 import numpy as np
+import PIL.Image
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -163,23 +164,68 @@ def test_memory_layout_does_not_matter(estimator, image, deep, order, margin, fl
 @pytest.mark.parametrize(
     ("image", "color", "words"),
     [
-        (np.zeros((40, 40, 3), np.float32), "rgb", "uint8 or uint16, found float32"),
+        (np.full((40, 40, 3), 255.0), "rgb", "image: expected floats from 0 to 1, found 255 to 255"),
+        (np.full((40, 40), np.nan), None, "image: expected floats from 0 to 1"),
+        (np.full((40, 40), -0.1, np.float16), None, "image: expected floats from 0 to 1"),
         (np.zeros((40, 40, 3), np.int8), "rgb", "found int8"),
-        (np.zeros((40, 40, 4), np.uint8), "rgb", "expected shape"),
+        (np.zeros((40, 40, 4), np.uint8), "rgb", r'image: expected shape .* color="rgba" leaves alpha out'),
+        (np.zeros((40, 40, 3), np.uint8), "bgra", "image: expected shape .height, width, 4. for bgra"),
+        (np.zeros((40, 40, 1), np.uint8), "rgb", "expected shape"),
         (np.zeros((40, 40), np.uint8), "rgb", "expected shape"),
         (np.zeros((40, 40, 3), np.uint8), "gray", "expected shape"),
         (np.zeros((40, 40, 3), np.uint8), None, "color"),
-        (np.zeros((40, 40, 3), np.uint8), "hsv", "gray, rgb or bgr"),
+        (np.zeros((40, 40, 3), np.uint8), "hsv", "color: expected gray, rgb, bgr, rgba or bgra"),
         (np.zeros((0, 40, 3), np.uint8), "rgb", "at least 1"),
         (np.zeros(40, np.uint8), "gray", "expected shape"),
         ([[1, 2], [3, 4]], "gray", "expected an array"),
-        (None, "gray", "expected an array"),
-        ("image.png", "gray", "expected an array"),
+        (None, "gray", "image: expected an image, found None: cv2.imread"),
+        ("image.png", "gray", 'color: expected "rgb" or none for an image file'),
+        (__file__, None, r"test_vision.py: image: expected a PNG"),
+        (b"bytes", "gray", "image: expected an array .*bytes"),
     ],
 )
 def test_bad_images_are_named(estimator, image, color, words):
     with pytest.raises(ValueError, match=words):
         estimator.estimate(image, color=color)
+
+
+def same(a, b) -> bool:
+    """Whether two estimates are the same to the last bit."""
+    return np.array_equal(a.dots, b.dots) and np.array_equal(a.pose.quaternion_wxyz, b.pose.quaternion_wxyz)
+
+
+def test_all_that_an_image_may_be(image, estimator, tmp_path):
+    """The same picture gives the same answer, whatever holds it; gray and color are pictures of their own."""
+    cv2, pil = pytest.importorskip("cv2"), PIL.Image
+    gray = np.ascontiguousarray(image[..., 1])
+    alpha = np.random.default_rng(0).integers(0, 256, (*gray.shape, 1), dtype=np.uint8)
+    color_file, gray_file, deep_file = (tmp_path / name for name in ("color.png", "gray.png", "deep.png"))
+    deep = image.astype(np.uint16) * 251 + 7
+    assert cv2.imwrite(str(color_file), image[..., ::-1]) and cv2.imwrite(str(gray_file), gray)
+    assert cv2.imwrite(str(deep_file), deep[..., ::-1])
+    in_color, in_gray = estimator.estimate(image, color="rgb"), estimator.estimate(gray)
+    given = [
+        (color_file, None), (str(color_file), "rgb"), (cv2.imread(str(color_file)), "bgr"),
+        (pil.open(color_file), None), (pil.fromarray(image), "rgb"),
+        (pil.fromarray(np.dstack([image, alpha])), None),
+        (np.dstack([image, alpha]), "rgba"), (np.dstack([image[..., ::-1], alpha]), "bgra"),
+        (image / 255.0, "rgb"), (image.astype(np.float32) / 255, "rgb"),
+    ]
+    for one, color in given:
+        assert same(estimator.estimate(one, color=color), in_color)
+    for one in (gray[..., None], pil.fromarray(gray), gray / 255.0, pil.fromarray(gray.astype(np.uint16) * 257)):
+        assert same(estimator.estimate(one), in_gray)
+    assert same(estimator.estimate(deep_file), estimator.estimate(deep, color="rgb"))
+    together = estimator.estimate_sequence([color_file, pil.fromarray(image), str(color_file)])
+    assert all(same(frame, in_color) for frame in together.frames)
+    assert same(estimator.tracker().update(pil.fromarray(image), 0.0).frame, in_color)
+    with pytest.raises(FileNotFoundError, match="none.png"):
+        estimator.estimate(tmp_path / "none.png")
+    for mode in ("P", "1", "CMYK", "F"):
+        with pytest.raises(ValueError, match=f"image: expected a Pillow image of mode .*found {mode}: image.convert"):
+            estimator.estimate(pil.fromarray(image).convert("L").convert(mode))
+    with pytest.raises(ValueError, match='color: expected "rgb" or none for a Pillow image of mode RGB, found "bgr"'):
+        estimator.estimate(pil.fromarray(image), color="bgr")
 
 
 @settings(deadline=None, max_examples=60)
@@ -196,6 +242,13 @@ def test_any_image_is_answered(estimator, height, width, seed, deep):
 def test_bad_images_of_a_sequence_are_numbered(image, estimator):
     with pytest.raises(ValueError, match=r"images\[1\]"):
         estimator.estimate_sequence([image, image.astype(float)], color="rgb")
+    with pytest.raises(ValueError, match=r"images\[1\]: expected an image, found None"):
+        estimator.estimate_sequence([image, None], color="rgb")
+    with pytest.raises(ValueError, match=r"images\[1\]: expected gray as the first image, found rgb"):
+        estimator.estimate_sequence([image[..., 0], PIL.Image.fromarray(image)])
+    for other in (None, "clip/", 3):
+        with pytest.raises(ValueError, match="images: expected a sequence of images"):
+            estimator.estimate_sequence(other, color="rgb")
     with pytest.raises(ValueError, match="times_s"):
         estimator.estimate_sequence([image, image], [0.0], color="rgb")
     with pytest.raises(ValueError, match="times_s"):
@@ -333,6 +386,8 @@ def test_estimators_pickle(image, table):
     assert repr(c) == repr(a) and np.array_equal(c.pose.covariance, a.pose.covariance)
     with pytest.raises(ValueError, match="no such setting"):
         spindoe.Estimator(table, min_confidenc=0.7)
+    with pytest.raises(TypeError, match="Tracker: cannot be pickled.*pickle its estimator"):
+        pickle.dumps(estimator.tracker())
 
 
 def test_synth_is_seeded(pattern):

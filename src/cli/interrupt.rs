@@ -1,13 +1,14 @@
 //! What SIGINT (Ctrl-C), SIGTERM and SIGHUP do: temporary files are removed, and the process ends. A
-//! command that can end its work in order is asked to at the first signal.
+//! command that can end its work in order is asked to at the first signal; the second says what is kept on disk.
 //!
 //! On Linux, a signal that was ignored when the process began stays so: `nohup` keeps a command
 //! running.
 
-use std::io::IsTerminal as _;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use super::output::clear_bar;
 use crate::error::{Error, Result};
 use crate::files;
 
@@ -15,10 +16,14 @@ use crate::files;
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 /// What the first signal is answered with.
 static ANSWER: Mutex<&str> = Mutex::new("");
+/// What the process is ended with, once this file is there.
+static KEPT: Mutex<Option<(PathBuf, String)>> = Mutex::new(None);
 /// Whether signals are caught.
 static CAUGHT: OnceLock<std::result::Result<(), String>> = OnceLock::new();
 
-/// Number of SIGINT, for the exit code where the signal is not known.
+/// The signal of Ctrl-C.
+#[cfg(unix)]
+const SIGINT: i32 = signal_hook::consts::SIGINT;
 #[cfg(not(unix))]
 const SIGINT: i32 = 2;
 
@@ -40,9 +45,14 @@ pub(super) fn stop_on_interrupt(answer: &'static str) -> Result<Arc<AtomicBool>>
     Ok(Arc::clone(stop))
 }
 
+/// What a signal that ends the process says where `file` is there by then: that it is kept, and what to do with it.
+pub(super) fn keeps(file: PathBuf, words: String) {
+    *KEPT.lock().unwrap_or_else(PoisonError::into_inner) = Some((file, words));
+}
+
 #[cfg(unix)]
 fn listen() -> std::io::Result<()> {
-    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    use signal_hook::consts::{SIGHUP, SIGTERM};
     let ignored = ignored();
     let caught = [SIGINT, SIGTERM, SIGHUP].into_iter();
     let caught = caught.filter(|signal| ignored >> (signal - 1) & 1 == 0);
@@ -73,14 +83,13 @@ fn interrupted(signal: i32) {
         .is_some_and(|stop| !stop.swap(true, Ordering::Relaxed));
     if is_asked {
         let answer = *ANSWER.lock().unwrap_or_else(PoisonError::into_inner);
-        // In place of the bar that may stand on this line, which is drawn anew beneath.
-        let clear = match std::io::stderr().is_terminal() {
-            true => "\r\x1b[K",
-            false => "",
-        };
-        errln!("{clear}spindoe: {answer}");
+        errln!("{}spindoe: {answer}", clear_bar(signal == SIGINT));
     } else {
         files::remove_all_asides();
+        let kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, words)) = kept.as_ref().filter(|(file, _)| file.exists()) {
+            errln!("{}spindoe: {words}", clear_bar(signal == SIGINT));
+        }
         std::process::exit(128 + signal);
     }
 }

@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let clock = Instant::now();
     let mut progress = MergeProgress {
         command,
-        line: Progress::new(1, "{elapsed} gone  {wide_msg}", SILENCE),
+        line: Progress::new(1, "{gone}  {wide_msg}", SILENCE),
     };
     let start = match arguments.resume {
         true => Start::Resume,

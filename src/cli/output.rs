@@ -1,5 +1,6 @@
 //! Shared by the commands: values chosen by name, progress, the command as it was given.
 
+use std::fmt;
 use std::str::FromStr;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +11,7 @@ use std::time::{Duration, Instant};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, ValueEnum};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
@@ -81,6 +82,55 @@ fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
+/// Whether a bar stands on the terminal.
+static SHOWN: AtomicBool = AtomicBool::new(false);
+
+/// Whether the bar is drawn: not where standard error is no terminal.
+fn is_shown(bar: &ProgressBar) -> bool {
+    let is_shown = !bar.is_hidden();
+    SHOWN.store(is_shown, Ordering::Relaxed);
+    is_shown
+}
+
+/// Removes the bar.
+fn remove(bar: &ProgressBar) {
+    SHOWN.store(false, Ordering::Relaxed);
+    bar.finish_and_clear();
+}
+
+/// What clears the bar, so that a line may be written in its place; the bar is drawn anew beneath. A bar fills its
+/// row, so that an echoed `^C` stands in the row below.
+pub(super) fn clear_bar(is_echoed: bool) -> &'static str {
+    match (SHOWN.load(Ordering::Relaxed), is_echoed) {
+        (false, _) => "",
+        (true, false) => "\r\x1b[K",
+        (true, true) => "\r\x1b[K\x1b[A\x1b[K",
+    }
+}
+
+/// `template` with the keys `gone` and `left`: minutes and seconds, the latter with words and only where they are known.
+fn style(template: &str) -> Option<ProgressStyle> {
+    // Templates are constants; with a wrong one the default style is used.
+    let style = ProgressStyle::with_template(template).ok()?;
+    let gone = |state: &ProgressState, to: &mut dyn fmt::Write| {
+        // A bar is no place to report that it cannot be written.
+        let _ = write!(to, "{} gone", minutes(state.elapsed()));
+    };
+    let left = |state: &ProgressState, to: &mut dyn fmt::Write| {
+        let left = state.eta();
+        if left.as_secs() > 0 {
+            let _ = write!(to, ", {} left", minutes(left));
+        }
+    };
+    Some(style.with_key("gone", gone).with_key("left", left))
+}
+
+/// Minutes and seconds.
+fn minutes(time: Duration) -> String {
+    let seconds = time.as_secs();
+    format!("{}:{:02}", seconds / 60, seconds % 60)
+}
+
 /// Minimum time between plain lines of a [`Counter`].
 const COUNTER_SILENCE: Duration = Duration::from_secs(5);
 
@@ -98,14 +148,13 @@ impl Counter {
             0 => (ProgressBar::new_spinner(), "{spinner} {pos} {msg}"),
             _ => (
                 ProgressBar::new(total),
-                "{bar:25} {pos} of {len} {msg}, {eta} left",
+                "{bar:25} {pos} of {len} {wide_msg}{left}",
             ),
         };
         if is_quiet() {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
-        // Templates are constants; with a wrong one the default style is used.
-        if let Ok(style) = ProgressStyle::with_template(template) {
+        if let Some(style) = style(template) {
             bar.set_style(style);
         }
         bar.set_message(what);
@@ -131,7 +180,7 @@ impl Counter {
 
     /// A plain line where there is no bar and none was written for a while.
     fn speak(&self) {
-        if is_quiet() || !self.bar.is_hidden() {
+        if is_quiet() || is_shown(&self.bar) {
             return;
         }
         // A thread that finds another one speaking has nothing to add.
@@ -153,16 +202,16 @@ impl Counter {
         if is_quiet() {
             return;
         }
-        if self.bar.is_hidden() {
-            errln!("{words}");
-        } else {
+        if is_shown(&self.bar) {
             self.bar.println(words);
+        } else {
+            errln!("{words}");
         }
     }
 
     /// Removes the bar.
     pub fn finish(&self) {
-        self.bar.finish_and_clear();
+        remove(&self.bar);
     }
 }
 
@@ -180,8 +229,7 @@ impl Progress {
         if is_quiet() {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
-        // Templates are constants; with a wrong one the default style is used.
-        if let Ok(style) = ProgressStyle::with_template(template) {
+        if let Some(style) = style(template) {
             bar.set_style(style);
         }
         Self {
@@ -191,10 +239,16 @@ impl Progress {
         }
     }
 
+    /// Work begins that is as fast as none before: the time left is estimated from here on.
+    pub fn begin(&self, done: u64) {
+        self.bar.set_position(done);
+        self.bar.reset_eta();
+    }
+
     /// Sets the steps done and the message; a plain line adds what `more` returns.
     pub fn show(&mut self, done: u64, what: &str, more: impl FnOnce() -> String) {
         self.bar.set_position(done);
-        if !self.bar.is_hidden() {
+        if is_shown(&self.bar) {
             self.bar.set_message(what.to_owned());
         } else if !is_quiet() && self.said.elapsed() > self.silence {
             errln!("{what}{}", more());
@@ -208,16 +262,16 @@ impl Progress {
         if is_quiet() {
             return;
         }
-        if self.bar.is_hidden() {
-            errln!("{what}");
-        } else {
+        if is_shown(&self.bar) {
             self.bar.set_message(what.to_owned());
+        } else {
+            errln!("{what}");
         }
     }
 
     /// Removes the bar.
     pub fn finish(&self) {
-        self.bar.finish_and_clear();
+        remove(&self.bar);
     }
 }
 
@@ -238,7 +292,6 @@ pub(super) fn set_command_line(arguments: &[std::ffi::OsString]) {
 }
 
 /// The command as a shell takes it.
-#[cfg(feature = "vision")]
 pub(super) fn command_line() -> String {
     let command = COMMAND.lock();
     command

@@ -5,7 +5,7 @@
 //! pixels are laid on black.
 //!
 //! Four shapes: [`GrayImage`] and [`RgbImage`] have values in [0, 1]; [`RawImage`] is a view of a camera's
-//! bytes; [`Picture`] owns what was read, and [`ImageView`] is any of them.
+//! samples; [`Picture`] owns what was read, and [`ImageView`] is any of them.
 
 pub(crate) mod picture;
 mod raw;
@@ -17,7 +17,7 @@ use std::path::Path;
 use ::image::{ImageFormat, imageops};
 
 pub use picture::{DEFAULT_MAX_PIXELS, Picture};
-pub use raw::{RawImage, RawPixel};
+pub use raw::{RawImage, RawPixel, RawSamples};
 pub use roi::Roi;
 pub use view::ImageView;
 

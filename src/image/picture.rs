@@ -23,7 +23,7 @@ pub enum Picture {
         width: usize,
         /// Rows.
         height: usize,
-        /// What the bytes of a pixel mean.
+        /// What the samples of a pixel mean.
         pixel: RawPixel,
         /// Row after row from the top, without gaps.
         values: Vec<u8>,
@@ -210,7 +210,7 @@ impl Picture {
                 values,
                 ..
             } => {
-                let bytes = pixel.bytes();
+                let bytes = pixel.channels();
                 for row in values.chunks_exact_mut((bytes * *width).max(1)) {
                     for (left, right) in (0..*width / 2).map(|u| (u, *width - 1 - u)) {
                         (0..bytes).for_each(|c| row.swap(bytes * left + c, bytes * right + c));

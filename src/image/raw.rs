@@ -1,19 +1,19 @@
-//! Frames as cameras hand them out: 8 bits a channel, in memory that is not ours.
+//! Frames as cameras hand them out: 8 or 16 bits a channel, in memory that is not ours.
 //!
 //! A frame of 1280 x 1024 has 1.3 million pixels, a ball of 60 px some 3 thousand. A [`RawImage`] is a
-//! view of the bytes: whoever knows where the ball is converts its surroundings and nothing else.
+//! view of the samples: whoever knows where the ball is converts its surroundings and nothing else.
 
 use super::{GrayImage, RgbImage, Roi, luma};
 use crate::error::{Error, Result};
 
-/// The bytes of a raw pixel.
+/// The samples of a raw pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RawPixel {
-    /// One byte of brightness.
+    /// Brightness.
     Gray,
-    /// Red, green, blue, a byte each.
+    /// Red, green, blue.
     Rgb,
-    /// Blue, green, red, a byte each.
+    /// Blue, green, red.
     Bgr,
 }
 
@@ -30,8 +30,8 @@ impl RawPixel {
         }
     }
 
-    /// Bytes of a pixel.
-    pub fn bytes(self) -> usize {
+    /// Samples of a pixel: its bytes, where a sample has 8 bits.
+    pub fn channels(self) -> usize {
         match self {
             Self::Gray => 1,
             Self::Rgb | Self::Bgr => 3,
@@ -47,28 +47,72 @@ impl std::str::FromStr for RawPixel {
     }
 }
 
-/// A view of an image of bytes, row after row from the top, without gaps.
+/// Samples in memory that is not ours; the largest value is white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum RawSamples<'a> {
+    /// 8 bits each.
+    Eight(&'a [u8]),
+    /// 16 bits each.
+    Sixteen(&'a [u16]),
+}
+
+impl RawSamples<'_> {
+    /// How many there are.
+    fn len(&self) -> usize {
+        match self {
+            Self::Eight(samples) => samples.len(),
+            Self::Sixteen(samples) => samples.len(),
+        }
+    }
+}
+
+impl<'a> From<&'a [u8]> for RawSamples<'a> {
+    fn from(samples: &'a [u8]) -> Self {
+        Self::Eight(samples)
+    }
+}
+
+impl<'a> From<&'a Vec<u8>> for RawSamples<'a> {
+    fn from(samples: &'a Vec<u8>) -> Self {
+        Self::Eight(samples)
+    }
+}
+
+impl<'a> From<&'a [u16]> for RawSamples<'a> {
+    fn from(samples: &'a [u16]) -> Self {
+        Self::Sixteen(samples)
+    }
+}
+
+/// A view of an image of samples, row after row from the top, without gaps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawImage<'a> {
     width: usize,
     height: usize,
     pixel: RawPixel,
-    bytes: &'a [u8],
+    samples: RawSamples<'a>,
 }
 
 impl<'a> RawImage<'a> {
-    /// The image of these bytes.
+    /// The image of these samples.
     ///
     /// # Errors
     /// [`Error::Argument`] where their number is not that of the pixels, or there are none.
-    pub fn new(width: usize, height: usize, pixel: RawPixel, bytes: &'a [u8]) -> Result<Self> {
+    pub fn new(
+        width: usize,
+        height: usize,
+        pixel: RawPixel,
+        samples: impl Into<RawSamples<'a>>,
+    ) -> Result<Self> {
+        let samples = samples.into();
         let expected = width
             .checked_mul(height)
-            .and_then(|pixels| pixels.checked_mul(pixel.bytes()));
-        if bytes.is_empty() || expected != Some(bytes.len()) {
-            let (name, found) = (pixel.as_str(), bytes.len());
+            .and_then(|pixels| pixels.checked_mul(pixel.channels()));
+        let found = samples.len();
+        if found == 0 || expected != Some(found) {
+            let name = pixel.as_str();
             let problem = format!(
-                "expected the bytes of {width} x {height} pixels ({name}), at least one, found {found} bytes"
+                "expected the samples of {width} x {height} pixels ({name}), at least one, found {found}"
             );
             return Err(Error::argument("image", problem));
         }
@@ -76,7 +120,7 @@ impl<'a> RawImage<'a> {
             width,
             height,
             pixel,
-            bytes,
+            samples,
         })
     }
 
@@ -90,7 +134,7 @@ impl<'a> RawImage<'a> {
         self.height
     }
 
-    /// What the bytes of a pixel mean.
+    /// What the samples of a pixel mean.
     pub fn pixel(&self) -> RawPixel {
         self.pixel
     }
@@ -109,18 +153,19 @@ impl<'a> RawImage<'a> {
         color
     }
 
-    /// The bytes of a row between two columns.
-    fn row(&self, v: usize, left: usize, width: usize) -> &'a [u8] {
-        let bytes = self.pixel.bytes();
-        &self.bytes[(v * self.width + left) * bytes..][..width * bytes]
-    }
-
     /// The luma of a part of the image.
     pub(crate) fn gray_into(&self, part: &Roi, out: &mut GrayImage) {
+        match self.samples {
+            RawSamples::Eight(samples) => self.grays(samples, part, out),
+            RawSamples::Sixteen(samples) => self.grays(samples, part, out),
+        }
+    }
+
+    fn grays<T: Sample>(&self, samples: &[T], part: &Roi, out: &mut GrayImage) {
         out.fill_rows(part.width, part.height, |v, values| {
-            let row = self.row(part.top + v, part.left, part.width);
+            let row = self.row(samples, part.top + v, part.left, part.width);
             match self.pixel {
-                RawPixel::Gray => values.extend(row.iter().map(|b| GRAYS[usize::from(*b)])),
+                RawPixel::Gray => values.extend(row.iter().map(|sample| sample.gray())),
                 _ => values.extend(row.chunks_exact(3).map(|c| luma(self.color(c)))),
             }
         });
@@ -128,10 +173,17 @@ impl<'a> RawImage<'a> {
 
     /// The colors of a part of the image.
     pub(crate) fn color_into(&self, part: &Roi, out: &mut RgbImage) {
+        match self.samples {
+            RawSamples::Eight(samples) => self.colors(samples, part, out),
+            RawSamples::Sixteen(samples) => self.colors(samples, part, out),
+        }
+    }
+
+    fn colors<T: Sample>(&self, samples: &[T], part: &Roi, out: &mut RgbImage) {
         out.fill_rows(part.width, part.height, |v, values| {
-            let row = self.row(part.top + v, part.left, part.width);
+            let row = self.row(samples, part.top + v, part.left, part.width);
             match self.pixel {
-                RawPixel::Gray => values.extend(row.iter().map(|b| [unit(*b); 3])),
+                RawPixel::Gray => values.extend(row.iter().map(|sample| [sample.unit(); 3])),
                 _ => values.extend(row.chunks_exact(3).map(|c| self.color(c))),
             }
         });
@@ -139,55 +191,104 @@ impl<'a> RawImage<'a> {
 
     /// The color of a pixel.
     pub(crate) fn color_at(&self, u: usize, v: usize) -> [f32; 3] {
-        let bytes = self.row(v, u, 1);
-        match self.pixel {
-            RawPixel::Gray => [unit(bytes[0]); 3],
-            _ => self.color(bytes),
+        match self.samples {
+            RawSamples::Eight(samples) => self.color(self.row(samples, v, u, 1)),
+            RawSamples::Sixteen(samples) => self.color(self.row(samples, v, u, 1)),
         }
-    }
-
-    fn color(&self, bytes: &[u8]) -> [f32; 3] {
-        let [red, green, blue] = match self.pixel {
-            RawPixel::Bgr => [2, 1, 0],
-            RawPixel::Gray | RawPixel::Rgb => [0, 1, 2],
-        };
-        [unit(bytes[red]), unit(bytes[green]), unit(bytes[blue])]
     }
 
     /// Adds the luma of a row's pixels, from the column `left`, to the cells of `1 << level` pixels.
     pub(crate) fn add_row(&self, v: usize, left: usize, level: u32, sums: &mut [f32]) {
+        match self.samples {
+            RawSamples::Eight(samples) => self.add_samples(samples, v, left, level, sums),
+            RawSamples::Sixteen(samples) => self.add_samples(samples, v, left, level, sums),
+        }
+    }
+
+    fn add_samples<T: Sample>(
+        &self,
+        samples: &[T],
+        v: usize,
+        left: usize,
+        level: u32,
+        sums: &mut [f32],
+    ) {
         let side = 1 << level;
-        let row = self.row(v, left, sums.len() * side);
+        let row = self.row(samples, v, left, sums.len() * side);
         match self.pixel {
             RawPixel::Gray => {
                 for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
-                    let total: u32 = cell.iter().map(|b| u32::from(*b)).sum();
-                    *sum += total as f32 / 255.0;
+                    let total: u32 = cell.iter().map(|&sample| sample.into()).sum();
+                    *sum += total as f32 / T::WHITE;
                 }
             }
             _ => {
                 for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(3 * side)) {
                     let mut totals = [0u32; 3];
                     for pixel in cell.chunks_exact(3) {
-                        for (total, byte) in totals.iter_mut().zip(pixel) {
-                            *total += u32::from(*byte);
+                        for (total, &sample) in totals.iter_mut().zip(pixel) {
+                            *total += sample.into();
                         }
                     }
                     if self.pixel == RawPixel::Bgr {
                         totals.reverse();
                     }
-                    *sum += luma(totals.map(|t| t as f32 / 255.0));
+                    *sum += luma(totals.map(|t| t as f32 / T::WHITE));
                 }
             }
         }
     }
+
+    /// The samples of a row between two columns.
+    fn row<'b, T>(&self, samples: &'b [T], v: usize, left: usize, width: usize) -> &'b [T] {
+        let channels = self.pixel.channels();
+        &samples[(v * self.width + left) * channels..][..width * channels]
+    }
+
+    /// The color of a pixel's samples.
+    fn color<T: Sample>(&self, samples: &[T]) -> [f32; 3] {
+        let [red, green, blue] = match self.pixel {
+            RawPixel::Gray => [0; 3],
+            RawPixel::Rgb => [0, 1, 2],
+            RawPixel::Bgr => [2, 1, 0],
+        };
+        [red, green, blue].map(|channel| samples[channel].unit())
+    }
 }
 
-/// A byte as a value from 0 to 1, as image files are decoded.
-fn unit(byte: u8) -> f32 {
-    f32::from(byte) / 255.0
+/// A sample.
+trait Sample: Copy + Into<u32> {
+    /// The largest value.
+    const WHITE: f32;
+
+    /// As a value from 0 to 1, as image files are decoded.
+    fn unit(self) -> f32;
+
+    /// The luma of a gray pixel: that of equal channels differs from their value by rounding; files are read this way.
+    fn gray(self) -> f32 {
+        luma([self.unit(); 3])
+    }
 }
 
-/// The luma of equal channels differs from their value by rounding; files are read this way.
+impl Sample for u8 {
+    const WHITE: f32 = 255.0;
+
+    fn unit(self) -> f32 {
+        f32::from(self) / Self::WHITE
+    }
+
+    fn gray(self) -> f32 {
+        GRAYS[usize::from(self)]
+    }
+}
+
+impl Sample for u16 {
+    const WHITE: f32 = 65_535.0;
+
+    fn unit(self) -> f32 {
+        f32::from(self) / Self::WHITE
+    }
+}
+
 static GRAYS: std::sync::LazyLock<[f32; 256]> =
-    std::sync::LazyLock::new(|| std::array::from_fn(|k| luma([unit(k as u8); 3])));
+    std::sync::LazyLock::new(|| std::array::from_fn(|k| luma([(k as u8).unit(); 3])));

@@ -1,4 +1,4 @@
-//! An image as it is there: gray, in colors, or the bytes of a camera.
+//! An image as it is there: gray, in colors, or the samples of a camera.
 
 use super::{GrayImage, RawImage, RawPixel, RgbImage, Roi, luma};
 
@@ -9,7 +9,7 @@ pub enum ImageView<'a> {
     Gray(&'a GrayImage),
     /// Colors: where brightness does not show the ball's outline, they may.
     Color(&'a RgbImage),
-    /// Bytes as they came: what is not looked at is not converted.
+    /// Samples as they came: what is not looked at is not converted.
     Raw(RawImage<'a>),
 }
 

@@ -320,10 +320,10 @@ fn sweep(
     };
     let mut points = sensitivity(ball, &config.protocol, &sweep, &mut |p| {
         says(&format!(
-            "sensitivity: {} = {}, recognizer {}",
+            "sensitivity, {} recognizer: {} = {}",
+            p.result.recognizer,
             p.parameter.as_str(),
-            p.value,
-            p.result.recognizer
+            p.value
         ));
     })?;
     for p in &mut points {

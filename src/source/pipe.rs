@@ -248,7 +248,7 @@ impl<R: BufRead> PipeReader<R> {
         self.sized(width as u64, height as u64)?;
         let depth = if max_value > 255 { 2 } else { 1 };
         self.bytes.clear();
-        self.take(width * height * pixel.bytes() * depth)?;
+        self.take(width * height * pixel.channels() * depth)?;
         if max_value == 255 {
             self.hand_out_bytes(width, height, pixel, frame);
             return Ok(());
@@ -330,7 +330,7 @@ impl<R: BufRead> FrameSource for PipeReader<R> {
                 height,
                 pixel,
             } => {
-                self.max_bytes = width * height * pixel.bytes();
+                self.max_bytes = width * height * pixel.channels();
                 self.take(self.max_bytes)?;
                 self.hand_out_bytes(width, height, pixel, frame);
             }

@@ -14,6 +14,9 @@
 //! a turn, those about the reversed axis. Uneven times lower the peaks. Each peak is refined and
 //! its likelihood compared with that of the estimate.
 //!
+//! What else is known of a spin, such as how far its dots are smeared, decides where the orientations are tied:
+//! [`SpinEvidence`].
+//!
 //! Not covered: where the ball turns by less than the noise between all frames (or by whole turns),
 //! its axis is not determined, and full turns about any axis would explain the same orientations.
 //! The alternatives listed are then examples.
@@ -93,20 +96,14 @@ pub fn alternatives(
         return Vec::new();
     };
     let right = mixture.probabilities(&own);
-    let (axis, rate) = axis_and_rate(&own.motion.spin);
+    let (_, rate) = axis_and_rate(&own.motion.spin);
     let window = Window::new(measurements, &right);
-    let middle = own.motion.rebased(window.center);
     let limit = options.max_rps * std::f64::consts::TAU;
     // Spins nearer than half a cycle over the whole sequence are one peak.
     let apart = std::f64::consts::PI / window.duration;
     let mut found: Vec<Alternative> = Vec::new();
     for delta in window.peaks(-limit - rate, limit - rate) {
-        let phase = window.at(delta).arg();
-        let start = ConstantSpin {
-            orientation: Rotation::from_scaled_axis(axis * -phase) * middle.orientation,
-            spin: axis * (rate + delta),
-            ..middle
-        };
+        let start = aliased(&own.motion, &window, delta);
         let Ok(refined) = mixture.settle(start) else {
             continue;
         };
@@ -121,13 +118,59 @@ pub fn alternatives(
             });
         }
     }
+    sort(&mut found);
+    found
+}
+
+/// What else than the orientations says of a spin.
+pub trait SpinEvidence {
+    /// Natural logarithm of the likelihood of a spin (frame of the orientations, rad/s), up to a constant.
+    fn ln_likelihood(&self, spin: &Vec3) -> f64;
+}
+
+/// Weighs the alternatives to `spin` by further evidence, too; the likeliest first, those with a ratio under the minimum are
+/// left out.
+pub fn weigh(
+    alternatives: &mut Vec<Alternative>,
+    spin: &Vec3,
+    evidence: &dyn SpinEvidence,
+    min_log_ratio: f64,
+) {
+    let own = evidence.ln_likelihood(spin);
+    for alternative in alternatives.iter_mut() {
+        alternative.log_likelihood_ratio += evidence.ln_likelihood(&alternative.spin) - own;
+    }
+    alternatives.retain(|a| a.log_likelihood_ratio >= min_log_ratio);
+    sort(alternatives);
+}
+
+/// The likeliest first, of equals the slower.
+fn sort(alternatives: &mut [Alternative]) {
     // Ties differ by rounding: compare to a thousandth.
     let likelihood = |a: &Alternative| (1e3 * a.log_likelihood_ratio).round() as i64;
-    found.sort_by(|a, b| {
+    alternatives.sort_by(|a, b| {
         let slower = a.spin.norm().total_cmp(&b.spin.norm());
         likelihood(b).cmp(&likelihood(a)).then(slower)
     });
-    found
+}
+
+/// The motion with the spin of an alias of `fit`, before it is refined.
+pub(super) fn alias_near(measurements: &[Measurement], fit: &Fit, spin: &Vec3) -> ConstantSpin {
+    let (axis, rate) = axis_and_rate(&fit.motion.spin);
+    let window = Window::new(measurements, &vec![1.0; measurements.len()]);
+    aliased(&fit.motion, &window, axis.dot(spin) - rate)
+}
+
+/// The motion about the same axis, faster by `delta`, rad/s, that is nearest to it at the frames.
+fn aliased(own: &ConstantSpin, window: &Window, delta: f64) -> ConstantSpin {
+    let (axis, rate) = axis_and_rate(&own.spin);
+    let middle = own.rebased(window.center);
+    let phase = window.at(delta).arg();
+    ConstantSpin {
+        orientation: Rotation::from_scaled_axis(axis * -phase) * middle.orientation,
+        spin: axis * (rate + delta),
+        ..middle
+    }
 }
 
 /// The leading frames for which a scan to `max_rps` costs no more than [`MAX_WORK`]; none for fewer

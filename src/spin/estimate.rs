@@ -24,7 +24,7 @@
 //! Guaranteed: where a motion is asked for, it is the answer wherever the orientations determine it, whatever the odds. Not
 //! guaranteed: that no other motion explains the orientations better; a lack of fit ([`Fit::lack_of_fit`]) says that one does.
 
-use super::alias::AliasConfig;
+use super::alias::{AliasConfig, SpinEvidence, alternatives, weigh};
 use super::decay::DecayFit;
 use super::evidence::fitted;
 use super::mixture::inlier_probability;
@@ -198,6 +198,45 @@ impl SpinEstimate {
         config: &SpinConfig,
     ) -> Result<Self, SpinRejection> {
         let constant = RobustEstimator::new(*config).fit(measurements);
+        Self::beyond(constant, measurements, model, config)
+    }
+
+    /// As [`Self::fit`], of the spins that the orientations leave open ([`alternatives`]) the one for which they and `evidence`
+    /// speak together.
+    ///
+    /// # Errors
+    /// As [`Self::fit`].
+    pub fn fit_with(
+        measurements: &[Measurement],
+        model: MotionModel,
+        config: &SpinConfig,
+        evidence: &dyn SpinEvidence,
+    ) -> Result<Self, SpinRejection> {
+        let mut estimator = RobustEstimator::new(*config);
+        let mut constant = estimator.fit(measurements);
+        if let Ok(fit) = &constant {
+            let listed = AliasConfig {
+                max_rps: config.max_rps,
+                sigma_rad: config.sigma_rad,
+                ..AliasConfig::default()
+            };
+            let mut others = alternatives(measurements, fit, &listed);
+            // More likely than the slowest, which is taken where nothing decides.
+            weigh(&mut others, &fit.motion.spin, evidence, 0.0);
+            if let Some(likeliest) = others.first() {
+                constant = estimator.fit_alias(measurements, fit, &likeliest.spin);
+            }
+        }
+        Self::beyond(constant, measurements, model, config)
+    }
+
+    /// The motion, where the constant spin is known.
+    fn beyond(
+        constant: Result<Fit, SpinRejection>,
+        measurements: &[Measurement],
+        model: MotionModel,
+        config: &SpinConfig,
+    ) -> Result<Self, SpinRejection> {
         // What no motion can do anything about.
         if let Err(rejection) = &constant
             && !matches!(rejection, SpinRejection::NoConsensus { .. })

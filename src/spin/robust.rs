@@ -12,6 +12,7 @@
 
 use nalgebra::Matrix3;
 
+use super::alias::alias_near;
 use super::chance::expected_by_chance;
 use super::mixture::{Mixture, Noise, RatePrior, Settled, Spread};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
@@ -269,6 +270,25 @@ impl RobustEstimator {
         let settled = start
             .and_then(|start| mixture.settle_within(start, EXTENDING_STEPS).ok())
             .filter(|s| s.motion.rps() <= self.config.max_rps);
+        self.finish(measurements, &settled.ok_or(rejected)?)
+    }
+
+    /// The spin of a sequence that is an alias of `fit`: the maximum of the likelihood next to `spin`.
+    ///
+    /// # Errors
+    /// A [`SpinRejection`] where no spin near it agrees with the measurements, within the limit.
+    pub(super) fn fit_alias(
+        &mut self,
+        measurements: &[Measurement],
+        fit: &Fit,
+        spin: &Vec3,
+    ) -> Result<Fit, SpinRejection> {
+        let settled = self
+            .mixture(measurements)
+            .settle(alias_near(measurements, fit, spin))
+            .ok()
+            .filter(|s| s.motion.rps() <= self.config.max_rps);
+        let rejected = self.no_consensus(0, measurements.len());
         self.finish(measurements, &settled.ok_or(rejected)?)
     }
 

@@ -13,7 +13,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Complex;
 
-use super::alias::{AliasConfig, Alternative, alternatives};
+use super::alias::{AliasConfig, Alternative, SpinEvidence, alternatives, weigh};
 use super::{Fit, Measurement};
 use crate::geometry::Rotation;
 
@@ -62,6 +62,19 @@ impl SpinSummary {
             frames,
             orientations: measurements.len(),
         }
+    }
+
+    /// With the alternatives weighed by further evidence, too: see [`weigh`].
+    #[must_use]
+    pub fn weighed(mut self, evidence: &dyn SpinEvidence, config: &AliasConfig) -> Self {
+        let spin = self.fit.motion.spin;
+        weigh(
+            &mut self.alternatives,
+            &spin,
+            evidence,
+            config.min_log_ratio,
+        );
+        self
     }
 
     /// The same in another camera frame, which `turn` leads to.

@@ -1,11 +1,11 @@
-"""Built by colcon (ament_python)."""
+"""Built by colcon (ament_python): what ROS needs to find and start the node, which the Python package `spindoe` brings."""
 
 from setuptools import setup
 
 setup(
     name="spindoe_ros",
     version="0.1.0",
-    packages=["spindoe_ros"],
+    packages=[],
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/spindoe_ros"]),
         ("share/spindoe_ros", ["package.xml"]),

@@ -13,7 +13,7 @@ use crate::camera::RaceConfig;
 use crate::cli::camera::CameraSource;
 #[cfg(feature = "vision")]
 use crate::cli::output::Counter;
-use crate::cli::output::{one_of, quoted};
+use crate::cli::output::{command_line, one_of, quoted};
 #[cfg(feature = "vision")]
 use crate::design::Objective;
 use crate::design::objective::NAME_BEFORE;
@@ -21,6 +21,7 @@ use crate::design::objective::bound::BoundSummary;
 use crate::design::{DesignConfig, DesignRequest, KeepOut, ObjectiveName, Shard};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
+use crate::report::DesignJob;
 #[cfg(feature = "plot")]
 use crate::report::plots::PictureFormat;
 use crate::stencil::StencilConfig;
@@ -328,6 +329,25 @@ impl Arguments {
             add(format!("--config {key}={value}"));
         }
         words.join(" ")
+    }
+
+    /// The command that continues this search: the one that was given, with what it left open.
+    pub(super) fn resume_command(&self, job: &DesignJob) -> String {
+        let mut words = command_line();
+        #[cfg(feature = "vision")]
+        if self.camera.is_some() && self.pattern.is_none() && !words.contains("--dots") {
+            words += &format!(" --dots {}", job.config.dots);
+            if !words.contains("--dot-diameter-mm") {
+                words += &format!(" --dot-diameter-mm {}", job.stencil.hole_diameter_mm);
+            }
+        }
+        if self.output.is_none() {
+            words += &format!(" -o {}", quoted(&job.dir.to_string_lossy()));
+        }
+        if !self.resume {
+            words += " --resume";
+        }
+        words
     }
 
     /// The settings that the design follows from.

@@ -60,7 +60,7 @@ struct Tried {
 
 /// The arguments with the number of dots and the holes settled for the camera: those given, or the
 /// best of a few brief searches.
-pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Arguments> {
+pub(super) fn settled(arguments: &Arguments) -> Result<Arguments> {
     let mut chosen = arguments.clone();
     let Some(camera) = &arguments.camera else {
         return Ok(chosen);
@@ -73,7 +73,10 @@ pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Argume
         return Err(Error::argument("dots", problem));
     }
     let trials = CameraTrials::new(camera.conditions()?, arguments.seed ^ CHOICE);
-    let tried = brief_searches(arguments, stop)?;
+    errln!(
+        "choosing the number of dots for the camera, which takes some minutes; --dots N spares it"
+    );
+    let tried = brief_searches(arguments)?;
     let racers = tried.iter().map(|tried| Racer {
         pattern: &tried.pattern,
         dot_diameter: tried.hole_mm / arguments.ball_diameter_mm,
@@ -93,9 +96,11 @@ pub(super) fn settled(arguments: &Arguments, stop: &AtomicBool) -> Result<Argume
 }
 
 /// The finalists of a brief search for each number of dots that leaves room for what else is asked.
-fn brief_searches(arguments: &Arguments, stop: &AtomicBool) -> Result<Vec<Tried>> {
+fn brief_searches(arguments: &Arguments) -> Result<Vec<Tried>> {
     let mut all = Vec::new();
-    let counter = Counter::new(DOTS.len() as u64, "numbers of dots");
+    let never = AtomicBool::new(false);
+    // The more dots, the longer a search takes.
+    let counter = Counter::new(DOTS.iter().sum::<usize>() as u64, "dots, in brief searches");
     for dots in DOTS {
         let mut tried = arguments.clone();
         tried.dots = Some(dots);
@@ -108,9 +113,9 @@ fn brief_searches(arguments: &Arguments, stop: &AtomicBool) -> Result<Vec<Tried>
                 rounds: 1,
                 ..config
             };
-            design(&config, &mut SearchState::default(), stop, &mut ())
+            design(&config, &mut SearchState::default(), &never, &mut ())
         });
-        counter.add(1);
+        counter.add(dots as u64);
         let Ok(found) = found else { continue };
         let hole_mm = tried.stencil().hole_diameter_mm;
         for candidate in &found.finalists {

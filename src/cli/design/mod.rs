@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::interrupt::stop_on_interrupt;
+use super::interrupt::{keeps, stop_on_interrupt};
 use super::memory::check_for_design;
 use super::output::quoted;
 use super::print_json;
@@ -23,8 +23,8 @@ pub(super) use arguments::cone;
 use progress::DesignProgress;
 
 /// The answer to the first Ctrl-C.
-pub(super) const STOPPING: &str = "stopping: what was found is evaluated and written, which takes some 20 s; Ctrl-C again quits at \
-                                   once and keeps the search for --resume";
+pub(super) const STOPPING: &str = "stopping: what was found is evaluated and written, which takes some 20 s, for a camera some \
+                                   minutes; Ctrl-C again quits at once and keeps the search for --resume";
 /// What more dots give, of 5 000 rendered frames with any background (README, "How well it works").
 const MORE_DOTS: &str = "More dots serve most cameras better, where you can draw them: of rendered frames with any background \
                          dots40 answers 95.9 % right, dots20 90.7 %. `spindoe advise` says it of your camera.";
@@ -34,12 +34,18 @@ const FEW_DOTS: usize = 24;
 const FOLDER: &str = "spindoe-design";
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let stop = stop_on_interrupt(STOPPING)?;
+    let clock = Instant::now();
+    // Before a search there is nothing to keep: a signal ends the process.
     #[cfg(feature = "vision")]
-    let arguments = &camera::settled(arguments, &stop)?;
+    let arguments = &camera::settled(arguments)?;
     let (job, start) = arguments.job()?;
     check_for_design()?;
-    let clock = Instant::now();
+    let stop = stop_on_interrupt(STOPPING)?;
+    let resume = arguments.resume_command(&job);
+    keeps(
+        job.dir.join(CHECKPOINT),
+        format!("the search is kept; this continues it: {resume}"),
+    );
     let mut progress = DesignProgress::new(&job, arguments);
     if let Some(shard) = arguments.shard {
         let done = job.run_shard(shard, start, &stop, &mut progress)?;
@@ -47,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let words = if done {
             "done"
         } else {
-            "stopped; --resume continues it"
+            &format!("cut short; this continues it: {resume}")
         };
         errln!("shard {shard}: {words}");
         outln!("{}", job.dir.display());
@@ -57,7 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(count) => {
             let Some(found) = run_all_shards(&job, count, start, &stop, &mut progress)? else {
                 progress.finish();
-                errln!("stopped; --resume continues it");
+                errln!("The search was cut short; this continues it: {resume}");
                 outln!("{}", job.dir.display());
                 return Ok(());
             };
@@ -80,7 +86,8 @@ fn print_next(arguments: &Arguments, job: &DesignJob, found: &DesignEvaluation) 
     let dir = quoted(&job.dir.to_string_lossy());
     let report = &found.report;
     if report.stopped {
-        errln!("The search was cut short; the same command with -o {dir} --resume continues it.");
+        let resume = arguments.resume_command(job);
+        errln!("The search was cut short; this continues it: {resume}");
     }
     #[cfg(feature = "vision")]
     let has_camera = arguments.camera.is_some();
@@ -175,7 +182,7 @@ pub(super) fn print_words(found: &DesignEvaluation, seconds: f64) {
         report.mean_feature_distance,
     );
     outln!(
-        "{:<9} {:<8} {:>29} {:>29} {:>11}",
+        "{:<8} {:<6} {:>24} {:>24} {:>11}",
         "protocol",
         "recog.",
         "identity [95 %]",
@@ -185,7 +192,7 @@ pub(super) fn print_words(found: &DesignEvaluation, seconds: f64) {
     for v in &report.validation {
         let rates = &v.validation;
         outln!(
-            "{:<9} {:<8} {:>29} {:>29} {:>7.3} deg",
+            "{:<8} {:<6} {:>24} {:>24} {:>7.3} deg",
             rates.protocol,
             v.recognizer,
             rates.identity.to_string(),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::Arguments;
 use crate::cli::output::Progress;
-use crate::design::{DesignConfig, DesignObserver, SearchState, Shard, Stage};
+use crate::design::{DesignConfig, DesignObserver, Milestone, SearchState, Shard, Stage};
 use crate::error::Result;
 use crate::report::{DesignJob, JobObserver};
 
@@ -38,8 +38,7 @@ const EVALUATION_ROUNDS: f64 = 0.7;
 
 impl<'a> DesignProgress<'a> {
     pub fn new(job: &'a DesignJob, arguments: &'a Arguments) -> Self {
-        // Three columns less than a terminal of 80, where Ctrl-C is echoed without a new line.
-        let template = "{bar:12} {elapsed} gone, {eta} left  {msg:44!}";
+        let template = "{bar:12} {gone}{left}  {wide_msg}";
         Self {
             config: &job.config,
             arguments,
@@ -75,12 +74,7 @@ impl<'a> DesignProgress<'a> {
 
     /// Share of all work that is done while the search goes on, in [0, 1].
     fn share(&self, state: &SearchState, stage: Stage) -> f64 {
-        if let Some(budget) = self.arguments.budget {
-            return (state.elapsed_s / budget.as_secs_f64()).min(1.0);
-        }
         let (shard, shards) = self.shard;
-        let rounds = (shards * self.config.rounds) as f64;
-        let before = (shard * self.config.rounds) as f64;
         let starts = self.config.starts as f64;
         // Scouting and climbing take about as long as each other.
         let in_round = match stage {
@@ -88,22 +82,33 @@ impl<'a> DesignProgress<'a> {
             Stage::Climb => 0.45 + 0.45 * 4.0 * state.climbed.len() as f64 / starts,
             Stage::Try | Stage::Halve => 0.0,
         };
-        (before + state.round as f64 + in_round) / (rounds + EVALUATION_ROUNDS)
+        let rounds = match self.arguments.budget {
+            Some(budget) => {
+                let (began_s, budget_s) = (self.round_began_s, SEARCH_SHARE * budget.as_secs_f64());
+                rounds_within(budget_s, state.round, began_s, state.elapsed_s, in_round)
+            }
+            None => self.config.rounds as f64,
+        };
+        let (before, all) = (shard as f64 * rounds, shards as f64 * rounds);
+        (before + state.round as f64 + in_round) / (all + EVALUATION_ROUNDS)
     }
 
     /// Stage and best rate, in words.
     fn words(&self, state: &SearchState, stage: Stage) -> String {
         let what = match stage {
-            Stage::Scout | Stage::Climb | Stage::Try => format!(
-                "round {}: {} scouted, {} climbed",
-                state.round + 1,
-                state.scouted.len(),
-                state.climbed.len()
-            ),
+            Stage::Scout | Stage::Climb | Stage::Try => {
+                let (starts, climbs) = (self.config.starts, self.config.starts.div_ceil(4));
+                format!(
+                    "round {}: scouted {} of {starts}, climbed {} of {climbs}",
+                    (state.round + 1).min(self.config.rounds),
+                    state.scouted.len(),
+                    state.climbed.len()
+                )
+            }
             Stage::Halve => "last trial of the best".to_owned(),
         };
         match state.milestones.last() {
-            Some(m) => format!("{what}, best {:.1} %", 100.0 * m.identity.rate),
+            Some(m) => format!("{what}, best {:.2} %", 100.0 * m.identity.rate),
             None => what,
         }
     }
@@ -112,10 +117,26 @@ impl<'a> DesignProgress<'a> {
     fn more(&self, state: &SearchState) -> String {
         let protocol = self.config.protocol.name();
         match state.milestones.last() {
-            Some(m) => format!("; {protocol} identity: {}", m.identity),
-            None => format!(" of {} starts", self.config.starts),
+            Some(Milestone { identity, .. }) => {
+                let [low, high] = [identity.low, identity.high].map(|rate| 100.0 * rate);
+                format!(" [{low:.2}, {high:.2}], protocol {protocol}")
+            }
+            None => String::new(),
         }
     }
+}
+
+/// How many rounds are begun within a budget, after `done` of them; the one that began at `began_s` has come as far as
+/// `in_round`, from 0 to 1.
+fn rounds_within(budget_s: f64, done: usize, began_s: f64, elapsed_s: f64, in_round: f64) -> f64 {
+    let round_s = match (done, in_round > 0.0) {
+        (_, true) => (elapsed_s - began_s) / in_round,
+        (0, false) => return 1.0,
+        (_, false) => began_s / done as f64,
+    };
+    // The round that has begun is finished, whatever its budget.
+    let more = ((budget_s - began_s) / round_s.max(f64::MIN_POSITIVE)).floor();
+    done as f64 + more.max(1.0)
 }
 
 /// Estimated time left from the share done, in words; empty while there is no estimate.
@@ -130,6 +151,9 @@ fn left(elapsed_s: f64, share: f64) -> String {
 impl JobObserver for DesignProgress<'_> {
     fn begins(&mut self, state: &SearchState) {
         self.round_began_s = state.elapsed_s;
+        let share = self.share(state, Stage::Scout);
+        let done = self.position(share);
+        self.line.begin(done);
         if let Some(warning) = self.warning.take() {
             errln!("spindoe: {warning}");
         }
@@ -139,6 +163,8 @@ impl JobObserver for DesignProgress<'_> {
         let (begun, steps) = self.evaluated;
         if begun == 0 {
             self.searched = self.shown;
+            let done = self.position(0.0);
+            self.line.begin(done);
         }
         let share = begun as f64 / steps as f64;
         let done = self.position(self.searched + (1.0 - self.searched) * share);

@@ -26,7 +26,7 @@ use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use crate::source::pipe::PipeFormat;
 use crate::spin::estimate::MotionModel;
 use crate::vision::estimator::{
-    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
+    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, SequenceSmears, estimate_inputs,
 };
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 use output::Report;
@@ -124,6 +124,15 @@ pub struct Arguments {
         conflicts_with_all = ["no_sequence", "follow"]
     )]
     motion: MotionModel,
+    /// Exposure of a frame, milliseconds. How far dots are smeared then settles how many whole turns lie between two frames,
+    /// where the frame rate leaves that open.
+    #[arg(
+        long,
+        value_name = "MS",
+        conflicts_with_all = ["no_sequence", "follow"],
+        allow_negative_numbers = true
+    )]
+    exposure_ms: Option<f64>,
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
@@ -245,7 +254,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         target.draw(&estimators[judgment.table()], &batch)?;
     }
     let frame = arguments.frame()?;
-    let report = Report::new(arguments, frame, &batch, &judgment);
+    let smears = arguments.smears(&estimators[judgment.table()], frame, &batch);
+    let report = Report::new(arguments, frame, &batch, &judgment, smears.as_ref());
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.report {
         page::write(path, &estimators[judgment.table()], &batch, &report)?;
@@ -304,6 +314,22 @@ fn calibrate_in_place(
 }
 
 impl Arguments {
+    /// The smears of the frames that have times, for spins in `frame`.
+    fn smears(
+        &self,
+        estimator: &Estimator<NamedDetector>,
+        frame: CameraFrame,
+        batch: &Batch<Picture>,
+    ) -> Option<SequenceSmears> {
+        let exposure_s = 1e-3 * self.exposure_ms?;
+        let timed = batch
+            .frames
+            .iter()
+            .filter_map(|frame| Some((frame.time_s?, &frame.estimate)));
+        let timed: Vec<(f64, &FrameEstimate)> = timed.collect();
+        SequenceSmears::new(estimator, &timed, exposure_s, &frame.turn())
+    }
+
     /// One for each table.
     fn estimators(&self) -> Result<Vec<Estimator<NamedDetector>>> {
         let balls = read_balls(&self.table)?;
@@ -321,10 +347,15 @@ impl Arguments {
             let problem = format!("expected a positive number, found {max_rps}");
             return Err(Error::argument("--max-spin-rps", problem));
         }
+        if let Some(ms) = self.exposure_ms.filter(|ms| !(*ms > 0.0 && ms.is_finite())) {
+            let problem = format!("expected a positive number, found {ms}");
+            return Err(Error::argument("--exposure-ms", problem));
+        }
         let mut config = EstimatorConfig {
             camera: self.source.camera()?,
             outline: self.source.outline,
             min_confidence: self.min_confidence,
+            measures_blur: self.exposure_ms.is_some(),
             ..EstimatorConfig::default()
         };
         if let Some(degrees) = self.placement_sigma_deg {

@@ -22,8 +22,8 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::estimator::{
-    Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, TimeSource, orientations,
-    turned_covariance,
+    Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, SequenceSmears, TimeSource,
+    orientations, turned_covariance,
 };
 use crate::vision::{FrameEstimate, OffCenter};
 
@@ -44,6 +44,8 @@ pub(super) struct Report<'a> {
     orientations: Orientations,
     /// Where the frames have times.
     spin: Option<Result<(SpinSummary, Motion), SpinRejection>>,
+    /// Number of frames whose smears have a say in it.
+    smeared: usize,
 }
 
 /// The file of orientations.
@@ -58,11 +60,12 @@ fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
     orientations(&frames, frame, is_sequence)
 }
 
-/// The spin, from the very orientations that are written: `spindoe spin` on the file gives the same.
+/// The spin, from the very orientations that are written: without smears `spindoe spin` on the file gives the same.
 fn spin(
     arguments: &Arguments,
     batch: &Batch<Picture>,
     orientations: &Orientations,
+    smears: Option<&SequenceSmears>,
 ) -> Option<Result<(SpinSummary, Motion), SpinRejection>> {
     if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
         return None;
@@ -78,16 +81,23 @@ fn spin(
     };
     let measurements = orientations.measurements();
     let frames = batch.frames.len();
-    let estimate = SpinEstimate::fit(&measurements, arguments.motion, &config);
+    let estimate = match smears {
+        Some(smears) => SpinEstimate::fit_with(&measurements, arguments.motion, &config, smears),
+        None => SpinEstimate::fit(&measurements, arguments.motion, &config),
+    };
     let found = |estimate| {
-        Motion::new(
+        let (summary, motion) = Motion::new(
             estimate,
             arguments.motion,
             &measurements,
             None,
             &listed,
             frames,
-        )
+        );
+        match smears {
+            Some(smears) => (summary.weighed(smears, &listed), motion),
+            None => (summary, motion),
+        }
     };
     Some(estimate.map(found))
 }
@@ -124,9 +134,10 @@ impl<'a> Report<'a> {
         frame: CameraFrame,
         batch: &'a Batch<Picture>,
         judgment: &'a Judgment,
+        smears: Option<&SequenceSmears>,
     ) -> Self {
         let orientations = file_of(frame, batch);
-        let spin = spin(arguments, batch, &orientations);
+        let spin = spin(arguments, batch, &orientations, smears);
         Self {
             arguments,
             frame,
@@ -134,6 +145,7 @@ impl<'a> Report<'a> {
             judgment,
             orientations,
             spin,
+            smeared: smears.map_or(0, SequenceSmears::frames),
         }
     }
 
@@ -180,6 +192,9 @@ impl<'a> Report<'a> {
             Some(Ok((summary, motion))) => {
                 json["spin"] = spin_summary::to_json(summary, self.frame);
                 motion.add_to(&mut json["spin"]);
+                if let Some(ms) = self.arguments.exposure_ms {
+                    json["spin"]["smears"] = json!({ "exposure_ms": ms, "frames": self.smeared });
+                }
             }
             Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
             None => {}
@@ -235,6 +250,19 @@ impl<'a> Report<'a> {
             TimeSource::Video(clock) => video_words(&clock),
         };
         Some(words)
+    }
+
+    /// What smears have to say of the spin, where an exposure is given.
+    fn smear_words(&self) -> Option<String> {
+        let ms = self.arguments.exposure_ms?;
+        Some(match self.smeared {
+            0 => format!(
+                "  smears    no frame shows enough dots whose blur is measured: {ms} ms of exposure settle nothing"
+            ),
+            count => format!(
+                "  smears    of {count} frames, {ms} ms of exposure, weigh the spins that the orientations leave open"
+            ),
+        })
     }
 
     /// What it costs that no camera is given, where the ball stands off the center.
@@ -373,6 +401,7 @@ impl<'a> Report<'a> {
             Some(Ok((summary, motion))) => {
                 let mut lines = spin_summary::lines(summary, self.frame);
                 lines.extend(motion.lines());
+                lines.extend(self.smear_words());
                 errln!("spin: {}", lines.join("\n"));
             }
             Some(Err(rejection)) => errln!("spin: {rejection}"),

@@ -55,6 +55,7 @@ mod search;
 mod sequence;
 mod sequence_view;
 mod sharpen;
+mod smears;
 mod tracker;
 mod trust;
 
@@ -73,6 +74,7 @@ pub use sequence::{
     estimate_sequence, estimate_spin, frames_in_doubt, held_images, second_pass,
 };
 pub use sequence_view::SequenceView;
+pub use smears::SequenceSmears;
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
 pub use trust::{DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap};
 

@@ -1,5 +1,5 @@
-//! How long does a frame take, live? Whole frames of 1280 x 1024 with a ball of 60 px that flies through
-//! them, as bytes in memory, and crops of 60 px.
+//! How long does a frame take, live? Whole frames of 1280 x 1024 with a ball that flies through them, as bytes in
+//! memory, and crops of 60 px.
 //!
 //! Each thread follows a camera of its own: its own clip, its own tracker. *Tracked* are the frames
 //! after the first ones; *acquired* are frames before which the tracker was reset, so that the ball
@@ -28,7 +28,6 @@ use spindoe_studies::table::{Table, figure};
 use spindoe_studies::{Outcome, row};
 
 const SIZE: [usize; 2] = [1280, 1024];
-const BALL_PX: f64 = 60.0;
 const FPS: f64 = 400.0;
 /// Displacement over a clip, pixels.
 const DRIFT_PX: [f64; 2] = [420.0, -140.0];
@@ -84,10 +83,16 @@ fn bytes(image: &RgbImage, disc: Option<[f64; 2]>) -> Vec<u8> {
 }
 
 /// The first clip from a seed on in which the ball stays whole.
-fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Result<Clip> {
+fn clip(
+    pattern: &Pattern,
+    seed: u64,
+    count: usize,
+    ball_px: f64,
+    disc: bool,
+) -> spindoe::Result<Clip> {
     let config = SynthConfig {
         image_px: Some(SIZE),
-        ball_px: Some([BALL_PX; 2]),
+        ball_px: Some([ball_px; 2]),
         parallel_share: 0.0,
         ..good_conditions().config
     };
@@ -104,7 +109,7 @@ fn clip(pattern: &Pattern, seed: u64, count: usize, disc: bool) -> spindoe::Resu
             0.5 * (at(&ends[0]) + at(&ends[1]))
         });
         // The disc stands beside the path.
-        let place = [middle[0], middle[1] + 3.0 * BALL_PX];
+        let place = [middle[0], middle[1] + 3.0 * ball_px];
         let is_inside =
             ends.iter().all(|t| t.rim_visible > 0.99) && place[1] + DISC < SIZE[1] as f64;
         if is_inside {
@@ -201,6 +206,9 @@ pub struct Args {
     /// Seed of the first clip.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Diameter of the ball in the clips, pixels.
+    #[arg(long, default_value_t = 60.0)]
+    ball_px: f64,
     /// Threads, each with a camera of its own.
     #[arg(long, default_value_t = 1)]
     threads: u64,
@@ -211,10 +219,11 @@ pub struct Args {
 
 impl Args {
     pub fn run(&self) -> Outcome {
-        let (count, seed, threads, disc) = (self.frames, self.seed, self.threads, self.disc);
+        let (count, seed, threads) = (self.frames, self.seed, self.threads);
+        let (ball_px, disc) = (self.ball_px, self.disc);
         let pattern = Pattern::read_csv(DOTS20.as_ref())?;
         let clips: Vec<Clip> = (0..threads)
-            .map(|k| clip(&pattern, seed + 1000 * k, count, disc))
+            .map(|k| clip(&pattern, seed + 1000 * k, count, ball_px, disc))
             .collect::<spindoe::Result<_>>()?;
         let results = std::thread::scope(|scope| {
             let followed = clips
@@ -226,7 +235,9 @@ impl Args {
                 .map(|f| f.map_err(|_| spindoe::Error::Internal("a thread failed".into()))?)
                 .collect::<spindoe::Result<Vec<_>>>()
         })?;
-        println!("Clips of {count} frames, seeds from {seed}, threads: {threads}");
+        println!(
+            "Clips of {count} frames, ball of {ball_px} px, seeds from {seed}, threads: {threads}"
+        );
         let table = Table::new([
             "frames",
             "number",

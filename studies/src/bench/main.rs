@@ -24,6 +24,7 @@ mod residuals;
 mod robustness;
 mod sequences;
 mod smear;
+mod smear_clips;
 mod spin_coverage;
 mod spin_decay;
 mod spin_motion;
@@ -67,6 +68,8 @@ enum Command {
     Limit(limit::Args),
     /// How far a ball turns during the exposure, by the smear of its dots.
     Smear(smear::Args),
+    /// Do smears settle how many turns lie between two frames?
+    SmearClips(smear_clips::Args),
     /// How often images that show no ball are answered.
     Noise(noise::Args),
     /// How often a flipped camera is told apart.
@@ -131,6 +134,7 @@ fn main() -> Outcome {
         Command::Robustness(args) => args.run(),
         Command::Limit(args) => args.run(),
         Command::Smear(args) => args.run(),
+        Command::SmearClips(args) => args.run(),
         Command::Noise(args) => args.run(),
         Command::Mirror(args) => args.run(),
         Command::Sequences(args) => args.run(),

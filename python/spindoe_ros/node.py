@@ -9,14 +9,15 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStam
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from .core import Answer, Settings, SpinCore
 
 
 class SpinNode(Node):  # type: ignore[misc]
-    """Subscribes to ``image`` and ``camera_info``, publishes ``ball/pose`` and ``ball/twist``."""
+    """Subscribes to ``image``, or ``image/compressed``, and ``camera_info``; publishes ``ball/pose``, ``ball/twist``, and for who
+    listens ``ball/overlay``."""
 
     def __init__(self) -> None:
         super().__init__("spindoe")
@@ -36,11 +37,16 @@ class SpinNode(Node):  # type: ignore[misc]
             memory_s=value("memory_s", 0.25, "age at which poses are forgotten, s"),
             max_rps=value("max_rps", 175.0, "largest spin considered, revolutions per second"),
         )
+        transport = value("image_transport", "raw", "raw (image) or compressed (image/compressed)")
+        if transport not in ("raw", "compressed"):
+            raise ValueError(f"image_transport: expected raw or compressed, found {transport!r}")
         self._core = SpinCore(settings)
         self._pose = self.create_publisher(PoseWithCovarianceStamped, "ball/pose", 10)
         self._twist = self.create_publisher(TwistWithCovarianceStamped, "ball/twist", 10)
+        self._overlay = self.create_publisher(Image, "ball/overlay", qos_profile_sensor_data)
         self.create_subscription(CameraInfo, "camera_info", self._on_camera_info, qos_profile_sensor_data)
-        self.create_subscription(Image, "image", self._on_image, qos_profile_sensor_data)
+        kind, topic = (Image, "image") if transport == "raw" else (CompressedImage, "image/compressed")
+        self.create_subscription(kind, topic, self._on_image, qos_profile_sensor_data)
 
     def _declared(self, name: str, default: Any, description: str) -> Any:
         described = ParameterDescriptor(description=description, read_only=True)
@@ -53,7 +59,7 @@ class SpinNode(Node):  # type: ignore[misc]
         except ValueError as error:
             self.get_logger().error(f"camera_info: {error}", throttle_duration_sec=5.0)
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Image | CompressedImage) -> None:
         try:
             answer = self._core.on_image(message)
         except ValueError as error:
@@ -86,6 +92,12 @@ class SpinNode(Node):  # type: ignore[misc]
             angular.x, angular.y, angular.z = map(float, answer.spin.spin_rad_s)
             twist.twist.covariance = answer.twist_covariance()
             self._twist.publish(twist)
+        if self._overlay.get_subscription_count() > 0:
+            drawn = answer.overlay()
+            height, width, _ = drawn.shape
+            self._overlay.publish(
+                Image(header=header, height=height, width=width, encoding="rgb8", step=3 * width, data=drawn.tobytes())
+            )
 
 
 def main() -> None:

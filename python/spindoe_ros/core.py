@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import spindoe
+from spindoe._draw import discs, ring
+from spindoe._native import read_image
 
+Order = Literal["gray", "rgb", "bgr"]
 # encoding: (type, channels in memory, color)
-ENCODINGS: dict[str, tuple[str, int, Literal["gray", "rgb", "bgr"]]] = {
+ENCODINGS: dict[str, tuple[str, int, Order]] = {
     "mono8": ("u1", 1, "gray"),
     "8UC1": ("u1", 1, "gray"),
     "mono16": ("u2", 1, "gray"),
@@ -25,11 +28,21 @@ ENCODINGS: dict[str, tuple[str, int, Literal["gray", "rgb", "bgr"]]] = {
     "rgba8": ("u1", 4, "rgb"),
     "bgr8": ("u1", 3, "bgr"),
     "bgra8": ("u1", 4, "bgr"),
+    "rgb16": ("u2", 3, "rgb"),
+    "bgr16": ("u2", 3, "bgr"),
+}
+# encoding: (type, colors of the first two rows' first two pixels)
+MOSAICS: dict[str, tuple[str, str]] = {
+    f"bayer_{colors}{bits}": (kind, colors)
+    for colors in ("rggb", "bggr", "gbrg", "grbg")
+    for bits, kind in ((8, "u1"), (16, "u2"))
 }
 # Variance of what is not measured: m^2, (m/s)^2.
 UNKNOWN = 1e6
 # Standard deviation of an outline's center and radius over its radius: most are within it (docs/measurements/detector.md).
 OUTLINE = 0.01
+# Colors of an overlay, rgb: the outline, dots that are the pattern's, and other detections.
+OUTLINE_COLOR, MATCHED_COLOR, OTHER_COLOR = (255, 200, 0), (40, 220, 60), (230, 50, 70)
 # What a view frame's name adds to that of the camera's frame.
 VIEW = "_view"
 
@@ -63,6 +76,12 @@ class Answer:
     position_m: NDArray[np.float64] | None
     """Ball's center; None without intrinsics, or without a ball."""
     position_covariance: NDArray[np.float64] | None
+    frame: spindoe.FrameEstimate
+    """All that was seen."""
+    image: NDArray[Any]
+    """The image, shape (height, width) or (height, width, 3), 8 or 16 bits."""
+    color: Order
+    """The order of its channels."""
 
     @property
     def reason(self) -> str:
@@ -85,6 +104,21 @@ class Answer:
         if self.pose:
             covariance[3:, 3:] = self.pose.covariance
         return covariance.ravel()
+
+    def overlay(self) -> NDArray[np.uint8]:
+        """The image with the ball's outline and the detected dots drawn onto it; rgb, shape (height, width, 3)."""
+        eight = (self.image >> 8 if self.image.dtype.itemsize == 2 else self.image).astype(np.uint8)
+        channels = {"gray": np.s_[..., None], "rgb": np.s_[..., :], "bgr": np.s_[..., ::-1]}[self.color]
+        drawn: NDArray[np.uint8] = np.empty((*eight.shape[:2], 3), dtype=np.uint8)
+        drawn[...] = eight[channels]
+        if self.frame.circle is None:
+            return drawn
+        ring(drawn, self.frame.circle, OUTLINE_COLOR)
+        is_matched = self.frame.assignment >= 0
+        radius = max(1.0, 0.03 * self.frame.circle[2])
+        discs(drawn, self.frame.dots[~is_matched, :2], radius, OTHER_COLOR)
+        discs(drawn, self.frame.dots[is_matched, :2], radius, MATCHED_COLOR)
+        return drawn
 
     def twist_covariance(self) -> NDArray[np.float64]:
         """Row-major 6 x 6 of ``TwistWithCovariance``: linear first, which is unknown."""
@@ -121,24 +155,81 @@ def camera_of(message: Any, rectified: bool = False) -> spindoe.Camera | None:
     return spindoe.Camera(k, distortion if distortion.size else None, fisheye=model == "equidistant")
 
 
-def image_of(message: Any) -> tuple[NDArray[Any], Literal["gray", "rgb", "bgr"]]:
-    """The pixels of a ``sensor_msgs/Image``, where they lie.
+def image_of(message: Any) -> tuple[NDArray[Any], Order]:
+    """The pixels of a ``sensor_msgs/Image``, where they lie, or of a ``sensor_msgs/CompressedImage``, and the order of their
+    channels. Bayer mosaics are made color images.
 
     Raises:
-        ValueError: For an encoding that has no pixels, or too few bytes.
+        ValueError: For an encoding or a format that has no pixels, too few bytes, or bytes that cannot be decoded.
     """
+    if hasattr(message, "format"):
+        return _decoded(message)
+    if message.encoding in MOSAICS:
+        kind, colors = MOSAICS[message.encoding]
+        return demosaic(_rows(message, kind, 1)[..., 0], colors), "rgb"
     if message.encoding not in ENCODINGS:
-        known = ", ".join(ENCODINGS)
+        known = ", ".join([*ENCODINGS, *MOSAICS])
         raise ValueError(f"encoding: expected one of {known}, found {message.encoding!r}")
     kind, channels, color = ENCODINGS[message.encoding]
+    pixels = _rows(message, kind, channels)
+    return (pixels[..., 0] if color == "gray" else pixels[..., :3]), color
+
+
+def _rows(message: Any, kind: str, channels: int) -> NDArray[Any]:
+    """The numbers of an ``Image``, without the padding of its rows; shape (height, width, channels)."""
     order = ">" if message.is_bigendian and kind == "u2" else "<"
     dtype = np.dtype(order + kind)
     data = np.frombuffer(message.data, dtype=np.uint8)
-    rows = data[: message.height * message.step].reshape(message.height, message.step)
-    used = np.ascontiguousarray(rows[:, : message.width * channels * dtype.itemsize])
-    pixels = used.view(dtype).reshape(message.height, message.width, channels)
-    native = pixels.astype(dtype.newbyteorder("="), copy=False)
-    return (native[..., 0] if color == "gray" else native[..., :3]), color
+    size, used = message.height * message.step, message.width * channels * dtype.itemsize
+    if len(data) < size or message.step < used:
+        raise ValueError(
+            f"data: expected {message.height} rows of {used} bytes or more, found {len(data)} bytes in rows of {message.step}"
+        )
+    rows = np.ascontiguousarray(data[:size].reshape(message.height, message.step)[:, :used])
+    pixels = rows.view(dtype).reshape(message.height, message.width, channels)
+    return pixels.astype(dtype.newbyteorder("="), copy=False)
+
+
+def _decoded(message: Any) -> tuple[NDArray[Any], Order]:
+    """The pixels of a ``CompressedImage``. Its format reads ``bgr8; jpeg compressed bgr8``, the encoding at the camera, the codec
+    and the encoding of what is compressed; or names the codec alone."""
+    if "compressedDepth" in message.format:
+        raise ValueError(f"format: expected an image, found {message.format!r}")
+    pixels = read_image("data", bytes(message.data))
+    compressed = message.format.split()[-1:]
+    if compressed and compressed[0] in MOSAICS:
+        return demosaic(pixels[..., 0], MOSAICS[compressed[0]][1]), "rgb"
+    return pixels, "rgb"
+
+
+def demosaic(mosaic: NDArray[Any], colors: str) -> NDArray[Any]:
+    """The color image of a Bayer mosaic, bilinear: what a pixel lacks is the mean of its nearest neighbors that have it.
+
+    Args:
+        mosaic: Shape (height, width), each at least 2; whole numbers of 8 or 16 bits.
+        colors: Those of the first two rows' first two pixels, row by row: ``"rggb"``, ...
+
+    Returns:
+        Shape (height, width, 3), rgb, of the same type.
+    """
+    if min(mosaic.shape) < 2:
+        raise ValueError(f"image: expected a mosaic of at least 2 x 2 pixels, found {mosaic.shape}")
+    # Mirrored about the outer pixels, the mosaic goes on as it is.
+    wide = np.pad(mosaic.astype(np.uint32), 1, mode="reflect")
+    image: NDArray[Any] = np.empty((*mosaic.shape, 3), dtype=mosaic.dtype)
+    for channel, color in enumerate("rgb"):
+        only = np.zeros_like(wide)
+        for place in (k for k in range(4) if colors[k] == color):
+            own = np.s_[(place // 2 + 1) % 2 :: 2, (place % 2 + 1) % 2 :: 2]
+            only[own] = wide[own]
+        total = 4 * only[1:-1, 1:-1]
+        beside = only[:-2, 1:-1] + only[2:, 1:-1] + only[1:-1, :-2] + only[1:-1, 2:]
+        if color == "g":
+            total += beside
+        else:
+            total += 2 * beside + only[:-2, :-2] + only[:-2, 2:] + only[2:, :-2] + only[2:, 2:]
+        image[..., channel] = (total + 2) >> 2
+    return image
 
 
 def seconds(stamp: Any) -> float:
@@ -187,17 +278,18 @@ class SpinCore:
         return True
 
     def on_image(self, message: Any) -> Answer:
-        """Takes the next image. A stamp that goes back, as when a bag starts again, is a new beginning."""
+        """Takes the next image, a ``sensor_msgs/Image`` or ``CompressedImage``. A stamp that goes back, as when a bag starts again, is a new beginning."""
+        image, color = image_of(message)
         time_s = seconds(message.header.stamp)
         if self._last_s is not None and time_s <= self._last_s:
             self.tracker.reset()
         self._last_s = time_s
-        image, color = image_of(message)
         state = self.tracker.update(image, time_s, color=color)
         pose, spin, axes = state.frame.pose, state.spin, self.settings.frame
         pose = pose.as_frame(axes) if pose else pose
         spin = spin.as_frame(axes) if spin else spin
-        return Answer(pose, spin, *self._position(state.frame.circle, pose))
+        position, covariance = self._position(state.frame.circle, pose)
+        return Answer(pose, spin, position, covariance, state.frame, image, color)
 
     def _position(
         self, circle: tuple[float, float, float] | None, pose: spindoe.Pose | spindoe.Rejection

@@ -1,1 +1,0 @@
-"""A ROS 2 node that publishes a ball's orientation and spin."""
