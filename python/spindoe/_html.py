@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ._common import Floats
-from .plot import DOT, LEFT_OUT, MATCHED
 
 if TYPE_CHECKING:
+    from ._frame import FrameEstimate
     from ._sequence import SequenceEstimate
-    from ._vision import FrameEstimate
+
+
+DOT = "#1f4e79"
+MATCHED = "#2a9d3a"
+LEFT_OUT = "#d1495b"
 
 
 def _page(width: float, height: float, shapes: Iterable[str], words: Iterable[str]) -> str:

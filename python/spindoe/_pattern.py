@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _native
+from . import _html, _native
 from ._common import Floats, floats, settings_json
 
 if TYPE_CHECKING:
@@ -127,8 +127,6 @@ class Pattern:
         return plot.pattern(self, ax, **style)
 
     def _repr_html_(self) -> str:
-        from . import _html
-
         return _html.ball(self.dots, 0.1, repr(self))
 
     def __len__(self) -> int:
@@ -265,8 +263,6 @@ class HashTable:
         return meta
 
     def _repr_html_(self) -> str:
-        from . import _html
-
         design = self.design
         radius_rad = design.dot_diameter_mm / design.ball_diameter_mm if design else 0.1
         return _html.ball(self.pattern.dots, radius_rad, repr(self))

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ._common import Floats, optional
+from ._frame import FrameEstimate
 from ._image import Color, Image, rgb8
 from ._pattern import PathLike, Tabled, as_table
 from ._sequence import SequenceEstimate
 from ._spin import Spin
-from ._vision import FrameEstimate, TrackerState
+from ._vision import TrackerState
 
 if TYPE_CHECKING:
     import rerun

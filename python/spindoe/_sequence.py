@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _html
 from ._common import Floats, Frame, Ints, Rejection, optional, write_whole
+from ._frame import FrameEstimate, Pose
 from ._native import __version__
 from ._pattern import PathLike
 from ._spin import Alias, Spin
-from ._vision import FrameEstimate, Pose
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -137,8 +138,6 @@ class SequenceEstimate:
         return plot.sequence(self, ax, **style)
 
     def _repr_html_(self) -> str:
-        from . import _html
-
         return _html.sequence(self)
 
     def __repr__(self) -> str:

@@ -27,9 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._common import Floats, optional, rotation_matrix
+from ._frame import Camera
 from ._image import Color, Image, rgb8
 from ._pattern import PathLike, Tabled
-from ._vision import Camera, Estimator, Tracker, TrackerState
+from ._vision import Estimator, Tracker, TrackerState
 
 Source = int | PathLike | Iterable[tuple[Image, float]]
 """A camera's index, a video, a folder of images, or images with their times in seconds."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ._common import Floats, floats, optional, to_scipy, triple
+from ._frame import FrameEstimate
+from ._html import DOT, LEFT_OUT, MATCHED
 from ._image import Color, Image, rgb8
 from ._pattern import Pattern, Tabled, as_table
-from ._vision import FrameEstimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,10 +19,6 @@ if TYPE_CHECKING:
     from ._recognize import Identification
     from ._sequence import SequenceEstimate
     from ._spin import Spin
-
-DOT = "#1f4e79"
-MATCHED = "#2a9d3a"
-LEFT_OUT = "#d1495b"
 
 
 def _axes(ax: Axes | None) -> Axes:
