@@ -1,4 +1,5 @@
-"""Opens every page of the built site in headless Chromium: no console error, no broken link or picture, search finds words.
+"""Opens every page of the built site in headless Chromium: no console error, no broken link or picture, search finds words; and
+the reference lists every public name of the Python package.
 
     mkdocs build -d site && python3 python/check_site.py site
 
@@ -6,9 +7,11 @@ Needs the Python package `playwright` and a Chromium, as check_page.py does. Whe
 with 77. Prints one line a page; exits with 1 where one fails.
 """
 
+import ast
 import functools
 import http.server
 import pathlib
+import re
 import shutil
 import sys
 import threading
@@ -72,6 +75,25 @@ def check_search(page, start, checks):
         checks.that(any(expected in link for link in links), f"search for {word}: {len(links)} results")
 
 
+def public_names(package):
+    """What the package exports, and the functions and classes of its public modules."""
+    for path in sorted(package.glob("[!_]*.py")):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
+                yield f"spindoe.{path.stem}.{node.name}"
+    for node in ast.parse((package / "__init__.py").read_text()).body:
+        if isinstance(node, ast.Assign) and node.targets[0].id == "__all__":
+            yield from (f"spindoe.{name}" for name in ast.literal_eval(node.value))
+
+
+def check_reference(site, checks):
+    """The reference has an entry for every public name of the Python package."""
+    entries = set(re.findall(r'id="([^"]+)"', (site / "reference/python/index.html").read_text()))
+    names = list(public_names(pathlib.Path(__file__).parent / "spindoe"))
+    missing = [name for name in names if name not in entries]
+    checks.that(len(names) > 50 and not missing, f"reference: {len(names)} names {missing[:5]}")
+
+
 def main():
     if len(sys.argv) != 2 or not pathlib.Path(sys.argv[1], "index.html").is_file():
         sys.exit("usage: check_site.py SITE, a folder that `mkdocs build -d SITE` wrote")
@@ -83,6 +105,7 @@ def main():
     if chromium is None:
         skip("there is no chromium")
     checks = Checks()
+    check_reference(pathlib.Path(sys.argv[1]), checks)
     start = serve(sys.argv[1])
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])

@@ -130,10 +130,7 @@ def python(_, __):
     found = package.Estimator(table).estimate_sequence(images, times, color="rgb")
     figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), width_ratios=[1.6, 1, 1], layout="constrained")
     table.pattern.plot(axes[0])
-    frame = found.frames[6]
-    frame.plot(images[6], table=table, ax=axes[1])
-    u, v, radius = frame.circle
-    axes[1].set(xlim=(u - 1.3 * radius, u + 1.3 * radius), ylim=(v + 1.3 * radius, v - 1.3 * radius))
+    found.frames[6].plot(images[6], table=table, color="rgb", ax=axes[1])
     found.spin.plot(axes[2])
     figure.savefig("docs/python.png", dpi=100)
 

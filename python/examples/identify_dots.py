@@ -48,7 +48,7 @@ def main() -> None:
         import matplotlib.pyplot as plt
 
         figure, ax = plt.subplots()
-        found.plot(image, table=table, dots=dots, circle=truth.circle, ax=ax)
+        found.plot(image, table=table, dots=dots, circle=truth.circle, color="rgb", ax=ax)
         figure.savefig(arguments.plot)
 
 

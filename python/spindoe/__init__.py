@@ -18,6 +18,7 @@ Bad input raises `ValueError`, what the system refuses `OSError`, both with one 
 from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
+from ._frame import BallView, Camera, FrameEstimate, Pose
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
@@ -30,21 +31,12 @@ from ._recognize import (
     RecognizerSettings,
     Rival,
 )
+from ._rerun import to_rerun
+from ._sequence import SequenceEstimate
 from ._spin import Alias, Spin, fit_spin
 from ._stencil import Stencil, StencilSettings
 from ._synth import SynthSettings, Truth, synth
-from ._vision import (
-    BallView,
-    Camera,
-    CircleSettings,
-    Estimator,
-    EstimatorSettings,
-    FrameEstimate,
-    Pose,
-    SequenceEstimate,
-    Tracker,
-    TrackerState,
-)
+from ._vision import CircleSettings, Estimator, EstimatorSettings, Tracker, TrackerState
 
 __all__ = [
     "Alias",
@@ -92,6 +84,7 @@ __all__ = [
     "merge",
     "read_trajectories",
     "synth",
+    "to_rerun",
     "validate",
     "write_onnx",
 ]

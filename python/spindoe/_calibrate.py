@@ -12,7 +12,7 @@ from ._common import Floats, Ints
 from ._pattern import HashTable, Pattern
 
 if TYPE_CHECKING:
-    from ._vision import FrameEstimate
+    from ._frame import FrameEstimate
 
 DotState = Literal["measured", "unseen", "doubtful", "missing"]
 

@@ -7,6 +7,8 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from ._common import optional
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `run`."""
@@ -49,11 +51,7 @@ def run(
         for task in tasks:
             yield work(*task)
         return
-    try:
-        import ray as cluster
-    except ImportError as error:
-        raise ValueError("ray: expected it to be installed: pip install spindoe[ray]") from error
-
+    cluster = optional("ray", "ray")
     is_mine = not cluster.is_initialized()
     if is_mine:
         try:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
+import os
+import uuid
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -65,11 +69,47 @@ def wxyz(name: str, quaternion: ArrayLike) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
+def optional(module: str, extra: str) -> Any:
+    """A module that the package does without.
+
+    Raises:
+        ValueError: Where it is not installed: with what installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        name = module.partition(".")[0]
+        raise ValueError(f"{name}: expected it to be installed: pip install spindoe[{extra}]") from error
+
+
 def to_scipy(quaternion_wxyz: Floats) -> Rotation:
     """SciPy's rotation of a quaternion, or of many; SciPy puts the scalar last."""
-    from scipy.spatial.transform import Rotation
+    rotation: Rotation = optional("scipy.spatial.transform", "scipy").Rotation.from_quat(
+        np.roll(quaternion_wxyz, -1, axis=-1)
+    )
+    return rotation
 
-    return Rotation.from_quat(np.roll(quaternion_wxyz, -1, axis=-1))
+
+def rotation_matrix(quaternion_wxyz: Floats) -> Floats:
+    """The matrix of a unit quaternion, shape (3, 3)."""
+    w, x, y, z = quaternion_wxyz
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
+    """Writes a file that appears whole or not at all, with the rights that a new file has."""
+    aside = Path(f"{os.fspath(path)}.{uuid.uuid4().hex}.part")
+    try:
+        aside.write_bytes(content)
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
 
 
 def progress_of(progress: bool | Progress, total: int, unit: str) -> tuple[Progress | None, Any]:

@@ -74,6 +74,23 @@ def pixels(name: str, image: Any, color: Color | None) -> tuple[Any, Color]:
     return _whole(name, image), color
 
 
+def rgb8(image: Any, color: Color | None) -> NDArray[np.uint8]:
+    """An image to be shown, read as `pixels` reads it: red, green, blue, shape (height, width, 3), uint8; a copy.
+
+    Raises:
+        ValueError: Naming ``image`` or ``color``.
+    """
+    given, order = pixels("image", image, color)
+    channels = () if order == "gray" else (3,)
+    shape, dtype = np.shape(given), getattr(given, "dtype", type(given).__name__)
+    if dtype not in (np.uint8, np.uint16) or len(shape) < 2 or shape[2:] != channels:
+        raise ValueError(f"image: expected uint8 or uint16, {order}, found {dtype}, shape {shape}")
+    levels: NDArray[np.uint8] = (given >> 8).astype(np.uint8) if dtype == np.uint16 else given
+    if order == "gray":
+        return np.repeat(levels[..., None], 3, axis=2)
+    return np.array(levels[..., ::-1] if order == "bgr" else levels, order="C")
+
+
 def frames_of(images: Any, color: Color | None) -> tuple[list[Any], Color]:
     """Images of the same channels, as `pixels` has them, named ``images[0]`` and so on."""
     if not isinstance(images, Iterable) or isinstance(images, (str, os.PathLike)):

@@ -46,8 +46,11 @@ _Calibrated = tuple[
 _Camera = tuple[str, list[float]]
 
 __version__: str
+"""The version of the package."""
 MIN_CONFIDENCE_DOTS: float
+"""The probability below which a `Recognizer` rejects an orientation, by default."""
 MIN_CONFIDENCE_IMAGES: float
+"""The probability below which an `Estimator` rejects an orientation, by default."""
 
 def command(arguments: list[str]) -> int: ...
 def read_trajectories(

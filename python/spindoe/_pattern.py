@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _native
+from . import _html, _native
 from ._common import Floats, floats, settings_json
 
 if TYPE_CHECKING:
@@ -125,6 +125,9 @@ class Pattern:
         from . import plot
 
         return plot.pattern(self, ax, **style)
+
+    def _repr_html_(self) -> str:
+        return _html.ball(self.dots, 0.1, repr(self))
 
     def __len__(self) -> int:
         return len(self._dots)
@@ -258,6 +261,11 @@ class HashTable:
         """The metadata: version, recognizer, pair rule, objective, and the validation it shipped with."""
         meta: dict[str, Any] = json.loads(self._handle.meta())
         return meta
+
+    def _repr_html_(self) -> str:
+        design = self.design
+        radius_rad = design.dot_diameter_mm / design.ball_diameter_mm if design else 0.1
+        return _html.ball(self.pattern.dots, radius_rad, repr(self))
 
     def __repr__(self) -> str:
         rows = len(self._handle.feature_dots())

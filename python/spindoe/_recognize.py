@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
     from typing_extensions import Unpack
 
+    from ._image import Color, Image
+
 RecognizerName = Literal["robust", "paper"]
 ProtocolName = Literal["paper", "sparse", "clutter", "image"]
 
@@ -84,17 +86,20 @@ class Identification:
 
     def plot(
         self,
-        image: NDArray[Any] | None = None,
+        image: Image | None = None,
         *,
         table: Tabled,
         dots: ArrayLike | None = None,
         circle: ArrayLike | None = None,
+        color: Color | None = None,
         ax: Axes | None = None,
     ) -> Axes:
         """Draws the identified pattern onto the image; see `spindoe.plot.identification`."""
         from . import plot
 
-        return plot.identification(self, image, table=table, dots=dots, circle=circle, ax=ax)
+        return plot.identification(
+            self, image, table=table, dots=dots, circle=circle, color=color, ax=ax
+        )
 
     def __bool__(self) -> Literal[True]:
         return True

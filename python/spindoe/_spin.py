@@ -94,11 +94,11 @@ class Spin:
 
     def as_rotation(self, time_s: ArrayLike | None = None) -> Rotation:
         """SciPy's rotation at the reference time, or by the model at others."""
-        from scipy.spatial.transform import Rotation
-
         start = to_scipy(self.quaternion_wxyz)
         if time_s is None:
             return start
+        from scipy.spatial.transform import Rotation
+
         elapsed = np.asarray(time_s, dtype=np.float64)[..., None] - self.time_s
         c, q = self.decay_per_s, self.body_rate_rad_s
         tau = -np.expm1(-c * elapsed) / c if c else elapsed

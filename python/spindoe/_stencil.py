@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, settings_json
+from ._common import Floats, optional, settings_json
 from ._pattern import HashTable, PathLike, Pattern, Tabled, as_ball
 
 if TYPE_CHECKING:
@@ -110,10 +110,10 @@ class Stencil:
 
     def to_trimesh(self, half: Literal["a", "b"]) -> trimesh.Trimesh:
         """A half as `trimesh.Trimesh`, millimeters."""
-        import trimesh
-
+        library = optional("trimesh", "mesh")
         vertices, faces = self.arrays(half)
-        return trimesh.Trimesh(vertices, faces.astype(np.int64), process=False)
+        mesh: trimesh.Trimesh = library.Trimesh(vertices, faces.astype(np.int64), process=False)
+        return mesh
 
     def save(self, dir: PathLike) -> None:
         """Writes ``half_a.stl``, ``half_b.stl``, ``stencil.3mf`` and ``stencil.json``."""

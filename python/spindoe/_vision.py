@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypedDict, cast
 
 import numpy as np
@@ -14,310 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._calibrate import Calibration, calibration_of
-from ._common import (
-    Axes,
-    Floats,
-    Frame,
-    Ints,
-    Progress,
-    Rejection,
-    floats,
-    progress_of,
-    settings_json,
-    to_scipy,
-    triple,
-)
+from ._common import Frame, Progress, Rejection, floats, progress_of, settings_json, triple
+from ._frame import Camera, FrameEstimate, frame_of
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable, PathLike, Tabled, as_table
 from ._recognize import Hint
+from ._sequence import SequenceEstimate
 from ._spin import Spin, spin_of
 
 if TYPE_CHECKING:
-    import matplotlib.axes
-    from scipy.spatial.transform import Rotation
     from typing_extensions import Unpack
-
-
-@dataclass(frozen=True, slots=True, init=False)
-class Camera:
-    """What is known of the camera. Pixels: u right, v down, (0, 0) the center of the top-left one.
-
-    ``Camera(K, dist)`` is one with intrinsics, as OpenCV and ROS have them; `read` takes them from a file. ``Camera()`` is one
-    of which nothing is known.
-
-    Args:
-        matrix: The intrinsic matrix, rows ``fx s cx``, ``0 fy cy``, ``0 0 1``.
-        distortion: OpenCV's coefficients: k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]]; of a fisheye k1 to k4.
-        fisheye: Whether they are those of OpenCV's ``fisheye`` module, ROS' ``equidistant``.
-    """
-
-    kind: Literal["unknown", "parallel", "distance", "pinhole", "fisheye"]
-    numbers: tuple[float, ...]
-    """Of intrinsics fx, fy, cx, cy, skew, and the distortion."""
-
-    def __init__(
-        self, matrix: ArrayLike | None = None, distortion: ArrayLike | None = None, *, fisheye: bool = False
-    ) -> None:
-        if matrix is None:
-            if distortion is not None:
-                raise ValueError("distortion: expected the matrix with it")
-            self._set("unknown", (0.07, 0.05))
-            return
-        k = floats("matrix", matrix)
-        if k.shape != (3, 3):
-            raise ValueError(f"matrix: expected shape (3, 3), found {k.shape}")
-        if distortion is not None:
-            coefficients = floats("distortion", distortion).ravel().tolist()
-        else:
-            coefficients = [0.0] * 4 if fisheye else []
-        kind, numbers = _native.intrinsics_of(k.tolist(), coefficients, fisheye)
-        self._set(kind, tuple(numbers))
-
-    def _set(self, kind: str, numbers: tuple[float, ...]) -> None:
-        object.__setattr__(self, "kind", kind)
-        object.__setattr__(self, "numbers", numbers)
-
-    @classmethod
-    def _of(cls, kind: str, *numbers: float) -> Camera:
-        camera = cls.__new__(cls)
-        camera._set(kind, tuple(float(x) for x in numbers))
-        return camera
-
-    @classmethod
-    def unknown(cls, inverse_distance: float = 0.07, sigma: float = 0.05) -> Camera:
-        """Neither intrinsics nor distance: that is estimated, from this expectation of the ball radii
-        over the camera's distance, and its standard deviation."""
-        return cls._of("unknown", inverse_distance, sigma)
-
-    @classmethod
-    def parallel(cls) -> Camera:
-        """Parallel rays: for a ball that is small compared with its distance."""
-        return cls._of("parallel")
-
-    @classmethod
-    def at_distance(cls, radii: float) -> Camera:
-        """From a known distance to the ball's center, in ball radii."""
-        return cls._of("distance", radii)
-
-    @classmethod
-    def pinhole(cls, fx: float, fy: float, cx: float, cy: float) -> Camera:
-        """Known focal lengths and principal point, pixels, without distortion."""
-        return cls._of("pinhole", fx, fy, cx, cy, 0.0)
-
-    @classmethod
-    def from_matrix(cls, matrix: ArrayLike) -> Camera:
-        """The camera of an intrinsic matrix of shape (3, 3) without distortion: ``Camera(matrix)``."""
-        return cls(matrix)
-
-    @classmethod
-    def read(cls, path: PathLike) -> Camera:
-        """The intrinsics of a file: OpenCV's YAML or JSON, or ROS' camera_info."""
-        kind, numbers = _native.read_intrinsics(os.fspath(path))
-        return cls._of(kind, *numbers)
-
-    @property
-    def has_intrinsics(self) -> bool:
-        """Whether its intrinsics are known: then orientations are in its frame, and balls have a position."""
-        return self.kind in ("pinhole", "fisheye")
-
-    def project(self, points: ArrayLike) -> Floats:
-        """Pixels ``u, v``, shape (n, 2), of points in OpenCV's frame (x right, y down, z forward), shape (n, 3), with the
-        distortion: ``cv2.projectPoints`` without a pose."""
-        optical = floats("points", points)
-        return _native.project_points(self._given(), optical * [1.0, -1.0, -1.0])
-
-    def view(self, circle: ArrayLike) -> BallView:
-        """The view of a ball whose outline is the circle ``u, v, radius``, pixels."""
-        return BallView(self, circle)
-
-    def _given(self) -> tuple[str, list[float]]:
-        return self.kind, list(self.numbers)
-
-
-class BallView:
-    """A ball in an image: from pixels to directions from its center, and back.
-
-    Args:
-        camera: A camera that is not unknown.
-        circle: The ball's outline ``u, v, radius``, pixels.
-    """
-
-    __slots__ = ("_handle", "camera", "circle")
-    _handle: _native.BallView
-    camera: Camera
-    circle: tuple[float, float, float]
-
-    def __init__(self, camera: Camera, circle: ArrayLike) -> None:
-        self.camera = camera
-        self.circle = triple("circle", circle)
-        self._handle = _native.BallView(camera._given(), self.circle)
-
-    def project(self, directions: ArrayLike) -> Floats:
-        """Pixels ``u, v``, shape (n, 2), of directions in the camera frame, shape (n, 3), seen or not."""
-        return self._handle.project(floats("directions", directions))
-
-    def back_project(
-        self, pixels: ArrayLike, sigma_px: float | None = None, covariances: ArrayLike | None = None
-    ) -> tuple[Floats, Floats]:
-        """Directions, shape (n, 3), with their covariances, shape (n, 3, 3), camera frame: what
-        `Recognizer.identify` takes. NaN for pixels outside the ball.
-
-        Args:
-            pixels: Shape (n, 2).
-            sigma_px: Their standard deviation per axis, pixels; 1 where nothing is given.
-            covariances: Or their covariances, px^2, shape (n, 2, 2).
-        """
-        points = floats("pixels", pixels)
-        if covariances is None:
-            variance = (1.0 if sigma_px is None else float(sigma_px)) ** 2
-            blocks = np.broadcast_to(np.eye(2) * variance, (len(points), 2, 2))
-        elif sigma_px is not None:
-            raise ValueError("covariances: expected them or sigma_px, found both")
-        else:
-            blocks = floats("covariances", covariances)
-        return self._handle.back_project(points, blocks)
-
-    @property
-    def horizon(self) -> float:
-        """Minimum z, towards the camera, of a point in sight."""
-        return self._handle.horizon()
-
-    def as_rotation(self) -> Rotation:
-        """From the frame whose z points at the camera to the camera's frame."""
-        return to_scipy(self._handle.to_camera())
-
-    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        return BallView, (self.camera, self.circle)
-
-
-@dataclass(slots=True, eq=False, repr=False)
-class Pose:
-    """An orientation from an image. True where a truth value is wanted."""
-
-    quaternion_wxyz: Floats
-    """Pattern to camera, scalar first, w >= 0; shape (4,); in `frame`."""
-    covariance: Floats
-    """Covariance of the small rotation vector, in `frame`, that leads to the true orientation, rad^2; shape (3, 3)."""
-    dots_confidence: float
-    """Probability that every dot is identified correctly."""
-    confidence: float
-    """Probability that the orientation is correct."""
-    residual_rad: float
-    """Root mean square angle between the matched dots and the rotated pattern, radians."""
-    residual_px: float
-    """The same in the image, pixels."""
-    distance: tuple[float, float] | None
-    """Ball radii over the camera's distance with its standard deviation (0 where it was given); None where the camera's intrinsics are known."""
-    hinted: bool
-    """Whether a hint decided: the dots alone gave no orientation, or another one."""
-
-    frame: Frame = "camera"
-    """The frame of the orientation: the camera's, or without intrinsics the view frame, whose z points from this ball to
-    the camera. `as_frame` gives the pose in other axes."""
-
-    def as_frame(self, frame: Axes) -> Pose:
-        """The same pose in other axes: x right, y up, z towards the camera for ``"camera"``; x right, y down, z forward (REP
-        103) for ``"optical"``. One in the view frame stays in the view frame."""
-        name, quaternion, _, covariance = _native.in_axes(
-            self.frame, frame, self.quaternion_wxyz, [], self.covariance
-        )
-        return replace(
-            self, quaternion_wxyz=quaternion, covariance=cast("Floats", covariance), frame=cast("Frame", name)
-        )
-
-    def as_rotation(self, frame: Axes | None = None) -> Rotation:
-        """SciPy's rotation from the pattern; in the axes of `frame`, or in others as `as_frame`."""
-        return to_scipy((self if frame is None else self.as_frame(frame)).quaternion_wxyz)
-
-    def __bool__(self) -> Literal[True]:
-        return True
-
-    def __repr__(self) -> str:
-        w, x, y, z = self.quaternion_wxyz
-        return f"<Pose wxyz [{w:.4f} {x:.4f} {y:.4f} {z:.4f}] ({self.frame}), p = {self.confidence:.4f}>"
-
-
-@dataclass(slots=True, eq=False, repr=False)
-class FrameEstimate:
-    """Everything seen in a frame."""
-
-    circle: tuple[float, float, float] | None
-    """The ball's outline ``u, v, radius``, pixels; None where there is no ball."""
-    dots: Floats
-    """Detections ``u, v, probability``, the likeliest first; shape (n, 3)."""
-    dot_covariances: Floats
-    """Their covariances, px^2; shape (n, 2, 2)."""
-    assignment: Ints
-    """For each detection the pattern's dot that it is, -1 for none; shape (n,)."""
-    pose: Pose | Rejection
-    """The orientation, or why there is none."""
-    seconds: tuple[float, float, float]
-    """Time of finding the ball, detecting the dots, and identifying them."""
-
-    @property
-    def matched(self) -> int:
-        """Number of detections that are matched with a dot of the pattern."""
-        return int(np.count_nonzero(self.assignment >= 0))
-
-    def plot(
-        self, image: NDArray[Any], *, table: Tabled, ax: matplotlib.axes.Axes | None = None
-    ) -> matplotlib.axes.Axes:
-        """Draws outline, detections and the identified pattern onto the image; see
-        `spindoe.plot.frame`."""
-        from . import plot
-
-        return plot.frame(self, image, table=table, ax=ax)
-
-    def __repr__(self) -> str:
-        return f"<FrameEstimate: {self.matched} of {len(self.dots)} dots, {self.pose!r}>"
-
-
-@dataclass(slots=True, eq=False, repr=False)
-class SequenceEstimate:
-    """The frames of one sequence, and its spin."""
-
-    frames: list[FrameEstimate]
-    """In the order of the images."""
-    spin: Spin | Rejection
-    """The spin, or why there is none."""
-    independent: int
-    """Number of frames that had an orientation before they informed each other."""
-    quaternions_wxyz: Floats
-    """Orientations, shape (frames, 4), NaN where there is none, in the frame of the spin: without
-    intrinsics the view frames of the poses are brought into one."""
-    covariances_rad2: Floats
-    """Covariances of their errors, rotation vectors in that frame; shape (frames, 3, 3)."""
-    view_turns_rad: Floats | None
-    """The turns of the view frame about x and y, and their standard deviations, shape (frames, 4);
-    None where the poses are in the camera frame."""
-    frame: Frame
-    """The frame of these orientations and of the spin."""
-
-    @property
-    def confidences(self) -> Floats:
-        """Probability of each orientation, 0 where there is none; shape (frames,)."""
-        return np.array([f.pose.confidence if f.pose else 0.0 for f in self.frames])
-
-    @property
-    def residuals_rad(self) -> Floats:
-        """Residual of each orientation, radians, NaN where there is none; shape (frames,)."""
-        return np.array([f.pose.residual_rad if f.pose else np.nan for f in self.frames])
-
-    @property
-    def matched(self) -> Ints:
-        """Number of matched dots of each frame; shape (frames,)."""
-        return np.array([f.matched for f in self.frames], dtype=np.int64)
-
-    def __repr__(self) -> str:
-        posed = sum(bool(frame.pose) for frame in self.frames)
-        return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
-
-
-def frame_of(found: Any) -> FrameEstimate:
-    """The native part's answer."""
-    circle, dots, covariances, assignment, pose, seconds = found
-    answer = Rejection(pose) if isinstance(pose, str) else Pose(*pose)
-    return FrameEstimate(circle, dots, covariances, assignment, answer, seconds)
 
 
 def _times(times_s: ArrayLike | None) -> list[float] | None:
@@ -492,9 +198,15 @@ class Estimator:
                 bar.close()
         answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
         quaternions, covariances, turns, frame = rows
-        estimates = [frame_of(f) for f in found]
         return SequenceEstimate(
-            estimates, answer, independently, quaternions, covariances, turns, cast("Frame", frame)
+            [frame_of(f) for f in found],
+            answer,
+            independently,
+            quaternions,
+            covariances,
+            turns,
+            cast("Frame", frame),
+            None if times is None else np.array(times),
         )
 
     def calibrate(

@@ -18,12 +18,12 @@ import json
 import os
 import subprocess
 import sys
-import uuid
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from . import _cluster
+from ._common import write_whole
 from ._native import __version__
 from ._pattern import PathLike
 
@@ -49,7 +49,7 @@ def _estimate(clip: str, table: str, target: str, flags: list[str]) -> dict[str,
             lines = done.stderr.strip().splitlines()
             return {"clip": clip, "reason": lines[-1] if lines else f"exit code {done.returncode}"}
         found = {**json.loads(done.stdout), "inputs_sha256": digest}
-        _write(target, json.dumps(found))
+        write_whole(target, json.dumps(found).encode())
     spin = found.get("spin", {})
     axis = spin.get("axis") or [None] * 3
     vector = spin.get("spin_rad_s") or [None] * 3
@@ -99,16 +99,6 @@ def _kept(target: str, digest: str) -> dict[str, Any] | None:
     return found if found.get("inputs_sha256") == digest else None
 
 
-def _write(path: str, text: str) -> None:
-    """Writes a file that appears whole or not at all, with the rights that a new file has."""
-    aside = Path(f"{path}.{uuid.uuid4().hex}.part")
-    try:
-        aside.write_bytes(text.encode())
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
-
-
 def batch(
     clips: Sequence[PathLike],
     table: PathLike,
@@ -150,7 +140,7 @@ def batch(
     writer = csv.DictWriter(summary, COLUMNS)
     writer.writeheader()
     writer.writerows(ordered)
-    _write(os.path.join(folder, "summary.csv"), summary.getvalue())
+    write_whole(os.path.join(folder, "summary.csv"), summary.getvalue().encode())
     return ordered
 
 

@@ -36,10 +36,11 @@ from numpy.typing import ArrayLike, NDArray
 from . import _native
 from ._common import Floats, Rejection, floats
 from ._draw import discs
+from ._frame import FrameEstimate
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable, PathLike, Pattern, Tabled, as_ball
 from ._recognize import Identification, Recognizer
-from ._vision import Estimator, EstimatorSettings, FrameEstimate
+from ._vision import Estimator, EstimatorSettings
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree

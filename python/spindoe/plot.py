@@ -5,29 +5,27 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ._common import Floats, floats, triple
+from ._common import Floats, floats, optional, to_scipy, triple
+from ._frame import FrameEstimate
+from ._html import DOT, LEFT_OUT, MATCHED
+from ._image import Color, Image, rgb8
 from ._pattern import Pattern, Tabled, as_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ._recognize import Identification
+    from ._sequence import SequenceEstimate
     from ._spin import Spin
-    from ._vision import FrameEstimate
-
-DOT = "#1f4e79"
-MATCHED = "#2a9d3a"
-LEFT_OUT = "#d1495b"
 
 
 def _axes(ax: Axes | None) -> Axes:
     if ax is not None:
         return ax
-    import matplotlib.pyplot as plt
-
-    return plt.figure().add_subplot()
+    made: Axes = optional("matplotlib.pyplot", "plot").figure().add_subplot()
+    return made
 
 
 def _ball(ax: Axes, center: tuple[float, float], radius: float) -> None:
@@ -76,11 +74,12 @@ def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float =
 
 def identification(
     found: Identification,
-    image: NDArray[Any] | None = None,
+    image: Image | None = None,
     *,
     table: Tabled,
     dots: ArrayLike | None = None,
     circle: ArrayLike | None = None,
+    color: Color | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Draws the dots of an identification with their names; without an image, on a unit circle.
@@ -92,6 +91,7 @@ def identification(
         dots: The observed dots, shape (n, 3), to be drawn beside the pattern's.
         circle: The ball's outline ``u, v, radius`` in the image, pixels; by default the largest in
             its middle.
+        color: The order of the image's channels, as in `Estimator.estimate`.
         ax: Where to draw.
     """
     ax = _axes(ax)
@@ -99,10 +99,11 @@ def identification(
         place, sign = (0.0, 0.0, 1.0), 1.0
         ax.set(xlim=(-1.15, 1.15), ylim=(-1.15, 1.15), aspect="equal")
     else:
-        height, width = image.shape[:2]
+        shown = rgb8(image, color)
+        height, width = shown.shape[:2]
         middle = ((width - 1) / 2.0, (height - 1) / 2.0, min(width, height) / 2.0)
         place, sign = (middle if circle is None else triple("circle", circle)), -1.0
-        ax.imshow(image, cmap="gray" if image.ndim == 2 else None)
+        ax.imshow(shown)
     u, v, radius = place
     _ball(ax, (u, v), radius)
 
@@ -113,8 +114,8 @@ def identification(
     matched = found.assignment[found.assignment >= 0]
     for index in np.flatnonzero(seen[:, 2] > 0.0):
         x, y = at(seen[index : index + 1])[0]
-        color = MATCHED if index in matched else "0.5"
-        ax.annotate(str(index), (x, y), color=color, ha="center", va="center", fontsize=8)
+        paint = MATCHED if index in matched else "0.5"
+        ax.annotate(str(index), (x, y), color=paint, ha="center", va="center", fontsize=8)
     if dots is not None:
         points = at(floats("dots", dots))
         is_matched = found.assignment >= 0
@@ -126,14 +127,28 @@ def identification(
 
 
 def frame(
-    found: FrameEstimate, image: NDArray[Any], *, table: Tabled, ax: Axes | None = None
+    found: FrameEstimate,
+    image: Image,
+    *,
+    table: Tabled,
+    color: Color | None = None,
+    ax: Axes | None = None,
 ) -> Axes:
-    """Draws the outline, the detections and the names of an estimated frame onto its image."""
+    """Draws the outline, the detections and the names of an estimated frame onto its image, around the ball.
+
+    Args:
+        found: The frame.
+        image: Its image, as in `Estimator.estimate`.
+        table: The pattern's table.
+        color: The order of the image's channels, as there.
+        ax: Where to draw.
+    """
     ax = _axes(ax)
-    ax.imshow(image, cmap="gray" if image.ndim == 2 else None)
+    ax.imshow(rgb8(image, color))
     if found.circle is not None:
         u, v, radius = found.circle
         _ball(ax, (u, v), radius)
+        ax.set(xlim=(u - 1.3 * radius, u + 1.3 * radius), ylim=(v + 1.3 * radius, v - 1.3 * radius))
     is_matched = found.assignment >= 0
     ring: dict[str, Any] = {"s": 90, "facecolors": "none", "linewidths": 1.2}
     ax.scatter(*found.dots[is_matched, :2].T, edgecolors=MATCHED, **ring)
@@ -170,4 +185,49 @@ def spin(found: Spin, ax: Axes | None = None, **style: Any) -> Axes:
     # Aliases are far off: on the same axis they would leave nothing to be seen of the intervals.
     words = f"; or {', '.join(f'{rps:.0f}' for rps in others)} rps" if others else ""
     ax.set_title(f"{found.inliers} inliers{words}", fontsize=9)
+    return ax
+
+
+def sequence(found: SequenceEstimate, ax: Axes | None = None, **style: Any) -> Axes:
+    """Draws how far the ball has turned about the spin's axis, with 95 % intervals, over the time after the first
+    frame; the fit; and up to three aliases as faint lines, which the limits leave aside.
+
+    Args:
+        found: A sequence with a spin.
+        ax: Where to draw.
+        style: Of the orientations: arguments of `matplotlib.axes.Axes.errorbar`.
+
+    Raises:
+        ValueError: Where the sequence has no spin.
+    """
+    motion = found.spin
+    if not motion or found.times_s is None:
+        reason = "it has no times" if motion else motion.reason
+        raise ValueError(f"found: expected a sequence with a spin: {reason}")
+    ax = _axes(ax)
+    posed = ~np.isnan(found.quaternions_wxyz[:, 0])
+    times, start = found.times_s[posed], found.times_s[0]
+    off = to_scipy(found.quaternions_wxyz[posed]) * motion.as_rotation(times).inv()
+    axis = motion.axis
+
+    def turns(at_s: Floats, rps: float) -> Floats:
+        elapsed, decay = at_s - motion.time_s, motion.decay_per_s
+        turned: Floats = rps * (-np.expm1(-decay * elapsed) / decay if decay else elapsed)
+        return turned
+
+    turned = turns(times, motion.rps) + off.as_rotvec() @ axis / (2.0 * np.pi)
+    variances = np.einsum("i,nij,j->n", axis, found.covariances_rad2[posed], axis)
+    errors = 1.96 * np.sqrt(np.maximum(variances, 0.0)) / (2.0 * np.pi)
+    given = {"fmt": "o", "markersize": 3, "capsize": 3, "color": DOT, **style}
+    ax.errorbar(times - start, turned, errors, **given)
+    line = np.linspace(found.times_s[0], found.times_s[-1], 200)
+    ax.plot(line - start, turns(line, motion.rps), color=MATCHED, linewidth=1.0, label=f"{motion.rps:.1f} rps")
+    # By the orientations and the fit: an alias runs through them many times as steeply.
+    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
+    for alias in motion.aliases[:3]:
+        along = float(alias.spin_rad_s @ axis) / (2.0 * np.pi)
+        magnitude = np.linalg.norm(alias.spin_rad_s) / (2.0 * np.pi)
+        ax.plot(line - start, turns(line, along), color="0.8", linewidth=0.8, zorder=0, label=f"or {magnitude:.0f} rps")
+    ax.set(xlabel="time after the first frame, s", ylabel="turns about the axis")
+    ax.legend(fontsize=8, frameon=False)
     return ax

@@ -1,0 +1,280 @@
+"""The frames of a sequence with its spin: kept, tabulated, drawn."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _html
+from ._common import Floats, Frame, Ints, Rejection, optional, write_whole
+from ._frame import FrameEstimate, Pose
+from ._native import __version__
+from ._pattern import PathLike
+from ._spin import Alias, Spin
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import pandas
+
+FORMAT_VERSION = 1
+
+
+@dataclass(slots=True, eq=False, repr=False)
+class SequenceEstimate:
+    """The frames of one sequence, and its spin."""
+
+    frames: list[FrameEstimate]
+    """In the order of the images."""
+    spin: Spin | Rejection
+    """The spin, or why there is none."""
+    independent: int
+    """Number of frames that had an orientation before they informed each other."""
+    quaternions_wxyz: Floats
+    """Orientations, shape (frames, 4), NaN where there is none, in the frame of the spin: without
+    intrinsics the view frames of the poses are brought into one."""
+    covariances_rad2: Floats
+    """Covariances of their errors, rotation vectors in that frame; shape (frames, 3, 3)."""
+    view_turns_rad: Floats | None
+    """The turns of the view frame about x and y, and their standard deviations, shape (frames, 4);
+    None where the poses are in the camera frame."""
+    frame: Frame
+    """The frame of these orientations and of the spin."""
+    times_s: Floats | None = None
+    """Times of the frames, seconds, shape (frames,); None where there were none."""
+
+    @property
+    def confidences(self) -> Floats:
+        """Probability of each orientation, 0 where there is none; shape (frames,)."""
+        return np.array([f.pose.confidence if f.pose else 0.0 for f in self.frames])
+
+    @property
+    def residuals_rad(self) -> Floats:
+        """Residual of each orientation, radians, NaN where there is none; shape (frames,)."""
+        return np.array([f.pose.residual_rad if f.pose else np.nan for f in self.frames])
+
+    @property
+    def matched(self) -> Ints:
+        """Number of matched dots of each frame; shape (frames,)."""
+        return np.array([f.matched for f in self.frames], dtype=np.int64)
+
+    def save(self, path: PathLike) -> None:
+        """Writes all of it as ``.npz``, which `load` and NumPy read; the file appears whole or not at all.
+
+        Rows are frames; ``dots``, ``dot_covariances_px2`` and ``assignment`` have those of frame ``i`` from
+        ``dot_offsets[i]`` to ``dot_offsets[i + 1]``. What a frame lacks is NaN, what the sequence lacks is no array.
+        ``meta`` is JSON in bytes: the format's version, the frames of orientations, and reasons.
+        """
+        content = io.BytesIO()
+        np.savez(content, allow_pickle=False, **_arrays(self))
+        write_whole(path, content.getvalue())
+
+    @classmethod
+    def load(cls, path: PathLike) -> SequenceEstimate:
+        """Reads what `save` wrote, bit by bit the same.
+
+        Raises:
+            ValueError: For a file of another kind or a later version, or with an array that is missing or of
+                another shape.
+        """
+        name = os.fspath(path)
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = dict(file.items())
+            meta = json.loads(arrays["meta"].tobytes())
+            version = meta["sequence_format_version"]
+        except (zipfile.BadZipFile, AttributeError, EOFError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{name}: expected a sequence that SequenceEstimate.save wrote") from error
+        if version != FORMAT_VERSION:
+            raise ValueError(f"{name}: expected format version {FORMAT_VERSION}, found {version}")
+        try:
+            return _sequence(arrays, meta)
+        except KeyError as error:
+            raise ValueError(f"{name}: {error.args[0]}: expected it, found none") from error
+        except (IndexError, TypeError, ValueError) as error:
+            raise ValueError(f"{name}: {error}") from error
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A row a frame, with the columns of ``spindoe estimate``'s CSV, but for ``residual_rad``, and the outline, whether
+        a hint decided, and the reason of a rejection. Needs pandas.
+
+        Orientations and covariances are in the frame that ``camera_frame`` names; outlines are pixels.
+        """
+        library = optional("pandas", "pandas")
+        count = len(self.frames)
+        posed = np.array([bool(f.pose) for f in self.frames], dtype=bool)
+        circles = np.array([f.circle or (np.nan,) * 3 for f in self.frames]).reshape(count, 3)
+        columns: dict[str, Any] = {
+            "time_s": np.full(count, np.nan) if self.times_s is None else self.times_s,
+            **{f"q{axis}": self.quaternions_wxyz[:, k] for k, axis in enumerate("wxyz")},
+            "dots": np.array([len(f.dots) for f in self.frames], dtype=np.int64),
+            "matched": self.matched,
+            "residual_rad": self.residuals_rad,
+            "confidence": self.confidences,
+            "camera_frame": [self.frame if has_pose else "" for has_pose in posed],
+        }
+        for i, j in zip(*np.triu_indices(3), strict=True):
+            columns[f"cov_{'xyz'[i]}{'xyz'[j]}"] = self.covariances_rad2[:, i, j]
+        if self.view_turns_rad is not None:
+            names = ("turn_x", "turn_y", "turn_sd_x", "turn_sd_y")
+            columns |= {name: self.view_turns_rad[:, k] for k, name in enumerate(names)}
+        columns |= {name: circles[:, k] for k, name in enumerate(("u_px", "v_px", "radius_px"))}
+        columns["hinted"] = [bool(f.pose and f.pose.hinted) for f in self.frames]
+        columns["reason"] = ["" if f.pose else f.pose.reason for f in self.frames]
+        table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(count, name="frame"))
+        return table
+
+    def plot(self, ax: matplotlib.axes.Axes | None = None, **style: Any) -> matplotlib.axes.Axes:
+        """Draws the rotation about the spin's axis over time with the fit; see `spindoe.plot.sequence`."""
+        from . import plot
+
+        return plot.sequence(self, ax, **style)
+
+    def _repr_html_(self) -> str:
+        return _html.sequence(self)
+
+    def __repr__(self) -> str:
+        posed = sum(bool(frame.pose) for frame in self.frames)
+        return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
+
+
+# Numbers of a pose and of a spin that are single, by their fields' names.
+_POSE_NUMBERS = ("dots_confidence", "confidence", "residual_rad", "residual_px", "hinted")
+_SPIN_SCALARS = ("time_s", "sigma_rad", "log_likelihood", "inliers", "frame", "model", "decay_per_s", "lack_of_fit")
+
+
+def _arrays(found: SequenceEstimate) -> dict[str, NDArray[Any]]:
+    """A file's arrays."""
+    frames, count = found.frames, len(found.frames)
+    poses = [frame.pose or None for frame in frames]
+    none = (np.nan,) * 3
+
+    def column(shape: tuple[int, ...], rows: list[Any]) -> Floats:
+        blank = np.full(shape, np.nan)
+        return np.array([blank if row is None else row for row in rows], np.float64).reshape(count, *shape)
+
+    def stack(shape: tuple[int, ...], rows: list[Any], dtype: type = np.float64) -> NDArray[Any]:
+        return np.concatenate([np.zeros((0, *shape), dtype), *rows])
+
+    spin: dict[str, Any]
+    arrays: dict[str, NDArray[Any] | None] = {
+        "times_s": found.times_s,
+        "quaternions_wxyz": found.quaternions_wxyz,
+        "covariances_rad2": found.covariances_rad2,
+        "view_turns_rad": found.view_turns_rad,
+        "circles": column((3,), [frame.circle or none for frame in frames]),
+        "seconds": column((3,), [frame.seconds for frame in frames]),
+        "dot_offsets": np.cumsum([0, *(len(frame.dots) for frame in frames)]),
+        "dots": stack((3,), [frame.dots for frame in frames]),
+        "dot_covariances_px2": stack((2, 2), [frame.dot_covariances for frame in frames]),
+        "assignment": stack((), [frame.assignment for frame in frames], np.int64),
+        "pose_quaternions_wxyz": column((4,), [pose and pose.quaternion_wxyz for pose in poses]),
+        "pose_covariances_rad2": column((3, 3), [pose and pose.covariance for pose in poses]),
+        "pose_distances": column((2,), [pose and pose.distance for pose in poses]),
+        **{
+            f"pose_{name}": column((), [pose and getattr(pose, name) for pose in poses])
+            for name in _POSE_NUMBERS
+        },
+    }
+    if found.spin:
+        arrays |= {
+            "spin_rad_s": found.spin.spin_rad_s,
+            "spin_quaternion_wxyz": found.spin.quaternion_wxyz,
+            "spin_covariance": found.spin.covariance,
+            "spin_inlier_probabilities": found.spin.inlier_probabilities,
+            "spin_body_rate_rad_s": found.spin.body_rate_rad_s,
+            "alias_spins_rad_s": stack((3,), [[alias.spin_rad_s] for alias in found.spin.aliases]),
+            "alias_log_likelihood_ratios": np.array([a.log_likelihood_ratio for a in found.spin.aliases]),
+        }
+        spin = {name: getattr(found.spin, name) for name in _SPIN_SCALARS}
+    else:
+        spin = {"reason": found.spin.reason}
+    meta = {
+        "sequence_format_version": FORMAT_VERSION,
+        "spindoe": __version__,
+        "independent": found.independent,
+        "frame": found.frame,
+        "pose_frames": [pose and pose.frame for pose in poses],
+        "reasons": [None if frame.pose else frame.pose.reason for frame in frames],
+        "spin": spin,
+    }
+    given = {name: array for name, array in arrays.items() if array is not None}
+    return {**given, "meta": np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)}
+
+
+def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> SequenceEstimate:
+    """The sequence of a file's arrays."""
+
+    def get(name: str, *shape: int, dtype: type = np.float64) -> NDArray[Any]:
+        array = arrays[name]
+        if array.shape != shape or array.dtype != dtype:
+            raise ValueError(f"{name}: expected shape {shape}, {dtype.__name__}, found {array.shape}, {array.dtype}")
+        return array
+
+    def optional(name: str, *shape: int) -> Floats | None:
+        return get(name, *shape) if name in arrays else None
+
+    def numbers(row: Floats) -> Any:
+        return None if np.isnan(row).all() else tuple(row.tolist())
+
+    count = len(meta["reasons"])
+    circles, seconds = get("circles", count, 3), get("seconds", count, 3)
+    offsets = get("dot_offsets", count + 1, dtype=np.int64)
+    total = int(offsets[-1])
+    if offsets[0] != 0 or np.any(np.diff(offsets) < 0):
+        raise ValueError("dot_offsets: expected numbers that do not decrease, from 0 on")
+    dots = get("dots", total, 3)
+    dot_covariances = get("dot_covariances_px2", total, 2, 2)
+    assignment = get("assignment", total, dtype=np.int64)
+    quaternions = get("pose_quaternions_wxyz", count, 4)
+    covariances = get("pose_covariances_rad2", count, 3, 3)
+    distances = get("pose_distances", count, 2)
+    singles = {name: get(f"pose_{name}", count) for name in _POSE_NUMBERS}
+
+    def pose(i: int) -> Pose | Rejection:
+        if meta["reasons"][i] is not None:
+            return Rejection(meta["reasons"][i])
+        single = {name: column[i].item() for name, column in singles.items()}
+        single["hinted"] = bool(single["hinted"])
+        return Pose(
+            quaternions[i], covariances[i], distance=numbers(distances[i]), frame=meta["pose_frames"][i], **single
+        )
+
+    frames = [
+        FrameEstimate(
+            numbers(circles[i]), dots[a:b], dot_covariances[a:b], assignment[a:b], pose(i), tuple(seconds[i].tolist())
+        )
+        for i, (a, b) in enumerate(zip(offsets, offsets[1:], strict=False))
+    ]
+    spin: Spin | Rejection
+    if "reason" in meta["spin"]:
+        spin = Rejection(meta["spin"]["reason"])
+    else:
+        ratios = arrays["alias_log_likelihood_ratios"]
+        aliases = zip(get("alias_spins_rad_s", len(ratios), 3), ratios.tolist(), strict=True)
+        spin = Spin(
+            spin_rad_s=get("spin_rad_s", 3),
+            quaternion_wxyz=get("spin_quaternion_wxyz", 4),
+            covariance=optional("spin_covariance", 3, 3),
+            inlier_probabilities=arrays["spin_inlier_probabilities"],
+            body_rate_rad_s=get("spin_body_rate_rad_s", 3),
+            aliases=tuple(Alias(vector, ratio) for vector, ratio in aliases),
+            **{name: meta["spin"][name] for name in _SPIN_SCALARS},
+        )
+    return SequenceEstimate(
+        frames,
+        spin,
+        meta["independent"],
+        get("quaternions_wxyz", count, 4),
+        get("covariances_rad2", count, 3, 3),
+        optional("view_turns_rad", count, 4),
+        meta["frame"],
+        optional("times_s", count),
+    )

@@ -1,0 +1,238 @@
+"""A sequence is kept bit by bit, is the command's table, and is shown in notebooks and plots."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+
+import matplotlib
+import numpy as np
+import pandas
+import pytest
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from conftest import run
+
+import spindoe
+from spindoe import _cluster
+
+SPIN = (40.0, 150.0, -60.0)
+EASY = {"ball_px": [100, 100], "camera_distance_radii": [20, 20]}
+
+
+@pytest.fixture(scope="module")
+def clip(pattern):
+    drawn = list(spindoe.synth(pattern, 14, seed=4, fps=350.0, spin_rad_s=SPIN, **EASY))
+    # A frame without a ball has no outline, no orientation and a reason.
+    images = [image for image, _ in drawn]
+    images[5] = np.full_like(images[5], 90)
+    return images, [truth.time_s for _, truth in drawn]
+
+
+@pytest.fixture(scope="module")
+def found(clip, estimator):
+    images, times = clip
+    found = estimator.estimate_sequence(images, times, color="rgb")
+    assert found.spin and not found.frames[5].pose and found.spin.aliases
+    return found
+
+
+def _same(a, b, where="sequence"):
+    """Types, shapes and bits."""
+    assert type(a) is type(b), where
+    if dataclasses.is_dataclass(a):
+        for field in dataclasses.fields(a):
+            _same(getattr(a, field.name), getattr(b, field.name), f"{where}.{field.name}")
+    elif isinstance(a, np.ndarray):
+        assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), where
+    elif isinstance(a, (list, tuple)):
+        assert len(a) == len(b), where
+        for k, (x, y) in enumerate(zip(a, b, strict=True)):
+            _same(x, y, f"{where}[{k}]")
+    else:
+        assert a == b, where
+
+
+def test_what_is_saved_is_loaded_bit_by_bit(found, clip, table, estimator, tmp_path):
+    path = tmp_path / "clip.npz"
+    images, times = clip
+    precessing = dataclasses.replace(
+        found.spin, model="precessing", decay_per_s=0.1, body_rate_rad_s=np.array([1.0, 0.1 + 0.2, 3.0]), lack_of_fit=1.7,
+        covariance=None, log_likelihood=None,
+    )
+    pinhole = spindoe.Estimator(table, camera=spindoe.Camera.pinhole(1500, 1500, 66, 66))
+    for given in [
+        found,
+        dataclasses.replace(found, spin=precessing),
+        estimator.estimate_sequence(images[:6], color="rgb"),
+        estimator.estimate_sequence([]),
+        pinhole.estimate_sequence(images[:3], times[:3], color="rgb"),
+    ]:
+        given.save(path)
+        _same(spindoe.SequenceEstimate.load(path), given)
+    assert [child.name for child in tmp_path.iterdir()] == ["clip.npz"]
+
+
+def test_numpy_reads_what_is_saved(found, tmp_path):
+    path = tmp_path / "clip.npz"
+    found.save(path)
+    with np.load(path, allow_pickle=False) as file:
+        assert json.loads(file["meta"].tobytes())["sequence_format_version"] == 1
+        assert np.array_equal(file["spin_covariance"], found.spin.covariance)
+        offsets = file["dot_offsets"]
+        assert np.array_equal(file["assignment"][offsets[3] : offsets[4]], found.frames[3].assignment)
+        assert np.isnan(file["pose_quaternions_wxyz"][5]).all()
+
+
+def test_other_files_are_refused_in_one_line(found, table, tmp_path):
+    path = tmp_path / "clip.npz"
+    load = spindoe.SequenceEstimate.load
+    found.save(path)
+    with np.load(path) as file:
+        arrays = dict(file.items())
+    meta = json.loads(arrays["meta"].tobytes())
+
+    def refused(words, **changed):
+        np.savez(path, **{name: array for name, array in {**arrays, **changed}.items() if array is not None})
+        with pytest.raises(ValueError, match=words) as error:
+            load(path)
+        assert "\n" not in str(error.value) and str(path) in str(error.value)
+
+    later = json.dumps({**meta, "sequence_format_version": 2}).encode()
+    refused("format version 1, found 2", meta=np.frombuffer(later, np.uint8))
+    refused("dots: expected", dots=None)
+    refused("circles: expected shape", circles=arrays["circles"][1:])
+    refused("dot_offsets: expected", dot_offsets=arrays["dot_offsets"][::-1] - arrays["dot_offsets"][-1])
+    refused("assignment: expected", assignment=arrays["assignment"].astype(np.float32))
+    table.save(path)
+    with pytest.raises(ValueError, match="expected a sequence"):
+        load(path)
+    for content in (b"", b"no archive", arrays["dots"].tobytes()):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="expected a sequence"):
+            load(path)
+    with pytest.raises(OSError, match="nowhere"):
+        load(tmp_path / "nowhere.npz")
+
+
+def test_the_data_frame_is_the_commands_table(pattern, estimator, command, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    drawn = spindoe.synth(pattern, 10, seed=4, fps=350.0, spin_rad_s=SPIN, **EASY)
+    images, times = [], []
+    (tmp_path / "clip").mkdir()
+    for image, truth in drawn:
+        nanoseconds = round(truth.time_s * 1e9) + 10**9
+        cv2.imwrite(str(tmp_path / f"clip/{nanoseconds}.png"), image[..., ::-1])
+        images.append(image)
+        times.append(nanoseconds / 1e9)
+    pattern.save(tmp_path / "pattern.csv")
+    run(command, "estimate", tmp_path / "clip", "--table", tmp_path / "pattern.csv", "-o", tmp_path / "found.csv")
+    theirs = pandas.read_csv(tmp_path / "found.csv")
+    ours = estimator.estimate_sequence(images, times, color="rgb").to_dataframe()
+    theirs["residual_rad"] = np.deg2rad(theirs.pop("residual_deg"))
+    theirs = theirs.drop(columns="frame")
+    assert set(theirs) <= set(ours) and (ours["reason"] == "").all() and len(ours) == 10
+    for name in theirs:
+        if name == "camera_frame":
+            assert list(ours[name]) == list(theirs[name])
+        else:
+            assert np.allclose(ours[name], theirs[name], rtol=1e-9, atol=1e-12), name
+
+
+def test_a_rejected_frame_has_a_row(found):
+    rows = found.to_dataframe()
+    assert rows["reason"][5] == found.frames[5].pose.reason and rows["confidence"][5] == 0.0
+    assert np.isnan(rows["qw"][5]) and rows["camera_frame"][5] == "" and rows["camera_frame"][4] == "view"
+    assert rows["radius_px"][4] == found.frames[4].circle[2]
+
+
+def test_where_an_extra_is_missing_one_line_says_what_to_install(found, table, monkeypatch):
+    for module, extra, call in [
+        ("pandas", "pandas", found.to_dataframe),
+        ("matplotlib.pyplot", "plot", found.plot),
+        ("matplotlib.pyplot", "plot", table.pattern.plot),
+        ("scipy.spatial.transform", "scipy", found.frames[0].pose.as_rotation),
+        ("scipy.spatial.transform", "scipy", found.spin.as_rotation),
+        ("trimesh", "mesh", lambda: spindoe.Stencil(table).to_trimesh("a")),
+        ("ray", "ray", lambda: list(_cluster.run(print, [()], ray="local"))),
+    ]:
+        with monkeypatch.context() as without:
+            without.setitem(sys.modules, module, None)
+            with pytest.raises(ValueError, match=rf"^{module.split('.')[0]}: .*pip install spindoe\[{extra}\]$"):
+                call()
+
+
+def test_the_package_needs_none_of_its_extras():
+    """Nothing optional is imported before it is used."""
+    script = (
+        "import sys, spindoe, spindoe.live\n"
+        "print([n for n in ('cv2', 'rerun', 'pandas', 'matplotlib', 'scipy', 'ray') if n in sys.modules])"
+    )
+    assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "[]\n"
+
+
+def test_a_sequence_is_drawn_by_its_orientations(found):
+    """The turns are those of the quaternions, and aliases leave the limits alone."""
+    ax = found.plot()
+    low, high = ax.get_ylim()
+    points = ax.containers[0].lines[0].get_xydata()
+    posed = [k for k in range(14) if k != 5]
+    assert np.allclose(points[:, 0], (found.times_s - found.times_s[0])[posed])
+    assert points[:, 1].min() > low and points[:, 1].max() < high
+    assert high - low < 1.5 * np.ptp(points[:, 1])
+    # From one frame to the next the ball turns by the angle between their quaternions.
+    a, b = found.quaternions_wxyz[0], found.quaternions_wxyz[1]
+    angle = 2 * np.arccos(min(1.0, abs(a @ b)))
+    assert points[1, 1] - points[0, 1] == pytest.approx(angle / (2 * np.pi), rel=0.02)
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    fastest = np.linalg.norm(found.spin.aliases[0].spin_rad_s) / (2 * np.pi)
+    assert f"or {fastest:.0f} rps" in labels and fastest > 10 * (high - low)
+    plt.close("all")
+    rejected = dataclasses.replace(found, spin=spindoe.Rejection("too few"))
+    with pytest.raises(ValueError, match="too few"):
+        rejected.plot()
+
+
+def _svg(html):
+    root = ET.fromstring(html)
+    return root, root.find("{http://www.w3.org/2000/svg}svg")
+
+
+def _all(svg, name):
+    return list(svg.iter("{http://www.w3.org/2000/svg}" + name))
+
+
+def test_a_pattern_is_shown_with_every_dot_in_its_place(pattern, table):
+    _, svg = _svg(pattern._repr_html_())
+    ellipses = _all(svg, "ellipse")
+    numbers = [int(text.text) for text in _all(svg, "text")]
+    assert sorted(numbers) == list(range(20))
+    for number, ellipse in zip(numbers, ellipses, strict=True):
+        x, y, z = pattern.dots[number]
+        at = np.array([100.0 if z > 0 else 300.0, 100.0]) + 90.0 * np.array([x if z > 0 else -x, -y])
+        assert np.allclose([float(ellipse.get("cx")), float(ellipse.get("cy"))], at, atol=0.01)
+        assert float(ellipse.get("rx")) <= float(ellipse.get("ry"))
+    root, svg = _svg(table._repr_html_())
+    design = table.design
+    radius = 90.0 * design.dot_diameter_mm / design.ball_diameter_mm
+    assert float(_all(svg, "ellipse")[0].get("ry")) == pytest.approx(radius, rel=0.01)
+    assert "HashTable of" in "".join(root.itertext())
+
+
+def test_frames_and_sequences_are_shown(found):
+    frame = found.frames[0]
+    _, svg = _svg(frame._repr_html_())
+    assert len(_all(svg, "circle")) == 1 + len(frame.dots)
+    assert [int(text.text) for text in _all(svg, "text")] == list(frame.assignment[frame.assignment >= 0])
+    root, _ = _svg(found.frames[5]._repr_html_())
+    assert found.frames[5].pose.reason in "".join(root.itertext())
+    root, svg = _svg(found._repr_html_())
+    bars = _all(svg, "rect")
+    assert len(bars) == 14 and [k for k, bar in enumerate(bars) if bar.get("fill") == "#d1495b"] == [5]
+    heights = [float(bar.get("height")) for k, bar in enumerate(bars) if k != 5]
+    assert np.allclose(heights, [40 * c for k, c in enumerate(found.confidences) if k != 5], atol=0.01)
+    assert " rps" in "".join(root.itertext())
