@@ -144,7 +144,7 @@ def test_the_stencil_s_settings_are_those_of_the_library(pattern):
     assert set(spindoe.StencilSettings.__annotations__) == set(theirs)
 
 
-def test_shipped_designs_are_the_repositorys():
+def test_shipped_designs_are_those_of_the_repository():
     folders = sorted(path.name for path in (ROOT / "designs").iterdir() if path.is_dir())
     assert list(spindoe.Pattern.shipped_names()) == folders
     for name in folders:
