@@ -24,12 +24,12 @@
 //! Guaranteed: where a motion is asked for, it is the answer wherever the orientations determine it, whatever the odds. Not
 //! guaranteed: that no other motion explains the orientations better; a lack of fit ([`Fit::lack_of_fit`]) says that one does.
 
-use super::alias::{AliasConfig, SpinEvidence, alternatives, weigh};
+use super::alias::{AliasConfig, Alternative, SpinEvidence, alternatives, weigh};
 use super::decay::DecayFit;
 use super::evidence::fitted;
 use super::mixture::inlier_probability;
 use super::precession::PrecessionFit;
-use super::robust::{RobustEstimator, SpinConfig};
+use super::robust::{RobustEstimator, SpinConfig, TIE_MARGIN};
 use super::summary::SpinSummary;
 use super::{Fit, Measurement, SpinRejection};
 use crate::error::Error;
@@ -202,7 +202,7 @@ impl SpinEstimate {
     }
 
     /// As [`Self::fit`], of the spins that the orientations leave open ([`alternatives`]) the one for which they and `evidence`
-    /// speak together.
+    /// speak together, and the slowest of those that odds of 20 to 1 do not decide between.
     ///
     /// # Errors
     /// As [`Self::fit`].
@@ -221,10 +221,14 @@ impl SpinEstimate {
                 ..AliasConfig::default()
             };
             let mut others = alternatives(measurements, fit, &listed);
-            // More likely than the slowest, which is taken where nothing decides.
-            weigh(&mut others, &fit.motion.spin, evidence, 0.0);
-            if let Some(likeliest) = others.first() {
-                constant = estimator.fit_alias(measurements, fit, &likeliest.spin);
+            weigh(&mut others, &fit.motion.spin, evidence, f64::NEG_INFINITY);
+            let own = Alternative {
+                spin: fit.motion.spin,
+                log_likelihood_ratio: 0.0,
+            };
+            others.push(own);
+            if let Some(taken) = slowest_likely(&others).filter(|taken| *taken != own) {
+                constant = estimator.fit_alias(measurements, fit, &taken.spin);
             }
         }
         Self::beyond(constant, measurements, model, config)
@@ -341,6 +345,18 @@ impl SpinEstimate {
             super::summary::residual_rad(measurements, fit.inliers, |t| self.motion.predict(t));
         summary
     }
+}
+
+/// The slowest of the spins that nothing speaks against.
+fn slowest_likely(all: &[Alternative]) -> Option<Alternative> {
+    let ratios = all.iter().map(|a| a.log_likelihood_ratio);
+    let top = ratios.fold(f64::NEG_INFINITY, f64::max);
+    let likely = all
+        .iter()
+        .filter(|a| a.log_likelihood_ratio >= top - TIE_MARGIN);
+    likely
+        .min_by(|a, b| a.spin.norm().total_cmp(&b.spin.norm()))
+        .copied()
 }
 
 /// The precession; of long recordings that of a part, unless that has evidence for one.

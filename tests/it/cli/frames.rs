@@ -1,4 +1,4 @@
-//! Every output names the frame that it is in, and what an unknown camera costs is said.
+//! Every output names the frame that it is in, and what an unknown camera costs is said; what the exposure settles, too.
 
 use std::path::Path;
 
@@ -103,5 +103,45 @@ fn every_output_names_its_frame() {
             let expected = (px / 320.0 * 7.5f64.to_radians().tan()).atan().to_degrees();
             assert!(px > 70.0 && (deg - expected).abs() < 0.06, "{line}");
         }
+    }
+}
+
+#[test]
+fn an_exposure_settles_the_alias() {
+    let dir = tempfile::tempdir().unwrap();
+    let clip = "synth dots20 -o clip --preset good --frames 10 --seed 5 --fps 120 --rps 90 --exposure-ms 0.5";
+    crate::common::done(dir.path(), &clip.split(' ').collect::<Vec<_>>());
+    let estimate = |flags: &str| {
+        let command = format!("estimate --table dots20 clip --fps 120 --json {flags}");
+        spindoe(dir.path(), &command.trim().split(' ').collect::<Vec<_>>())
+    };
+    let spin = |flags: &str| {
+        let output = estimate(flags);
+        let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+        (
+            json["spin"].clone(),
+            String::from_utf8(output.stderr).unwrap(),
+        )
+    };
+    let (open, words) = spin("");
+    assert!((open["rps"].as_f64().unwrap() - 30.0).abs() < 0.5, "{open}");
+    assert!(!words.contains("smears"), "{words}");
+    let (settled, words) = spin("--exposure-ms 0.5");
+    assert!(
+        (settled["rps"].as_f64().unwrap() - 90.0).abs() < 0.5,
+        "{settled}"
+    );
+    assert!(
+        settled["smears"]["frames"].as_u64().unwrap() >= 8,
+        "{settled}"
+    );
+    assert!(words.contains("smears    of "), "{words}");
+    for flags in [
+        "--exposure-ms 0",
+        "--exposure-ms -1",
+        "--exposure-ms nan",
+        "--exposure-ms 1 --no-sequence",
+    ] {
+        assert_eq!(estimate(flags).status.code(), Some(2), "{flags}");
     }
 }
