@@ -83,6 +83,31 @@ def images(table: spindoe.HashTable) -> None:
         )
 
 
+def tracking(table: spindoe.HashTable) -> None:
+    """Whole frames of a camera whose ball flies through them, followed."""
+    for ball_px in (60, 170):
+        drawn = spindoe.synth(
+            table.pattern, 100, preset="good", seed=41, fps=400.0, drift_px=(420.0, -140.0),
+            image_px=[1280, 1024], ball_px=[ball_px, ball_px], parallel_share=0.0,
+        )
+        clip = [(np.ascontiguousarray(image[..., 1]), truth.time_s) for image, truth in drawn]
+        tracker = spindoe.Estimator(table).tracker()
+        used, beyond, answered = [], [], 0
+        for image, time_s in clip:
+            begun, clock = time.thread_time(), time.perf_counter()
+            state = tracker.update(image, time_s, color="gray")
+            used.append(1e3 * (time.thread_time() - begun))
+            wall = time.perf_counter() - clock
+            beyond.append(wall / sum(state.frame.seconds) - 1.0)
+            answered += bool(state.frame.pose)
+        # The first frames find the ball.
+        p50, p99 = np.quantile(used[5:], [0.5, 0.99])
+        print(
+            f"Tracker.update, {len(clip)} frames of 1280 x 1024, ball of {ball_px} px, {answered} answered: "
+            f"CPU p50 {p50:.2f} ms, p99 {p99:.2f} ms, {100 * np.median(beyond[5:]):.1f} % beyond the library's stages"
+        )
+
+
 def memory(table: spindoe.HashTable, dots: list[np.ndarray], calls: int) -> None:
     """Memory over many calls of every kind."""
     recognizer = spindoe.Recognizer(table)
@@ -118,6 +143,7 @@ def main() -> None:
     table = spindoe.HashTable.load(arguments.table)
     dots = identification(table)
     images(table)
+    tracking(table)
     memory(table, dots, arguments.calls)
 
 
